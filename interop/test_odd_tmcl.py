@@ -117,7 +117,7 @@ def test_a_module_that_ignores_its_address_is_one(wires, address):
     scanned = polepair("scan", wire.url, silence=True)
     rows = [line for line in scanned.stdout.splitlines() if line[:1].isdigit()]
     assert len(rows) == 1 and rows[0].startswith(f"{address} "), scanned
-    assert f"axis {address}: answers whatever address is asked" in scanned.stdout, scanned
+    assert f"axis {address}: replies to every address" in scanned.stdout, scanned
     few = f"{max(address - 3, 3)}-{address + 3}" if address > 2 else "1-5"
     found = polepair("scan", wire.url, "--ids", few, "--format", "jsonl", silence=True).stdout.splitlines()
     found = [json.loads(line) for line in found]

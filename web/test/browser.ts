@@ -159,7 +159,7 @@ export class Visitor {
   /** Gives the lease back, and waits until the server says that nobody has it: what the page asks for
    * over HTTP may overtake what it says on its WebSocket. */
   async giveBack(): Promise<void> {
-    await this.button("Give back").click();
+    await this.button("Release control").click();
     await this.button("Take control").waitFor();
   }
 

@@ -44,7 +44,7 @@ describe("a server that is gone", () => {
     );
     await v.server.crash();
     const text = await says("No connection to the server", "cut its supply", "tmcm-171 1");
-    expect(text).toContain("Turned when last heard of");
+    expect(text).toContain("Turning at the last reading");
     expect(text).not.toMatch(/by itself(?! only where)/);
     const title = banner().getByText("No connection to the server");
     expect(await title.evaluate((it) => Number.parseFloat(getComputedStyle(it).fontSize))).toBe(17);
@@ -58,15 +58,15 @@ describe("a server that is gone", () => {
 
   it("does no stop, and that is said at once instead of that it stops", async () => {
     await v.button(/STOP ALL/).click();
-    await says("STOP ALL: DID NOT GET THROUGH", "cut its supply", "said again as soon as");
+    await says("STOP ALL: NOT DELIVERED", "cut its supply", "repeated as soon as");
     await v.shot("not-sent");
-    expect(await banner().innerText()).not.toContain("no answer yet");
+    expect(await banner().innerText()).not.toContain("no reply yet");
   });
 
   it("knows the page still when it is started again, and then does the stop that it is owed", async () => {
     await v.server.again();
-    await says("Motion is locked", "every axis stands still");
-    expect(await banner().innerText()).not.toContain("DID NOT GET THROUGH");
+    await says("Motion is locked", "all axes at standstill");
+    expect(await banner().innerText()).not.toContain("NOT DELIVERED");
     expect(await locked()).toBe(true);
     await connected();
     await v.button("Release motion").click();
@@ -77,7 +77,7 @@ describe("a server that is gone", () => {
     await v.server.crash();
     await says("No connection to the server");
     await v.page.keyboard.press("Escape");
-    await says("DID NOT GET THROUGH");
+    await says("NOT DELIVERED");
     await banner().getByRole("button", { name: "Close" }).click();
     await v.server.again();
     await banner().waitFor({ state: "detached" });
@@ -90,7 +90,7 @@ describe("a server that is gone", () => {
     await v.page.keyboard.press("Escape");
     await says("STOP ALL: NOT ANSWERED", "cut its supply");
     v.server.resume();
-    await says("Motion is locked", "every axis stands still");
+    await says("Motion is locked", "all axes at standstill");
     expect(await banner().innerText()).not.toContain("NOT ANSWERED");
     await v.button("Release motion").click();
     await banner().waitFor({ state: "detached" });
@@ -100,15 +100,15 @@ describe("a server that is gone", () => {
   it("that knows the page no more says so once more, and offers the login", async () => {
     await v.server.crash();
     await v.server.again({ forgets: true });
-    await says("Not logged in: the server does no stop of this page", "cut its supply");
+    await says("Not logged in: the server does not execute stops of this page", "cut its supply");
     await v.button(/STOP ALL/).click();
-    await says("STOP ALL: NOT CARRIED OUT", "gateway.token", "Log in below");
+    await says("STOP ALL: NOT EXECUTED", "gateway.token", "Log in below");
     expect(await locked()).toBe(false);
     expect(await v.serious()).toEqual([]);
     await v.shot("logged-out");
     await v.page.getByLabel("Token").fill(v.server.token);
     await v.button("Log in").click();
-    await says("Motion is locked", "every axis stands still");
+    await says("Motion is locked", "all axes at standstill");
     await v.button("Release motion").click();
     await banner().waitFor({ state: "detached" });
     await connected();

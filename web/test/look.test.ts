@@ -21,10 +21,10 @@ afterAll(async () => v?.leave());
 afterEach(() => v.content());
 
 describe("looking for drives", () => {
-  const group = () => v.page.getByRole("group", { name: /Look for drives on sim:tmcl/ });
+  const group = () => v.page.getByRole("group", { name: /Scan sim:tmcl/ });
 
   it("tells how far it is, is broken off, and other links wait for it", async () => {
-    const look = group().getByRole("button", { name: "Look for drives" });
+    const look = group().getByRole("button", { name: "Scan for drives" });
     await look.focus();
     await v.page.keyboard.press("Enter");
     await group().getByRole("progressbar").waitFor();
@@ -32,19 +32,19 @@ describe("looking for drives", () => {
       () => group().innerText(),
       (text) => /#\d+ · \d+\/\d+/.test(text),
     );
-    expect(await v.button("Look for drives").last().isDisabled()).toBe(true);
-    await group().getByRole("button", { name: "Break off" }).click();
+    expect(await v.button("Scan for drives").last().isDisabled()).toBe(true);
+    await group().getByRole("button", { name: "Cancel" }).click();
     await v.until(
       () => group().getByRole("status").innerText(),
-      (text) => /Broken off: \d+ addresses were not asked/.test(text),
+      (text) => /Cancelled: \d+ addresses were not tried/.test(text),
     );
   });
 
   it("is refused in words while somebody commands an axis of the link", async () => {
     await v.card(0).getByRole("button").first().click();
     await v.button("Take control").click();
-    await v.button("Give back").waitFor();
-    await group().getByRole("button", { name: "Look for drives" }).click();
+    await v.button("Release control").waitFor();
+    await group().getByRole("button", { name: "Scan for drives" }).click();
     await v.until(
       () => group().getByRole("alert").innerText(),
       (text) => text.includes("commands axis 1"),
@@ -55,13 +55,13 @@ describe("looking for drives", () => {
   });
 
   it("finds both, and names what they are", { timeout: LOOK_MS }, async () => {
-    await group().getByRole("button", { name: "Look for drives" }).click();
+    await group().getByRole("button", { name: "Scan for drives" }).click();
     await v.until(
       () => group().getByRole("status").innerText(),
       (text) => text.endsWith("no axes: 2"),
       LOOK_MS,
     );
-    const drives = group().getByRole("list", { name: "Drives that were found" });
+    const drives = group().getByRole("list", { name: "Found drives" });
     const text = await drives.innerText();
     for (const part of ["TMCM-171", "tmcl #3", "tmcl #4", "firmware"]) {
       expect(text).toContain(part);
@@ -74,10 +74,10 @@ describe("looking for drives", () => {
   });
 
   it("takes one in, and moves it", async () => {
-    await v.button("Take in tmcl #4").click();
+    await v.button("Add tmcl #4").click();
     await v.until(
       () => group().innerText(),
-      (text) => text.includes("taken in"),
+      (text) => text.includes("added:"),
     );
     await v.page.getByRole("article").nth(2).waitFor();
     const card = v.page.getByRole("article").filter({ hasText: "tmcl #4" });
@@ -105,7 +105,7 @@ describe("looking for drives", () => {
     );
     await v.giveBack();
     await v.server.program.post("/simulation/0/1", { act: "supply", value: 0 });
-    const again = group().getByRole("button", { name: "Look for drives" });
+    const again = group().getByRole("button", { name: "Scan for drives" });
     await again.click();
     await group().getByRole("progressbar").waitFor();
     await v.until(

@@ -26,7 +26,7 @@ afterAll(async () => v?.leave());
 afterEach(() => v.content());
 
 const banner = () => v.page.getByRole("region", { name: "Stop" });
-const list = () => banner().getByRole("list", { name: "Axes that were not seen standing" });
+const list = () => banner().getByRole("list", { name: "Axes with a pending stop" });
 const panel = () => v.page.getByRole("complementary", { name: "Chosen axis" });
 const supply = (volts: number) =>
   v.server.program.post("/simulation/0/0", { act: "supply", value: volts });
@@ -67,7 +67,7 @@ describe("a motor that is not seen standing", () => {
     await v.button("Go").click();
     await v.turns(0);
     await owe();
-    const title = banner().getByText("Not seen standing: 1. Cut the supply of:");
+    const title = banner().getByText("Standstill not confirmed: 1. Cut the supply of:");
     expect(await title.evaluate((it) => Number.parseFloat(getComputedStyle(it).fontSize))).toBe(17);
     const red = await title.evaluate((it) => {
       const alarm = it.closest(".alarm");
@@ -86,12 +86,12 @@ describe("a motor that is not seen standing", () => {
     // Nobody is listed twice, and the card and the panel of the axis say it too.
     expect(await banner().getByRole("listitem").count()).toBe(1);
     expect(await v.card(0).innerText()).toMatch(
-      /not seen standing[^]*not seen standing: cut its supply/,
+      /standstill not confirmed[^]*standstill not confirmed: cut its supply/,
     );
     expect(await panel().locator(".alarm").innerText()).toContain(
-      "not seen standing: cut its supply",
+      "standstill not confirmed: cut its supply",
     );
-    expect(await v.card(1).innerText()).not.toContain("not seen standing");
+    expect(await v.card(1).innerText()).not.toContain("standstill not confirmed");
     await v.picture("owed");
   });
 
@@ -116,7 +116,7 @@ describe("a motor that is not seen standing", () => {
     const dismiss = form.getByRole("button", { name: "Dismiss the stop" });
     expect(await dismiss.isDisabled()).toBe(true);
     expect(await debt()).not.toBeNull();
-    await form.getByLabel("Reason").selectOption("The drive was taken away, or has no supply");
+    await form.getByLabel("Reason").selectOption("The drive was removed, or has no supply");
     await form.getByLabel("Note").fill("sent in for repair");
     await dismiss.click();
     await list().waitFor({ state: "detached" });
@@ -140,7 +140,7 @@ describe("a motor that is not seen standing", () => {
     await list().waitFor({ state: "detached" });
     await v.until(
       () => banner().innerText(),
-      (text) => text.includes("every axis stands still"),
+      (text) => text.includes("all axes at standstill"),
     );
     expect((await ended()).detail).toMatchObject({ how: "standing" });
     expect(await panel().locator(".alarm").count()).toBe(0);
@@ -150,9 +150,9 @@ describe("a motor that is not seen standing", () => {
   it("is commanded on by who holds it and says that it may be turning", async () => {
     await owe();
     await release();
-    expect(await panel().getByRole("form", { name: "Command it on" }).count()).toBe(0);
+    expect(await panel().getByRole("form", { name: "Continue to control it" }).count()).toBe(0);
     await v.button("Take control").click();
-    const form = panel().getByRole("form", { name: "Command it on" });
+    const form = panel().getByRole("form", { name: "Continue to control it" });
     await form.waitFor();
     await v.button("Enable").click();
     await v.until(
@@ -190,7 +190,7 @@ describe("a motor that is not seen standing", () => {
     await form.getByLabel("Reason").selectOption("drive_gone");
     await form.getByRole("button", { name: "Dismiss the stop" }).click();
     const told = await form.getByRole("alert").innerText();
-    expect(told).toContain("nobody has the lease of this axis");
+    expect(told).toContain("no client has the lease of this axis");
     expect(told).toContain("gateway.lease");
     expect(await debt()).not.toBeNull();
     await supply(24);
@@ -237,7 +237,7 @@ describe("a drive that was taken away while a server owed it a stop", () => {
       .getByRole("button", { name: `Dismiss the stop of ${title}` })
       .click();
     const form = region().getByRole("form", { name: `Dismiss the stop of ${title}` });
-    await form.getByLabel("Reason").selectOption("The drive was taken away, or has no supply");
+    await form.getByLabel("Reason").selectOption("The drive was removed, or has no supply");
     await form.getByRole("button", { name: "Dismiss the stop" }).click();
     await region().waitFor({ state: "detached" });
     const text = await late.server.program.get<Kept[]>("/journal");

@@ -123,13 +123,13 @@ describe("the dashboard", () => {
     await v.act("supply", ["supply, V", "0"]);
     const told = await v.until(
       () => v.card(0).innerText(),
-      (text) => text.includes("no answer"),
+      (text) => text.includes("no reply"),
     );
     expect(told).toMatch(/supply and its cable/);
     await v.act("supply", ["supply, V", "24"]);
     await v.until(
       () => v.card(0).innerText(),
-      (text) => !text.includes("no answer"),
+      (text) => !text.includes("no reply"),
     );
   });
 
@@ -143,7 +143,7 @@ describe("the dashboard", () => {
     await v.frames.nth(5).waitFor();
     await v.button("❚❚ Freeze").click();
     await v.frames.nth(4).hover();
-    const explained = v.page.getByRole("region", { name: "Frame explained" });
+    const explained = v.page.getByRole("region", { name: "Decoded frame" });
     await explained.getByRole("listitem").nth(3).waitFor();
     await v.picture("frames");
     await filter.fill("axis = = 2");
@@ -191,7 +191,7 @@ describe("the dashboard", () => {
     const refused = v.page.getByRole("alert").filter({ hasText: "AP 999" });
     await refused.waitFor();
     v.complaints = v.complaints.filter((each) => !each.includes("404"));
-    await v.page.getByText("What the drive says of itself").click();
+    await v.page.getByText("Device information").click();
     await v.page.getByText("TMCM-171", { exact: true }).waitFor();
     await v.page.getByLabel("Number, such as AP 6").fill("");
   });
@@ -225,7 +225,7 @@ describe("the dashboard", () => {
     const stop = v.page.getByRole("region", { name: "Stop" });
     await v.until(
       () => stop.innerText(),
-      (text) => text.includes("Motion is locked") && text.includes("every axis stands still"),
+      (text) => text.includes("Motion is locked") && text.includes("all axes at standstill"),
     );
     await v.picture("stop");
     await v.page.locator("button:disabled", { hasText: "+ ▶" }).waitFor();
@@ -244,7 +244,7 @@ describe("the dashboard", () => {
     await v.stands(0);
     await v.until(
       () => v.page.getByRole("region", { name: "Stop" }).innerText(),
-      (text) => text.includes("every axis stands still"),
+      (text) => text.includes("all axes at standstill"),
     );
     await v.button("Release motion").click();
     console.log(`from the server's start to here ${((Date.now() - begun) / 1000).toFixed(0)} s`);
@@ -281,11 +281,11 @@ describe("the dashboard", () => {
 
   it("keeps the view in its URL", async () => {
     await v.tab("Scope");
-    await v.page.getByLabel("Time across").selectOption("2");
+    await v.page.getByLabel("Time span").selectOption("2");
     await v.page.waitForURL(/span=2/);
     await v.page.reload();
     await v.card(4).waitFor();
-    expect(await v.page.getByLabel("Time across").inputValue()).toBe("2");
+    expect(await v.page.getByLabel("Time span").inputValue()).toBe("2");
   });
 
   it("says that the server is silent, and connects again by itself", async () => {

@@ -178,7 +178,7 @@ describe("the scope with sixteen channels at 1 kHz", () => {
     const cdp = await page.context().newCDPSession(page);
     await cdp.send("Performance.enable", { timeDomain: "threadTicks" });
     for (const span of [2, 10]) {
-      await page.getByLabel("Time across").selectOption(String(span));
+      await page.getByLabel("Time span").selectOption(String(span));
       tell(`16 channels at 1 kHz, ${span} s across`, await watch(cdp, Math.min(SECONDS, 5)));
     }
     const before = await heap(cdp);
@@ -216,7 +216,7 @@ describe("the scope with sixteen channels at 1 kHz", () => {
   });
 
   it("loses no sample without saying so", { timeout: TEST_MS }, async () => {
-    await v.page.getByLabel("Time across").selectOption("5");
+    await v.page.getByLabel("Time span").selectOption("5");
     await v.page.waitForTimeout(1000);
     await v.button("❚❚ Pause").click();
     const told = await rows();

@@ -92,7 +92,7 @@ describe("the page with many axes", () => {
     await v.page.keyboard.press("Escape");
     await v.until(
       () => banner.innerText(),
-      (text) => text.includes("every axis stands still"),
+      (text) => text.includes("all axes at standstill"),
     );
     expect(await banner.getByRole("listitem").count()).toBe(0);
     await v.button("Release motion").click();
@@ -102,7 +102,7 @@ describe("the page with many axes", () => {
     await v.page.keyboard.press("Escape");
     await v.until(
       () => banner.innerText(),
-      (text) => text.includes(`${AXES - 1} of ${AXES} seen standing still`),
+      (text) => text.includes(`${AXES - 1} of ${AXES} at standstill`),
     );
     const listed = banner.getByRole("listitem");
     expect(await listed.allInnerTexts()).toEqual([expect.stringContaining("171 4")]);
@@ -110,12 +110,12 @@ describe("the page with many axes", () => {
     // It is owed its stop until it is seen standing, whoever released motion.
     await v.until(
       () => banner.innerText(),
-      (text) => text.includes("Not seen standing: 1."),
+      (text) => text.includes("Standstill not confirmed: 1."),
     );
     await v.server.program.post("/simulation/0/2", { act: "supply", value: 24 });
     await v.until(
       () => banner.innerText(),
-      (text) => text.includes("every axis stands still"),
+      (text) => text.includes("all axes at standstill"),
     );
     await v.button("Close").click();
     await banner.waitFor({ state: "detached" });

@@ -19,7 +19,7 @@ beforeAll(async () => {
 afterAll(async () => v?.leave());
 afterEach(() => v.content());
 
-const form = () => v.page.getByRole("form", { name: "If the host falls silent" });
+const form = () => v.page.getByRole("form", { name: "If the host is silent" });
 const says = (text: string) =>
   v.until(
     () => form().getByRole("status").innerText(),
@@ -28,7 +28,7 @@ const says = (text: string) =>
 const choose = (at: number) => v.card(at).getByRole("button").first().click();
 const told = (axis: number) => v.server.program.get<Told>(`/axes/${axis}/watchdog`);
 const set = async (time: string, unit: string) => {
-  await form().getByLabel("Stop after a silence of").fill(time);
+  await form().getByLabel("Stop after silence of").fill(time);
   await form().getByLabel("Unit").selectOption(unit);
   await form().getByRole("button", { name: "Set", exact: true }).click();
 };
@@ -36,13 +36,13 @@ const set = async (time: string, unit: string) => {
 describe("the drive's own watchdog", () => {
   it("is shown as it is set now, and set by whoever has control", async () => {
     await choose(0);
-    await says("off: the motor goes on turning");
+    await says("off: the motor continues to turn");
     expect(await form().innerText()).toContain("is kept in its permanent memory");
     expect(await form().getByRole("button", { name: "Set", exact: true }).isDisabled()).toBe(true);
     await v.button("Take control").click();
-    await v.button("Give back").waitFor();
+    await v.button("Release control").waitFor();
     await set("500", "ms");
-    await says("on: stops after 500 ms of silence");
+    await says("on: the drive stops after 500 ms without messages");
     expect(await told(0)).toMatchObject({ set: "on", after_ms: 500 });
     const journal = await v.server.program.get<Kept[]>("/journal");
     const written = journal.findLast(({ deed, axis }) => deed === "parameters" && axis === 0);
@@ -59,7 +59,7 @@ describe("the drive's own watchdog", () => {
     v.complaints = v.complaints.filter((each) => !each.includes("422"));
     expect(await told(0)).toMatchObject({ set: "on", after_ms: 500 });
     await form().getByRole("button", { name: "Switch off" }).click();
-    await says("off: the motor goes on turning");
+    await says("off: the motor continues to turn");
     expect(await told(0)).toMatchObject({ set: "off", after_ms: null });
     await v.giveBack();
   });
@@ -67,25 +67,25 @@ describe("the drive's own watchdog", () => {
   it("needs a heartbeat where the drive watches one, which is said", async () => {
     await choose(1);
     // The server has it watch the heartbeat that it sends.
-    await says("on: stops after 300 ms of silence");
+    await says("on: the drive stops after 300 ms without messages");
     expect(await form().innerText()).toContain("heartbeat=100");
     await v.button("Take control").click();
-    await v.button("Give back").waitFor();
+    await v.button("Release control").waitFor();
     await set("1.5", "s");
-    await says("on: stops after 1500 ms of silence");
+    await says("on: the drive stops after 1500 ms without messages");
     expect(await told(1)).toMatchObject({ set: "on", after_ms: 1500 });
     await v.giveBack();
     // It is read anew each time that the axis is shown.
     await choose(0);
-    await says("off: the motor goes on turning");
+    await says("off: the motor continues to turn");
     await choose(1);
-    await says("on: stops after 1500 ms of silence");
+    await says("on: the drive stops after 1500 ms without messages");
     expect(await v.serious()).toEqual([]);
   });
 
   it("is not offered where the drive has none", async () => {
     await choose(2);
-    await says("there is none: the motor goes on turning");
+    await says("none: the motor continues to turn");
     expect(await form().getByRole("button").count()).toBe(1);
   });
 });

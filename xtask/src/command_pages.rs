@@ -57,8 +57,8 @@ fn write_verb(text: &mut String, verb: &Command, path: &str, level: &str) {
         .collect();
     if subcommands.is_empty() {
         let usage = verb.clone().render_usage().to_string();
-        let usage = usage.trim_start_matches("Usage: ").replace("\n       ", "\n");
-        let _ = writeln!(text, "```console\n{usage}\n```\n");
+        let usage = usage.trim_start_matches("Usage: ").to_owned();
+        let _ = writeln!(text, "```text\nusage: {usage}\n```\n");
     }
     write_arguments(text, verb);
     write_notes(text, &verb.get_after_help().map(ToString::to_string).unwrap_or_default());

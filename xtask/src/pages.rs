@@ -22,18 +22,18 @@ pub fn drive_page(profile: &Profile, part: &str) -> String {
         profile.name, profile.family, profile.protocol, profile.source
     ));
     add(format!("{}\n", profile.caution));
-    add(format!("**When the link dies:** {}.\n", watchdog_text(profile)));
+    add(format!("**If the link is lost:** {}.\n", watchdog_text(profile)));
     if !part.is_empty() {
         add(format!("{}\n", part.trim_end()));
     }
-    add("## Verbs\n\nWhat each verb sends, step by step.\n".to_owned());
+    add("## Verbs\n\nSteps of each verb.\n".to_owned());
     profile.plans.iter().for_each(|plan| add(plan_text(profile, plan)));
     add("## Faults and warnings\n".to_owned());
-    add("| code | name | what | usual cause | remedy |\n|---|---|---|---|---|".to_owned());
+    add("| code | name | fault | usual cause | remedy |\n|---|---|---|---|---|".to_owned());
     profile.faults.iter().for_each(|fault| add(fault_row(fault)));
     add("\n## Parameters\n".to_owned());
-    add("Raw limits; `i` marks what was concluded from sibling products, not read in this \
-         product's manual; `*` marks what may move the motor.\n"
+    add("Raw limits; `i` marks values inferred from similar products; `*` marks parameters that may move the \
+         motor.\n"
         .to_owned());
     add("| symbol | name | unit | raw range | factory | access | kept | |\n\
          |---|---|---|---|---|---|---|---|"
@@ -99,20 +99,20 @@ fn remainder_text(profile: &Profile) -> String {
 
 fn watchdog_text(profile: &Profile) -> String {
     match profile.watchdog {
-        Watchdog::None => "the drive goes on with what it was last told. Use moves that end by \
-                           themselves, or wire a stop"
+        Watchdog::None => "the drive continues its last command. Prefer moves, which end by \
+                           themselves, or wire a stop input"
             .to_owned(),
         Watchdog::Fixed { after_ms } => format!("the drive stops after {after_ms} ms"),
         Watchdog::Configurable { parameter, on_can } => {
             let on_can = on_can.map_or_else(String::new, |on_can| {
-                format!(" on a serial line, in `{}` on CAN", parameter_name(profile, on_can))
+                format!(" on a serial line, in {} on CAN", parameter_name(profile, on_can))
             });
             let parameter = parameter_name(profile, parameter);
-            format!("the drive stops after the time in `{parameter}`{on_can}; 0 is never")
+            format!("the drive stops after the time in {parameter}{on_can}; 0 switches it off")
         }
         Watchdog::Heartbeat { consumer, reaction } => format!(
-            "the drive does what `{}` says when the heartbeat in `{}` stays out; with 0 in either \
-             it goes on",
+            "the drive reacts as set in {} if the heartbeat in {} is missing; if either is 0, \
+             it continues",
             parameter_name(profile, reaction),
             parameter_name(profile, consumer)
         ),

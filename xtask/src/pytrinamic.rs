@@ -11,7 +11,7 @@ use std::path::Path;
 use polepair_core::profile::{Parameter, Profile};
 
 const STEPPER_CAUTION: &str = "A stepper motor loses steps without a word where the load is too much for \
-     its current: set max current (AP 6) first. It keeps turning when the line dies unless a heartbeat is set \
+     its current: set max current (AP 6) first. It continues to turn if the line is lost unless a heartbeat is set \
      (GP 68 serial, GP 82 CAN).";
 
 /// Where the files go, below the root.

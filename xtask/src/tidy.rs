@@ -5,6 +5,7 @@
 
 mod decisions;
 mod docs;
+mod language;
 mod module_names;
 mod programs;
 mod prose;
@@ -44,6 +45,7 @@ pub fn run(root: &Path) -> Result<String, String> {
     broken.extend(docs::check(root));
     broken.extend(decisions::check(root));
     broken.extend(programs::check(root));
+    broken.extend(language::check(root));
     broken.extend(vocabulary.violations());
     if broken.is_empty() { Ok(vocabulary.to_string()) } else { Err(broken.join("\n")) }
 }

@@ -244,7 +244,7 @@ impl CaptureSource {
         judge.feed(&gathered);
         let mut decoder = self.judged_decoder(judge);
         if !ended {
-            print_note("judged by what came so far; --as PROTO states the protocol");
+            print_note("detected from the frames so far; --as PROTO states the protocol");
         }
         decoder.feed(&gathered, &mut |event| sink.handle_event(event));
         Ok((decoder, ended))
@@ -312,10 +312,10 @@ fn print_verdict(verdict: &LinkDetection) {
 /// The format that a capture is written in: as said, or as the file's name tells.
 pub fn written_format(capture_format: Option<CaptureFormat>, path: &Path) -> Result<CaptureFormat> {
     capture_format.or_else(|| CaptureFormat::from_path(path)).ok_or_else(|| {
-        Problem::usage("E248", "the format to write is not known.")
-            .why("The name of the file does not tell it.")
+        Problem::usage("E248", "the output format is unknown.")
+            .why("The file name has no known ending.")
             .hint(format!(
-                "--to says it: {}",
+                "--to states it: {}",
                 CaptureFormat::names().collect::<Vec<_>>().join(", ")
             ))
     })
@@ -333,7 +333,7 @@ pub fn write_problem(path: &Path, error: &WriteError) -> Problem {
 /// Tells what was left out of a capture that was read.
 pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
     if decoder.untracked_records() > 0 {
-        let links = "frames of more links than are followed at once are left out";
+        let links = "the capture has too many links; frames of the others are skipped";
         print_note(&format!("{} {links}", decoder.untracked_records()));
     }
     report_damage(decoder.statistics())
@@ -358,8 +358,8 @@ pub fn report_damage(tally: &ReadStatistics) -> Result {
     }
     if tally.damaged > 0 && tally.records == 0 {
         return Err(Problem::new(Exit::Corrupt, "E510", "this is not a capture.")
-            .why("Nothing of it could be read.")
-            .hint("--from FORMAT states its format; polepair decode --help shows what is read"));
+            .why("No record could be read.")
+            .hint("--from FORMAT states its format; polepair decode --help lists the formats"));
     }
     Ok(Exit::Ok)
 }

@@ -35,7 +35,7 @@ impl ServedDrives {
         let (Some(location), Some(drive), Some(act)) =
             (fields.next(), fields.next(), fields.next())
         else {
-            return "error\tthis is no request".to_owned();
+            return "error\tthis is not a request".to_owned();
         };
         let wanted = comparable(location);
         let is_meant =
@@ -48,7 +48,7 @@ impl ServedDrives {
         let found = links.iter().find_map(|link| self.description.find_motor(*link, drive));
         let Some(SimulatedMotor { link, drive: at, motor }) = found else {
             return match drive {
-                "" => "error\tthere are several drives: name one behind #".to_owned(),
+                "" => "error\tthere are several drives: name one after #".to_owned(),
                 _ => format!("error\tthe simulation has no drive `{drive}` there"),
             };
         };

@@ -290,12 +290,12 @@ fn find_violations(
     }
     for (n, axis) in family.axes.iter().enumerate().filter(|(n, _)| turns[*n] && !left) {
         let may = format!("axis {axis} may still turn");
-        let off = format!("axis {axis} may still be powered, and turn");
-        let cut = tried.turning && output.contains("cut the power if something turns");
+        let off = format!("axis {axis} may still be powered, and may still turn");
+        let cut = tried.turning && output.contains("cut the power if a motor turns");
         let reported = output.contains(&may) || output.contains(&off) || cut;
-        hold(reported, &format!("drive {n} turns, and nobody says so"));
+        hold(reported, &format!("drive {n} turns, and no text says so"));
     }
-    for quiet in ["the motion was stopped", "is stopped", "has no power now"] {
+    for quiet in ["the motion was stopped", "is stopped", "is not powered now"] {
         hold(
             stands || !output.contains(quiet) || turns.len() > 1,
             &format!("`{quiet}`, and it turns"),

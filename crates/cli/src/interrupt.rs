@@ -81,7 +81,7 @@ fn handle_signal(key: bool) {
     }
     if let Some(url) = held {
         print_warning(&format!(
-            "left at once: a motor may still turn; this stops it: polepair stop {url}"
+            "exit without a stop: a motor may still turn; to stop it: polepair stop {url}"
         ));
     }
     std::process::exit(Exit::Interrupted as i32);

@@ -73,7 +73,7 @@ pub fn parse_argument(
         let planned = axis.profile().plan(verb).is_some();
         let missing = axis.missing_for(verb, planned.then_some(which));
         let reason = match missing.is_empty() {
-            true => "Its profile has no steps for that.".to_owned(),
+            true => "Its profile has no steps for it.".to_owned(),
             false => format!("The drive has no {missing}."),
         };
         let why = format!("{reason} {}", outcome::sent_so_far());
@@ -155,10 +155,10 @@ fn execute_motion(
         .iter()
         .find(|(axis, command)| axis.has_position_limits() && is_lasting(command.verb));
     if let Some((axis, _)) = watched.filter(|_| then == MotionMode::Detach) {
-        let what = format!("{} has ends, and nobody would watch them.", axis.label());
+        let what = format!("{} has limits that would not be checked.", axis.label());
         return Err(Problem::usage("E223", what)
-            .why("A speed or torque that is left running would pass the limits of its position.")
-            .hint("leave --detach out, or give a target: polepair move"));
+            .why("A speed or torque that keeps running would exceed its position limits.")
+            .hint("remove --detach, or give a target: polepair move"));
     }
     print_caution(session);
     session.listen_for_interrupts();
@@ -184,10 +184,8 @@ fn execute_motion(
     if then == MotionMode::Detach && ended.is_ok() {
         started_motion.detach();
         print_warning(&match session.link.simulation() {
-            Some(_) => {
-                "left running, and gone: what is simulated ends with this program".to_owned()
-            }
-            None => format!("left running; this stops it: polepair stop {}", session.arguments),
+            Some(_) => "left running; the simulation ends with this program".to_owned(),
+            None => format!("left running; to stop it: polepair stop {}", session.arguments),
         });
         return Ok(Exit::Ok);
     }
@@ -273,7 +271,7 @@ impl StartedMotion {
     fn stopped_text(&self) -> &'static str {
         match self.started.iter().any(|one| one.moved) {
             true => "the motion was stopped",
-            false => "nothing was told to move",
+            false => "no motion was started",
         }
     }
 
@@ -317,9 +315,7 @@ fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     for (mut running, (axis, command)) in started_at.into_iter().zip(commands) {
         let left = deadline.since(axis.connection().now());
         if running.wait(left).map_err(outcome::to_problem)?.is_none() {
-            return Err(
-                late_problem(&axis.label(), command.verb).hint("give it more time: --timeout")
-            );
+            return Err(late_problem(&axis.label(), command.verb).hint("increase --timeout"));
         }
     }
     Ok(())
@@ -328,7 +324,7 @@ fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
 /// What a verb waited for did not come.
 pub fn late_problem(label: &str, verb: Verb) -> Problem {
     let what = format!("{label}: {} did not end in time.", verb.name());
-    Problem::new(Exit::Negative, "E101", what).why("What was waited for did not come in that time.")
+    Problem::new(Exit::Negative, "E101", what).why("The expected state was not reached in time.")
 }
 
 /// Waits, and shows what the drive does where a person looks.
@@ -348,7 +344,7 @@ pub fn hold_motion(
                 axis.predict_limit_violation(LOOKAHEAD).map_err(outcome::to_problem)?
             {
                 return Err(Problem::new(Exit::Negative, "E105", outcome::to_sentence(&why))
-                    .hint("hold it for less time: --for; `polepair move` ends by itself"));
+                    .hint("use a shorter time: --for; `polepair move` ends by itself"));
             }
         }
         if now >= next {
@@ -393,16 +389,18 @@ impl HoldCheck {
     /// Takes what was read: whether it has power, and its speed in SI. `E102` when it has none any more, and
     /// when it stands though it turned before.
     pub fn check(&mut self, now: Instant, enabled: Option<bool>, si: Option<f64>) -> Result<()> {
-        let ended = |what: &str, why: &str| {
-            Err(Problem::new(Exit::Negative, "E102", format!("{} {what}.", self.label))
+        let ended =
+            |what: &str, why: &str| {
+                Err(Problem::new(Exit::Negative, "E102", format!("{} {what}.", self.label))
                 .why(why)
-                .hint("`polepair info URL` shows its state; see who else commands it"))
-        };
+                .hint("`polepair info URL` shows its state; check whether another master controls \
+                 it"))
+            };
         self.was_enabled |= enabled == Some(true);
         if self.was_enabled && enabled == Some(false) {
             return ended(
-                "has no power any more, and was to turn",
-                "Another program or an input took it, or the drive gave up by itself.",
+                "has lost its power during the motion",
+                "Another program, an input or the drive itself switched it off.",
             );
         }
         let (Some(requested), Some(si)) = (self.velocity, si) else { return Ok(()) };
@@ -410,10 +408,9 @@ impl HoldCheck {
         let stands = self.has_turned && si.abs() < requested.abs() * STANDSTILL_SHARE;
         self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
         match self.stands_since {
-            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => ended(
-                "stands, and was to turn",
-                "Another program stopped it, or something holds it.",
-            ),
+            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => {
+                ended("stopped during the motion", "Another program stopped it, or it is blocked.")
+            }
             _ => Ok(()),
         }
     }
@@ -430,7 +427,7 @@ pub fn hold_while(
 ) -> Result<()> {
     let end = seconds.map(|seconds| now().plus_ns((seconds * 1e9) as u64));
     if seconds.is_none() {
-        print_note("holding; Ctrl-C stops it");
+        print_note("running; Ctrl-C stops it");
     }
     loop {
         let now = now();
@@ -468,7 +465,10 @@ fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
             continue;
         }
         if axis.profile().plan(Verb::Reached).is_none() {
-            print_note(&format!("{} cannot tell when it arrives; it was started", axis.label()));
+            print_note(&format!(
+                "{} does not report its arrival; the motion was started",
+                axis.label()
+            ));
             continue;
         }
         axis.wait(deadline.since(axis.connection().now())).map_err(outcome::to_problem)?;
@@ -535,7 +535,8 @@ impl StopRetryNotice {
         let label = axis.label();
         if !self.reported.contains(&label) {
             print_warning(&format!(
-                "{label} may {may}: cut its supply. Its stop was not confirmed, and is said again for \
+                "{label} may {may}: cut its supply. Its stop was not confirmed, and is repeated \
+                 for \
                  {} s",
                 STOP_RETRY_MAX.as_secs()
             ));

@@ -38,7 +38,7 @@ pub fn to_problem(error: Error) -> Problem {
         Error::Failed { received, .. }
             if error.exit() == Exit::NoReply && !received.is_nothing() =>
         {
-            problem.why("Something came back, repeats included, but no answer.")
+            problem.why("Frames were received, but no reply, even after repeats.")
         }
         _ => problem.why(reason_text(&error)),
     };
@@ -49,8 +49,8 @@ pub fn to_problem(error: Error) -> Problem {
 /// What came of addresses that did not answer.
 pub fn unanswered_text(details: &NoReplyDetails) -> String {
     match details.is_nothing() {
-        true => "Every address that was tried stayed silent.".to_owned(),
-        false => format!("No address that was tried answered, but something came: {details}."),
+        true => "No address replied.".to_owned(),
+        false => format!("No address replied, but frames were received: {details}."),
     }
 }
 
@@ -80,14 +80,14 @@ fn reason_text(error: &Error) -> String {
     let output = match (error.exit(), error.executed()) {
         // Of several requests some may have been answered.
         (Exit::NoReply, _) if partly || error.may_turn() => {
-            "Not every request was answered, repeats included."
+            "Some requests had no reply, even after repeats."
         }
-        (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
+        (Exit::NoReply, _) => "No reply within the time limit, even after repeats.",
         (Exit::Corrupt, _) if error.code() == "E502" => "",
-        (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
+        (Exit::Corrupt, _) => "Possible causes: noise, a second host, two drives with one address.",
         (Exit::Refused, Some(false)) if error.code() == "E602" => "It was not executed.",
-        (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",
-        (Exit::Negative, _) => "What was waited for did not come in that time.",
+        (Exit::Refused, Some(false)) => "The drive refused it; it was not executed.",
+        (Exit::Negative, _) => "The expected state was not reached in time.",
         // What was executed of it, the sentence says.
         (Exit::Usage, Some(false)) => return sent_so_far(),
         _ => "",

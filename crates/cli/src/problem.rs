@@ -104,7 +104,7 @@ pub fn file_problem(path: &std::path::Path, verb: &str, error: &std::io::Error) 
     let what = format!("cannot {verb} {}.", path.display());
     let (code, why) = match error.kind() {
         Kind::NotFound => ("E301", "There is no such file.".to_owned()),
-        Kind::PermissionDenied => ("E302", "This account may not do that.".to_owned()),
+        Kind::PermissionDenied => ("E302", "This account has no permission.".to_owned()),
         _ => ("E303", format!("The system says: {error}.")),
     };
     Problem::new(Exit::Adapter, code, what).why(why)

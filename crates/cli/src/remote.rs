@@ -249,17 +249,17 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
     }
     if *state == LinkState::NotOpen {
         lines.push(format!(
-            "nothing stops the motors of link {id}, however many it has; it is tried again"
+            "motors of link {id} cannot be stopped; the server tries to open it again"
         ));
     }
     for axis in absent {
         let why = hinted(&axis.error);
-        lines.push(format!("axis {} of link {id} is not there: {why}", AxisNumber(axis.number)));
+        lines.push(format!("axis {} of link {id} is missing: {why}", AxisNumber(axis.number)));
     }
     for number in owed {
         lines.push(format!(
-            "AXIS {number} OF LINK {id} MAY BE TURNING, CUT ITS SUPPLY: the server before was told to \
-             stop it, and it is not there"
+            "AXIS {number} OF LINK {id} MAY BE TURNING, CUT ITS SUPPLY: its stop is pending since \
+             the previous server, and the drive is missing"
         ));
     }
     lines
@@ -269,8 +269,8 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
 fn hint_unresponsive(error: GatewayError) -> GatewayError {
     match &*error.code {
         "E313" => error.hint(
-            "end the server's process and start it again; `polepair stop URL` stops what turns on its \
-             link meanwhile, else cut its supply",
+            "restart the server; until then `polepair stop URL` stops motors on its links, else \
+             cut their supply",
         ),
         _ => error,
     }
@@ -285,14 +285,18 @@ pub fn refusal_problem(refused: GatewayError) -> Problem {
 
 /// A verb or an option that a server does not have.
 pub fn unsupported_problem(what: &str, why: &str) -> Problem {
-    Problem::usage("E257", format!("{what} is nothing that a server does.")).why(why)
+    Problem::usage("E257", format!("{what} is not supported on a server.")).why(why)
 }
 
 /// Frames are the server's own affair.
 pub fn refuse_dry_run(dry_run: bool) -> Result<()> {
     match dry_run {
         false => Ok(()),
-        true => Err(unsupported_problem("--dry-run", "Only who opens a link can tell the frames.")),
+        true => Err(unsupported_problem(
+            "--dry-run",
+            "Only the program that opened the link can \
+         show frames.",
+        )),
     }
 }
 
@@ -300,7 +304,7 @@ pub fn refuse_dry_run(dry_run: bool) -> Result<()> {
 pub fn refuse_raw(raw: bool) -> Result<()> {
     match raw {
         false => Ok(()),
-        true => Err(unsupported_problem("--raw with motion", "It takes values with their units.")),
+        true => Err(unsupported_problem("--raw with motion", "A server needs values with units.")),
     }
 }
 
@@ -311,7 +315,7 @@ pub fn no_such_verb(verb: &str) -> Problem {
         &format!("`{verb}`"),
         &format!("A server does {}.", crate::problem::join_list(&known)),
     )
-    .hint("leave --server out; the server's link has to be free, so end the server first")
+    .hint("remove --server, and end the server first, because it uses the link")
 }
 
 /// The unit in which people read a signal of a server's axis, as on a link of one's own: that of the

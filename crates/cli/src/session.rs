@@ -54,7 +54,7 @@ impl Drop for Session {
             let profile = axis.profile();
             let ram = profile.ram.and_then(|ram| profile.parameter(ram.parameter));
             let why = ram.map_or_else(String::new, |p| {
-                format!(" ({}: {} is kept there itself)", p.symbol, p.name)
+                format!(" ({}: the drive always stores {})", p.symbol, p.name)
             });
             if writes > 0 {
                 let label = axis.label();

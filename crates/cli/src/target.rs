@@ -90,7 +90,7 @@ impl DriveArgs {
         if self.verbose || self.trace.is_some() || self.profiles.is_given() {
             return Err(remote::unsupported_problem(
                 "-v, --trace or --profile",
-                "It opened its links itself.",
+                "A server opens its links itself.",
             )
             .hint("its page shows the frames"));
         }
@@ -121,7 +121,7 @@ impl DriveArgs {
         let trace = match trace {
             Err(problem) if self.stops => {
                 print_warning(&format!(
-                    "warning: {} {} No frame is kept.",
+                    "warning: {} {} No frame is recorded.",
                     problem.what, problem.why
                 ));
                 None
@@ -240,7 +240,7 @@ pub fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
         }
         RehearsalAction::Store(id) => format!("keep {} over power-off", name(id)),
         RehearsalAction::Send => format!("send {}", explain_step(axis, step)),
-        RehearsalAction::QueryProgram => "ask whether its program runs".to_owned(),
+        RehearsalAction::QueryProgram => "read whether its program runs".to_owned(),
         RehearsalAction::EndProgram => "end its program, if one runs".to_owned(),
         RehearsalAction::Wait(ms) => format!("wait {ms} ms"),
     };

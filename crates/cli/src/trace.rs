@@ -39,7 +39,10 @@ impl TraceFile {
             && !self.has_failed
         {
             self.has_failed = true;
-            print_warning(&format!("warning: {}: {error}; frames are missing in it", self.name));
+            print_warning(&format!(
+                "warning: {}: {error}; frames are missing in the file",
+                self.name
+            ));
         }
         written
     }

@@ -22,7 +22,7 @@ impl Address {
     /// `E256` for what is none, `E252` where a token would pass a network for all to read.
     pub fn parse(url: &str) -> Result<Self, GatewayError> {
         let wrong = |why: &str| {
-            GatewayError::new("E256", format!("{url:?} is no server's URL: {why}"))
+            GatewayError::new("E256", format!("{url:?} is not the URL of a server: {why}"))
                 .hint("http://127.0.0.1:7365, or https://HOST:PORT for another machine")
         };
         let (scheme, rest) = url.split_once("://").ok_or_else(|| wrong("it has no `://`"))?;

@@ -104,8 +104,8 @@ impl Dialer {
     fn unproven(&self) -> GatewayError {
         let what = format!("{} is not this account's own server", self.address.authority());
         GatewayError::new("E256", what).hint(format!(
-            "--token-file or {VARIABLE} with a token of that server: the one of your own is sent to \
-             nobody who does not prove to have it"
+            "--token-file or {VARIABLE} with a token of that server: your own server's token is \
+             sent only to a server that proves to have it"
         ))
     }
 
@@ -132,8 +132,8 @@ impl Dialer {
     }
 
     fn not_listening_error(&self) -> GatewayError {
-        GatewayError::new("E314", format!("no server listens on {}", self.address.authority()))
-            .hint("start one: polepair serve URL; it prints where it listens")
+        GatewayError::new("E314", format!("no server is listening on {}", self.address.authority()))
+            .hint("start one: polepair serve URL; it prints its address")
     }
 
     fn unreachable(&self, why: &str) -> GatewayError {
@@ -141,7 +141,7 @@ impl Dialer {
     }
 
     fn wrong_server_error(&self, error: &std::io::Error) -> GatewayError {
-        let what = format!("{} is not the server that is meant: {error}", self.address.authority());
+        let what = format!("{} is not the expected server: {error}", self.address.authority());
         GatewayError::new("E321", what)
             .hint("compare its certificate's SHA-256, which `polepair serve --tls` prints")
     }

@@ -240,10 +240,12 @@ impl Gateway {
     /// # Errors
     /// As [`bench`](Self::bench).
     pub fn stop(&self, request: &StopRequest) -> Result<StopReport, GatewayError> {
-        self.block_on(self.0.rest.stop("/api/v1/stop", request)).map_err(|refused| match &*refused.code {
+        self.block_on(self.0.rest.stop("/api/v1/stop", request)).map_err(|refused| match &*refused
+            .code
+        {
             "E313" | "E314" | "E315" | "E501" => refused.hint(
-                "cut the supply of what still turns; without the server `polepair stop URL` stops it on \
-                 its own link, once the server's process has ended",
+                "cut the supply of motors that still turn; when the server's process has ended, \
+                 `polepair stop URL` stops them directly",
             ),
             _ => refused,
         })

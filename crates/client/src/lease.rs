@@ -18,7 +18,7 @@ use crate::rest::{action_error, server_lost};
 use crate::{Gateway, GatewayError};
 
 /// Why something under way has no end.
-const NO_OUTCOME: &str = "nothing came of a command";
+const NO_OUTCOME: &str = "a command had no result";
 
 /// The right to command an axis. It is renewed until it is given back or dropped; its end stops what
 /// was set in motion under it.
@@ -197,10 +197,10 @@ pub(crate) fn outcome_result(outcome: CommandOutcome) -> Result<(), GatewayError
     match (outcome.outcome, outcome.error) {
         (OutcomeKind::Done, _) => Ok(()),
         (_, Some(error)) => Err(error),
-        (OutcomeKind::NotDone, None) => Err(GatewayError::new("E601", "it was not done")),
+        (OutcomeKind::NotDone, None) => Err(GatewayError::new("E601", "it was not executed")),
         (OutcomeKind::Unknown, None) => Err(GatewayError {
             executed: None,
-            ..GatewayError::new("E401", "it may have been done")
+            ..GatewayError::new("E401", "it may have been executed")
         }),
     }
 }

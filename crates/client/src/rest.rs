@@ -161,8 +161,8 @@ pub(crate) fn server_lost(why: &str) -> GatewayError {
 pub(crate) fn action_error(refused: GatewayError) -> GatewayError {
     match refused.code == "E313" && refused.executed.is_none() && refused.hint.is_empty() {
         true => refused.hint(
-            "what moved may still turn: cut its supply, or stop it directly on its own link, \
-             `polepair stop URL`",
+            "moving motors may still turn: cut their supply, or stop them directly with `polepair \
+             stop URL`",
         ),
         false => refused,
     }
@@ -177,7 +177,7 @@ pub(crate) fn query_error(refused: GatewayError) -> GatewayError {
 pub(crate) fn invalid_response(why: &str) -> GatewayError {
     GatewayError {
         executed: None,
-        ..GatewayError::new("E501", format!("that is no gateway's answer: {why}"))
+        ..GatewayError::new("E501", format!("that is not a reply of a polepair server: {why}"))
     }
-    .hint("is that polepair serve, of this version?")
+    .hint("check that it is `polepair serve` of this version")
 }

@@ -73,10 +73,10 @@ pub(crate) fn find_token(file: Option<&Path>, address: &Address) -> Result<Secre
         return parse_token(text.trim()).ok_or_else(wrong);
     }
     if !address.is_loopback() {
-        let what = format!("there is no token for {}", address.authority());
+        let what = format!("the token is missing for {}", address.authority());
         return Err(GatewayError::new("E256", what).hint(format!(
-            "--token-file or {VARIABLE} with a token of that server: the one of your own is not \
-             sent to another host"
+            "--token-file or {VARIABLE} with a token of that server: your own server's token is \
+             not sent to another host"
         )));
     }
     let folder = state_folder();
@@ -86,8 +86,9 @@ pub(crate) fn find_token(file: Option<&Path>, address: &Address) -> Result<Secre
 }
 
 fn no_token_error() -> GatewayError {
-    GatewayError::new("E256", "there is no token for the server").hint(format!(
-        "--token-file with the file `tokens` of the server's folder, or {VARIABLE} with a token of it"
+    GatewayError::new("E256", "the token is missing for the server").hint(format!(
+        "--token-file with the file `tokens` of the server's folder, or {VARIABLE} with a token \
+         of it"
     ))
 }
 

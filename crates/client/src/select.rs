@@ -118,13 +118,16 @@ fn absent_error(link: &LinkView, number: AxisNumber) -> Option<GatewayError> {
     let absent = absent.iter().find(|axis| axis.number == number.0).map(|axis| &axis.error);
     let is_owed = owed.contains(&number.0);
     let why = absent.or(error.as_ref().filter(|_| is_owed))?;
-    let what =
-        format!("axis {number} of link {id} is not there, and was told nothing: {}", why.message);
+    let what = format!(
+        "axis {number} of link {id} is missing, and no stop was sent to it: {}",
+        why.message
+    );
     let hint = match is_owed {
         true => {
-            "cut its supply: the server before was told to stop it, and it is as soon as it answers"
+            "cut its supply: its stop is pending since the previous server, and is sent as soon \
+             as the drive replies"
         }
-        false => "cut its supply if it turns; it joins the server as soon as it answers",
+        false => "cut its supply if it turns; the server adds it as soon as it replies",
     };
     Some(GatewayError {
         executed: Some(false),

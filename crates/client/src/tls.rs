@@ -117,7 +117,7 @@ fn own_certificate_path() -> Option<PathBuf> {
 }
 
 fn no_certificate_error() -> GatewayError {
-    GatewayError::new("E256", "it is not known which certificate the server has").hint(
+    GatewayError::new("E256", "the certificate of the server is unknown").hint(
         "--certificate with its certificate.pem, or with the SHA-256 that `polepair serve` printed",
     )
 }

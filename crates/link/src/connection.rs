@@ -211,7 +211,7 @@ impl Connection {
 /// A request under way. Dropped before its end, it goes on by itself and its outcome is thrown
 /// away.
 #[derive(Debug)]
-#[must_use = "wait for it, or drop it to let it go on by itself"]
+#[must_use = "wait for it, or drop it to continue in the background"]
 pub struct PendingRequest {
     connection: Connection,
     ticket: Ticket,

@@ -141,14 +141,14 @@ fn cause_of_errno(errno: rustix::io::Errno) -> Option<Cause> {
 
 const fn cause_sentence(cause: Cause) -> &'static str {
     match cause {
-        Cause::Permission => "this user may not open it",
+        Cause::Permission => "this user has no permission to open it",
         Cause::NotFound => "there is no such port",
         Cause::Busy => "another program is using it",
-        Cause::Gone => "it is gone: unplugged, or closed at the far end",
-        Cause::Refused => "nobody listens there",
+        Cause::Gone => "the connection is gone: unplugged, or closed at the far end",
+        Cause::Refused => "no program is listening there",
         Cause::Unreachable => "no answer from that address",
-        Cause::Unsuitable => "it cannot do what was asked of it",
-        Cause::Stalled => "the far end takes no bytes",
+        Cause::Unsuitable => "the adapter does not support this setting",
+        Cause::Stalled => "the far end accepts no bytes",
         Cause::Down => "the interface is switched off",
         Cause::Closed => "this program has closed it",
         Cause::System => "the operating system reports an error",
@@ -161,11 +161,11 @@ const fn cause_hint(cause: Cause) -> &'static str {
             "Join the port's group and log in again: `sudo usermod -aG dialout $USER` (on Arch \
              `uucp`)."
         }
-        Cause::NotFound => "`polepair ports` lists what is there; check plug and cable.",
+        Cause::NotFound => "`polepair ports` lists the ports; check plug and cable.",
         Cause::Busy => {
-            "Close the other program (a terminal, a vendor's tool, ModemManager), then try again. Where \
-             it is `polepair serve`, give this verb to it: `--server URL`, with the address that it \
-             printed behind `ready` (http://127.0.0.1:7365 unless it was told another)."
+            "Close the other program (a terminal, a vendor's tool, ModemManager), then try again. \
+             If it is `polepair serve`, run this verb on it: `--server URL`, with the address \
+             that it printed after `ready` (default: http://127.0.0.1:7365)."
         }
         Cause::Gone => "Plug it in again, or check power and network at the far end.",
         Cause::Refused => {
@@ -176,7 +176,7 @@ const fn cause_hint(cause: Cause) -> &'static str {
             "Choose a speed and format that the adapter can do, or another adapter."
         }
         Cause::Stalled => "Check that flow control is off and that something reads at the far end.",
-        Cause::Closed => "Open it again, and take the axes of the new link.",
+        Cause::Closed => "Open it again, and use the axes of the new link.",
         Cause::Down => "`ip link show` lists the interfaces; switch it on.",
         Cause::System => "The number in brackets is the system's own.",
     }

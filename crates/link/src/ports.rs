@@ -137,15 +137,15 @@ pub(crate) fn holder_sentence(path: &str) -> String {
     match (name == PROGRAM, system::is_suspended(pid)) {
         (true, false) => format!(
             "In use by {name} (process {pid}): Ctrl-C there, or `kill -INT {pid}`, ends it and \
-             stops the motion that it holds."
+             stops its motion."
         ),
         (true, true) => format!(
-            "In use by {name} (process {pid}), which is suspended and hears nothing: \
-             `kill -INT {pid}; kill -CONT {pid}` ends it and stops the motion that it holds."
+            "In use by {name} (process {pid}), which is suspended: \
+             `kill -INT {pid}; kill -CONT {pid}` ends it and stops its motion."
         ),
         (false, false) => format!("In use by {name} (process {pid})."),
         (false, true) => format!(
-            "In use by {name} (process {pid}), which is suspended: `kill -CONT {pid}` has it go on."
+            "In use by {name} (process {pid}), which is suspended: `kill -CONT {pid}` continues it."
         ),
     }
 }

@@ -333,10 +333,9 @@ impl Axis {
         match armed {
             false => Ok(()),
             true => Err(Error::Unsupported {
-                what: format!("{}: it is armed already", self.label()),
+                what: format!("{}: it is already armed", self.label()),
                 why: Unsupported::Busy,
-                hint: "move it in the block that armed it: the end of a second one would stop it \
-                       there"
+                hint: "move it in the block that armed it: the end of a second block would stop it"
                     .to_owned(),
             }),
         }
@@ -605,7 +604,7 @@ impl Axis {
         let mut read: Vec<ParameterId> = Vec::new();
         for signal in signals {
             let source = self.profile.signal(*signal).ok_or_else(|| {
-                let what = format!("{} does not tell its {}", self.profile.name, signal.name());
+                let what = format!("{} does not report its {}", self.profile.name, signal.name());
                 let known: Vec<&str> =
                     self.profile.signals.iter().map(|s| s.signal.name()).collect();
                 Error::usage("E213", what, format!("it tells {}", known.join(", ")))
@@ -616,7 +615,7 @@ impl Axis {
                 }
                 if self.read_optional(source.parameter)?.is_none() {
                     let what = format!("{} has no object for its {}", self.label(), signal.name());
-                    return Err(Error::usage("E213", what, "its maker left it out"));
+                    return Err(Error::usage("E213", what, "the maker did not implement it"));
                 }
                 read.push(source.parameter);
             }

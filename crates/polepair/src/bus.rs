@@ -97,7 +97,7 @@ pub(crate) fn find_clash(seats: &[BusAddress]) -> Option<String> {
             seats[..n].iter().find_map(|o| Some((o, o.shared_identifier(bus_address)?)))?;
         Some(match met {
             _ if other.protocol.name == bus_address.protocol.name => {
-                format!("{} is there twice: give each drive its own address", bus_address.label())
+                format!("{} is used twice: give each drive its own address", bus_address.label())
             }
             (_, true) => {
                 format!(

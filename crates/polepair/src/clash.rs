@@ -1,8 +1,8 @@
 //! What is said of drives that share an address: in one place for `get`, `scan`, `doctor` and `info`.
 
 /// What to do about it.
-pub(crate) const DUPLICATE_ADDRESS_HINT: &str = "connect one at a time and give each its own address; where only one \
-     is connected, the adapter or a gateway repeats its answers";
+pub(crate) const DUPLICATE_ADDRESS_HINT: &str = "connect one at a time and give each its own \
+ address; if only one is connected, the adapter or a gateway repeats its replies";
 
 /// An address answers each question twice.
 pub(crate) fn duplicate_address_text(protocol: &str, number: impl std::fmt::Display) -> String {
@@ -17,5 +17,5 @@ pub(crate) fn duplicate_address_text(protocol: &str, number: impl std::fmt::Disp
 /// Answers came that nothing waited for, or damaged ones.
 pub(crate) fn stray_answers_text(stray: u64) -> Option<String> {
     (stray > 0)
-        .then(|| format!("{stray} answers too many or damaged: two drives with this address?"))
+        .then(|| format!("{stray} replies too many or damaged: two drives with this address?"))
 }

@@ -214,7 +214,7 @@ fn parse_links(file: &str, text: &str) -> Result<Vec<(String, String)>, FileErro
         let racks = racks.into_iter().flatten().map(|name| (name.clone(), Some(name.value)));
         for (name, link) in whole.into_iter().chain(racks) {
             if links.iter().any(|(other, _)| *other == name.value) {
-                let reason = format!("`{}` is the name of something else already", name.value);
+                let reason = format!("`{}` is already used as another name", name.value);
                 return Err(name.location.error(reason));
             }
             links.push((name.value, url::rack_url(file, link.as_deref())));

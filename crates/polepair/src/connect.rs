@@ -134,9 +134,9 @@ impl Connector {
                 matches!(url.target, LinkTarget::Slcan { .. } | LinkTarget::SlcanTcp { .. });
             let what = match (&link, adapter && url.key("bitrate").is_none()) {
                 (SharedLink::Serial(_), _) => "a serial line carries one protocol",
-                (_, true) => "protocols have different bit rates from the factory: say `bitrate=`",
+                (_, true) => "the protocols have different factory bit rates: add `bitrate=`",
                 _ if lines.iter().any(|line| line.protocol.name == url.protocol) => {
-                    "a protocol is named twice"
+                    "a protocol is given twice"
                 }
                 _ => {
                     lines.push(self.open_line(url, Some(link))?);
@@ -347,7 +347,7 @@ fn build_simulation(url: &Url, mut description: RackDescription) -> Result<Simul
         None | Some("real") => SimulationPace::Real,
         Some("virtual") => SimulationPace::Virtual,
         Some(other) => {
-            let what = format!("`time={other}` is neither real nor virtual");
+            let what = format!("`time={other}` is not `real` or `virtual`");
             return Err(Error::usage("E210", what, ""));
         }
     };

@@ -137,7 +137,10 @@ pub fn check_link(
         if first {
             // A port of this machine is had by one program at a time.
             let alone = match url.target {
-                LinkTarget::Serial { .. } | LinkTarget::Slcan { .. } => ", and nobody else has it",
+                LinkTarget::Serial { .. } | LinkTarget::Slcan { .. } => {
+                    ", and no other program \
+                 has it"
+                }
                 _ => "",
             };
             on_event(CheckResult::ok("port", format!("{} opens{alone}", line.link.describe())));
@@ -262,7 +265,7 @@ fn find_drives(
                 on_event(CheckResult::wrong(
                     &about,
                     Exit::Usage,
-                    "cannot be asked on this line",
+                    "cannot be read on this line",
                     hint,
                 ));
             }
@@ -288,21 +291,19 @@ fn find_drives(
         }
     }
     if damaged > 0 {
-        let text = format!("{damaged} addresses gave damaged answers only");
+        let text = format!("{damaged} addresses gave damaged replies only");
         on_event(CheckResult::wrong("answers", Exit::Corrupt, text, DAMAGED_REMEDY));
     }
     if found.is_empty() && !named && !answers {
         let numbers = join_numbers(&requests);
         let (text, remedy) = match misaddressed {
             true => (
-                format!(
-                    "none of the addresses {numbers} is its own, and a drive answers all the same"
-                ),
+                format!("none of the addresses {numbers} is the drive's own, but a drive replies"),
                 "`polepair scan` finds its address".to_owned(),
             ),
             false => (
                 format!("none of the addresses {numbers} answers"),
-                format!("{SILENT_REMEDY}; `polepair scan` asks every address"),
+                format!("{SILENT_REMEDY}; `polepair scan` tries every address"),
             ),
         };
         on_event(CheckResult::wrong("address", Exit::NoReply, text, remedy));
@@ -310,10 +311,12 @@ fn find_drives(
     Ok(found)
 }
 
-const SILENT_REMEDY: &str = "the drive's power, A and B (or RX and TX) swapped, the common ground, its \
+const SILENT_REMEDY: &str = "the drive's power, A and B (or RX and TX) swapped, the common \
+ ground, its \
                       address, the baud or bit rate";
-const DAMAGED_REMEDY: &str = "another baud rate, two drives with one address, a missing terminator or \
-                       common ground; --try-bauds asks at other rates";
+const DAMAGED_REMEDY: &str = "another baud rate, two drives with one address, a missing \
+ terminator or \
+                       common ground; --try-bauds tries other rates";
 
 fn duplicate_address_check(about: &str, text: String) -> CheckResult {
     CheckResult::wrong(about, Exit::Corrupt, text, DUPLICATE_ADDRESS_HINT)

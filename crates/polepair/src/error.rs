@@ -255,7 +255,7 @@ impl Error {
                 hint,
             } if matches!(failure, Silent | Misbehaved | Cancelled | LinkDown) => {
                 let outcome = Outcome::Unknown(failure);
-                let execution_text = "one that was sent before may have been executed".to_owned();
+                let execution_text = "an earlier attempt may have been executed".to_owned();
                 Self::Failed { what, execution: execution_text, outcome, may_turn, received, hint }
             }
             other => other,

@@ -42,9 +42,9 @@ impl fmt::Display for Identification {
         match self {
             Self::Named => f.write_str("named in the connection string"),
             Self::Queried { firmware: Some(firmware) } => write!(f, "firmware {firmware}"),
-            Self::Queried { firmware: None } => f.write_str("told by its answer"),
-            Self::Group => f.write_str("a group: taken for what the link's first axis is"),
-            Self::Generic => f.write_str("not known: served by the protocol's generic profile"),
+            Self::Queried { firmware: None } => f.write_str("from its reply"),
+            Self::Group => f.write_str("a group: the profile of the link's first axis is used"),
+            Self::Generic => f.write_str("unknown drive: the protocol's generic profile is used"),
         }
     }
 }
@@ -192,7 +192,7 @@ impl<'a> Prober<'a> {
             return error;
         };
         let names: Vec<&str> = self.profiles.iter().map(|profile| profile.name).collect();
-        let hint = format!("say what it is by `?profile=`: {}; {hint}", names.join(", "));
+        let hint = format!("select the drive by `?profile=`: {}; {hint}", names.join(", "));
         Error::Failed { what, execution, outcome, received, may_turn, hint }
     }
 
@@ -204,10 +204,12 @@ impl<'a> Prober<'a> {
     /// The error for an address where nothing that comes fits what was asked.
     pub(crate) fn confused_error(&self, number: u32) -> Error {
         let what = format!(
-            "axis {number} cannot be identified on {}: what came was corrupt or answered other questions",
+            "axis {number} cannot be identified on {}: the replies were corrupt or belonged to \
+             other requests",
             self.describe()
         );
-        let hint = "look for two drives with one address, a second host, late answers (`?timeout=`) \
+        let hint = "look for two drives with one address, a second host, late answers \
+         (`?timeout=`) \
                     or noise; `-v` shows the frames";
         Error::Failed {
             what,

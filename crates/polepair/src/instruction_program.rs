@@ -212,7 +212,8 @@ impl InstructionProgram {
             let value = u32::from_be_bytes(value);
             let _ = writeln!(
                 text,
-                "{line:<COMMENT_COLUMN$}// {address:4}: {opcode:02X} {kind:02X} {motor:02X} {value:08X}"
+                "{line:<COMMENT_COLUMN$}// {address:4}: {opcode:02X} {kind:02X} {motor:02X} \
+                 {value:08X}"
             );
         }
         text
@@ -280,10 +281,10 @@ impl SourceReader {
             while let Some(colon) = whole[at..].find(':') {
                 let name = whole[at..at + colon].trim();
                 if !is_name(name) {
-                    return Err(refuse(at, format!("`{name}` is no name of a label")));
+                    return Err(refuse(at, format!("`{name}` is not a valid label")));
                 }
                 if self.label(name).is_some() || self.constants.contains_key(&key(name)) {
-                    return Err(refuse(at, format!("`{name}` is there already")));
+                    return Err(refuse(at, format!("`{name}` is already defined")));
                 }
                 let address = u16::try_from(self.statements.len()).unwrap_or(u16::MAX);
                 self.labels.push((name.to_owned(), address));
@@ -297,14 +298,14 @@ impl SourceReader {
             if let Some((name, value)) = statement.split_once('=') {
                 let name = name.trim();
                 if !is_name(name) {
-                    return Err(refuse(at, format!("`{name}` is no name of a constant")));
+                    return Err(refuse(at, format!("`{name}` is not a valid constant name")));
                 }
                 let begin = at + statement.len() - value.len();
                 let value = self.evaluate(value).map_err(|reason| refuse(begin, reason))?;
                 // A file of constants may be included twice.
                 let before = self.constants.insert(key(name), value);
                 if before.is_some_and(|before| before != value) || self.label(name).is_some() {
-                    return Err(refuse(at, format!("`{name}` is there already")));
+                    return Err(refuse(at, format!("`{name}` is already defined")));
                 }
                 continue;
             }
@@ -649,8 +650,8 @@ Blink:
             ("SAP 300, 0, 1", "a.tmc:1:5: `300`: expected a type or parameter number, 0 to 255"),
             ("ROR 0, 3000000000", "a.tmc:1:8: `3000000000`: expected a value"),
             ("WAIT SOON, 0, 1", "a.tmc:1:6: no constant or label `SOON`"),
-            ("A: STOP\na: STOP", "a.tmc:2:1: `a` is there already"),
-            ("A = 1\nA = 2", "a.tmc:2:1: `A` is there already"),
+            ("A: STOP\na: STOP", "a.tmc:2:1: `a` is already defined"),
+            ("A = 1\nA = 2", "a.tmc:2:1: `A` is already defined"),
             ("A = 1 / 0", "a.tmc:1:4: the number is too large, or divided by zero"),
             ("STOP /* \n", "a.tmc:1:0"),
             ("#include \"not-there.tmc\"", "a.tmc:1:1: not-there.tmc: "),

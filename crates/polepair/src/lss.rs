@@ -378,7 +378,7 @@ pub fn bit_rate_index(bit_per_s: u32) -> Result<u8, Error> {
         let known: Vec<String> = rates.map(u32::to_string).collect();
         Error::usage(
             "E216",
-            format!("{bit_per_s} bit/s is no bit rate of CiA 305"),
+            format!("{bit_per_s} bit/s is not a bit rate of CiA 305"),
             format!("the bit rates are {}", known.join(", ")),
         )
     })
@@ -397,7 +397,7 @@ fn failure_text(outcome: Outcome) -> (String, &'static str) {
             format!("the device refused with error {code}"),
             "1: the value is out of its range, or it cannot store; 2: its memory failed",
         ),
-        _ => ("the answers contradict each other".to_owned(), "look for a second LSS master"),
+        _ => ("the replies contradict each other".to_owned(), "look for a second LSS master"),
     }
 }
 
@@ -406,6 +406,6 @@ fn is_silence(outcome: Outcome) -> bool {
 }
 
 fn not_canopen(url: &Url) -> Error {
-    let what = format!("LSS is a service of CANopen, and nobody speaks CANopen on {url}");
+    let what = format!("LSS is a service of CANopen, and no CANopen is configured on {url}");
     Error::usage("E242", what, "a connection string of a CANopen bus begins with `canopen+`")
 }

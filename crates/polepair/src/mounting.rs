@@ -62,7 +62,7 @@ impl Mounting {
                 "inverted" => Ok(true),
                 other => {
                     let near = crate::spelling::suggestion(other, ["normal", "inverted"]);
-                    Err(format!("`{other}` is neither normal nor inverted{near}"))
+                    Err(format!("`{other}` is not `normal` or `inverted`{near}"))
                 }
             })?,
         };
@@ -135,7 +135,7 @@ fn read_lead(node: &TomlTable<'_, '_>, profile: &Profile) -> Result<Option<f64>,
     if lead > 0.0 {
         return Ok(Some(lead));
     }
-    Err(location.error("`lead` is more than nothing; `direction` turns an axis round"))
+    Err(location.error("`lead` must be more than 0; `direction` inverts an axis"))
 }
 
 /// Refused where the profile knows the unit: two scales would be one too many.
@@ -148,7 +148,7 @@ fn read_counts(
     match known.map(|parameter| parameter.unit) {
         Some(unit) if unit != Unit::None => {
             let (name, unit) = (profile.name, unit.symbol());
-            let reason = format!("`{name}` tells its position in {unit}: leave `counts` out");
+            let reason = format!("`{name}` reports its position in {unit}: leave `counts` out");
             Err(node.location().error(reason))
         }
         _ => Ok(Some(counts)),
@@ -177,7 +177,7 @@ fn symmetric_limit(
     if value > 0.0 {
         return Ok(Some(Located { value, location: position }));
     }
-    Err(position.error(format!("`{key}` holds either way: it must be more than 0")))
+    Err(position.error(format!("`{key}` applies to both directions: it must be more than 0")))
 }
 
 /// An amount with a unit, as something that is shown in `unit`.
@@ -185,7 +185,7 @@ fn parse_amount(found: Located<String>, unit: Unit) -> Result<f64, FileError> {
     found.try_map(|text| {
         let measure = quantity::parse(&text).map_err(|error| error.to_string())?;
         if measure.quantity.is_none() && unit != Unit::None {
-            return Err(format!("`{text}`: say its unit, such as {}", unit.symbol()));
+            return Err(format!("`{text}`: add a unit, such as {}", unit.symbol()));
         }
         measure.in_unit(unit).map_err(|error| {
             let hint = error.hint();

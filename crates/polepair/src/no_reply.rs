@@ -139,47 +139,52 @@ impl NoReplyDetails {
     #[must_use]
     pub const fn hint(&self) -> &'static str {
         if self.other_host.is_some() {
-            return "the drive answers another host: open it with that address (`?host=`), then set its \
+            return "the drive answers another host: open it with that address (`?host=`), then \
+             set its \
                     `host address`, on CAN its `can reply id`, to 2";
         }
         if self.misaddressed > 0 {
-            return "a drive with another address answers in its place: `polepair scan` finds it";
+            return "a drive with another address replies instead: `polepair scan` finds it";
         }
         match self.cause() {
             NoReplyCause::NothingReceived => {
-                "check power, wiring, baud rate and address; `polepair scan` looks for other addresses"
+                "check power, wiring, baud rate and address; `polepair scan` looks for other \
+                 addresses"
             }
             NoReplyCause::Text => {
-                "it is a module in ASCII mode: switch it off and on, or send it `BIN` from a terminal"
+                "it is a module in ASCII mode: switch it off and on, or send it `BIN` from a \
+                 terminal"
             }
             NoReplyCause::Relayed => {
-                "the drive at the cable is there, the axis behind it is not: check its own power, its \
-                 axis ID and the cable between the two"
+                "the drive at the cable replies, the axis behind it does not: check the axis' \
+                 power, its axis ID and the cable between the two"
             }
             NoReplyCause::Acknowledged => {
-                "it hears us: see which host ID it answers to, and whether it needs more time \
-                 (`?timeout=`). Where the drive at the cable is a relay to it: `?through=ID` with the \
-                 relay's axis ID"
+                "the drive receives the requests: check its host ID, and whether it needs more \
+                 time (`?timeout=`). If the drive at the cable is a relay, add `?through=ID` with \
+                 the relay's axis ID"
             }
             NoReplyCause::Early => {
-                "a port without a real line behind it (USB) answers so; on a real line an older \
-                 answer comes twice, or a second host asks"
+                "a port without a real serial line (USB) replies this fast; on a real line an \
+                 earlier reply was repeated, or a second host polls"
             }
             NoReplyCause::Corrupt => {
                 "noise, a missing terminator or common ground, two drives with one address, a baud \
                  rate that is a little off; `-v` shows the frames"
             }
-            NoReplyCause::Late => "it needs more time: `?timeout=` allows more",
+            NoReplyCause::Late => "it needs more time: increase `?timeout=`",
             NoReplyCause::Foreign => {
-                "somebody else is there: check the address; `polepair scan` looks for others"
+                "another device is on the bus: check the address; `polepair scan` finds other \
+                 addresses"
             }
             NoReplyCause::Noise => {
-                "another baud rate or another protocol: `polepair doctor URL --try-bauds` asks at other \
+                "another baud rate or another protocol: `polepair doctor URL --try-bauds` asks at \
+                 other \
                  rates; `-v` shows the bytes"
             }
             NoReplyCause::Echo => {
-                "the adapter echoes, or a module in ASCII mode does, which is switched off and on; \
-                 then check power, wiring and address"
+                "the adapter echoes, or a module is in ASCII mode (switch it off and on); then \
+                 check power, wiring and address"
             }
         }
     }
@@ -194,8 +199,8 @@ impl fmt::Display for NoReplyDetails {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kinds = [
             (self.texts, "line of text", "lines of text"),
-            (self.early, "answer too soon to be believed", "answers too soon to be believed"),
-            (self.corrupt, "frame with a wrong check", "frames with a wrong check"),
+            (self.early, "reply too early to be valid", "replies too early to be valid"),
+            (self.corrupt, "frame with a wrong checksum", "frames with a wrong checksum"),
             (self.acknowledged, "acknowledgement", "acknowledgements"),
             (
                 self.relayed,
@@ -205,11 +210,11 @@ impl fmt::Display for NoReplyDetails {
             (self.late, "answer too late", "answers too late"),
             (
                 self.foreign,
-                "frame of others or to another question",
-                "frames of others or to other questions",
+                "frame of another device or for another request",
+                "frames of other devices or for other requests",
             ),
-            (self.echoed, "echo of our own", "echoes of our own"),
-            (self.bytes, "byte of no frame", "bytes of no frame"),
+            (self.echoed, "echo of a sent frame", "echoes of sent frames"),
+            (self.bytes, "byte outside of a frame", "bytes outside of frames"),
         ];
         let mut came = kinds.into_iter().filter(|(count, ..)| *count > 0).peekable();
         if came.peek().is_none() {
@@ -220,7 +225,7 @@ impl fmt::Display for NoReplyDetails {
             write!(f, "{mark}{count} {}", if count == 1 { one } else { more })?;
         }
         match self.other_host {
-            Some(host) => write!(f, "; it answers host {host}"),
+            Some(host) => write!(f, "; it replies to host {host}"),
             None => Ok(()),
         }
     }
@@ -246,17 +251,17 @@ mod tests {
                 "2 acknowledgements by the drive at",
             ),
             (counted(|c| c.acknowledged = 3), NoReplyCause::Acknowledged, "3 acknowledgements"),
-            (counted(|c| (c.late, c.early) = (2, 2)), NoReplyCause::Early, "2 answers too soon"),
-            (counted(|c| c.corrupt = 1), NoReplyCause::Corrupt, "1 frame with a wrong check"),
+            (counted(|c| (c.late, c.early) = (2, 2)), NoReplyCause::Early, "2 replies too early"),
+            (counted(|c| c.corrupt = 1), NoReplyCause::Corrupt, "1 frame with a wrong checksum"),
             (counted(|c| c.late = 1), NoReplyCause::Late, "1 answer too late"),
-            (counted(|c| c.foreign = 4), NoReplyCause::Foreign, "4 frames of others"),
+            (counted(|c| c.foreign = 4), NoReplyCause::Foreign, "4 frames of other devices"),
             (
                 counted(|c| (c.foreign, c.other_host) = (1, Some(5))),
                 NoReplyCause::Foreign,
-                "1 frame of others or to another question; it answers host 5",
+                "1 frame of another device or for another request; it replies to host 5",
             ),
-            (counted(|c| c.skipped = 7), NoReplyCause::Noise, "7 bytes of no frame"),
-            (counted(|c| c.echoed = 9), NoReplyCause::Echo, "9 echoes of our own"),
+            (counted(|c| c.skipped = 7), NoReplyCause::Noise, "7 bytes outside of frames"),
+            (counted(|c| c.echoed = 9), NoReplyCause::Echo, "9 echoes of sent frames"),
         ] {
             assert_eq!(details.cause(), silence);
             assert!(details.to_string().starts_with(output), "{details}");
@@ -264,6 +269,6 @@ mod tests {
             assert!(!details.hint().is_empty());
         }
         let both = counted(|c| c.corrupt = 1).plus(counted(|c| c.skipped = 5));
-        assert_eq!(both.to_string(), "1 frame with a wrong check, 5 bytes of no frame");
+        assert_eq!(both.to_string(), "1 frame with a wrong checksum, 5 bytes outside of frames");
     }
 }

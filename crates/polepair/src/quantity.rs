@@ -90,7 +90,7 @@ pub fn parse(text: &str) -> Result<Measure, Error> {
     }
     let (symbol, quantity, factor) = find_unit(unit).ok_or_else(|| {
         let near = spelling::suggestion(unit, known_symbols());
-        Error::usage("E217", format!("`{unit}` is no unit{near}"), known_units_text())
+        Error::usage("E217", format!("`{unit}` is not a unit{near}"), known_units_text())
     })?;
     let linear = LINEAR_UNITS.contains(&symbol);
     Ok(Measure { si: si * factor, quantity: Some(quantity), linear })
@@ -140,8 +140,8 @@ impl Measure {
             Some(quantity) if quantity != unit.quantity() => Err(mismatch_error(quantity, unit)),
             Some(_) if self.linear != unit.is_linear() => {
                 let what = match unit.is_linear() {
-                    true => "it goes along a line: what turns was given",
-                    false => "it turns: a way along a line was given",
+                    true => "the axis is linear, but the value is an angle",
+                    false => "the axis is rotary, but the value is a length",
                 };
                 Err(Error::usage("E217", what, format!("it is measured in {}", unit.symbol())))
             }

@@ -221,8 +221,8 @@ fn exclude_clashing(
             false => format!("{} addresses from {first} to {last}", left.len()),
         };
         tried.push(format!(
-            "not {name} {addresses}: {other} is there and has the identifier {id:X}h too, so that a \
-             question would be a command to it; a {name} drive there clashes with it"
+            "not {name} {addresses}: {other} is there and has the identifier {id:X}h too, so a \
+             read would be a command to it; a {name} drive there clashes with it"
         ));
     }
 }
@@ -279,7 +279,7 @@ fn addresses_to_query(
         (SharedLink::Can(_), _, rate) => format!(" at {rate} bit/s"),
     };
     let (Some(first), Some(last)) = (wanted.first(), wanted.last()) else {
-        tried.push(format!("not {protocol} on {name}: no drive can have such an address there"));
+        tried.push(format!("not {protocol} on {name}: no drive can have such an address on it"));
         return Ok(wanted);
     };
     let mut text = format!("addresses {first} to {last}");
@@ -291,7 +291,7 @@ fn addresses_to_query(
             let answers_ms = clock::scaled_ms(ANSWERS_MS);
             received.extend(listen_for_senders(link, &listener, answers_ms, broken)?);
             wanted.retain(|number| received.contains(number));
-            text.push_str(", all with one question");
+            text.push_str(", all with one request");
         }
         received.retain(|number| every && !wanted.contains(number));
         wanted.extend(received);

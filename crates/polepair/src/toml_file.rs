@@ -46,7 +46,7 @@ impl std::error::Error for FileError {}
 pub(crate) fn read_limited(path: &Path, max: u64) -> Result<Vec<u8>, String> {
     let meta = std::fs::metadata(path).map_err(|error| error.to_string())?;
     if !meta.is_file() {
-        return Err("no file, but a folder, a pipe or a device".to_owned());
+        return Err("not a file, but a folder, a pipe or a device".to_owned());
     }
     let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
     let mut bytes = Vec::new();

@@ -179,7 +179,15 @@ impl Url {
     pub fn number(&self, name: &str) -> Result<Option<u64>, Error> {
         let Some(text) = self.key(name) else { return Ok(None) };
         let number = crate::toml_file::parse_number(text).and_then(|n| u64::try_from(n).ok());
-        number.map(Some).ok_or_else(|| url_error(format!("`{name}={text}` is no whole number"), ""))
+        number.map(Some).ok_or_else(|| {
+            url_error(
+                format!(
+                    "`{name}={text}` is not a whole \
+         number"
+                ),
+                "",
+            )
+        })
     }
 
     /// The value of a key as milliseconds: a plain number, or one with a unit of time.
@@ -204,7 +212,7 @@ impl Url {
         match self.key(name) {
             None | Some("0" | "no" | "off" | "false") => Ok(false),
             Some("1" | "yes" | "on" | "true" | "") => Ok(true),
-            Some(other) => Err(url_error(format!("`{name}={other}` is neither yes nor no"), "")),
+            Some(other) => Err(url_error(format!("`{name}={other}` is not `yes` or `no`"), "")),
         }
     }
 }
@@ -269,7 +277,7 @@ fn parse_rack(file: &str) -> Result<LinkTarget, Error> {
 
 fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, Error> {
     let Some((scheme, address)) = head.split_once("://") else {
-        let what = format!("`{head}` is no connection string");
+        let what = format!("`{head}` is not a connection string");
         let hint = "write PROTOCOL+LINK://ADDRESS, such as `tmcl+serial:///dev/ttyUSB0:9600#1`, \
                     or `sim:tmcl`";
         return Err(url_error(what, hint));
@@ -278,11 +286,11 @@ fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result
     let known = registry::protocol_names();
     if !known.contains(&protocol) {
         let near = spelling::suggestion(protocol, known.iter().copied());
-        let what = format!("`{protocol}` is no protocol that can be connected to{near}");
+        let what = format!("`{protocol}` is not a protocol of connection strings{near}");
         return Err(Error::usage("E203", what, format!("it can be {}", known.join(", "))));
     }
     if address.is_empty() {
-        return Err(url_error(format!("`{head}` names nothing to open"), ""));
+        return Err(url_error(format!("`{head}` names no device to open"), ""));
     }
     let target = match link.unwrap_or_else(|| guess_link(protocol, address)) {
         "serial" => parse_port(address).map(|(path, baud)| LinkTarget::Serial { path, baud })?,
@@ -296,7 +304,7 @@ fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result
         "socketcan" => LinkTarget::Socketcan { interface: decode(address)? },
         other => {
             let near = spelling::suggestion(other, LINK_KINDS);
-            let what = format!("`{other}` is no kind of link{near}");
+            let what = format!("`{other}` is not a link type{near}");
             return Err(url_error(what, &format!("it can be {}", LINK_KINDS.join(", "))));
         }
     };
@@ -329,7 +337,7 @@ fn parse_port(address: &str) -> Result<(String, Option<u32>), Error> {
     let (path, baud) = match split {
         None => (address, None),
         Some((path, Some(baud))) if baud > 0 => (path, Some(baud)),
-        Some(_) => return Err(url_error(format!("`{address}` has no possible baud rate"), "")),
+        Some(_) => return Err(url_error(format!("`{address}` has no valid baud rate"), "")),
     };
     Ok((decode(path)?, baud))
 }
@@ -416,12 +424,12 @@ fn parse_range(fragment: &str, piece: &str) -> Result<(u32, u32, usize), Error> 
         let number =
             crate::toml_file::parse_number(text.trim()).and_then(|n| u32::try_from(n).ok());
         let number = number.filter(|number| AxisNumber(*number).is_plain());
-        let what = || format!("`#{fragment}`: `{piece}` is no axis number");
+        let what = || format!("`#{fragment}`: `{piece}` is not an axis number");
         number.ok_or_else(|| url_error(what(), "write `#1`, `#1,2`, `#1-4` or `#1.2`"))
     };
     if let Some((drive, sub)) = piece.split_once('.') {
         let (first, last) = sub.split_once('-').unwrap_or((sub, sub));
-        let what = || format!("`#{fragment}`: `{piece}` is no axis number");
+        let what = || format!("`#{fragment}`: `{piece}` is not an axis number");
         let sub_axis =
             |text| u8::try_from(number(text)?).map_err(|_| url_error(what(), "write `#1.2`"));
         let drive = number(drive)?;
@@ -441,7 +449,7 @@ fn parse_group(fragment: &str, groups: &str) -> Result<u32, Error> {
     }
     groups.split('+').try_fold(GROUP, |mask, text| {
         let number = text.parse::<u32>().ok().filter(|number| (1..=31).contains(number));
-        let what = || format!("`#{fragment}`: `g{groups}` is no group");
+        let what = || format!("`#{fragment}`: `g{groups}` is not a group");
         let number = number.ok_or_else(|| url_error(what(), "write `#g3`, `#g1+2` or `#g*`"))?;
         Ok(mask | 1 << (number - 1))
     })
@@ -452,16 +460,16 @@ impl Url {
     pub(crate) fn protocol_info(&self) -> Result<registry::ProtocolInfo, Error> {
         let on = |medium| registry::find_protocol(&self.protocol, medium);
         let Some(medium) = self.target.medium() else {
-            return Err(url_error("a rack's links say their protocols themselves".into(), ""));
+            return Err(url_error("the links of a rack state their protocols".into(), ""));
         };
         on(medium).ok_or_else(|| {
             let (not, hint) = match medium {
                 MediumKind::Serial => {
-                    ("a serial line", "it is spoken on CAN: udp, slcan, socketcand, socketcan")
+                    ("a serial line", "it is used on CAN: udp, slcan, socketcand, socketcan")
                 }
-                MediumKind::Can => ("CAN", "it is spoken on serial lines: serial, tcp"),
+                MediumKind::Can => ("CAN", "it is used on serial lines: serial, tcp"),
             };
-            url_error(format!("`{}` is not spoken on {not}", self.protocol), hint)
+            url_error(format!("`{}` is not used on {not}", self.protocol), hint)
         })
     }
 
@@ -480,7 +488,7 @@ impl Url {
             let near = spelling::suggestion(key, known.iter().copied());
             let elsewhere = SERIAL_KEYS.contains(&key.as_str()) || CAN_KEYS.contains(&key.as_str());
             let what = match elsewhere {
-                true => format!("the key `{key}` means nothing on this kind of link"),
+                true => format!("the key `{key}` is not supported on this type of link"),
                 false => format!("unknown key `{key}`{near}"),
             };
             return Err(url_error(what, &format!("keys are {}", known.join(", "))));

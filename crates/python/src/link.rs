@@ -112,7 +112,7 @@ pub fn scan(
         let (found, unasked) = (scan.found.len(), scan.not_queried);
         let error = polepair::Error::from(lost);
         let what =
-            format!("{error}; {found} drives had answered, {unasked} addresses were not asked");
+            format!("{error}; {found} drives had answered, {unasked} addresses were not tried");
         return Err(crate::errors::to_py_error_with(py, &error, &what));
     }
     Ok((scan.found.into_iter().map(found_tuple).collect(), scan.has_unconfigured))

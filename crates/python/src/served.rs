@@ -279,9 +279,9 @@ impl SlotGuard {
         if held.is_some() && self.server.armed_lease(self.axis).is_some() {
             let label = &self.server.bench.axes[usize::from(self.axis)].label;
             let hint =
-                "move it in the block that armed it: the end of a second one would stop it there";
+                "move it in the block that armed it: the end of a second block would stop it";
             return Err(
-                GatewayError::new("E220", format!("{label}: it is armed already")).hint(hint)
+                GatewayError::new("E220", format!("{label}: it is already armed")).hint(hint)
             );
         }
         let lease = match &held {

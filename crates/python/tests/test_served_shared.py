@@ -202,7 +202,7 @@ def test_a_drive_that_is_silent_ends_what_watches_it(tmp_path: Path) -> None:
             few = axis.watch("velocity", period=0.05, seconds=1.0)
             next(few)
             drive.send_signal(signal.SIGSTOP)
-            list(few)  # ends when its time is over, as it would with a drive that answers
+            list(few)  # ends when its time limit is over, as it would with a drive that answers
             with pytest.raises(polepair.NoReply, match="axis 1: nothing came") as silent:
                 list(rows)
             assert silent.value.code == "E401"

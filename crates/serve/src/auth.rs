@@ -91,7 +91,8 @@ impl Authenticator {
     pub fn with_session_file(mut self, path: &Path) -> Self {
         let session_file = SessionFile::new(path);
         let lines = session_file.read(COOKIES_MAX).unwrap_or_else(|error| {
-            tracing::warn!(%error, "cannot read the session file; earlier sessions are not restored");
+            tracing::warn!(%error, "cannot read the session file; earlier sessions are not \
+             restored");
             Vec::new()
         });
         let now = clock::now();
@@ -147,7 +148,7 @@ impl Authenticator {
         let mut ours = ours.filter(|(name, _)| *name == self.cookie_name);
         let token = ours.next().and_then(|(_, value)| AccessToken::parse(value));
         token.and_then(|token| self.find_session(&token)).ok_or_else(|| {
-            GatewayError::new("gateway.token", "this needs a token")
+            GatewayError::new("gateway.token", "a token is required")
                 .hint("open the URL that `polepair serve` printed, or send a token of its file")
         })
     }
@@ -185,8 +186,7 @@ impl Authenticator {
             }
         };
         let grant = access_token.and(self.grants.first()).ok_or_else(|| {
-            self.record_failure(peer)
-                .hint("it is good once: start the server again for another one")
+            self.record_failure(peer).hint("it is valid once: restart the server for another one")
         })?;
         self.open_session(grant)
     }
@@ -201,7 +201,7 @@ impl Authenticator {
         })?;
         let first = self.grants.first();
         let first =
-            first.ok_or_else(|| GatewayError::new("gateway.missing", "there is no token"))?;
+            first.ok_or_else(|| GatewayError::new("gateway.missing", "the token is missing"))?;
         Ok(Proof { proof: first.token.proof(&challenge, address) })
     }
 
@@ -313,7 +313,7 @@ fn caller_of(grant: &Grant) -> Caller {
 
 fn too_many_tries_error() -> GatewayError {
     GatewayError::new("gateway.limit", "too many wrong tokens from this address")
-        .hint("wait a minute; who is let in already can still stop")
+        .hint("wait a minute; logged-in clients can still stop motors")
 }
 
 #[cfg(test)]

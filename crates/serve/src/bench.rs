@@ -633,8 +633,8 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
     }
     let mut offered = Verb::ALL.into_iter().filter(|verb| describe::is_offered(*verb));
     let verb = offered.find(|verb| verb.name() == request.verb).ok_or_else(|| {
-        GatewayError::new("gateway.request", format!("`{}` is nothing to command", request.verb))
-            .hint("the bench's list has what each axis can be told")
+        GatewayError::new("gateway.request", format!("`{}` is not a command", request.verb))
+            .hint("the list of axes has the commands of each")
     })?;
     Ok(CommandAction::Run(Command {
         verb,
@@ -652,8 +652,8 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
 }
 
 fn not_simulated_error() -> GatewayError {
-    GatewayError::new("gateway.simulated", "this is no simulation")
-        .hint("only simulated drives can")
+    GatewayError::new("gateway.simulated", "this is not a simulated drive")
+        .hint("only simulated drives have acts")
 }
 
 impl BenchLink {

@@ -141,8 +141,8 @@ fn authorize(state: &SharedAppState, request: &Request) -> Result<Option<Caller>
     let headers = request.headers();
     let target = request.uri().authority().map(|authority| authority.as_str());
     let host = state.hosts.match_host(headers, target).ok_or_else(|| {
-        GatewayError::new("gateway.host", "this server does not go by that name")
-            .hint("call it by the address that it printed, or tell it the name: --name")
+        GatewayError::new("gateway.host", "this server does not accept that host name")
+            .hint("use the address that it printed, or add the name by --name")
     })?;
     let reads = matches!(*request.method(), Method::GET | Method::HEAD);
     let upgrade = is_upgrade(headers);
@@ -165,7 +165,7 @@ fn authorize(state: &SharedAppState, request: &Request) -> Result<Option<Caller>
         // What the table does not know is the page's, for whoever may see it.
         (None, None) if reads => AccessRule::AnyOf(&[Scope::Read]),
         (None, None) => {
-            return Err(GatewayError::new("gateway.missing", "there is no such thing here"));
+            return Err(GatewayError::new("gateway.missing", "not found"));
         }
         (Some(_), None) => return Err(GatewayError::new("gateway.method", "not by this method")),
     };
@@ -217,7 +217,7 @@ fn check_csrf(headers: &HeaderMap, route: Option<&ApiRoute>) -> Result<(), Gatew
     if marked && kind.eq_ignore_ascii_case(wanted) {
         return Ok(());
     }
-    Err(origin_error("what changes something says so")
+    Err(origin_error("a request that changes something needs these headers")
         .hint(format!("send `Content-Type: {wanted}` and `X-Polepair: 1`")))
 }
 

@@ -83,7 +83,7 @@ impl JournalFile {
         if file.try_lock().is_err() {
             let what = format!("another server writes {}", path.display());
             return Err(
-                SetupError::adapter("E312", what).hint("end that one, or give another folder")
+                SetupError::adapter("E312", what).hint("end that server, or use another folder")
             );
         }
         let mut places = Vec::new();
@@ -93,10 +93,10 @@ impl JournalFile {
             }
         });
         let verified = verified.map_err(failed)?.map_err(|broken| {
-            let changed = "Somebody or something has changed what was written.";
+            let changed = "The file was changed after it was written.";
             SetupError::usage("E253", format!("{}: {broken}", path.display()))
                 .why(format!("{changed}{}", pending_stops_hint(path)))
-                .hint("keep the file for whoever looks into that, and begin another one")
+                .hint("keep the file for an investigation, and start a new one")
         })?;
         if verified.truncated_bytes > 0 {
             file.set_len(verified.length).map_err(failed)?;
@@ -235,8 +235,8 @@ fn pending_stops_hint(path: &Path) -> String {
     match stops.is_empty() {
         true => String::new(),
         false => format!(
-            " By what can be read of it motors were told to stop and not seen standing; what stops \
-             them: {}.",
+            " By what can be read of it motors received a stop and their standstill was not \
+             confirmed; to stop them: {}.",
             stops.join(", ")
         ),
     }
@@ -251,7 +251,7 @@ fn chain_hash(before: &[u8; 32], text: &[u8]) -> blake3::Hash {
 
 fn journal_error(error: &dyn std::fmt::Display) -> GatewayError {
     GatewayError::new("gateway.journal", format!("the journal cannot be kept: {error}"))
-        .hint("make room on the disk; motors can be stopped meanwhile, not moved")
+        .hint("free space on the disk; until then motors can be stopped, but not moved")
 }
 
 #[cfg(test)]

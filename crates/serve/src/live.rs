@@ -86,7 +86,7 @@ pub(crate) async fn upgrade(
     let name = HeaderValue::from_static(WEBSOCKET_PROTOCOL);
     answer.headers_mut().insert(header::SEC_WEBSOCKET_PROTOCOL, name);
     let Ok(permit) = Arc::clone(&state.broadcaster.viewer_slots).try_acquire_owned() else {
-        return GatewayError::new("gateway.busy", "as many watch as can").into_response();
+        return GatewayError::new("gateway.busy", "too many viewers").into_response();
     };
     let upgrading = hyper::upgrade::on(&mut request);
     let handle = state.runtimes.inbound.clone();
@@ -592,6 +592,6 @@ fn not_done_outcome(id: String, refused: GatewayError) -> ServerMessage {
 }
 
 fn busy_error() -> GatewayError {
-    GatewayError::new("gateway.busy", "too much of this viewer is under way")
+    GatewayError::new("gateway.busy", "this viewer has too many open requests")
         .hint("wait for outcomes")
 }

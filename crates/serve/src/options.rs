@@ -47,20 +47,18 @@ impl ServerOptions {
         if !self.bind.ip().is_loopback() && !self.tls {
             let what = format!("others can reach {}, and nothing would be encrypted", self.bind);
             return Err(SetupError::usage("E252", what)
-                .why("Whoever hears a token may move the motors.")
+                .why("A token that is intercepted can be used to move the motors.")
                 .hint("add --tls, or listen on 127.0.0.1 and use an SSH tunnel"));
         }
         if self.client_ca.is_some() && !self.tls {
-            return Err(SetupError::usage(
-                "E252",
-                "clients show certificates only when encrypting",
-            )
-            .hint("add --tls"));
+            return Err(
+                SetupError::usage("E252", "client certificates need encryption").hint("add --tls")
+            );
         }
         match self.host_names.iter().find(|name| !is_name(name)) {
             None => Ok(()),
-            Some(name) => Err(SetupError::usage("E254", format!("{name:?} is no name of a host"))
-                .why("Each name that browsers may use has to be told; there are no wildcards.")
+            Some(name) => Err(SetupError::usage("E254", format!("{name:?} is not a host name"))
+                .why("Every host name must be listed; there are no wildcards.")
                 .hint("--name bench.example, or an IP address")),
         }
     }

@@ -281,11 +281,11 @@ fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
         stops.map(|url| format!("`polepair stop {}`", shell_word(&link(url)))).collect();
     let without = match stops.is_empty() {
         true => String::new(),
-        false => format!("; what stops motors without a server: {}", stops.join(", ")),
+        false => format!("; to stop motors without a server: {}", stops.join(", ")),
     };
     SetupError::from(refused)
         .why("The server was not started.")
-        .hint(format!("make room on the disk, or another folder by --state{without}"))
+        .hint(format!("free space on the disk, or use another folder by --state{without}"))
 }
 
 /// Makes the server's folder, for its owner alone.
@@ -316,7 +316,7 @@ fn listen(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), Setup
     listening().map_err(|error: io::Error| {
         SetupError::adapter("E320", format!("cannot listen on {bind}"))
             .why(format!("The system says: {error}."))
-            .hint("another server may be there: --bind 127.0.0.1:0 takes a free port")
+            .hint("another server may use it: --bind 127.0.0.1:0 selects a free port")
     })
 }
 

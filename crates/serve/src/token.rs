@@ -34,7 +34,7 @@ impl AccessToken {
     pub fn generate() -> Result<Self, SetupError> {
         let mut bytes = [0; TOKEN_BYTES];
         getrandom::fill(&mut bytes).map_err(|error| {
-            SetupError::adapter("E318", "the system gives no random numbers").why(error.to_string())
+            SetupError::adapter("E318", "the system has no random numbers").why(error.to_string())
         })?;
         Ok(Self(bytes))
     }
@@ -120,7 +120,7 @@ fn make(path: &Path) -> Result<Vec<Grant>, SetupError> {
         })
     };
     let grants = vec![grant("operator", operator)?, grant("viewer", viewer)?];
-    let mut text = String::from("# TOKEN SCOPES NAME; who has a token may do what it grants\n");
+    let mut text = String::from("# TOKEN SCOPES NAME; a token grants its scopes to its holder\n");
     for Grant { token, scopes, name } in &grants {
         let _ = writeln!(text, "{} {scopes} {name}", token.reveal());
     }
@@ -145,7 +145,7 @@ pub(crate) fn require_private(path: &Path, file: &File) -> Result<(), SetupError
         return Ok(());
     }
     Err(SetupError::adapter("E305", format!("others may read {}", path.display()))
-        .why("What stands there lets whoever reads it move motors.")
+        .why("Its content allows any reader to move motors.")
         .hint(format!("chmod 600 {}, or remove it to get new ones", path.display())))
 }
 
@@ -171,7 +171,7 @@ fn parse_grant(path: &Path, line: usize, text: &str) -> Result<Grant, SetupError
         return Err(invalid_line(path, line, "a line has a token, scopes and a name"));
     };
     let token =
-        AccessToken::parse(token).ok_or_else(|| invalid_line(path, line, "that is no token"))?;
+        AccessToken::parse(token).ok_or_else(|| invalid_line(path, line, "that is not a token"))?;
     let scopes =
         scopes.parse::<Scopes>().map_err(|error| invalid_line(path, line, &error.to_string()))?;
     Ok(Grant { token, scopes, name: name.to_owned() })

@@ -453,7 +453,7 @@ impl WorldRunner {
                 }
                 BenchEvent::Unlocked => {
                     self.locked_since = None;
-                    self.log(|| "motion is let again".to_owned());
+                    self.log(|| "motion is allowed again".to_owned());
                 }
                 BenchEvent::BenchChanged => {
                     let states: Vec<_> = bench

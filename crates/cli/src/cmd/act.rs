@@ -42,7 +42,10 @@ impl ActCommand {
             match reply {
                 ActReply::Done => print_note(&format!("done: {act}")),
                 ActReply::Refused(why) => {
-                    return Err(Problem::usage("E217", format!("`{act}` was not done: {why}.")));
+                    return Err(Problem::usage(
+                        "E217",
+                        format!("`{act}` was not executed: {why}."),
+                    ));
                 }
                 ActReply::NoSimulation => return Err(no_simulation(&url)),
             }
@@ -81,13 +84,17 @@ impl ActCommand {
 
 fn no_simulation(url: &str) -> Problem {
     let problem =
-        Problem::usage("E212", format!("no simulation that runs here has the link of {url}."));
+        Problem::usage("E212", format!("no simulation on this machine has the link of {url}."));
     match url.starts_with("sim:") {
         true => problem.hint(
-            "a sim: link lives in the program that opened it: run `polepair sim` and use the URL that it \
+            "a sim: link belongs to the program that opened it: run `polepair sim` and use the \
+             URL that it \
              prints, or a rack's [[link.drive.act]]",
         ),
-        false => problem.hint("`polepair sim` prints the URLs of its links; real drives have no acts"),
+        false => problem.hint(
+            "`polepair sim` prints the URLs of its links; real drives have no \
+         acts",
+        ),
     }
 }
 

@@ -114,7 +114,7 @@ impl ConfigSave {
         for axis in session.axes() {
             let read = with_progress(axis, |progress| AxisSettings::read(axis, progress))?;
             for (name, why) in &read.unread {
-                print_warning(&format!("{}: {name} is left out: {why}", axis.label()));
+                print_warning(&format!("{}: {name} is skipped: {why}", axis.label()));
             }
             settings.axes.push(read);
         }
@@ -187,7 +187,7 @@ impl ConfigApply {
             let left: Vec<&str> = parameter_names(axis, changes.iter().filter(|it| it.reach));
             if !left.is_empty() && !self.reach {
                 print_warning(&format!(
-                    "left alone, for the drive is reached by it: {}",
+                    "not written, because it is needed to reach the drive: {}",
                     left.join(", ")
                 ));
                 changes.retain(|change| !change.reach);
@@ -221,11 +221,9 @@ impl ConfigApply {
             if powered.is_some_and(|value| value.raw != 0) {
                 let what = format!("{} is powered.", axis.label());
                 return Err(Problem::usage("E246", what)
-                    .why(
-                        "Its motor would follow new limits and gains at once. Nothing was written.",
-                    )
+                    .why("New limits and gains would take effect at once. Nothing was written.")
                     .hint(format!("polepair disable {}", shell_word(&self.target.url)))
-                    .hint("--powered writes all the same"));
+                    .hint("--powered writes anyway"));
             }
         }
         Ok(())
@@ -239,7 +237,7 @@ impl ConfigApply {
             if !names.is_empty() {
                 let what = format!("{}: no table describes {}.", axis.label(), names.join(", "));
                 return Err(Problem::usage("E219", what)
-                    .why("Nobody knows what writing it does. Nothing was written.")
+                    .why("The effect of writing it is unknown. Nothing was written.")
                     .hint("--arm writes it"));
             }
         }
@@ -252,9 +250,13 @@ impl ConfigApply {
         }
         let refused = |what: &str| Problem::usage("E247", what).why("Nothing was written.");
         if !std::io::stdin().is_terminal() {
-            return Err(refused("nobody is there to agree.").hint("--yes writes without asking"));
+            return Err(refused(
+                "stdin is not a terminal, so the question cannot be \
+             answered.",
+            )
+            .hint("--yes writes without asking"));
         }
-        let stored = if self.store { " and keep them over power-off" } else { "" };
+        let stored = if self.store { " and store them in permanent memory" } else { "" };
         terminal::draw(&format!("write {}{stored}? [y/N] ", plural(count as u64, "setting")));
         let mut answer = String::new();
         let read = std::io::stdin().read_line(&mut answer).is_ok();
@@ -288,7 +290,7 @@ impl ConfigApply {
                     let what = format!("{written} of {count} writes were done, then one failed.");
                     return Err(Problem::new(Exit::Partial, "E701", what)
                         .why(error.to_string())
-                        .hint("`polepair config diff URL FILE` shows what is still to do"));
+                        .hint("`polepair config diff URL FILE` shows the remaining differences"));
                 }
                 written += 1;
                 // The others were converted by it.
@@ -299,7 +301,7 @@ impl ConfigApply {
                         let what = format!("the drive did not keep {name}.");
                         return Err(Problem::new(Exit::Negative, "E111", what).why(format!(
                             "Other settings are scaled by it: {written} of {count} writes were \
-                             done, and no more."
+                             executed."
                         )));
                     }
                 }
@@ -322,7 +324,7 @@ impl ConfigApply {
         }
         let what = format!("the drive did not keep {}.", differing.join(", "));
         Err(Problem::new(Exit::Negative, "E111", what)
-            .why("It was written and accepted; something else is read back."))
+            .why("It was written and accepted, but another value was read back."))
     }
 }
 
@@ -337,7 +339,7 @@ fn load_settings(file: &Path) -> Result<Settings> {
 fn changes_from(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<SettingChange>> {
     let settings = file.for_axis(axis, session.axes().len()).map_err(outcome::to_problem)?;
     for (name, why) in settings.left_out(axis) {
-        print_warning(&format!("{}: {name} is left out: {why}", axis.label()));
+        print_warning(&format!("{}: {name} is skipped: {why}", axis.label()));
     }
     with_progress(axis, |progress| settings.changes(axis, progress))
 }

@@ -84,7 +84,7 @@ impl Convert {
         unfit: &UnfitCounts,
     ) -> Result {
         for (why, count) in unfit {
-            print_warning(&format!("{count} records are left out: {why}"));
+            print_warning(&format!("{count} records are skipped: {why}"));
         }
         report_damage(reader.statistics())?;
         let lost: u64 = unfit.iter().map(|(_, count)| count).sum();

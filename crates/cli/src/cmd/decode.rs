@@ -131,8 +131,8 @@ impl Decode {
     pub fn run(self) -> Result {
         let columns = matches!(self.output_format(), DecodeFormat::Parquet | DecodeFormat::Arrow);
         if self.filter.is_some() && (columns || self.source.is_dir()) {
-            let why = "Columns hold all frames; what reads them chooses.";
-            return Err(Problem::usage("E250", "columns are not filtered.").why(why));
+            let why = "Tables contain all frames; filter them where they are read.";
+            return Err(Problem::usage("E250", "tables cannot be filtered.").why(why));
         }
         if self.source.is_dir() {
             self.refuse_single_file_options()?;
@@ -189,7 +189,12 @@ impl Decode {
     fn decode_folder(&self) -> Result {
         if !matches!(self.format, None | Some(DecodeFormat::Parquet)) {
             let why = "A folder of captures becomes a data set of Parquet files.";
-            return Err(Problem::usage("E250", "a folder has no such format.").why(why));
+            return Err(Problem::usage(
+                "E250",
+                "a folder cannot be decoded to this \
+             format.",
+            )
+            .why(why));
         }
         let site = DatasetSite { root: self.output_folder()?.to_owned(), name: self.site.clone() };
         let tables = columns::parse_tables(self.tables.as_deref())?;
@@ -216,8 +221,8 @@ impl Decode {
 
     fn output_folder(&self) -> Result<&Path> {
         let missing = || {
-            Problem::usage("E250", "there is no folder for the columns.")
-                .why("Columns are several files, which do not go to stdout.")
+            Problem::usage("E250", "the output folder is missing.")
+                .why("Tables are several files, which cannot be written to stdout.")
                 .hint("-o FOLDER")
         };
         self.out.as_deref().ok_or_else(missing)
@@ -259,7 +264,7 @@ impl Decode {
 pub fn parse_filter(text: &str) -> Result<FrameFilter> {
     FrameFilter::parse(text).map_err(|error| {
         let nearest = error.nearest.as_ref().map(|word| format!("{word} (the nearest)"));
-        Problem::usage("E249", "this is no filter.")
+        Problem::usage("E249", "this is not a valid filter.")
             .why(error.to_string())
             .hint_if(nearest)
             .hint("`polepair decode FILE --filter 'axis = 2 and not ok'`; docs/reference/filter.md")

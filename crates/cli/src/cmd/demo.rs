@@ -118,9 +118,7 @@ impl Demo {
             actors.iter().all(|actor| actor.failed_steps.is_empty() && error_count(actor) == 0);
         match played && failed.is_none() {
             true => Ok(Exit::Ok),
-            false => {
-                Err(Problem::new(Exit::Negative, "E112", "the scene did not play as written."))
-            }
+            false => Err(Problem::new(Exit::Negative, "E112", "a step of the demo failed.")),
         }
     }
 }

@@ -44,8 +44,8 @@ enum DismissCause {
 impl DismissCommand {
     /// Only a server owes stops.
     pub fn run(self) -> Result {
-        let what = "`dismiss` is about a server's axes.";
-        Err(Problem::usage("E257", what).hint("say which server: --server URL"))
+        let what = "`dismiss` needs a server.";
+        Err(Problem::usage("E257", what).hint("add --server URL"))
     }
 
     /// By a server.
@@ -59,13 +59,13 @@ impl DismissCommand {
             let what = format!("axis {number} of {link}");
             let dismiss = DismissAbsent { link, number, reason, note: self.note };
             server.gateway.dismiss_absent(&dismiss).map_err(remote::refusal_problem)?;
-            print_note(&format!("{what} is owed no stop any more"));
+            print_note(&format!("{what} has no pending stop any more"));
             return Ok(Exit::Ok);
         }
         let dismiss = DismissStop { reason, epoch: 0, note: self.note };
         for axis in server.axes_of(&self.target)? {
             server.gateway.dismiss(axis.id, &dismiss).map_err(remote::refusal_problem)?;
-            print_note(&format!("{} is owed no stop any more", axis.label));
+            print_note(&format!("{} has no pending stop any more", axis.label));
         }
         Ok(Exit::Ok)
     }

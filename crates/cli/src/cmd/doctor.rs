@@ -87,7 +87,7 @@ impl Doctor {
     ) -> Result<()> {
         let after = time.map(parse_time).transpose()?.flatten();
         if time.is_some() && after.is_none() {
-            return Err(Problem::usage("E217", "a watchdog that is off stops nothing."));
+            return Err(Problem::usage("E217", "a watchdog that is off cannot be tested."));
         }
         let link = connector.connect(url).map_err(outcome::to_problem)?;
         let session = Session { link, arguments: shell_word(url).into_owned() };
@@ -98,7 +98,8 @@ impl Doctor {
         let _holding = interrupt::hold_motion(&match after {
             None => words.clone(),
             Some(_) => format!(
-                "{words}; its watchdog may not be as it was: `polepair watchdog {words}` shows and sets it"
+                "{words}; its watchdog may have changed: `polepair watchdog {words}` shows and \
+                 sets it"
             ),
         });
         let mut watching = ProofPrinter { print: show, print_result: Ok(()), stop_retry: None };
@@ -111,7 +112,7 @@ impl Doctor {
             }
         }
         if interrupt::was_interrupted() {
-            print_warning("interrupted: no motor turns by this proof any more");
+            print_warning("interrupted: the test turns no motor any more");
             return Err(Problem::interrupted());
         }
         watching.print_result
@@ -124,7 +125,11 @@ impl Doctor {
         }
         let refused = |what: &str| Problem::usage("E247", what).why("Nothing was moved.");
         if !std::io::stdin().is_terminal() {
-            return Err(refused("nobody is there to agree.").hint("--yes turns it without asking"));
+            return Err(refused(
+                "stdin is not a terminal, so the question cannot be \
+             answered.",
+            )
+            .hint("--yes turns it without asking"));
         }
         for axis in session.axes() {
             let speed = doctor::proving_speed(axis.profile().axis);

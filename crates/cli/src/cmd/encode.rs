@@ -70,7 +70,7 @@ struct Destination {
 
 /// `5`, `g1`, `g1+2`, `g*`, `h5`.
 fn parse_destination(text: &str) -> std::result::Result<Destination, String> {
-    let wrong = "expected an axis such as 5, groups such as g1 or g1+2, g* for everybody, or h5 \
+    let wrong = "expected an axis such as 5, groups such as g1 or g1+2, g* for broadcast, or h5 \
                  for the host at axis 5";
     let single = |text: &str, host| {
         let id = text.parse();
@@ -81,7 +81,7 @@ fn parse_destination(text: &str) -> std::result::Result<Destination, String> {
     }
     let group = |text: &str| match text.parse::<u32>() {
         Ok(number @ 1..=8) => Ok(1 << (number - 1)),
-        _ => Err("groups are 1 to 8: g1, g1+2, or g* for everybody".to_owned()),
+        _ => Err("groups are 1 to 8: g1, g1+2, or g* for broadcast".to_owned()),
     };
     match text.strip_prefix(['g', 'G']) {
         None => single(text, false),
@@ -163,7 +163,7 @@ impl Encode {
                 self.language_problem(TextError { at: at + error.at, ..error })
             }
             EncodeError::Forbidden(rule) => {
-                Problem::usage("E222", format!("{:?} cannot be sent so.", piece.trim()))
+                Problem::usage("E222", format!("{:?} cannot be sent like this.", piece.trim()))
                     .why(format!("{rule}."))
             }
         }
@@ -183,7 +183,7 @@ fn no_such_wire(dissector: &dyn Dissector, word: &str) -> Problem {
     let protocols = proto::dissectors().iter().filter(|d| d.language() == dissector.language());
     let words: Vec<&str> =
         ["serial", "rs485", "can"].into_iter().chain(protocols.map(|d| d.name())).collect();
-    Problem::usage("E245", format!("{} does not go over {word:?}.", dissector.name()))
+    Problem::usage("E245", format!("{} cannot be sent over {word:?}.", dissector.name()))
         .why(format!("Wires are {}.", problem::join_list(&words)))
 }
 

@@ -98,9 +98,9 @@ impl Explain {
 
     fn unknown(&self, text: &str) -> Problem {
         let name = &self.subject;
-        Problem::new(Exit::Negative, "E110", format!("nothing is known of {text:?} in {name}."))
+        Problem::new(Exit::Negative, "E110", format!("{text:?} is unknown in {name}."))
             .why("It is neither a code, nor a fault's name, nor bytes in hexadecimal.")
-            .hint(format!("`polepair params {name}` shows what a drive has"))
+            .hint(format!("`polepair params {name}` lists the parameters"))
     }
 }
 

@@ -283,7 +283,7 @@ pub fn find_parameter(axis: &Axis, name: &str) -> Result<ParameterId> {
     addressed.ok_or_else(|| {
         let example = axis.address_example();
         let problem = no_such_parameter(axis.profile(), name);
-        problem.hint(format!("{example:?} is one by its number"))
+        problem.hint(format!("{example:?} is an example of a number"))
     })
 }
 
@@ -295,7 +295,7 @@ pub fn partial_result(mut failed: Vec<Problem>, done: usize) -> Result {
         (count, _) => {
             failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
             let what = format!("{count} of {} were refused.", count + done);
-            Err(Problem::new(Exit::Partial, "E701", what).why("The others were carried out."))
+            Err(Problem::new(Exit::Partial, "E701", what).why("The others were executed."))
         }
     }
 }

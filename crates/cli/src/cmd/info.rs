@@ -57,7 +57,7 @@ fn missing_result(mut failed: Vec<Problem>, shown: usize) -> Result {
         (_, 0) => Err(failed.remove(0)),
         (count, _) => {
             failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
-            let what = format!("{count} of {} axes could not be asked.", count + shown);
+            let what = format!("{count} of {} axes could not be read.", count + shown);
             Err(Problem::new(Exit::Partial, "E704", what).why("The others are shown."))
         }
     }
@@ -99,7 +99,7 @@ impl Info {
             count => {
                 failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
                 let what = format!("{count} of {} axes do not answer.", count + shown);
-                Err(Problem::new(Exit::Partial, "E704", what).why("What is shown of them is old."))
+                Err(Problem::new(Exit::Partial, "E704", what).why("Their values are old."))
             }
         }
     }
@@ -137,8 +137,8 @@ fn remote_text(
         row(&read.signal, shown + &age_note(read));
     }
     row("armed", if state.armed { "yes" } else { "no" }.to_owned());
-    let owner = state.lease.as_ref().map_or("nobody", |lease| &lease.owner);
-    row("commanded by", owner.to_owned());
+    let owner = state.lease.as_ref().map_or("no client", |lease| &lease.owner);
+    row("controlled by", owner.to_owned());
     row("watchdog", watchdog);
     if state.faults.is_empty() {
         let read = state.signals.iter().find(|read| read.signal == Signal::Fault.name());
@@ -147,7 +147,8 @@ fn remote_text(
     let mut text = format!("{}: {}\n{}", axis.label, axis.drive, table.render(false));
     if state.owed.is_some() {
         text.push_str(
-            "  MAY BE TURNING: it was told to stop and was not seen standing, cut its supply\n",
+            "  MAY BE TURNING: it received a stop, but its standstill is not confirmed; cut its \
+             supply\n",
         );
     }
     for fault in &state.faults {

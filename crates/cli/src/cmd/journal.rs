@@ -36,15 +36,16 @@ impl JournalCommand {
         };
         let verified = verify(&file).map_err(serve::refusal_problem)?.map_err(|broken| {
             Problem::new(Exit::Negative, "E114", format!("{}: {broken}.", file.display()))
-                .why("It, or what stands after it, is not what the server wrote.")
+                .why("This record, or a later one, is not as the server wrote it.")
         })?;
         let mut out = DataOutput::stdout();
         let hash: String = verified.hash.iter().map(|byte| format!("{byte:02x}")).collect();
-        out.write_line(&format!("{} records, whole; the last hash is {hash}", verified.records));
+        out.write_line(&format!("{} records, complete; the last hash is {hash}", verified.records));
         out.flush()?;
         if verified.truncated_bytes > 0 {
             print_note(&format!(
-                "After them {} bytes of a record without end: the server was killed, or writes it.",
+                "After them {} bytes of an incomplete record: the server was killed, or is \
+                 writing it.",
                 verified.truncated_bytes
             ));
         }

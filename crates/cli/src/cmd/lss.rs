@@ -75,7 +75,7 @@ impl LssCommand {
         if selected_node.is_some() && (self.identity.is_some() || self.only_device) {
             return Err(Problem::usage("E242", "One device is selected in two ways.")
                 .why("Nothing was sent.")
-                .hint("leave `#NODE` out, or --identity and --only-device"));
+                .hint("remove `#NODE`, or --identity and --only-device"));
         }
         if let Some(rate) = self.bit_rate {
             bit_rate_index(rate).map_err(outcome::to_problem)?;
@@ -165,7 +165,7 @@ impl LssCommand {
         if !lss.select(identity).map_err(outcome::to_problem)? {
             let what = format!("no device with identity {identity} answers LSS requests.");
             return Err(Problem::new(Exit::NoReply, "E401", what)
-                .why("A device without LSS answers none of its requests.")
+                .why("A device without LSS does not reply to LSS requests.")
                 .hint("check the identity: all four numbers have to match")
                 .hint("set its node-ID by switches, or by the object that its manual names"));
         }
@@ -201,14 +201,14 @@ impl LssCommand {
         }
         let url = shell_word(self.link_url());
         if lss.has_unconfigured().map_err(outcome::to_problem)? {
-            let what = "a device without node-ID answers, but not to a fast scan.";
+            let what = "a device without node-ID replies, but not to a fast scan.";
             return Err(Problem::new(Exit::NoReply, "E403", what)
-                .why("Its identity is not known then.")
+                .why("So its identity is unknown.")
                 .hint(format!("`polepair lss {url} --only-device`, with no other device connected"))
                 .hint("--identity with the numbers on its label or in its data sheet"));
         }
         Err(Problem::new(Exit::NoReply, "E403", "no device without node-ID answered.")
-            .why("Devices that have a node-ID, or no LSS, do not answer this.")
+            .why("Devices with a node-ID, and devices without LSS, do not reply.")
             .hint(format!("polepair scan {url}"))
             .hint("check wiring, termination and bit rate: all devices of a bus have the same"))
     }
@@ -233,8 +233,8 @@ impl LssCommand {
         if !lss.node_answers(node).map_err(outcome::to_problem)? {
             return Ok(());
         }
-        Err(Problem::usage("E222", format!("a node answers at node-ID {node} already."))
-            .why("Two nodes with one node-ID answer at once; nothing was set.")
+        Err(Problem::usage("E222", format!("a node with node-ID {node} already exists."))
+            .why("Two nodes with one node-ID disturb each other; nothing was set.")
             .hint(format!("polepair scan {}", shell_word(self.link_url()))))
     }
 

@@ -99,8 +99,8 @@ impl CommandLine {
 }
 
 const HELP_FOOTER: &str = "\
-Exit codes: 0 ok, 1 negative result, 2 usage, 3 no adapter or permission, 4 no reply,
-5 corrupt or foreign reply, 6 the drive refused, 7 partial, 8 drive fault, 130 interrupted.
+Exit codes: 0 ok; 1 negative result; 2 usage; 3 no adapter or permission; 4 no reply;
+5 corrupt or foreign reply; 6 the drive refused; 7 partial; 8 drive fault; 130 interrupted.
 Results are printed on stdout, notes and errors on stderr. NO_COLOR switches colours off.";
 
 /// The verbs.

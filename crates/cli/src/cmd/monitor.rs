@@ -109,7 +109,7 @@ impl MonitorOptions {
             let what = "monitor with --listen, --as, --trace or --profile";
             return Err(remote::unsupported_problem(
                 what,
-                "The server listens and explains by itself.",
+                "The server records and decodes frames itself.",
             ));
         }
         let axes = server.axes_named(&self.url)?;

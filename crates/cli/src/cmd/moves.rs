@@ -269,7 +269,11 @@ impl Move {
     /// The same by a server.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.sync {
-            return Err(remote::unsupported_problem("--sync", "It starts moves back to back."));
+            return Err(remote::unsupported_problem(
+                "--sync",
+                "It starts moves one after the \
+             other.",
+            ));
         }
         let verb = self.verb();
         run_arriving_remote(server, &self.target, &self.arriving, verb, |axis| {

@@ -196,7 +196,7 @@ fn source_text(profile: &Profile, parameter: &Parameter) -> String {
     let sure = match parameter.certainty {
         Certainty::Documented => "",
         Certainty::Inferred => " (inferred from sibling products)",
-        Certainty::Undocumented => " (no source says what it is)",
+        Certainty::Undocumented => " (undocumented)",
     };
     format!("{}{section}{sure}", profile.source)
 }

@@ -20,7 +20,7 @@ impl Ports {
         if found.is_empty() {
             return Err(Problem::new(Exit::Adapter, "E309", "no serial or CAN adapter was found.")
                 .why("The system lists no port that could be one.")
-                .hint("plug it in and look again")
+                .hint("plug it in and try again")
                 .hint("`polepair scan sim:tmcl` needs no adapter"));
         }
         let mut table = TextTable::with_heads(&["port", "adapter", "serial", "use"]);

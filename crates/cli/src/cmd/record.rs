@@ -162,9 +162,7 @@ impl Recorder {
         self.lost += lost;
         let fresh = (dropped + self.lost).saturating_sub(self.overrun);
         if fresh > 0 {
-            print_warning(&format!(
-                "{fresh} dropped: they came faster than the system handed them over"
-            ));
+            print_warning(&format!("{fresh} dropped: the system could not read them fast enough"));
         }
         self.malformed = sum(malformed, MediumKind::Can);
         self.damaged = sum(malformed, MediumKind::Serial);
@@ -186,8 +184,8 @@ impl Recorder {
             count => format!("; {count} {what}"),
         };
         let malformed_text =
-            reported(self.malformed, "were no frames of classic CAN and are not kept")
-                + &reported(self.damaged, "characters came damaged (framing or parity)");
+            reported(self.malformed, "were not frames of classic CAN and are not recorded")
+                + &reported(self.damaged, "characters were damaged (framing or parity)");
         print_note(&format!(
             "{what}{files} in {seconds:.1} s, {} dropped{malformed_text}",
             self.overrun
@@ -196,7 +194,7 @@ impl Recorder {
         let skipped = printer.map_or(Ok(0), LivePrinter::finish)?;
         if skipped > 0 {
             print_warning(&format!(
-                "{} kept but not shown: nobody read stdout",
+                "{} recorded but not printed: stdout was not read",
                 plural(skipped, "record")
             ));
         }

@@ -19,14 +19,14 @@ pub struct Release {}
 impl Release {
     /// Refuses the command without a server: only a server locks motion.
     pub fn run(self) -> Result {
-        let what = "`release` is about a server's motion.";
-        Err(Problem::usage("E257", what).hint("say which server: --server URL"))
+        let what = "`release` needs a server.";
+        Err(Problem::usage("E257", what).hint("add --server URL"))
     }
 
     /// Releases motion on a server.
     pub fn run_on_server(self, join: ServerArgs) -> Result {
         join.gateway()?.release().map_err(remote::refusal_problem)?;
-        print_note("motion is let again");
+        print_note("motion is allowed again");
         Ok(Exit::Ok)
     }
 }

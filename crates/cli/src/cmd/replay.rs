@@ -116,8 +116,8 @@ fn parse_speed(text: &str) -> std::result::Result<f64, String> {
 impl ReplayOptions {
     pub fn run(self) -> Result {
         if self.source.as_os_str() == "-" {
-            return Err(Problem::usage("E242", "a replay does not read stdin.")
-                .why("It looks through the capture before anything is sent.")
+            return Err(Problem::usage("E242", "`replay` cannot read stdin.")
+                .why("It reads the capture twice.")
                 .hint("write it to a file first"));
         }
         let source = self.stated.source()?;
@@ -153,12 +153,12 @@ impl ReplayOptions {
         if !self.links.is_empty() && self.links.len() != wires.len() {
             let (links, wires) = (self.links.len(), wires.len());
             let what = format!("{links} links of the capture for {wires} wires.");
-            return Err(Problem::usage("E242", what).hint("say --link NAME once for each URL"));
+            return Err(Problem::usage("E242", what).hint("give --link NAME once for each URL"));
         }
         if self.links.is_empty() && wires.len() > 1 {
-            let what = "nobody says which link of the capture belongs to which URL.";
+            let what = "the links of the capture are not assigned to the URLs.";
             return Err(Problem::usage("E242", what)
-                .hint("--link NAME says it, in the order of the URLs")
+                .hint("give --link NAME for each URL, in their order")
                 .hint(format!("`polepair summary {}` names its links", self.source.display())));
         }
         let (mut routes, mut rules) = (Vec::new(), Rules::default());
@@ -206,7 +206,7 @@ impl ReplayOptions {
         let several = survey.links.len() > 1 && self.links.is_empty();
         if several {
             let what = format!("the capture has links {}.", survey.links.join(", "));
-            return Err(Problem::usage("E242", what).hint("--link NAME says which one is played"));
+            return Err(Problem::usage("E242", what).hint("--link NAME selects one"));
         }
         Ok(survey)
     }
@@ -351,7 +351,7 @@ fn join_thread<T>(ended: std::thread::Result<T>) -> T {
 fn print_result(played: &[ReplayResult], took: Duration) {
     let sum = |which: fn(&ReplayResult) -> u64| played.iter().map(which).sum::<u64>();
     let (sent, received) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.received));
-    print_note(&format!("{sent} sent in {:.3} s; {received} came back", took.as_secs_f64()));
+    print_note(&format!("{sent} sent in {:.3} s; {received} received", took.as_secs_f64()));
     let ms = |span: Duration| span.as_secs_f64() * 1e3;
     for (min_value, middle, max_value) in played.iter().filter_map(|it| it.lateness.summary()) {
         let (least, middle, most) = (ms(min_value), ms(middle), ms(max_value));

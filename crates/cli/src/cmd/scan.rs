@@ -49,7 +49,7 @@ impl ScanCommand {
         if self.look || self.take {
             let what = "--look and --take are for a running server.";
             return Err(Problem::usage("E242", what)
-                .why("A scan looks for drives on a link of its own in any case.")
+                .why("Without a server, the verb always scans.")
                 .hint("polepair --server URL scan all --look"));
         }
         let connector = self.target.connector()?;
@@ -85,14 +85,14 @@ impl ScanCommand {
         scan.tried.iter().for_each(|tried| print_note(&format!("tried {tried}")));
         if let Some(lost) = &scan.link_error {
             let (found, unasked) = (scan.found.len(), scan.not_queried);
-            let why = format!("Drives that had answered: {found}; addresses not asked: {unasked}.");
+            let why = format!("Drives that replied: {found}; addresses not tried: {unasked}.");
             return Err(outcome::link_problem(lost).why(why));
         }
         if scan.has_unconfigured {
             report_unconfigured(&self.target.url);
         }
         if scan.not_queried > 0 {
-            print_warning(&format!("interrupted: {} addresses were not asked", scan.not_queried));
+            print_warning(&format!("interrupted: {} addresses were not tried", scan.not_queried));
             return Err(Problem::interrupted());
         }
         if scan.found.is_empty() {
@@ -100,7 +100,7 @@ impl ScanCommand {
                 .why(outcome::unanswered_text(&scan.received))
                 .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
                 .hint(
-                    "`polepair doctor URL --try-bauds` asks at other baud rates, and in text where a module is \
+                    "`polepair doctor URL --try-bauds` tries other baud rates, and finds a module \
                      in ASCII mode",
                 )
                 .hint("`polepair ports` lists the adapters"));
@@ -123,10 +123,10 @@ fn report_unconfigured(url: &str) {
 fn conflicts_result(count: usize, of: usize) -> Result {
     match count {
         0 => Ok(Exit::Ok),
-        _ => Err(Problem::new(Exit::Negative, "E104", "drives on this link clash.")
+        _ => Err(Problem::new(Exit::Negative, "E104", "drives on this link conflict.")
             .why(format!("{count} of {of} share an address or an identifier."))
             .hint("unplug one after the other; give each an address of its own")
-            .hint("docs/guides/one-bus.md tells who may be on one bus")),
+            .hint("docs/guides/one-bus.md lists the protocols that can share a bus")),
     }
 }
 
@@ -143,7 +143,7 @@ impl ScanCommand {
             );
         }
         if self.ids.is_some() {
-            let why = "Without --look it lists the axes that it has.";
+            let why = "Without --look, the server lists its axes.";
             return Err(remote::unsupported_problem("--ids", why));
         }
         let mut out = DataOutput::stdout();
@@ -172,7 +172,7 @@ impl ScanCommand {
             remote::link_troubles(link).iter().for_each(|line| print_note(line));
         }
         if let Some(lock) = &server.bench.lock {
-            print_note(&format!("motion is locked since {} stopped everything", lock.by));
+            print_note(&format!("motion is locked since {} stopped all axes", lock.by));
         }
         for clash in &server.bench.clashes {
             print_warning(&format!("link {}: {}", clash.link, clash.message));
@@ -228,7 +228,7 @@ fn found_table(found: &[DetectedDrive]) -> String {
             text.push_str(&format!("axis {}: {clash}\n", AxisNumber(one.number)));
         }
         if one.ignores_address {
-            text.push_str(&format!("axis {}: answers whatever address is asked\n", one.number));
+            text.push_str(&format!("axis {}: replies to every address\n", one.number));
         }
     }
     text

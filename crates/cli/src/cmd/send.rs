@@ -85,7 +85,7 @@ impl Send {
     /// The same by a server.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.dry_run || self.arm {
-            let why = "It sends what moves no motor.";
+            let why = "A server sends only requests that move no motor.";
             return Err(remote::unsupported_problem("--dry-run or --arm", why));
         }
         let live = server.gateway.live().map_err(remote::refusal_problem)?;
@@ -122,7 +122,7 @@ impl Send {
                 let what = format!("{}: `{text}` may start the motor.", axis.label());
                 return Err(Problem::usage("E219", what)
                     .why("Nothing was sent.")
-                    .hint("--arm lets it through; --dry-run shows its bytes"));
+                    .hint("--arm allows it; --dry-run prints its bytes"));
             }
         }
         Ok(())
@@ -139,7 +139,7 @@ impl Send {
     ) {
         match self.format {
             SendFormat::Text if reply.is_empty() => {
-                out.write_line(&format!("{who}{text}: sent; nothing came back"));
+                out.write_line(&format!("{who}{text}: sent; no reply"));
             }
             SendFormat::Text => out.write_line(&format!("{who}{reply}")),
             SendFormat::Jsonl => write_json((axis.number(), None), text, value, reply, out),

@@ -83,7 +83,8 @@ impl Serve {
         crate::interrupt::listen(move || stopper.shutdown());
         if server.truncated_bytes() > 0 {
             print_note(
-                "The journal ended within a record: the server before was killed. It goes on.",
+                "The journal ends with an incomplete record: the previous server was killed. The \
+                 journal is continued.",
             );
         }
         if let Some(fingerprint) = server.fingerprint() {
@@ -91,8 +92,9 @@ impl Serve {
         }
         for (link, number) in server.inherited_stops() {
             print_warning(&format!(
-                "axis {number} of {link} was told to stop and not seen standing when the server \
-                 before ended; it is stopped as soon as it answers. Cut its supply if it turns."
+                "axis {number} of {link} received a stop from the previous server, and its \
+                 standstill was not confirmed; it is stopped as soon as it replies. Cut its \
+                 supply if it turns."
             ));
         }
         for link in server.bench().snapshot().links {
@@ -104,7 +106,7 @@ impl Serve {
         let left = server.wait();
         for axis in &left {
             print_warning(&format!(
-                "{axis} was told to stop and not seen standing: CUT ITS SUPPLY"
+                "{axis} received a stop, but its standstill is not confirmed: CUT ITS SUPPLY"
             ));
         }
         Ok(if left.is_empty() { Exit::Ok } else { Exit::Partial })
@@ -138,7 +140,7 @@ pub fn refusal_problem(refusal: SetupError) -> Problem {
 /// Where this account's server keeps what is its own.
 pub fn state_folder() -> Result<PathBuf> {
     polepair_client::state_folder().ok_or_else(|| {
-        Problem::usage("E255", "there is no folder for tokens and journal.")
+        Problem::usage("E255", "the folder for tokens and journal is unknown.")
             .why("Neither HOME nor XDG_STATE_HOME is set.")
             .hint("--state DIR")
     })

@@ -58,7 +58,7 @@ impl Set {
     /// The same by a server: it checks all before it writes the first.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.raw || self.arm {
-            let why = "It takes values with their units, and nothing that may move the motor.";
+            let why = "A server accepts values with units, and nothing that may move the motor.";
             return Err(remote::unsupported_problem("--raw or --arm", why));
         }
         let mut values = BTreeMap::new();
@@ -208,7 +208,8 @@ impl Set {
                 let stored = parameter.persistence == Persistence::Storable && !self.store;
                 let lost = if stored { " It is lost at power-off: --store keeps it." } else { "" };
                 print_note(&format!(
-                    "{} is reached by its {}: change the connection string too, once it acts. {}{lost}",
+                    "{} is addressed by its {}: change the connection string too when it takes \
+                     effect. {}{lost}",
                     axis.label(),
                     parameter.name,
                     parameter.about

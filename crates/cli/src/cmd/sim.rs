@@ -119,7 +119,7 @@ impl Sim {
             Err(error) => match &self.control {
                 None => Ok(None),
                 Some(path) => {
-                    let what = format!("nothing can listen at {}: {error}.", path.display());
+                    let what = format!("cannot listen on {}: {error}.", path.display());
                     Err(Problem::new(Exit::Adapter, "E320", what)
                         .hint("choose a path that does not exist, in a folder of your own"))
                 }
@@ -252,8 +252,7 @@ impl WireEnds {
         match self.pty.len() + self.tcp.len() + can {
             0 => Ok(()),
             left => {
-                let what =
-                    format!("there are {left} ends of wires more than links that take them.");
+                let what = format!("endpoint options without a link: {left}.");
                 Err(Problem::usage("E244", what).hint(
                     "a serial link takes --pty or --tcp, a CAN bus these and --udp, --can, \
                      --socketcand",
@@ -282,7 +281,7 @@ fn open_interface(name: &str) -> OpenedWire<Can> {
 
 #[cfg(not(target_os = "linux"))]
 fn open_interface(name: &str) -> OpenedWire<Can> {
-    Err(LinkError::new(name, polepair_link::Cause::Unsuitable).with_hint("Only Linux has these."))
+    Err(LinkError::new(name, polepair_link::Cause::Unsuitable).with_hint("Only Linux has them."))
 }
 
 fn address_text(address: Option<SocketAddr>) -> String {

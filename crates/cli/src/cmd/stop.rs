@@ -44,7 +44,7 @@ pub struct StopCommand {
 }
 
 const KEPT_PROGRAM: &str =
-    "caution: programs that run in drives were not ended, and may move the motors again";
+    "caution: programs in drives were not ended, and may move the motors again";
 
 impl StopCommand {
     pub fn run(self) -> Result {
@@ -67,7 +67,7 @@ impl StopCommand {
             }
             StopEvent::Querying(_) => {}
             StopEvent::StopSent(axis) => {
-                print_note(&format!("{clear}{} is told to stop", axis.label()))
+                print_note(&format!("{clear}{} is being stopped", axis.label()))
             }
         };
         let stopped = stopping::stop(&connector, &target.url, how, &mut on_event);
@@ -76,7 +76,7 @@ impl StopCommand {
         if self.keep_program {
             print_note(KEPT_PROGRAM);
         }
-        let lost = |error| outcome::to_problem(error).hint("cut the power if something turns");
+        let lost = |error| outcome::to_problem(error).hint("cut the power if a motor turns");
         report_stops(&target.url, stopped.map_err(lost)?)
     }
 }
@@ -88,13 +88,13 @@ impl StopCommand {
         if self.quick {
             return Err(remote::unsupported_problem(
                 "--quick",
-                "Its stop is the one that is always safe.",
+                "A server stops with the normal deceleration only.",
             ));
         }
         if self.keep_program {
             return Err(remote::unsupported_problem(
                 "--keep-program",
-                "Its stop ends the programs of drives.",
+                "The stop of a server always ends the programs of drives.",
             ));
         }
         match self.target.remote_axes()? {
@@ -109,7 +109,8 @@ impl StopCommand {
 fn stop_everything(gateway: &Gateway) -> Result {
     let StopReport { axes, unreached } = send_stop(gateway, None)?;
     print_note(
-        "motion is locked until it is released: on the server's page, or by `polepair --server URL release`",
+        "motion is locked until it is released: on the server's page, or by `polepair --server \
+         URL release`",
     );
     let named =
         RemoteSession::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
@@ -159,7 +160,7 @@ fn report_remote(
             Some((StopClass::Standing, _)) => print_note(&format!("{label} is stopped")),
             Some((StopClass::Acknowledged, _)) => {
                 print_warning(&format!(
-                    "{label} took the stop; standing not known: it tells no speed"
+                    "{label} acknowledged the stop; standstill not confirmed: it reports no speed"
                 ));
             }
             Some((StopClass::Owed, error)) => failed.push(pending_problem(&label, error)),
@@ -177,12 +178,13 @@ fn report_remote(
 fn unreached_problem(UnreachedTarget { link, url, number, error }: UnreachedTarget) -> Problem {
     let (what, hint) = match number {
         Some(number) => (
-            format!("axis {number} of link {link} was not told to stop: it is not there."),
-            "cut its supply if it turns; it is told to stop as soon as it answers",
+            format!("axis {number} of link {link} received no stop: it is missing."),
+            "cut its supply if it turns; the stop is sent as soon as the drive replies",
         ),
         None => (
-            format!("no motor of link {link} was told to stop: {url} is not open."),
-            "cut the supply of what turns there; it is told to stop as soon as the link is open",
+            format!("no motor of link {link} received a stop: {url} is not open."),
+            "cut the supply of motors that turn there; the stop is sent as soon as the link is \
+             open",
         ),
     };
     Problem::new(error.exit(), error.code, what).why(to_sentence(&error.message)).hint(hint)
@@ -192,14 +194,14 @@ fn unreached_problem(UnreachedTarget { link, url, number, error }: UnreachedTarg
 fn pending_problem(label: &str, error: Option<GatewayError>) -> Problem {
     let exit = error.as_ref().map_or(Exit::NoReply, GatewayError::exit);
     let code = error.as_ref().map_or("E401".into(), |error| error.code.clone());
-    Problem::new(exit, code, format!("{label} was not seen standing."))
+    Problem::new(exit, code, format!("{label} standstill is not confirmed."))
         .why(error.map_or_else(String::new, |error| to_sentence(&error.message)))
-        .hint("the server says the stop again until it is; if it still turns, cut its power")
+        .hint("the server repeats the stop until then; if it still turns, cut its power")
 }
 
 fn unconfirmed_problem(label: &str) -> Problem {
     Problem::new(Exit::NoReply, "E401", format!("{label} did not confirm its stop."))
-        .hint("say it again; if it still turns, cut its power")
+        .hint("repeat the stop; if it still turns, cut its power")
 }
 
 fn failed_result(mut failed: Vec<Problem>, of: usize) -> Result {
@@ -236,7 +238,8 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
             Ok(Standstill::Unobservable) => {
                 obeyed += 1;
                 print_warning(&format!(
-                    "{label} took the stop; it does not tell whether its motor stands"
+                    "{label} acknowledged the stop; it does not report whether its motor is at \
+                     standstill"
                 ));
             }
             Err(error) => {
@@ -249,11 +252,12 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
         print_warning(&match found {
             DrivePrograms::Ended => format!("{label}: its program ran and was ended"),
             DrivePrograms::StillReported => format!(
-                "{label}: its program ran and was ended, twice; the drive still reports it as running: \
+                "{label}: its program ran and was ended, twice; the drive still reports it as \
+                 running: \
                  watch the motor"
             ),
             DrivePrograms::MayHaveRun => format!(
-                "{label}: its program was ended, if one ran; the drive does not report that"
+                "{label}: its program was ended, if one was running; the drive does not report it"
             ),
         });
     }
@@ -262,30 +266,35 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
         if !motors.confirmed.is_empty() {
             let which = motors_text(&motors.confirmed);
             print_warning(&format!(
-                "module {number}: {which} took the stop too; standing not looked at"
+                "module {number}: {which} acknowledged the stop too; their standstill was not \
+                 checked"
             ));
         }
         if !motors.unconfirmed.is_empty() {
             let which = motors_text(&motors.unconfirmed);
             print_warning(&format!(
-                "module {number}: {which} did not confirm the stop and may still turn: cut the supply"
+                "module {number}: {which} did not confirm the stop and may still turn: cut the \
+                 supply"
             ));
         }
         failed.extend(motors.result.err().map(outcome::to_problem));
     }
     if let Some(patience) = stopped.reply_timeout {
-        let output =
-            if stopped.broadcast { "everybody was told to stop, unconfirmed; " } else { "" };
+        let output = if stopped.broadcast {
+            "a broadcast stop was sent, without confirmation; "
+        } else {
+            ""
+        };
         print_note(&format!(
-            "{output}asked {} addresses for {} ms each; a drive that answers later, or has another \
-             address, is stopped by its number: polepair stop {}",
+            "{output}asked {} addresses for {} ms each; a drive that replies later, or has \
+             another address, must be stopped by its number: polepair stop {}",
             stopped.queried,
             patience.as_millis(),
             shell_word(&format!("{link}#N"))
         ));
     }
     if let Some((first, last)) = stopped.not_queried {
-        let what = format!("addresses {first} to {last} were not asked: there was no time left.");
+        let what = format!("addresses {first} to {last} were not tried: the time was over.");
         match stopped.broadcast {
             true => print_warning(&what),
             false => unasked = Some(Problem::new(Exit::Partial, "E703", what)),
@@ -305,12 +314,12 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
 
 fn nobody_problem(everybody: bool, details: &NoReplyDetails) -> Problem {
     let output = match everybody {
-        true => "Everybody was told to stop, and nobody confirmed it.",
+        true => "A broadcast stop was sent, and no drive confirmed it.",
         false => "No stop was sent.",
     };
     let problem = Problem::new(Exit::NoReply, "E403", "no drive answered.")
         .why(format!("{} {output}", outcome::unanswered_text(details)))
-        .hint("cut the power if something turns");
+        .hint("cut the power if a motor turns");
     match details.is_nothing() {
         true => {
             problem.hint("power, wiring (A and B may be swapped), and the baud rate in the URL")

@@ -135,19 +135,19 @@ impl StreamCommand {
             let name = self.path.display();
             let point = self.parse_point(line).ok_or_else(|| {
                 let form = if self.pt { "position, time" } else { "position, velocity, time" };
-                Problem::usage("E210", format!("{name}:{n}: `{line}` is no point."))
+                Problem::usage("E210", format!("{name}:{n}: `{line}` is not a point."))
                     .why(format!("A line is `{form}`, in rad (or m) and seconds."))
             })?;
             if point.time > 0.0 {
                 return Ok(point);
             }
-            let what = format!("{name}:{n}: no point has the time {} s.", point.time);
+            let what = format!("{name}:{n}: the time {} s is not valid.", point.time);
             Err(Problem::usage("E210", what)
                 .why(
-                    "A time is the seconds since the line before: more than 0. Time 0 is where the \
-                     axis stands when the path begins, and has no line.",
+                    "A time is the seconds since the line before: more than 0. Time 0 is the \
+                     actual position at the start, and has no line.",
                 )
-                .hint("leave that line out, and let each time count from the line before"))
+                .hint("remove that line; each time counts from the line before"))
         });
         points.collect()
     }

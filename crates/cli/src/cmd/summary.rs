@@ -97,7 +97,7 @@ fn parse_rates(text: &str) -> Result<Vec<(String, u32)>> {
         let (link, rate) = part.split_once('=').unwrap_or(("", part));
         let rate = rate.trim().parse().ok().filter(|rate| *rate > 0);
         rate.map(|rate| (link.trim().to_owned(), rate)).ok_or_else(|| {
-            Problem::usage("E242", format!("{part:?} is no bit rate."))
+            Problem::usage("E242", format!("{part:?} is not a bit rate."))
                 .hint("--bitrate 500000, or --bitrate can0=500000,ttyUSB0=9600")
         })
     };

@@ -69,11 +69,11 @@ impl Sync {
         let master = self.find_master(&session)?;
         if let Some(group) = session.axes().iter().find(|axis| AxisNumber(axis.number()).is_group())
         {
-            let what = format!("{} cannot be kept in time as a whole.", group.label());
+            let what = format!("{} cannot be synchronised as a group.", group.label());
             return Err(Problem::usage("E245", what).why("Name its axes one by one."));
         }
         if session.axes().len() < 2 {
-            return Err(Problem::usage("E245", "there is no other axis to keep in time.")
+            return Err(Problem::usage("E245", "synchronisation needs several axes.")
                 .hint("name several in the connection string: #1,2,3"));
         }
         // The others first: two masters would pull the rest to and fro.
@@ -83,15 +83,15 @@ impl Sync {
         let command = self.time_command(master, true)?;
         master.run(command).map_err(outcome::to_problem)?;
         if self.stop {
-            print_note("no axis gives its time any more");
+            print_note("the synchronisation is ended");
         } else {
-            print_note(&format!("{} gives its time every {}", master.label(), self.period));
-            print_warning(&format!("this ends it: polepair sync {} --stop", session.arguments));
+            print_note(&format!("{} sends its time every {}", master.label(), self.period));
+            print_warning(&format!("to end it: polepair sync {} --stop", session.arguments));
             session.link.sleep(Duration::from_millis(SETTLE_MS.into()));
         }
         let apart = print_offsets(&session, master)?;
         if apart && !self.stop {
-            return Err(Problem::new(Exit::Negative, "E101", "the drives do not keep together.")
+            return Err(Problem::new(Exit::Negative, "E101", "the drives are not synchronous.")
                 .why("An axis is more than a millisecond off its master.")
                 .hint("they must be on one CAN bus, and have been initialised: enable each once"));
         }
@@ -113,7 +113,7 @@ impl Sync {
         let mut axes = session.axes().iter();
         let found = axes.find(|axis| self.master.is_none_or(|master| master == axis.number()));
         found.ok_or_else(|| {
-            Problem::usage("E245", "the master is none of the axes in the connection string.")
+            Problem::usage("E245", "the master is not an axis of the connection string.")
         })
     }
 }
@@ -148,7 +148,7 @@ fn measure_offset(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
 
 fn read_time(axis: &Axis) -> Result<f64> {
     read_signal(axis, Signal::Time)?.map(|read| read.value).ok_or_else(|| {
-        let what = format!("{} does not tell its time.", axis.label());
+        let what = format!("{} does not report its time.", axis.label());
         Problem::usage("E213", what)
     })
 }

@@ -23,10 +23,10 @@ const POLLS_MAX: u32 = 10;
 /// What is said of an axis that was enabled.
 const POWERED: &str = "is powered";
 /// Of one that took the command to switch its motor off, where nobody looked.
-const SWITCHED_OFF: &str = "took the command to switch its motor off";
+const SWITCHED_OFF: &str = "acknowledged the command to switch its motor off";
 /// Of one that says itself that its motor is off.
-const UNPOWERED: &str = "has no power now";
-const CLEARED: &str = "has its faults cleared";
+const UNPOWERED: &str = "is not powered now";
+const CLEARED: &str = "faults are cleared";
 
 /// Powers the motor. It holds its actual position.
 #[derive(Args, Debug)]
@@ -149,7 +149,7 @@ fn run_simple(
     if dry_run {
         return target.rehearse(|_| Ok(Command::new(wanted)));
     }
-    const CUT: &str = "cut the power if something turns";
+    const CUT: &str = "cut the power if a motor turns";
     // One that does not answer leaves no other with power.
     let (session, absent) = match wanted {
         Verb::Disable => target.open_present().map_err(|problem| problem.hint(CUT))?,
@@ -171,7 +171,7 @@ fn run_simple(
         0 => Ok(Exit::Ok),
         count => {
             let of = count + session.axes().len();
-            let what = format!("{count} of {of} axes could not be asked.");
+            let what = format!("{count} of {of} axes could not be read.");
             Err(Problem::new(Exit::Partial, "E704", what).hint(CUT))
         }
     }
@@ -196,7 +196,8 @@ fn power_off_text(axis: &Axis) -> Result<String> {
     Ok(match velocity {
         Some(velocity) if axis.is_turning() == Some(true) => {
             format!(
-                "{SWITCHED_OFF}, and it still turns, {velocity}: it coasts, or something drives it"
+                "{SWITCHED_OFF}, and it still turns, {velocity}: it coasts, or an external force \
+                 drives it"
             )
         }
         _ => off.to_owned(),
@@ -205,10 +206,10 @@ fn power_off_text(axis: &Axis) -> Result<String> {
 
 /// It took the command and says that its motor has power.
 fn still_powered_problem(label: &str) -> Problem {
-    let what = format!("{label} took the command, and its motor has power still.");
+    let what = format!("{label} acknowledged the command, but its motor is still powered.");
     Problem::new(Exit::Negative, "E111", what)
-        .why("It says so itself.")
-        .hint("cut its supply if something turns")
+        .why("The drive reports this.")
+        .hint("cut its supply if the motor turns")
 }
 
 /// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
@@ -219,7 +220,7 @@ fn switch_power(axis: &Axis, wanted: Verb) -> Result<()> {
         let label = axis.label();
         match (wanted, error.executed()) {
             (Verb::Disable, _) => print_warning(&format!(
-                "{label} may still be powered, and turn if it turned: cut its supply"
+                "{label} may still be powered, and may still turn: cut its supply"
             )),
             (Verb::Enable, None) => print_warning(&format!("{label} may be powered")),
             _ => {}

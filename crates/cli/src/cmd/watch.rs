@@ -106,7 +106,7 @@ impl WatchCommand {
         if self.reports.is_some() {
             return Err(remote::unsupported_problem(
                 "watch --reports",
-                "It asks for all who watch.",
+                "A server polls at its own rate.",
             ));
         }
         let axes = server.axes_of(&self.target)?;

@@ -69,7 +69,7 @@ impl WatchdogCommand {
             {
                 print_warning(&format!(
                     "warning: {}: its watchdog ends before the next heartbeat of this connection \
-                     ({} ms): the drive stops though this host speaks",
+                     ({} ms): the drive stops although this host is active",
                     axis.label(),
                     period.as_millis()
                 ));
@@ -109,8 +109,11 @@ impl WatchdogCommand {
 /// A drive that has none that can be set.
 fn no_watchdog_problem(label: &str, does: &str) -> Problem {
     Problem::usage("E218", format!("{label} has no watchdog that can be set."))
-        .why(format!("What it does in silence: {does}. {}", outcome::sent_so_far()))
-        .hint("an emergency stop that needs no computer; for a speed, `--for TIME` or a move")
+        .why(format!("Its reaction to a silent host: {does}. {}", outcome::sent_so_far()))
+        .hint(
+            "install an emergency stop that works without a computer; for a speed, `--for TIME` \
+         or a move",
+        )
 }
 
 /// Sets it under a lease of its own.
@@ -130,9 +133,9 @@ pub fn parse_time(text: &str) -> Result<Option<Duration>> {
         return Ok(None);
     }
     let wrong = |why: String| {
-        Problem::usage("E217", format!("{text:?} is no time."))
+        Problem::usage("E217", format!("{text:?} is not a time."))
             .why(to_sentence(&why))
-            .hint("`off` has it stop nothing")
+            .hint("`off` switches the watchdog off")
     };
     let span = Duration::from_secs_f64(value::parse_span(text).map_err(wrong)?);
     Ok(Some(span).filter(|span| !span.is_zero()))
@@ -143,7 +146,7 @@ pub fn watchdog_text(axis: &Axis, state: WatchdogState) -> String {
     let id = axis.watchdog_parameter();
     match (id.and_then(|id| axis.parameter(id)), state) {
         (Some(parameter), WatchdogState::None) => {
-            let does = "the motor keeps doing what it was last told";
+            let does = "the motor continues its last command";
             format!("{ABSENT_TEXT} (`{}`): {does}", parameter.name)
         }
         (Some(parameter), _) => {

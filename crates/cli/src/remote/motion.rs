@@ -48,18 +48,18 @@ pub fn parse_argument(axis: &AxisInfo, verb: Verb, name: &str, text: &str) -> Re
     let info = axis.verbs.iter().find(|info| info.verb == verb.name());
     let info = info.ok_or_else(|| {
         let what = format!("{} has no `{}`.", axis.profile, command_word(verb));
-        Problem::usage("E218", what).why("Its profile has no steps for that.")
+        Problem::usage("E218", what).why("Its profile has no steps for it.")
     })?;
     let argument = info.arguments.iter().find(|argument| argument.name == name);
     let argument = argument.ok_or_else(|| {
         let what = format!("{} takes no {name} with this verb.", axis.profile);
-        Problem::usage("E218", what).why("Its profile has no step that would use it.")
+        Problem::usage("E218", what).why("Its profile does not use it.")
     })?;
     let measure = quantity::parse(text).map_err(outcome::to_problem)?;
     let unit = display_unit(&argument.unit);
     if measure.quantity.is_none() && unit != Unit::Percent && measure.si != 0.0 {
         return Err(Problem::usage("E217", format!("{text:?} has no unit."))
-            .why("Which one is the drive's own is for its link to know, not for a server.")
+            .why("The default unit of the drive is not known on a server.")
             .hint(format!("{text}{}", argument_unit(axis, name, unit).symbol())));
     }
     measure.si(unit).map_err(outcome::to_problem)
@@ -86,7 +86,7 @@ pub fn run_motion(server: &RemoteSession, motions: &[MotionOrder], then: MotionM
     if then == MotionMode::Detach {
         return Err(unsupported_problem(
             "--detach",
-            "What a client set in motion stops when it goes.",
+            "Motion of a client is stopped when the client ends.",
         ));
     }
     print_caution(motions);
@@ -116,13 +116,17 @@ pub fn run_motion(server: &RemoteSession, motions: &[MotionOrder], then: MotionM
             let problem = match problem.exit {
                 Exit::Interrupted => refusal_problem(cut),
                 // The lease ended with the server.
-                _ if stood => Problem::new(cut.exit(), cut.code, "The server went away."),
+                _ if stood => Problem::new(
+                    cut.exit(),
+                    cut.code,
+                    "The connection to the server is \
+                 lost.",
+                ),
                 _ => problem,
             };
             if stood {
-                return Err(Problem { may_turn: false, ..problem }.why(
-                    "The server stopped what was commanded before it went: it was seen standing.",
-                ));
+                return Err(Problem { may_turn: false, ..problem }
+                    .why("The server stopped the axis before it ended: standstill is confirmed."));
             }
             // A simulated motor is gone with its server.
             let may_turn = motions.iter().any(|motion_order| !motion_order.axis.simulated);
@@ -156,7 +160,8 @@ fn hint_direct_stop(server: &RemoteSession, motions: &[MotionOrder], problem: Pr
             let url = link.url.split('#').next().unwrap_or_default();
             let url = format!("{url}#{}", AxisNumber(axis.number));
             problem = problem.hint(format!(
-                "`polepair stop {}` stops it without the server, once that has let go of the port",
+                "`polepair stop {}` stops it without the server, as soon as the server has \
+                 released the port",
                 shell_word(&url)
             ));
         }
@@ -250,9 +255,7 @@ fn wait_command(
         match pending.wait(POLL_INTERVAL) {
             Ok(Some(())) => return Ok(()),
             Ok(None) if clock::now() >= deadline => {
-                return Err(
-                    late_problem(&leased.axis.label, verb).hint("give it more time: --timeout")
-                );
+                return Err(late_problem(&leased.axis.label, verb).hint("increase --timeout"));
             }
             Ok(None) => {}
             Err(error) => return Err(refusal_problem(error)),
@@ -339,8 +342,8 @@ pub fn silent_problem(axis: &AxisInfo, state: &AxisState) -> Option<Problem> {
         let seconds = newest_ms(state) / 1e3;
         let what = format!("{} has not answered for {seconds:.1} s.", axis.label);
         Problem::new(Exit::NoReply, "E401", what)
-            .why("Nobody knows what the motor does.")
-            .hint("the supply, the wire and the adapter between the server and the drive")
+            .why("The state of the motor is unknown.")
+            .hint("check the supply, the wire and the adapter between the server and the drive")
     })
 }
 
@@ -388,7 +391,7 @@ fn wait_arrival(
         }
         if !leased_axis.has_verb(Verb::Reached) {
             print_note(&format!(
-                "{} cannot tell when it arrives; it was started",
+                "{} does not report its arrival; the motion was started",
                 leased_axis.axis.label
             ));
             continue;

@@ -17,7 +17,11 @@ fn every_protocol_reads_by_number() {
             assert_eq!(read.code, if refused { 6 } else { 0 }, "{url} {address}: {}", read.err);
         }
         let wrong = polepair(&["get", url, "no such thing"]);
-        assert!(wrong.code == 2 && wrong.err.contains("is one by its number"), "{}", wrong.err);
+        assert!(
+            wrong.code == 2 && wrong.err.contains("is an example of a number"),
+            "{}",
+            wrong.err
+        );
     }
 }
 
@@ -79,7 +83,7 @@ fn a_dcf_is_compared_and_applied() {
     let file = dcf.to_str().expect("text");
     let differs = polepair(&["config", "diff", &served.url, file]);
     assert_eq!(differs.code, 1, "{}", differs.err);
-    assert!(differs.err.contains("6040h:u16 is left out: it moves the motor"), "{}", differs.err);
+    assert!(differs.err.contains("6040h:u16 is skipped: it moves the motor"), "{}", differs.err);
     let shown = &differs.out;
     assert!(shown.contains("heartbeat time") && !shown.contains("6084"), "{shown}");
     assert!(shown.contains("rpdo 1 entry 2") && !shown.contains("entry 3"), "{shown}");
@@ -120,7 +124,7 @@ fn a_request_in_the_protocols_own_text_has_its_reply_explained() {
     }
     let text = "time 2026-11-21T16:00:00";
     let nobody = run::ok(&["send", "sim:canopen", text]);
-    assert_eq!(nobody, format!("{text}: sent; nothing came back\n"));
+    assert_eq!(nobody, format!("{text}: sent; no reply\n"));
     let json = run::ok(&["send", "sim:tmcl", "GAP 6, 0", "--format", "jsonl"]);
     assert!(json.contains(r#""request":"GAP 6, 0","value":"#), "{json}");
 }
@@ -155,7 +159,7 @@ fn a_text_that_is_none_is_told_with_its_place() {
     for (url, text, part) in [
         ("sim:tmcl", "GAP x", "at `x`"),
         ("sim:canopen", "write 0x6040:0 u8 256", "at `256`"),
-        ("sim:canopen", "nmt start all", "no request of a host to one drive"),
+        ("sim:canopen", "nmt start all", "not a request from a host to one drive"),
         ("sim:canopen", "upload 0x1008:0", "ADDRESS:bytes"),
         ("sim:modbus-rtu", "read nothing", "at `nothing`"),
     ] {

@@ -131,8 +131,8 @@ fn profiled(url: &str) -> String {
 #[test]
 fn mistakes_are_refused_with_what_to_try() {
     for (arguments, code, text) in [
-        (&["sim", "modbus-rtu:1", "--udp", "239.74.163.2:43199"][..], 2, "more than links"),
-        (&["get", "modbus-rtu+socketcan://can0#1", "x"], 2, "is not spoken on CAN"),
+        (&["sim", "modbus-rtu:1", "--udp", "239.74.163.2:43199"][..], 2, "without a link"),
+        (&["get", "modbus-rtu+socketcan://can0#1", "x"], 2, "is not used on CAN"),
         (&["stop", "sim:tmcl+can#g1"], 2, "this protocol has no groups"),
         (&["get", "tmcl+socketcan://nocan0#1", "x"], 3, "nocan0"),
     ] {

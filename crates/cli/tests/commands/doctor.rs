@@ -106,7 +106,7 @@ fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
         let ran = run::ran(proof.wait_with_output().expect("ends"));
         assert_eq!(ran.code, 130, "{name}: {}", ran.err);
         assert!(ran.err.starts_with("interrupted: the motor was stopped\n"), "{}", ran.err);
-        assert!(ran.out.contains("its watchdog is set as before"), "{}", ran.out);
+        assert!(ran.out.contains("its watchdog is restored"), "{}", ran.out);
         let proven = ["its watchdog works", "did not stop it", "did not turn"];
         assert!(!proven.iter().any(|text| ran.out.contains(text)), "{}", ran.out);
         assert_eq!(ok(&["get", &served.url, "actual velocity"]), "actual velocity = 0 rpm\n");
@@ -137,9 +137,9 @@ fn a_firmware_without_a_watchdog_is_told_so_and_is_not_wrong() {
         assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
         let row = ran.out.lines().find(|line| line.trim().starts_with("watchdog")).expect("a row");
         assert!(row.contains("this firmware has none (`serial heartbeat`)"), "{row}");
-        assert!(row.contains("keeps doing what it was last told"), "{row}");
+        assert!(row.contains("continues its last command"), "{row}");
         let ran = request(&["doctor"]);
-        assert!(ran.out.contains("no watchdog: the motor keeps doing"), "{}", ran.out);
+        assert!(ran.out.contains("no watchdog: the motor continues"), "{}", ran.out);
         assert!(!ran.out.contains("E601") && !ran.out.contains("heartbeat"), "{}", ran.out);
         let ran = request(&["watchdog"]);
         assert_eq!(ran.code, 0, "{}", ran.err);
@@ -163,7 +163,7 @@ fn a_family_without_a_watchdog_is_told_so_by_who_sets_it() {
             for text in [
                 "error[E218]: axis ",
                 " has no watchdog that can be set.",
-                "What it does in silence: none: the motor keeps doing what it was last told.",
+                "Its reaction to a silent host: none: the motor continues its last command.",
             ] {
                 assert!(ran.err.contains(text), "{url}: {text}: {}", ran.err);
             }

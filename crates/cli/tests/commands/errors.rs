@@ -38,7 +38,7 @@ fn text_of_no_protocol_is_pointed_at() {
 #[test]
 fn a_code_that_nobody_knows() {
     let (text, code) = error(&["explain", "tmcl", "0x80000"]);
-    assert!(text.starts_with("error[E110]: nothing is known of \"0x80000\" in tmcl.\n"), "{text}");
+    assert!(text.starts_with("error[E110]: \"0x80000\" is unknown in tmcl.\n"), "{text}");
     assert_eq!(code, 1);
 }
 

@@ -66,7 +66,7 @@ impl Server {
 
     /// A verb that lasts, once it has said so.
     fn held(&self, verb: &[&str]) -> Held {
-        Held::new(&self.words(&self.tokens(), verb), "holding; Ctrl-C stops it")
+        Held::new(&self.words(&self.tokens(), verb), "running; Ctrl-C stops it")
     }
 
     /// What is known of axis 1, a space wherever its table has some.
@@ -97,8 +97,8 @@ fn what_is_there_is_shown_as_on_a_link() {
     let csv = server.ok(&["scan", "--format", "csv"]);
     assert!(csv.contains("\n3,0,,tmcm-171,"), "{csv}");
     let info = server.info();
-    let watchdog = "watchdog off: the motor keeps doing what it was last told (`serial heartbeat`)";
-    for line in ["axis 1: ", "position 0 deg", "commanded by nobody", watchdog, "faults none"] {
+    let watchdog = "watchdog off: the motor continues its last command (`serial heartbeat`)";
+    for line in ["axis 1: ", "position 0 deg", "controlled by no client", watchdog, "faults none"] {
         assert!(info.contains(line), "{line}: {info}");
     }
     let get = server.ok(&["get", "all", "max current"]);
@@ -158,7 +158,7 @@ fn the_server_may_be_named_behind_the_verb() {
         assert_eq!((ran.code, ran.err.contains(needs)), (2, true), "{}", ran.err);
     }
     let ran = polepair(&["ports", "--server", &server.url]);
-    assert!(ran.err.contains("`ports` is nothing that a server does"), "{}", ran.err);
+    assert!(ran.err.contains("`ports` is not supported on a server"), "{}", ran.err);
     assert!(!polepair(&["ports", "--help"]).out.contains("--server"));
     assert!(polepair(&["stop", "--help"]).out.contains("--server"));
 }
@@ -301,9 +301,9 @@ fn axes_and_frames_fill_a_screen_and_esc_stops_all() {
     screen.until("turns");
     // The second reading is drawn over the first.
     screen.until("31.4 rad/s");
-    screen.until("commanded by");
+    screen.until("controlled by");
     let text = screen.text();
-    for wanted in ["STOP ALL: Esc", "0#3", "1#1", "position", " ms", "── frames", "q leave", "GAP"]
+    for wanted in ["STOP ALL: Esc", "0#3", "1#1", "position", " ms", "── frames", "q exit", "GAP"]
     {
         assert!(text.contains(wanted), "no {wanted}:\n{text}");
     }
@@ -355,14 +355,14 @@ fn a_drives_own_watchdog_is_shown_and_set() {
     let lines: Vec<&str> = all.lines().collect();
     assert!(lines[0].contains("off") && lines[0].ends_with("(serial heartbeat)"), "{all}");
     assert!(lines[1].ends_with(armed), "{all}");
-    assert!(lines[2].contains("none: the motor keeps doing"), "{all}");
+    assert!(lines[2].contains("none: the motor continues"), "{all}");
     for axis in ["0#1", "1#5"] {
         let ran = server.run(&["watchdog", axis, "700ms"]);
         assert!(ran.out.contains("on, the drive stops after 700 ms of silence"), "{ran:?}");
         let warned = if axis == "0#1" { "permanent memory" } else { "heartbeat=100" };
         assert!(ran.code == 0 && ran.err.contains(warned), "{ran:?}");
         assert_eq!(server.ok(&["watchdog", axis]), ran.out);
-        assert!(server.ok(&["watchdog", axis, "off"]).contains("off: the motor keeps doing"));
+        assert!(server.ok(&["watchdog", axis, "off"]).contains("off: the motor continues"));
     }
     let ran = server.run(&["watchdog", "2#1", "700ms"]);
     assert!(ran.code == 2 && ran.err.contains("E218"), "{ran:?}");
@@ -383,7 +383,7 @@ fn a_motor_moves_and_is_given_back() {
         .unwrap_or_else(|| panic!("{moved}"));
     assert!((at - 90.0).abs() < 3.0, "{moved}");
     let info = server.info();
-    assert!(info.contains("armed no") && info.contains("commanded by nobody"), "{info}");
+    assert!(info.contains("armed no") && info.contains("controlled by no client"), "{info}");
     server.ok(&["enable", "1"]);
     server.ok(&["disable", "1"]);
     server.ok(&["clear", "1"]);
@@ -398,7 +398,7 @@ fn ctrl_c_stops_what_it_started() {
     assert_eq!(ran.code, 130, "{}", ran.err);
     assert!(ran.err.ends_with("interrupted: the motion was stopped\n"), "{}", ran.err);
     wait_until("the motor stands", || server.velocity("1").abs() < 2.0);
-    assert!(server.info().contains("commanded by nobody"));
+    assert!(server.info().contains("controlled by no client"));
 }
 
 #[test]
@@ -408,7 +408,7 @@ fn of_two_the_second_is_told_who_commands_and_either_may_stop() {
     let second = server.run(&["move", "1", "90deg"]);
     assert_eq!(second.code, 6, "{}", second.err);
     assert!(second.err.contains("error[gateway.lease]: operator "), "{}", second.err);
-    assert!(second.err.contains(" commands this axis"), "{}", second.err);
+    assert!(second.err.contains(" controls this axis"), "{}", second.err);
     server.ok(&["move", "3", "10deg", "--timeout", "60s"]);
     let stopped = server.run(&["stop"]);
     assert_eq!(stopped.code, 0, "{}", stopped.err);
@@ -524,7 +524,7 @@ fn who_is_stopped_by_others_hears_that_the_axis_was_left_standing() {
     assert_eq!(server.child.wait().expect("ends").code(), Some(0));
     let ended = held.ended();
     assert!(all_well(&ended) && ended.code == 3, "{}", ended.err);
-    assert!(ended.err.contains("it was seen standing"), "{}", ended.err);
+    assert!(ended.err.contains("standstill is confirmed"), "{}", ended.err);
 }
 
 /// A server that hangs tells nothing of its drives: none of them is blamed.
@@ -565,9 +565,10 @@ fn a_stop_names_the_axes_that_are_not_there_and_stops_the_others() {
     }
     let stopped = server.run(&["stop", "9"]);
     assert_eq!(stopped.code, 4, "{}", stopped.err);
-    let reported =
-        stopped.err.contains("error[E401]: axis 9 of link 0 is not there, and was told nothing")
-            && stopped.err.contains("cut its supply");
+    let reported = stopped
+        .err
+        .contains("error[E401]: axis 9 of link 0 is missing, and no stop was sent to it")
+        && stopped.err.contains("cut its supply");
     assert!(reported, "{}", stopped.err);
 }
 

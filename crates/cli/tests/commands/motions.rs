@@ -63,7 +63,7 @@ fn ctrl_c_stops_what_is_held() {
     for kind in &KINDS {
         let sim = served(kind);
         for how in kind.motions {
-            let held = Held::new(&motion(&sim, how, &[]), "holding; Ctrl-C stops it");
+            let held = Held::new(&motion(&sim, how, &[]), "running; Ctrl-C stops it");
             std::thread::sleep(std::time::Duration::from_millis(300));
             let ran = held.interrupt();
             assert_eq!(ran.code, 130, "{how:?}: {}", ran.err);
@@ -82,7 +82,7 @@ fn every_signal_that_ends_a_process_stops_the_motor_first() {
     let several: [&[&str]; 3] = [&["HUP", "HUP", "CONT"], &["TERM", "HUP"], &["INT", "INT"]];
     let each = each.iter().map(std::slice::from_ref).chain(several);
     for signals in each {
-        let held = Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");
+        let held = Held::new(&["spin", &sim.url, "300rpm"], "running; Ctrl-C stops it");
         let ran = held.signalled(signals);
         assert_eq!(ran.code, 130, "{signals:?}: {}", ran.err);
         assert!(ran.err.ends_with("interrupted: the motion was stopped\n"), "{}", ran.err);
@@ -145,7 +145,7 @@ fn a_detached_motion_goes_on_and_says_what_stops_it() {
         for how in kind.motions {
             let ran = polepair(&motion(&sim, how, &["--detach"]));
             let last = ran.err.lines().last().expect("a line");
-            let stop = last.strip_prefix("left running; this stops it: polepair ").expect(last);
+            let stop = last.strip_prefix("left running; to stop it: polepair ").expect(last);
             assert_eq!(ran.code, 0);
             std::thread::sleep(std::time::Duration::from_millis(300));
             assert_eq!(raw(&sim, kind.power), 1, "{how:?}");
@@ -164,7 +164,7 @@ fn a_profile_of_ones_own_is_among_the_words_that_stop() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/feeder.toml");
     let ran = polepair(&["spin", &sim.url, "30rpm", "--detach", "--profile", file]);
     let last = ran.err.lines().last().expect("a line");
-    let stop = last.strip_prefix("left running; this stops it: polepair ").expect(last);
+    let stop = last.strip_prefix("left running; to stop it: polepair ").expect(last);
     assert_eq!(stop, format!("stop {} --profile {file}", sim.url));
     ok(&stop.split(' ').collect::<Vec<_>>());
 }

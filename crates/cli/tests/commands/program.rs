@@ -94,9 +94,9 @@ fn a_program_is_loaded_called_and_run_until_ctrl_c() {
     let moves = bench.file("moves.tml", MOVES);
     let output = bench.ok("load", &[&moves]);
     assert!(output.contains("8270 to ") && output.contains(", RAM"), "{output}");
-    assert!(output.contains("words written and proven by the drive's sum"), "{output}");
-    assert!(bench.ok("verify", &[&moves]).contains("agree"));
-    assert!(bench.ok("verify", &[&moves, "--words"]).contains("words agree"));
+    assert!(output.contains("words written and verified by the drive's checksum"), "{output}");
+    assert!(bench.ok("verify", &[&moves]).contains("match"));
+    assert!(bench.ok("verify", &[&moves, "--words"]).contains("words match"));
     let output = bench.ok("call", &["turn", "--source", &moves]);
     assert!(output.contains("caution") || output.contains("watchdog"), "{output}");
     assert!(output.contains("has returned"), "{output}");
@@ -157,7 +157,7 @@ fn nothing_goes_to_the_eeprom_unasked_and_what_does_is_told() {
     assert_eq!(again.out, read(&words));
     let other = bench.file("other.sw", "4000\n0001\n0002\n");
     let differs = bench.program("verify", &[&other]);
-    assert!(differs.err.contains("has other words at 4000 to 4001"), "{}", differs.err);
+    assert!(differs.err.contains("has different words at 4000 to 4001"), "{}", differs.err);
     let differs = bench.program("verify", &[&other, "--words"]);
     assert!(differs.code == 1 && differs.err.contains("4001: "), "{}", differs.err);
 }
@@ -215,11 +215,11 @@ fn a_tmcl_program_is_loaded_run_and_stepped_through() {
     let assembled = polepair(&["program", "assemble", &text]);
     assert!(assembled.out.contains("Count:\n    GGP 1, 2"), "{}", assembled.out);
     assert!(bench.ok("load", &[&text, "--dry-run"]).contains("nothing was written"));
-    assert!(bench.ok("load", &[&text]).contains("11 instructions stored, and read back alike"));
-    assert!(bench.ok("verify", &[&text]).contains("11 instructions agree"));
+    assert!(bench.ok("load", &[&text]).contains("11 instructions stored and verified"));
+    assert!(bench.ok("verify", &[&text]).contains("11 instructions match"));
     let ended = bench.ok("run", &["--source", &text]);
     assert!(
-        ended.contains("the program has ended behind 5  STOP") && ended.contains("moves.tmc:8"),
+        ended.contains("the program ended after 5  STOP") && ended.contains("moves.tmc:8"),
         "{ended}"
     );
     assert!((bench.get("user variable 1") - 2.0).abs() < 1e-9);
@@ -239,7 +239,7 @@ fn a_tmcl_program_is_loaded_run_and_stepped_through() {
     let back = bench.path("back.bin");
     bench.ok("save", &[&back]);
     assert_eq!(std::fs::metadata(&back).expect("a file").len(), 11 * 8);
-    assert!(bench.ok("verify", &[&back]).contains("agree"));
+    assert!(bench.ok("verify", &[&back]).contains("match"));
     let wrong = bench.file("wrong.tmc", "STOP\nMPV ABS, 0, 1");
     let refused = bench.program("load", &[&wrong]);
     assert!(

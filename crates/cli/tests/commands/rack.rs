@@ -79,5 +79,5 @@ fn a_held_speed_ends_before_the_axis_does() {
 fn a_bus_is_asked_for_each_protocol_once() {
     let folder = Folder::new("scan");
     let ran = folder.polepair(&["scan", "canopen,canopen+udp://239.74.163.77:43177"]);
-    assert!(ran.code == 2 && ran.err.contains("named twice"), "{}", ran.err);
+    assert!(ran.code == 2 && ran.err.contains("given twice"), "{}", ran.err);
 }

@@ -24,7 +24,7 @@ fn a_new_address_is_read_back_where_the_drive_then_is() {
     let sim = Served::new("tmcl:1,3");
     let one = format!("{}#1", sim.link());
     let ran = polepair(&["set", &one, "module address=3"]);
-    assert!(ran.code == 2 && ran.err.contains("answers at address 3 already"), "{}", ran.err);
+    assert!(ran.code == 2 && ran.err.contains("already has address 3"), "{}", ran.err);
     let ran = polepair(&["set", &sim.url, "module address=7"]);
     assert!(ran.code == 2 && ran.err.contains("error[E242]"), "{}", ran.err);
 

@@ -16,7 +16,7 @@ fn every_drive_is_told_as_soon_as_it_is_found() {
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
     let ran = polepair(&["stop", sim.link()]);
     let lines: Vec<&str> = ran.err.lines().collect();
-    let reports = ["axis 1 is told to stop", "axis 5 is told to stop"];
+    let reports = ["axis 1 is being stopped", "axis 5 is being stopped"];
     let rested = ["axis 1 is stopped", "axis 5 is stopped"];
     assert_eq!(
         (&lines[..2], &lines[2..4], ran.code),
@@ -38,8 +38,8 @@ fn a_trace_that_cannot_be_written_keeps_no_motor_turning() {
     let sim = Served::new("tmcl:1");
     let missing = std::env::temp_dir().join(format!("polepair-none-{}/trace", std::process::id()));
     let missing = missing.to_str().expect("a path");
-    let full = cfg!(target_os = "linux").then_some(("/dev/full", "frames are missing in it"));
-    for (file, text) in [(missing, "No frame is kept.")].into_iter().chain(full) {
+    let full = cfg!(target_os = "linux").then_some(("/dev/full", "frames are missing in the file"));
+    for (file, text) in [(missing, "No frame is recorded.")].into_iter().chain(full) {
         ok(&["spin", &sim.url, "300rpm", "--detach"]);
         let ran = polepair(&["stop", &sim.url, "--trace", file]);
         assert_eq!(ran.code, 0, "{}", ran.err);
@@ -61,7 +61,11 @@ fn everybody_is_told_at_once_where_the_protocol_can() {
     assert_eq!(ran.code, 0, "{}", ran.err);
     let (all, first) = (ran.err.find("STOP, to everybody"), ran.err.find("GETVERSION"));
     assert!(all.is_some() && all < first, "{}", ran.err);
-    assert!(ran.err.contains("everybody was told to stop, unconfirmed; asked "), "{}", ran.err);
+    assert!(
+        ran.err.contains("a broadcast stop was sent, without confirmation; asked "),
+        "{}",
+        ran.err
+    );
     sim.end();
 }
 
@@ -162,7 +166,10 @@ fn a_module_with_several_motors_has_all_of_them_stopped() {
     module.join().expect("a module");
     assert_eq!(ran.code, 0, "{}", ran.err);
     assert!(
-        ran.err.contains("module 1: motor 1 took the stop too; standing not looked at\n"),
+        ran.err.contains(
+            "module 1: motor 1 acknowledged the stop too; their standstill was not \
+         checked\n"
+        ),
         "{}",
         ran.err
     );
@@ -206,7 +213,7 @@ fn a_stop_that_reaches_nobody_says_so() {
     let ran = polepair(&["stop", sim.link()]);
     assert_eq!(ran.code, 4, "{}", ran.err);
     assert!(ran.err.contains("error[E403]: no drive answered.\n"), "{}", ran.err);
-    assert!(ran.err.contains("stayed silent. No stop was sent."), "{}", ran.err);
+    assert!(ran.err.contains("No address replied. No stop was sent."), "{}", ran.err);
     sim.end();
 }
 
@@ -233,9 +240,13 @@ fn what_came_where_nobody_answered_is_told() {
     for verb in ["stop", "scan"] {
         let ran = polepair(&[verb, &url]);
         assert_eq!(ran.code, 4, "{}", ran.err);
-        assert!(ran.err.contains("answered, but something came: "), "{}", ran.err);
-        assert!(ran.err.contains("of others or to") && !ran.err.contains("silent"), "{}", ran.err);
-        let tried = "tried addresses that did not answer, though something came (";
+        assert!(ran.err.contains("No address replied, but frames were received: "), "{}", ran.err);
+        assert!(
+            ran.err.contains("of another device or for") && !ran.err.contains("silent"),
+            "{}",
+            ran.err
+        );
+        let tried = "tried addresses without a reply, although frames arrived (";
         assert_eq!(ran.err.contains(tried), verb == "scan", "{}", ran.err);
     }
     sim.end();
@@ -268,7 +279,7 @@ fn an_axis_that_is_named_twice_is_stopped_once() {
 #[test]
 fn who_holds_the_port_is_named_with_what_stops_him() {
     let sim = Served::new("tmcl:1");
-    let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");
+    let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "running; Ctrl-C stops it");
     let ran = polepair(&["stop", sim.link()]);
     assert_eq!(ran.code, 3, "{}", ran.err);
     let pid = holder.id();
@@ -284,13 +295,13 @@ fn who_holds_the_port_is_named_with_what_stops_him() {
 #[test]
 fn who_holds_the_port_and_is_suspended_is_named_with_what_wakes_him() {
     let sim = Served::new("tmcl:1");
-    let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");
+    let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "running; Ctrl-C stops it");
     let pid = holder.id();
     run::signal("STOP", pid);
     let ran = polepair(&["stop", sim.link()]);
     assert_eq!(ran.code, 3, "{}", ran.err);
     let who = format!(
-        "In use by polepair (process {pid}), which is suspended and hears nothing: \
+        "In use by polepair (process {pid}), which is suspended: \
          `kill -INT {pid}; kill -CONT {pid}` ends it"
     );
     assert!(ran.err.contains("error[E312]") && ran.err.contains(&who), "{}", ran.err);
@@ -345,11 +356,12 @@ fn a_drive_that_cannot_be_identified_is_sent_the_stop_that_all_known_ones_share(
         let ran = polepair(&["stop", &lossy(&sim.url, |_, _| Vec::new())]);
         assert_eq!(ran.code, 4, "{drive}: {}", ran.err);
         for text in [
-            "is told to stop\n",
+            "is being stopped\n",
             "may still turn: cut its supply\n",
             "error[E401]",
-            "it was sent the stop that known drives of this protocol share, and was not seen to stand",
-            "say what it is by `?profile=`: ",
+            "it was sent the common stop of this protocol's known drives, and its standstill is \
+             not confirmed",
+            "select the drive by `?profile=`: ",
         ] {
             assert!(ran.err.contains(text), "{drive}: {}", ran.err);
         }
@@ -434,7 +446,7 @@ fn who_cannot_be_identified_is_not_said_to_have_no_power() {
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
     let ran = polepair(&["disable", &lossy(&sim.url, |_, _| Vec::new())]);
     assert_eq!(ran.code, 4, "{}", ran.err);
-    for text in ["error[E401]", "say what it is by `?profile=`: ", "cut the power"] {
+    for text in ["error[E401]", "select the drive by `?profile=`: ", "cut the power"] {
         assert!(ran.err.contains(text), "{}", ran.err);
     }
     sim.end();

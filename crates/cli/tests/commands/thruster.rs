@@ -151,11 +151,7 @@ fn a_node_id_that_is_taken_is_refused() {
     let link = sim.url.split('#').next().expect("a link").to_owned();
     let drive = format!("{link}#11");
     let taken = polepair(&["set", &drive, "node id=12"]);
-    assert!(
-        taken.code == 2 && taken.err.contains("answers at address 12 already"),
-        "{}",
-        taken.err
-    );
+    assert!(taken.code == 2 && taken.err.contains("already has address 12"), "{}", taken.err);
     let free = polepair(&["set", &drive, "node id=13"]);
     assert_eq!((free.code, free.out.as_str()), (0, "node id = 13\n"), "{}", free.err);
     assert!(free.err.contains("once it was switched off and on"), "{}", free.err);
@@ -187,7 +183,7 @@ fn watch_shows_what_the_drive_sends_by_itself() {
     assert!(subscribed.err.contains("permanent memory: 2"), "{}", subscribed.err);
     let silent = watch("--reports");
     assert!(
-        silent.code == 4 && silent.err.contains("sent no velocity by itself"),
+        silent.code == 4 && silent.err.contains("did not send velocity by itself"),
         "{}",
         silent.err
     );
@@ -198,7 +194,7 @@ fn watch_shows_what_the_drive_sends_by_itself() {
     assert!(kept.out.lines().nth(1).is_some_and(|row| row.ends_with(",0,48")), "{}", kept.out);
     let refused = polepair(&["watch", &sim.url, "torque", "--reports=50ms"]);
     assert!(
-        refused.code == 2 && refused.err.contains("does not tell its torque"),
+        refused.code == 2 && refused.err.contains("does not report its torque"),
         "{}",
         refused.err
     );

@@ -10,7 +10,7 @@ use std::thread;
 
 use run::{Held, Served, ok, polepair, signal};
 
-const HOLDING: &str = "holding; Ctrl-C stops it";
+const HOLDING: &str = "running; Ctrl-C stops it";
 const TURNS: &str = "The motor may still turn: cut its supply.";
 
 fn file(name: &str, text: &str) -> PathBuf {
@@ -68,7 +68,7 @@ fn powers_nothing(degrees: &str, turns: &str) {
     let (path, trace) = (path.display().to_string(), trace.display().to_string());
     let ran = polepair(&["stream", "sim:cia402:1,2", &path, "--trace", &trace]);
     assert_eq!(ran.code, 2, "{}", ran.err);
-    let says = format!("error[E222]: axis 1 stands at 0 turn, the path begins at {turns} turn.");
+    let says = format!("error[E222]: axis 1 is at 0 turn, but the path begins at {turns} turn.");
     assert!(ran.err.contains(&says), "{}", ran.err);
     assert!(!ran.err.contains("Nothing was sent"), "{}", ran.err);
     assert!(ran.err.contains("frames were sent before it."), "{}", ran.err);
@@ -83,7 +83,7 @@ fn points_that_begin_elsewhere_power_nothing() {
     let path = path.display().to_string();
     let ran = polepair(&["stream", "sim:technosoft-f514l", &path, "-v"]);
     assert_eq!(ran.code, 2, "{}", ran.err);
-    assert!(ran.err.contains("stands at 0 turn, the path begins at 0.987 turn."), "{}", ran.err);
+    assert!(ran.err.contains("is at 0 turn, but the path begins at 0.987 turn."), "{}", ran.err);
     assert!(!ran.err.contains("AXISON"), "{}", ran.err);
 }
 
@@ -104,7 +104,7 @@ fn a_scan_whose_wire_dies_says_who_answered_and_how_many_were_not_asked() {
     assert_eq!(ran.code, 3, "{}{}", ran.out, ran.err);
     assert!(ran.err.contains("error[E313]"), "{}", ran.err);
     assert!(ran.out.contains("tmcm"), "who answered before is shown: {}", ran.out);
-    assert!(ran.err.contains("Drives that had answered: 1; addresses not asked: "), "{}", ran.err);
+    assert!(ran.err.contains("Drives that replied: 1; addresses not tried: "), "{}", ran.err);
 }
 
 #[test]
@@ -144,7 +144,7 @@ fn axes_that_answer_are_shown_though_one_is_dead() {
     assert_eq!(ran.code, 7, "{}{}", ran.out, ran.err);
     assert!(ran.out.contains("axis 1:") && ran.out.contains("axis 3:"), "{}", ran.out);
     assert!(ran.err.contains("axis 7 does not answer"), "{}", ran.err);
-    assert!(ran.err.contains("error[E704]: 1 of 3 axes could not be asked."), "{}", ran.err);
+    assert!(ran.err.contains("error[E704]: 1 of 3 axes could not be read."), "{}", ran.err);
 }
 
 /// A drive of which nobody has said what its numbers mean.

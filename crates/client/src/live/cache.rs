@@ -108,7 +108,8 @@ impl LiveCache {
         let lost = |id| bench.links.iter().find(|l| l.id == id && l.state == LinkState::Lost);
         let why = bench.axes.iter().filter_map(|axis| {
             let link = lost(axis.link)?;
-            let reason = link.error.as_ref().map_or("nobody knows why", |error| &error.message);
+            let reason =
+                link.error.as_ref().map_or("the reason is unknown", |error| &error.message);
             Some((axis.id, format!("the link of {} went away: {reason}", axis.label)))
         });
         let mut cached = self.lock_state();
@@ -175,7 +176,7 @@ impl LiveCache {
         match cached.leases.get(&axis) {
             Some(Ok(ours)) if *ours == epoch => Ok(()),
             Some(Err(why)) => Err(why.clone()),
-            _ => Err(GatewayError::new("gateway.lease", "the lease was given back")),
+            _ => Err(GatewayError::new("gateway.lease", "the lease was released")),
         }
     }
 

@@ -356,7 +356,7 @@ fn lease_end_error(error: &GatewayError) -> GatewayError {
         return error.clone();
     }
     GatewayError::new("gateway.lease", format!("the lease ended: {}", error.message))
-        .hint("somebody stopped the axis or took it over; the server's journal tells who")
+        .hint("another client stopped the axis or took it over; the server's journal names it")
 }
 
 #[cfg(test)]
@@ -369,8 +369,8 @@ mod tests {
         assert_eq!(lease_end_error(&lost), lost);
         let stopped = lease_end_error(&GatewayError::new(
             "gateway.lease",
-            "nobody has the lease of this axis",
+            "no client has the lease of this axis",
         ));
-        assert!(stopped.code == "gateway.lease" && stopped.hint.contains("somebody stopped"));
+        assert!(stopped.code == "gateway.lease" && stopped.hint.contains("another client stopped"));
     }
 }

@@ -28,13 +28,17 @@ const SILENCE_MAX: Duration = Duration::from_millis(100);
 const SILENT_CYCLES: u32 = 4;
 /// A host that is late by more than this is no hiccup: drives that watch it have given up.
 const HOST_PAUSE_MAX: Duration = Duration::from_millis(100);
-const UNDERRUN: &str = "there was no set-point for the next cycle, so every axis was stopped: feed them \
+const UNDERRUN: &str = "there was no set-point for the next cycle, so every axis was stopped: \
+ feed them \
                    faster, or choose a longer period";
-const HOST_PAUSED: &str = "this computer paused for longer than drives may be left alone, so every axis was \
+const HOST_PAUSED: &str = "this computer paused for longer than drives may be left alone, so \
+ every axis was \
                     stopped: arm and begin anew; a longer period, or less other work, helps";
-const START_TOO_FAR: &str = "the path begins away from where the axis stands: move there first, or begin it \
+const START_TOO_FAR: &str = "the path does not begin at the actual position of the axis: move \
+ there first, or begin it \
                     there";
-const DRIVE_DISABLED: &str = "a drive is no longer enabled or armed, so every axis was stopped: see its fault \
+const DRIVE_DISABLED: &str = "a drive is no longer enabled or armed, so every axis was stopped: \
+ see its fault \
                     and statusword, then arm and begin anew";
 const NOT_AT_REST: &str =
     "the last set-point is not one at rest, so every axis was stopped: end with zero";

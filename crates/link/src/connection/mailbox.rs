@@ -150,7 +150,7 @@ impl Mailbox {
 
 /// Has a connection fill a mailbox until it is dropped. It keeps the connection open.
 #[derive(Debug)]
-#[must_use = "nothing is heard once it is dropped"]
+#[must_use = "no event is delivered after it is dropped"]
 pub struct ListenerGuard {
     pub(super) connection: Connection,
     pub(super) mailbox: Mailbox,

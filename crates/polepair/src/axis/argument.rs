@@ -61,7 +61,7 @@ impl Axis {
         }
         let (name, profile) = (parameter.name, self.profile.name);
         let what =
-            format!("the profile {profile} does not tell the unit of `{name}`: what is {text}?");
+            format!("the profile {profile} does not state the unit of `{name}`: what is {text}?");
         let hint = "give the drive's own number (--raw), or state unit and scale in the profile";
         Err(Error::usage("E217", what, hint))
     }
@@ -77,10 +77,10 @@ impl Axis {
             let what = format!("{}: {} {why}", self.label(), verb.name());
             Error::usage("E217", what, "give it with a unit")
         };
-        let id = id.ok_or_else(|| no("takes no number of the drive's own there"))?;
+        let id = id.ok_or_else(|| no("accepts no raw number there"))?;
         let value = self.value(id, raw)?;
         let si = value.value * value.unit.si_factor();
-        if si.is_finite() { Ok(si) } else { Err(no("has a value whose scale is not known")) }
+        if si.is_finite() { Ok(si) } else { Err(no("has a value with an unknown scale")) }
     }
 
     /// What a drive with a data sheet lacks of what a verb needs in its family, or one of its arguments:

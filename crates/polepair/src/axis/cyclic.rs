@@ -300,17 +300,22 @@ impl Axis {
     /// # Errors
     /// [`Error::Unsupported`] `E222`; what reading the position brings.
     pub(super) fn check_start_position(&self, begins: f64, max: f64) -> Result<(), Error> {
-        let stands = self.signals(&[Signal::Position])?[0].value;
+        let actual = self.signals(&[Signal::Position])?[0].value;
         // Where the scale is not known, the lane compares raw values.
-        if !stands.is_finite() || (begins - stands).abs() <= max {
+        if !actual.is_finite() || (begins - actual).abs() <= max {
             return Ok(());
         }
         let shown = |si| self.format_signal(Signal::Position, si);
-        let (stands, begins) = (shown(stands), shown(begins));
+        let (actual, begins) = (shown(actual), shown(begins));
         Err(Error::Unsupported {
-            what: format!("{} stands at {stands}, the path begins at {begins}", self.label()),
-            why: Unsupported::Forbidden("the path begins away from where the axis stands"),
-            hint: "move there first, or begin the path where it stands".to_owned(),
+            what: format!("{} is at {actual}, but the path begins at {begins}", self.label()),
+            why: Unsupported::Forbidden(
+                "the path does not begin at the actual position of the \
+             axis",
+            ),
+            hint: "move to the start of the path first, or begin the path at the actual \
+             position"
+                .to_owned(),
         })
     }
 
@@ -332,8 +337,8 @@ pub(super) fn check_one_wire<'a>(axes: impl Iterator<Item = &'a Axis>) -> Result
     if axes.iter().all(|axis| axis.connection.is_same(&first.connection)) {
         return Ok(());
     }
-    let what = "axes that obey one signal must be on one wire";
-    Err(Error::usage("E245", what, "command those of each link by themselves"))
+    let what = "axes that start on one signal must be on one wire";
+    Err(Error::usage("E245", what, "command the axes of each link separately"))
 }
 
 /// A period that the drive would round is another period.

@@ -121,7 +121,7 @@ impl Axis {
                 }
                 None if data.len() > DATA_MAX => {
                     let what = format!("{}: more than {DATA_MAX} bytes came", running.what);
-                    return Err(Error::usage("E213", what, "this is no value that ends"));
+                    return Err(Error::usage("E213", what, "the value does not end"));
                 }
                 None => {}
             }

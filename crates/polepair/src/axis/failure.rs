@@ -155,8 +155,8 @@ impl Axis {
         let parts = [
             named("done", extent.done),
             named("refused", extent.refused),
-            named("not known whether done", extent.unknown),
-            extent.rolled_back.then(|| "what was done was taken back".to_owned()),
+            named("unknown whether executed", extent.unknown),
+            extent.rolled_back.then(|| "the executed part was undone".to_owned()),
         ];
         let messages: Vec<String> = parts.into_iter().flatten().collect();
         format!("it was executed in part; {}", messages.join("; "))
@@ -203,7 +203,7 @@ impl Axis {
         match failure {
             Failure::Refused { code } => self.refusal_reason(code),
             Failure::Misbehaved => reason_and_hint(
-                "what came back was corrupt or answered another question",
+                "the replies were corrupt or belonged to another request",
                 "look for two drives with one address, an echoing adapter, noise or a wrong baud \
                  rate; `-v` shows the frames",
             ),
@@ -213,23 +213,23 @@ impl Axis {
             ),
             Failure::NotReached => self.unmet_wait_reason(),
             Failure::PowerLost => reason_and_hint(
-                "the motor has no power any more",
-                "an input (STO, enable), another program or the drive itself took it: \
+                "the motor has lost its power",
+                "an input (STO, enable), another program or the drive itself switched it off: \
                  `polepair info` shows its state",
             ),
             Failure::ModeChanged { mode } => (
                 format!("the drive is in another mode, {}", self.mode_text(mode)),
-                "see who else commands it".to_owned(),
+                "check whether another master controls it".to_owned(),
             ),
             Failure::NotReady { hint } => reason_and_hint("the drive is not ready", hint),
             Failure::Faulted { code } => self.fault_reason(code),
             Failure::Differs { start, end } => (
-                format!("the drive has other words at {start:04X} to {end:04X}"),
+                format!("the drive has different words at {start:04X} to {end:04X}"),
                 "load the program again; if that does not help, that memory is locked \
                  (LOCKEEPROM), not there, or worn out"
                     .to_owned(),
             ),
-            Failure::Cancelled => reason_and_hint("a stop or a newer command came between", ""),
+            Failure::Cancelled => reason_and_hint("a stop or a newer command replaced it", ""),
             Failure::LinkDown => {
                 let trouble = self.connection.link_error();
                 let hint = trouble.as_ref().map(|t| t.hint().to_owned()).unwrap_or_default();
@@ -237,13 +237,13 @@ impl Axis {
                 (reason, hint)
             }
             Failure::Impossible(why) => self.unsupported_reason(why),
-            other => (format!("it ended as {other:?}"), String::new()),
+            other => (format!("it ended with {other:?}"), String::new()),
         }
     }
 
     /// What was waited for in vain, and what came instead.
     fn unmet_wait_reason(&self) -> (String, String) {
-        const HINT: &str = "see whether something blocks it";
+        const HINT: &str = "check whether something blocks it";
         let unmet = self.connection.with_axes(|axes, _| axes.unmet_wait(self.index));
         let unmet = unmet.and_then(|unmet| Some((unmet, self.parameter(unmet.parameter)?)));
         let Some((unmet, parameter)) = unmet else {
@@ -330,12 +330,17 @@ impl Axis {
                     self.profile.plans.iter().map(|plan| plan.verb.name()).collect();
                 let hint = match (&self.identified, verbs.is_empty()) {
                     (Identification::Generic, _) => {
-                        "no known drive answers so; `?profile=` says what it is".to_owned()
+                        "no known drive replies like this; select the drive by \
+                         `?profile=`"
+                            .to_owned()
                     }
-                    (_, true) => "it can nothing of the kind".to_owned(),
+                    (_, true) => "the drive does not support this".to_owned(),
                     (_, false) => format!("it can {}", verbs.join(", ")),
                 };
-                (format!("{product} cannot do that, or it is not known how"), hint)
+                (
+                    format!("{product} does not support this, or its profile does not describe it"),
+                    hint,
+                )
             }
             Unsupported::ReadOnly(id)
                 if self.parameter(id).is_some_and(|p| p.encoding == Encoding::AnyLength) =>
@@ -362,9 +367,12 @@ impl Axis {
                 "the axis is busy with another command".into(),
                 "wait for it, or stop the axis".into(),
             ),
-            Unsupported::BadText => {
-                (format!("that is no {} text", self.protocol), "`polepair encode` shows how".into())
-            }
+            Unsupported::BadText => (
+                format!("that is not a valid {} request", self.protocol),
+                "`polepair encode` \
+                 shows how"
+                    .into(),
+            ),
             Unsupported::Forbidden(rule) => (rule.to_owned(), String::new()),
             other => (format!("{other:?}"), String::new()),
         }

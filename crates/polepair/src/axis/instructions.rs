@@ -116,7 +116,7 @@ impl Axis {
                         "{}: the module executed instruction {at} instead of storing it",
                         self.label()
                     );
-                    let hint = "stop its motors; something has ended its download mode, such as another host";
+                    let hint = "stop its motors; another host may have ended its download mode";
                     return Err(differs(what, at, hint, true));
                 }
             }
@@ -199,9 +199,9 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame.
     pub fn program_status(&self) -> Result<ProgramStatus, Error> {
-        let raw = self.run_order("asking for the program", ProgramCommand::QueryProgram)?;
+        let raw = self.run_order("reading the program", ProgramCommand::QueryProgram)?;
         let counter =
-            self.run_order("asking where the program is", ProgramCommand::QueryCounter)?;
+            self.run_order("reading the program counter", ProgramCommand::QueryCounter)?;
         let running = self.instruction_language()?.is_running(raw);
         Ok(ProgramStatus { running, counter: u16::try_from(counter).unwrap_or(u16::MAX) })
     }
@@ -255,7 +255,7 @@ impl Axis {
     /// [`Error`] by blame.
     pub fn motor_speed(&self, motor: u8) -> Result<i64, Error> {
         self.run_order(
-            &format!("asking for the speed of motor {motor}"),
+            &format!("reading the speed of motor {motor}"),
             ProgramCommand::QuerySpeed(motor),
         )
     }

@@ -131,7 +131,7 @@ impl Axis {
     /// Refuses what knows nothing of scales and limits.
     pub(super) fn check_unmounted(&self) -> Result<(), Error> {
         let Some(mounted) = self.mounted.as_deref() else { return Ok(()) };
-        let what = "set-points on a beat know nothing of its scale and limits";
+        let what = "cyclic set-points do not observe its scale and limits";
         Err(self.limit_error(
             what,
             &mounted.mounting.location,
@@ -231,11 +231,11 @@ impl Axis {
                 self.check_position(self.read_position()? + target, ends)
             }
             Verb::MoveOn => {
-                let what = "where its last target lies is not known, so its limits could not hold";
+                let what = "its last target is unknown, so its limits cannot be checked";
                 Err(self.limit_error(
                     what,
                     &ends.location,
-                    "go so far from where it is: --rel alone",
+                    "move relative to the actual position: --rel alone",
                 ))
             }
             Verb::Velocity | Verb::Torque => {
@@ -277,11 +277,11 @@ impl Axis {
     fn limited_move_speed(&self, verb: Verb, most: &Located<f64>) -> Result<Option<f64>, Error> {
         let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
         let Some(destination) = destination(self.profile, verb, Argument::Velocity) else {
-            let what = "its moves go at the drive's own speed, so its limit could not hold";
+            let what = "its moves use the drive's own speed, so its limit cannot be checked";
             return Err(self.limit_error(
                 what,
                 &most.location,
-                "take that limit out, or use a drive that is told how fast",
+                "remove that limit, or use a drive whose moves have a speed",
             ));
         };
         let written = steps.iter().any(
@@ -318,7 +318,7 @@ impl Axis {
             (Some(MotionRole::Position | MotionRole::Speed | MotionRole::Acceleration), _)
             | (_, None) => {}
             (_, Some(ends)) if parameter.moves && raw != 0 => {
-                let what = format!("what `{}` starts cannot be held within limits", parameter.name);
+                let what = format!("what `{}` starts cannot be kept within limits", parameter.name);
                 return Err(self.limit_error(&what, &ends.location, "use the verbs of motion"));
             }
             _ => {}
@@ -396,10 +396,10 @@ impl Axis {
         let location = self.mounted.as_deref().map(|mounted| &mounted.mounting.location);
         let place_text = location.map_or_else(String::new, |location| format!(" ({location})"));
         let what = format!(
-            "{}: its position is not known, so its limits could not hold{place_text}",
+            "{}: its position is unknown, so its limits cannot be checked{place_text}",
             self.label()
         );
-        Err(Error::usage("E223", what, "read it: `polepair get URL all` tells why it is not known"))
+        Err(Error::usage("E223", what, "read it: `polepair get URL all` shows the reason"))
     }
 
     fn check_position(&self, position: f64, ends: &Located<(f64, f64)>) -> Result<(), Error> {

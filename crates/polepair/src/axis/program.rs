@@ -15,8 +15,8 @@ use std::time::Duration;
 /// How often it is told how far a transfer is.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(50);
 
-const PERMANENT_MEMORY_REASON: &str = "a part of it lies in permanent memory, which wears: nothing is written there \
-                    unless that is asked for";
+const PERMANENT_MEMORY_REASON: &str = "a part of it is in permanent memory, which wears: this is \
+ written only on request";
 
 impl Axis {
     /// The language of its drive's programs.
@@ -138,7 +138,7 @@ impl Axis {
     /// [`Error`] by blame.
     pub fn is_routine_running(&self) -> Result<bool, Error> {
         let (_, mask) = self.memory_rules("programs")?.call_flag;
-        let status = self.run_order("asking for the routine", ProgramCommand::QueryCall)?;
+        let status = self.run_order("reading the routine", ProgramCommand::QueryCall)?;
         Ok(status & i64::from(mask) != 0)
     }
 

@@ -37,7 +37,7 @@ impl Axis {
             self.submit(format!("`{}`", digits.join(" ")), RequestKind::Command, send_request);
         started.map_err(|error| match error {
             Error::Unsupported { why: Unsupported::BadBytes, .. } => {
-                self.bad_request_error("these bytes are no request to it")
+                self.bad_request_error("these bytes are not a request to this axis")
             }
             other => other,
         })
@@ -45,13 +45,13 @@ impl Axis {
 
     fn bad_request_error(&self, what: &str) -> Error {
         let what = format!("{}: {what}", self.label());
-        Error::usage("E221", what, "`polepair explain` tells what bytes mean")
+        Error::usage("E221", what, "`polepair explain` explains bytes")
     }
 
     /// Refuses what breaks the protocol, or is another axis', with the reason.
     fn check_bytes(&self, bytes: &[u8], id: Option<u32>, extended: bool) -> Result<(), Error> {
         let dissector = proto::find_dissector(self.protocol)
-            .ok_or_else(|| self.bad_request_error("its protocol has no words for bytes"))?;
+            .ok_or_else(|| self.bad_request_error("its protocol has no requests as bytes"))?;
         let direction = Some(Direction::ToDrive);
         let profile = Some(self.profile);
         let context = Context { direction, profile, id, extended, ..Context::default() };

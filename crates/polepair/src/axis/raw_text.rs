@@ -98,7 +98,7 @@ impl Axis {
                 format!("`{text}`: expected {} {place}", wrong.expected)
             }
             Some(Err(EncodeError::Forbidden(rule))) => format!("`{text}`: {rule}"),
-            _ => format!("`{text}` is no request of a host to one drive"),
+            _ => format!("`{text}` is not a request from a host to one drive"),
         };
         Error::usage("E221", format!("{}: {what}", self.label()), hint)
     }

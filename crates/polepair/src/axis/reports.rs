@@ -46,8 +46,11 @@ impl Axis {
 
     fn sends_nothing(&self) -> String {
         let protocol = self.protocol;
-        format!("{}: no setting has a drive of {protocol} send its signals", self.label())
+        format!(
+            "{}: drives of {protocol} have no setting that makes them send signals",
+            self.label()
+        )
     }
 }
 
-const ASK_INSTEAD: &str = "without reports the drive is asked for it";
+const ASK_INSTEAD: &str = "without reports the drive is polled";

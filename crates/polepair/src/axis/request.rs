@@ -40,7 +40,7 @@ impl PreparedCommand {
 
 /// A request under way. Dropped before its end, it goes on by itself.
 #[derive(Debug)]
-#[must_use = "wait for it, or drop it to let it go on by itself"]
+#[must_use = "wait for it, or drop it to continue in the background"]
 pub struct RunningRequest {
     pub(super) axis: Axis,
     pub(super) pending: PendingRequest,

@@ -50,8 +50,8 @@ impl WatchdogState {
 impl fmt::Display for WatchdogState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::None => f.write_str("none: the motor keeps doing what it was last told"),
-            Self::Off => f.write_str("off: the motor keeps doing what it was last told"),
+            Self::None => f.write_str("none: the motor continues its last command"),
+            Self::Off => f.write_str("off: the motor continues its last command"),
             Self::On(after) => {
                 write!(f, "on, the drive stops after {} of silence", format_time(*after))
             }
@@ -61,12 +61,12 @@ impl fmt::Display for WatchdogState {
             Self::NoReaction(after) => {
                 write!(
                     f,
-                    "without effect: {} of silence are noticed, and nothing is done",
+                    "without effect: {} of silence are noticed, and no action follows",
                     format_time(*after)
                 )
             }
             Self::Unknown => {
-                f.write_str("unknown: it can be set, and the drive does not tell how it is set")
+                f.write_str("unknown: it can be set, and the drive does not report the setting")
             }
         }
     }
@@ -97,14 +97,14 @@ impl Axis {
     pub fn watchdog_rule(&self) -> String {
         let name = |id| self.parameter(id).map_or("?", |parameter| parameter.name);
         match self.profile.watchdog {
-            Watchdog::None => "none: the motor keeps doing what it was last told".to_owned(),
+            Watchdog::None => "none: the motor continues its last command".to_owned(),
             Watchdog::Fixed { after_ms } => {
                 format!("the drive stops {after_ms} ms after its host falls silent")
             }
             Watchdog::Configurable { .. } => {
                 let name = self.watchdog_parameter().map_or("?", name);
                 format!(
-                    "off while `{name}` is 0: the motor keeps doing what it was last told; else the \
+                    "off while `{name}` is 0: the motor continues its last command; else the \
                      drive stops after that time without requests"
                 )
             }
@@ -123,7 +123,8 @@ impl Axis {
     pub fn describe_watchdog(&self, state: WatchdogState) -> String {
         match (state, self.host) {
             (WatchdogState::On(after), Some(host)) if self.needs_heartbeat() => format!(
-                "on, for a host that sends its heartbeat: the drive watches node {host} and stops {} \
+                "on, for a host that sends its heartbeat: the drive watches node {host} and stops \
+                 {} \
                  after the last one; without heartbeat= this connection sends none",
                 format_time(after)
             ),

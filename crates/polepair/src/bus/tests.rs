@@ -24,7 +24,7 @@ fn clashes_are_told_with_the_identifier() {
     for (all, text) in [
         ([("canopen", 11), ("thruster", 11)], "both use the identifier 28Bh"),
         ([("technocan", 5), ("tmcl", 1)], "both use the identifier 1h"),
-        ([("canopen", 2), ("canopen", 2)], "canopen 2 is there twice"),
+        ([("canopen", 2), ("canopen", 2)], "canopen 2 is used twice"),
         ([("canopen", 2), ("technocan", 32)], "multiple of 32"),
         ([("canopen", 2), ("tmcl", 0x82)], "both use the identifier 82h"),
     ] {

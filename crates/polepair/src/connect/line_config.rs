@@ -50,9 +50,9 @@ impl AnyBorrowedLink {
             MediumKind::Can => connection.borrow_link(until)?.map(Self::Can),
         };
         borrowed.ok_or_else(|| {
-            let what = format!("something is under way on {}", connection.describe());
-            let hint = "end it first: nobody can be looked for meanwhile, nor while drives have to hear \
-                        this host in time (heartbeat, SYNC, a watchdog that it feeds)";
+            let what = format!("a request is running on {}", connection.describe());
+            let hint = "end it first: a scan is not possible meanwhile, nor while drives depend \
+             on periodic messages of this host (heartbeat, SYNC, watchdog)";
             Error::usage("E220", what, hint)
         })
     }
@@ -112,7 +112,7 @@ impl LineConfig {
             Some((expected, _)) if std::ptr::eq(*expected, found.profile) => Ok(found.profile),
             Some((expected, _)) if expected.identity.is_none() => Ok(expected),
             Some((expected, location)) => {
-                let reason = format!("what answers at {} is no `{}`", found.number, expected.name);
+                let reason = format!("the device at {} is no `{}`", found.number, expected.name);
                 let error = location.as_ref().map(|location| location.error(&reason).into());
                 Err(error.unwrap_or_else(|| Error::usage("E213", reason, "")))
             }
@@ -157,14 +157,14 @@ impl Link {
         let stored = self.line_configs_on(wire)?;
         let known = self.axes_on(wire);
         let connection = known.first().map(|(_, axis)| axis.connection.clone());
-        let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
+        let connection = connection.ok_or_else(|| Error::usage("E212", "no axis replied", ""))?;
         let mut ready: Vec<(usize, &DetectedDrive, RackEntry, &'static Profile)> = Vec::new();
         for found in found {
             let lane =
                 stored.iter().position(|line_config| line_config.protocol.name == found.protocol);
             let lane = lane.ok_or_else(|| {
-                let what = format!("nobody speaks {} on this wire", found.protocol);
-                Error::usage("E212", what, "look for drives on this link first")
+                let what = format!("no axis of this wire uses {}", found.protocol);
+                Error::usage("E212", what, "scan this link first")
             })?;
             stored[lane].protocol.check_address(found.number)?;
             let same =
@@ -173,7 +173,7 @@ impl Link {
                 || ready.iter().any(|(_, other, ..)| same(other.number, other.protocol))
             {
                 let what = format!("the drive at {} is an axis already", AxisNumber(found.number));
-                return Err(Error::usage("E212", what, "it need not be taken in"));
+                return Err(Error::usage("E212", what, "it need not be added"));
             }
             let entry = stored[lane].rack_entry(found.number);
             let profile = stored[lane].expected_profile(found, &entry)?;
@@ -186,16 +186,20 @@ impl Link {
                 let what = format!("{} more axes do not fit on this link", ready.len());
                 return Err(Error::usage("E220", what, "256 are the most"));
             }
-            let cannot = ready.iter().find(|(lane, found, ..)| !axes.can_add_axis(*lane, found.number));
+            let cannot =
+                ready.iter().find(|(lane, found, ..)| !axes.can_add_axis(*lane, found.number));
             if let Some((_, found, ..)) = cannot {
                 let what = format!("the drive at {} cannot join", AxisNumber(found.number));
-                let hint = "it has the host's own address (give it another), or is an axis already, or \
-                            the line is being set to its baud rate: then try again";
+                let hint = "it has the address of the host, or it is already an axis, or the baud \
+                 rate is being set: change the address, or try again";
                 return Err(Error::usage("E220", what, hint));
             }
-            let join = |(lane, found, _, profile): &(usize, &DetectedDrive, RackEntry, &'static Profile)| {
-                axes.add_axis(*lane, profile, found.number)
-            };
+            let join = |(lane, found, _, profile): &(
+                usize,
+                &DetectedDrive,
+                RackEntry,
+                &'static Profile,
+            )| { axes.add_axis(*lane, profile, found.number) };
             Ok(ready.iter().filter_map(join).collect::<Vec<_>>())
         })?;
         let mut link = self.clone();

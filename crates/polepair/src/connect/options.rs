@@ -81,7 +81,7 @@ pub(super) fn wire_standard(url: &Url) -> Result<Option<proto::SerialStandard>, 
         Some("rs232") => Ok(Some(proto::SerialStandard::Rs232)),
         Some("rs485") => Ok(Some(proto::SerialStandard::Rs485)),
         Some(other) => {
-            let what = format!("`wire={other}` is neither rs232 nor rs485");
+            let what = format!("`wire={other}` is not `rs232` or `rs485`");
             Err(Error::usage("E210", what, ""))
         }
     }
@@ -105,8 +105,8 @@ fn answers_only(url: &Url) -> Result<bool, Error> {
         None | Some("tmlcan") => Ok(false),
         Some("technocan") => Ok(true),
         Some(other) => {
-            let what = format!("`relay={other}` is neither tmlcan nor technocan");
-            Err(Error::usage("E210", what, "it is what the relay speaks on its CAN bus"))
+            let what = format!("`relay={other}` is not `tmlcan` or `technocan`");
+            Err(Error::usage("E210", what, "it is the protocol of the relay on its CAN bus"))
         }
     }
 }
@@ -127,7 +127,7 @@ pub(super) fn serial_line(
         Some("even") => line.parity = Parity::Even,
         Some("odd") => line.parity = Parity::Odd,
         Some(other) => {
-            let what = format!("`parity={other}` is none of none, even, odd");
+            let what = format!("`parity={other}` is not `none`, `even` or `odd`");
             return Err(Error::usage("E210", what, ""));
         }
     }
@@ -158,8 +158,9 @@ fn has_timing(url: &Url) -> Result<bool, Error> {
         // What the simulated port is like.
         (Some(_), LinkTarget::Sim { .. }) => Ok(true),
         (Some(other), _) => {
-            let what = format!("`timing={other}` is neither off nor uart");
-            let hint = "off: answers may come sooner than the baud rate allows; uart: they do not";
+            let what = format!("`timing={other}` is not `off` or `uart`");
+            let hint = "off: replies may arrive sooner than the baud rate allows; uart: they do \
+             not";
             Err(Error::usage("E210", what, hint))
         }
     }

@@ -81,7 +81,7 @@ impl Connector {
                 return Ok(Some(profile));
             }
             let what = format!("{file} is not of a {} drive", protocol.name);
-            let hint = format!("choose another file, or leave {key}= out");
+            let hint = format!("choose another file, or remove {key}=");
             return Err(Error::usage("E213", what, hint));
         }
         url.key("profile").map(|name| self.named_profile(name, protocol)).transpose()

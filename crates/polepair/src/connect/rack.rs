@@ -57,7 +57,7 @@ impl Connector {
             return self.open_simulated(url, description, only);
         }
         if let Some(key) = ["time", "seed"].iter().find(|key| url.key(key).is_some()) {
-            let what = format!("the key `{key}` means nothing on a real link");
+            let what = format!("the key `{key}` is not supported on a real link");
             let hint = format!("`sim:{file}` simulates the same");
             return Err(Error::usage("E210", what, hint));
         }
@@ -108,8 +108,8 @@ impl Connector {
 pub(super) fn missing_connect_error(description: &RackDescription, n: usize) -> Error {
     let name = &description.rack.links[n].name;
     let reason = format!(
-        "`{name}` does not say where it is, though others do: `connect = \"…\"`, or leave it out \
-         everywhere to simulate all"
+        "`{name}` has no `connect`, but other links have one: `connect = \"…\"`, or remove it \
+         from all links to simulate them"
     );
     let location = description.wires[n].location.as_ref();
     location.map_or_else(
@@ -129,7 +129,11 @@ pub(super) fn identify_expected(
     if std::ptr::eq(found, profile) || profile.identity.is_none() {
         return Ok((profile, identified));
     }
-    let reason = format!("what answers at {number} is no `{}`: look who is there", profile.name);
+    let reason = format!(
+        "the device at {number} is no `{}`: `polepair scan` finds what is \
+     connected",
+        profile.name
+    );
     Err(match location {
         Some(location) => location.error(reason).into(),
         None => Error::usage("E213", reason, ""),

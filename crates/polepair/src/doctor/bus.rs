@@ -16,11 +16,13 @@ use polepair_sim::can_bus::bits;
 const LISTEN_MS: u32 = 500;
 /// Speakers that are named at most.
 const SENDERS_SHOWN_MAX: usize = 12;
-const TERMINATION: &str = "termination: 120 ohm at both ends, 60 between CAN-H and CAN-L with power \
-                           off; one bit rate for all; power off before plugging a drive's connector";
+const TERMINATION: &str = "termination: 120 ohm at both ends, 60 between CAN-H and CAN-L with \
+ power \
+                           off; one bit rate for all; power off before plugging a drive's \
+                           connector";
 
-const MULTICAST: &str = "one group and port for everybody on this bus, and a network that passes \
-                         multicast on";
+const MULTICAST: &str = "use one group and port for all devices of this bus, and a network that \
+ forwards multicast";
 
 /// What was heard in a while.
 #[derive(Default)]
@@ -66,7 +68,7 @@ pub(super) fn check_traffic(
         let text = format!("{:.1} % of the bus", busy * 100.0);
         on_event(match busy > LOAD_MAX {
             true => {
-                CheckResult::suspicious("load", text, "ask less often, or take a higher bit rate")
+                CheckResult::suspicious("load", text, "poll less often, or use a higher bit rate")
             }
             false => CheckResult::ok("load", text),
         });
@@ -119,7 +121,7 @@ fn count_senders(line: &ProtocolLine, frames: &[Frame]) -> Vec<(String, usize)> 
             listener.sender(frame).map(|number| format!("{name} {number}"))
         };
         let who = listeners.iter().find_map(sender);
-        let who = who.unwrap_or_else(|| format!("id {:X}, nobody known", frame.id));
+        let who = who.unwrap_or_else(|| format!("id {:X}, unknown device", frame.id));
         match found.iter_mut().find(|(other, _)| *other == who) {
             Some((_, count)) => *count += 1,
             None => found.push((who, 1)),

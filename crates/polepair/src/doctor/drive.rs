@@ -184,7 +184,7 @@ fn check_power(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
         true => CheckResult::suspicious(
             about,
             "the motor is powered",
-            "`polepair disable` takes power off it",
+            "`polepair disable` removes the power",
         ),
         false => CheckResult::ok(about, "the motor has no power"),
     }))
@@ -206,13 +206,13 @@ fn check_watchdog(axis: &Axis) -> CheckResult {
         WatchdogState::On(_) if axis.needs_heartbeat() => CheckResult::suspicious(
             &about,
             text,
-            "add heartbeat=100 to the connection of whoever moves it",
+            "add heartbeat=100 to the connection string of the program that moves it",
         ),
         WatchdogState::On(_) => CheckResult::ok(&about, text),
         WatchdogState::None => CheckResult::suspicious(
             &about,
-            "no watchdog: the motor keeps doing what it was last told if the link dies",
-            "an emergency stop that needs no computer",
+            "no watchdog: the motor continues its last command if the link is lost",
+            "install an emergency stop that works without a computer",
         ),
         WatchdogState::Off
         | WatchdogState::OtherNode { .. }

@@ -12,16 +12,19 @@ pub fn check_machine(connector: &Connector) -> Vec<CheckResult> {
     let found = ports();
     let mut checks: Vec<CheckResult> = found.iter().map(check_port).collect();
     if found.is_empty() {
-        let remedy = "plug an adapter in and look again; `sim:tmcl` needs none";
+        let remedy = "plug in an adapter and try again; `sim:tmcl` needs none";
         let text = "no serial or CAN adapter was found";
         checks.push(CheckResult::wrong("adapters", Exit::Adapter, text, remedy));
     }
     let broken = connector.config.broken.iter();
     checks.extend(broken.map(|error| CheckResult::error("configuration", &error.clone().into())));
     checks.push(match &connector.config.file {
-        Some(file) if connector.config.is_broken(file) => {
-            CheckResult::suspicious("configuration", "links have no names until that is mended", "")
-        }
+        Some(file) if connector.config.is_broken(file) => CheckResult::suspicious(
+            "configuration",
+            "links have no names until the file is \
+             corrected",
+            "",
+        ),
         Some(file) => CheckResult::ok("configuration", format!("{} is read", file.display())),
         None => CheckResult::ok("configuration", format!("no {FILE}: links have no names")),
     });
@@ -62,7 +65,7 @@ fn describe_adapter(port: &Port, what: &str) -> String {
     let usb = port.usb.as_ref().map(|usb| format!("{} {}", usb.vendor, usb.product));
     let usb = usb.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty());
     let usb = usb.map_or_else(String::new, |name| format!(" ({name})"));
-    format!("{what}{usb}; this user may open it")
+    format!("{what}{usb}; this user has permission to open it")
 }
 
 fn check_named_link(connector: &Connector, name: &str, url: &str) -> CheckResult {

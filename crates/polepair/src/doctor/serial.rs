@@ -43,12 +43,13 @@ pub(super) fn check_noise(
             )
         }
         (all, _) if good * 2 > all => {
-            let text = format!("{all} bytes came unasked, {good} of them in whole frames");
-            let remedy = "another host asks here, or a drive reports by itself: one host a line";
+            let text = format!("{all} unsolicited bytes, {good} of them in whole frames");
+            let remedy = "another host polls this line, or a drive sends by itself; use one host \
+             for each line";
             CheckResult::suspicious("noise", text, remedy)
         }
         (all, _) => {
-            let text = format!("{all} bytes came unasked, {good} of them in whole frames");
+            let text = format!("{all} unsolicited bytes, {good} of them in whole frames");
             CheckResult::wrong(
                 "noise",
                 Exit::Corrupt,
@@ -60,7 +61,7 @@ pub(super) fn check_noise(
     if baud > 0 {
         on_event(CheckResult::ok(
             "rate",
-            format!("{baud} baud, as the string or the factory has it"),
+            format!("{baud} baud, from the connection string, or the factory setting"),
         ));
     }
     Ok(())
@@ -88,7 +89,7 @@ fn find_better_rate(
         (0, _) => "noise or another protocol: shield, common ground, terminators, no other host \
                    on the line"
             .to_owned(),
-        (_, rate) => format!("at {rate} baud whole frames come: write `:{rate}` behind the port"),
+        (_, rate) => format!("at {rate} baud frames are complete: write `:{rate}` after the port"),
     })
 }
 
@@ -132,8 +133,9 @@ pub(super) fn check_text_mode(
         let (bytes, _) = receive_bytes(link)?;
         if bytes.split(|byte| *byte == b'\r').any(|line| answers_in_text(dissector, line)) {
             let remedy = format!(
-                "send it the line `{exit}` with a carriage return from a terminal, or switch it off and on; \
-                 a module that is so again at power-up has `ascii mode` (GP 67) set"
+                "send it the line `{exit}` with a carriage return from a terminal, or switch it \
+                 off and on; \
+                 if it returns at power-up, `ascii mode` (GP 67) is set"
             );
             let text = "is in ASCII mode: it answers lines of text";
             on_event(CheckResult::wrong(&format!("axis {number}"), Exit::NoReply, text, remedy));
@@ -200,19 +202,24 @@ impl EchoDetector {
     pub(super) fn check_result(&self, line: &ProtocolLine) -> CheckResult {
         match (self.echo_seen(), line.options.echo) {
             (None, _) => {
-                let remedy = "to test the adapter alone, unplug the drive and join TX and RX: own \
-                              bytes must come back";
-                CheckResult::suspicious("echo", "nothing came back, so it cannot be told", remedy)
+                let remedy = "to test the adapter alone, unplug the drive and connect TX to RX: \
+                 sent bytes must return";
+                CheckResult::suspicious(
+                    "echo",
+                    "no reply, so the adapter's echo is unknown",
+                    remedy,
+                )
             }
-            (Some(false), false) => CheckResult::ok("echo", "own bytes do not come back"),
-            (Some(true), true) => CheckResult::ok("echo", "own bytes come back, and are expected"),
+            (Some(false), false) => CheckResult::ok("echo", "sent bytes do not return"),
+            (Some(true), true) => CheckResult::ok("echo", "sent bytes return, as expected"),
             (Some(true), false) => {
-                let remedy = "add `echo=yes` to the string, or switch the adapter's echo off";
-                CheckResult::wrong("echo", Exit::Negative, "own bytes come back", remedy)
+                let remedy = "add `echo=yes` to the connection string, or switch the adapter's \
+                 echo off";
+                CheckResult::wrong("echo", Exit::Negative, "sent bytes return", remedy)
             }
             (Some(false), true) => {
-                let remedy = "leave `echo=yes` out of the string";
-                CheckResult::wrong("echo", Exit::Negative, "own bytes do not come back", remedy)
+                let remedy = "remove `echo=yes` from the connection string";
+                CheckResult::wrong("echo", Exit::Negative, "sent bytes do not return", remedy)
             }
         }
     }
@@ -228,11 +235,11 @@ pub(super) fn check_other_rates(
         return Ok(CheckResult::ok("other rates", "the far end has the baud rate"));
     };
     if !options.try_bauds {
-        let text = "asked at one baud rate only";
+        let text = "tried one baud rate only";
         return Ok(CheckResult::suspicious(
             "other rates",
             text,
-            "--try-bauds asks at the others, by reads",
+            "--try-bauds tries the others, by reads",
         ));
     }
     let mut tried = Vec::new();
@@ -247,14 +254,14 @@ pub(super) fn check_other_rates(
             let probe = Prober::new(line, &connector.config).scanning().probe(number)?;
             if matches!(probe, ProbeResult::Found { .. }) {
                 let output = format!("axis {number} answers at {rate} baud");
-                let remedy = format!("write `:{rate}` behind the port");
+                let remedy = format!("write `:{rate}` after the port");
                 return Ok(CheckResult::wrong("other rates", Exit::NoReply, output, remedy));
             }
         }
         tried.push(rate);
     }
-    let output = format!("nobody answers at {} baud either", super::join_numbers(&tried));
-    Ok(CheckResult::wrong("other rates", Exit::NoReply, output, "power, wiring and address remain"))
+    let output = format!("no drive replies at {} baud either", super::join_numbers(&tried));
+    Ok(CheckResult::wrong("other rates", Exit::NoReply, output, "check power, wiring and address"))
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ fn about<'a>(checks: &'a [CheckResult], about: &str) -> &'a CheckResult {
 fn a_sound_line_is_sound() {
     let found = checks("sim:tmcl?time=virtual");
     assert!(found.iter().all(|check| check.grade != Grade::Wrong), "{found:?}");
-    assert!(about(&found, "echo").found.contains("do not come back"));
+    assert!(about(&found, "echo").found.contains("do not return"));
     assert!(about(&found, "axis 1").found.contains("answers"));
 }
 

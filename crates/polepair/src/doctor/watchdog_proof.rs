@@ -116,7 +116,7 @@ pub fn prove_watchdog(
         false => restore_watchdog(axis, before),
         // It may be what stops a motor that was not seen to stand.
         true => {
-            let text = "its watchdog stays set: the motor was not seen to stand";
+            let text = "its watchdog stays set: the standstill of the motor is not confirmed";
             CheckResult::suspicious(&axis.label(), text, "`polepair watchdog URL off`, or a time")
         }
     });
@@ -127,7 +127,7 @@ pub fn prove_watchdog(
 fn restore_watchdog(axis: &Axis, before: Option<Vec<(ParameterId, i64)>>) -> CheckResult {
     let about = axis.label();
     let Some(before) = before else {
-        let text = "its watchdog stays set: the drive does not tell how it was set before";
+        let text = "its watchdog stays set: the drive does not report its earlier setting";
         return CheckResult::suspicious(&about, text, "`polepair watchdog URL off`, or a time");
     };
     let is_stored = |id: &ParameterId| {
@@ -147,13 +147,13 @@ fn restore_watchdog(axis: &Axis, before: Option<Vec<(ParameterId, i64)>>) -> Che
     match put {
         Ok(state) => {
             let state = axis.describe_watchdog(state);
-            CheckResult::ok(&about, format!("its watchdog is set as before{memory}: {state}"))
+            CheckResult::ok(&about, format!("its watchdog is restored{memory}: {state}"))
         }
         Err(error) => CheckResult::wrong(
             &about,
             error.exit(),
-            format!("its watchdog could not be set as before{memory}: {error}"),
-            "`polepair watchdog URL` shows how it is set, and sets it",
+            format!("its watchdog could not be restored{memory}: {error}"),
+            "`polepair watchdog URL` shows and sets it",
         ),
     }
 }
@@ -175,9 +175,9 @@ fn run_proof(
     let after = match state {
         WatchdogState::On(after) if after <= WATCHDOG_MAX => after,
         other => {
-            let text = format!("its watchdog is {other}: nothing was proven, and nothing moved");
+            let text = format!("its watchdog is {other}: nothing was tested, and nothing moved");
             let remedy = match other {
-                WatchdogState::None => "an emergency stop that needs no computer",
+                WatchdogState::None => "install an emergency stop that works without a computer",
                 _ => "--prove-watchdog=500ms sets it first",
             };
             witness.report_check(CheckResult::wrong(&about, Exit::Negative, text, remedy));
@@ -186,14 +186,14 @@ fn run_proof(
     };
     let beats = matches!(axis.profile().watchdog, Watchdog::Heartbeat { .. });
     if beats && !axis.connection().with_axes(|axes, _| axes.sends_keepalive()) {
-        let output = "it watches a heartbeat, and this connection sends none: nothing was proven";
+        let output = "it watches a heartbeat, and this connection sends none: nothing was tested";
         let remedy = "add heartbeat=100 to the connection";
         witness.report_check(CheckResult::wrong(&about, Exit::Negative, output, remedy));
         return Ok(());
     }
     if !axis.provides_signal(Signal::Velocity)? {
-        let output = "it does not tell its speed: nothing was proven, and nothing moved";
-        let remedy = "look at the shaft while a program is ended";
+        let output = "it does not report its speed: nothing was tested, and nothing moved";
+        let remedy = "watch the shaft while the program ends";
         witness.report_check(CheckResult::wrong(&about, Exit::Negative, output, remedy));
         return Ok(());
     }
@@ -221,18 +221,22 @@ fn run_proof(
     let seconds = silence.as_secs_f64();
     witness.report_check(match seen {
         MotorObservation::NeverTurned => {
-            let output = "the motor did not turn: nothing was proven";
-            CheckResult::wrong(&about, Exit::Negative, output, "`polepair spin` tells why")
+            let output = "the motor did not turn: nothing was tested";
+            CheckResult::wrong(&about, Exit::Negative, output, "`polepair spin` shows the reason")
         }
         MotorObservation::StandingStill => CheckResult::ok(
             &about,
-            format!("its watchdog works: it stood when it was asked after {seconds} s of silence"),
+            format!("its watchdog works: the motor was at standstill after {seconds} s of silence"),
         ),
         MotorObservation::StillTurning => CheckResult::wrong(
             &about,
             Exit::Negative,
-            format!("its watchdog did not stop it: it turned after {seconds} s of silence"),
-            "an emergency stop that needs no computer; whether this firmware has a watchdog",
+            format!(
+                "its watchdog did not stop it: the motor still turned after {seconds} s of \
+             silence"
+            ),
+            "install an emergency stop that works without a computer; check whether this firmware \
+             has a watchdog",
         ),
     });
     match released.result {

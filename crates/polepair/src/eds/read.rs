@@ -181,9 +181,10 @@ impl EdsReader {
         }
         let location = section.location.clone();
         if self.sections.insert(index, section).is_some() {
-            self.warn(
-                location.error(format!("[{index:04X}] stands here again: the last one holds")),
-            );
+            self.warn(location.error(format!(
+                "[{index:04X}] is defined twice: the last definition is \
+                 used"
+            )));
         }
     }
 

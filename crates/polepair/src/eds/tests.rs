@@ -164,7 +164,7 @@ fn oddities_are_taken_with_a_warning_that_names_the_line() {
             "feeder.eds:14:1: DefaultValue: `300` does not fit into u8: left out",
             "feeder.eds:15:1: `C` has no data type: left out",
             "feeder.eds:17:1: 4 sub-indices are announced, 1 are there",
-            "feeder.eds:23:1: [2000] stands here again: the last one holds",
+            "feeder.eds:23:1: [2000] is defined twice: the last definition is used",
             "feeder.eds:27:1: `010` begins with 0: read as octal, 8",
         ]
     );

@@ -133,15 +133,19 @@ fn a_path_is_looked_at_between_its_points() {
 #[test]
 fn wrong_files_are_told_with_line_and_reason() {
     for (drive, output) in [
-        ("lead = '5 deg'", "r.toml:4:8: `5 deg`: it goes along a line: what turns was given"),
-        ("lead = '5'", "r.toml:4:8: `5`: say its unit, such as mm"),
+        ("lead = '5 deg'", "r.toml:4:8: `5 deg`: the axis is linear, but the value is an angle"),
+        ("lead = '5'", "r.toml:4:8: `5`: add a unit, such as mm"),
         ("gear = 0", "r.toml:4:8: `gear` is 0; it must be more than 0"),
         ("direction = 'invertd'", "did you mean `inverted`?"),
-        ("counts = 100", "tells its position in deg"),
+        ("counts = 100", "reports its position in deg"),
         ("limits = { positon = [] }", "unknown key `positon`; did you mean `position`?"),
         ("limits = { position = ['1 turn'] }", "is two ends"),
         ("limits = { position = ['1 turn', '0 deg'] }", "the first end"),
-        ("limits = { position = ['1 mm', '2 mm'] }", "it turns: a way along a line was given"),
+        (
+            "limits = { position = ['1 mm', '2 mm'] }",
+            "the axis is rotary, but the value is a \
+         length",
+        ),
         ("limits = { torque = '1 rpm' }", "a current is wanted, but a velocity was given"),
         ("name = 'g1'", "cannot stand behind `#`"),
     ] {

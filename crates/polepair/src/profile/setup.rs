@@ -39,8 +39,10 @@ pub(super) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     let entries =
         memory_map::parse_entries(&text, false).map_err(|reason| location.error(reason))?;
     let base = most_similar_profile(&entries).ok_or_else(|| {
-        location
-            .error("no variable stands where a shipped TML profile has it: is this a TML drive's?")
+        location.error(
+            "no variable has the address that the TML profiles define: is this the set-up \
+             of a TML drive?",
+        )
     })?;
     let mut draft = Draft::from_profile(base);
     draft.name = name_from_path(path);
@@ -211,7 +213,7 @@ mod tests {
         archive(&path, "setup.cfg", b"");
         assert_eq!(reason(), "no variables.cfg in it");
         archive(&path, "variables.cfg", b"INT NOBODY @0x0001");
-        assert!(reason().contains("is this a TML drive's"), "{}", reason());
+        assert!(reason().contains("is this the set-up of a TML drive"), "{}", reason());
         archive(&path, "variables.cfg", &vec![b'\n'; (1 << 20) + 1]);
         assert!(reason().contains("longer than"), "a small archive with much in it: {}", reason());
         std::fs::File::create(&path).unwrap().set_len(ARCHIVE_MAX + 1).unwrap();

@@ -165,7 +165,7 @@ impl DriveScanner {
         });
         let known = known.collect();
         let connection = axes.first().map(|(_, axis)| axis.connection().clone());
-        let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
+        let connection = connection.ok_or_else(|| Error::usage("E212", "no axis replied", ""))?;
         let requests = stored.into_iter().map(|line_config| {
             ScanTarget::OpenLink(Box::new(line_config.with_single_wire()), connection.clone())
         });
@@ -305,7 +305,7 @@ impl DriveScanner {
             }
             ProbeResult::Damaged(_) => self.damaged.push(number),
             ProbeResult::Forbidden(hint) => {
-                self.report.tried.push(format!("not address {number}: {hint}"));
+                self.report.tried.push(format!("all addresses except {number}: {hint}"));
             }
             ProbeResult::AnsweredTwice => {
                 let text = duplicate_address_text(line.protocol.name, number);
@@ -370,13 +370,13 @@ impl DriveScanner {
             let hint = details.hint();
             self.report.received = self.report.received.plus(details);
             self.report.tried.push(format!(
-                "addresses that did not answer, though something came ({details}): {hint}"
+                "addresses without a reply, although frames arrived ({details}): {hint}"
             ));
         }
         let damaged = std::mem::take(&mut self.damaged);
         if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
             self.report.tried.push(format!(
-                "{} addresses from {first} to {last} where only damaged answers came: two drives \
+                "{} addresses from {first} to {last} with damaged replies only: two drives \
                  with one address, noise, or another baud rate?",
                 damaged.len()
             ));

@@ -252,7 +252,9 @@ fn read_link(
         MediumKind::Can => &["baud", "duplex", "timing", "echo"],
     };
     if let Some(key) = mine.iter().find(|key| node.has(key)) {
-        return Err(node.location().error(format!("`{key}` means nothing on this kind of link")));
+        return Err(node
+            .location()
+            .error(format!("`{key}` is not supported on this type of link")));
     }
     let standard = wire.standard().filter(|_| protocol.has_standards);
     drives.iter_mut().for_each(|drive| drive.standard = standard);
@@ -329,7 +331,7 @@ fn read_axes(
         let number = number.and_then(|number| u8::try_from(number).ok());
         let number = number.ok_or_else(|| location.error("an axis needs its `number`"))?;
         if axes.iter().any(|axis| axis.number == number) {
-            return Err(location.error(format!("axis {number} of the drive stands here twice")));
+            return Err(location.error(format!("axis {number} of the drive is defined twice")));
         }
         let motor = number - sub_axes.start();
         read_bench(&table, motor, drive)?;
@@ -349,7 +351,8 @@ fn read_name(node: &TomlTable<'_, '_>, others: &[String]) -> Result<String, File
         let letters = name.chars().all(|c| c.is_alphanumeric() || matches!(c, '-' | '_' | ' '));
         if !letters || url::split_names(&name).0 != [name.as_str()] {
             return Err(format!(
-                "`{name}` cannot stand behind `#`: a name begins with a letter, is not like g1, and \
+                "`{name}` cannot stand behind `#`: a name begins with a letter, is not like g1, \
+                 and \
                  has letters, digits, - and _"
             ));
         }
@@ -426,9 +429,9 @@ fn parse_protocol(word: &str, kind: Option<MediumKind>) -> Result<registry::Prot
         let known = registry::protocol_names();
         match kind {
             Some(MediumKind::Can) if known.contains(&word) => {
-                format!("`{word}` is not spoken on CAN")
+                format!("`{word}` is not used on CAN")
             }
-            Some(_) if known.contains(&word) => format!("`{word}` is not spoken on serial lines"),
+            Some(_) if known.contains(&word) => format!("`{word}` is not used on serial lines"),
             _ => format!(
                 "`{word}` is no protocol{}",
                 crate::spelling::suggestion(word, known.iter().copied())

@@ -12,8 +12,8 @@ use polepair_core::error::Outcome;
 use polepair_core::plan::{Operand, Step};
 use polepair_core::profile::{Encoding, Profile};
 
-const SHARED_STOP_SENT: &str =
-    "it was sent the stop that known drives of this protocol share, and was not seen to stand";
+const SHARED_STOP_SENT: &str = "it was sent the common stop of this protocol's known drives, and its standstill is not \
+     confirmed";
 
 /// A write by where it lies on the wire: space, number, encoding, raw value.
 type WireWrite = (u8, u16, Encoding, i64);
@@ -74,10 +74,9 @@ pub(super) fn unidentified_error(
         return silent;
     };
     let (execution_text, outcome) = match (result, outcome) {
-        (None, _) => (
-            "it was told nothing: known drives of this protocol are stopped in different ways",
-            outcome,
-        ),
+        (None, _) => {
+            ("no stop was sent: the known drives of this protocol need different stops", outcome)
+        }
         (Some(Err(Error::Failed { outcome: part @ Outcome::Partly(..), .. })), _) => {
             (SHARED_STOP_SENT, part)
         }

@@ -86,7 +86,7 @@ fn one_question_finds_every_drive_where_the_protocol_has_one() {
                 .unwrap();
         let numbers: Vec<u32> = found.found.iter().map(|found| found.number).collect();
         assert_eq!(numbers, [5, 7, 31], "{url}");
-        assert!(found.tried[0].ends_with("all with one question"), "{:?}", found.tried);
+        assert!(found.tried[0].ends_with("all with one request"), "{:?}", found.tried);
         // One to all; the rest asks those three what they are.
         let sent = watcher
             .0
@@ -148,14 +148,10 @@ fn a_rack_says_what_is_wrong_with_its_links() {
     assert!(rack_of_text("rack.toml", RELAY, 1).is_ok());
     for (from, to, text) in [
         ("\"bus\"]", "\"bsu\"]", "`bsu` is no link of this rack; did you mean `bus`?"),
-        ("protocol = \"tmlcan\"", "protocol = \"tml\"", "`bitrate` means nothing on this kind"),
-        ("bitrate = 500000", "baud = 500000", "`baud` means nothing on this kind"),
+        ("protocol = \"tmlcan\"", "protocol = \"tml\"", "`bitrate` is not supported on this type"),
+        ("bitrate = 500000", "baud = 500000", "`baud` is not supported on this type"),
         ("bitrate = 500000", "kind = \"canbus\"", "neither serial nor can"),
-        (
-            "protocol = \"tmlcan\"",
-            "kind = \"can\"\nprotocol = \"tml\"",
-            "`tml` is not spoken on CAN",
-        ),
+        ("protocol = \"tmlcan\"", "kind = \"can\"\nprotocol = \"tml\"", "`tml` is not used on CAN"),
         ("\"tmlcan\"\nbitrate = 500000", "\"tml\"", "one serial link and one CAN bus at most"),
         ("bitrate = 500000", "faults = { flip = 1 }", "unknown key `flip`"),
     ] {

@@ -33,7 +33,7 @@ fn a_module_that_answers_another_host_is_said_to() {
         axis.set(setting, "5").unwrap();
         let silent = axis.get_raw("actual position").unwrap_err();
         let text = silent.to_string();
-        assert!(silent.code() == "E401" && text.contains("it answers host 5"), "{url}: {text}");
+        assert!(silent.code() == "E401" && text.contains("it replies to host 5"), "{url}: {text}");
         assert!(silent.hint().contains("`?host=`"), "{}", silent.hint());
     }
 }

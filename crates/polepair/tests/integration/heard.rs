@@ -109,10 +109,10 @@ fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
     let ok = OddDrive::giving(|_| vec![b'O']);
     let (details, text) = ok.query_drive("tml", "technosoft-f514l", 1, "APOS");
     assert!(details.cause() == NoReplyCause::Acknowledged && details.acknowledged > 0, "{text}");
-    assert!(text.contains("acknowledgement") && text.contains("it hears us"), "{text}");
+    assert!(text.contains("acknowledgement") && text.contains("receives the requests"), "{text}");
     let (details, text) = ok.query_drive("tml", "technosoft-f514l", 2, "APOS");
     assert!(details.cause() == NoReplyCause::Relayed && details.acknowledged == 0, "{text}");
-    assert!(text.contains("the axis behind it is not"), "{text}");
+    assert!(text.contains("the axis behind it does not"), "{text}");
 }
 
 /// A drive that takes its stop and then tells nothing was told to stop, and may turn.
@@ -125,7 +125,7 @@ fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
     stopping.wait(&link.axes()[0], Duration::from_secs(10));
     let error = stopping.trouble().expect("nothing is told");
     let text = error.to_string();
-    assert!(text.contains("was told to stop and not seen to stand: `"), "{text}");
+    assert!(text.contains("received a stop, but its standstill is not confirmed: `"), "{text}");
     assert!(!text.contains("not executed") && error.may_turn(), "{text}");
     assert_eq!((error.code(), error.executed()), ("E401", None));
 }

@@ -98,7 +98,7 @@ fn clashes_are_refused_when_the_rack_is_read() {
     let text = refused(&rack(&[thruster, node]));
     assert!(text.contains("both use the identifier 28Bh"), "{text}");
     let text = refused(&rack(&[node, node]));
-    assert!(text.contains("canopen 11 is there twice"), "{text}");
+    assert!(text.contains("canopen 11 is used twice"), "{text}");
     let axis = "profile = \"technosoft-f514l\"\nprotocol = \"technocan\"\naddress = 5";
     let text = refused(&rack(&[axis, "profile = \"tmcm-171\"\naddress = 1"]));
     assert!(text.contains("both use the identifier 1h"), "{text}");

@@ -100,7 +100,7 @@ fn a_name_stands_for_all_links_of_a_file() {
     let unknown = connector.connect("@cel").expect_err("nothing");
     assert!(unknown.to_string().contains("did you mean `cell`?"), "{unknown}");
     let real = connector.connect("@cell?time=virtual").expect_err("a real link");
-    assert!(real.to_string().contains("means nothing on a real link"), "{real}");
+    assert!(real.to_string().contains("is not supported on a real link"), "{real}");
 }
 
 #[test]

@@ -34,7 +34,7 @@ fn turned_by_its_load(url: &str) -> Link {
 fn may_turn(url: &str, ended: &Result<(), Error>) {
     let Err(error) = ended else { panic!("{url}: it turns") };
     assert!(error.may_turn(), "{url}: {error}");
-    assert!(error.to_string().contains("is not at rest after 5 s"), "{url}: {error}");
+    assert!(error.to_string().contains("is not at standstill after 5 s"), "{url}: {error}");
 }
 
 #[test]
@@ -138,7 +138,7 @@ fn a_motor_whose_position_runs_does_not_stand() {
     let Err(error) = link.axes()[0].stop() else { panic!("it turns") };
     assert!(error.may_turn(), "{error}");
     let text = error.to_string();
-    assert!(text.contains("tells a speed of 0 rpm, but its position went from "), "{text}");
+    assert!(text.contains("reports a speed of 0 rpm, but its position went from "), "{text}");
     assert!(text.contains("° to ") || text.contains("deg to "), "{text}");
     let mut stopping = StopSequence::begin(&link.axes()[0]);
     stopping.wait(&link.axes()[0], Duration::from_millis(500));

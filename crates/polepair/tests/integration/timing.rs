@@ -100,5 +100,5 @@ fn a_wrong_timing_is_told_with_its_line() {
     }
     let can = "[[link]]\ntiming = \"cdc\"\n[[link.drive]]\nprofile = \"thruster\"\n";
     let error = polepair::simulate::rack_of_text("cell.toml", can, 1).expect_err("no serial line");
-    assert!(error.to_string().contains("`timing` means nothing"), "{error}");
+    assert!(error.to_string().contains("`timing` is not supported"), "{error}");
 }

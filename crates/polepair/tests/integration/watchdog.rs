@@ -57,7 +57,7 @@ fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
             WatchdogState::Unknown => assert!(last.contains("stays set"), "{url}: {last}"),
             _ => {
                 assert_eq!(axis.watchdog().unwrap(), before, "{url}");
-                assert!(last.contains("is set as before") && last.contains("off"), "{url}: {last}");
+                assert!(last.contains("is restored") && last.contains("off"), "{url}: {last}");
             }
         }
         let stored = last.contains("in its permanent memory");
@@ -72,7 +72,7 @@ fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
 fn nothing_moves_where_there_is_nothing_to_prove() {
     for (url, text) in [
         ("sim:tmcl?", "off"),
-        ("sim:thruster?", "does not tell"),
+        ("sim:thruster?", "does not report"),
         ("sim:modbus-rtu?fn00=1&", "none"),
         ("sim:cia402:5?heartbeat=100&", "off"),
     ] {
@@ -171,7 +171,7 @@ fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
         assert!(speed(&link) < 0.1, "{url}: {}", speed(&link));
         assert_eq!(axis.watchdog().unwrap(), before, "{url}");
         let [last] = &ends.found[..] else { panic!("{url}: {:?}", ends.found) };
-        assert!(last.contains("is set as before"), "{url}: {last}");
+        assert!(last.contains("is restored"), "{url}: {last}");
         axis.armed().unwrap().release().unwrap_or_else(|error| panic!("{url}: {error}"));
     }
 }
@@ -230,7 +230,7 @@ fn a_firmware_that_has_none_has_nothing_proven_and_does_not_move() {
             check.found.contains("none") && check.found.contains("nothing moved"),
             "{check:#?}"
         );
-        assert!(check.remedy.contains("needs no computer"), "{check:#?}");
+        assert!(check.remedy.contains("works without a computer"), "{check:#?}");
     }
 }
 

@@ -49,7 +49,7 @@ pub(super) async fn open(
     let Query(CaptureQuery { name }) = named.map_err(|error| request_error(error.body_text()))?;
     // Before its bytes come, so that no more of them lie here than there are places.
     let permit = Arc::clone(&state.uploads).try_acquire_owned().map_err(|_| {
-        GatewayError::new("gateway.busy", "captures are being taken in already").hint("try again")
+        GatewayError::new("gateway.busy", "too many captures are being uploaded").hint("try again")
     })?;
     let bytes = read_body(request).await?;
     let opened = run_blocking(&state, move |state| {

@@ -23,14 +23,13 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for JsonBody<T> {
 /// A body as it is, whole.
 pub(super) async fn read_body(request: Request) -> Result<Bytes, GatewayError> {
     Bytes::from_request(request, &()).await.map_err(|rejection| match rejection.status() {
-        StatusCode::PAYLOAD_TOO_LARGE => GatewayError::new("gateway.size", "more than this takes"),
-        _ => GatewayError::new("gateway.request", "the body broke off"),
+        StatusCode::PAYLOAD_TOO_LARGE => GatewayError::new("gateway.size", "the body is too large"),
+        _ => GatewayError::new("gateway.request", "the body is incomplete"),
     })
 }
 
 /// A number in a path.
 pub(crate) fn parse_index(text: &str) -> Result<u16, GatewayError> {
-    let wrong =
-        || GatewayError::new("gateway.missing", format!("{text:?} is no number of anything"));
+    let wrong = || GatewayError::new("gateway.missing", format!("{text:?} is not a number"));
     text.parse().map_err(|_| wrong())
 }

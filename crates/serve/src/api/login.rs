@@ -80,8 +80,7 @@ pub(super) async fn serve_page(State(state): State<SharedAppState>, request: Req
             Err(refused) => refused.into_response(),
         };
     }
-    let missing =
-        || GatewayError::new("gateway.missing", "there is no such thing here").into_response();
+    let missing = || GatewayError::new("gateway.missing", "not found").into_response();
     page::file(uri.path()).unwrap_or_else(missing)
 }
 

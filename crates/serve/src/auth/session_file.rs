@@ -56,7 +56,7 @@ impl SessionFile {
         let lines = text.lines().filter(|line| !line.starts_with('#')).take(max);
         let lines: Option<Vec<_>> = lines.map(SessionRecord::parse).collect();
         lines.ok_or_else(|| {
-            let what = format!("{} holds what is no session", self.path.display());
+            let what = format!("{} has an invalid session", self.path.display());
             SetupError::usage("E230", what).hint("remove the file")
         })
     }

@@ -90,7 +90,7 @@ impl Bench {
                 "E510",
                 "this is not a capture: nothing of it can be read",
             )
-            .hint("`polepair decode --help` shows what is read"));
+            .hint("`polepair decode --help` lists the formats"));
         }
         let format = decoder.format().map_or("", |format| format.name()).to_owned();
         let manner = SummaryStyle { colour: false, rates: Vec::new(), product: None };
@@ -134,7 +134,7 @@ impl Captures {
     fn find(&self, id: &str) -> Result<Arc<Capture>, GatewayError> {
         let capture = lock_unpoisoned(&self.stored).iter().find(|held| held.id == id).cloned();
         capture.ok_or_else(|| {
-            GatewayError::new("gateway.missing", format!("capture `{id}` is kept no more"))
+            GatewayError::new("gateway.missing", format!("capture `{id}` is no longer stored"))
                 .hint("open the file again")
         })
     }

@@ -44,8 +44,8 @@ impl ClashDetector {
             let unasked = self.unsolicited;
             let answers = if unasked == 1 { "answer" } else { "answers" };
             return Some(Some(format!(
-                "{unasked} {answers} to nothing that was asked here: another master talks on this \
-                 wire, or two drives have one address"
+                "{unasked} {answers} without a request: another master is on this wire, or two \
+                 drives have one address"
             )));
         }
         self.seen.take_if(|seen| now.since(*seen) > SHOWN_FOR).map(|_| None)

@@ -66,7 +66,7 @@ impl CommandHistory {
                 Ok(CommandLookup::Active(reply))
             }
             Some(CommandRecord::Active(_)) => {
-                Err(GatewayError::new("gateway.busy", "it is under way"))
+                Err(GatewayError::new("gateway.busy", "it is being executed"))
             }
             None => {
                 self.make_room(now)?;
@@ -96,11 +96,10 @@ impl CommandHistory {
             return Ok(());
         }
         match self.order.front() {
-            Some((_, stale)) if *stale > now => Err(GatewayError::new(
-                "gateway.busy",
-                "more commands at once than can be remembered",
-            )
-            .hint("ask less often")),
+            Some((_, stale)) if *stale > now => {
+                Err(GatewayError::new("gateway.busy", "too many commands at once")
+                    .hint("ask less often"))
+            }
             _ => {
                 let oldest = self.order.pop_front();
                 oldest.and_then(|(id, _)| self.records.remove(&id));
@@ -131,7 +130,7 @@ mod tests {
         let stale = Instant::ZERO.plus_ms(500);
         assert!(matches!(once.register("a", stale, Instant::ZERO), Ok(CommandLookup::New)));
         let Ok(CommandLookup::Active(mut reply)) = once.register("a", stale, Instant::ZERO) else {
-            panic!("it is under way");
+            panic!("it is being executed");
         };
         once.finish(&done("a"));
         assert!(reply.try_recv().is_ok_and(|result| result.is_ok_and(|outcome| outcome.replayed)));

@@ -107,9 +107,9 @@ impl WorkerAxis {
             return refused;
         };
         let label = self.axis.label();
-        let what = format!("the link of {label} went away, and its lease with it: {why}");
+        let what = format!("the link of {label} was lost, and its lease ended: {why}");
         GatewayError::new("E313", what)
-            .hint("cut its supply if it turns; it is told to stop as soon as the link is back")
+            .hint("cut its supply if it turns; the stop is sent as soon as the link is back")
     }
 }
 
@@ -397,7 +397,7 @@ impl CommandWorker {
             let slot = &mut self.axes[axis].lease;
             let its = slot.holder().is_some_and(|holder| holder.session == *session);
             if let Some(lost) = its.then(|| slot.end()).flatten() {
-                self.end_lease(axis, lost, "its client is gone");
+                self.end_lease(axis, lost, "its client is disconnected");
             }
         }
     }
@@ -415,7 +415,7 @@ impl CommandWorker {
             return Err(unavailable_error(false));
         }
         if let Some(lock) = self.context.current_lock().as_ref().filter(|_| moves) {
-            let what = format!("motion is locked since {} stopped everything", lock.by);
+            let what = format!("motion is locked since {} stopped all axes", lock.by);
             let hint =
                 "release it first: on the server's page, or by `polepair --server URL release`";
             return Err(GatewayError::new("gateway.locked", what).hint(hint));
@@ -586,23 +586,25 @@ pub(super) fn scaled_ttl_ms(ttl_ms: f64) -> f64 {
 fn check_age(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), GatewayError> {
     let (age, ttl_ms) = (now_ms - issued_ms, scaled_ttl_ms(ttl_ms));
     if age > ttl_ms {
-        let what = format!("said {age:.0} ms ago, and good for {ttl_ms:.0} ms");
+        let what = format!("sent {age:.0} ms ago, and valid for {ttl_ms:.0} ms");
         return Err(
-            GatewayError::new("gateway.expired", what).hint("say it again, if it still holds")
+            GatewayError::new("gateway.expired", what).hint("send it again, if it is still wanted")
         );
     }
     if age < -CLOCK_AHEAD_MAX_MS {
-        let what = format!("said {:.0} ms from now", -age);
-        let hint = "take the server's time, as `pong` tells it";
+        let what = format!("sent {:.0} ms in the future", -age);
+        let hint = "use the server's time from `pong`";
         return Err(GatewayError::new("gateway.expired", what).hint(hint));
     }
     Ok(())
 }
 
 fn stop_pending_error() -> GatewayError {
-    let what = "the axis is owed a stop: it was not seen standing, and may be turning";
+    let what = "the axis has a pending stop: its standstill is not confirmed, and it may be \
+     turning";
     GatewayError::new("gateway.owed", what).hint(
-        "wait until it stands; if you see that it may go on, dismiss the stop, then arm it again",
+        "wait until it is at standstill; if motion is safe, dismiss the stop, then arm the axis \
+         again",
     )
 }
 
@@ -613,7 +615,7 @@ fn lease_grant(held: &LeaseHolder) -> LeaseGrant {
 fn unavailable_error(lost: bool) -> GatewayError {
     match lost {
         true => {
-            GatewayError::new("gateway.busy", "the link is lost").hint("see to its cable and power")
+            GatewayError::new("gateway.busy", "the link is lost").hint("check its cable and power")
         }
         false => GatewayError::new("gateway.busy", "the server ends").hint("start it again"),
     }

@@ -103,7 +103,7 @@ impl Bench {
         let (link, index) = self.find_axis(axis)?;
         let CommandHeader { id, issued_ms, ttl_ms, .. } = header;
         if !issued_ms.is_finite() || !(0.0..=TTL_MAX_MS).contains(ttl_ms) {
-            let what = format!("a command is good for 0 to {TTL_MAX_MS} ms");
+            let what = format!("a command is valid for 0 to {TTL_MAX_MS} ms");
             return Err(GatewayError::new("gateway.request", what));
         }
         let sequence = link.wire.reserve_number()?;

@@ -98,7 +98,7 @@ impl Bench {
         let mut viewers = lock_unpoisoned(&traffic.subscribers);
         viewers.retain(|viewer| viewer.strong_count() > 0);
         if viewers.len() >= VIEWERS_MAX {
-            let what = format!("{VIEWERS_MAX} watch frames already");
+            let what = format!("{VIEWERS_MAX} clients already receive frames");
             return Err(GatewayError::new("gateway.limit", what).hint("close another page"));
         }
         let waiting = FrameQueue { filter, items: VecDeque::new(), lost: 0 };
@@ -117,8 +117,8 @@ impl Bench {
         let explained = lock_unpoisoned(&self.0.traffic.recent_fields);
         let at = explained.binary_search_by_key(&n, |(number, _)| *number).ok();
         at.map(|at| explained[at].1.clone()).ok_or_else(|| {
-            GatewayError::new("gateway.missing", format!("frame {n} is kept no more"))
-                .hint("freeze the list first")
+            GatewayError::new("gateway.missing", format!("frame {n} is no longer stored"))
+                .hint("pause the list first")
         })
     }
 }

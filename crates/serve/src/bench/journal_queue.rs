@@ -289,6 +289,6 @@ fn entry_bytes(detail: &Value) -> usize {
 }
 
 pub(super) fn stalled_error() -> GatewayError {
-    GatewayError::new("gateway.journal", "the journal's disk takes nothing")
-        .hint("see to that disk; motors can be stopped meanwhile, not moved")
+    GatewayError::new("gateway.journal", "the journal's disk accepts no data")
+        .hint("check that disk; until then motors can be stopped, but not moved")
 }

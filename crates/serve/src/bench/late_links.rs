@@ -69,14 +69,11 @@ impl Bench {
         let is_there = self.0.links.iter().any(|link| link.url == url && link.has_axis(number));
         let result = if is_there {
             Err(GatewayError::new("E212", format!("axis {number} of {url} is there"))
-                .hint("dismiss its stop as that of an axis"))
+                .hint("dismiss its stop by the number of the axis"))
         } else if reason == DismissReason::TakenOver {
-            Err(GatewayError::new(
-                "gateway.lease",
-                "nobody can take over a drive that is not there",
-            ))
+            Err(GatewayError::new("gateway.lease", "a missing drive cannot be taken over"))
         } else if !shared.has_inherited_stop(&url, number) {
-            Err(GatewayError::new("E212", format!("axis {number} of {url} is owed no stop")))
+            Err(GatewayError::new("E212", format!("axis {number} of {url} has no pending stop")))
         } else {
             shared.journal.check_writable(shared.now())
         };

@@ -69,9 +69,9 @@ impl LeaseSlot {
             return Ok((renewed, None));
         }
         if let Some(holder) = self.current_holder(now).filter(|_| !take) {
-            let what = format!("{} commands this axis", holder.session);
+            let what = format!("{} controls this axis", holder.session);
             return Err(lease_error(what)
-                .hint("wait until it is given back, or take it over on the server's page"));
+                .hint("wait until it is released, or take it over on the server's page"));
         }
         let lost = self.end();
         self.epoch += 1;
@@ -129,13 +129,14 @@ impl LeaseSlot {
             Some(holder) if holder.session == *session && holder.epoch == epoch => Ok(holder),
             Some(holder) if holder.session == *session => {
                 let what = format!("epoch {epoch} is over, this is {}", holder.epoch);
-                Err(lease_error(what).hint("what was said under an older lease is not carried out"))
+                Err(lease_error(what).hint("commands of an older lease are not executed"))
             }
-            Some(holder) => Err(lease_error(format!("{} commands this axis", holder.session))
-                .hint("wait until it is given back, or take it over on the server's page")),
-            None => {
-                Err(lease_error("nobody has the lease of this axis").hint("take it, and renew it"))
-            }
+            Some(holder) => Err(lease_error(format!("{} controls this axis", holder.session))
+                .hint("wait until it is released, or take it over on the server's page")),
+            None => Err(lease_error("no client has the lease of this axis").hint(
+                "acquire it, and \
+                 renew it",
+            )),
         }
     }
 

@@ -113,9 +113,10 @@ pub(super) fn open_links(
     };
     if !clock.is_real() && !links.iter().all(is_virtual) {
         let what = "some links are in virtual time, others are not";
-        return Err(
-            GatewayError::new("gateway.request", what).hint("say time=virtual on all, or on none")
-        );
+        return Err(GatewayError::new("gateway.request", what).hint(
+            "use time=virtual on all links, or on \
+             none",
+        ));
     }
     Ok(OpenedBench { links, roots, axes, clock, failed: dead })
 }

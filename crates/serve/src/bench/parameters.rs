@@ -156,7 +156,7 @@ fn read_axis_parameter(axis: &Axis, name: &str) -> Result<ParameterReading, Gate
 /// A raw value: no drive has one that a `f64` cannot hold.
 fn parse_raw_number(number: f64) -> Result<i64, GatewayError> {
     let is_whole = number.fract() == 0.0 && number.abs() <= 9e15;
-    let wrong = || GatewayError::new("E217", format!("{number} is no whole number"));
+    let wrong = || GatewayError::new("E217", format!("{number} is not a whole number"));
     is_whole.then_some(number as i64).ok_or_else(wrong)
 }
 
@@ -225,9 +225,7 @@ impl ParameterWriter {
         let parameter = self.axis.parameter(id).ok_or_else(missing)?;
         if parameter.moves {
             let what = format!("`{}` may move the motor", parameter.name);
-            return Err(
-                GatewayError::new("E219", what).hint("that is for commands, not for settings")
-            );
+            return Err(GatewayError::new("E219", what).hint("use a command, not a setting"));
         }
         if parameter.access == Access::Read {
             return Err(GatewayError::new(
@@ -306,7 +304,7 @@ impl ParameterWriter {
             if scales && self.axis.read(wanted.id)? != wanted.raw {
                 let what = format!("the drive did not keep `{}`", wanted.parameter.name);
                 return Err(GatewayError::new("E111", what).hint(
-                    "others are scaled by it: see what was written, and write the rest again",
+                    "others are scaled by it: check the written values, and write the rest again",
                 ));
             }
             Ok(())
@@ -327,5 +325,12 @@ pub(super) fn check_lease_held(
     let lease = wire.lease(index);
     let its = lease.is_some_and(|lease| lease.epoch == epoch && *lease.owner == **session);
     let ended = || GatewayError::new("gateway.lease", "the lease ended while this was written");
-    if its { Ok(()) } else { Err(ended().hint("see what was written, and write the rest again")) }
+    if its {
+        Ok(())
+    } else {
+        Err(ended().hint(
+            "check the written values, and write the rest \
+     again",
+        ))
+    }
 }

@@ -11,7 +11,7 @@ use crate::message::GatewayError;
 
 /// What comes of something that was asked. Dropped, it goes on by itself.
 #[derive(Debug)]
-#[must_use = "it goes on by itself, but nobody hears what came of it"]
+#[must_use = "the operation continues, but its result is lost"]
 pub struct PendingReply<T>(ReplyState<T>);
 
 #[derive(Debug)]
@@ -82,6 +82,6 @@ fn closed_error() -> GatewayError {
     let refused = GatewayError::new("gateway.busy", "the server ended before it was answered");
     GatewayError {
         executed: None,
-        ..refused.hint("see what the drive does before it is said again")
+        ..refused.hint("check the state of the drive before you repeat it")
     }
 }

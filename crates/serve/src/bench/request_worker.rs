@@ -37,7 +37,7 @@ impl RequestWorker {
             return;
         }
         drop(jobs);
-        let what = "too much is asked of this link at once";
+        let what = "too many requests wait for this link";
         job(Err(GatewayError::new("gateway.busy", what).hint("ask less often")));
     }
 

@@ -296,8 +296,8 @@ impl Bench {
             let numbers = requested_addresses(&request)?;
             let sequence = link.wire.reserve_number()?;
             if self.0.context.scan_active.swap(true, Ordering::SeqCst) {
-                let what = "somebody looks for drives on this bench already";
-                return Err(scan_error(what).hint("wait for its end, or break it off"));
+                let what = "a scan is already running";
+                return Err(scan_error(what).hint("wait for its end, or cancel it"));
             }
             let (search, wire) = (Arc::clone(&link.scan), Arc::clone(&link.wire));
             let (shared, who) = (Arc::clone(&self.0.context), session.clone());
@@ -326,8 +326,7 @@ impl Bench {
     /// # Errors
     /// `gateway.missing` where there was none, or no such link.
     pub fn scan_view(&self, link: u16) -> Result<ScanView, GatewayError> {
-        let nobody =
-            || GatewayError::new("gateway.missing", "nobody looked for drives on this link");
+        let nobody = || GatewayError::new("gateway.missing", "this link was not scanned");
         self.find_link(link)?.scan.last_view().ok_or_else(nobody)
     }
 
@@ -339,7 +338,7 @@ impl Bench {
         let id = link;
         let link = self.find_link(id)?;
         if !link.wire.scan_flag.is_active() {
-            let what = "nobody looks for drives on this link now";
+            let what = "no scan of this link is running";
             return Err(GatewayError::new("gateway.missing", what));
         }
         link.wire.scan_flag.cancel();
@@ -362,7 +361,7 @@ impl Bench {
         let (n, bench) = (usize::from(link), self.clone());
         let found = self.find_link(link).and_then(|link| {
             if link.wire.scan_flag.is_active() {
-                return Err(scan_error("the look is under way still").hint("wait for its end"));
+                return Err(scan_error("the scan is still running").hint("wait for its end"));
             }
             select_drives(link, take)
         });
@@ -405,9 +404,7 @@ impl Bench {
         let link = &self.0.links[n];
         let _one_at_a_time = lock_unpoisoned(&self.0.join_lock);
         if link.wire.scan_flag.is_active() {
-            return Err(
-                scan_error("somebody looks for drives there again").hint("wait for its end")
-            );
+            return Err(scan_error("a new scan of it is running").hint("wait for its end"));
         }
         if self.0.axes.len() + found.len() > AXES_MAX {
             return Err(scan_error(format!("a bench holds {AXES_MAX} axes")));
@@ -479,7 +476,7 @@ fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive
     };
     if let Some(missing) = take.drives.iter().find(|d| !found.iter().any(|f| at(f) == **d)) {
         let what = format!("no drive was found at {} {}", missing.protocol, missing.number);
-        return Err(GatewayError::new("gateway.missing", what).hint("look for drives first"));
+        return Err(GatewayError::new("gateway.missing", what).hint("scan the link first"));
     }
     let every = take.drives.is_empty();
     let mut chosen = Vec::new();
@@ -490,13 +487,11 @@ fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive
             _ if every && fits => {}
             _ if !named => continue,
             (_, Some(axis)) => {
-                return Err(scan_error(format!("that drive is axis {axis} already")));
+                return Err(scan_error(format!("that drive is already axis {axis}")));
             }
             (Some(clash), _) => {
-                let what = format!("what is said to {} may reach two drives: {clash}", one.number);
-                return Err(
-                    scan_error(what).hint("give each an address of its own, and look again")
-                );
+                let what = format!("requests to {} may reach two drives: {clash}", one.number);
+                return Err(scan_error(what).hint("give each its own address, and scan again"));
             }
             (None, None) => {}
         }
@@ -512,9 +507,11 @@ fn requested_addresses(request: &ScanRequest) -> Result<ScanAddresses, GatewayEr
         (Some(first), last) if last.is_none_or(|last| first <= last) => {
             Ok(ScanAddresses::from(first..=last.unwrap_or(first)))
         }
-        _ => {
-            Err(GatewayError::new("gateway.request", "addresses are asked from `first` to `last`"))
-        }
+        _ => Err(GatewayError::new(
+            "gateway.request",
+            "the addresses must go from `first` to \
+             `last`",
+        )),
     }
 }
 

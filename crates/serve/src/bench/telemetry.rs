@@ -145,8 +145,8 @@ impl Bench {
             (Some(word), None) => {
                 let source = its.profile().signals.iter().find(|s| s.signal.name() == word);
                 let source = source.ok_or_else(|| {
-                    GatewayError::new("E213", format!("{} does not tell `{word}`", its.label()))
-                        .hint("the bench's list has what each axis can tell")
+                    GatewayError::new("E213", format!("{} does not report `{word}`", its.label()))
+                        .hint("the list of axes has the signals of each")
                 })?;
                 (WatchTarget::Signal(source.signal), its.signal_unit(source.signal))
             }
@@ -214,7 +214,7 @@ impl Telemetry {
         let source = match known {
             Some(source) => source,
             None if count >= SOURCES_MAX => {
-                let what = format!("{SOURCES_MAX} things are watched already");
+                let what = format!("{SOURCES_MAX} signals are already watched");
                 return Err(GatewayError::new("gateway.limit", what).hint("close a scope"));
             }
             None => {

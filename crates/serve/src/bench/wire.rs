@@ -174,8 +174,8 @@ impl LeaseRequest {
 
 /// What is said before a stop and comes behind it is not done: it might move what was stopped.
 pub(crate) fn overtaken_error() -> GatewayError {
-    GatewayError::new("gateway.expired", "a stop was said after this")
-        .hint("say it again, if it still holds")
+    GatewayError::new("gateway.expired", "a stop was sent after this")
+        .hint("send it again, if it is still wanted")
 }
 
 fn queue_full_error() -> GatewayError {
@@ -307,10 +307,14 @@ impl BenchWire {
             let (label, state) = (axis.label(), axis_state(*id, axis));
             if let Some(lease) = self.lease(index) {
                 let what = format!("{} commands {label}", lease.owner);
-                return refused(what, "wait until it is given back: it could not be commanded");
+                return refused(what, "wait until it is released: it could not be controlled");
             }
             if self.pending_stop(index).is_some() {
-                return refused(format!("{label} is being stopped"), "wait until it stands");
+                return refused(
+                    format!("{label} is being stopped"),
+                    "wait until it is at \
+                 standstill",
+                );
             }
             if state.armed || state.moving == Some(true) {
                 return refused(format!("{label} is armed or turns"), "stop and disarm it first");

@@ -66,7 +66,7 @@ pub(super) fn read(
         }
         let Some(text) = line.strip_suffix(b"\n") else {
             if line.len() > RECORD_MAX {
-                let why = "is longer than any that was written";
+                let why = "is longer than any valid record";
                 return Ok(Err(BrokenRecord { record: so_far.records, why }));
             }
             so_far.truncated_bytes = line.len() as u64;
@@ -88,7 +88,7 @@ fn verify_record(so_far: &VerifiedJournal, text: &[u8]) -> Result<[u8; 32], &'st
     let record: JournalRecord = serde_json::from_str(text).map_err(|_| "is no record")?;
     let (covered, _) = text.rsplit_once(BEFORE_HASH).ok_or("has no hash at its end")?;
     if record.n != so_far.records {
-        return Err("has another number: one was taken out or put in before it");
+        return Err("has a wrong number: a record was removed or inserted before it");
     }
     let hash = chain_hash(&so_far.hash, format!("{covered}}}").as_bytes());
     if text != format!("{covered}{BEFORE_HASH}{}\"}}", hash.to_hex()) {

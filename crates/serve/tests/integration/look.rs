@@ -377,7 +377,7 @@ fn who_looked_and_who_took_in_is_written_down() {
         fixture.hear(fixture.bench.add_drives(0, &fixture.ann, &AddDrives::default())).unwrap().axes
     };
     assert_eq!(take(), [1]);
-    assert!(take().is_empty(), "nothing is left, and nothing is done");
+    assert!(take().is_empty(), "nothing is left, and no action follows");
     fixture.bench.advance_time(5 * MS);
     let ann = |action| ("ann", action);
     let expected = [

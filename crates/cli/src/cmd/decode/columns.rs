@@ -91,7 +91,7 @@ pub fn parse_tables(words: Option<&str>) -> Result<Vec<TableKind>> {
     let named = |word: &str| {
         TableKind::from_name(word.trim()).ok_or_else(|| {
             let known = TableKind::ALL.map(TableKind::name);
-            Problem::usage("E250", format!("{word:?} is no table."))
+            Problem::usage("E250", format!("{word:?} is not a table."))
                 .why(format!("A decoded capture has the tables {}.", problem::join_list(&known)))
         })
     };

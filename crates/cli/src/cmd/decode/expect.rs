@@ -242,15 +242,12 @@ impl ExpectationTest {
         self.out.flush()?;
         let (agreed, path) = (self.matched, self.expected.path.display());
         if self.differences == 0 {
-            print_note(&format!("{agreed} frames are as {path} expects"));
+            print_note(&format!("{agreed} frames match {path}"));
             return Ok(Exit::Ok);
         }
         let more = self.differences.saturating_sub(DIFFERENCES_SHOWN_MAX);
         let more = if more > 0 { format!(" ({more} of them not shown)") } else { String::new() };
-        print_note(&format!(
-            "{} differences{more}; {agreed} frames are as expected",
-            self.differences
-        ));
+        print_note(&format!("{} differences{more}; {agreed} frames match", self.differences));
         Ok(Exit::Negative)
     }
 }

@@ -49,7 +49,8 @@ impl FolderJob<'_> {
         captures.sort();
         if captures.is_empty() {
             let what = format!("there is no capture in {}.", self.captures.display());
-            let endings = "Captures are known by their names' endings: log, pcap, blf and so on.";
+            let endings = "Captures are recognised by the ending of their names: log, pcap, blf \
+             and so on.";
             return Err(Problem::usage("E250", what).why(endings));
         }
         let (next, tally) = (AtomicUsize::new(0), Mutex::new(FolderTally::default()));
@@ -71,7 +72,8 @@ impl FolderJob<'_> {
         let tally = tally.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
         let FolderTally { decoded, already_decoded, unreadable } = tally;
         print_warning(&format!(
-            "{decoded} decoded, {already_decoded} were there already, {unreadable} could not be read"
+            "{decoded} decoded, {already_decoded} were decoded earlier, {unreadable} could not be \
+             read"
         ));
         Ok(if unreadable > 0 { Exit::Corrupt } else { Exit::Ok })
     }

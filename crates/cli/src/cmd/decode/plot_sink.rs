@@ -42,7 +42,7 @@ impl EventSink for PlotSink {
         }
         if plot.dropped_values > 0 {
             print_warning(&format!(
-                "{} values of further signals are left out",
+                "{} values of further signals are skipped",
                 plot.dropped_values
             ));
         }
@@ -59,11 +59,11 @@ impl EventSink for PlotSink {
 fn no_signal_problem(plot: &Plot) -> Problem {
     let others: Vec<String> = plot.other_signals().take(NAMED_MAX).collect();
     let output = match others.is_empty() {
-        true => "It tells no values at all, as far as its protocol is understood.".to_owned(),
+        true => "The protocol of the capture gives no signals.".to_owned(),
         false => format!("It has {}.", others.join(", ")),
     };
     Problem::new(Exit::Negative, "E113", "the capture has no such signal.")
         .why(output)
-        .hint("--plot '*/Actual/*' takes whatever drives tell of themselves")
+        .hint("--plot '*/Actual/*' selects all actual values")
         .hint("--profile NAME names parameters as a drive's manual does")
 }

@@ -159,7 +159,7 @@ fn stop_line(
     let classes = [
         (StopState::Sent, "sent", TextRole::Warn),
         (StopState::Acknowledged, "acknowledged", TextRole::Plain),
-        (StopState::Unobservable, "acknowledged, standing not known", TextRole::Warn),
+        (StopState::Unobservable, "acknowledged, standstill not confirmed", TextRole::Warn),
         (StopState::Standstill, "standing still", TextRole::Good),
     ];
     for (class, word, role) in classes {
@@ -184,8 +184,8 @@ fn footer_line(view: &View, width: u16, theme: Theme) -> Line<'static> {
         ]);
     }
     let all =
-        " q leave  ? help  space halt  t kinds  / filter  arrows axis  PgUp PgDn scroll  c clear";
-    let short = " q leave  ? help  space halt  t kinds  / filter";
+        " q exit  ? help  space pause    t kinds  / filter  arrows axis  PgUp PgDn scroll  c clear";
+    let short = " q exit  ? help  space pause    t kinds  / filter";
     let text = if usize::from(width) > all.len() { all } else { short };
     Line::from(theme.span(text, TextRole::Dim))
 }

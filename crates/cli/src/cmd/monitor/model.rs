@@ -240,7 +240,7 @@ impl Monitor {
                 let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
                 let url = shell_word(&self.url);
                 lines.push(format!(
-                    "{label} turned{speed} when last asked and was left so; this stops it: \
+                    "{label} turned{speed} at the last reading and was not stopped; to stop it: \
                      polepair stop {url}"
                 ));
             }

@@ -95,7 +95,7 @@ impl AxisActivity {
             Self::Warning => "warning",
             Self::Turning => "turns",
             Self::Holding => "holds",
-            Self::Standing => "stands",
+            Self::Standing => "stopped",
             Self::Off => "off",
         }
     }

@@ -165,7 +165,7 @@ impl RemoteMonitor {
         };
         let why = || match &stopped.error {
             Some(error) => error.message.clone(),
-            None => "nobody answered".to_owned(),
+            None => "no drive replied".to_owned(),
         };
         let class = match stopped.class {
             StopClass::Standing => StopState::Standstill,
@@ -250,14 +250,14 @@ impl MonitorSource for RemoteMonitor {
         let (since, why) = self.lost.as_ref()?;
         let seconds = clock::now().since(*since).as_secs();
         let why = &why.message;
-        Some(format!("SERVER GONE for {seconds} s, nothing here is known any more: {why}"))
+        Some(format!("SERVER GONE for {seconds} s, all values are outdated: {why}"))
     }
 
     fn lock(&self) -> Option<String> {
         let lock = self.live.motion_lock().filter(|_| self.lost.is_none())?;
         let why =
             if lock.reason.is_empty() { String::new() } else { format!(" ({})", lock.reason) };
-        Some(format!("LOCKED: {} stopped everything{why}; the server's page releases it", lock.by))
+        Some(format!("LOCKED: {} stopped all axes{why}; release it on the server's page", lock.by))
     }
 
     fn link_troubles(&self) -> Vec<String> {
@@ -270,7 +270,7 @@ impl MonitorSource for RemoteMonitor {
     }
 
     fn no_flaws_text(&self) -> &'static str {
-        "none wrong or lost"
+        "no errors"
     }
 
     fn poll(&mut self) -> Result<()> {
@@ -356,7 +356,7 @@ fn pending_stop_summary(pending: &PendingStopView) -> StopSummary {
     let since_ms = clock::wall_ns(clock::now()) as f64 / 1e6 - pending.since_ms;
     let why = match &pending.error {
         Some(error) => error.message.clone(),
-        None => "it was not seen standing yet".to_owned(),
+        None => "its standstill is not confirmed yet".to_owned(),
     };
     StopSummary { state: StopState::Failed(why), elapsed: duration_from_ms(since_ms) }
 }
@@ -394,7 +394,7 @@ fn fill_summary(state: &AxisState, seen: &mut AxisRow) {
         seen.facts.extend(value(signal).map(|value| (word, value)));
     }
     if let Some(lease) = &state.lease {
-        seen.facts.push(("commanded by", ShownValue { text: lease.owner.clone(), age: newest }));
+        seen.facts.push(("controlled by", ShownValue { text: lease.owner.clone(), age: newest }));
     }
 }
 

@@ -225,18 +225,18 @@ pub fn exit_note(
     let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
     if state.owed.is_some() && url.is_some() {
         return Some(format!(
-            "{label} was told to stop and not seen standing: the server says it again; if it turns, cut \
-             its supply"
+            "{label} received a stop, but its standstill is not confirmed: the server repeats the \
+             stop; if it turns, cut its supply"
         ));
     }
     is_turning(state).then(|| match url {
         Some(url) => format!(
-            "{label} turned{speed} when last asked and was left so; this stops it: \
+            "{label} turned{speed} at the last reading and was not stopped; to stop it: \
              polepair --server {url} stop {number}"
         ),
         None => format!(
-            "{label} turned{speed} when last heard of, and the server is gone: it may still turn, \
-             cut its supply"
+            "{label} turned{speed} at the last reading, and the server is gone: it may still \
+             turn, cut its supply"
         ),
     })
 }
@@ -306,11 +306,11 @@ fn pending_stop_line(pending: &PendingStopView) -> String {
     let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
     let seconds = ((now_ms - pending.since_ms) / 1e3).max(0.0);
     let word = match pending.class {
-        StopClass::Acknowledged => "taken, not seen standing",
+        StopClass::Acknowledged => "acknowledged, standstill not confirmed",
         StopClass::Sent => "not confirmed",
         _ => "not sent yet",
     };
-    format!("MAY BE TURNING, CUT ITS SUPPLY: told to stop {seconds:.0} s ago, {word}")
+    format!("MAY BE TURNING, CUT ITS SUPPLY: stop sent {seconds:.0} s ago, {word}")
 }
 
 pub fn trouble_lines(state: &AxisState) -> Vec<String> {
@@ -423,7 +423,7 @@ mod tests {
         };
         let reported =
             |state: &AxisState| exit_note(Some("http://127.0.0.1:7365"), "axis 3", "0#3", state);
-        let whole = "axis 3 turned at 31.5 rad/s when last asked and was left so; this stops it: \
+        let whole = "axis 3 turned at 31.5 rad/s at the last reading and was not stopped; to stop it: \
                      polepair --server http://127.0.0.1:7365 stop 0#3";
         assert_eq!(
             (activity(&state), reported(&state).as_deref()),
@@ -456,6 +456,8 @@ mod tests {
         });
         assert_eq!(alarm(&state), 1);
         // It is owed that whatever it was last read to do.
-        assert!(reported(&state).is_some_and(|output| output.contains("not seen standing")));
+        assert!(
+            reported(&state).is_some_and(|output| output.contains("standstill is not confirmed"))
+        );
     }
 }

@@ -105,7 +105,7 @@ fn axes_and_frames_are_shown_whatever_the_size() {
         assert_eq!(screen.lines().count(), usize::from(height));
         if width >= 60 {
             for wanted in
-                ["STOP ALL: Esc", "position", "velocity", "0.0 rpm", "── frames", "q leave"]
+                ["STOP ALL: Esc", "position", "velocity", "0.0 rpm", "── frames", "q exit"]
             {
                 assert!(screen.contains(wanted), "{width}x{height} lacks {wanted}:\n{screen}");
             }
@@ -217,7 +217,7 @@ fn frames_are_filtered_halted_and_gathered_by_kind() {
     entry.type_in(" ");
     let halted = entry.screen();
     entry.wait(2);
-    assert!(entry.screen().contains("HALTED"), "{halted}");
+    assert!(entry.screen().contains("PAUSED"), "{halted}");
     let frames = |screen: &str| -> Vec<String> {
         screen.lines().filter(|line| line.contains("axis parameter")).map(str::to_owned).collect()
     };

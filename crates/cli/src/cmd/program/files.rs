@@ -53,7 +53,7 @@ impl ProgramLocation {
                 "E242",
                 "A TMCL module keeps its program in the EEPROM, from 0 on.",
             )
-            .hint("leave --ram and --at out")),
+            .hint("remove --ram and --at")),
             false => Ok(()),
         }
     }
@@ -74,7 +74,10 @@ impl ProgramLocation {
             () => return Ok(program),
         };
         let what = format!("a part of {} lies {wrong}.", path.display());
-        Err(Problem::usage("E242", what).why("Where a software file's words lie stands in it."))
+        Err(Problem::usage("E242", what).why(
+            "A software file contains the addresses of its \
+         words.",
+        ))
     }
 }
 
@@ -196,10 +199,10 @@ impl ProgramLoad {
         let written = written.map_err(|error| hint_incomplete(outcome::to_problem(error)))?;
         let again = match written.repeated {
             0 => String::new(),
-            repeated => format!(", {repeated} of them once more because they were lost on the way"),
+            repeated => format!(", {repeated} of them repeated because they were lost"),
         };
         print_note(&format!(
-            "{} words written and proven by the drive's sum{again}",
+            "{} words written and verified by the drive's checksum{again}",
             program.words()
         ));
         Ok(Exit::Ok)
@@ -211,7 +214,7 @@ fn hint_incomplete(problem: Problem) -> Problem {
     match problem.exit {
         Exit::Usage | Exit::Refused => problem,
         _ => {
-            problem.hint("the program in the drive is not whole now: load it again before it runs")
+            problem.hint("the program in the drive is incomplete: load it again before running it")
         }
     }
 }
@@ -250,7 +253,7 @@ impl ProgramVerify {
             return compare_words(axis, &program);
         }
         axis.verify(&program).map_err(outcome::to_problem)?;
-        print_note(&format!("the drive's sums over {} words agree", program.words()));
+        print_note(&format!("the drive's checksums over {} words match", program.words()));
         Ok(Exit::Ok)
     }
 }
@@ -277,7 +280,7 @@ fn compare_words(axis: &Axis, program: &Program) -> Result {
         let what = format!("{different} of {} words differ.", program.words());
         return Err(Problem::new(Exit::Negative, "E103", what).hint("load the program again"));
     }
-    print_note(&format!("{} words agree", program.words()));
+    print_note(&format!("{} words match", program.words()));
     Ok(Exit::Ok)
 }
 

@@ -40,7 +40,7 @@ pub fn is_program(path: &Path) -> bool {
 
 pub fn assemble(path: &Path, output: Option<&Path>) -> Result {
     let language = language_of(path).ok_or_else(|| {
-        Problem::usage("E242", format!("{} is no program, by its name.", path.display()))
+        Problem::usage("E242", format!("{} has no ending of a program file.", path.display()))
     })?;
     let program = InstructionProgram::read(language, path);
     write(&program.map_err(|error| outcome::to_problem(error.into()))?, output)?;
@@ -50,7 +50,7 @@ pub fn assemble(path: &Path, output: Option<&Path>) -> Result {
 fn read(axis: &Axis, path: &Path) -> Result<InstructionProgram> {
     let language = axis.instruction_language().map_err(outcome::to_problem)?;
     if language_of(path).is_none() {
-        let what = format!("{} is no program for this drive, by its name.", path.display());
+        let what = format!("{} has no ending of a program file for this drive.", path.display());
         let called =
             format!("its text is called .{0}, its instructions .bin", language.extension());
         return Err(Problem::usage("E242", what).hint(called));
@@ -100,11 +100,11 @@ pub fn load(session: &Session, axis: &Axis, path: &Path, dry_run: bool) -> Resul
         match problem.exit {
             Exit::Usage => problem,
             _ => problem
-                .hint("the program in the module is not whole now: load it again before it runs"),
+                .hint("the program in the module is incomplete: load it again before running it"),
         }
     };
     stored.map_err(incomplete)?;
-    print_note(&format!("{count} instructions stored, and read back alike"));
+    print_note(&format!("{count} instructions stored and verified"));
     Ok(Exit::Ok)
 }
 
@@ -112,7 +112,7 @@ pub fn verify(session: &Session, axis: &Axis, path: &Path) -> Result {
     let program = read(axis, path)?;
     session.listen_for_interrupts();
     axis.verify_instructions(&program).map_err(outcome::to_problem)?;
-    print_note(&format!("{} instructions agree", program.instructions().len()));
+    print_note(&format!("{} instructions match", program.instructions().len()));
     Ok(Exit::Ok)
 }
 
@@ -153,7 +153,7 @@ impl Listing {
         let wrong = |what: String| Problem::usage("E242", what);
         let Some(source) = &self.source else {
             return word.parse().map_err(|_| {
-                wrong(format!("{word:?} is no address of an instruction."))
+                wrong(format!("{word:?} is not the address of an instruction."))
                     .hint("for a label or a line (:12): --source FILE names the text")
             });
         };
@@ -215,11 +215,11 @@ pub fn run(
             Some(status) => {
                 let at = status.counter.saturating_sub(1);
                 print_note(&format!(
-                    "the program has ended behind {}",
+                    "the program ended after {}",
                     listing.line(axis, at)?.trim_start()
                 ));
             }
-            None => print_note("its time is over"),
+            None => print_note("its time limit is over"),
         }
         Ok(())
     });
@@ -429,7 +429,7 @@ impl<'a> ProgramStepper<'a> {
             let end = self.axis.connection().now() + self.within;
             status = wait_end(self.axis, Some(end))?.ok_or_else(|| {
                 let what = format!("the instruction at {at} did not end in time.");
-                Problem::new(Exit::Negative, "E101", what).hint("--timeout gives it more")
+                Problem::new(Exit::Negative, "E101", what).hint("increase --timeout")
             })?;
         }
         motion::check_fault(self.axis)?;
@@ -454,7 +454,7 @@ impl<'a> ModuleEnding<'a> {
 
     fn detach(self, session: &Session) {
         print_warning(&format!(
-            "left as it is; this ends the program and stops the motors: polepair program stop {}",
+            "left as it is; to end the program and stop the motors: polepair program stop {}",
             session.arguments
         ));
     }

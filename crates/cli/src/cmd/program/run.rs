@@ -42,7 +42,7 @@ impl ProgramEntry {
     fn address(&self, axis: &Axis, word: &str) -> Result<u16> {
         let Some(path) = &self.source else {
             return parse_address(word).map_err(|expected| {
-                Problem::usage("E242", format!("{word:?} is no address."))
+                Problem::usage("E242", format!("{word:?} is not an address."))
                     .why(format!("{}.", outcome::to_sentence(&expected).trim_end_matches('.')))
                     .hint("for a label: --source FILE names the text that has it")
             });
@@ -204,7 +204,7 @@ fn run_program(
     let started = start().map_err(outcome::to_problem);
     if detach && started.is_ok() {
         print_warning(&format!(
-            "left running; this ends it: polepair program stop {}",
+            "left running; to end it: polepair program stop {}",
             session.arguments
         ));
         return Ok(Exit::Ok);

@@ -77,7 +77,7 @@ impl Survey {
             .chain(reported("sets", "set"))
             .chain(reported("moves", "may move motors"))
             .chain(reported("keeps", "reach permanent memory"))
-            .chain(reported("?", "nobody can explain"));
+            .chain(reported("?", "are unknown"));
         let (frames, seconds) = (plural(self.frames, "frame"), self.span as f64 / 1e9);
         let parts = parts.collect::<Vec<_>>().join(", ");
         if self.frames > 0 {
@@ -89,16 +89,13 @@ impl Survey {
         let out = |left: SkipReason, what: &str| {
             if self.skipped_count(left) > 0 {
                 print_warning(&format!(
-                    "{} left out: {what}",
+                    "{} skipped: {what}",
                     plural(self.skipped_count(left), "frame")
                 ));
             }
         };
-        out(
-            SkipReason::UnknownSender,
-            "nobody tells who sent them; --direction both sends them too",
-        );
-        out(SkipReason::UnfitForWire, "this wire has no such frames");
+        out(SkipReason::UnknownSender, "their sender is unknown; --direction both sends them too");
+        out(SkipReason::UnfitForWire, "this link has no such frames");
     }
 
     /// Refuses what was not let through.
@@ -110,14 +107,14 @@ impl Survey {
             let what = format!("{} may move motors.", plural(*count, "frame"));
             return Err(Problem::usage("E219", what)
                 .why(format!("{first}\n{}", outcome::sent_so_far()))
-                .hint("--dry-run shows all of them; --filter leaves some out")
-                .hint("--arm sends them: stand clear of what they move"));
+                .hint("--dry-run prints all of them; --filter excludes some")
+                .hint("--arm sends them: keep clear of the motors"));
         }
         if let Some((first, count)) = self.first_keeping.as_ref().filter(|_| !store) {
             let what = format!("permanent memory would be written: {}.", plural(*count, "frame"));
             return Err(Problem::usage("E251", what)
                 .why(format!("{first}\nFlash wears. {}", outcome::sent_so_far()))
-                .hint("--dry-run shows all of them; --filter leaves some out")
+                .hint("--dry-run prints all of them; --filter excludes some")
                 .hint("--store sends them"));
         }
         Ok(())
@@ -126,7 +123,7 @@ impl Survey {
     /// Why nothing is left to send.
     fn nothing_problem(&self, routes: &[ReplayRoute]) -> Problem {
         let links = self.links.join(", ");
-        let problem = Problem::usage("E242", "no frame of this capture is to be sent.");
+        let problem = Problem::usage("E242", "the capture has no frame to send.");
         let named = routes.iter().filter_map(|route| route.link.as_deref());
         if let Some(name) = named.clone().find(|name| self.links.iter().all(|link| link != name)) {
             return problem.why(format!("It has no link {name}; it has {links}."));
@@ -138,14 +135,17 @@ impl Survey {
             SkipReason::UnfitForWire,
         ];
         match most.into_iter().find(|left| self.skipped_count(*left) > 0) {
-            Some(SkipReason::Filtered) => problem.why("The filter wants none of them."),
+            Some(SkipReason::Filtered) => problem.why("The filter excludes all of them."),
             Some(SkipReason::UnknownSender) => problem
-                .why("Nobody tells who sent them.")
-                .hint("--as PROTO says what is spoken; --direction both sends all of them"),
-            Some(SkipReason::OtherDirection) => problem
-                .why("All of them were sent by the other side.")
-                .hint("--direction tx plays the host's part, rx the drives', both all of it"),
-            Some(_) => problem.why("This wire has no such frames: a bus is not a serial line."),
+                .why("Their sender is unknown.")
+                .hint("--as PROTO states the protocol; --direction both sends all of them"),
+            Some(SkipReason::OtherDirection) => {
+                problem.why("All of them were sent by the other side.").hint(
+                    "--direction tx sends the host's frames, rx the drives' frames, both all \
+                 frames",
+                )
+            }
+            Some(_) => problem.why("This link has no such frames: a CAN bus is not a serial line."),
             None => problem.why(format!("Its links are: {links}.")),
         }
     }

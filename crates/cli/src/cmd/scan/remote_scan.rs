@@ -53,11 +53,11 @@ pub fn run_remote_scan(
         return Err(refusal_problem(error));
     }
     if let Some(view) = views.iter().find(|view| view.state == ScanState::BrokenOff) {
-        print_warning(&format!("broken off: {} addresses were not asked", view.unasked));
+        print_warning(&format!("cancelled: {} addresses were not tried", view.unasked));
         return Err(match interrupt::was_interrupted() {
             true => Problem::interrupted(),
-            false => Problem::new(Exit::Refused, "E102", "somebody broke the look off.")
-                .hint("look again when nothing has to be stopped"),
+            false => Problem::new(Exit::Refused, "E102", "the scan was cancelled.")
+                .hint("scan again later"),
         });
     }
     if take {
@@ -67,7 +67,7 @@ pub fn run_remote_scan(
                 .add_drives(view.link, &AddDrives::default())
                 .map_err(refusal_problem)?;
             let count = added.axes.len();
-            print_note(&format!("link {}: {count} taken in, behind all other axes", view.link));
+            print_note(&format!("link {}: {count} added after all other axes", view.link));
         }
     }
     let found = || views.iter().flat_map(|view| &view.found);
@@ -163,6 +163,6 @@ fn report_scan(server: &RemoteSession, view: &ScanView) {
         report_unconfigured(&server.bench.links[usize::from(view.link)].url);
     }
     if view.found.is_empty() {
-        print_note(&format!("link {}: no drive answered that is no axis", view.link));
+        print_note(&format!("link {}: no new drive replied", view.link));
     }
 }

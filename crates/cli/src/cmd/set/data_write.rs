@@ -86,7 +86,7 @@ fn parse_bytes(text: &str) -> Result<Vec<u8>> {
     let digits: String = text.chars().filter(|c| !c.is_whitespace()).collect();
     let hex = digits.bytes().all(|c| c.is_ascii_hexdigit());
     if digits.is_empty() || digits.len() % 2 == 1 || !hex {
-        let what = format!("{text:?} is no bytes.");
+        let what = format!("{text:?} is not a sequence of bytes.");
         return Err(Problem::usage("E217", what)
             .why(outcome::sent_so_far())
             .hint("two hexadecimal digits a byte, as in \"0F 00\", or @FILE"));

@@ -30,7 +30,7 @@ impl AddressChange {
         match (changes, session.axes().len()) {
             ([], _) | ([_], 1) => Ok(()),
             _ => Err(Problem::usage("E242", "One address of one drive at a time.")
-                .why("The drive is looked for where it then is; nothing was sent.")
+                .why("The drive must be found again at its new address; nothing was sent.")
                 .hint("name one axis in the connection string: URL#1")),
         }
     }
@@ -55,7 +55,8 @@ impl AddressChange {
         if session.link.simulation().is_some() {
             axis.write(id, raw, keep).map_err(outcome::to_problem)?;
             print_note(&format!(
-                "{label} took {name} = {raw}; it ends with this command, so nobody looked"
+                "{label} accepted {name} = {raw}; the simulation ends with this command, so this \
+                 was not verified"
             ));
             return Ok(());
         }
@@ -78,7 +79,7 @@ impl AddressChange {
             written.map_err(outcome::to_problem)?;
             out.write_line(&format!("{name} = {raw}"));
             print_note(&format!(
-                "{label} is {} once it was switched off and on: {new}",
+                "{label} is {} after it is switched off and on: {new}",
                 polepair::url::AxisNumber(address)
             ));
             return Ok(());
@@ -106,7 +107,10 @@ impl AddressChange {
                 Ok(())
             }
             (Ok(()), Err(_)) => {
-                let what = format!("{label} took {name} = {raw}, and does not answer there.");
+                let what = format!(
+                    "{label} accepted {name} = {raw}, but does not reply at the \
+                 new address."
+                );
                 Err(Problem::new(Exit::NoReply, "E401", what)
                     .hint(format!("polepair info {}", shell_word(&new.to_string())))
                     .hint(format!(
@@ -125,12 +129,14 @@ impl AddressChange {
 fn check_free(connector: &Connector, url: &str, address: u32) -> Result<()> {
     match connector.connect(url) {
         Err(error) if error.exit() == Exit::NoReply => Ok(()),
-        Err(error) => Err(outcome::to_problem(error)
-            .hint("the address that was asked for has to be free: nothing was written")),
+        Err(error) => {
+            Err(outcome::to_problem(error)
+                .hint("the new address must be free: nothing was written"))
+        }
         Ok(_) => {
-            let what = format!("A drive answers at address {address} already.");
+            let what = format!("A drive already has address {address}.");
             Err(Problem::usage("E222", what)
-                .why("Two drives of one address answer at once; nothing was written.")
+                .why("Two drives with one address disturb each other; nothing was written.")
                 .hint(format!("polepair info {}", shell_word(url))))
         }
     }

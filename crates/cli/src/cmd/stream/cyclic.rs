@@ -108,16 +108,16 @@ fn print_statistics(account: &CycleStatistics, setpoint: SetpointKind) {
         "greatest distance from the set-point of the cycle before: {lag:.4} {unit}"
     ));
     print_note(&format!(
-        "missed cycles: {}; answers that came late: {}",
+        "missed cycles: {}; late replies: {}",
         account.missed_cycles, account.late_reports
     ));
     if let Some((min_value, middle, max_value)) = account.lateness.summary() {
         let (least, middle, most) = (to_ms(min_value), to_ms(middle), to_ms(max_value));
         print_note(&format!(
-            "beats late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"
+            "cycles late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"
         ));
     }
-    print_note("this computer is no real-time controller: the beat is as regular as its scheduler");
+    print_note("this computer is not a real-time controller: the cycle depends on its scheduler");
 }
 
 /// One line on a terminal, drawn again and again.
@@ -162,7 +162,7 @@ impl SetpointTable {
         let mut table = Self { columns: Vec::new(), times: Vec::new(), rows: Vec::new() };
         for (n, line) in lines.iter().skip(usize::from(headed)) {
             let numbers = parse_numbers(line)
-                .ok_or_else(|| wrong(*n, format!("`{line}` is no line of numbers")))?;
+                .ok_or_else(|| wrong(*n, format!("`{line}` is not a line of numbers")))?;
             if cells.is_empty() {
                 cells.resize_with(numbers.len(), SetpointColumn::unnamed);
             }
@@ -172,13 +172,13 @@ impl SetpointTable {
             let mut scaled = numbers.iter().zip(&cells).map(|(number, cell)| number * cell.factor);
             let time = scaled.next().unwrap_or(0.0);
             if table.times.last().is_some_and(|last| time <= *last) {
-                return Err(wrong(*n, "time does not go on".into()));
+                return Err(wrong(*n, "the time does not increase".into()));
             }
             table.times.push(time);
             table.rows.push(scaled.collect());
         }
         if table.times.len() < 2 {
-            return Err(wrong(lines.len(), "two lines of numbers are the least".into()));
+            return Err(wrong(lines.len(), "at least two lines of numbers are needed".into()));
         }
         table.columns = cells.into_iter().skip(1).collect();
         Ok(table)
@@ -220,7 +220,7 @@ impl SetpointTable {
             return Ok(whole);
         }
         Err(Problem::usage("E217", format!("the times of {file} are not evenly spaced."))
-            .hint("say how often set-points go out: --period 2ms"))
+            .hint("give the period of the set-points: --period 2ms"))
     }
 
     /// For each axis its column.

@@ -40,7 +40,7 @@ impl WatchCommand {
         started.into_iter().fold(shown, |shown, axis| {
             let ended = axis.set_reports(&[], Duration::ZERO);
             let ended = ended.map_err(|error| {
-                let left = format!("{} may go on sending by itself", axis.label());
+                let left = format!("{} may continue to send by itself", axis.label());
                 outcome::to_problem(error).why(left).hint("try again: set its autosend to 0")
             });
             shown.and_then(|exit| ended.map(|()| exit))
@@ -59,11 +59,14 @@ impl WatchCommand {
                 // The default signals leave out what this drive lacks.
                 (Some(_), Some(_)) if self.signals.is_empty() => {}
                 (Some(_), Some(axis)) => {
-                    let what = format!("{} does not tell its {wanted}.", axis.label());
+                    let what = format!("{} does not report its {wanted}.", axis.label());
                     return Err(Problem::usage("E213", what));
                 }
                 (None, _) => {
-                    let what = format!("--reports shows signals, and `{name}` is none.");
+                    let what = format!(
+                        "--reports shows signals only, and `{name}` is not a \
+                     signal."
+                    );
                     return Err(
                         Problem::usage("E213", what).hint("`polepair watch --help` lists them.")
                     );
@@ -125,10 +128,10 @@ fn wait_for_report(
         let left = end.since(axis.connection().now());
         if left.is_zero() {
             let (label, name, within) = (axis.label(), signal.name(), within.as_secs_f64());
-            let what = format!("{label} sent no {name} by itself within {within} s.");
+            let what = format!("{label} did not send {name} by itself within {within} s.");
             return Err(Problem::new(Exit::NoReply, "E401", what)
-                .hint("--reports=100ms has it send the signals, where the drive can.")
-                .hint("Without --reports the drive is asked."));
+                .hint("--reports=100ms makes the drive send the signals, if it can.")
+                .hint("Without --reports the drive is polled."));
         }
         let _ = events.next(left);
     }

@@ -45,8 +45,8 @@ fn a_dead_link_keeps_no_motor_of_the_others_from_being_stopped_and_joins_when_it
     assert_eq!(stopped.code, 7, "{stopped:?}");
     let output = &stopped.err;
     assert!(output.contains("axis 1 of link 1 is stopped"), "{output}");
-    assert!(output.contains(&format!("no motor of link 0 was told to stop: {dead}")), "{output}");
-    assert!(output.contains("cut the supply of what turns there"), "{output}");
+    assert!(output.contains(&format!("no motor of link 0 received a stop: {dead}")), "{output}");
+    assert!(output.contains("cut the supply of motors that turn there"), "{output}");
     let seen = site.run(&["monitor", "--once"]);
     assert!(seen.out.contains("LINK 0 IS NOT OPEN for"), "{seen:?}");
     assert!(seen.out.contains("(E314)") && seen.out.contains(&dead), "{seen:?}");
@@ -103,7 +103,7 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     // It ends before the link is back: the debt outlives that, too.
     assert_eq!(site.signal("TERM"), Some(7), "one was not seen standing");
     let text = site.output();
-    assert!(text.contains(&format!("axis 1 of {url} was told to stop")), "{text}");
+    assert!(text.contains(&format!("axis 1 of {url} received a stop")), "{text}");
     assert!(drive.truth().velocity.abs() > 10.0, "nobody reached it");
 
     let site = Site::new(&folder, &urls);
@@ -148,7 +148,7 @@ fn a_stop_that_the_server_before_owed_a_drive_that_is_gone_can_be_dismissed() {
     }
     let ran = site.run(&dismissing("1#1"));
     assert_eq!(ran.code, 0, "{ran:?}");
-    assert!(ran.err.contains(&format!("axis 1 of {url} is owed no stop any more")), "{ran:?}");
+    assert!(ran.err.contains(&format!("axis 1 of {url} has no pending stop any more")), "{ran:?}");
     live.until("bench", |bench| bench["links"][1]["owed"] == json!([]));
     let ran = site.run(&dismissing(&format!("{url}#1")));
     assert_eq!(ran.code, 2, "it is owed none now: {ran:?}");
@@ -159,7 +159,7 @@ fn a_stop_that_the_server_before_owed_a_drive_that_is_gone_can_be_dismissed() {
 
     let mut site = Site::new(&folder, &["sim:tmcl:1"]);
     assert_eq!(site.signal("TERM"), Some(0));
-    assert!(!site.output().contains("was told to stop"), "{}", site.output());
+    assert!(!site.output().contains("received a stop"), "{}", site.output());
 }
 
 #[test]

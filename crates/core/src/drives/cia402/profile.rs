@@ -1475,7 +1475,7 @@ static CIA402_PARAMETERS: [Parameter; 153] = [
     Parameter {
         name: "supported modes",
         symbol: "6502h",
-        about: "Bit n - 1 stands for mode n.",
+        about: "Bit n - 1 is mode n.",
         section: "CiA 402-2",
         index: 0x6502,
         encoding: Encoding::U32,
@@ -3969,7 +3969,7 @@ pub static CIA402: Profile = Profile {
     watchdog: Watchdog::Heartbeat { consumer: ParameterId(6), reaction: ParameterId(86) },
     reply_timeout_ms: 200,
     multiple_writes: false,
-    caution: "The drive goes on when the bus dies, unless it watches the heartbeat of its connection (heartbeat=; 1016h, and 6007h for what it does then). Units come from the drive's own objects (`info` names them): check that a small move is as large as you asked. Have a switch in its supply within reach.",
+    caution: "The drive continues to move if the bus is lost, unless it monitors the heartbeat of its connection (heartbeat=; objects 1016h and 6007h). Keep a switch in its supply within reach. Units come from the drive's objects (`info` names them): check the size of a small move first.",
 };
 
 /// Every profile of this file, by name.

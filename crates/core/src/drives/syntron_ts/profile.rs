@@ -12083,7 +12083,7 @@ static SYNTRON_DS102_FAULTS: [Fault; 26] = [
     Fault {
         code: 0x1a1b,
         name: "ERR_St",
-        text: "Stall: the motor does not turn although it is told to.",
+        text: "Stall: the motor does not turn although it is commanded to.",
         cause: "Axis blocked, brake closed, or phases interchanged.",
         remedy: "Switch off, turn the shaft by hand, free what blocks it, check brake and phase order.",
         severity: Severity::Fault,
@@ -12188,7 +12188,7 @@ static SYNTRON_DS102_FAULTS: [Fault; 26] = [
         code: 0x8681,
         name: "CCW_Disable",
         text: "Positive limit reached; sent on CAN only.",
-        cause: "The axis stands on its positive limit switch.",
+        cause: "The axis is at its positive limit switch.",
         remedy: "Move it away in negative direction.",
         severity: Severity::Note,
     },
@@ -12196,7 +12196,7 @@ static SYNTRON_DS102_FAULTS: [Fault; 26] = [
         code: 0x8682,
         name: "CW_Disable",
         text: "Negative limit reached; sent on CAN only.",
-        cause: "The axis stands on its negative limit switch.",
+        cause: "The axis is at its negative limit switch.",
         remedy: "Move it away in positive direction.",
         severity: Severity::Note,
     },
@@ -12431,7 +12431,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(0),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+                hint: "Another master changed Fn_00: set it to 14 again",
             },
             Step::Require {
                 read: ParameterId(8),
@@ -12442,7 +12442,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(305),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive lost what it was told, as after a power-off: it did not start",
+                hint: "The drive lost its settings, as after a power-off: it did not start",
             },
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -12496,7 +12496,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(0),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+                hint: "Another master changed Fn_00: set it to 14 again",
             },
             Step::Require {
                 read: ParameterId(8),
@@ -12507,7 +12507,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(305),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive lost what it was told, as after a power-off: it did not start",
+                hint: "The drive lost its settings, as after a power-off: it did not start",
             },
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -12562,7 +12562,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(0),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+                hint: "Another master changed Fn_00: set it to 14 again",
             },
             Step::Require {
                 read: ParameterId(8),
@@ -12573,7 +12573,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(305),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive lost what it was told, as after a power-off: it did not start",
+                hint: "The drive lost its settings, as after a power-off: it did not start",
             },
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -12628,7 +12628,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(0),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+                hint: "Another master changed Fn_00: set it to 14 again",
             },
             Step::Require {
                 read: ParameterId(8),
@@ -12639,7 +12639,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
             Step::Require {
                 read: ParameterId(305),
                 test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive lost what it was told, as after a power-off: it did not start",
+                hint: "The drive lost its settings, as after a power-off: it did not start",
             },
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -12729,7 +12729,7 @@ pub static SYNTRON_DS102: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not. Moves use path 32, Fn_20A and Fn_20B: what was set there is overwritten, in RAM until the next power-on.",
+    caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on.",
 };
 
 static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
@@ -12838,7 +12838,7 @@ pub static SYNTRON_TS: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not. Moves use path 32, Fn_20A and Fn_20B: what was set there is overwritten, in RAM until the next power-on.",
+    caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on.",
 };
 
 static SYNTRON_TS_CANOPEN_PARAMETERS: [Parameter; 856] = [
@@ -25615,7 +25615,7 @@ static SYNTRON_TS_CANOPEN_PARAMETERS: [Parameter; 856] = [
     Parameter {
         name: "supported modes",
         symbol: "6502h",
-        about: "Bit n - 1 stands for mode n.",
+        about: "Bit n - 1 is mode n.",
         section: "CiA 402-2",
         index: 0x6502,
         encoding: Encoding::U32,
@@ -26265,7 +26265,7 @@ pub static SYNTRON_TS_CANOPEN: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "The drive keeps its last command when the bus dies, and the manual gives it no way to watch its master: have a switch in its supply within reach. Put 120 ohm across both ends of the bus. Only Fn_00 = 20 obeys CANopen; a factory drive is in mode 2 and does not. Fn registers go to flash unless Fn_99 = 1.",
+    caution: "The drive continues its last command if the bus is lost; it has no documented watchdog. Keep a switch in its supply within reach. Put 120 ohm across both ends of the bus. It executes CANopen commands only with Fn_00 = 20; from the factory it is in mode 2. Fn registers go to flash unless Fn_99 = 1.",
 };
 
 /// Every profile of this file, by name.

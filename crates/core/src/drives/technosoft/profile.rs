@@ -2890,7 +2890,7 @@ static TECHNOSOFT_F514L_FAULTS: [Fault; 16] = [
         code: 0x1,
         name: "CAN bus",
         text: "The CAN controller left the bus or lost messages.",
-        cause: "wrong bit rate, missing terminator, nobody else on the bus",
+        cause: "wrong bit rate, missing terminator, no other node on the bus",
         remedy: "check the bit rate and 120 ohm at both ends; read CER for the kind of error",
         severity: Severity::Warning,
     },
@@ -3653,7 +3653,7 @@ pub static TECHNOSOFT_F514L: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
     multiple_writes: false,
-    caution: "The drive goes on with its last motion when the line dies: it has no watchdog on TML, so have its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; a set-up with another one turns everything by that factor.",
+    caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor.",
 };
 
 static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
@@ -7483,7 +7483,7 @@ pub static TECHNOSOFT_FA00G: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
     multiple_writes: false,
-    caution: "The drive goes on with its last motion when the line dies: it has no watchdog on TML, so have its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; a set-up with another one turns everything by that factor.",
+    caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor.",
 };
 
 /// Every profile of this file, by name.

@@ -566,7 +566,7 @@ pub static THRUSTER: Profile = Profile {
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
     multiple_writes: false,
-    caution: "The propeller turns at once when the signal is given: keep hands and lines away, and run it under water, where it is cooled. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. After power-up, and after a fault that closed the output, the signal must be zero once before it runs: enable does that.",
+    caution: "The propeller turns at once: keep hands and lines away, and run it under water, where it is cooled. It continues to turn if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. After power-up, and after a fault that closed the output, it runs only after a zero signal, which enable sends.",
 };
 
 static THRUSTER_ACTUATOR_PARAMETERS: [Parameter; 25] = THRUSTER_ACTUATOR_PARAMETERS_ROWS;
@@ -1199,7 +1199,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
     },
     Plan {
         verb: Verb::Reached,
-        source: "by the host: the drive does not tell, so it has arrived when it stands still",
+        source: "by the host: the drive does not report arrival, so standstill counts as arrived",
         steps: &[
             Step::Wait { ms: 200 },
             Step::Until {
@@ -1239,7 +1239,7 @@ pub static THRUSTER_ACTUATOR: Profile = Profile {
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
     multiple_writes: false,
-    caution: "The rod moves at once, as far as its safe range lets it, and its output is off after a stop: what it holds may fall. A count of position is taken for 0.1 mm: try a short move first. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. How fast a move is unless you say: 30 rpm of its motor.",
+    caution: "The rod moves at once, within its safe range. Its output is off after a stop, so a load may fall. One count of position is assumed to be 0.1 mm: try a short move first. It continues to move if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. Default speed of a move: 30 rpm of its motor.",
 };
 
 static THRUSTER_SERVO_PARAMETERS: [Parameter; 25] = {
@@ -1372,7 +1372,7 @@ pub static THRUSTER_SERVO: Profile = Profile {
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
     multiple_writes: false,
-    caution: "The servo moves at once, as far as its safe range lets it, and its output is off after a stop: what it holds may fall. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. How fast a move is unless you say: 30 rpm. An actuator answers as a servo does: for one say profile=thruster-actuator.",
+    caution: "The servo moves at once, within its safe range. Its output is off after a stop, so a load may fall. It continues to move if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. Default speed of a move: 30 rpm. An actuator replies like a servo: use profile=thruster-actuator for it.",
 };
 
 /// Every profile of this file, by name.

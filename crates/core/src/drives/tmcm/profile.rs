@@ -201,7 +201,7 @@ static TMCM_1140_PARAMETERS: [Parameter; 348] = [
     Parameter {
         name: "position reached",
         symbol: "AP 8",
-        about: "1 while the motor stands at the target of its last move.",
+        about: "1 while the motor is at the target of its last move.",
         section: "TMCM-6110 TMCL firmware manual, axis parameters",
         index: 8,
         encoding: Encoding::I32,
@@ -6059,7 +6059,7 @@ static TMCM_1140_FAULTS: [Fault; 8] = [
         code: 0x20,
         name: "OPEN_A",
         text: "Phase A seems to be open.",
-        cause: "A motor wire is loose, or the motor stands or turns fast: then the flag means nothing.",
+        cause: "A motor wire is loose, or the motor is at standstill or turns fast: then the flag has no meaning.",
         remedy: "Look at the connector when the flag stays at a slow speed.",
         severity: Severity::Warning,
     },
@@ -6067,14 +6067,14 @@ static TMCM_1140_FAULTS: [Fault; 8] = [
         code: 0x40,
         name: "OPEN_B",
         text: "Phase B seems to be open.",
-        cause: "A motor wire is loose, or the motor stands or turns fast: then the flag means nothing.",
+        cause: "A motor wire is loose, or the motor is at standstill or turns fast: then the flag has no meaning.",
         remedy: "Look at the connector when the flag stays at a slow speed.",
         severity: Severity::Warning,
     },
     Fault {
         code: 0x80,
         name: "STANDSTILL",
-        text: "The motor stands.",
+        text: "The motor is at standstill.",
         cause: "No step was made lately.",
         remedy: "Nothing to do.",
         severity: Severity::Note,
@@ -6358,7 +6358,7 @@ pub static TMCM_1140: Profile = Profile {
     watchdog: Watchdog::Configurable { parameter: ParameterId(65), on_can: Some(ParameterId(74)) },
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "A stepper motor loses steps without a word where the load is too much for its current: the module counts where its field is, not where the shaft is. Set max current (AP 6) to what the motor may have before the first motion. The motor keeps its standby current when it is disabled. It keeps turning when the line dies unless a heartbeat is set (GP 68 serial, GP 82 CAN).",
+    caution: "A stepper motor loses steps if the load is too high for its current, and the module does not notice. Set max current (AP 6) to the value of the motor's plate before the first motion. A disabled motor keeps its standby current. It continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN).",
 };
 
 static TMCM_6110_PARAMETERS: [Parameter; 342] = [
@@ -6532,7 +6532,7 @@ static TMCM_6110_PARAMETERS: [Parameter; 342] = [
     Parameter {
         name: "position reached",
         symbol: "AP 8",
-        about: "1 while the motor stands at the target of its last move.",
+        about: "1 while the motor is at the target of its last move.",
         section: "TMCM-6110 TMCL firmware manual, axis parameters",
         index: 8,
         encoding: Encoding::I32,
@@ -12318,7 +12318,7 @@ pub static TMCM_6110: Profile = Profile {
     watchdog: Watchdog::Configurable { parameter: ParameterId(66), on_can: Some(ParameterId(75)) },
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "A stepper motor loses steps without a word where the load is too much for its current: the module counts where its field is, not where the shaft is. Set max current (AP 6) to what the motor may have before the first motion. The motor keeps its standby current when it is disabled. It keeps turning when the line dies unless a heartbeat is set (GP 68 serial, GP 82 CAN).",
+    caution: "A stepper motor loses steps if the load is too high for its current, and the module does not notice. Set max current (AP 6) to the value of the motor's plate before the first motion. A disabled motor keeps its standby current. It continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN).",
 };
 
 /// Every profile of this file, by name.

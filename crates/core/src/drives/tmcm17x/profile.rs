@@ -6429,7 +6429,7 @@ pub static TMCM_170: Profile = Profile {
     watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) },
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "The module keeps turning when the line dies unless its heartbeat is set (GP 68 for a serial line, GP 82 for CAN), and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
+    caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms.",
 };
 
 static TMCM_171_PARAMETERS: [Parameter; 355] = {
@@ -6496,7 +6496,7 @@ pub static TMCM_171: Profile = Profile {
     watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) },
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "The module keeps turning when the line dies unless its heartbeat is set (GP 68 for a serial line, GP 82 for CAN), and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
+    caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms.",
 };
 
 /// Every profile of this file, by name.

@@ -48,7 +48,7 @@ impl Axis {
         once: bool,
     ) -> Result<RunningRequest, Error> {
         let what = format!(
-            "was told to stop and not seen to stand: `{}`",
+            "received a stop, but its standstill is not confirmed: `{}`",
             self.required_parameter(id)?.name
         );
         self.start_read_now(id, what, RequestKind::StandstillQuery, once)

@@ -60,7 +60,7 @@ impl Axis {
 
     /// It was told to stop, and turns on after so long.
     pub(crate) fn not_at_rest_error(&self, after: Duration) -> Error {
-        let what = format!("is not at rest after {} s", after.as_secs());
+        let what = format!("is not at standstill after {} s", after.as_secs());
         self.still_turning_error(&what, "give its ramp more time, or cut its power")
     }
 
@@ -80,14 +80,14 @@ impl Axis {
         let speed = velocity.map_or_else(String::new, |source| reported(source.parameter, speed));
         let (from, to, ms) = (reported(id, from), reported(id, to), over.as_millis());
         let what = format!(
-            "tells a speed of {speed}, but its position went from {from} to {to} in {ms} ms"
+            "reports a speed of {speed}, but its position went from {from} to {to} in {ms} ms"
         );
-        self.still_turning_error(&what, "cut its power; then see why its speed is not measured")
+        self.still_turning_error(&what, "cut its power; then check why its speed is not measured")
     }
 
     pub(super) fn still_turning_error(&self, what: &str, hint: &str) -> Error {
         Error::Failed {
-            what: format!("{} was told to stop and {what}", self.label()),
+            what: format!("{} received a stop, but {what}", self.label()),
             execution: String::new(),
             outcome: Outcome::Unknown(Failure::NotReached),
             may_turn: true,

@@ -49,8 +49,8 @@ impl CommandWorker {
         let may = match self.wire.scan_flag.is_active() {
             _ if closes => Err(unavailable_error(self.lost)),
             true => {
-                let what = "somebody looks for drives on this link";
-                Err(scan::scan_error(what).hint("wait for the end of the look, or break it off"))
+                let what = "a scan of this link is running";
+                Err(scan::scan_error(what).hint("wait for the end of the scan, or cancel it"))
             }
             false => self.context.journal.check_writable(now),
         };
@@ -85,7 +85,7 @@ impl CommandWorker {
         let slot = &mut self.axes[axis].lease;
         let its = slot.holder().is_some_and(|holder| holder.epoch == epoch);
         if let Some(lost) = its.then(|| slot.end()).flatten() {
-            self.end_lease(axis, lost, "the journal does not keep it");
+            self.end_lease(axis, lost, "the journal could not record it");
         }
     }
 }

@@ -100,7 +100,7 @@ impl CommandWorker {
             let stopped = result.map(|mut stopped| stopped.axes.pop());
             let error = match stopped {
                 Ok(Some(AxisStopReport { class: StopClass::Owed, error, .. })) => {
-                    let what = "it was told to stop, and was not seen standing";
+                    let what = "it received a stop, but its standstill is not confirmed";
                     Some(error.unwrap_or_else(|| GatewayError::new("gateway.owed", what)))
                 }
                 Ok(_) => None,
@@ -120,9 +120,9 @@ impl CommandWorker {
         let (id, now) = (self.axes[axis].id, self.context.now());
         let of_holder = |pending: &mut PendingStop| pending.is_holder_stop(epoch);
         let Some(mut outstanding) = self.axes[axis].pending_stop.take_if(of_holder) else { return };
-        let what = "it was set in motion again before it was seen standing";
+        let what = "it was moved again before its standstill was confirmed";
         outstanding.abandon(id, now, &GatewayError::new("gateway.owed", what));
-        self.clear_pending_stop(axis, session, json!({ "how": "set in motion again" }), None);
+        self.clear_pending_stop(axis, session, json!({ "how": "moved again" }), None);
     }
 
     /// The same, where nobody said so.
@@ -240,7 +240,7 @@ impl CommandWorker {
         let detail = json!({ "how": "dismissed", "reason": dismiss.reason, "note": dismiss.note });
         let id = self.axes[axis].id;
         if let Some(mut pending) = self.axes[axis].pending_stop.take() {
-            let what = "the stop was dismissed before the axis was seen standing";
+            let what = "the stop was dismissed before standstill was confirmed";
             pending.abandon(id, now, &GatewayError::new("gateway.owed", what));
         }
         self.clear_pending_stop(
@@ -254,8 +254,11 @@ impl CommandWorker {
     /// Answers those who still wait when the bench is closed, and names whom nobody saw standing.
     pub(in crate::bench) fn abandon_pending_stops(&mut self) {
         let now = self.context.now();
-        let why =
-            GatewayError::new("gateway.owed", "the server ends, and it was not seen standing");
+        let why = GatewayError::new(
+            "gateway.owed",
+            "the server ends, and its standstill is not \
+             confirmed",
+        );
         for watched in &mut self.axes {
             let Some(pending) = &mut watched.pending_stop else { continue };
             pending.abandon(watched.id, now, &why);

@@ -117,7 +117,7 @@ fn state_cell(axis: &AxisRow) -> (String, TextRole) {
         Some(StopState::Acknowledged) => return ("stop taken".to_owned(), TextRole::Warn),
         Some(StopState::Failed(_)) => return ("STOP FAILED".to_owned(), TextRole::Bad),
         Some(StopState::Unobservable) => {
-            return ("stop taken, standing not known".to_owned(), TextRole::Warn);
+            return ("stop acknowledged, standstill not confirmed".to_owned(), TextRole::Warn);
         }
         Some(StopState::Standstill) | None => {}
     }

@@ -33,7 +33,7 @@ pub fn title_line(
     }
     if let Some((count, _)) = &view.halted {
         let newer = monitor.traffic().counts().0.saturating_sub(*count);
-        text.push_str(&format!("── HALTED, {newer} newer; space goes on "));
+        text.push_str(&format!("── PAUSED, {newer} newer; space continues "));
     }
     let rest = usize::from(width).saturating_sub(text.chars().count());
     let (head, special) = text.split_at(text.char_indices().nth(plain).map_or(text.len(), |c| c.0));

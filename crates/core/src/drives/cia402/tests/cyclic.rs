@@ -431,7 +431,7 @@ fn what_lies_apart_or_goes_too_fast_moves_nothing() {
     };
     type Case = (&'static str, fn(usize) -> f64);
     let cases: [Case; 5] = [
-        ("begins away", |_| 0.5),
+        ("does not begin at", |_| 0.5),
         ("faster", |k| 9e-4 * (k * k) as f64),
         ("speed", |k| if k < 100 { 0.0 } else { 0.01 }),
         ("position limits", |k| -1e-5 * (k * k) as f64),
