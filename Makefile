@@ -20,7 +20,7 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check lints dependencies build packages web page site interop package python wheel deb dist try-dist swarm soak bench clean
+.PHONY: demo test check lints dependencies spelling build packages web page site interop package python wheel deb dist try-dist swarm soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -34,7 +34,7 @@ demo:
 ## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
 test:
 	@$(STEP) --begin
-	@$(STEP) "packages and lints" $(MAKE) -j2 --output-sync=target packages lints dependencies
+	@$(STEP) "packages and lints" $(MAKE) -j2 --output-sync=target packages lints dependencies spelling
 	@$(STEP) "build" $(MAKE) build
 	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
 	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --test '[!c]*'
@@ -46,8 +46,8 @@ test:
 	@$(STEP) --table "python"
 	@$(MAKE) --no-print-directory python
 
-## check: format, lints, licences, unit tests (tidiness and generated files are among them), captures mutated for seconds
-check: lints dependencies
+## check: format, lints, licences, spelling, unit tests (tidiness and generated files are among them), captures mutated for seconds
+check: lints dependencies spelling
 	$(CARGO) test $(WORKSPACE) --lib --bins --test readers
 
 lints:
@@ -58,6 +58,10 @@ lints:
 dependencies:
 	packaging/install-tools cargo-deny
 	target/tools/bin/cargo-deny --log-level error check bans licenses sources
+
+# Misspelled words in code and documents (.codespellrc). Left out where Python has no venv.
+spelling:
+	@packaging/install-codespell && target/tools/codespell/bin/codespell || [ ! -e target/tools/codespell/bin/codespell ]
 
 # Tests, the programs that they start, examples and the Python module.
 build:

@@ -190,3 +190,18 @@ fn tests_that_a_page_names_are_found() {
     let names: Vec<String> = docs::named_tests(page).into_iter().map(|(_, name)| name).collect();
     assert_eq!(names, ["one", "two"]);
 }
+
+#[test]
+fn riddles_and_long_sentences_are_refused_in_texts_and_documents() {
+    use super::language::{check_document, faults};
+    assert_eq!(faults("Clears the stop that a server still has pending for these axes."), [""; 0]);
+    assert_eq!(faults("Though nobody saw them stand").len(), 1);
+    assert_eq!(faults("`nobody` is a name").len(), 0, "code is not checked");
+    let long = "word ".repeat(31);
+    assert_eq!(faults(&long).len(), 1);
+    assert_eq!(faults(&format!("{}. {}", "word ".repeat(20), "word ".repeat(20))).len(), 0);
+    let page = "# Title\nIt stands there.\n\n```text\nnobody\n```\n[owed](nobody.md)\n    said\n";
+    let found = check_document(page);
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(found[0].starts_with("2: \"stands\"") && found[1].starts_with("7: \"owed\""));
+}
