@@ -1,6 +1,5 @@
-//! Frames of a piece of a capture in their order, decoded and not yet written: of those that change
-//! nothing their bytes alone, of others all that is said. Whoever writes them needs nothing else, and
-//! may do it on another thread.
+//! A batch of decoded frames in their order, not written yet. A frame without changes has its bytes only,
+//! others have their full text. A writer needs nothing else, and may run on another thread.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Which bytes of a frame are not what they were in the last one of its kind.
+//! Finds the bytes of a frame that changed since the last frame of its kind.
 
 use std::collections::HashMap;
 use std::collections::hash_map::DefaultHasher;

@@ -1,5 +1,4 @@
-//! Who answers whom: the request that a reply belongs to, and the host's own bytes heard back
-//! through an RS-485 adapter.
+//! Pairs replies with their requests, and detects the host's own bytes that an RS-485 adapter echoes.
 
 use std::collections::VecDeque;
 

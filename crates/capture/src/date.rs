@@ -1,4 +1,4 @@
-//! Dates as capture files state them. None says its time zone: they are taken, and written, as UTC.
+//! Dates of capture files. They contain no time zone, so they are read and written as UTC.
 
 use crate::timestamp::Timestamp;
 

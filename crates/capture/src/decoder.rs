@@ -1,4 +1,4 @@
-//! Records in, explained frames out.
+//! The decoder: converts records to decoded frames.
 
 mod batching;
 mod repeat_cache;

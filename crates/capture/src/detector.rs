@@ -1,6 +1,6 @@
-//! Which protocol a capture speaks, when nobody says: every registered dissector reads it, of a long
-//! one enough, and what explains most of its bytes wins. Where identifiers and checksums leave doubt
-//! on a CAN bus, answers that belong to requests settle it; where they do not either, nobody wins.
+//! Detects the protocol of a capture. All registered dissectors read it, or a sample of a long one. The
+//! protocol that explains most of the bytes is selected. If identifiers and checksums are ambiguous on CAN,
+//! replies that match requests decide; otherwise the result is undecided.
 
 mod pairs;
 mod sampler;

@@ -1,5 +1,5 @@
-//! What differs between two captures in behaviour: who was there, what was said how often, states,
-//! faults, oddities, values, and how long answers took. Neither bytes nor times are compared.
+//! Compares the behaviour of two captures: axes, frame types and rates, states, faults, anomalies, values,
+//! response times. It does not compare bytes or times.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,4 +1,4 @@
-//! What a dissector found in one frame, kept in buffers that are used again for the next.
+//! The explanation of one frame by a dissector, in buffers that are reused.
 
 use polepair_core::error::WireError;
 use polepair_core::explain::{ExplainSink, Field, FieldValue, FrameValue, ValueSource};

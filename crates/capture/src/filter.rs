@@ -1,5 +1,5 @@
-//! Which frames of a capture are wanted: `axis = 2 and not ok`, read once, then asked of each frame
-//! without allocating.
+//! Filter expressions such as `axis = 2 and not ok`: parsed once, evaluated for each frame without
+//! allocation.
 //!
 //! Why: CAP-4.
 

@@ -1,4 +1,4 @@
-//! Frames and notices of tests' own.
+//! Frames and notices for tests.
 
 use polepair_core::explain::ExplainSink as _;
 

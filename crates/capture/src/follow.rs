@@ -1,4 +1,4 @@
-//! A capture that is still being written: pieces as they come, without waiting for the end.
+//! Reads a capture that is still being written, without waiting for its end.
 
 use std::io::Read;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};

@@ -1,4 +1,4 @@
-//! The forms in which captures are stored, told apart by their first bytes.
+//! File formats of captures, detected by their first bytes.
 
 use std::path::Path;
 

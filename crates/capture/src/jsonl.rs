@@ -1,4 +1,4 @@
-//! One JSON object a frame, fields always in the same order.
+//! Output as JSON lines: one object for each frame, fields always in the same order.
 
 use polepair_core::explain::Direction;
 

@@ -1,5 +1,5 @@
-//! Lines put together out of pieces that are there already and of numbers: copied in steps of one
-//! size, which costs a fraction of copies whose size is not known before.
+//! Builds lines from existing pieces and numbers. It copies in steps of a fixed size, which is much faster
+//! than copies of variable size.
 
 use crate::number_text;
 

@@ -1,4 +1,4 @@
-//! Numbers as text, put behind what is there: what [`core::fmt`] writes, in a tenth of its time.
+//! Appends numbers as text, like [`core::fmt`], in a tenth of its time.
 
 /// `00` to `99`.
 const PAIRS: &[u8; 200] = b"0001020304050607080910111213141516171819\

@@ -1,7 +1,7 @@
-//! One capture on several threads. Each takes a piece of it and goes all the way with that: finds its
-//! lines, waits until the pieces before are decoded, decodes its own, makes of it whatever is wanted,
-//! waits again, and hands it over. So what conversations know goes through the capture in order, all
-//! else side by side, and nobody has more than one piece in hand.
+//! Decodes one capture on several threads. Each thread processes a piece completely: it finds the lines,
+//! waits until the earlier pieces are decoded, decodes, formats, waits again, and outputs. So the state of
+//! conversations passes through the capture in order, and everything else runs in parallel. A thread has
+//! one piece at a time.
 //!
 //! Why: DEC-5.
 

@@ -1,8 +1,7 @@
-//! Signals over time, drawn: in a terminal, or as SVG.
+//! Charts of signals over time, in a terminal or as SVG.
 //!
-//! However many values there are, a picture holds as many points as it can show; each stands for a
-//! stretch of time with its first, least, greatest and last value, so that no spike is lost. Where
-//! values stay away, the line is broken.
+//! A chart has as many points as it can show. Each is an interval with its first, minimum, maximum and last
+//! value, so no spike is lost. The line is interrupted where values are missing.
 //!
 //! Why: CAP-7.
 

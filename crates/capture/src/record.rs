@@ -1,4 +1,4 @@
-//! What a capture holds: a record is one CAN frame, or bytes of a serial line as they were read.
+//! A record of a capture: one CAN frame, or bytes of a serial line as they were read.
 
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;

@@ -1,4 +1,4 @@
-//! Which protocol is spoken where: `tmcl`, `canopen@2,thruster@11`, `modbus-rtu@ttyUSB0`.
+//! Rules for the protocol of each link and axis: `tmcl`, `canopen@2,thruster@11`, `modbus-rtu@ttyUSB0`.
 
 use polepair_core::explain::Dissector;
 use polepair_core::proto;

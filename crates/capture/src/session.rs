@@ -1,8 +1,7 @@
-//! What a conversation tells beyond its single frames: values, requests and how they ended, states,
-//! faults, and what a healthy bus does not do.
+//! Analysis of conversations: values, requests and their results, states, faults, and anomalies.
 //!
-//! Each protocol that a link speaks has one `ProtocolTracker`. It is given every frame that the protocol
-//! claims, after the frame was explained by itself, and may add to what is said of it.
+//! Each protocol of a link has one `ProtocolTracker`. It receives every frame of the protocol after the
+//! frame was explained, and may add to the explanation.
 
 pub mod canopen;
 mod exchange;

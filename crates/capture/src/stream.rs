@@ -1,4 +1,4 @@
-//! Frames out of a serial stream: one direction of one link.
+//! Splits a serial stream into frames: one direction of one link.
 
 use std::collections::VecDeque;
 

@@ -1,5 +1,5 @@
-//! What a capture tells as a whole: who was there, what they did, what went wrong. Its memory is
-//! bounded by how many different things there are, whatever the capture's length.
+//! Summary of a capture: axes, activity, faults. Its memory depends on the number of different items, not
+//! on the length of the capture.
 //!
 //! Why: CAP-5.
 

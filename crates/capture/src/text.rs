@@ -1,4 +1,4 @@
-//! One aligned line a frame, for people, and below it what its conversation tells.
+//! Output as text: one aligned line for each frame, with its notices below.
 
 mod batch_lines;
 

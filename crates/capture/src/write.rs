@@ -1,4 +1,4 @@
-//! Captures written: the formats that are read, compressed or not.
+//! Writes captures in the formats that are read, compressed or not.
 
 mod asc;
 mod blf;

@@ -1,4 +1,5 @@
-//! A capture as the verbs take it: a file or stdin, what is stated about it, who takes its frames.
+//! Input captures of the verbs: reads a file or stdin by the user's options, and passes the frames to a
+//! sink.
 
 use std::fs::File;
 use std::io::{Read as _, stdin};

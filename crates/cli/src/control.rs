@@ -1,7 +1,7 @@
-//! The control socket of a running `polepair sim`: what is done to its drives from outside their wires.
+//! The control socket of a running `polepair sim`, which runs acts on its drives.
 //!
-//! A request is one line, its fields behind tabs: where the link is, which drive, the act. The reply is
-//! `ok`, `elsewhere` (the simulation has no such link), or `error` with a reason.
+//! A request is one line with tab-separated fields: link, drive, act. The reply is `ok`, `elsewhere` (the
+//! simulation has no such link), or `error` with a reason.
 
 use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};

@@ -1,8 +1,10 @@
-//! Every verb, every frame: each motion verb on a drive of each family, whose wire is cut or silent at
-//! the n-th frame, for good or for a moment, in virtual time. What a verb says and how it exits is held
-//! against the drive itself and against the frames that passed.
+//! Test of every verb with a line fault at every frame.
 //!
-//! `POLEPAIR_FRAMES=all` tries every n; otherwise one of each verb is tried, early in its frames or late.
+//! Each motion verb runs on a drive of each family in virtual time. The wire is cut or silent from the n-th
+//! frame on, permanently or for a moment. Output and exit code are compared with the real state of the
+//! drive and with the frames that passed.
+//!
+//! `POLEPAIR_FRAMES=all` tries every n. Otherwise one n of each verb is tried.
 
 mod wire;
 

@@ -1,6 +1,7 @@
-//! What ends a verb from outside: Ctrl-C, Ctrl-\, Ctrl-Z, `kill`, a terminal that closes. The first
-//! such signal ends what waits, so that the verb can stop what it started; Ctrl-C or Ctrl-\ once more
-//! ends the process, and says what may be turning.
+//! Signals that end a verb: Ctrl-C, Ctrl-\, Ctrl-Z, `kill`, a closed terminal.
+//!
+//! The first signal ends the wait, so the verb can stop its motors. A second Ctrl-C or Ctrl-\ ends the
+//! process at once, and prints which motors may turn.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -1,4 +1,4 @@
-//! The polepair command line. No protocol is named here: what a drive speaks is known by the library.
+//! The polepair command line. It names no protocol: the library knows the protocol of each drive.
 #![forbid(unsafe_code)]
 // A terminal that went away must not end who has a motor turning: `terminal::draw` and `say`.
 #![deny(clippy::print_stderr)]

@@ -1,4 +1,4 @@
-//! What the motion verbs share: the caution, arming, enabling, holding, stopping.
+//! Common parts of the motion verbs: caution, arming, enabling, waiting, stopping.
 
 use std::fmt::Write as _;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! The library's errors as the user sees them. One place, so that every verb says the same.
+//! Converts errors of the library to texts for the user. All verbs use it, so the texts are the same.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};

@@ -1,5 +1,5 @@
-//! What went wrong, for people and for scripts: one sentence of what, one of why, what to try, a
-//! stable code whose first digit is the exit code.
+//! Errors of the command line: what happened, why, what to try, and a constant code whose first digit is
+//! the exit code.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! How far long work is, on stderr, where a person looks and no data go.
+//! Progress bars on stderr, only on a terminal.
 
 use std::io::{self, IsTerminal as _};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,8 +1,7 @@
-//! `--server URL`: verbs on the axes of a running server instead of a link of one's own.
+//! `--server URL`: runs verbs on the axes of a running server.
 //!
-//! A verb has the same words and prints in the same formats. What stands where its URL would are axes
-//! of the server: numbers, names, `LINK#NUMBER`, or `all`. Numbers go without a unit nowhere: a drive's
-//! own units are not the server's.
+//! Verbs have the same words and output formats. Axes of the server replace the URL: numbers, names,
+//! `LINK#NUMBER`, or `all`. Values need a unit, because the default unit of a drive is not known here.
 
 mod motion;
 

@@ -1,4 +1,4 @@
-//! An open link as the verbs use it: interruptible, with errors in sentences.
+//! An open link for the verbs: interruptible, with errors as texts.
 
 use polepair::url::AxisNumber;
 use polepair::{Axis, Link, Value};

@@ -1,5 +1,4 @@
-//! What taps heard and nobody has looked at yet: they are called on whatever thread reads the link,
-//! so they only keep.
+//! Queue of frames from taps. A tap runs on the thread that reads the link, so it only stores the frame.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};

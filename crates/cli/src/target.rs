@@ -1,4 +1,4 @@
-//! The options that every verb on drives has, and how a connection string becomes a session.
+//! Common options of verbs on drives, and the conversion of a connection string to a session.
 
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};

@@ -1,4 +1,4 @@
-//! stdout is data, stderr is prose; colours only where a person looks, and not under `NO_COLOR`.
+//! Output: results on stdout, notes on stderr, colours only on a terminal without `NO_COLOR`.
 
 use std::io::{self, IsTerminal as _, Write as _};
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! The file that `--trace` writes. A file that takes nothing stands in no motion's way: it is told.
+//! The file of `--trace`. A write error is reported, and must not prevent motion or stops.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};

@@ -1,4 +1,4 @@
-//! Numbers with units, as people read them.
+//! Parses and prints numbers with units.
 
 use polepair_core::profile::Parameter;
 use polepair_core::units::Unit;

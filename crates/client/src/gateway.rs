@@ -1,4 +1,4 @@
-//! A running server: what can be asked of it, each by a request of its own.
+//! A running server: its functions by REST requests.
 
 use std::fmt;
 use std::path::PathBuf;

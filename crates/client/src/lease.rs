@@ -1,4 +1,4 @@
-//! An axis that is ours, for as long as we hold it.
+//! The lease of an axis, for its lifetime.
 
 use std::future::poll_fn;
 use std::pin::Pin;

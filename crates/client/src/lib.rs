@@ -1,15 +1,14 @@
-//! Joins a running gateway (`polepair serve`) instead of fighting it for the port.
+//! Client of a running gateway (`polepair serve`), which owns the ports.
 //!
 //! ```text
-//!   Gateway   asks, one request each (REST)          bench, state, parameters, stop
-//!    └ LiveConnection   stays (WebSocket)                      telemetry, leases
-//!       └ Lease   an axis that is ours               commands, each at most once
+//!   Gateway   one REST request for each call         bench, state, parameters, stop
+//!    └ LiveConnection   a WebSocket                            telemetry, leases
+//!       └ Lease   the lease of an axis               commands, each at most once
 //! ```
 //!
-//! Everything blocks its caller and nobody else: one thread of its own keeps leases, hears
-//! telemetry, and notices when the server is gone. All that goes wrong is a [`GatewayError`], whether the
-//! gateway said it or nobody answered; [`GatewayError::executed`] says whether a drive may have done what
-//! was asked.
+//! Calls block only their caller. One thread renews leases, receives telemetry, and detects a lost server. All
+//! errors are [`GatewayError`], also for a missing reply. [`GatewayError::executed`] states whether a drive may
+//! have executed the request.
 #![forbid(unsafe_code)]
 
 mod address;

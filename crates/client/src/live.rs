@@ -1,4 +1,4 @@
-//! The WebSocket: a task that keeps what we hold, hears what is told, and ends when the server is gone.
+//! The WebSocket: a task that renews leases, receives data, and ends when the server is gone.
 
 mod cache;
 mod lease_requests;

@@ -1,4 +1,4 @@
-//! Requests: one question, one answer.
+//! REST requests, each with one reply.
 
 use std::sync::Mutex;
 use std::time::Duration;

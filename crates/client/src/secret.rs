@@ -1,4 +1,4 @@
-//! The token: from a file or the environment, never from the command line, never shown.
+//! The token: read from a file or the environment, never from the command line, and never printed.
 //!
 //! Why: CLIENT-2.
 

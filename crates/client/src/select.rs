@@ -1,4 +1,4 @@
-//! Which axes of a server are meant, and in what they are measured.
+//! Selects axes of a server by number, name or link, and knows their units.
 
 use polepair_core::proto::AxisNumber;
 use polepair_core::units::Unit;

@@ -1,5 +1,4 @@
-//! Encryption: TLS 1.3, to the one certificate that is pinned. There is no way to trust any other, and
-//! none to trust all.
+//! Encryption: TLS 1.3 with one pinned certificate. No other certificate can be trusted.
 //!
 //! Why: CLIENT-3.
 

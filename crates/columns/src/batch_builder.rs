@@ -1,4 +1,4 @@
-//! Columns out of a capture's batches, built on one of several threads.
+//! Builds columns from batches of a capture, on one of several threads.
 
 use arrow_array::RecordBatch;
 use arrow_schema::ArrowError;

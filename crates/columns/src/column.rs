@@ -1,4 +1,4 @@
-//! Columns that grow row by row and are handed over as Arrow arrays, without a copy.
+//! Columns that grow row by row, and become Arrow arrays without a copy.
 
 use std::collections::HashMap;
 use std::sync::Arc;

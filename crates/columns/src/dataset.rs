@@ -1,8 +1,8 @@
 //! A data set of many captures: `TABLE/site=…/date=YYYY-MM-DD/bus=…/part-….parquet`.
 //!
-//! A part's name is its capture's BLAKE3, so that decoding a capture again replaces what it gave
-//! before. A capture is done when its note in `_done` is written, which is last: what a broken run
-//! left is overwritten by the next.
+//! The name of a part is the BLAKE3 hash of its capture, so decoding it again replaces the part. A capture
+//! is complete when its note in `_done` is written, which is the last step. The next run overwrites
+//! incomplete parts.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! Batches of several builders as if they came from one: the same word has the same number in all.
+//! Merges the dictionaries of several builders, so the same word has the same number in all batches.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! A Parquet file whose columns are encoded and compressed side by side. Each column is encoded by
-//! itself, in the order of its rows, so that any number of threads makes the same bytes.
+//! A Parquet file whose columns are encoded and compressed in parallel. Each column is encoded separately
+//! in the order of its rows, so the bytes do not depend on the number of threads.
 
 use std::fs::File;
 use std::io::BufWriter;

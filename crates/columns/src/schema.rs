@@ -1,7 +1,7 @@
-//! The four tables, version 1. Names, types and meanings stay as they are; columns may be added.
+//! The four tables, version 1. Names, types and meanings are constant; columns may be added.
 //!
-//! Integers are signed and times stand twice, in microseconds as a time stamp and in nanoseconds as
-//! a number: Spark reads neither unsigned integers nor nanosecond stamps.
+//! Integers are signed, and times exist twice: in microseconds as time stamp, and in nanoseconds as number.
+//! Spark supports neither unsigned integers nor time stamps in nanoseconds.
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Batches into files: Parquet, or Arrow's own file format.
+//! Writes batches to files: Parquet, or Arrow's file format.
 
 use std::fs::File;
 use std::io::BufWriter;

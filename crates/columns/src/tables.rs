@@ -1,4 +1,4 @@
-//! Rows out of explained frames and what their conversations tell, gathered into batches.
+//! Collects decoded frames and notices as rows in batches.
 
 mod events;
 mod frames;

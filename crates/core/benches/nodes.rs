@@ -170,7 +170,7 @@ fn tick(nodes: &mut [Device], now: Instant, target: i32) -> u64 {
     sent
 }
 
-/// Drives on their way to and fro, four turns each way, at up to 360 rpm: a set-point and SYNC in,
+/// Drives on their way back and forth, four turns each way, at up to 360 rpm: a set-point and SYNC in,
 /// statusword and position out, a tick of loops and motor, for each node and millisecond.
 fn nodes(request: &Wish, name: &str, count: usize) {
     let mut nodes: Vec<Device> = (0..count).map(|_| node()).collect();

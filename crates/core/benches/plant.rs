@@ -28,7 +28,7 @@ fn ticks(c: &mut Criterion, name: &str, every: u32, mut aim: impl FnMut(&mut Ser
 fn plant(c: &mut Criterion) {
     ticks(c, "a tick at constant speed", u32::MAX, |servo| servo.set_goal(Goal::Velocity(100.0)));
     let mut there = false;
-    ticks(c, "a tick of moves to and fro", 1_000, |servo| {
+    ticks(c, "a tick of moves back and forth", 1_000, |servo| {
         there = !there;
         servo.set_goal(Goal::Position(if there { 20.0 } else { 0.0 }));
     });

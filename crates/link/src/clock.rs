@@ -1,4 +1,4 @@
-//! The only place that reads the clock, and the one that scales time-outs.
+//! The clock. Only this module reads the time and scales time-outs.
 
 use std::sync::OnceLock;
 use std::time::{Duration, SystemTime};

@@ -1,11 +1,9 @@
-//! A lane on a link, shared by any number of threads: tickets made waitable.
+//! A lane on a link, shared by any number of threads.
 //!
-//! There is one lock and one leader. Any thread may lock, submit and write; the lock is never held
-//! while waiting. The thread that waits first leads: it reads for all, wakes the others by ticket,
-//! and hands over when it leaves. The background thread leads when no caller does and something
-//! needs time by itself: a plan that nobody waits for, a link to be opened again, somebody who
-//! listens for what nobody asked for. It is started when it is first needed, and gives way to a
-//! caller at once.
+//! One lock and one leader: any thread may lock, submit and write. The lock is never held while waiting.
+//! The first waiting thread leads: it reads for all, wakes the others by their tickets, and passes the lead
+//! on when it leaves. The background thread leads if no caller waits and work is pending: a plan, a link to
+//! be reopened, an event stream. It is started at its first use, and gives way to callers at once.
 
 mod background;
 mod borrow;

@@ -1,5 +1,5 @@
-//! A file descriptor that is waited for together with a waker. Serial ports, ptys and sockets are
-//! this, with different ways of opening.
+//! A file descriptor that is awaited together with a waker. Serial ports, pseudo-terminals and sockets use
+//! it.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::time::Duration;

@@ -1,16 +1,13 @@
-//! Waiting on a list that the kernel keeps.
+//! Waits on descriptors by epoll, because poll costs nearly twice as much for each wait.
 //!
-//! `poll` is handed its descriptors anew at every wait and asks each of them twice; `epoll` is not.
-//! Of a stream it tells only what changes (edge-triggered), which saves nearly half of what a wait
-//! costs. That is safe only behind a read that took all there was: what was left would never be
-//! told. A short read of a terminal or a stream socket has taken all, see epoll(7); but TCP stops
-//! short of urgent bytes, too. Until such a read, after an end or urgent bytes, and on other
-//! systems, the caller polls. Of a socket that keeps the bounds of what arrives, where a read takes
-//! one piece of perhaps several, it tells all that there is (level-triggered).
+//! Streams are edge-triggered, which is only safe after a read that returned all data: the rest would not
+//! be reported. A short read of a terminal or stream socket has returned all, see epoll(7), but TCP also
+//! stops before urgent bytes. Until such a read, after an end of file or urgent bytes, and on other
+//! systems, the caller polls. Datagram sockets are level-triggered, because a read returns one datagram of
+//! several.
 //!
-//! The end of the wait is a timer on the same list, because a timeout is set and taken back at every
-//! wait, which costs half as much again. A timer that rings sooner than needed is left as it is: who
-//! is woken for nothing looks at the clock, which nobody else need, and waits again.
+//! The time limit is a timer in the same set, because setting a timeout for each wait costs half as much
+//! again. A timer that fires early is not changed: the woken thread reads the clock and waits again.
 //!
 //! Why: LINK-3.
 

@@ -1,4 +1,4 @@
-//! What the operating system refuses, by cause, with what to try.
+//! Errors of the operating system by cause, with what to try.
 
 use std::fmt;
 

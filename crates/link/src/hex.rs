@@ -1,4 +1,4 @@
-//! Digits, as the ASCII dialects of CAN write them.
+//! Hexadecimal digits of the ASCII protocols for CAN.
 
 /// The digit of `nibble`, upper case.
 pub(crate) const fn digit(nibble: u32) -> u8 {

@@ -1,5 +1,5 @@
-//! A simulated bus that several programs share: every client is one more node on it, and hears the
-//! drives and the other clients, but not itself.
+//! A simulated bus for several programs. Each client is a node: it receives the frames of the drives and of
+//! the other clients, not its own.
 
 use std::net::{SocketAddr, TcpListener};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};

@@ -1,4 +1,4 @@
-//! Bytes of a stream that were read and not yet looked at.
+//! Bytes of a stream that were read and not processed yet.
 
 use polepair_core::medium::{Medium, Stream};
 use polepair_core::time::Instant;

@@ -1,7 +1,7 @@
 //! The operating system's side of polepair: ports, sockets, threads and the clock.
 //!
 //! ```text
-//!   Connection      one lock, one leader: tickets made waitable        serve   a simulated drive
+//!   Connection      a lane for many threads: one lock, one leader      serve   a simulated drive
 //!        │                                                               │     on a real wire
 //!        └──────────────────────── LinkIo<M> ──────────────────────────────┘
 //!              serial · tcp · pty · TappedLink (a trace) · whatever `sim` puts here
@@ -20,7 +20,7 @@
 //! # Ok::<(), polepair_link::LinkError>(())
 //! ```
 //!
-//! Nothing here knows a protocol. Only [`clock`] reads the time, only this crate sleeps or spawns.
+//! This crate knows no protocol. Only [`clock`] reads the time, and only this crate sleeps or spawns threads.
 #![deny(unsafe_code)]
 
 pub mod clock;

@@ -1,4 +1,4 @@
-//! What a wire looks like to those who pump it.
+//! The interface of a wire for the connection.
 
 use polepair_core::medium::Medium;
 use polepair_core::station::LineEvent;

@@ -1,4 +1,4 @@
-//! The serial and CAN adapters of this machine, and why one cannot be used.
+//! Lists the serial and CAN adapters of this machine, with the reason if one is unusable.
 
 use crate::error::LinkError;
 

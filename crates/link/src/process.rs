@@ -1,4 +1,4 @@
-//! How much of the system this process and its threads may have, and what of it others may see.
+//! Limits and privacy settings of this process and its threads.
 
 /// Lets this process open as many files and sockets as the system lets it, and tells how many that
 /// are; `None` where that is not told.

@@ -1,4 +1,4 @@
-//! A pseudo-terminal on which a simulated drive can be reached like on a serial port.
+//! A pseudo-terminal that gives access to a simulated drive like a serial port.
 
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Serial ports: any baud rate, exclusive, with low latency where the adapter allows it.
+//! Serial ports: any baud rate, exclusive access, low latency if the adapter supports it.
 
 #[cfg(unix)]
 mod error_counts;

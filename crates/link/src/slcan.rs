@@ -1,5 +1,5 @@
-//! Serial CAN adapters that speak Lawicel's ASCII language (CANUSB, CANable, USBtin and many
-//! others), on serial ports, pseudo-terminals and TCP.
+//! Serial CAN adapters with Lawicel's ASCII protocol (CANUSB, CANable, USBtin and others), on serial ports,
+//! pseudo-terminals and TCP.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};

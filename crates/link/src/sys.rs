@@ -1,4 +1,4 @@
-//! Linux, where rustix does not reach: socket options by number, and messages with their stamps.
+//! Linux functions that rustix lacks: socket options by number, and messages with time stamps.
 #![allow(unsafe_code)]
 
 use std::io;

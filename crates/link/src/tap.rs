@@ -1,4 +1,4 @@
-//! A wire tapped: every unit with its time and direction, for `-v` and `--trace`.
+//! A tap on a wire: every unit with time and direction, for `-v` and `--trace`.
 
 use std::fmt::Write as _;
 use std::io;

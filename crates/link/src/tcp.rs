@@ -1,4 +1,4 @@
-//! TCP: a client for serial servers, and a listener behind which a simulated drive waits.
+//! TCP: a client for serial servers, and a listener for a simulated drive.
 
 use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};

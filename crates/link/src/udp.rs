@@ -1,5 +1,5 @@
-//! CAN over UDP multicast, in the format of python-can's `udp_multicast` interface: every program
-//! that joins the group is on the bus.
+//! CAN over UDP multicast, in the format of python-can's `udp_multicast` interface. Every program in the
+//! group is on the bus.
 //!
 //! Why: LINK-5, LINK-7.
 

@@ -1,4 +1,4 @@
-//! What makes a blocked wait return.
+//! Wakes a blocked wait.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

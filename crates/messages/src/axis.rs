@@ -1,4 +1,4 @@
-//! An axis: its state, its parameters.
+//! State and parameters of an axis.
 
 use std::collections::BTreeMap;
 

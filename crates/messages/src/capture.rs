@@ -1,4 +1,4 @@
-//! Frames: live ones, and those of a capture that somebody opened.
+//! Frames, live or of an uploaded capture.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -1,4 +1,4 @@
-//! Whatever changes something: leases, commands, stops, simulated faults, logging in.
+//! Requests that change something: leases, commands, stops, acts, login.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

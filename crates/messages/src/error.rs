@@ -1,4 +1,4 @@
-//! The one error of the gateway.
+//! The error of the gateway.
 
 use std::borrow::Cow;
 use std::fmt;

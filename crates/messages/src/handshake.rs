@@ -1,4 +1,4 @@
-//! How server and client find and know each other.
+//! Versions and identities that server and client exchange first.
 
 use std::net::SocketAddr;
 

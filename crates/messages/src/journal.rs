@@ -1,4 +1,4 @@
-//! A line of the journal.
+//! A record of the journal.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

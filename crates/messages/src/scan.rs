@@ -1,4 +1,4 @@
-//! Looking for drives on a link that is open: `/api/v1/links/{id}/look`, and `look` on the WebSocket.
+//! Scans of an open link: `/api/v1/links/{id}/look`, and `look` on the WebSocket.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -1,4 +1,4 @@
-//! What a caller may do: five scopes, granted with a token, of which none includes another.
+//! Scopes: five permissions of a token. None includes another.
 
 use core::{fmt, str::FromStr};
 

@@ -1,4 +1,4 @@
-//! Values on their way to and from a drive.
+//! Values of parameters, converted between drive and user.
 
 use crate::error::Error;
 use crate::quantity;

@@ -1,4 +1,4 @@
-//! What drives of several protocols must agree on to share a CAN bus: identifiers, and bits.
+//! Checks that drives of several protocols can share a CAN bus: identifiers and bus load.
 
 use crate::registry::ProtocolInfo;
 use crate::url::AxisNumber;

@@ -1,4 +1,4 @@
-//! What is said of drives that share an address: in one place for `get`, `scan`, `doctor` and `info`.
+//! Texts about drives with the same address, for `get`, `scan`, `doctor` and `info`.
 
 /// What to do about it.
 pub(crate) const DUPLICATE_ADDRESS_HINT: &str = "connect one at a time and give each its own \

@@ -19,8 +19,8 @@
 //! address = 3
 //! lead = "5 mm"
 //! ```
-//! `@arm` is then a connection string, as are `@arm#2`, `@arm?timeout=50`, `@cell#x`, and `@machine`
-//! for every `[[link]]`. A rack is read when it is asked for: what is wrong with it stops nobody else.
+//! `@arm` is then a connection string, as are `@arm#2`, `@arm?timeout=50` and `@cell#x`. `@machine` is every
+//! `[[link]]`. A rack is read at its first use, so its errors do not affect other links.
 
 use crate::error::Error;
 use crate::profile::{self, read_text};

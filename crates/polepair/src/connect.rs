@@ -1,4 +1,4 @@
-//! Opening links and finding out what is on them.
+//! Opens links and identifies their drives.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {

@@ -1,7 +1,7 @@
-//! What is wrong, from the cable up: each check one sentence, and what to try.
+//! Checks a link from the cable to the drive. Each check has a result and a suggestion.
 //!
-//! Nothing is moved or written: a link is opened, listened to, and asked by reads. Only
-//! [`prove_watchdog`], which nothing else calls, turns a motor.
+//! The checks open the link, listen, and read. They move and write nothing, except [`prove_watchdog`], which
+//! turns a motor.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {

@@ -1,7 +1,7 @@
-//! Errors by blame, each with a stable code, an exit code and what to try.
+//! Errors by their source, each with a constant code, an exit code and a suggestion.
 //!
-//! [`outcome_class`] is the one table from what a lane tells ([`Outcome`], [`Failure`]) to exit code,
-//! exception and error code; the command line and the bindings use it.
+//! [`outcome_class`] is the only table from the result of a lane ([`Outcome`], [`Failure`]) to exit code,
+//! exception and error code. The command line and the bindings use it.
 
 use crate::{FileError, NoReplyDetails};
 use polepair_core::error::{Failure, Outcome, Unsupported};

@@ -1,5 +1,4 @@
-//! What happens on a link though nobody asked: values that drives send by themselves, faults,
-//! restarts, a cable that was pulled.
+//! Events of a link: values that drives send by themselves, faults, restarts, a lost link.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
@@ -13,8 +12,8 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 //!
-//! While somebody listens, the link is read though nobody waits for an answer. What answers a
-//! question of this program is no event, but a fault that it shows is one.
+//! While an event stream is open, the link is read even without an open request. Replies to requests of this
+//! program are not events, but a fault that a reply shows is one.
 
 use crate::axis::Axis;
 use crate::connect::Link;

@@ -1,4 +1,4 @@
-//! What a fault code stands for.
+//! Faults of a drive by their codes: name, cause, remedy.
 
 use polepair_core::profile::{Fault, Profile};
 

@@ -1,4 +1,4 @@
-//! Finding out what a drive is, by reads only.
+//! Identifies a drive, by reads only.
 
 use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::config::Config;

@@ -1,4 +1,4 @@
-//! Programs whose memory holds an instruction at each address: their text, and the instructions.
+//! Programs with one instruction at each address (TMCL): assembler, disassembler and file format.
 //!
 //! A line holds an instruction (`MVP ABS, 0, 1000`), a constant (`Speed = 500`), a label (`Loop:`, also
 //! before an instruction), `#include "FILE"`, or a comment (`// …`, `/* … */`). Fields are numbers (decimal,
@@ -560,7 +560,7 @@ mod tests {
     use std::path::Path;
 
     const TEXT: &str = "\
-// Turns to and fro.
+// Turns back and forth.
 #include \"constants.tmc\"
 Here = 0
 /* two

@@ -1,4 +1,4 @@
-//! Talk to motor drives, and simulate them.
+//! Controls motor drives of several makers, and simulates them.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
@@ -10,9 +10,9 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 //!
-//! A connection string says protocol, link and axes; see [`url`]. An [`Axis`] has parameters by
-//! name with units, and the verbs of motion. Everything here blocks and may be used from any
-//! thread. An [`Error`] is by blame and says whether the drive may have done it.
+//! A connection string names protocol, link and axes; see [`url`]. An [`Axis`] has parameters with units, and
+//! the verbs of motion. All calls block, and may be used from any thread. An [`Error`] states its source, and
+//! whether the drive may have executed the request.
 #![forbid(unsafe_code)]
 
 pub mod amount;

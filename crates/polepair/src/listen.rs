@@ -1,4 +1,4 @@
-//! Hearing what passes on a link, and saying nothing.
+//! Listens to a link without sending.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {

@@ -1,4 +1,4 @@
-//! How a motor sits in its machine: what a turn of it moves, which way is forward, how far it may go.
+//! Mounting of a motor in its machine: travel of a turn, direction, limits.
 //!
 //! ```toml
 //! [[link.drive]]

@@ -1,4 +1,4 @@
-//! What came back of a question that brought no answer: silence is said only where there was silence.
+//! Details of a missing reply: counts of received frames, the likely cause, and what to try.
 //!
 //! Why: REQ-4.
 

@@ -1,4 +1,4 @@
-//! Programs that drives keep and run: text of the drive's language, and software files (`.sw`).
+//! Programs in the memory of a drive: text of the drive's language, and software files (`.sw`).
 //!
 //! ```
 //! use polepair::Program;

@@ -1,4 +1,4 @@
-//! Numbers with units, as people write them: `90 deg`, `60rpm`, `1.2 A`, `0x10`.
+//! Numbers with units: `90 deg`, `60rpm`, `1.2 A`, `0x10`.
 
 use crate::error::Error;
 use crate::spelling;

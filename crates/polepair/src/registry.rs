@@ -1,4 +1,4 @@
-//! The core's lists of protocols and families, asked by word and medium.
+//! Finds protocols and families of the core by name and medium.
 
 use crate::bus::{self, BusAddress};
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! Looking for drives, by reads only.
+//! Finds drives, by reads only.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {

@@ -1,4 +1,4 @@
-//! Settings of drives as a file that people review: sorted, with units, one line each.
+//! Settings of drives as a text file: sorted, with units, one line each.
 //!
 //! ```toml
 //! [axis.1]
@@ -9,8 +9,8 @@
 //! "max current" = "1.2 A"   # AP 6
 //! "motor poles" = 8         # AP 253
 //! ```
-//! A value is text with a unit, one of the parameter's words, or a number in the parameter's own
-//! unit; `{ raw = 120 }` where no text means exactly what the drive holds.
+//! A value is text with a unit, a value name, or a number in the parameter's unit. `{ raw = 120 }` is used if no
+//! text gives exactly the drive's value.
 
 mod process_data;
 

@@ -1,4 +1,4 @@
-//! Simulated drives: racks of them from words or from a file, in this process or on real wires.
+//! Simulated drives: racks from names or from a file, in this process or on real wires.
 //!
 //! ```
 //! use polepair::simulate::{self, SimulationPace};

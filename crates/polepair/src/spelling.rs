@@ -1,4 +1,4 @@
-//! The nearest known word, for messages: people mistype, tables do not change.
+//! Finds the nearest known word for error messages.
 
 /// Names are folded as [`Profile::find_parameter`](polepair_core::profile::Profile::find_parameter) folds them.
 pub(crate) fn fold(text: &str) -> String {

@@ -1,9 +1,8 @@
-//! Stopping whoever is on a link, without knowing who that is.
+//! Stops all drives of a link without knowing them.
 //!
-//! Several passes, so that nobody turns on while others are looked for: what the protocol can tell
-//! everybody at once goes out first, unconfirmed; then each address is asked, briefly, and a drive
-//! that answers is told to stop at once; then drives with several motors are told of each of these;
-//! then all of them are waited for together.
+//! Several passes, so that no drive waits for the search of others: a broadcast stop, if the protocol has one;
+//! then each address is tried briefly, and a drive that replies is stopped at once; then the further motors of
+//! modules; then all are awaited together.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {

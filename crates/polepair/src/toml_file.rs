@@ -1,4 +1,4 @@
-//! Reading TOML files so that every complaint names file, line, column and reason.
+//! Reads TOML files, with file, line, column and reason in every error.
 
 use crate::spelling;
 use std::borrow::Cow;

@@ -1,4 +1,4 @@
-//! Links of either medium, as the layers above the protocols hold them.
+//! Links of either medium, for the layers above the protocols.
 
 use crate::connect::SharedTap;
 use polepair_core::medium::{Can, Medium, MediumKind, Stream};

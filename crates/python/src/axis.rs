@@ -1,4 +1,4 @@
-//! One axis: its parameters, its verbs, what it tells.
+//! One axis: parameters, verbs, events.
 
 use std::borrow::Cow;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! A CAN wire as it is, for programs that speak for themselves: python-can's.
+//! Raw access to a CAN wire, for python-can.
 
 use std::fmt;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Captures: every frame explained, as Python objects.
+//! Captures: decoded frames as Python objects.
 
 use std::fs::File;
 use std::io::Read as _;

@@ -1,4 +1,4 @@
-//! Frames made of a protocol's own text, and values taken out of frames, without their words.
+//! Encodes requests of a protocol's text, and decodes single values without text.
 
 use std::fmt;
 

@@ -1,7 +1,7 @@
-//! A capture's tables, lent where they lie: as Arrow's C stream, and as arrays for NumPy.
+//! Tables of a capture without a copy: as Arrow C streams, and as arrays for NumPy.
 //!
-//! Nothing of Arrow or NumPy is imported: a stream is a capsule, an array says where it lies by
-//! `__array_interface__`, and both keep what they lend alive.
+//! Neither Arrow nor NumPy is imported. A stream is a capsule, an array has `__array_interface__`, and both
+//! keep their memory alive.
 
 use std::sync::{Arc, Mutex};
 use std::thread::{self, Builder};

@@ -1,4 +1,4 @@
-//! The `polepair` program, as the package installs it.
+//! The `polepair` program that the package installs.
 
 use std::ffi::OsString;
 

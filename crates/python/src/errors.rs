@@ -1,4 +1,4 @@
-//! The library's errors as Python's exceptions, which the Python half defines.
+//! Converts errors of the library to the exceptions of the Python part.
 
 use polepair::Error;
 use polepair_client::GatewayError;

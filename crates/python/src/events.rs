@@ -1,4 +1,4 @@
-//! What happens on a link though nobody asked, as a thread or an event loop takes it.
+//! Event streams of a link, for threads and event loops.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::Waker;

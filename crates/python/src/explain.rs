@@ -1,4 +1,4 @@
-//! What a frame or a code means, by itself.
+//! Explains one frame or code.
 
 use polepair::faults;
 use polepair_capture::{Explanation, RecordData, parse_log_line};

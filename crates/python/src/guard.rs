@@ -1,5 +1,5 @@
-//! Axes that are armed here, and what stops them when the process ends without ending their blocks:
-//! a signal that nobody hears, or an interpreter that leaves daemon threads behind.
+//! Stops armed axes if the process ends without ending their blocks: by a signal without a handler, or by
+//! an interpreter with daemon threads.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

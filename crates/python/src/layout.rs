@@ -1,5 +1,5 @@
-//! Values packed into the bytes of a frame, as process data are: one behind the other, bit by bit,
-//! the least significant first (CiA 301, chapter 7.4.7).
+//! Values packed in the bytes of a frame, as in process data: one after the other, least significant bit
+//! first (CiA 301, chapter 7.4.7).
 
 use pyo3::exceptions::{PyOverflowError, PyValueError};
 use pyo3::prelude::*;

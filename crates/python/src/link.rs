@@ -1,4 +1,4 @@
-//! Opening links, and finding who is on them.
+//! Opens links, and identifies their drives.
 
 use std::ffi::CString;
 use std::ops::ControlFlow;

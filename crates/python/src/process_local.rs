@@ -1,4 +1,4 @@
-//! What is let go while other Python threads can go on, and in the process that made it.
+//! Objects that are dropped without the GIL, and only in the process that created them.
 
 use std::mem;
 use std::ops::Deref;

@@ -1,4 +1,4 @@
-//! Adapters that Python opened: any bus of python-can, any port as pyserial has them.
+//! Adapters opened by Python as links: any bus of python-can, any port of pyserial.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

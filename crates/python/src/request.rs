@@ -1,4 +1,4 @@
-//! A request under way: waited for by a thread, or told to an event loop.
+//! A request that is being executed: awaited by a thread or an event loop.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Wake, Waker};

@@ -1,4 +1,4 @@
-//! Simulated drives, seen and touched from outside the wire.
+//! Simulated drives from outside the wire: acts, and the real state.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The last units that went over a link's wires, kept to be shown when something went wrong.
+//! The last units of a link's wires, shown after an error.
 
 use std::collections::VecDeque;
 use std::io;

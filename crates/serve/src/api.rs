@@ -1,5 +1,4 @@
-//! The routes: one table, from which the router is made, the guard knows who may do what, and tests
-//! know what there is to try.
+//! The route table. The router, the guard's permissions and the tests are made from it.
 
 mod axis;
 mod bench;

@@ -1,4 +1,4 @@
-//! Who is calling: tokens as they are sent, and the cookies that stand for them in browsers.
+//! Authentication: tokens of programs, and cookies of browsers.
 //!
 //! Why: GW-16.
 

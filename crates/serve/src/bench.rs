@@ -1,9 +1,9 @@
-//! The bench: it opens links, owns them, and lets several people watch and one command each axis.
-//! There is no HTTP in here.
+//! The bench: opens links, owns them, and lets several clients read and one client control each axis. It
+//! contains no HTTP.
 //!
-//! Each wire has a command worker and a request worker. Only the command worker sends what moves an
-//! axis, and it never waits for a drive. The request worker waits for drives. So a stop never waits
-//! behind a query, nor one link behind another.
+//! Each wire has a command worker and a request worker. Only the command worker sends motion, and it never
+//! waits for a drive. The request worker waits for drives. So a stop never waits for a read, and one link
+//! never waits for another.
 //!
 //! ```
 //! use polepair_serve::bench::{Bench, BenchOptions};

@@ -1,5 +1,5 @@
-//! Connections, of which there are only so many: those that have not shown a token yet make room for
-//! new ones, the oldest first. So whoever only opens sockets keeps nobody from stopping a motor.
+//! Limits the number of connections. Connections without a valid token are dropped first, the oldest before
+//! the others, so idle connections cannot prevent a stop.
 //!
 //! Why: GW-18.
 

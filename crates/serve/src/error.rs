@@ -1,4 +1,4 @@
-//! Why a server does not start, or a journal cannot be kept: for whoever starts it.
+//! Errors of the server's start and of the journal, for the user who starts it.
 
 use std::fmt;
 use std::path::Path;

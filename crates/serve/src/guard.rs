@@ -1,9 +1,8 @@
-//! What stands before every route: one layer, which denies what nothing lets through.
+//! The guard: one layer before every route, which denies everything that the route table does not permit.
 //!
-//! In this order: security headers on whatever answers; the `Host` is one of ours (a page elsewhere
-//! cannot reach us by a name of its own); no other site's page asks (`Origin`, and for what changes
-//! something a content type and a header that forms cannot have); a token; its scope. What the route
-//! table does not know is not there. No address is trusted, and headers of proxies are not read.
+//! Order of the checks: security headers for every response; `Host` must be a name of the server; no
+//! request of another site's page (`Origin`, and for changes a content type and a header that forms cannot
+//! send); token; scope. Addresses are not trusted, and proxy headers are ignored.
 
 use std::net::IpAddr;
 use std::time::Duration;

@@ -1,10 +1,9 @@
-//! The journal: what was done, by whom, written down before it is done.
+//! The journal: actions and their clients, recorded before they are executed.
 //!
-//! A file of JSON lines, only ever added to. Each record carries the BLAKE3 hash of the hash before it
-//! and of its own text, so that nothing in the middle can be changed, taken out or put in without
-//! all that follows telling so. What is cut off at the end leaves no trace in the file: who must know
-//! that as well keeps the last hash elsewhere. A record is in the system's hands before the caller goes
-//! on, so it outlives the process, not a loss of power.
+//! A file of JSON lines that is only appended to. Each record has the BLAKE3 hash of the previous hash and
+//! its own text, so a changed, removed or inserted record is detected. Records that are cut off at the end
+//! are not detected; keep the last hash elsewhere for that. A record is passed to the operating system
+//! before the caller continues. It survives the process, but not a power loss.
 //!
 //! Why: GW-24.
 

@@ -1,12 +1,10 @@
-//! The gateway: it opens links, owns them, and lets several people watch and one command each axis.
+//! The gateway: opens links, owns them, and lets several clients read and one client control each axis.
 //!
-//! Fieldbuses know no passwords; whoever is on the wire owns the motor. So what this crate lets
-//! through is the only policy there is between a browser and a drive: [`scope`] says what a caller
-//! may do at all, [`message`] what can be said. `guard` stands before every route of `api`;
-//! [`journal`] keeps what was done; [`mod@bench`] does it, and knows no HTTP. [`server`] puts them
-//! together.
+//! Fieldbuses have no passwords, so this crate is the only access control between a browser and a drive.
+//! [`scope`] is the permissions, [`message`] the messages. `guard` checks every route of `api`, [`journal`]
+//! records actions, and [`mod@bench`] executes them without HTTP. [`server`] connects them.
 //!
-//! This is no certified safety function: hard-wire STO and emergency stop.
+//! This is not a certified safety function: use hard-wired STO and an emergency stop.
 #![forbid(unsafe_code)]
 
 mod api;

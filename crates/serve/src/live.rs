@@ -1,13 +1,11 @@
-//! The WebSocket: one for each viewer, with a reader that never waits for drives and a writer that puts
-//! what was asked before what is merely shown.
+//! The WebSocket of a viewer: a reader that never waits for drives, and a writer that sends replies before
+//! subscribed data.
 //!
-//! A stop goes before whatever its own viewer said before it and is not done yet ([`said`]). What is the
-//! same for all viewers is made once, by the [`Broadcaster`]. Telemetry and frames are taken from
-//! the bench by each viewer's writer when nothing else is to be said ([`subscriptions`]). Writers have a
-//! runtime of their own, whose threads stand back where nothing is encrypted, and share no socket with
-//! who reads commands ([`split_socket`]): however many there are, no stop waits for them. A viewer
-//! that takes nothing for five seconds is closed: it is asked each second whether it is there. Its
-//! leases end with it, and nothing is watched for it any more.
+//! A stop overtakes open requests of its viewer ([`said`]). Data that are the same for all viewers are made
+//! once by the [`Broadcaster`]. The writer takes telemetry and frames from the bench when nothing else is
+//! pending ([`subscriptions`]). Writers have a runtime of low-priority threads, and share no socket with
+//! readers ([`split_socket`]), so no stop waits for them. A viewer that accepts no data for five seconds is
+//! disconnected; its leases end.
 
 mod broadcaster;
 mod incoming;

@@ -1,4 +1,4 @@
-//! What is counted, for Prometheus.
+//! Counters for Prometheus.
 
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicU64;

@@ -1,4 +1,4 @@
-//! How a server is started.
+//! Options of a server's start.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! The page that was built into this program, if it was.
+//! The page that was compiled into this program, if any.
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};

@@ -1,4 +1,4 @@
-//! The server: it listens, opens the bench, lets requests to the guard, and ends in order.
+//! The server: opens the bench, listens, passes requests to the guard, and shuts down in order.
 
 use std::convert::Infallible;
 use std::io;

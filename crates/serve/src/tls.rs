@@ -1,4 +1,4 @@
-//! Encryption: TLS 1.3 and nothing older, with the server's own certificate unless there is another.
+//! Encryption: TLS 1.3 only, with the server's own certificate or that of the user.
 
 use std::fs::File;
 use std::path::Path;

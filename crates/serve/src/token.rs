@@ -1,7 +1,7 @@
-//! Tokens: 256 random bits that say what whoever has them may do.
+//! Tokens: 256 random bits that grant scopes.
 //!
-//! They live in a file that only its owner may read, one a line: the token in hexadecimal, its
-//! scopes, a name. They are compared in constant time and never shown.
+//! They are in a file that only its owner can read, one a line: token in hexadecimal, scopes, name. They
+//! are compared in constant time, and never printed.
 
 use std::fmt::{self, Write as _};
 use std::fs::{File, OpenOptions};

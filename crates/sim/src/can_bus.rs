@@ -1,12 +1,11 @@
-//! A CAN bus: the lowest identifier wins, and every frame takes exactly its bits.
+//! A CAN bus: the lowest identifier wins, and each frame takes exactly its bits.
 //!
-//! Each plug is a controller with its frames in line and the transmit error counter of ISO 11898-1.
-//! Two controllers that send the same identifier at once differ later, in a bit that one of them
-//! finds overwritten: both fail, and as both try again, both end bus-off. Frames alike in every bit
-//! are one frame to everybody.
+//! Each plug is a controller with a send queue and the transmit error counter of ISO 11898-1. Two
+//! controllers that send the same identifier at once fail at the first different bit. Both retry, so both
+//! end in bus-off. Frames with equal bits are one frame for all receivers.
 //!
-//! Every frame carries a [`CanFrameLabel`] that no station sees: who sent it, and what it answers. Checks
-//! compare what hosts believe with the marks.
+//! Each frame has a [`CanFrameLabel`] that stations cannot see: its sender, and the request that it
+//! answers. Checks compare the beliefs of hosts with the labels.
 
 mod fault;
 

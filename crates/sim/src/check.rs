@@ -1,9 +1,9 @@
-//! What must hold after every event, whatever the wire did.
+//! Invariants that are checked after every event.
 //!
-//! The checker is out of band: labels that travel with the bytes say which request a reply answers
-//! and whether the wire changed anything, the bench side of a drive says what it did. A host that
-//! believes something else broke an invariant; unless the bytes it believed were changed on the way
-//! and still passed every check of their protocol: that is a *wire collision*, and only counted.
+//! The checker is out of band: labels of the bytes state which request a reply answers, and whether the
+//! wire changed it. The drive states what it executed. A host with another belief breaks an invariant,
+//! except if changed bytes still passed all checks of their protocol. That is a *wire collision*, and only
+//! counted.
 
 mod can;
 

@@ -1,9 +1,8 @@
-//! Devices by their data sheets: a CANopen node with the objects that a file lists, and with a motor
-//! where they are those of a drive.
+//! Devices by their data sheets: a CANopen node with the objects of a file, and with a motor if they are
+//! those of a drive.
 //!
-//! Communication objects work as the protocol has them, the drive's move the motor of the generic
-//! CiA 402 drive, and everything else keeps what is written. A [`DataSheet`] is what all devices of a
-//! file share.
+//! Communication objects work as in the protocol. Objects of a drive control the motor of the generic CiA
+//! 402 drive. All other objects store what is written. A [`DataSheet`] is shared by all devices of a file.
 
 mod device;
 #[cfg(test)]

@@ -1,8 +1,7 @@
-//! What goes wrong on a serial wire, and how often.
+//! Faults of a serial wire, with their probabilities.
 //!
-//! Every fault has a chance of its own; zero turns it off. [`SerialFaults::random`] draws a set from a
-//! seed in the manner of swarm testing: each kind is on or off by the toss of a coin, so that no
-//! kind hides behind another.
+//! Each fault has its own probability; zero switches it off. [`SerialFaults::random`] draws a set by a
+//! seed, as in swarm testing: each kind is on or off at random, so that no kind hides another.
 
 use crate::random::{Ppm, Random};
 

@@ -1,9 +1,9 @@
 //! Simulated wires, faults and worlds under a virtual clock.
 //!
-//! A [`World`](world::World) holds [nodes](node::SimNode), drives and hosts, on
-//! [serial wires](serial_line::SerialWireConfig) and CAN buses. It reads no clock, sleeps never, runs on one
-//! thread and is deterministic: whatever is random comes from a seed. The stations on its wires are
-//! the same objects that stand at real ones.
+//! A [`World`](world::World) has [nodes](node::SimNode), drives and hosts, on [serial
+//! wires](serial_line::SerialWireConfig) and CAN buses. It reads no clock, never sleeps, runs on one thread
+//! and is deterministic: all random values come from a seed. Its stations are the same objects as on real
+//! wires.
 #![forbid(unsafe_code)]
 
 pub mod can_bus;

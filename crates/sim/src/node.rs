@@ -1,8 +1,7 @@
-//! An object with ports: what a world holds.
+//! A node of a world: an object with ports.
 //!
-//! Only here and in `link` does anybody know that one object may sit on several wires. A protocol's
-//! end, a host or a drive is a [`Station`] on one medium; a node lends the world one station for
-//! each of its ports.
+//! Only this module and `link` know that one object can be on several wires. A host or a drive is a
+//! [`Station`] on one medium; a node has one station for each of its ports.
 
 use polepair_core::axis::{AnyLane, Axes};
 use polepair_core::drives::SimulatedDevice;

@@ -1,7 +1,7 @@
-//! Several simulated drives on several links, from a description.
+//! Builds simulated drives on links from a description.
 //!
-//! The description is plain data: the crate that reads rack files makes it, this module builds it.
-//! Which drives there are is the registry's business: a family joins by being in `drives::visit_families`.
+//! The description is plain data, made by the crate that reads rack files. A family of drives is added in
+//! `drives::visit_families`.
 
 use polepair_core::drives::bench::Act;
 use polepair_core::drives::{self, DeviceOptions, Family};

@@ -1,7 +1,7 @@
-//! Randomness from a seed: the same numbers on every platform.
+//! Random numbers from a seed, equal on every platform.
 //!
-//! xoshiro256++ by Blackman and Vigna, seeded by SplitMix64 as its authors advise. Whole numbers
-//! only, so that no platform's floating point can make two runs differ.
+//! xoshiro256++ by Blackman and Vigna, seeded by SplitMix64 as its authors recommend. Integers only, so
+//! floating point cannot make two runs differ.
 
 /// A chance in a million.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]

@@ -1,9 +1,9 @@
-//! A serial wire: bytes take time, transmissions meet, and who hears what.
+//! A serial wire: bytes take time, transmissions collide, and duplex decides which ends receive them.
 //!
-//! What a station sends at once is a *transmission*. It travels as one chunk, delivered when its
-//! last byte has arrived, or as several where a fault cuts it. Every chunk carries a [`TransmissionLabel`] that
-//! no station sees: which transmission it belongs to, which one it answers, and whether the wire
-//! changed it. Checks compare what hosts believe with the labels.
+//! The bytes that a station sends at once are a *transmission*. It arrives as one chunk after its last
+//! byte, or as several if a fault cuts it. Each chunk has a [`TransmissionLabel`] that stations cannot see:
+//! its transmission, the request that it answers, and whether the wire changed it. Checks compare the
+//! beliefs of hosts with the labels.
 
 use polepair_core::medium::SerialLine;
 use polepair_core::time::Instant;

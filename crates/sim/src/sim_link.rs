@@ -1,8 +1,8 @@
-//! One wire's host end with the world behind it: what a simulated link is made of.
+//! The host's end of one wire together with its world: the base of a simulated link.
 //!
-//! The crate that owns links gives it a clock and a thread; this is a plain object. In virtual
-//! time the owner calls [`SimLink::advance_to`] with the instant it would have slept until, and the
-//! answer is there at once. In real time it sleeps until [`SimLink::next_event`] first.
+//! The crate that owns links adds a clock and a thread; this is a plain object. In virtual time, the owner
+//! calls [`SimLink::advance_to`] with the end of its wait, and the result is available at once. In real
+//! time, it first sleeps until [`SimLink::next_event`].
 
 use polepair_core::medium::SerialLine;
 use polepair_core::time::Instant;

@@ -1,10 +1,9 @@
-//! Whole worlds from one number: hosts and drives of every protocol in the registry, mixed reads,
-//! writes, motion and stops, and a wire that does its worst.
+//! Random worlds: hosts and drives of all protocols, mixed reads, writes, motion and stops, and faulty
+//! wires.
 //!
-//! A seed decides everything: which protocols, drives, wires and faults there are, who asks what
-//! and when, and what breaks. First everything may go wrong and nothing may go *unsafe*; then the
-//! faults end and everything must work again within [`RECOVERY_MS`]. A report names its seed, and
-//! running that seed again gives the same history.
+//! A seed decides everything: protocols, drives, wires, faults, requests and their times. In the first
+//! phase anything may fail, but nothing may become *unsafe*. Then the faults end, and everything must work
+//! again within [`RECOVERY_MS`]. A report names its seed; the same seed gives the same run.
 
 mod axis;
 mod bus;

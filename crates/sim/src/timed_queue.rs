@@ -1,4 +1,4 @@
-//! What will happen when: a binary heap whose ties are broken by the order of scheduling.
+//! A queue of future events: a binary heap; ties are ordered by the time of insertion.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

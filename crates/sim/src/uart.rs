@@ -1,8 +1,8 @@
-//! What a receiver makes of characters that were sent with another line setting.
+//! Simulates a receiver with another line setting than the sender.
 //!
-//! The sender's bits are laid out in time and sampled as a receiver samples them: it waits for a
-//! falling edge, looks at the middle of every bit of its own length, and starts over after the
-//! stop bit. So a wrong baud rate gives the garbage that it gives on a desk.
+//! The sender's bits are sampled like in a receiver: it waits for a falling edge, samples the middle of
+//! each bit of its own length, and restarts after the stop bit. A wrong baud rate therefore gives the same
+//! garbage as on a real line.
 
 use polepair_core::medium::{Parity, SerialLine};
 

@@ -1,6 +1,5 @@
-//! Frames into batches. Process data whose mapping is known, and by which no state changes, are not
-//! explained: their conversation is told that they came, and their bytes go into the batch. Neither
-//! are frames that say what an earlier one said with the same bytes.
+//! Collects frames in batches. Two kinds of frames are not explained, to save time: process data with a
+//! known mapping that change no state, and frames with the same bytes as an earlier one.
 //!
 //! Why: DEC-3, DEC-6.
 

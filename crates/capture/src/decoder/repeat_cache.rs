@@ -1,5 +1,5 @@
-//! Frames that say what an earlier one with the same bytes said: the beat, heartbeats, orders and
-//! requests come again and again, and what each says by itself hangs on its bytes alone.
+//! A cache of explanations by the bytes of the frame. SYNC, heartbeats, commands and requests repeat, and
+//! the explanation of a single frame depends on its bytes only.
 //!
 //! Why: DEC-6.
 

@@ -1,5 +1,5 @@
-//! Which protocol a CAN frame is of: found by its rules frame by frame, and kept for identifiers whose
-//! frames all go the same way.
+//! Selects the protocol of a CAN frame by the rules, and caches it for identifiers whose frames all have
+//! the same protocol.
 
 use polepair_core::drives;
 use polepair_core::error::WireError;

@@ -1,5 +1,5 @@
-//! Answers on CAN that belong to requests: where identifiers and checksums leave doubt, a protocol
-//! that finds them is spoken.
+//! Counts replies on CAN that match requests, as evidence for a protocol whose identifiers and checksums
+//! are ambiguous.
 
 use std::collections::{BTreeMap, VecDeque};
 

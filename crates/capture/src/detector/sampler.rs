@@ -1,4 +1,4 @@
-//! Which records are weighed: of a long capture enough, not all.
+//! Selects the records that the detector reads: a sample of a long capture.
 
 use std::collections::HashMap;
 

@@ -1,4 +1,4 @@
-//! Asks a frame.
+//! Evaluates a filter for a frame.
 
 use core::fmt::{self, Write as _};
 

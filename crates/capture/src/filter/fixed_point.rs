@@ -1,4 +1,4 @@
-//! Numbers as billionths, so that nanoseconds and integers of a wire are both exact.
+//! Numbers as multiples of 1e-9, so that nanoseconds and integers of a wire are exact.
 
 /// One, in billionths.
 const ONE: i128 = 1_000_000_000;

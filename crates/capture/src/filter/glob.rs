@@ -1,4 +1,4 @@
-//! Words with `*` for anything, letter case ignored.
+//! Patterns with `*` for any text, case-insensitive.
 
 /// A pattern: `SDO*`, `*/Actual/Position`.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -1,4 +1,4 @@
-//! Reads a filter: `or` of `and` of `not` of tests.
+//! Parses a filter: `or` of `and` of `not` of tests.
 
 use super::fixed_point::{self, NumberRanges};
 use super::token::{FilterToken, TokenKind, tokenize};

@@ -1,4 +1,4 @@
-//! Words, numbers and signs of a filter, each with its place.
+//! Tokens of a filter: words, numbers and operators, each with its position.
 
 use super::FilterError;
 

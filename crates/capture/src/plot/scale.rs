@@ -1,4 +1,4 @@
-//! Ranges and round numbers on them.
+//! Ranges, and round numbers for their ticks.
 
 /// A range with a little room around all values.
 pub(super) fn padded_range(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {

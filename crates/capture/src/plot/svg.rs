@@ -1,4 +1,4 @@
-//! The picture as SVG, which browsers show and every drawing program takes.
+//! Draws a chart as SVG.
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! The picture in characters: two by four dots a cell.
+//! Draws a chart with characters: two by four dots a cell.
 
 use std::fmt::Write as _;
 

@@ -1,5 +1,5 @@
-//! BLF, the binary log of Vector's tools: a header, then objects; most stand in compressed
-//! containers, and one may begin in a container and end in the next.
+//! BLF, the binary log of Vector's tools: a header, then objects. Most objects are in compressed
+//! containers; an object may begin in one container and end in the next.
 
 use flate2::{Decompress, FlushDecompress, Status};
 use polepair_core::explain::Direction;

@@ -1,7 +1,7 @@
-//! candump's log, `30B#5443000000000005` after the time stamp and the link, and what candump shows
-//! on the screen, `123   [2]  01 02`. Extended identifiers have eight digits; `#R`, or `#R` and a
-//! length, is a remote request; `##` and a digit of flags begins CAN FD; `R` or `T` at the end, `RX`
-//! or `TX` on the screen, is the direction that `candump -x` adds.
+//! candump's log (`30B#5443000000000005` after time stamp and link) and its screen output (`123   [2]  01
+//! 02`). Extended identifiers have eight digits. `#R`, optionally with a length, is a remote request. `##`
+//! and a digit of flags is CAN FD. `R` or `T` at the end, or `RX` or `TX` on the screen, is the direction
+//! of `candump -x`.
 
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;

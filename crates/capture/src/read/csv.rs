@@ -1,5 +1,5 @@
-//! CSV as python-can writes it: `timestamp,arbitration_id,extended,remote,error,dlc,data`, the data
-//! in base 64. Columns are known by their names.
+//! The CSV of python-can: `timestamp,arbitration_id,extended,remote,error,dlc,data`, with data in base 64.
+//! Columns are identified by their names.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;

@@ -1,4 +1,4 @@
-//! Compressed captures, unpacked as they come.
+//! Decompresses captures as a stream.
 
 use std::io::Write as _;
 

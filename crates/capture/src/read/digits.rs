@@ -1,4 +1,4 @@
-//! Digits of lines, eight at a time: the way that millions of lines go.
+//! Parses digits of lines, eight at a time.
 
 const ONES: u64 = 0x0101_0101_0101_0101;
 const HIGH: u64 = 0x80 * ONES;

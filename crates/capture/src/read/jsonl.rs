@@ -1,4 +1,4 @@
-//! What `polepair decode --format jsonl` prints, read back as what was captured.
+//! Reads the output of `polepair decode --format jsonl` as records.
 
 use std::borrow::Cow;
 

@@ -1,5 +1,5 @@
-//! Lines of candump's log in their usual form, found and read without regard to what stands before
-//! them: pieces of a capture that end where lines do may be read on several threads at once.
+//! Finds and reads lines of candump's log without state of earlier lines, so pieces of a capture can be
+//! read on several threads.
 
 use polepair_core::medium::Frame;
 

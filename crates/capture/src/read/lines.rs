@@ -1,4 +1,4 @@
-//! Formats that have a line for each record.
+//! Formats with one line for each record.
 
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink};
 use crate::record::Record;

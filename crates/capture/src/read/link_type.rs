@@ -1,4 +1,4 @@
-//! Packets of pcap and pcapng files that carry CAN frames or serial bytes, by link type.
+//! Packets of pcap and pcapng files with CAN frames or serial bytes, by link type.
 
 use polepair_core::explain::Direction;
 

@@ -1,4 +1,4 @@
-//! A line a record: candump's log and screen output, serial logs, and data alone.
+//! Text formats with one record a line: candump's log and screen output, serial logs, data only.
 
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;

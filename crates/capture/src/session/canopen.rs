@@ -1,5 +1,5 @@
-//! What CANopen nodes say to one another on one bus: service data in several frames as one transfer,
-//! process data by the mapping that the capture itself shows, and the states of nodes.
+//! Conversations of CANopen nodes on one bus: SDO transfers with several frames, process data by the
+//! mapping that the capture shows, and states of nodes.
 //!
 //! ```text
 //!   services   whose an identifier is: by default, or as the capture moved it

@@ -1,5 +1,5 @@
-//! Requests and what came of them, whatever the protocol: the dissector says what a frame is, what
-//! it is owed and what answers it; here it is seen who got what, when, and what did not come.
+//! Requests and their results, for any protocol. The dissector states for each frame what it is, which
+//! replies it expects and which requests it answers. This module pairs them, and reports missing ones.
 //!
 //! ```text
 //!   exchange    the tracker: what is wrong with single frames, whose turn it was

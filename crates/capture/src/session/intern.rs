@@ -1,4 +1,4 @@
-//! Words that stay: what names a signal or an operation is kept once, however often it is told.
+//! Interned names of signals and operations: each is stored once.
 
 use std::collections::BTreeSet;
 use std::sync::Mutex;

@@ -1,4 +1,4 @@
-//! The oddest moments: what matters most and is rarest. A burst of one thing is one moment.
+//! The most unusual moments, by severity and rarity. A burst of one kind is one moment.
 
 use std::collections::BTreeMap;
 

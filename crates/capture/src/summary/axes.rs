@@ -1,4 +1,4 @@
-//! What one axis did: states, requests, values, faults.
+//! Activity of one axis: states, requests, values, faults.
 
 use super::{Histogram, OUTCOMES};
 use crate::decoder::DecodedFrame;

@@ -1,4 +1,4 @@
-//! How values spread, in bounded memory: counts by size, each class 3 % wide.
+//! A histogram in bounded memory: each class is 3 % wide.
 
 /// Classes for each doubling.
 const SUB_BUCKET_BITS: u32 = 5;

@@ -1,4 +1,4 @@
-//! A summary for programs.
+//! The summary as JSON.
 
 use serde_json::{Map, Value, json};
 

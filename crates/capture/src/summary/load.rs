@@ -1,4 +1,4 @@
-//! How busy a wire is: bits over time, and at what rate they go.
+//! Load of a wire: bits over time, and the bit rate.
 
 use polepair_core::medium::{Frame, bits};
 

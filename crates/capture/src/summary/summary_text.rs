@@ -1,4 +1,4 @@
-//! A summary for people: one screen where nothing went wrong.
+//! The summary as text: one screen if there is no fault.
 
 use std::fmt::Write as _;
 

@@ -1,5 +1,5 @@
-//! Lines of a batch: those of frames that change nothing are put together out of pieces, which for
-//! process data are their mapping's words.
+//! Lines of a batch. Lines of frames without changes are built from pieces; for process data these are the
+//! names of their mapping.
 
 use polepair_core::explain::Direction;
 

@@ -1,4 +1,4 @@
-//! CSV as python-can has it: one bus, no directions.
+//! The CSV of python-can: one bus, without directions.
 
 use std::io::Write as _;
 

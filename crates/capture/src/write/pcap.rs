@@ -1,4 +1,4 @@
-//! pcap with nanoseconds: one link type a file, no names of links.
+//! pcap with nanoseconds: one link type for each file, without link names.
 
 use polepair_core::explain::Direction;
 

@@ -1,4 +1,4 @@
-//! pcapng: an interface for each link, by its name; times in nanoseconds, directions as flags.
+//! pcapng: a named interface for each link, times in nanoseconds, directions as flags.
 
 use polepair_core::explain::Direction;
 

@@ -1,8 +1,8 @@
-//! `polepair completions SHELL`, and what a shell asks while somebody types.
+//! `polepair completions SHELL`, and the dynamic completion itself.
 //!
-//! The scripts run `polepair` with `POLEPAIR_COMPLETE=SHELL`. It then prints what may follow: verbs and options
-//! from the command line's description; ports, protocols, drives, names of links and axes, and parameters
-//! from what there is. Nothing is sent to a drive.
+//! The scripts run `polepair` with `POLEPAIR_COMPLETE=SHELL`. It then prints the candidates: verbs and
+//! options of the grammar; ports, protocols, drives, names of links and axes, and parameters of this
+//! machine. Nothing is sent to a drive.
 
 use std::ffi::{OsStr, OsString};
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! `polepair demo [--headless]`: three makers' drives, simulated, on pseudo-terminals, in real time.
+//! `polepair demo [--headless]`: simulated drives of three makers on pseudo-terminals, in real time.
 
 mod relay;
 

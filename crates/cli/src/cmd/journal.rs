@@ -1,4 +1,4 @@
-//! `polepair journal verify [FILE]`: whether a journal is as it was written.
+//! `polepair journal verify [FILE]`: checks that no record of a journal was changed.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `polepair serve [URL…]`: the gateway, and the page that it serves.
+//! `polepair serve [URL…]`: runs the gateway with its page.
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;

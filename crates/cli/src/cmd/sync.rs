@@ -76,7 +76,7 @@ impl Sync {
             return Err(Problem::usage("E245", "synchronisation needs several axes.")
                 .hint("name several in the connection string: #1,2,3"));
         }
-        // The others first: two masters would pull the rest to and fro.
+        // The others first: two masters would pull the rest back and forth.
         for axis in session.axes().iter().filter(|axis| axis.number() != master.number()) {
             run_verb(axis, Verb::WithholdTime)?;
         }

@@ -1,4 +1,4 @@
-//! A simulated wire that is cut or silent from its n-th frame on, and what passed on it.
+//! A simulated wire that is cut or silent from its n-th frame on, and records the frames that passed.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

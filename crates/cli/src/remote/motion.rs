@@ -1,4 +1,4 @@
-//! Motion by a server: taken, armed, powered, started, held, stopped, given back.
+//! Motion on a server: acquires the lease, powers, starts, waits, stops, releases the lease.
 
 use std::time::Duration;
 
@@ -316,8 +316,8 @@ fn wait_rest(live: &LiveConnection, leased: &LeasedAxis<'_>) -> bool {
             let newest = newest_ms(&state);
             let stands =
                 state.lease.is_none() && state.owed.is_none() && state.moving != Some(true);
-            let anothers = state.lease.is_some_and(|lease| lease.epoch != leased.lease.epoch());
-            anothers || stands && newest < since
+            let of_another = state.lease.is_some_and(|lease| lease.epoch != leased.lease.epoch());
+            of_another || stands && newest < since
         });
         if is_over || is_last {
             return is_over || leased.was_left_standing();

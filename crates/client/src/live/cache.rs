@@ -1,4 +1,4 @@
-//! What the task has heard, for those who ask.
+//! The data that the task has received, for its readers.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -1,5 +1,5 @@
-//! What was asked about the lease of one axis. Answers may come in another order than what they answer,
-//! and a refusal does not say of which lease: so refusals wait until all else is answered.
+//! Open requests about the lease of one axis. Replies may arrive in another order, and a refusal does not
+//! name its lease. Therefore a refusal is assigned after all other replies.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! The task on the WebSocket.
+//! The task of the WebSocket.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Weak};

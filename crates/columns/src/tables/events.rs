@@ -1,4 +1,4 @@
-//! Table `events`: faults, changes of state, and what a healthy bus does not do.
+//! Table `events`: faults, state changes, anomalies.
 
 use std::sync::Arc;
 

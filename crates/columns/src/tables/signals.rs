@@ -1,4 +1,4 @@
-//! Table `signals`: every value that a frame told, a row each.
+//! Table `signals`: a row for each value of a frame.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Table `transactions`: every request and how it ended.
+//! Table `transactions`: every request and its result.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The thread that leads when nobody else does.
+//! The background thread, which leads if no caller waits.
 
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::task;

@@ -1,4 +1,4 @@
-//! A link lent to somebody else for a moment, between two exchanges of its connection.
+//! Lends a link to another user for a short time, between two exchanges of its connection.
 //!
 //! Why: GW-6.
 

@@ -1,4 +1,4 @@
-//! A connection's insides with the medium erased: serial lines and CAN buses look alike from here.
+//! The inner part of a connection without its medium: serial lines and CAN buses have the same interface.
 
 use std::any::Any;
 use std::task;

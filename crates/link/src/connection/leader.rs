@@ -1,4 +1,4 @@
-//! Waiting, by leading or by following.
+//! Waiting, as leader or as follower.
 
 use std::borrow::{Borrow, BorrowMut};
 use std::sync::{Arc, MutexGuard};

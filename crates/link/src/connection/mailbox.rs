@@ -1,4 +1,4 @@
-//! What a connection tells those who listen, and where it waits until they take it.
+//! Event queues of a connection, one for each listener.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

@@ -1,4 +1,4 @@
-//! Where outcomes wait for those who asked.
+//! Stores outcomes until their callers read them.
 
 use std::task;
 use std::thread::Thread;

@@ -1,4 +1,4 @@
-//! What the lock guards, and the pump.
+//! The state behind the lock, and the loop that moves frames.
 
 use std::borrow::{Borrow, BorrowMut};
 use std::sync::Arc;

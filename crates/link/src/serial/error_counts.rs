@@ -1,4 +1,4 @@
-//! What a serial driver counted: characters that were lost or came damaged. Linux alone tells.
+//! Error counters of a serial driver: lost and damaged characters. Linux only.
 #![allow(unsafe_code)]
 
 use std::os::fd::OwnedFd;

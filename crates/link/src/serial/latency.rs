@@ -1,4 +1,4 @@
-//! FTDI adapters hold received bytes back for up to 16 ms unless asked not to.
+//! Reduces the latency of FTDI adapters, which delay received bytes by up to 16 ms.
 #![allow(unsafe_code)]
 
 use std::os::fd::OwnedFd;

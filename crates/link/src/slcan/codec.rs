@@ -1,5 +1,5 @@
-//! The ASCII language of serial CAN adapters, for both of its ends: Lawicel's CAN232 manual, and
-//! what the Linux driver `slcan` added (error states).
+//! The ASCII protocol of serial CAN adapters for both ends: Lawicel's CAN232 manual, and the error states
+//! of the Linux driver `slcan`.
 
 use polepair_core::medium::Frame;
 

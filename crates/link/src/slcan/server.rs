@@ -1,5 +1,4 @@
-//! The adapter's end: what `slcand`, python-can and the Linux driver attach to, with a simulated
-//! bus behind it.
+//! The adapter's end of slcan, with a simulated bus: for `slcand`, python-can and the Linux driver.
 
 use polepair_core::medium::{CanLine, Frame};
 use polepair_core::time::Instant;

@@ -1,4 +1,4 @@
-//! `struct can_frame` of `linux/can.h`, and what error frames mean (`linux/can/error.h`).
+//! `struct can_frame` of `linux/can.h`, and the meaning of error frames (`linux/can/error.h`).
 
 use polepair_core::medium::Frame;
 

@@ -1,5 +1,5 @@
-//! When a frame arrived, by the clock of the CAN controller where it has one: free of the time
-//! that the interrupt took, but counted from an origin of its own, and with a drift.
+//! Arrival time by the clock of the CAN controller, if it has one. It is free of interrupt latency, but has
+//! its own origin and a drift.
 
 use std::time::Duration;
 

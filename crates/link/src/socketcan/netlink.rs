@@ -1,4 +1,4 @@
-//! What the kernel tells of its CAN interfaces: rtnetlink's `RTM_GETLINK`, read by hand.
+//! State of CAN interfaces from the kernel: rtnetlink's `RTM_GETLINK`.
 
 use std::io;
 

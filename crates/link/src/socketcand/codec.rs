@@ -1,5 +1,5 @@
-//! The elements of socketcand's ASCII protocol, for both of its ends: `doc/protocol.md` of the
-//! project, and what its raw mode sends.
+//! Elements of socketcand's ASCII protocol for both ends: `doc/protocol.md` of the project, and its raw
+//! mode.
 
 use polepair_core::medium::Frame;
 

@@ -1,4 +1,4 @@
-//! The server's end: what python-can, Kayak and others attach to, with a simulated bus behind it.
+//! The server's end of socketcand, with a simulated bus: for python-can, Kayak and others.
 
 use polepair_core::medium::Frame;
 use polepair_core::time::Instant;

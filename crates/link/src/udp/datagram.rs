@@ -1,6 +1,5 @@
-//! One frame as a datagram: a MessagePack map with the fields of python-can's `Message`. That
-//! program is the format's only specification; keys may come in any order and foreign ones are
-//! skipped.
+//! One frame as a datagram: a MessagePack map with the fields of python-can's `Message`. python-can is the
+//! only specification of the format. Keys have any order, and unknown keys are skipped.
 
 use polepair_core::medium::Frame;
 

@@ -1,5 +1,5 @@
-//! A socket filter by which the kernel drops our own datagrams before they wake us. Without it
-//! they are told apart just the same, by their sender, at the price of two system calls each.
+//! A socket filter in the kernel that drops our own datagrams. Without it they are recognised by their
+//! sender, at the cost of two system calls each.
 
 use std::net::{IpAddr, SocketAddr};
 use std::os::fd::OwnedFd;

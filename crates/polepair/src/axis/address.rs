@@ -1,4 +1,4 @@
-//! Parameters by name, and by their number in the protocol's own notation.
+//! Finds a parameter by its name, or by its number in the protocol's notation.
 
 use super::Axis;
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! What a verb is given: units, numbers of the drive's own, and where a plan puts them.
+//! Arguments of verbs: converts units and raw numbers to the operands of a plan.
 
 use super::Axis;
 use crate::amount::Amount;

@@ -1,4 +1,4 @@
-//! An axis that may move, for as long as a guard lives.
+//! A guard that keeps an axis armed, and stops and disables it when it is dropped.
 
 use super::{Axis, STOP_RETRY_MAX, stop_with_retry};
 use crate::error::Error;

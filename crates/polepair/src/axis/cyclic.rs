@@ -1,4 +1,4 @@
-//! Several axes of one wire that follow set-points cycle by cycle.
+//! Cyclic set-points for several axes of one wire.
 //!
 //! Why: CANOPEN-10.
 

@@ -1,4 +1,4 @@
-//! What a drive tells of itself beside its profile: its name, versions, motors.
+//! Device information that a drive reports: name, versions, motors.
 
 use super::{Axis, ParameterValue};
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! Outcomes in words: what was asked, what came of it, what to try.
+//! Converts outcomes to errors: request, result, and what to try.
 
 use super::Axis;
 use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};

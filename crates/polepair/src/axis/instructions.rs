@@ -1,4 +1,4 @@
-//! Programs of drives whose memory holds instructions: stored one by one, read back, run, stepped through.
+//! Programs of drives that store instructions: written one by one, read back, run, single-stepped.
 
 use super::Axis;
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! What a state says: the mode of operation in words, and whether the motor moves.
+//! Interprets a drive's state: name of the operation mode, and whether the motor moves.
 
 use super::Axis;
 use crate::error::Error;

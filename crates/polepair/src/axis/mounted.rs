@@ -1,4 +1,4 @@
-//! An axis as its machine has it: scale, direction and limits, before a byte is sent.
+//! An axis with its mounting: scale, direction and limits are applied before a byte is sent.
 
 use super::Axis;
 use crate::error::Error;

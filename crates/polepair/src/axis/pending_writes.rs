@@ -1,6 +1,7 @@
-//! Values that are written together with what scales them: an electronic gear and a position, a count
-//! of turns and a speed. The drive takes each as a raw number, and what that number means is decided by
-//! the scale that holds then, not by the one that holds now.
+//! Writes of values together with their scales, such as an electronic gear and a position.
+//!
+//! A drive receives raw numbers. Their meaning depends on the scale that is valid at that time, so the new
+//! scale is used for the conversion.
 
 use super::Axis;
 use crate::amount::{Amount, ResolvedAmount, Value};

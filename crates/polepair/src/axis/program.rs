@@ -1,4 +1,4 @@
-//! Programs in an axis' drive: loaded, proven, read, run.
+//! Programs in the memory of a drive: loaded, verified, read, run.
 
 use super::failure::RequestKind;
 use super::{Axis, RunningRequest};

@@ -1,4 +1,4 @@
-//! Requests in the protocol's own bytes.
+//! Requests as bytes of the protocol.
 
 use super::failure::RequestKind;
 use super::{Axis, RunningRequest};

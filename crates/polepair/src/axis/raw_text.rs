@@ -1,4 +1,4 @@
-//! Requests in the protocol's own text.
+//! Requests as text of the protocol.
 
 use super::failure::RequestKind;
 use super::{Axis, Rehearsal, RunningRequest};

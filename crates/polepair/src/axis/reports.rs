@@ -1,4 +1,4 @@
-//! What a drive sends by itself, at an interval: switched on and off.
+//! Periodic reports that a drive sends by itself: switched on and off.
 
 use super::Axis;
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! A request under way.
+//! A request that is being executed.
 
 use super::Axis;
 use super::failure::RequestKind;

@@ -1,4 +1,4 @@
-//! What the unit of a value comes from, or why it has none.
+//! The source of a value's unit, or the reason why it has none.
 
 use super::Axis;
 use crate::error::Error;

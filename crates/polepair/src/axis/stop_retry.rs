@@ -1,4 +1,4 @@
-//! Stops that are said until they are confirmed.
+//! Repeats stops until they are confirmed.
 
 use super::stop_sequence::STANDSTILL_WAIT_MAX;
 use super::{Axis, Standstill, StopProgress, StopSequence};

@@ -1,10 +1,8 @@
-//! A stop, and how far it is known to have come.
+//! A stop and its progress: sent, acknowledged step by step, and confirmed by standstill.
 //!
-//! It is told to the drive, answered step by step, and then looked for in what the drive measures:
-//! its speed, or its position twice. Where a drive tells both, they must agree: a motor whose position
-//! runs does not stand, whatever its drive tells of its speed. Only readings that were asked after the
-//! last of its steps was answered count. What was read before, or what a trajectory says that the motor
-//! should do, does not.
+//! Standstill is confirmed by measured values: the speed, or two positions. If a drive reports both, they
+//! must agree. Only values that were read after the reply to the last step count. Earlier readings and
+//! values of the trajectory do not.
 //!
 //! Why: STOP-7.
 

@@ -1,4 +1,4 @@
-//! Paths streamed point by point.
+//! Paths that are sent point by point to a buffer of the drive.
 
 use super::failure::RequestKind;
 use super::{Axis, RunningRequest};

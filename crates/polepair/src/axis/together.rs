@@ -1,4 +1,4 @@
-//! Moves of several axes that begin at one signal.
+//! Moves of several axes that start on one signal.
 
 use super::{Axis, RunningRequest};
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! The drive's own watchdog: what it does by itself when its host falls silent.
+//! The drive's watchdog: its reaction to a silent host.
 
 use super::Axis;
 use crate::amount::Amount;

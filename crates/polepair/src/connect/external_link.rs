@@ -1,4 +1,4 @@
-//! Links that a program brings along.
+//! Links that the calling program provides.
 
 use super::{Connector, Link};
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! Who is at the addresses that a connection string names.
+//! Identifies the drives at the addresses of a connection string.
 
 use super::{Connector, Link, ProtocolLine, identify_expected};
 use crate::error::Error;

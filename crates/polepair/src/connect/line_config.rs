@@ -1,5 +1,5 @@
-//! What an open link remembers of how it was opened, so that more drives can be looked for and taken
-//! in. The link itself is its connections' alone: one that was lost is not kept open here.
+//! Settings of an open link that are needed to scan it and to add drives. It does not keep the link open:
+//! only the connections own it.
 
 use super::{Link, ProtocolLine, RackEntry};
 use crate::axis::Axis;

@@ -1,4 +1,4 @@
-//! What the keys of a connection string set: the host and the port.
+//! Settings of host and port from the keys of a connection string.
 
 use crate::error::Error;
 use crate::registry::{self, ProtocolInfo};

@@ -1,4 +1,4 @@
-//! What a connection string opens, wire by wire, before anything is opened.
+//! The wires of a connection string, determined before anything is opened.
 
 use super::options::wire_options;
 use super::rack::{find_link, host_links, missing_connect_error, seed_of};

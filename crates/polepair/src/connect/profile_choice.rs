@@ -1,4 +1,4 @@
-//! The profile that a connection string chooses, and what of the user's files can be done without.
+//! The profile that a connection string selects, and the user files that may be ignored.
 
 use super::Connector;
 use crate::error::Error;

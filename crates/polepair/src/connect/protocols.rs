@@ -1,4 +1,4 @@
-//! What is spoken on links, without opening them.
+//! Protocols of links, determined without opening them.
 
 use super::rack::{find_link, host_links};
 use super::{Connector, describe_rack};

@@ -1,4 +1,4 @@
-//! The links of a rack: simulated, or where its file says that they are.
+//! The links of a rack: simulated, or real if the file has `connect`.
 
 use super::options::{host_options, host_options_on_network, wire_options};
 use super::{Connector, ProtocolLine, RackEntry, build_simulation, open};

@@ -1,4 +1,4 @@
-//! Drives that get another address, or answer another host, while their link is open.
+//! Changes the address or host address of drives while their link is open.
 
 use crate::axis::Axis;
 use crate::error::Error;

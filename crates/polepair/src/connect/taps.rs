@@ -1,4 +1,4 @@
-//! What stands between a link that was opened and its connection: taps, and links put in its place.
+//! Layers between an open link and its connection: taps and replacement links.
 
 use super::Connector;
 use crate::simulate::Simulation;

@@ -1,4 +1,4 @@
-//! A CAN bus: bit rate, errors, who is heard.
+//! Checks of a CAN bus: bit rate, errors, active senders.
 
 use super::{CheckResult, UNITS_MAX};
 use crate::bus::LOAD_MAX;

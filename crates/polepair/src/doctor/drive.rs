@@ -1,4 +1,4 @@
-//! A drive that answers: supply, temperature, faults, what it does when the link dies.
+//! Checks of a drive that replies: supply, temperature, faults, reaction to a lost link.
 
 use super::CheckResult;
 use crate::amount::Value;

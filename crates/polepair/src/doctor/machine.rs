@@ -1,4 +1,4 @@
-//! What this machine has: adapters, CAN interfaces, configuration.
+//! Checks of this machine: adapters, CAN interfaces, configuration.
 
 use super::CheckResult;
 use crate::config::FILE;

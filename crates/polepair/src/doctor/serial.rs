@@ -1,4 +1,4 @@
-//! A serial line: noise, baud rate, echo.
+//! Checks of a serial line: noise, baud rate, echo.
 
 use super::{CheckResult, DoctorOptions, UNITS_MAX};
 use crate::connect::{Connector, ProtocolLine};

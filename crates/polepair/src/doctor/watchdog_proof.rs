@@ -1,5 +1,4 @@
-//! Whether a drive's own watchdog works: the motor turns, the host falls silent, and the drive is asked
-//! whether it stands.
+//! Test of a drive's watchdog: turns the motor, stops sending, and checks that the motor stops.
 
 use super::{CheckResult, read_watchdog};
 use crate::axis::{Axis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};

@@ -1,4 +1,4 @@
-//! A simulated device out of a data sheet.
+//! Makes a simulated device from a data sheet.
 
 use super::object_types::DataType;
 use super::{Eds, EdsEntry, EdsObject, Literal, ObjectType};

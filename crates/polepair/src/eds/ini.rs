@@ -1,4 +1,4 @@
-//! Sections, keys and values with their lines: the shape of EDS files before their meaning.
+//! Parses the syntax of EDS files: sections, keys and values with their lines.
 
 use crate::toml_file::{FileError, FileLocation};
 use std::sync::Arc;

@@ -1,8 +1,7 @@
-//! Electronic data sheets: a CANopen device's objects as its vendor lists them (EDS), and as one node
-//! of a network is configured (DCF). CiA 306-1.
+//! Electronic data sheets of CANopen devices (EDS) and configurations of nodes (DCF), CiA 306-1.
 //!
-//! Vendors' files keep few of the standard's rules. What can only mean one thing is taken, with a
-//! warning that names the line; what can mean two is refused.
+//! Vendors' files often break the standard. An unambiguous mistake is corrected with a warning that names the
+//! line. An ambiguous one is an error.
 //!
 //! ```
 //! let text = "[DeviceInfo]\nProductName=Feeder\n\

@@ -1,4 +1,4 @@
-//! The words of the object dictionary: what an object is, how a value lies, who may touch it.
+//! Types of the object dictionary: object type, data type, access.
 
 /// What an object is (CiA 301, table 42).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

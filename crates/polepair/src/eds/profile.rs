@@ -1,4 +1,4 @@
-//! A profile out of a data sheet: named objects, and for a CiA 402 drive the verbs of the standard.
+//! Makes a profile from a data sheet: named objects, and the verbs of CiA 402 for a drive.
 
 use super::object_types::DataType;
 use super::{Eds, EdsEntry, EdsObject};

@@ -1,4 +1,4 @@
-//! From sections to objects: what a vendor meant, and what the standard would have said.
+//! Converts sections to objects, and corrects unambiguous mistakes of vendors.
 
 use super::ini::{self, IniLine, IniSection};
 use super::object_types::{DataType, ObjectAccess, ObjectType};

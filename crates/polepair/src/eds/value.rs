@@ -1,4 +1,4 @@
-//! Values as EDS files write them: decimal, hexadecimal, octal, `$NODEID+0x180`, texts.
+//! Values of EDS files: decimal, hexadecimal, octal, `$NODEID+0x180`, text.
 
 use super::object_types::DataType;
 use std::fmt;

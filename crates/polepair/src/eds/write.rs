@@ -1,4 +1,4 @@
-//! Writing a sheet as the standard orders it.
+//! Writes a data sheet in the order of the standard.
 
 use super::object_types::{ObjectAccess, ObjectType};
 use super::{Eds, EdsEntry, EdsObject};

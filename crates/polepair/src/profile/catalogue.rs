@@ -1,6 +1,6 @@
-//! Modules that are known from their maker's library: their profiles are read when one is asked for.
+//! Modules that are known from their maker's library. A profile is read at its first use.
 //!
-//! Each file stands in `profiles/trinamic` and is made by `cargo xtask pytrinamic`.
+//! The files are in `profiles/trinamic`. `cargo xtask pytrinamic` makes them.
 
 use super::parse;
 use polepair_core::drives;

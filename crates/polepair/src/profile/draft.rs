@@ -1,7 +1,7 @@
-//! A profile while it is being put together: owned, and naming parameters rather than counting them.
+//! A profile under construction: owned, with parameters by name.
 //!
-//! That makes `extends` simple: a base profile, from a file or compiled in, becomes a draft, the
-//! file's own entries replace those of the same name, and everything is checked once at the end.
+//! This makes `extends` simple: a base profile becomes a draft, the file's entries replace those with the
+//! same name, and everything is checked once at the end.
 
 use crate::toml_file::{FileLocation, Located};
 use polepair_core::axis::Verb;

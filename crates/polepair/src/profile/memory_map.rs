@@ -1,7 +1,7 @@
-//! A drive's memory as its set-up archive lists it: `TYPE NAME @0xADDR [unit]`, one name a line.
+//! Memory map of a set-up archive: one `TYPE NAME @0xADDR [unit]` a line.
 //!
-//! A map is the whole truth of a firmware: parameters that are known keep their words and take its
-//! addresses and types, others come without words, and what the map does not name is not there.
+//! The map is complete for its firmware. Known parameters keep their texts and get its addresses and types.
+//! Other names get no text. Parameters that the map does not name do not exist.
 
 use super::draft::{Draft, DraftParameter};
 use super::missing::remove_missing;

@@ -1,8 +1,8 @@
-//! What a drive lacks of the profile that its own is made from: readings, steps and plans of it go.
+//! Adapts a profile to a drive that lacks some parameters: removes readings, steps and plans.
 //!
-//! A step goes where the plan does what it says without it: see [`Profile::optional`]. Otherwise the
-//! plan goes, for a verb that is half carried out is worse than none. A stop keeps whatever brings the
-//! motor to rest, though nobody can be asked any more whether it stands.
+//! A step is removed if its plan works without it, see [`Profile::optional`]. Otherwise the plan is
+//! removed, because a partly executed verb is worse than none. A stop keeps all steps that stop the motor,
+//! even if standstill cannot be read.
 //!
 //! [`Profile::optional`]: polepair_core::profile::Profile::optional
 

@@ -1,7 +1,7 @@
-//! Profiles from files: drives as data, written by people.
+//! Profiles from files.
 //!
-//! A profile names a drive's parameters, units, limits, faults and plans. Those that are shipped are
-//! compiled in; this module reads more of them, from the same TOML, at run time.
+//! A profile describes a drive's parameters, units, limits, faults and plans. Profiles of this repository are
+//! compiled in; this module reads further ones from TOML at run time.
 //!
 //! ```
 //! let text = r#"

@@ -1,4 +1,4 @@
-//! From TOML to a draft: every key known, every word of a choice known, every number in its place.
+//! Converts TOML to a draft. Unknown keys and values are errors.
 
 use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal,

@@ -1,4 +1,4 @@
-//! From a draft to a profile: names become numbers, and whatever does not fit is refused.
+//! Converts a draft to a profile: replaces names by ids, and checks everything.
 
 use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep,

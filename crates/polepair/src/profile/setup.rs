@@ -1,9 +1,9 @@
-//! Set-up archives of TML drives, `NAME.t.zip`: `variables.cfg` lists the memory of exactly that
-//! drive's firmware, user variables included.
+//! Set-up archives of TML drives, `NAME.t.zip`. `variables.cfg` lists the memory of the drive's firmware,
+//! with user variables.
 //!
-//! The words, units, faults and steps come from the shipped profile whose memory is most alike; what
-//! the archive does not name is not offered. The values of the set-up table stand in `setup.cfg`,
-//! whose form no source gives: it is not read.
+//! Texts, units, faults and steps come from the compiled-in profile with the most similar memory. Names
+//! that the archive lacks are not offered. `setup.cfg` has the values of the set-up table; its format is
+//! not documented, so it is not read.
 
 use super::draft::Draft;
 use super::memory_map;

@@ -12,9 +12,9 @@
 //! ```
 //!
 //! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{deceleration}`, `{torque}`,
-//! `{jerk-time}`, `{period}`, or with a question mark, `{velocity?}`, where the step is left out when the
-//! caller gives none. A drive that is told the time of its ramps has `{acceleration? as time to 3000 rpm}`
-//! or, for a ramp to the speed of the command, `{acceleration? as time to velocity or 300 rpm}`.
+//! `{jerk-time}`, `{period}`. With a question mark, `{velocity?}`, the step is skipped if the caller gives no
+//! value. For a drive whose ramps are set as times: `{acceleration? as time to 3000 rpm}`, or
+//! `{acceleration? as time to velocity or 300 rpm}` for a ramp to the speed of the command.
 
 use super::draft::{DraftStep, ParameterName};
 use crate::spelling;

@@ -1,5 +1,5 @@
-//! No motion without a stop: a profile that tells none has that of its family, and where the family
-//! has none either, no verb that sets a motor in motion is offered.
+//! Ensures that motion can be stopped: a profile without a stop gets that of its family. If the family has
+//! none either, verbs that start motion are removed.
 
 use super::draft::{Draft, DraftPlan};
 use super::missing::{AvailableParameters, step_parameters_mut};

@@ -1,4 +1,4 @@
-//! A search that goes on address by address: on lines of its own, or between what an open link does.
+//! A scan that proceeds address by address, on its own link or between the requests of an open link.
 
 use super::{
     ScanAddresses, ScanProgress, ScanReport, addresses_to_query, exclude_clashing, mark_clashes,

@@ -1,5 +1,5 @@
-//! The order in which process data of a CANopen node are configured: a PDO is switched off, its mapping
-//! is taken away, set and counted, and then the PDO is switched on (CiA 301, 7.5.2.36 and 7.5.2.38).
+//! Order of writes that configure a PDO: switch it off, clear its mapping, write the mapping and its
+//! length, switch it on (CiA 301, 7.5.2.36 and 7.5.2.38).
 
 use super::{AxisSettings, SettingChange};
 use crate::axis::Axis;

@@ -1,5 +1,4 @@
-//! What can be done to a simulated drive from outside its wire, in words: `jam`, `supply=30 V`,
-//! `input-3=1`.
+//! Acts on a simulated drive as text: `jam`, `supply=30 V`, `input-3=1`.
 
 use polepair_core::drives::bench::Act;
 

@@ -1,4 +1,4 @@
-//! The drives of a rack as stations that `serve` puts on real wires: one world, an end for each link.
+//! Drives of a rack as stations that `serve` connects to real wires: one world, one end for each link.
 
 use super::RackDescription;
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! The host's end of a simulated wire as a link, and the world behind it, shared by all ends.
+//! The host's end of a simulated wire as a link. All ends share one world.
 
 use polepair_core::drives::bench::BenchControl;
 use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};

@@ -1,4 +1,4 @@
-//! Words that mean a simulated drive: a protocol's, a family's, a product's.
+//! Names of simulated drives: a protocol, a family, a product.
 
 use crate::error::Error;
 use crate::{profile, registry, spelling};

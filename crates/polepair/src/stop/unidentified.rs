@@ -1,5 +1,5 @@
-//! What stops a drive that did not say what it is, where the protocol itself has no word for it: the
-//! writes that every profile of the protocol has alike, where no reading decides about them.
+//! Stop of a drive that was not identified, for protocols without a broadcast stop: the writes that all
+//! profiles of the protocol have in common and that depend on no reading.
 //!
 //! Why: STOP-6.
 

@@ -1,4 +1,4 @@
-"""Talk to motor drives, simulate them, and read what others said to them.
+"""Controls motor drives of several makers, simulates them, and decodes captures of their buses.
 
 >>> import polepair
 >>> with polepair.connect("sim:tmcl?time=virtual") as link:
@@ -114,16 +114,16 @@ def connect(
 ) -> Link:
     """Opens a link: `tmcl+serial:///dev/ttyUSB0:9600#1`, `canopen+socketcan://can0#2`, `sim:tmcl`.
 
-    Or joins a `polepair serve` that has it open: `ws://127.0.0.1:7365`, `wss://HOST:7365`. Its token
-    is the first of `token_file`, else `POLEPAIR_TOKEN`, else that of this account's own server on
-    this machine; `certificate` is the file or the SHA-256 of what an encrypted server must have, else
-    its own; `client_cert` with `client_key` is what a server is shown that wants one.
+    The URL of a `polepair serve` uses its links: `ws://127.0.0.1:7365`, `wss://HOST:7365`. The token is
+    the first of `token_file`, else `POLEPAIR_TOKEN`, else that of your own server on this machine.
+    `certificate` is the file or SHA-256 of an encrypted server's certificate, default: that of your own
+    server. `client_cert` and `client_key` are the client certificate.
 
-    Or takes one that is open: any bus of python-can, any port as pyserial has them. Then `protocol`
-    and `axes` say what the string would, and `options` its keys (`timeout=50&profile=tmcm-171`).
+    An open bus of python-can, or port of pyserial, can be given instead of a string. `protocol` and
+    `axes` are then needed, and `options` has the keys (`timeout=50&profile=tmcm-171`).
 
-    `profile` is a TOML file that describes a drive of your own; `trace` keeps the last frames for
-    `Link.trace`. Errors: `PolepairError` by blame, each with a note of what to try.
+    `profile` is a TOML file that describes a drive of your own. `trace` records the last frames for
+    `Link.trace`. Errors: `PolepairError`, each with a note of what to try.
     """
     if isinstance(url, str):
         if protocol is not None or axes or options:
@@ -149,12 +149,12 @@ def scan(
     profile: str | PathLike[str] | None = None,
     progress: Callable[[int, int, int], bool | None] | None = None,
 ) -> list[Found]:
-    """Asks who is on a link; only reads are sent, nothing moves.
+    """Finds the drives on a link, by reads only. Nothing moves.
 
-    `first` and `last` bound the addresses. `progress(address, done, of)` hears of every address
-    before it is asked, and ends the scan by returning False; what was found is kept.
+    `first` and `last` limit the addresses. `progress(address, done, of)` is called before each address,
+    and ends the scan by returning False; the drives found so far are returned.
 
-    A scan of all addresses warns of a CANopen device without node-ID: `polepair.lss.LssMaster` finds
+    A scan of all addresses warns about a CANopen device without node-ID: `polepair.lss.LssMaster` finds
     it.
     """
     found, has_unconfigured = _native.scan(url, first, last, profile, progress)
@@ -174,8 +174,7 @@ def encode(
     host: int | None = None,
     via: str | None = None,
 ) -> bytes:
-    """The bytes that a text of a protocol's own language becomes; nothing is sent. For many of them
-    a `Codec` is faster.
+    """Converts a request from text to bytes. Sends nothing. For many requests, a `Codec` is faster.
 
     >>> import polepair
     >>> polepair.encode("tmcl", "ROR 0, 350", axis=1).hex(" ")
@@ -185,7 +184,7 @@ def encode(
 
 
 def profiles() -> list[tuple[str, str, str]]:
-    """Every product that is known: name, full name, protocol."""
+    """All known products: name, full name, protocol."""
     return _native.profiles()
 
 

@@ -62,7 +62,7 @@ class CanAdapter:
         )
 
     def line(self, rate: int) -> None:
-        """The bus has its rate from whoever opened it."""
+        """The bit rate of an external bus is set by its creator."""
 
     def close(self) -> None:
         """The bus is its opener's to close."""

@@ -1,4 +1,4 @@
-"""What an axis can do, written once for threads and for event loops."""
+"""Methods of an axis, shared by threads and event loops."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ if TYPE_CHECKING:
     from .trace import StepResponse, Trace
 
 TIMEOUT = 60.0
-"""Seconds that a move or a homing may take where the caller does not say."""
+"""Default time limit of a move or a homing, in seconds."""
 
 
 LOOK = 0.05
-"""Seconds between two looks whether somebody else's move has arrived."""
+"""Seconds between two checks whether the move of another client has arrived."""
 
 STOPS = ("stop", "quick-stop")
-"""Verbs that wait behind nothing."""
+"""Verbs that wait for no other request."""
 
 ANSWER = 0.05
-"""Seconds that a server has to say at once whether a move has arrived."""
+"""Time limit of a server for the reply whether a move has arrived, in seconds."""
 
 Asked: TypeAlias = list[native.Request | native.ServedRequest]
-"""Whether a move has arrived, if that was asked and not answered yet."""
+"""An open request whether a move has arrived."""
 
 Settings: TypeAlias = list[tuple[str, int]]
-"""Parameters and the raw values that they had."""
+"""Parameters and their earlier raw values."""
 
 ELSEWHERE = "what is open belongs to this process; pass the connection string, and connect there"
-"""Why nothing that is open can be sent to another process."""
+"""The error text for pickling an open object."""
 
 STEPS = {
     "velocity": ("velocity", "velocity"),
     "position": ("move-to", "target"),
     "torque": ("torque", "torque"),
 }
-"""What a step can be of: the verb that tells it, and which of its arguments."""
+"""Signals of a step response, each with its verb and argument."""
 
 
 class AxisSteps:
-    """An axis: the verbs as steps. `Axis` and `aio.Axis` are what callers use."""
+    """Base of `Axis` and `aio.Axis`: the verbs as steps."""
 
     __slots__ = ("_native",)
 
@@ -60,22 +60,22 @@ class AxisSteps:
 
     @property
     def name(self) -> str:
-        """What a rack file calls it; empty for nothing."""
+        """Its name in the rack file, or empty."""
         return self._native.name
 
     @property
     def label(self) -> str:
-        """How messages name it."""
+        """Its label in messages."""
         return self._native.label
 
     @property
     def protocol(self) -> str:
-        """The protocol's word in connection strings."""
+        """Name of the protocol in connection strings."""
         return self._native.protocol
 
     @property
     def product(self) -> str:
-        """The product's name, as profiles have it."""
+        """Name of the product in profiles."""
         return self._native.product[0]
 
     @property
@@ -90,12 +90,12 @@ class AxisSteps:
 
     @property
     def signals(self) -> dict[str, str]:
-        """What it tells of itself, with the unit of the drive's own parameter; of a server in SI."""
+        """Its signals, each with the unit of the drive's parameter; on a server in SI."""
         return dict(self._native.signals())
 
     @property
     def verbs(self) -> list[str]:
-        """What it can be told to do."""
+        """Its verbs."""
         return self._native.verbs()
 
     def __repr__(self) -> str:
@@ -139,26 +139,26 @@ class AxisSteps:
     def _begin_own(
         self, verb: str
     ) -> Steps[native.Request | native.ServedRequest | None]:
-        """Begins `stop` or `disable` of what is armed here; None when nothing is."""
+        """Starts `stop` or `disable` of axes armed here; None if there are none."""
         return (yield Urgent(self._native.start_own, verb))  # type: ignore[no-any-return]
 
     def _enable(self) -> Steps[None]:
-        """Powers the motor, which holds where it stands. The axis must be armed."""
+        """Powers the motor. It holds its actual position. The axis must be armed."""
         return self._run("enable")
 
     def _disable(self) -> Steps[None]:
-        """Takes power off the motor."""
+        """Removes power from the motor."""
         return self._run("disable")
 
     def _stop(self) -> Steps[None]:
-        """Comes to rest along the ramp. Overtakes everything else, whoever asked for it.
+        """Stops the motor along its ramp. A stop has priority over all other requests.
 
-        Ends the drive's own program (TMCL, TML), which would move the motor again.
+        It ends the drive's program (TMCL, TML), which could move the motor again.
         """
         return self._run("stop")
 
     def _quick_stop(self) -> Steps[None]:
-        """Comes to rest as fast as the drive can."""
+        """Stops the motor with the drive's fastest deceleration."""
         return self._run("quick-stop")
 
     def _clear(self) -> Steps[None]:
@@ -173,7 +173,7 @@ class AxisSteps:
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Steps[None]:
-        """Turns at a speed until it is told otherwise: rad/s (m/s), or with a unit."""
+        """Turns at a constant speed: rad/s (m/s), or with a unit."""
         return self._run(
             "velocity",
             velocity=given(speed, unit),
@@ -182,7 +182,7 @@ class AxisSteps:
         )
 
     def _press(self, torque: Amount, unit: str | None = None) -> Steps[None]:
-        """Turns with a torque until it is told otherwise: N·m, or with a unit."""
+        """Turns with a constant torque: N·m, or with a unit."""
         return self._run("torque", torque=given(torque, unit))
 
     def _set_out(
@@ -203,7 +203,7 @@ class AxisSteps:
         )
 
     def _home(self, *, velocity: Amount | None = None, timeout: float = TIMEOUT) -> Steps[None]:
-        """Finds the reference position, and waits for it, at most `timeout` seconds."""
+        """Searches the reference position, and waits for it, at most `timeout` seconds."""
         started = yield from self._begin("home", velocity=given(velocity))
         if (yield Wait(started, timeout)) is None:
             what = f"{self.label}: homing did not end within {timeout:g} s"
@@ -214,7 +214,7 @@ class AxisSteps:
         return (yield from self._arrived([], timeout))
 
     def _arrived(self, asked: Asked, timeout: float) -> Steps[bool]:
-        """The same. What is not answered by then is waited for again, and not asked again."""
+        """The same. An open request is awaited again instead of being repeated."""
         # Other threads may ask as well.
         going = next(iter(asked), None)
         if going is None:
@@ -250,11 +250,11 @@ class AxisSteps:
         return True
 
     def _done(self, asked: Asked) -> Steps[bool]:
-        """Whether it has arrived by now."""
+        """Whether it has arrived."""
         return self._arrived(asked, ANSWER if isinstance(self._native, native.ServedAxis) else 0.0)
 
     def _arrive(self, timeout: float = TIMEOUT, asked: Asked | None = None) -> Steps[None]:
-        """Waits until the last move has arrived; raises `PolepairError` E101 if it has not."""
+        """Waits until the last move has arrived. Errors: `PolepairError` E101 after the time limit."""
         if not (yield from self._arrived([] if asked is None else asked, timeout)):
             what = f"{self.label}: the move has not arrived within {timeout:g} s"
             hint = "look for a limit, a fault or a load; the axis goes on until it is stopped"
@@ -263,8 +263,7 @@ class AxisSteps:
     def _read(self, *signals: str) -> Steps[dict[str, float]]:
         """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC.
 
-        Any other name is a parameter's, or an address such as `0x2030:1:u16`: it is read in the
-        parameter's own unit.
+        Any other name is a parameter, or an address such as `0x2030:1:u16`, in the parameter's unit.
         """
         named = [name for name in signals if native.is_signal(name)]
         values: dict[str, float] = {}
@@ -287,9 +286,9 @@ class AxisSteps:
     def _capture(
         self, signals: Sequence[str], *, rate: float = 100.0, seconds: float = 1.0
     ) -> Steps[Trace]:
-        """Reads signals `rate` times a second for so long, and gives all of it.
+        """Reads signals `rate` times a second for `seconds`, and returns the trace.
 
-        A drive that answers more slowly gives fewer samples, each with its own time.
+        A slower drive gives fewer samples, each with its own time.
         """
         return self._sampled(signals, rate, self._native.now, seconds)
 
@@ -321,10 +320,10 @@ class AxisSteps:
         seconds: float = 1.0,
         band: float = 0.02,
     ) -> Steps[StepResponse]:
-        """Sets a new `velocity`, `position` or `torque` at once, and judges how it is reached.
+        """Commands a step of `velocity`, `position` or `torque`, and evaluates the response.
 
-        The axis must be armed, and goes on as it was told. It is read `rate` times a second for so
-        many seconds; `band` is the share of the way that counts as settled. Errors: `Unsupported`
+        The axis must be armed, and keeps the new set-point. It is read `rate` times a second for
+        `seconds`. `band` is the tolerance of settling, as a share of the step. Errors: `Unsupported`
         E213 for another signal; ValueError if it did not move.
         """
         if signal not in STEPS:
@@ -344,18 +343,18 @@ class AxisSteps:
         return whole.step(signal, goal, band=band)
 
     def _faults(self) -> Steps[list[Fault]]:
-        """The faults and warnings that are there now."""
+        """Active faults and warnings."""
         rows = yield Call(self._native.faults)
         return [Fault(*row) for row in rows]
 
     def _state(self) -> Steps[State]:
-        """What is known of it; nothing is asked of the drive, and every value has its age."""
+        """The known state, without a request to the drive. Every value has its age."""
         mode, enabled, armed, moving, rows, owner = yield Call(self._native.state)
         readings = {name: Reading(value, age) for name, value, age in rows}
         return State(mode, enabled, armed, moving, readings, owner)
 
     def _raw(self, said: str | bytes, id: int | None = None) -> Steps[int]:
-        """Sends a request in the protocol's own text or bytes, and gives the value answered."""
+        """Sends a request as text or bytes of the protocol, and returns the value of the reply."""
         return (yield Wait(self._native.start_raw(said, id)))  # type: ignore[no-any-return]
 
     def _find(self, name: str) -> Steps[int]:
@@ -372,15 +371,14 @@ class AxisSteps:
         return Quantity(value, unit, raw=int(read), word=word, text=text)
 
     def _get_raw(self, name: str) -> Steps[int]:
-        """Reads a parameter by name, as it lies in the drive."""
+        """Reads a parameter by name, as raw number."""
         at = yield from self._find(name)
         return int((yield Wait(self._native.start_read(at))))
 
     def _set(self, name: str, amount: Amount, *, keep: bool = False) -> Steps[None]:
-        """Writes a parameter by name: a number in its own unit, `"1200 mA"`, or one of its words.
+        """Writes a parameter by name: a number in its unit, `"1200 mA"`, or a value name.
 
-        Checked against its limits before a byte is sent. Permanent memory is left alone unless
-        `keep` says otherwise.
+        The limits are checked before a byte is sent. Permanent memory is written only with `keep`.
         """
         at = yield from self._find(name)
         raw = yield Call(self._native.raw_of, at, given(amount))
@@ -396,22 +394,22 @@ class AxisSteps:
         return (yield from self._read_bytes(name)).decode("utf-8", "replace")
 
     def _write_bytes(self, name: str, data: bytes) -> Steps[None]:
-        """Writes all bytes of a parameter by name or address: block by block where the drive can.
+        """Writes all bytes of a parameter by name or address, by block transfer if the drive supports it.
 
-        After a loss it is not repeated: the drive may have stored part of it.
+        It is not repeated after a lost reply, because the drive may have stored a part.
         """
         at = yield from self._find(name)
         yield Whole(self._native.write_data, at, data)
 
     def _set_raw(self, name: str, raw: int, *, keep: bool = False) -> Steps[None]:
-        """Writes a parameter by name, as it lies in the drive."""
+        """Writes a parameter by name, as raw number."""
         at = yield from self._find(name)
         yield Wait(self._native.start_write(at, raw, keep))
 
     def _arm(self, watchdog: float | None) -> Steps[Settings]:
-        """Arms and enables; gives how the watchdog was set before, where that can be read.
+        """Arms and enables the axis. Returns the earlier watchdog setting, if it can be read.
 
-        One that cannot be read stays as it was set here.
+        A watchdog that cannot be read keeps the new setting.
         """
         try:
             yield Whole(self._native.arm, True)
@@ -431,7 +429,7 @@ class AxisSteps:
         return before
 
     def _enable_or_disable(self) -> Steps[None]:
-        """Enables; takes the power off again where that is not seen to its end, as by a cancelled task."""
+        """Enables the axis. Removes the power again if this is interrupted, such as by a cancelled task."""
         try:
             yield from self._enable()
         except BaseException:
@@ -469,10 +467,9 @@ class AxisSteps:
         return before
 
     def _stop_own(self) -> Steps[bool]:
-        """Stops what is armed here; False when that is ours no more.
+        """Stops axes armed here. Returns False if another client has the lease now.
 
-        On a link of one's own a stop that was lost, with its wire or in silence, is said again for ten
-        seconds: nobody else would. A server says its own again.
+        On a local link, a lost stop is repeated for ten seconds. A server repeats its stops itself.
         """
         if isinstance(self._native, native.Axis):
             yield Urgent(native.stop_owed, [self._native])
@@ -483,10 +480,10 @@ class AxisSteps:
         return begun is not None
 
     def _release(self, before: Settings, *, stop: bool = True) -> Steps[None]:
-        """Stops, disables and disarms; whatever fails, the rest is tried. Without `stop` it was told
-        to stop already.
+        """Stops, disables and disarms. Every step is tried, even after an error. Without `stop`, the stop
+        was already sent.
 
-        What is ours no more was stopped by that, and may move for somebody else.
+        An axis whose lease another client has was stopped by the take-over, and may move again.
         """
         try:
             failed = yield from self._ended(before, stop)

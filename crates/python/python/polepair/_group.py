@@ -1,4 +1,4 @@
-"""Axes that move together, written once for threads and for event loops."""
+"""Methods of a group, shared by threads and event loops."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ A = TypeVar("A", bound=AxisSteps)
 
 
 class GroupSteps(Generic[A]):
-    """Several axes of a link: what they do together, as steps."""
+    """Base of groups: the verbs of several axes as steps."""
 
     __slots__ = ("axes",)
 
     axes: tuple[A, ...]
-    """Its axes, in the order in which they were named."""
+    """Its axes, in the given order."""
 
     def __init__(self, axes: Iterable[A]) -> None:
         self.axes = tuple(axes)
@@ -79,13 +79,13 @@ class GroupSteps(Generic[A]):
             yield from axis._arrive(timeout)
 
     def _stop(self) -> Steps[None]:
-        """Stops all of them: every stop is sent before the first is waited for."""
+        """Stops all axes. All stops are sent before the first confirmation is awaited."""
         yield from self._stop_each(self.axes, AxisSteps._begin)
 
     def _stop_each(
         self, axes: Iterable[A], begin: Callable[[AxisSteps, str], Steps[Any]]
     ) -> Steps[None]:
-        """Stops all of them, whatever becomes of one; raises the first error."""
+        """Stops all axes, even after an error. Raises the first error."""
         begun, failed = [], None
         for axis in axes:
             if "stop" in axis.verbs:
@@ -113,8 +113,8 @@ class GroupSteps(Generic[A]):
         return before
 
     def _release(self, before: Sequence[Settings]) -> Steps[None]:
-        """Stops all of them at once, then disables and disarms each; whatever fails, the rest is
-        tried."""
+        """Stops all axes at once, then disables and disarms each. Every step is tried, even after an
+        error."""
         failed: BaseException | None = None
         # The others were not armed here, or are ours no more: that has stopped them.
         ours = self.axes[: len(before)]

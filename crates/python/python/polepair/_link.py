@@ -1,4 +1,4 @@
-"""What links, axes and parameters of threads and of event loops have in common."""
+"""Common parts of links, axes and parameters for threads and event loops."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     _E = TypeVar("_E", bound=Events | AsyncEvents)
 
 SERVERS = ("http://", "https://", "ws://", "wss://")
-"""What a server's URL begins with."""
+"""Beginnings of a server's URL."""
 
 A = TypeVar("A", bound=AxisSteps)
 
@@ -33,7 +33,7 @@ def opened(
     client_cert: str | PathLike[str] | None,
     client_key: str | PathLike[str] | None,
 ) -> native.Link | native.ServedLink:
-    """Opens a link, or joins the server of that URL."""
+    """Opens a link, or connects to the server of a URL."""
     if url.startswith(SERVERS):
         if profile is not None or trace:
             raise TypeError("profile and trace are for who opens a link; a server has its own")
@@ -66,7 +66,7 @@ class LinkOf(Generic[A]):
 
     @property
     def url(self) -> str:
-        """What it was opened by."""
+        """Its connection string."""
         return self._open().url
 
     @property
@@ -78,15 +78,15 @@ class LinkOf(Generic[A]):
         return Simulation(simulation)
 
     def axis(self, which: int | str) -> A:
-        """The axis of that number, or the one that a rack file calls so; `LINK#NUMBER` where a
-        server has several of a number."""
+        """The axis with this number, or this name in the rack file. `LINK#NUMBER` if several links of a
+        server have the number."""
         link = self._open()
         return self._axis(link.axis(which) if isinstance(which, int) else link.named(which))
 
     __getitem__ = axis
 
     def losses(self) -> list[Losses]:
-        """What each of its wires noticed and could not hand on."""
+        """Losses and errors of each wire."""
         return [Losses(*row) for row in self._open().losses()]
 
     def trace(self) -> list[str]:
@@ -112,10 +112,10 @@ class LinkOf(Generic[A]):
         return Subscription(self._heard(Events(self._open().events())), function)
 
     def close(self) -> None:
-        """Closes it, and ends its events. Axes that are still held raise `PolepairError` E322 then.
+        """Closes the link, and ends its event streams. Its axes then raise `PolepairError` E322.
 
-        What is armed here is stopped before, switched off and disarmed. Where that fails the link is
-        closed, and the error says who may turn.
+        Armed axes are stopped, switched off and disarmed first. If this fails, the link is still
+        closed, and the error names the motors that may turn.
         """
         # What a fork's child inherited is not its own to stop, or to close.
         link = self._native if self._process == os.getpid() else None
@@ -154,7 +154,7 @@ class LinkOf(Generic[A]):
 
 
 class ParametersOf(Generic[A]):
-    """A drive's settings and readings by name: what is known of them without asking."""
+    """Descriptions of a drive's parameters, without requests to the drive."""
 
     __slots__ = ("_axis",)
 
@@ -162,7 +162,7 @@ class ParametersOf(Generic[A]):
         self._axis = axis
 
     def info(self, name: str) -> native.Parameter:
-        """What the profile says of it: unit, range, default, words, manual section."""
+        """Its description: unit, range, default, value names, manual section."""
         return self._axis._native.parameters()[self._axis._native.find(name)]
 
     def __iter__(self) -> Iterator[str]:
@@ -179,7 +179,7 @@ class ParametersOf(Generic[A]):
 
 
 class ArmedOf(Generic[A]):
-    """An axis that may move, for as long as a block lasts."""
+    """An armed axis during a block."""
 
     __slots__ = ("_axis", "_before", "_watchdog")
 
@@ -190,7 +190,7 @@ class ArmedOf(Generic[A]):
 
 
 def not_stopped(failed: PolepairError, error: BaseException | None) -> None:
-    """What went wrong first is what the caller wants to see."""
+    """Raises the first error."""
     if error is None:
         raise failed
     notes = getattr(error, "__notes__", [])
@@ -198,7 +198,7 @@ def not_stopped(failed: PolepairError, error: BaseException | None) -> None:
 
 
 class Simulation:
-    """Simulated drives, seen and touched from outside the wire.
+    """Simulated drives from outside the wire: acts, and the real state.
 
     >>> import polepair
     >>> with polepair.connect("sim:tmcl?time=virtual") as link:
@@ -218,13 +218,13 @@ class Simulation:
         return self._native.now
 
     def run(self, seconds: float) -> None:
-        """Lets time pass: at once in virtual time."""
+        """Advances the time. In virtual time this returns at once."""
         self._native.run(seconds)
 
     def act(
         self, what: str, value: float = 1.0, *, link: int = 0, drive: int = 0, motor: int = 0
     ) -> None:
-        """Does something to a drive, or to one of its motors: `load` (N·m), `jam`, `supply` (V), `temperature` (degC),
+        """Runs an act on a drive, or on one of its motors: `load` (N·m), `jam`, `supply` (V), `temperature` (degC),
         `encoder`, `input-3`, `fault` (its code), `power-cycle`, `home` (rad) and others, which an
         error lists. With its unit it is one text: `"supply=30 V"`, as for `polepair act`.
         """
@@ -232,5 +232,5 @@ class Simulation:
             raise ValueError(f"drive {drive} on link {link} has no {what}")
 
     def truth(self, *, link: int = 0, drive: int = 0, motor: int = 0) -> native.Truth:
-        """What is true of a motor, whatever its drive reports."""
+        """The real state of a motor, independent of the drive's reports."""
         return self._native.truth(link, drive, motor)

@@ -1,4 +1,4 @@
-"""The native half. What users call stands in the package's other modules."""
+"""The native part. The public interface is in the other modules of the package."""
 
 from collections.abc import Callable
 from os import PathLike
@@ -252,7 +252,7 @@ class Parameter:
         """Names of raw values."""
     @property
     def section(self) -> str:
-        """Where it stands in the manual."""
+        """Its section in the manual."""
 
 @final
 class Request:
@@ -289,7 +289,7 @@ class Simulation:
 
 @final
 class Truth:
-    """What is true of a motor, whatever its drive reports."""
+    """The real state of a motor, independent of the drive's reports."""
 
     @property
     def position(self) -> float:
@@ -355,7 +355,7 @@ class Lent:
 class Codec:
     """A protocol's texts as bytes, and its frames as values: for many of them, without their words.
 
-    `via` is serial, rs485 or can. Errors: `Unsupported` E203 for a protocol that nobody knows.
+    `via` is serial, rs485 or can. Errors: `Unsupported` E203 for an unknown protocol.
 
     >>> import polepair
     >>> codec = polepair.Codec("modbus-rtu", axis=1)
@@ -370,7 +370,7 @@ class Codec:
     @property
     def protocol(self) -> str: ...
     def encode(self, text: str) -> bytes:
-        """The bytes of a text; what was said before is looked up.
+        """The bytes of a text; earlier texts are cached.
 
         Errors: `Unsupported` E241 for what is not of the language, E222 for what cannot be sent.
         """
@@ -427,7 +427,7 @@ class Event:
         """`tx` from the host, `rx` to it; None where the capture does not say."""
     @property
     def protocol(self) -> str | None:
-        """The protocol that explains it; None where nobody can."""
+        """The protocol that decodes it; None if there is none."""
     @property
     def bytes(self) -> bytes: ...
     @property
@@ -441,7 +441,7 @@ class Event:
         """A CAN remote request."""
     @property
     def echo(self) -> bool:
-        """The host's own request, heard back through its adapter."""
+        """The host's own request, echoed by its adapter."""
     @property
     def kind(self) -> str:
         """The protocol's word for it: `GAP`, `SDO read`."""

@@ -1,4 +1,4 @@
-"""What is told as a row of named values.
+"""Records: rows of named values.
 
 Annotations are evaluated here, not kept as text: `typing` would compile each text anew whenever the
 package is imported.
@@ -10,7 +10,7 @@ __all__ = ["Fault", "Found", "Losses", "Reading", "State"]
 
 
 class Fault(NamedTuple):
-    """A fault or a warning that a drive reports, in the words of its profile."""
+    """A fault or warning of a drive, with the texts of its profile."""
 
     code: int
     """The drive's code, or the bit in its flag word."""
@@ -23,7 +23,7 @@ class Fault(NamedTuple):
     remedy: str
     """What to do."""
     warning: bool
-    """The drive goes on."""
+    """True if the drive continues to work."""
 
     def __str__(self) -> str:
         return f"{self.name}: {self.text}"
@@ -33,41 +33,41 @@ class Reading(NamedTuple):
     """A signal's last value."""
 
     value: float
-    """SI; NaN while a setting that the scale depends on was never read."""
+    """Value in SI; NaN until the settings of its scale are read."""
     age: float
     """Seconds since it was read."""
 
 
 class State(NamedTuple):
-    """What is known of an axis without asking its drive."""
+    """The known state of an axis, without a request to the drive."""
 
     mode: str | None
-    """Mode of operation in words; None while not known, here and below."""
+    """Operation mode; None while unknown, here and below."""
     enabled: bool | None
     """The motor is powered."""
     armed: bool
-    """Motion commands are let through."""
+    """Motion commands are allowed."""
     moving: bool | None
     """It moves."""
     readings: dict[str, Reading]
-    """Every signal that was read. A server reads them all the time, a link when it is asked."""
+    """All signals that were read. A server reads them continuously, a link on request."""
     owner: str | None
-    """Who commands it, by the server's word; None for nobody, and on a link of one's own."""
+    """The client with the lease; None if there is none, and on a local link."""
 
 
 class Losses(NamedTuple):
-    """What a wire noticed and could not hand on, since it was opened."""
+    """Losses and errors of a wire since it was opened."""
 
     wire: str
     """Its name."""
     overrun: int
-    """Frames or bytes that arrived and were thrown away because nobody took them in time."""
+    """Frames or bytes that were dropped because they were not read in time."""
     malformed: int
-    """What arrived and was no frame."""
+    """Received data that were not frames."""
     errors: int
     """Errors on the wire that a CAN controller reported."""
     refused: int
-    """What the adapter would not send."""
+    """Frames that the adapter did not send."""
 
 
 class Found(NamedTuple):
@@ -76,10 +76,10 @@ class Found(NamedTuple):
     number: int
     """Its address."""
     product: str
-    """The product's name, as profiles have it."""
+    """Name of the product in profiles."""
     title: str
     """The product's full name."""
     known: str
-    """How that is known."""
+    """Source of this identification."""
     clash: str | None
     """Set when two drives may have this address."""

@@ -1,4 +1,4 @@
-"""Links and axes for programs that wait."""
+"""Links and axes with blocking methods."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Axis(AxisSteps):
 
     @property
     def params(self) -> Parameters:
-        """Its settings and readings by name: `axis.params["max current"] = 1.2`."""
+        """Parameters by name: `axis.params["max current"] = 1.2`."""
         return Parameters(self)
 
     enable = blocking(AxisSteps._enable)
@@ -69,21 +69,21 @@ class Axis(AxisSteps):
     step = blocking(AxisSteps._step)
 
     def raw(self, said: str | bytes, *, id: int | None = None) -> int:
-        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered.
+        """Sends a request as text of the protocol, such as `GAP 1`, and returns the value of the reply.
 
-        Or in its own bytes: a whole frame to this axis, on CAN with its identifier. `Unsupported`
-        E221 for what is no request to it: nothing was sent.
+        Bytes are a complete frame to this axis, on CAN with its identifier. Errors: `Unsupported`
+        E221 if it is not a request to this axis; nothing was sent.
         """
         return self._native.raw(said, id)
 
     def events(self) -> Events:
-        """Listens to what happens to this axis and its link: `for event in axis.events()`."""
+        """Events of this axis and its link: `for event in axis.events()`."""
         from .events import Events
 
         return Events(self._native.events())
 
     def faults(self) -> list[Fault]:
-        """The faults and warnings that are there now, in words, with cause and remedy."""
+        """Active faults and warnings, with cause and remedy."""
         return run(self._faults())
 
     def move(
@@ -95,9 +95,9 @@ class Axis(AxisSteps):
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """Sets out for a position: rad (m), or with a unit. The axis must be armed.
+        """Starts a move to a position: rad (m), or with a unit. The axis must be armed.
 
-        Returns as soon as the drive has been told; `wait` on what it returns waits for the end.
+        Returns as soon as the drive has acknowledged the start; `wait` on the result waits for the end.
         """
         run(self._set_out("move-to", target, unit, velocity, acceleration, deceleration))
         return Motion(self)
@@ -111,24 +111,24 @@ class Axis(AxisSteps):
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """Sets out for a position so far from here. It is never sent twice."""
+        """Starts a move by a distance from the actual position. It is never sent twice."""
         run(self._set_out("move-by", distance, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
     def armed(self, watchdog: float | None = None) -> Armed:
-        """Lets it move within a `with` block, whose end stops and disables it.
+        """Arms the axis during a `with` block, whose end stops and disables it.
 
-        `watchdog`: seconds after which the drive itself is to stop when nobody talks to it;
-        `Unsupported` where it has nothing of the kind.
+        `watchdog`: seconds without a message after which the drive stops; `Unsupported` if it has no
+        watchdog.
         """
         return Armed(self, watchdog)
 
     def watch(
         self, *signals: str, period: float = 0.1, seconds: float | None = None
     ) -> Watch:
-        """Reads signals again and again: seconds since it began, and values in SI.
+        """Reads signals periodically: seconds since the start, and values in SI.
 
-        A server sends them as they come, and `lost` of what this returns counts what did not.
+        A server sends them by itself; `lost` of the result counts missing samples.
         """
         if isinstance(self._native, native.ServedAxis):
             stream = self._native.watch(list(signals), period)
@@ -148,11 +148,11 @@ class Axis(AxisSteps):
 
 
 Row: TypeAlias = tuple[float, dict[str, float]]
-"""Seconds, and each signal's value."""
+"""Time in seconds, and the value of each signal."""
 
 
 class Watch(Iterator[Row]):
-    """Signals that are watched: rows of time and values, one after the other."""
+    """A subscription to signals: iterates over rows of time and values."""
 
     __slots__ = ("_rows", "_stream")
 
@@ -167,11 +167,11 @@ class Watch(Iterator[Row]):
 
     @property
     def lost(self) -> int:
-        """Samples that a server took and that did not come here, of the signal that lost most."""
+        """Missing samples of the signal that lost most."""
         return 0 if self._stream is None else self._stream.lost
 
     def close(self) -> None:
-        """Ends it: nothing is watched any more."""
+        """Ends the subscription."""
         self._rows.close()
         self._stream = None
 
@@ -193,7 +193,7 @@ def _told(
 
 
 class Motion:
-    """A move under way."""
+    """A move that is being executed."""
 
     __slots__ = ("_asked", "_axis")
 
@@ -202,7 +202,7 @@ class Motion:
         self._asked: Asked = []
 
     def wait(self, timeout: float = TIMEOUT) -> None:
-        """Waits until it has arrived; raises `PolepairError` E101 if it has not in time."""
+        """Waits until the axis has arrived. Errors: `PolepairError` E101 after the time limit."""
         run(self._axis._arrive(timeout, self._asked))
 
     def done(self) -> bool:
@@ -241,11 +241,11 @@ class Group(GroupSteps[Axis]):
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """Sets out for a position each: by name or number, or in the group's order.
+        """Starts a move of each axis: by name or number, or in the group's order.
 
-        With `sync` each drive is made ready, and one signal on the bus sets all of them going;
-        `Unsupported` E218 for drives that cannot wait for one: nothing was sent. Without, they are
-        told one right after the other.
+        With `sync` each drive is prepared, and one message on the bus starts all of them. Errors:
+        `Unsupported` E218 for drives without this function; nothing was sent. Without `sync`, they are
+        started one directly after the other.
         """
         moving = run(self._set_out("move-to", targets, unit, velocity, acceleration, sync))
         return GroupMotion(self, moving)
@@ -259,17 +259,17 @@ class Group(GroupSteps[Axis]):
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """Sets out for positions so far from here, as `move`. It is never sent twice."""
+        """Starts moves by distances from the actual positions, like `move`. They are never sent twice."""
         moving = run(self._set_out("move-by", distances, unit, velocity, acceleration, sync))
         return GroupMotion(self, moving)
 
     def armed(self, watchdog: float | None = None) -> GroupArmed:
-        """Lets them move within a `with` block, whose end stops and disables all of them."""
+        """Arms the axes during a `with` block, whose end stops and disables all of them."""
         return GroupArmed(self, watchdog)
 
 
 class GroupMotion:
-    """Moves of several axes under way."""
+    """Moves of several axes that are being executed."""
 
     __slots__ = ("_group", "_moving")
 
@@ -278,7 +278,7 @@ class GroupMotion:
         self._moving = moving
 
     def wait(self, timeout: float = TIMEOUT) -> None:
-        """Waits until all have arrived; raises `PolepairError` E101 if one has not in time."""
+        """Waits until all axes have arrived. Errors: `PolepairError` E101 after the time limit."""
         run(self._group._arrive(self._moving, timeout))
 
     def done(self) -> bool:
@@ -294,7 +294,7 @@ class GroupMotion:
 
 
 class GroupArmed:
-    """Axes that may move, for as long as a `with` block lasts."""
+    """Armed axes during a `with` block."""
 
     __slots__ = ("_before", "_group", "_watchdog")
 
@@ -317,7 +317,7 @@ class GroupArmed:
 
 
 class Armed(ArmedOf[Axis]):
-    """An axis that may move, for as long as a `with` block lasts."""
+    """An armed axis during a `with` block."""
 
     __slots__ = ()
 
@@ -335,7 +335,7 @@ class Armed(ArmedOf[Axis]):
 
 
 def _released(steps: Steps[None], error: BaseException | None) -> None:
-    """Stops and disables, whatever ended the block."""
+    """Stops and disables the axis, also after an exception."""
     try:
         run(steps)
     except PolepairError as failed:
@@ -343,13 +343,13 @@ def _released(steps: Steps[None], error: BaseException | None) -> None:
 
 
 class Parameters(ParametersOf[Axis], MutableMapping[str, Quantity]):
-    """A drive's settings and readings by name, in their units."""
+    """Parameters of a drive by name, in their units."""
 
     __slots__ = ()
 
     @property
     def raw(self) -> RawParameters:
-        """The same as they lie in the drive."""
+        """The same as raw numbers of the drive."""
         return RawParameters(self._axis)
 
     def __getitem__(self, name: str) -> Quantity:
@@ -359,7 +359,7 @@ class Parameters(ParametersOf[Axis], MutableMapping[str, Quantity]):
         run(self._axis._set(name, amount))
 
     def keep(self, name: str, amount: Amount) -> None:
-        """Writes a parameter, and has the drive keep it over power-off."""
+        """Writes a parameter, and stores it in permanent memory."""
         run(self._axis._set(name, amount, keep=True))
 
     def __delitem__(self, name: str) -> None:
@@ -367,7 +367,7 @@ class Parameters(ParametersOf[Axis], MutableMapping[str, Quantity]):
 
 
 class RawParameters(ParametersOf[Axis], Mapping[str, int]):
-    """A drive's settings and readings by name, as they lie in the drive."""
+    """Parameters of a drive by name, as raw numbers."""
 
     __slots__ = ()
 
@@ -387,27 +387,27 @@ class Link(LinkOf[Axis]):
         return Axis(axis)
 
     def group(self, *which: int | str) -> Group:
-        """Axes that move together, by number or name; all of them if none is named."""
+        """A group of axes by number or name; without arguments, all axes."""
         return Group(self._chosen(which))
 
     def events(self) -> Events:
-        """Listens to what happens on every wire and axis: `for event in link.events()`."""
+        """Events of all wires and axes: `for event in link.events()`."""
         from .events import Events
 
         return self._heard(Events(self._open().events()))
 
     def on_event(self, function: Callable[[Happening], object]) -> Subscription:
-        """Has a function called with each event, in a thread of its own, until `end` of what it
-        returns, or until the link is closed. What it raises is reported and ends nothing.
+        """Calls a function with each event, in its own thread, until `end` of the result, or until the
+        link is closed. Exceptions of the function are reported, and the next event is still delivered.
         """
         return self._subscribed(function)
 
     def stop(self) -> None:
-        """Stops every axis: all stops are sent before the first is waited for."""
+        """Stops all axes. All stops are sent before the first confirmation is awaited."""
         self._open().stop_all()
 
     def sleep(self, seconds: float) -> None:
-        """Waits on the link's own clock: in virtual time it is over at once."""
+        """Waits on the link's clock. In virtual time this returns at once."""
         self._open()
         self._axes[0]._native.sleep(seconds)
 

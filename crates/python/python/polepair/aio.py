@@ -205,8 +205,7 @@ class Axis(AxisSteps):
     async def read(self, *signals: str) -> dict[str, float]:
         """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC.
 
-        Any other name is a parameter's, or an address such as `0x2030:1:u16`: it is read in the
-        parameter's own unit.
+        Any other name is a parameter, or an address such as `0x2030:1:u16`, in the parameter's unit.
         """
         return await self._in_turn(self._read(*signals))
 
@@ -219,14 +218,14 @@ class Axis(AxisSteps):
         return await self._in_turn(self._read_bytes(name))
 
     async def write_bytes(self, name: str, data: bytes) -> None:
-        """Writes all bytes of a parameter by name or address: block by block where the drive can.
+        """Writes all bytes of a parameter by name or address, by block transfer if the drive supports it.
 
-        After a loss it is not repeated: the drive may have stored part of it.
+        It is not repeated after a lost reply, because the drive may have stored a part.
         """
         await self._in_turn(self._write_bytes(name, data))
 
     async def raw(self, said: str | bytes, *, id: int | None = None) -> int:
-        """Sends a request in the protocol's own text or bytes, and gives the value answered."""
+        """Sends a request as text or bytes of the protocol, and returns the value of the reply."""
         return await self._in_turn(self._raw(said, id))
 
     async def events(self) -> AsyncEvents:
@@ -237,7 +236,7 @@ class Axis(AxisSteps):
         return AsyncEvents(await loop.run_in_executor(None, self._native.events))
 
     async def faults(self) -> list[Fault]:
-        """The faults and warnings that are there now, in words, with cause and remedy."""
+        """Active faults and warnings, with cause and remedy."""
         return await self._in_turn(self._faults())
 
     async def move(
@@ -262,7 +261,7 @@ class Axis(AxisSteps):
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """Sets out for a position so far from here. It is never sent twice."""
+        """Starts a move by a distance from the actual position. It is never sent twice."""
         await arun(self._set_out("move-by", distance, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
@@ -271,9 +270,9 @@ class Axis(AxisSteps):
         return Armed(self, watchdog)
 
     def watch(self, *signals: str, period: float = 0.1) -> Watch:
-        """Reads signals again and again: seconds since it began, and values in SI.
+        """Reads signals periodically: seconds since the start, and values in SI.
 
-        A server sends them as they come, and `lost` of what this returns counts what did not.
+        A server sends them by itself; `lost` of the result counts missing samples.
         """
         if isinstance(self._native, native.ServedAxis):
             return Watch(self._told(self._native, signals, period))
@@ -305,7 +304,7 @@ class Axis(AxisSteps):
 
 
 class Watch(AsyncIterator[Row]):
-    """Signals that are watched: rows of time and values, one after the other."""
+    """A subscription to signals: iterates over rows of time and values."""
 
     __slots__ = ("_rows", "_stream")
 
@@ -322,11 +321,11 @@ class Watch(AsyncIterator[Row]):
 
     @property
     def lost(self) -> int:
-        """Samples that a server took and that did not come here, of the signal that lost most."""
+        """Missing samples of the signal that lost most."""
         return 0 if self._stream is None else self._stream.lost
 
     async def aclose(self) -> None:
-        """Ends it: nothing is watched any more."""
+        """Ends the subscription."""
         await self._rows.aclose()
         self._stream = None
 
@@ -341,7 +340,7 @@ class Motion:
         self._asked: Asked = []
 
     async def wait(self, timeout: float = TIMEOUT) -> None:
-        """Waits until it has arrived; raises `PolepairError` E101 if it has not in time."""
+        """Waits until the axis has arrived. Errors: `PolepairError` E101 after the time limit."""
         await arun(self._axis._arrive(timeout, self._asked))
 
     async def done(self) -> bool:
@@ -388,7 +387,7 @@ class Group(GroupSteps[Axis]):
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """Sets out for positions so far from here, as `move`. It is never sent twice."""
+        """Starts moves by distances from the actual positions, like `move`. They are never sent twice."""
         moves = self._set_out("move-by", distances, unit, velocity, acceleration, sync)
         return GroupMotion(self, await arun(moves))
 
@@ -407,7 +406,7 @@ class GroupMotion:
         self._moving = moving
 
     async def wait(self, timeout: float = TIMEOUT) -> None:
-        """Waits until all have arrived; raises `PolepairError` E101 if one has not in time."""
+        """Waits until all axes have arrived. Errors: `PolepairError` E101 after the time limit."""
         await arun(self._group._arrive(self._moving, timeout))
 
     def __await__(self) -> Generator[None, None, None]:
@@ -460,7 +459,7 @@ class Armed(ArmedOf[Axis]):
 
 
 async def _released(steps: Steps[None], error: BaseException | None) -> None:
-    """Stops and disables, whatever ended the block."""
+    """Stops and disables the axis, also after an exception."""
     # A task that is cancelled must not leave a motor running.
     release = asyncio.ensure_future(arun(steps))
     try:
@@ -474,7 +473,7 @@ async def _released(steps: Steps[None], error: BaseException | None) -> None:
 
 
 class Parameters(ParametersOf[Axis]):
-    """A drive's settings and readings by name, in their units."""
+    """Parameters of a drive by name, in their units."""
 
     __slots__ = ()
 
@@ -508,7 +507,7 @@ class Link(LinkOf[Axis]):
         return Axis(axis, self._turns)
 
     def group(self, *which: int | str) -> Group:
-        """Axes that move together, by number or name; all of them if none is named."""
+        """A group of axes by number or name; without arguments, all axes."""
         return Group(self._chosen(which))
 
     async def events(self) -> AsyncEvents:
@@ -533,7 +532,7 @@ class Link(LinkOf[Axis]):
         return self._subscribed(tell)
 
     async def stop(self) -> None:
-        """Stops every axis: all stops are sent before the first is waited for."""
+        """Stops all axes. All stops are sent before the first confirmation is awaited."""
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(_stopping(), self._open().stop_all)
 

@@ -149,7 +149,7 @@ class Bus(can.BusABC):
         self.receive_own_messages = receive_own_messages
         self.waiting: deque[can.Message] = deque()
         self.lost = 0
-        """Frames that were lost because nobody read them in time."""
+        """Frames that were lost because they were not read in time."""
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
         try:
             self._shared = Channel.join(channel, self)
@@ -164,7 +164,7 @@ class Bus(can.BusABC):
             self.waiting.append(message)
             return
         if not self.lost:
-            LOG.warning("%s: frames are lost, nobody reads them", self.channel_info)
+            LOG.warning("%s: frames are lost, because they are not read", self.channel_info)
         self.lost += 1
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:

@@ -36,7 +36,7 @@ class Capture:
 
     @property
     def verdicts(self) -> list[str]:
-        """What each link speaks, and how sure that is; empty where `protocols` said so."""
+        """Detected protocol of each link with its certainty; empty if `protocols` was given."""
         return self._decoder.verdicts
 
     @property
@@ -55,7 +55,7 @@ class Capture:
 
     @property
     def signals(self) -> Table:
-        """A row for each value that a frame told, in its unit."""
+        """A row for each value of a frame, in its unit."""
         return self.table("signals")
 
     @property
@@ -126,6 +126,6 @@ def decode(
 
     `protocols` says who speaks, as the command line's `--as`: `canopen@2,thruster@11`. Without it
     the whole file is weighed first. `profile` is the product whose names are used. Errors: `OSError`
-    where the file cannot be read, `Unsupported` for words that nobody knows.
+    where the file cannot be read, `Unsupported` for unknown words.
     """
     return Capture(native.Decoder(path, protocols, profile, format), os.fspath(path))

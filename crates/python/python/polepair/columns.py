@@ -36,7 +36,7 @@ def extra(module: str, install: str) -> Any:
 
 
 class Table:
-    """A table of a decoded capture. Its memory is lent to whoever reads it, never copied.
+    """A table of a decoded capture. Its memory is shared with its readers, never copied.
 
     `polars.DataFrame(table)`, `pyarrow.table(table)`, `duckdb.sql("select … from table")` and
     `pandas.DataFrame.from_arrow(table)` take it as it is.

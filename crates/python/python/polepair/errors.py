@@ -42,7 +42,7 @@ class NoReply(PolepairError):
 
 
 class Refused(PolepairError):
-    """The drive said no."""
+    """The drive refused the request."""
 
 
 class DriveFault(PolepairError):

@@ -1,4 +1,4 @@
-"""What happens on a link though nobody asked: values that drives send by themselves, faults,
+"""Events of a link: values that drives send by themselves, faults,
 restarts, a cable that was pulled.
 
 >>> import polepair
@@ -184,7 +184,7 @@ class _Events:
 
     @property
     def lost(self) -> int:
-        """Events that were thrown away so far because nobody took them in time."""
+        """Events that were dropped because they were not read in time."""
         return self._native.lost
 
     @property

@@ -27,7 +27,7 @@ class Part:
     start: int
     """First byte, counted from 0."""
     end: int
-    """The byte after the last; `start` for what stands in a CAN identifier."""
+    """The byte after the last; `start` for a field of the CAN identifier."""
     name: str
     """The protocol's name for it."""
     value: Any
@@ -98,7 +98,7 @@ class Meaning:
     def __str__(self) -> str:
         said = [self.text] if self.text else []
         said += [f"{product}: {fault}" for product, fault in self.faults]
-        return f"{self.code} (0x{self.code:X}): {'; '.join(said) or 'nothing is known of it'}"
+        return f"{self.code} (0x{self.code:X}): {'; '.join(said) or 'unknown'}"
 
 
 def explain(
@@ -114,7 +114,7 @@ def explain(
     `protocol` is a protocol's word or a product's name. `what` is a frame: bytes (on CAN with `id`,
     and `extended` for 29 bits), a message of python-can, or text as captures have it, `30B#5443`; or
     a number: a status, an exception, fault bits. `to_drive` says who sent the frame where its bytes
-    do not tell. Errors: `Unsupported` E203 for a protocol, E241 for a text that nobody knows.
+    do not tell. Errors: `Unsupported` E203 for a protocol, E241 for an unknown text.
 
     >>> import polepair
     >>> print(polepair.explain("tmcl", bytes.fromhex("01 06 01 00 00 00 00 00 08")).kind)

@@ -1,4 +1,4 @@
-"""Values with units, on their way to and from a drive."""
+"""Values with units, on their way back and forthm a drive."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class StepResponse:
     values: tuple[float, ...]
     """What was read."""
     unit: str = ""
-    """The unit of target, values, peak and error; empty where nobody says."""
+    """The unit of target, values, peak and error; empty if unknown."""
 
     def __str__(self) -> str:
         error = f"{self.error:.4g} {self.unit}".rstrip()
@@ -123,7 +123,7 @@ class Trace:
     axis: str
     """Of which axis."""
     times: list[float]
-    """When each row was read; 0 is when reading began, or when a step was told."""
+    """Time of each row; 0 is the start, or the time of the step."""
     columns: dict[str, list[float]]
     """Every signal's values, a row each."""
     units: dict[str, str] = field(default_factory=dict)
@@ -153,8 +153,8 @@ class Trace:
         at: float | None = None,
         band: float = 0.02,
     ) -> StepResponse:
-        """Judges a signal as the answer to a step to `target` (where it ended, if not said) that was
-        told at the time `at` (that of the first sample, if not said). `band` is that of settling.
+        """Evaluates a signal as response to a step to `target` (default: the end value) at the time `at`
+        (default: that of the first sample). `band` is the tolerance of settling.
 
         Errors: ValueError for a signal that did not move, or has fewer than three samples.
 

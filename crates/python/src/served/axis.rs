@@ -1,4 +1,4 @@
-//! One axis of a server, with the methods that a local one has.
+//! One axis of a server, with the methods of a local one.
 
 use std::borrow::Cow;
 use std::sync::Arc;

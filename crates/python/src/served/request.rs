@@ -1,4 +1,4 @@
-//! What was asked of a server and is under way, and what comes of it.
+//! A request to a server, and its result.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::Waker;

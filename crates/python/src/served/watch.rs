@@ -1,4 +1,4 @@
-//! Signals of a server's axis as they come: rows of samples that belong together.
+//! Telemetry of a server's axis: rows of samples with the same time.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -1,4 +1,4 @@
-//! An axis: its state and its parameters.
+//! State and parameters of an axis.
 
 use axum::Json;
 use axum::extract::{Extension, Path, State};

@@ -1,4 +1,4 @@
-//! The bench, and what can be done to a simulated one.
+//! The list of links and axes, and acts on simulated drives.
 
 use axum::Json;
 use axum::extract::{Extension, Path, State};

@@ -1,4 +1,4 @@
-//! Captures that somebody opens: taken in as files, explained off the threads that answer others.
+//! Uploaded captures: stored as files, decoded on threads that answer no other requests.
 
 use std::sync::Arc;
 

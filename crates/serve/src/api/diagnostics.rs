@@ -1,4 +1,4 @@
-//! What the gateway tells of itself: journal, metrics, description.
+//! Journal, metrics and API description of the gateway.
 
 use axum::Json;
 use axum::extract::rejection::QueryRejection;

@@ -1,4 +1,4 @@
-//! What comes with a request, and what is wrong with it in words.
+//! Parses request bodies and arguments, with errors as texts.
 
 use axum::body::Bytes;
 use axum::extract::{FromRequest, Request};

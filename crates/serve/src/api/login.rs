@@ -1,4 +1,4 @@
-//! Coming in: tokens become cookies. And the page, which is read like anything else.
+//! Login: exchanges tokens for cookies. Also serves the page.
 
 use axum::Json;
 use axum::extract::{Extension, FromRequest as _, Path, Request, State};

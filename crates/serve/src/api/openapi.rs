@@ -1,4 +1,4 @@
-//! The description of the REST interface, in OpenAPI's form.
+//! The OpenAPI description of the REST interface.
 
 use utoipa::OpenApi;
 

@@ -1,4 +1,4 @@
-//! Looking for drives on a link, and taking them in.
+//! Scans a link, and adds the found drives.
 
 use axum::Json;
 use axum::extract::{Extension, Path, State};

@@ -1,7 +1,7 @@
-//! The file of browsers that are let in, so that a server that starts again still knows them.
+//! The file of logged-in browsers, so a restarted server still accepts them.
 //!
-//! One a line: the digest of the cookie, the digest of the token that it was given for, and the end in
-//! milliseconds since 1970. Neither cookie nor token can be had from it.
+//! One line each: digest of the cookie, digest of its token, end in milliseconds since 1970. Neither cookie
+//! nor token can be derived from it.
 
 use std::fs::File;
 use std::io::{self, Read as _};

@@ -1,5 +1,5 @@
-//! Axes of an open link that were not there when it was opened: they are asked for again until they
-//! answer, and then join as if they had been there.
+//! Axes of an open link that did not reply when it was opened. They are polled until they reply, and then
+//! added.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Weak};

@@ -1,5 +1,4 @@
-//! A list that only grows, up to so many: what is in it stays where it is, so nobody who looks at it
-//! needs a lock.
+//! A list that only grows, up to a limit. Elements do not move, so readers need no lock.
 //!
 //! Why: GW-8.
 

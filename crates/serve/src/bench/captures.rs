@@ -1,4 +1,4 @@
-//! Captures that somebody opened: kept as they came, a few of them, and explained page by page.
+//! Uploaded captures: a few are stored, and decoded page by page.
 //!
 //! Why: GW-22.
 

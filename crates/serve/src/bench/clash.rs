@@ -1,4 +1,4 @@
-//! More on a wire than should be: answers that nobody here asked for.
+//! Detects replies without a request: another master, or two drives with one address.
 //!
 //! Why: GW-4.
 

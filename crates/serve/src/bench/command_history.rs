@@ -1,5 +1,4 @@
-//! Commands that were seen: each id is carried out at most once, and whoever says it again is told
-//! what came of it.
+//! Recent commands by their ids. Each id is executed at most once; a repeated id gets the first result.
 //!
 //! Why: GW-14.
 

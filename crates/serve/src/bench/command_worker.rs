@@ -1,6 +1,6 @@
-//! The command worker of one wire. Only it sends what moves an axis, one request after the other,
-//! stops first. It never waits for a drive. It has its own thread; a caller who requests a stop also
-//! runs it on the caller's thread.
+//! The command worker of one wire. Only it sends motion, one request after the other, stops first. It never
+//! waits for a drive. It has its own thread; a caller who requests a stop also runs it on the caller's
+//! thread.
 //!
 //! Why: GW-1.
 

@@ -1,4 +1,4 @@
-//! Commands: checked, recorded in the journal, handed to the worker of their wire.
+//! Commands: checked, recorded in the journal, passed to the worker of their wire.
 
 use super::command_worker::scaled_ttl_ms;
 use super::*;

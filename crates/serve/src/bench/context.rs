@@ -1,5 +1,4 @@
-//! What the wires of a bench share: the lock, the commands that were seen, the journal, those who
-//! want to hear what happens.
+//! Shared state of all wires of a bench: motion lock, command history, journal, event receivers.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

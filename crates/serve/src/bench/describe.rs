@@ -1,4 +1,4 @@
-//! What there is on a bench, in the words of its messages. All of it is known once it was opened.
+//! The list of links and axes as messages. It is constant after opening.
 
 use polepair::Axis;
 use polepair_core::axis::Verb;

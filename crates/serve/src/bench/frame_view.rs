@@ -1,4 +1,4 @@
-//! Frames in the words of their messages, whether they passed just now or lie in a capture.
+//! Frames as messages, from a live link or from a capture.
 
 use std::fmt::Write as _;
 

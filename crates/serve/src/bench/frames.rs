@@ -1,5 +1,4 @@
-//! Frames as they pass: explained on a thread of their own, for those who watch. While nobody does,
-//! a tap keeps nothing.
+//! Live frames, decoded on their own thread for viewers. Without a viewer, the tap stores nothing.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};

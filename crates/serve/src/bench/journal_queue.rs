@@ -1,9 +1,9 @@
-//! What is to be written into the journal waits here, in the order in which it was noted, and one thread
-//! writes it: nobody who moves or stops anything waits for a disk.
+//! The queue of the journal: one thread writes the records in their order, so no motion or stop waits for a
+//! disk.
 //!
-//! What is announced goes on once it is kept, by what was left here for that. Where the disk stalls or
-//! refuses, what is announced is refused, and what was done is counted where it cannot be kept: a
-//! record tells how many are missing, as soon as there can be one.
+//! An announced action continues when its record is written. If the disk stalls or fails, announced actions
+//! are refused. Records of executed actions that cannot be written are counted, and a later record states
+//! the number.
 //!
 //! Why: GW-25.
 

@@ -1,5 +1,4 @@
-//! Links that could not be opened at the start: they are tried again until they open, and then their
-//! axes join as if they had been there.
+//! Links that could not be opened at the start. They are retried, and their axes are added when they open.
 //!
 //! Why: GW-11.
 

@@ -1,5 +1,5 @@
-//! Who commands an axis: one owner at a time, by an epoch that goes up with each, for as long as it
-//! is renewed. Nothing here sends or reads a clock.
+//! The lease of an axis: one owner at a time, with an epoch that increases with each owner. This module
+//! sends nothing and reads no clock.
 //!
 //! Why: GW-2.
 

@@ -1,4 +1,4 @@
-//! Opening: connection strings to links, wires and axes, in the order in which the bench counts them.
+//! Opens connection strings as links, wires and axes, in the order of their numbers.
 
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;

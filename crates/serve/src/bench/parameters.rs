@@ -1,5 +1,5 @@
-//! Parameters: told without values, read, and written by a plan that was shown. Nothing here moves a
-//! motor: parameters that could are left to commands.
+//! Parameters: listed, read, and written by a plan that was shown. Parameters that could move a motor are
+//! refused here.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

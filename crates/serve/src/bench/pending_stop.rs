@@ -1,5 +1,5 @@
-//! The stop that an axis is owed: from when it is to stand until it was seen standing. It is said
-//! again until then, and those who wait to hear of it are answered.
+//! The pending stop of an axis, from the stop until its standstill is confirmed. The stop is repeated until
+//! then, and its callers are answered.
 //!
 //! Why: STOP-7.
 

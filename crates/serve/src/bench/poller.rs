@@ -1,5 +1,5 @@
-//! The poller of one wire: a thread that reads what is displayed, whenever the request worker is idle.
-//! It reads one value at a time, so that a command waits behind one query at most.
+//! The poller of one wire: a thread that reads displayed values while the request worker is idle. It reads
+//! one value at a time, so a command waits for one read at most.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! An answer that may still be on its way: to be awaited, waited for, or looked for.
+//! A reply that may still be pending: awaited, waited for, or polled.
 
 use std::future::Future;
 use std::pin::Pin;

@@ -1,5 +1,5 @@
-//! Work that waits for a drive and moves nothing: queries, settings, preparing commands. The command
-//! worker never waits, so it leaves these to the request worker of its wire.
+//! Work that waits for a drive and moves nothing: reads, settings, preparation of commands. The command
+//! worker passes such work to the request worker of its wire, because it must not wait.
 //!
 //! Why: GW-12.
 

@@ -1,5 +1,5 @@
-//! Scans an open wire for drives and adds those that were found. The poller of the wire scans one
-//! address in each of its rounds; the command worker decides whether a scan may begin.
+//! Scans an open wire, and adds the found drives. The poller of the wire scans one address in each round.
+//! The command worker decides whether a scan may start.
 //!
 //! Why: GW-6, GW-7.
 

@@ -1,4 +1,4 @@
-//! Signals that are read now, by the request worker, so that no motion waits for it.
+//! Reads signals on the request worker, so motion does not wait.
 
 use polepair::Axis;
 use polepair_core::profile::Signal;

@@ -1,4 +1,4 @@
-//! What can be done to a simulated drive from outside its wire.
+//! Acts on simulated drives.
 
 use polepair::simulate::{ACTS, ActKind, ActValue, SimulatedMotor, Simulation, act_of_value};
 use polepair_core::drives::bench::{Act, GroundTruth};

@@ -1,4 +1,4 @@
-//! What is known of an axis, in the words of its message. Nothing is asked.
+//! The known state of an axis as a message, without a request to the drive.
 
 use polepair::Axis;
 use polepair_core::axis::AxisStatus;

@@ -1,5 +1,5 @@
-//! What is watched: each signal or parameter once, however many watch it. Who watches has a place in
-//! the samples that are kept; who falls behind loses the oldest and is told. Nothing is interpolated.
+//! Telemetry: each signal or parameter is read once for all viewers. Each viewer has a position in the
+//! stored samples; a viewer that is too slow loses the oldest, and is informed. Nothing is interpolated.
 //!
 //! Why: GW-13.
 

@@ -1,4 +1,4 @@
-//! Who looks after a bench: a thread each, or in virtual time whoever lets it pass.
+//! The threads of a bench. In virtual time, the caller runs their work.
 
 use std::sync::{Arc, Mutex};
 

@@ -1,5 +1,5 @@
-//! The drive's own watchdog: read, and set as parameters are written. Nothing moves by it; a motor that
-//! turns is stopped by it once nobody speaks.
+//! The watchdog of a drive: read, and written like a parameter. It moves nothing, but it stops a turning
+//! motor when the host is silent.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! The requests of a wire and its public state: the command worker reads its requests here.
+//! Requests and public state of a wire. The command worker reads its requests here.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -1,4 +1,4 @@
-//! Whether a journal is whole.
+//! Verifies the hashes of a journal.
 
 use std::fmt;
 use std::fs::File;

@@ -1,9 +1,8 @@
-//! Where all viewers read what is the same for each of them: it is made once, however many they are.
+//! Data that are the same for all viewers, made once.
 //!
-//! It has a thread of its own, as important as any other, which alone looks at links and axes for
-//! viewers: their writers stand back, and a lock that one of those has is had for as long as the
-//! machine is busy. They find here what was looked at, behind a lock that nobody needs who moves or
-//! stops anything.
+//! It has its own thread of normal priority, the only one that reads links and axes for viewers. The
+//! viewers' writers have low priority, so a lock that they hold may be held for long. They read the result
+//! here, behind a lock that motion and stops do not need.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;

@@ -1,4 +1,4 @@
-//! What a viewer has said and what was not done yet: stops do not wait among it.
+//! Open requests of a viewer. Stops do not wait for them.
 //!
 //! Why: STOP-16.
 

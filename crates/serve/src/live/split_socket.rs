@@ -1,10 +1,8 @@
-//! A WebSocket as two ends that share nothing: one hears what a viewer says, the other tells it what
-//! there is.
+//! A WebSocket split into a reading and a writing end without shared state.
 //!
-//! Split the usual way, both ends would take turns on one lock, and whoever reads a stop would wait
-//! for the thread that writes telemetry, which stands back behind all others. So each end has a
-//! WebSocket of its own on its half of the connection. What the one that hears would answer by itself
-//! goes nowhere: the other end says it.
+//! With a normal split, both ends share one lock, and a stop would wait for the low-priority thread that
+//! writes telemetry. Therefore each end has its own WebSocket on its half of the connection. Automatic
+//! replies of the reading end are sent by the writing end.
 //!
 //! Why: GW-20.
 

@@ -1,6 +1,5 @@
-//! What one viewer watches: channels of telemetry, and frames. It is the writer's alone, which takes
-//! from it one message at a time. What waits, waits in the bench's bounded queues: who is too slow
-//! loses the oldest there, and is told.
+//! Subscriptions of one viewer: telemetry channels and frames. Only the writer uses them, one message at a
+//! time. Data wait in the bounded queues of the bench, so a slow viewer loses the oldest and is informed.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;

@@ -1,11 +1,10 @@
-//! What goes wrong on a CAN bus, and how often.
+//! Faults of a CAN bus, with their probabilities.
 //!
-//! The CRC of a frame and the answer of its receivers leave no damaged frame behind, so these are
-//! losses, delays and repetitions. The numbers are those of the fault model: F1 is a disturbed bit, F2
-//! a cut payload, F3 a frame taken twice, F4 a late one, F5 a lost one, F6 an adapter that hears
-//! itself. What other faults are is done to controllers and drives: F8 two drives of one address, F9 a
-//! controller off the bus and a bus that somebody keeps busy, F14 a drive without supply, F21 a second
-//! program on the bus, F25 an intruder's frame.
+//! The CRC and the acknowledgement exclude damaged frames, so these faults are losses, delays and
+//! repetitions. Numbers of the fault model: F1 disturbed bit, F2 cut payload, F3 repeated frame, F4 late
+//! frame, F5 lost frame, F6 echo of the adapter. Other faults are caused at controllers and drives: F8 two
+//! drives with one address, F9 controller in bus-off or a busy bus, F14 drive without supply, F21 second
+//! program on the bus, F25 frame of an intruder.
 
 use crate::random::{Ppm, Random};
 

@@ -1,11 +1,10 @@
-//! What must hold of a host on a CAN bus.
+//! Invariants of a host on a CAN bus.
 //!
-//! The CRC leaves no damage that a station could see, so a host that takes a reply for the answer to
-//! something else broke I1. Two things excuse it, and both are counted: an intruder's frame, which
-//! nothing tells from a drive's; and the second copy of a reply that a disturbed last bit makes,
-//! where the protocol's replies neither carry a number nor repeat all that was asked. A copy that
-//! came sooner than request and reply can pass the bus is no excuse: a host that knows the bit rate
-//! can tell.
+//! The CRC excludes undetected damage, so a host that assigns a reply to the wrong request breaks I1. Two
+//! exceptions are counted: the frame of an intruder, which looks like a drive's frame; and the second copy
+//! of a reply after a disturbed last bit, if the protocol's replies have no number and do not repeat the
+//! request. A copy that arrives sooner than request and reply can pass the bus is no exception, because a
+//! host knows the bit rate.
 
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,4 @@
-//! The device: the node's end of the bus, its cells, and the drive where there is one.
+//! The device: its end of the bus, its objects, and the drive, if any.
 
 use super::{AXIS_TAGS, DataSheet, DataSheetAxis, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
 use polepair_core::drives;

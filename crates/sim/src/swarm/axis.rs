@@ -1,4 +1,4 @@
-//! What a world knows of one axis and its drive, and what must hold between the two.
+//! State of one axis and its drive in a world, and the invariants between them.
 
 #[cfg(test)]
 mod tests;

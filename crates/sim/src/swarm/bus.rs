@@ -1,5 +1,5 @@
-//! A CAN bus of a swarm's world: drives of several families and protocols, one program or two that
-//! command them, and whoever disturbs.
+//! A CAN bus of a random world: drives of several families and protocols, one or two controlling programs,
+//! and disturbances.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Who asks: one host's user, who reads, writes, moves and stops at random and keeps the books.
+//! The random user of one host: reads, writes, moves, stops, and records its expectations.
 
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::MediumKind;

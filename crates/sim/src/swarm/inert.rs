@@ -1,8 +1,8 @@
-//! Parameters that a world may write at random: they keep what is written, and nothing else about
-//! the drive changes.
+//! Parameters that a random world may write: they store the value, and nothing else about the drive
+//! changes.
 //!
-//! Nobody lists them. A parameter is tried on a drive of its own: two values are written and read
-//! back, the drive loses its supply, and must still answer.
+//! They are found by a test on a separate drive: two values are written and read back, the drive loses its
+//! supply, and must still reply.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock};

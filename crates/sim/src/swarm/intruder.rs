@@ -1,4 +1,4 @@
-//! Somebody on a CAN bus who belongs to nobody: keeps it busy, or speaks in others' names.
+//! An intruder on a CAN bus: keeps it busy, or sends frames of other senders.
 
 use std::collections::VecDeque;
 

@@ -1,5 +1,4 @@
-//! Who stands beside a drive and sees all that it does: what must hold of its motor after every
-//! event, whatever its host believes.
+//! Observes a drive directly: invariants of its motor after every event, independent of its host.
 //!
 //! Why: SWARM-1.
 

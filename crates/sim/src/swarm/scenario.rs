@@ -1,4 +1,4 @@
-//! The world of one seed: what is in it, what breaks in it, and when.
+//! The world of one seed: its content, its faults and their times.
 
 use polepair_core::drives;
 use polepair_core::drives::bench::Act;

@@ -1,4 +1,4 @@
-//! Words for what frames mean in their conversation, behind what they say by themselves.
+//! Texts about frames in their conversation, added to their explanation.
 
 use core::fmt::Write as _;
 

@@ -1,8 +1,8 @@
-//! Boot-ups: starts, heartbeats of a node that says 0 until it is started, or two devices.
+//! Boot-ups: a start, a node that sends state 0 with every heartbeat, or two devices.
 //!
-//! The standard has one boot-up after each start. Some nodes (python canopen's) tell state 0 with
-//! every heartbeat until a master starts them, so a second one is only a suspicion until it is seen
-//! whether more come at the same pace.
+//! By the standard, one boot-up follows each start. Some nodes (python canopen) send state 0 with every
+//! heartbeat until a master starts them. Therefore a second boot-up is reported only if no more follow at
+//! the same period.
 
 use super::heartbeat::LONGEST_NS;
 use crate::session::AnomalyKind;

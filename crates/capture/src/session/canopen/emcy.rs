@@ -1,4 +1,4 @@
-//! Emergencies: which faults a node has, and when they come too fast.
+//! Emergencies: active faults of a node, and emergencies that come too fast.
 
 use polepair_core::drives;
 use polepair_core::profile::{Fault as Known, Profile};

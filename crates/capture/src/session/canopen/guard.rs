@@ -1,4 +1,4 @@
-//! Guarding: a node is asked for its state, and answers with a bit that alternates.
+//! Node guarding: a node is polled for its state, and replies with an alternating bit.
 
 use super::anomaly;
 use super::sdo::{FrameRef, TIMEOUT_NS};

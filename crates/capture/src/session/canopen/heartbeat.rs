@@ -1,4 +1,4 @@
-//! A heartbeat: how often it comes, when it stays out, and whether it is that of two.
+//! Heartbeats: their period, missing ones, and two devices with one node-ID.
 
 use crate::timestamp::Timestamp;
 

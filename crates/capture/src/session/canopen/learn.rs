@@ -1,5 +1,5 @@
-//! What the values of objects teach: whoever reads or writes them in the capture, they hold from
-//! then on.
+//! Learns from the values of objects that the capture shows being read or written. They are valid from then
+//! on.
 
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::cia402;

@@ -1,9 +1,8 @@
-//! Layer setting: what is said to all devices of a bus at once, of which one or none answers
-//! (CiA 305). Requests that only together ask something, such as the four numbers that select a
-//! device, are one exchange.
+//! Layer setting services: requests to all devices of a bus, answered by one or none (CiA 305). Requests
+//! that form one selection, such as the four numbers of an identity, are one exchange.
 //!
-//! Silence answers some: whoever looks which devices there are hears nothing where there is none. A
-//! setting is owed an answer.
+//! Some requests are answered by silence: a search for devices gets no reply if there is none. A setting
+//! must get a reply.
 
 use polepair_core::proto::canopen::explain::{lss_answers, lss_kind};
 use polepair_core::proto::canopen::lss::{LssReply, LssRequest};

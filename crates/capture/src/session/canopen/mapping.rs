@@ -1,5 +1,5 @@
-//! Process data by their mapping: where each value lies in the eight bytes and what it is, worked
-//! out once, when the mapping is learnt.
+//! Mapping of process data: position and type of each value in the eight bytes, computed when the mapping
+//! is learnt.
 
 use polepair_core::profile::Encoding;
 use polepair_core::proto::canopen::cia402;

@@ -1,4 +1,4 @@
-//! What an object is: its name as a signal, its unit, its scale and its sign.
+//! The meaning of an object: signal name, unit, scale, sign.
 
 use std::collections::HashMap;
 

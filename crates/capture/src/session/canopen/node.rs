@@ -1,4 +1,4 @@
-//! A node as far as the bus shows it: its NMT state, whether it is there, and whether it is alone.
+//! A node as seen on the bus: NMT state, presence, and whether two devices share its node-ID.
 
 use std::collections::HashMap;
 

@@ -1,5 +1,5 @@
-//! Which PDOs there are, and what they carry: by the objects 1400h to 1BFFh that the capture shows
-//! being written or read, else by the data sheet or profile, else as drives usually have it.
+//! PDOs and their content: from objects 1400h to 1BFFh in the capture, else from the data sheet or profile,
+//! else by the usual default.
 
 use core::fmt;
 use std::sync::Arc;

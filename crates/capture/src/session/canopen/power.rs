@@ -1,4 +1,4 @@
-//! The states of a CiA 402 drive, by its statusword and mode, wherever they come from.
+//! States of a CiA 402 drive, by its statusword and mode.
 
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::cia402::{DriveState, OperationMode, STATUSWORD};

@@ -1,5 +1,5 @@
-//! What frames of one PDO say, put together from its mapping: nothing of it hangs on anything but
-//! their bytes, so that whoever writes lines or columns may do so later, and on another thread.
+//! Decoded frames of one PDO. They depend on their bytes only, so lines or columns can be written later, on
+//! another thread.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! Process data in words: what does not hang on their bytes is put together once, when the mapping
-//! is learnt, so that a frame's text is copied pieces and its numbers.
+//! Text of process data. The constant parts are built when the mapping is learnt; a frame's text is these
+//! parts and its numbers.
 
 use core::fmt::{self, Write as _};
 

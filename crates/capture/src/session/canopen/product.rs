@@ -1,5 +1,5 @@
-//! Which drive a node is, as it tells the capture itself: a value that a profile knows its product by
-//! was read of it (object 1018h by a data sheet, a register of its own by a built-in profile).
+//! Identifies the drive of a node by a value in the capture: object 1018h for a data sheet, or a register
+//! for a built-in profile.
 
 use polepair_core::drives;
 use polepair_core::profile::{Identity, IdentityQuery, Profile};

@@ -1,5 +1,5 @@
-//! Transfers of service data: one at a time on each channel, in a single frame, in segments or in
-//! blocks (CiA 301, 7.2.4). What was asked before the capture began accuses nobody.
+//! SDO transfers: one at a time on each channel, expedited, segmented or by blocks (CiA 301, 7.2.4).
+//! Transfers that began before the capture are not reported as errors.
 
 mod block;
 mod reply;

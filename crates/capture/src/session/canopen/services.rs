@@ -1,4 +1,4 @@
-//! Whose an identifier is: as the predefined connection set has it, or as the capture moved it.
+//! The service of an identifier: by the predefined connection set, or as the capture changed it.
 
 use polepair_core::proto::canopen::cob::Cob;
 

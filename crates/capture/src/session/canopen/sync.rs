@@ -1,4 +1,4 @@
-//! The beat of a bus: SYNC, its counter and its period.
+//! SYNC of a bus: counter and period.
 
 use super::heartbeat::LONGEST_NS;
 use crate::session::{AnomalyKind, AnomalyNotice, SessionNotice};

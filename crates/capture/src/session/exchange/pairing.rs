@@ -1,4 +1,4 @@
-//! Requests under way, and the frames that settle them.
+//! Open requests, and the frames that complete them.
 
 mod candidate;
 mod expiry;

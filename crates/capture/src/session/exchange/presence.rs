@@ -1,4 +1,4 @@
-//! Who spoke regularly and fell silent.
+//! Detects senders that stop their periodic frames.
 
 use super::{AXES_MAX, anomaly};
 use crate::session::{AnomalyKind, SessionNotice};

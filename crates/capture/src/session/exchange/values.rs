@@ -1,4 +1,4 @@
-//! What was read and written: signals by the profile's names, faults in words, states.
+//! Values that were read and written: signals by the profile's names, faults in words, states.
 
 use std::cell::Cell;
 

@@ -1,4 +1,4 @@
-//! A capture as columns: four tables as Parquet or Arrow files.
+//! Output of `decode` as tables: four Parquet or Arrow files.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};

@@ -1,8 +1,8 @@
-//! `decode FILE --expect EXPECTED.jsonl`: a capture as a test.
+//! `decode FILE --expect EXPECTED.jsonl`: compares a capture with expected lines.
 //!
-//! A line is expected of each frame, in order: a JSON object of which the frame's own, as
-//! `--format jsonl` writes it, has every field with that value. What a line leaves out does not
-//! matter. Frames that nobody expects and lines that no frame fits are shown like a diff.
+//! One line is expected for each frame, in order. A line is a JSON object. A frame matches if it has all
+//! fields of the line with the same values, as `--format jsonl` prints them. Unmatched frames and lines are
+//! printed like a diff.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};

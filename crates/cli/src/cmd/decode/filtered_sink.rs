@@ -1,4 +1,4 @@
-//! Frames that a filter wants, and no others.
+//! A sink that passes on only the frames that match a filter.
 
 use polepair_capture::{DecodedFrame, FrameFilter};
 

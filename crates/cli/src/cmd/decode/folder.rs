@@ -1,4 +1,4 @@
-//! A folder of captures as one partitioned data set.
+//! Decodes a folder of captures to one partitioned data set.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;

@@ -1,4 +1,4 @@
-//! Frames as lines: text for people, JSON for programs.
+//! Output of `decode` as lines: text or JSON.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Signals of a capture, drawn: in the terminal, or into an SVG file.
+//! Output of `decode` as a chart of signals, in the terminal or as an SVG file.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! The scene behind a relay: a host on one drive's serial port turns two others on its CAN bus.
+//! The part of the demo behind a relay: a host on a serial port turns two drives on the relay's CAN bus.
 
 use std::sync::PoisonError;
 use std::time::Duration;

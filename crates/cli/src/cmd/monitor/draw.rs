@@ -1,4 +1,4 @@
-//! The screen: link, axes, what is to be known of the chosen one, frames.
+//! Draws the screen: link, axes, details of the selected axis, frames.
 
 mod axes;
 mod frames;

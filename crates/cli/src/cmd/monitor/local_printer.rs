@@ -1,4 +1,4 @@
-//! Axes and frames as lines: for pipes, files, and programs.
+//! Prints axes and frames of a link as lines, for pipes, files and programs.
 
 use std::time::Duration;
 

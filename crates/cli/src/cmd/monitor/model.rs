@@ -1,4 +1,4 @@
-//! What is shown, whoever draws it: axes, frames, the link.
+//! The data of the screen, independent of its drawing: axes, frames, link.
 
 use std::collections::BTreeSet;
 use std::time::Duration;

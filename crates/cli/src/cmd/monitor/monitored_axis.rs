@@ -1,4 +1,4 @@
-//! The axes' values, asked for again and again without ever waiting for an answer.
+//! Polls the values of the axes without blocking.
 
 use std::time::Duration;
 

@@ -1,5 +1,5 @@
-//! A running server as the screen shows it. It tells by itself: nothing is asked of a drive, and only
-//! Esc sends anything.
+//! Data of the screen from a running server. The server sends them by itself, so no drive is polled. Only
+//! Esc sends a command.
 
 use std::time::Duration;
 

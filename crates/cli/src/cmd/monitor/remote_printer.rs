@@ -1,4 +1,5 @@
-//! Axes and frames of a running server, as lines. It tells them by itself: nothing is asked of a drive.
+//! Prints axes and frames of a running server as lines. The server sends them by itself, so no drive is
+//! polled.
 
 use std::time::Duration;
 

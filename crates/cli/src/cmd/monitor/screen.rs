@@ -1,4 +1,4 @@
-//! The terminal: taken, drawn on, asked for keys, and given back whatever happens.
+//! Terminal of the monitor: set up, drawn, polled for keys, and restored in any case.
 
 use std::io::{self, BufWriter, Stdout, Write as _};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! What the screen shows, whoever knows it: a link of one's own, or a server.
+//! The trait of the screen's data sources: a link, or a server.
 
 use std::time::Duration;
 

@@ -1,5 +1,5 @@
-//! The frames that pass: explained, kept for a while, counted by kind, and which of their bytes
-//! changed since the last of their kind.
+//! Recent frames of the monitor: decoded, stored for a while, counted by kind, with the bytes that changed
+//! since the last frame of their kind.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;

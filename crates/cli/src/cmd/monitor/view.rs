@@ -1,4 +1,4 @@
-//! What keys do. None of them blocks, and none but Esc sends anything.
+//! Key handling of the monitor. No key blocks, and only Esc sends a command.
 
 use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 

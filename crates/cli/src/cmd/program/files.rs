@@ -1,4 +1,4 @@
-//! Programs as files, and in a drive's memory.
+//! `program assemble`, `load`, `verify` and `save`: programs as files and in the memory of a drive.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Programs of drives whose memory holds instructions and not words.
+//! Programs of drives that store instructions instead of words (TMCL): load, verify, save, step, break.
 
 use std::io::{BufRead as _, IsTerminal as _};
 use std::path::{Path, PathBuf};

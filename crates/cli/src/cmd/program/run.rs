@@ -1,4 +1,4 @@
-//! Programs that run: started, called, ended.
+//! `program run`, `call` and `stop`.
 
 use std::path::PathBuf;
 use std::time::Duration;

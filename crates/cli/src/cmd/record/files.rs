@@ -1,4 +1,4 @@
-//! The files of a recording: one, or one after the other.
+//! Output files of a recording: one file, or several in rotation.
 
 use std::cell::Cell;
 use std::fs::File;

@@ -1,5 +1,5 @@
-//! What is shown while it is recorded, printed on a thread of its own: a pager that stands still
-//! must not hold up the recording.
+//! Prints frames during a recording, on its own thread: a slow reader of stdout must not delay the
+//! recording.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;

@@ -1,4 +1,4 @@
-//! What is done with what is heard: a capture, lines on stdout, or both.
+//! Passes received frames to a capture file, to stdout, or to both.
 
 use polepair_capture::{Record, RecordData, Timestamp};
 use polepair_core::explain::Direction as Said;

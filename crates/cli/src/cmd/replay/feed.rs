@@ -1,4 +1,4 @@
-//! A capture read while it is played, a little ahead of it.
+//! Reads a capture a little ahead of its replay.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};

@@ -1,4 +1,4 @@
-//! One wire played: each frame in its time, and what comes back heard meanwhile.
+//! Replays frames to one wire: sends each at its time, and receives meanwhile.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Which frames of a capture are sent, onto which wire, and what they may do there.
+//! Selects the frames of a capture that are sent, their wire, and their effect on the drive.
 
 use polepair_capture::{CAN_FD, DecodedFrame, FrameFilter};
 use polepair_core::drives;

@@ -1,4 +1,4 @@
-//! What a capture would do, told before anything is sent.
+//! Counts the effects of a capture before anything is sent, and prints them.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! `polepair --server URL scan --look`: the server looks for drives on its links.
+//! `polepair --server URL scan --look`: the server scans its links.
 
 use std::ops::RangeInclusive;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! A parameter of any length: text, or the bytes of a file.
+//! Writes of parameters with any length: text, or the bytes of a file.
 
 use std::fs::File;
 use std::io::Read;

@@ -1,4 +1,4 @@
-//! A drive that gets another address: it is written last, and read back where the drive then is.
+//! Changes the address of a drive: writes it last, and reads it back at the new address.
 
 use polepair::url::{LinkTarget, shell_word};
 use polepair::{Axis, Connector};

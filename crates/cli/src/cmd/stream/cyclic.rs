@@ -1,4 +1,4 @@
-//! Set-points of several axes on one SYNC, from a file.
+//! `stream` with cyclic modes: set-points of several axes from a file, on one SYNC.
 
 use std::io::IsTerminal as _;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! `watch --reports`: what the drive sends by itself.
+//! `watch --reports`: prints what a drive sends by itself.
 
 use std::time::Duration;
 

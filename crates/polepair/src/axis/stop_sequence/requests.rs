@@ -1,4 +1,4 @@
-//! What a stop sends, and asks of its drive: nothing of it waits.
+//! The requests of a stop. None of them blocks.
 
 use super::super::failure::RequestKind;
 use super::super::{Axis, RunningRequest};

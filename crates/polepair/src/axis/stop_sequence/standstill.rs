@@ -1,4 +1,4 @@
-//! Whether a motor turns, and how long to wait until it does not.
+//! Detects whether a motor turns, and waits for its standstill.
 
 use super::*;
 

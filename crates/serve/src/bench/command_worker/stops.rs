@@ -1,4 +1,4 @@
-//! Pending stops of the axes of a wire: requested stops whose motors were not seen at standstill yet.
+//! Pending stops of the axes of a wire: stops whose standstill is not confirmed yet.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The segments of one block until it is said how many of them arrived: the others are sent again.
+//! The segments of one block until their number is acknowledged; the others are sent again.
 
 use polepair_core::proto::canopen::sdo::{BLOCK_MAX, BlockSegment, SEGMENT};
 

@@ -1,4 +1,4 @@
-//! What the node sends, and what both do with blocks.
+//! Frames of the node, and block frames of both sides.
 
 use polepair_core::proto::canopen::sdo::{
     AbortCode, BlockSegment, ExpeditedData, ObjectIndex, SdoReply, Segment,

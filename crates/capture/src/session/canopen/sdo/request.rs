@@ -1,4 +1,4 @@
-//! What the client sends.
+//! Frames of the client.
 
 use polepair_core::proto::canopen::sdo::{
     AbortCode, BlockSegment, ExpeditedData, ObjectIndex, SdoRequest, Segment,

@@ -1,4 +1,4 @@
-//! Whose an answer is, when several requests wait for one that looks alike.
+//! Assigns a reply if several open requests expect a similar one.
 
 use super::{Pairing, TrackedRequest};
 use crate::session::ObservedFrame;

@@ -1,4 +1,4 @@
-//! Requests whose reply does not come in time.
+//! Requests whose reply is overdue.
 
 use super::*;
 

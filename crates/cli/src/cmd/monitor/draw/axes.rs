@@ -1,4 +1,4 @@
-//! The axes as a table, and the chosen one in words.
+//! Draws the table of axes, and the details of the selected one.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The frames: bytes and meaning on one line, aligned, changed bytes marked.
+//! Draws the frames: bytes and meaning on one aligned line, with changed bytes marked.
 
 use polepair_core::explain::Direction as Said;
 use ratatui_core::text::{Line, Span};

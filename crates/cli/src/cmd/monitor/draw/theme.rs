@@ -1,4 +1,4 @@
-//! Colours that can be read on a dark and on a light ground, and what stands for them without.
+//! Colours for dark and light terminals, and their replacements without colour.
 
 use std::borrow::Cow;
 

@@ -133,7 +133,8 @@ fn agrees(v: &serde_json::Value, found: &RecordingSink) {
 #[test]
 fn each_text_that_decode_prints_is_read_again() {
     // Every command with odd and even data, both lengths, both directions, and every report.
-    let datas = [0, 5, 0xFFFB, 0xFFFF_FFFB, 0xEEEE, 0x0001_0000, 0x1234_5678, 0x0300_0064, 0x0300];
+    let data_words =
+        [0, 5, 0xFFFB, 0xFFFF_FFFB, 0xEEEE, 0x0001_0000, 0x1234_5678, 0x0300_0064, 0x0300];
     let mut tried = 0;
     let mut both = |frame: Frame| {
         let found = explain(&frame, None);
@@ -146,7 +147,7 @@ fn each_text_that_decode_prints_is_read_again() {
     for (command, ..) in CommandWord::ALL {
         for sub in [0, 10, 0x4C41, 0xFFFF] {
             both(Request { command, sub, data: None }.frame(5));
-            for data in datas {
+            for data in data_words {
                 both(Request { command, sub, data: Some(data) }.frame(5));
                 both(crate::proto::thruster::Reply { command, sub, data }.frame(5));
             }
