@@ -173,7 +173,7 @@ pub(crate) fn connection_error(error: &(dyn std::error::Error + 'static)) -> Gat
     server_lost(&error.to_string())
 }
 
-/// Nothing that was said has got as far as the server.
+/// No request has reached the server.
 fn certificate_error(why: &str) -> GatewayError {
     GatewayError::new("E256", format!("the server does not let this client in: {why}"))
         .hint("--client-cert with one that its --client-ca signed, and the key in the same file")

@@ -26,8 +26,8 @@ use crate::{GatewayError, secret, tls};
 pub struct GatewayOptions {
     /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
     pub url: String,
-    /// A file whose first token is used; else `POLEPAIR_TOKEN`, else, on the loopback alone, the token
-    /// of this account's own server, once who listens there proves to have it.
+    /// A file whose first token is used; else `POLEPAIR_TOKEN`, else, on the loopback only, the token of
+    /// this account's own server, if the server proves to have it.
     pub token_file: Option<PathBuf>,
     /// The certificate that the server must have: its file, or its SHA-256; else that of this
     /// account's own server.

@@ -54,7 +54,7 @@ impl Lease {
         self.live.cache().check(self.axis, self.epoch)
     }
 
-    /// The axis as the server said it last, unasked; `None` before it did.
+    /// The last state of the axis from the server; `None` before the first.
     #[must_use]
     pub fn state(&self) -> Option<AxisState> {
         self.live.cache().state(self.axis)
@@ -192,7 +192,7 @@ impl<T: Clone> PendingOperation<T> {
     }
 }
 
-/// What came of a command.
+/// The result of a command.
 pub(crate) fn outcome_result(outcome: CommandOutcome) -> Result<(), GatewayError> {
     match (outcome.outcome, outcome.error) {
         (OutcomeKind::Done, _) => Ok(()),

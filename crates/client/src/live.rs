@@ -27,7 +27,7 @@ pub(crate) use cache::{FrameBuffer, LiveCache, SampleBuffer};
 
 /// How long the server may take to say what comes of a lease or of what is watched.
 const REPLY_MAX: Duration = Duration::from_secs(15);
-/// What waits to be said.
+/// Queue length of requests.
 const REQUESTS_MAX: usize = 256;
 
 /// A connection that stays: for leases and telemetry. Cheap to clone; what was taken through it ends
@@ -43,7 +43,7 @@ struct LiveInner {
     channels: AtomicU16,
 }
 
-/// What the task is asked to say, and who wants to know what comes of it.
+/// A request to the task, with the receiver of its result.
 #[derive(Debug)]
 pub(crate) enum LiveRequest {
     Command {
@@ -70,7 +70,7 @@ pub(crate) enum LiveRequest {
 }
 
 impl LiveRequest {
-    /// Tells whoever waits that it was not said.
+    /// Reports to the caller that it was not sent.
     fn fail(self, why: GatewayError) {
         // Who waited may have gone.
         match self {
@@ -93,7 +93,7 @@ pub(crate) struct ChannelSpec {
     pub hz: f64,
 }
 
-/// What the server says of something that is watched.
+/// The server's description of a subscription.
 #[derive(Debug, Clone)]
 pub(crate) struct ChannelInfo {
     pub hz: f64,
@@ -129,7 +129,7 @@ impl LiveConnection {
         self.cache().check_connected()
     }
 
-    /// For how long the server has said nothing: it is asked twice a second.
+    /// Time since the last message of the server, which is polled twice a second.
     #[must_use]
     pub fn silence(&self) -> Duration {
         self.cache().silence()
@@ -199,7 +199,7 @@ impl LiveConnection {
         self.cache().check_link(axis)
     }
 
-    /// The links that the server has, as it told them last.
+    /// The links of the server, by its last message.
     #[must_use]
     pub fn links(&self) -> Vec<LinkView> {
         self.cache().links()
@@ -211,13 +211,13 @@ impl LiveConnection {
         self.cache().axes_from(first)
     }
 
-    /// Who locked motion, if somebody did.
+    /// The lock of motion, if any.
     #[must_use]
     pub fn motion_lock(&self) -> Option<MotionLock> {
         self.cache().motion_lock()
     }
 
-    /// How far the last stop of an axis came since we stay, whoever said it, and when we heard so.
+    /// Progress of the last stop of an axis since the connection, with its time.
     #[must_use]
     pub fn last_stop(&self, axis: u16) -> Option<(AxisStopReport, Instant)> {
         self.cache().last_stop(axis)
@@ -270,7 +270,7 @@ impl LiveConnection {
     }
 }
 
-/// Frames that are heard, until this is dropped.
+/// A stream of frames, until it is dropped.
 #[derive(Debug)]
 pub struct FrameStream {
     live: LiveConnection,

@@ -63,7 +63,7 @@ impl RestClient {
         self.request(Method::POST, path, to_json(body)?, ANSWER_MAX).await
     }
 
-    /// The same of a stop: whoever says it learns soon that nothing is known of it.
+    /// The same for a stop, with a short time limit.
     pub async fn stop<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -157,7 +157,7 @@ pub(crate) fn server_lost(why: &str) -> GatewayError {
     }
 }
 
-/// The same for who had something done: what moves is stopped by nobody until the server is back.
+/// The same for an action: motors are not stopped until the server is back.
 pub(crate) fn action_error(refused: GatewayError) -> GatewayError {
     match refused.code == "E313" && refused.executed.is_none() && refused.hint.is_empty() {
         true => refused.hint(
@@ -168,7 +168,7 @@ pub(crate) fn action_error(refused: GatewayError) -> GatewayError {
     }
 }
 
-/// The same for who only asked: a question moves nothing.
+/// The same for a read, which moves nothing.
 pub(crate) fn query_error(refused: GatewayError) -> GatewayError {
     GatewayError { executed: Some(false), ..refused }
 }

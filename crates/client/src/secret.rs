@@ -24,7 +24,7 @@ const FILE_MAX: u64 = 64 * 1024;
 pub(crate) struct Secret {
     text: String,
     bytes: [u8; PROOF_BYTES],
-    /// It is that of this account's own server, and nobody said that it is meant for this one.
+    /// It is the token of this account's own server, and the user did not name it for this one.
     is_own: bool,
 }
 
@@ -34,8 +34,7 @@ impl Secret {
         format!("Bearer {}", self.text)
     }
 
-    /// What a server must prove to have before it is sent this; `None` where somebody named the token
-    /// for it.
+    /// The token that a server must prove to have first; `None` if the user named it.
     pub fn token_to_prove(&self) -> Option<&[u8; PROOF_BYTES]> {
         self.is_own.then_some(&self.bytes)
     }

@@ -57,7 +57,7 @@ pub fn select_each(
     Ok(axes)
 }
 
-/// What stands before a `#`: axes of the link before, and a link, whose URL may have commas.
+/// The text before a `#`: axes of the link before, and a link, whose URL may have commas.
 fn before_link<'a>(
     bench: &'a BenchView,
     segment: &'a str,

@@ -41,9 +41,8 @@ pub(crate) struct ClientTls {
 }
 
 impl ClientTls {
-    /// What encrypts one connection, and what notes that its server asked for a certificate of ours
-    /// where there is none. Of one connection alone: a server that is another one, or is started anew,
-    /// says nothing of the next.
+    /// The encryption of one connection, and a flag whether the server requested a missing client
+    /// certificate.
     pub fn connector(&self) -> (TlsConnector, Arc<MissingClientCert>) {
         let unmet = Arc::<MissingClientCert>::default();
         let mut config = Arc::clone(&self.config);
@@ -129,8 +128,8 @@ fn file_fingerprint(path: &Path) -> Result<String, GatewayError> {
         .map_err(|error| invalid_file(path, &error))
 }
 
-/// Our own certificate, with those between it and whoever vouches for it, and its key: PEM, which may
-/// be in one file. Nobody else may read the key's.
+/// The client certificate with intermediate certificates, and its key, in PEM. The key's file must not be
+/// readable by others.
 fn read_client_cert(
     certificate: &Path,
     key: &Path,
@@ -171,7 +170,7 @@ fn without_colons(text: &str) -> String {
     text.chars().filter(|c| *c != ':').collect()
 }
 
-/// Takes one certificate and no other, whatever name it is for and whoever signed it.
+/// Accepts one certificate, whatever its name and issuer, and no other.
 #[derive(Debug)]
 struct PinnedVerifier {
     fingerprint: String,

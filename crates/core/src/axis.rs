@@ -1,4 +1,4 @@
-//! The unified vocabulary: what any axis can be told, what it tells, and who translates.
+//! The common vocabulary of all axes: verbs, signals, and the drivers that translate them.
 
 use core::time::Duration;
 

@@ -1,7 +1,7 @@
-//! Errors by blame: the bytes, the drive, the caller.
+//! Errors by their source: bytes, drive, caller.
 //!
-//! Nothing here holds a heap string. What the operating system refuses is the link crate's
-//! `LinkError`; what a file gets wrong names file and line in the crate that reads it.
+//! They contain no heap strings. Errors of the operating system are `LinkError` of the link crate; errors
+//! of files name file and line in the crate that reads them.
 
 use crate::profile::ParameterId;
 

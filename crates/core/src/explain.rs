@@ -1,4 +1,4 @@
-//! Explaining a frame to people: fields with names, byte ranges and meanings, into a sink.
+//! Explanation of a frame: fields with names, byte ranges and meanings, written to a sink.
 
 mod conversation;
 mod effect;

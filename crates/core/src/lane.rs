@@ -1,7 +1,6 @@
-//! One host and the axes it serves: jobs take turns on the wire, stops first; plans are run here.
+//! One host with its axes: jobs take turns on the wire, stops first. Plans are executed here.
 //!
-//! All storage is made when the lane is made, an axis joins it, or a path is begun; nothing allocates
-//! afterwards.
+//! Memory is allocated when the lane is made, an axis is added, or a path is begun, and not afterwards.
 
 mod address_change;
 mod axes;

@@ -1,4 +1,4 @@
-//! What a wire carries: bytes on a serial line, frames on a CAN bus.
+//! The data of a wire: bytes on a serial line, frames on a CAN bus.
 
 pub mod bits;
 

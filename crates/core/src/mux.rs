@@ -1,7 +1,7 @@
-//! Several lanes on one CAN wire: every frame is offered to each, stops of any go first.
+//! Several lanes on one CAN wire: every frame is offered to each, and stops of any lane are sent first.
 //!
-//! A lane takes what its protocol's identifiers say is meant for it; which identifiers are whose is
-//! settled before the lanes are made. All storage is made when the mux is made.
+//! A lane accepts frames with the identifiers of its protocol. The assignment of identifiers is decided
+//! before the lanes are made. All memory is allocated when the mux is made.
 //!
 //! Why: BUS-3.
 

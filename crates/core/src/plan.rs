@@ -1,9 +1,8 @@
-//! A command as data: a short table of steps, as the manuals print them.
+//! A verb as data: a short table of steps, as in the manuals.
 //!
-//! The lane's executor runs every plan, a rehearsal prints one without talking, and a test compares
-//! one with its manual. Steps name parameters of the profile and, for what is no parameter, the
-//! protocol's own function, index and value; so plans are the same kind of data for every protocol
-//! and can be written in TOML by people who never saw this code.
+//! The lane's executor runs every plan, a rehearsal prints it without sending, and tests compare it with
+//! its manual. Steps name parameters of the profile, or the protocol's function, index and value. So plans
+//! have the same form for every protocol, and can be written in TOML.
 
 use crate::axis::Verb;
 use crate::profile::ParameterId;

@@ -1,5 +1,5 @@
-//! A drive as data: parameters, faults, signals and plans in tables that are written by people as
-//! TOML and read here as constants.
+//! A drive as data: parameters, faults, signals and plans in tables, written as TOML and compiled to
+//! constants.
 
 mod address;
 mod encoding;

@@ -1,9 +1,9 @@
-//! Programs in a drive's memory: words at addresses, made of text, written there and proven there.
+//! Programs in a drive's memory: words at addresses, assembled, written and verified.
 //!
-//! The third kind of job of a lane, beside plans and paths, is a `Transfer`: a program is written in
-//! chunks, each of which the drive proves to have before the next; each piece ends with the drive's
-//! own sum over it. Permanent memory wears, so that nothing is written there twice unless the drive
-//! said that it is not there, and every word counts.
+//! A `Transfer` is the third kind of job of a lane, besides plans and paths. A program is written in
+//! blocks, and the drive verifies each block before the next. Each piece ends with the drive's checksum.
+//! Permanent memory wears, so nothing is written twice unless the drive reports that it is missing, and
+//! every word is counted.
 
 use core::ops::RangeInclusive;
 

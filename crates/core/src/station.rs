@@ -1,4 +1,4 @@
-//! The two ends of a wire, and the verbs they share.
+//! The two ends of a wire, and their common interface.
 
 use crate::error::Failure;
 use crate::medium::Medium;

@@ -1,9 +1,8 @@
-//! Paths point by point, for drives that take them into a buffer: the second kind of job, beside
-//! plans.
+//! Paths point by point, for drives with a buffer: the second kind of job, besides plans.
 //!
-//! The caller feeds points in SI into a ring; the lane keeps the drive's buffer filled, neither
-//! empty nor overrun. It knows when each point is used up, because each has its time; what the
-//! drive's status says corrects that clock, so that two clocks that differ do no harm.
+//! The caller writes points in SI to a ring. The lane keeps the drive's buffer filled, neither empty nor
+//! overfull. The time of each point gives its end; the drive's status corrects this, so a difference of the
+//! clocks does no harm.
 
 pub mod cyclic;
 

@@ -1,4 +1,4 @@
-//! Monotonic time as a number, handed in by whoever owns a clock.
+//! Monotonic time as a number, provided by the owner of a clock.
 
 use core::ops::{Add, Sub};
 use core::time::Duration;

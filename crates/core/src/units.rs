@@ -1,4 +1,4 @@
-//! Units: what a number on the wire means, and its SI twin.
+//! Units: the meaning of a wire number, and its value in SI.
 
 use core::f64::consts::PI;
 

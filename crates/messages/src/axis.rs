@@ -27,12 +27,11 @@ pub struct AxisState {
     pub signals: Vec<SignalValue>,
     /// Faults and warnings that stand.
     pub faults: Vec<ActiveFault>,
-    /// Who commands it; `null` where nobody does.
+    /// The client with the lease; `null` if there is none.
     #[schema(required)]
     pub lease: Option<LeaseView>,
-    /// The stop that it is owed, for exactly as long as it is; `null` where it is owed none. Whoever
-    /// shows the axis says so in red: nobody knows that it stands, and cutting its supply is what is
-    /// left to do.
+    /// The pending stop; `null` if there is none. User interfaces show it in red: standstill is not
+    /// confirmed, and cutting the supply stops the motor.
     #[schema(required)]
     pub owed: Option<PendingStopView>,
     /// What the drive's own panel shows, where it has one.
@@ -50,7 +49,7 @@ pub struct SignalValue {
     pub value: Option<f64>,
     /// SI unit; empty for flags, codes and modes.
     pub unit: String,
-    /// How old it was when this was said, ms.
+    /// Age of the value when this was sent, ms.
     pub age_ms: f64,
 }
 
@@ -71,7 +70,7 @@ pub struct ActiveFault {
     pub warning: bool,
 }
 
-/// Who commands an axis.
+/// The lease of an axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeaseView {
     /// The session, as in [`Welcome::session`](super::Welcome::session).
@@ -82,20 +81,19 @@ pub struct LeaseView {
     pub expires_ms: f64,
 }
 
-/// A stop that an axis is owed: it is to stand, and was not seen standing since. The server says the
-/// stop again until it is: at once when the link opens or the drive answers again, else with a pause
-/// that grows to 2 s.
+/// A pending stop: the standstill of the axis is not confirmed since the stop. The server repeats the stop
+/// until then: at once when the link opens or the drive replies again, else at intervals of up to 2 s.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PendingStopView {
     /// Since when.
     pub since_ms: f64,
     /// Why it is to stand.
     pub why: StopCause,
-    /// The session that said so; `server` where nobody did.
+    /// The session that sent it; `server` for the server itself.
     pub by: String,
     /// What is certain of the stop so far: `failed` (nothing left yet), `sent` or `acknowledged`.
     pub class: StopClass,
-    /// How often it was said.
+    /// Number of times that it was sent.
     pub said: u32,
     /// Why the last one was not confirmed; `null` while nothing is known to be wrong with it.
     #[schema(required)]
@@ -106,7 +104,7 @@ pub struct PendingStopView {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StopCause {
-    /// Somebody said STOP, or the server did, to keep it within its limits.
+    /// A client sent STOP, or the server did, to keep the axis within its limits.
     Stop,
     /// The lease ended under which it was set in motion.
     LeaseEnded,
@@ -114,7 +112,7 @@ pub enum StopCause {
     LinkLost,
     /// The server ends while it may move.
     ServerEnds,
-    /// The journal says that the server before this one owed it a stop when it ended.
+    /// The stop was pending when the previous server ended, by the journal.
     ServerBefore,
 }
 
@@ -172,12 +170,12 @@ pub struct ParameterInfo {
     pub persistence: String,
 }
 
-/// Something that a drive tells of itself: `GET /api/v1/axes/{id}/device`.
+/// An item of a drive's device information: `GET /api/v1/axes/{id}/device`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct DeviceDetailView {
     /// What it is: `device name`, `firmware`.
     pub name: String,
-    /// What the drive says.
+    /// Its value.
     pub text: String,
 }
 
@@ -277,7 +275,7 @@ pub struct WatchdogView {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WatchdogMode {
-    /// The drive has none: it keeps doing what it was last told.
+    /// The drive has none: it continues its last command.
     None,
     /// It has one that is off.
     Off,
@@ -303,11 +301,11 @@ pub struct SetWatchdog {
     pub epoch: u64,
 }
 
-/// A value that somebody gives.
+/// A value of a write request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum ParameterInput {
-    /// In the parameter's unit; as it lies in the drive where [`WriteParameters::raw`] says so.
+    /// In the parameter's unit; a raw number with [`WriteParameters::raw`].
     Number(f64),
     /// With a unit (`1.2 A`), or a word.
     Text(String),

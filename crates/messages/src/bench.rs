@@ -19,7 +19,7 @@ pub struct BenchView {
     pub axes: Vec<AxisInfo>,
     /// Addresses at which more than one drive answers.
     pub clashes: Vec<Clash>,
-    /// Of each link on which somebody looked for drives, the last look.
+    /// The last scan of each scanned link.
     pub looks: Vec<ScanView>,
     /// Motion is locked since a stop of everything; `null` while it is not.
     #[schema(required)]
@@ -52,11 +52,11 @@ pub struct LinkView {
     /// when it was opened: they are no axes of the bench, and nothing stops them from here.
     #[serde(default)]
     pub absent: Vec<AbsentAxis>,
-    /// Numbers of drives that the server before owed a stop when it ended and that are not there: they
-    /// may be turning, and are told to stop as soon as they are.
+    /// Numbers of missing drives with a pending stop of the previous server: they may turn, and are stopped
+    /// as soon as they reply.
     #[serde(default)]
     pub owed: Vec<u32>,
-    /// How full its wire is, 0 to 1; `null` where nobody can tell.
+    /// Load of the wire, 0 to 1; `null` if unknown.
     #[schema(required)]
     pub load: Option<f64>,
     /// What it counted since it was opened.
@@ -71,7 +71,7 @@ pub enum LinkState {
     Open,
     /// It went away; its axes are disarmed.
     Lost,
-    /// It could not be opened so far, and is tried again: nobody knows who is on it.
+    /// It could not be opened so far, and is retried. Its axes are unknown.
     NotOpen,
 }
 
@@ -93,7 +93,7 @@ pub struct LinkCounter {
     pub count: u64,
 }
 
-/// An axis and what it can be told.
+/// An axis and its verbs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AxisInfo {
     /// Index among the axes.
@@ -118,15 +118,15 @@ pub struct AxisInfo {
     pub kind: String,
     /// What the drive does when its host falls silent, in a sentence.
     pub watchdog: String,
-    /// After how long it stops then by itself, ms; `null` where it does not, or a parameter says.
+    /// Time after which it stops by itself, ms; `null` if it does not, or a parameter has the time.
     #[schema(required)]
     pub watchdog_ms: Option<u32>,
-    /// The parameter that says after how long; `null` where none does.
+    /// The parameter with this time; `null` if there is none.
     #[schema(required)]
     pub watchdog_parameter: Option<String>,
     /// What to check before the first motion; empty where there is nothing.
     pub caution: String,
-    /// What it can be told.
+    /// Its verbs.
     pub verbs: Vec<VerbInfo>,
     /// Limits that are known without asking the drive.
     pub limits: Vec<LimitInfo>,
@@ -212,13 +212,13 @@ pub struct Clash {
     pub message: String,
 }
 
-/// Who locked motion, and when.
+/// The lock of motion: client and time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MotionLock {
     /// The session that stopped everything.
     pub by: String,
     /// Since when.
     pub at_ms: f64,
-    /// Why, in the words of whoever did it; may be empty.
+    /// The client's reason; may be empty.
     pub reason: String,
 }

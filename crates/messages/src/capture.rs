@@ -12,12 +12,12 @@ pub struct FrameItem {
     pub t_us: f64,
     /// The link; in a capture an index into [`OpenedCapture::links`].
     pub link: u16,
-    /// Who sent it; `null` where nobody can tell.
+    /// Sender of the frame; `null` if unknown.
     #[schema(required)]
     pub dir: Option<FrameDirection>,
     /// Its bytes in hexadecimal; on CAN `30B#5443` as in candump's log.
     pub raw: String,
-    /// What it says.
+    /// Its meaning.
     pub text: String,
     /// The protocol's word; empty where none fits.
     pub protocol: String,
@@ -28,7 +28,7 @@ pub struct FrameItem {
     pub ok: bool,
 }
 
-/// Who sent a frame.
+/// Sender of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FrameDirection {
@@ -43,7 +43,7 @@ pub enum FrameDirection {
 pub struct ExplainedField {
     /// Its first byte.
     pub from: u16,
-    /// The byte after its last; `from` for what stands in a CAN identifier.
+    /// The byte after its last; `from` for a field of the CAN identifier.
     pub to: u16,
     /// The protocol's name for it.
     pub name: String,
@@ -64,7 +64,7 @@ pub struct OpenedCapture {
     pub format: String,
     /// Its links.
     pub links: Vec<String>,
-    /// What it holds and what went wrong in it, as `polepair summary` tells it.
+    /// Its summary, as `polepair summary` prints it.
     pub summary: String,
     /// Its first lines.
     pub page: CapturePage,

@@ -13,7 +13,7 @@ pub const DEFAULT_TTL_MS: f64 = 500.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AcquireLease {
-    /// Take it from whoever has it: the journal says so, and the axis is stopped.
+    /// Take it over from another client: the journal records it, and the axis is stopped.
     #[serde(default)]
     pub take: bool,
 }
@@ -40,7 +40,7 @@ pub struct LeaseEpoch {
 pub struct CommandRequest {
     /// The client's, new for each command (a UUID): one that was seen is not carried out again.
     pub id: String,
-    /// When the client said so, by the server's clock as `pong` tells it.
+    /// Time of the command at the client, by the server's clock from `pong`.
     pub issued_ms: f64,
     /// How long it is good for.
     #[serde(default = "ttl_ms")]
@@ -95,7 +95,7 @@ pub struct CommandArguments {
     pub period: Option<f64>,
 }
 
-/// What came of a command.
+/// The result of a command.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CommandOutcome {
     /// The client's id.
@@ -105,10 +105,10 @@ pub struct CommandOutcome {
     /// What the drive answered to a raw request, as it stood on the wire.
     #[serde(default)]
     pub value: Option<i64>,
-    /// Why not, or why nobody knows.
+    /// The reason of a failure, or of an unknown result.
     #[schema(required)]
     pub error: Option<GatewayError>,
-    /// The id was seen before; this is what came of it then, and nothing was sent now.
+    /// The id was used before; this is its first result, and nothing was sent now.
     pub replayed: bool,
 }
 
@@ -139,7 +139,7 @@ pub struct StopRequest {
 pub struct StopReport {
     /// Each axis.
     pub axes: Vec<AxisStopReport>,
-    /// Where everything was to be stopped: who was not told.
+    /// Targets that a stop of all axes did not reach.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unreached: Vec<UnreachedTarget>,
 }
@@ -155,7 +155,7 @@ pub struct UnreachedTarget {
     /// it has is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub number: Option<u32>,
-    /// Why it was not told.
+    /// The reason.
     pub error: GatewayError,
 }
 
@@ -179,8 +179,8 @@ pub struct AxisStopReport {
 pub enum StopClass {
     /// Nothing left. As an answer: and nothing will, because the drive has no stop.
     Failed,
-    /// Whoever asked has waited long enough, or the link is lost: it was not seen standing. The stop
-    /// is owed and said again, as [`AxisState::owed`](super::AxisState::owed) tells.
+    /// The time limit is over, or the link is lost: standstill is not confirmed. The stop is pending and
+    /// repeated, see [`AxisState::owed`](super::AxisState::owed).
     Owed,
     /// It is on the wire.
     Sent,
@@ -191,7 +191,7 @@ pub enum StopClass {
     Standing,
 }
 
-/// `POST /api/v1/axes/{id}/dismiss`: the axis is owed no stop any more, though nobody saw it stand.
+/// `POST /api/v1/axes/{id}/dismiss`: clears the pending stop of an axis without confirmed standstill.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DismissStop {
@@ -205,8 +205,7 @@ pub struct DismissStop {
     pub note: String,
 }
 
-/// `POST /api/v1/dismiss`: a drive that the server before owed a stop and that is not there is owed it
-/// no more.
+/// `POST /api/v1/dismiss`: clears the pending stop of a missing drive, left by the previous server.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DismissAbsent {
@@ -214,14 +213,14 @@ pub struct DismissAbsent {
     pub link: String,
     /// Its number on that link.
     pub number: u32,
-    /// Why it is owed none. `taken_over` is for axes that are there.
+    /// The reason. `taken_over` is for present axes only.
     pub reason: DismissReason,
     /// For the journal; may be empty.
     #[serde(default)]
     pub note: String,
 }
 
-/// Why an axis is owed a stop no more that was not seen standing.
+/// The reason for clearing a pending stop without confirmed standstill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DismissReason {
@@ -231,7 +230,7 @@ pub enum DismissReason {
     OtherMaster,
     /// Something else turns its shaft: water a propeller, a load.
     TurnedByLoad,
-    /// Whoever holds its lease commands it on, knowing that it may be turning.
+    /// The holder of the lease continues, and knows that the motor may turn.
     TakenOver,
 }
 
@@ -269,7 +268,7 @@ impl std::fmt::Debug for Login {
     }
 }
 
-/// What shows that the server has a token, which is not told.
+/// Proof that the server has a token, without the token.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Proof {
     /// 64 hexadecimal digits: BLAKE3, keyed with the first token of the server's file, of
@@ -278,7 +277,7 @@ pub struct Proof {
     pub proof: String,
 }
 
-/// Who the caller is now.
+/// The identity of the caller.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SessionInfo {
     /// What the caller may do.

@@ -19,13 +19,12 @@ pub struct GatewayError {
     /// What to try; empty when there is nothing to add.
     #[serde(default)]
     pub hint: String,
-    /// Whether a drive did it; `null` when nobody can know, or when it did a part of it. The message
-    /// does not repeat it.
+    /// Whether a drive executed it; `null` if unknown, or executed in part. The message does not repeat it.
     #[schema(required)]
     pub executed: Option<bool>,
 }
 
-/// Said of what a drive may have done.
+/// Text for a command that may have been executed.
 const IN_DOUBT: &str = "it may have been executed, or a part of it";
 
 impl GatewayError {
@@ -83,7 +82,7 @@ impl GatewayError {
         }
     }
 
-    /// The exit code that goes with its code: a number's first digit says it.
+    /// The exit code of its code: the first digit of a number.
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self.code.as_bytes() {

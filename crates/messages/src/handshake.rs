@@ -7,7 +7,7 @@ use rustls::crypto::ring::cipher_suite::TLS13_AES_128_GCM_SHA256;
 /// Bytes of a challenge, of a token, and of what answers a challenge.
 pub const PROOF_BYTES: usize = 32;
 
-/// Where a server listens unless told otherwise.
+/// Default port of a server.
 pub const PORT: u16 = 7365;
 /// The WebSocket's sub-protocol.
 pub const WEBSOCKET_PROTOCOL: &str = "polepair.v1";
@@ -22,9 +22,9 @@ pub fn certificate_fingerprint(certificate: &[u8]) -> String {
     bytes.map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(":")
 }
 
-/// What a server that has a token answers to a challenge where the connection ends at `address`: 64
-/// hexadecimal digits, BLAKE3 keyed with the token. It shows nothing of the token. Whoever passes the
-/// challenge on to the server has an answer for the server's address, which is not their own.
+/// The reply of a server with a token to a challenge on a connection that ends at `address`: 64 hexadecimal
+/// digits, BLAKE3 keyed with the token. It reveals nothing of the token. A program that forwards the
+/// challenge gets a reply for the server's address, not for its own.
 #[must_use]
 pub fn token_proof(
     token: &[u8; PROOF_BYTES],

@@ -10,7 +10,7 @@ pub struct JournalRecord {
     pub n: u64,
     /// When.
     pub ms: f64,
-    /// The session; `server` for what nobody asked for.
+    /// The session; `server` for actions of the server itself.
     pub who: String,
     /// What.
     pub deed: JournalAction,
@@ -28,13 +28,13 @@ pub struct JournalRecord {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JournalAction {
-    /// The server began; the detail says with which links and scopes.
+    /// The server started; the detail has its links and scopes.
     Started,
     /// The server ended by itself.
     Ended,
-    /// A link could not be opened, or was opened later: the detail says which, and why not.
+    /// A link could not be opened, or was opened later; the detail has the link and the reason.
     Link,
-    /// Somebody came in, or failed to.
+    /// A login, or a failed one.
     Login,
     /// An axis got an owner.
     Lease,
@@ -44,26 +44,27 @@ pub enum JournalAction {
     LeaseEnded,
     /// A command goes out.
     Command,
-    /// What came of a command, a write or a stop.
+    /// The result of a command, a write or a stop.
     Outcome,
     /// Parameters are written.
     Parameters,
     /// A stop goes out.
     Stop,
-    /// An axis is owed a stop from now on: the detail says why, by which link and number it is found.
+    /// A stop became pending; the detail has the reason, link and number.
     StopOwed,
-    /// It is owed none any more: the detail says how that is known, or who dismissed it and why.
+    /// A pending stop ended; the detail has the confirmation, or the client and reason of the dismissal.
     StopEnded,
     /// Motion is let again.
     Release,
-    /// Somebody looks for drives on a link.
+    /// A scan of a link started.
     Look,
     /// Drives that were found become axes.
     TakeIn,
-    /// A drive was had to watch this server's heartbeat: the detail says how its watchdog was, and is.
+    /// A drive was set to monitor this server's heartbeat; the detail has the earlier and the new watchdog
+    /// setting.
     Watchdog,
     /// A simulated drive or its time is meddled with.
     Simulation,
-    /// What was done here and could not be written: the detail says how many records, and why.
+    /// Records that could not be written; the detail has their number and the reason.
     Missing,
 }

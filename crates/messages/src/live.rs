@@ -26,7 +26,7 @@ pub enum ClientMessage {
         /// A parameter's name.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         parameter: Option<String>,
-        /// How often it is wanted; the answer says how often it comes.
+        /// Requested rate; the reply has the actual one.
         hz: f64,
     },
     /// No more.
@@ -95,9 +95,9 @@ pub enum ClientMessage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LeaseAction {
-    /// To have it, if nobody else does.
+    /// Acquire it, if no other client has it.
     Take,
-    /// To have it, whoever does.
+    /// Take it over from any client.
     TakeOver,
     /// To keep it.
     Renew,
@@ -151,7 +151,7 @@ pub enum ServerMessage {
     },
     /// Axes were stopped, by whomever. Comes again for an axis whose class changes.
     Stopped(StopReport),
-    /// The answer to `dismiss`: the axis is owed no stop.
+    /// The reply to `dismiss`: the axis has no pending stop.
     Dismissed {
         /// Which axis.
         axis: u16,
@@ -160,7 +160,7 @@ pub enum ServerMessage {
     Locked(MotionLock),
     /// Motion is let again.
     Unlocked,
-    /// A look for drives is further, at most ten times a second; its end is always told.
+    /// Progress of a scan, at most ten times a second; its end is always sent.
     Look(ScanView),
     /// Frames. A message without frames answers `frames`: those that follow pass the new filter.
     Frames {
@@ -196,7 +196,7 @@ pub enum ServerMessage {
     },
 }
 
-/// Who the client is, and how times go together.
+/// The identity of the client, and the relation of the clocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Welcome {
     /// The server's time now.

@@ -34,9 +34,9 @@ pub struct ScanView {
     pub done: u32,
     /// Addresses of this protocol in all.
     pub of: u32,
-    /// Drives that answered and were no axes when it began. Told when it has ended.
+    /// Found drives that were not axes at the start. Sent at the end.
     pub found: Vec<FoundDrive>,
-    /// Axes of the link that were asked, and whether they answered. Told when it has ended.
+    /// Axes of the link, and whether they replied. Sent at the end.
     pub axes: Vec<ProbedAxis>,
     /// What was tried, in sentences.
     pub tried: Vec<String>,
@@ -58,7 +58,7 @@ pub enum ScanState {
     UnderWay,
     /// All were asked.
     Done,
-    /// Somebody broke it off, or stopped an axis of the link.
+    /// A client cancelled it, or stopped an axis of the link.
     BrokenOff,
     /// The link was lost, or was not free for a moment.
     Failed,
@@ -75,11 +75,11 @@ pub struct FoundDrive {
     pub profile: String,
     /// The product's full name.
     pub drive: String,
-    /// How that is known, with the firmware where the drive tells it.
+    /// Source of the identification, with the firmware if known.
     pub known: String,
-    /// What it tells of itself: name, versions, motors; empty for nothing.
+    /// Its device information: name, versions, motors; may be empty.
     pub says: String,
-    /// Who else has its address or an identifier of its, in a sentence; `null` where nobody has.
+    /// The device with the same address or identifier, in a sentence; `null` if there is none.
     #[schema(required)]
     pub clash: Option<String>,
     /// The axis that it is since it was taken in.
@@ -92,7 +92,7 @@ pub struct FoundDrive {
 pub struct ProbedAxis {
     /// Index among the axes.
     pub axis: u16,
-    /// It said something.
+    /// It replied.
     pub answers: bool,
     /// Why another drive may have its address, in a sentence; `null` where nothing shows that.
     #[schema(required)]

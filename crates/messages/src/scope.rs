@@ -11,11 +11,11 @@ use utoipa::ToSchema;
 pub enum Scope {
     /// See: axes, values, frames, faults, the journal.
     Read,
-    /// Stop motion, whoever commands the axis.
+    /// Stop motion of any client.
     Stop,
     /// Take an axis, arm it, move it.
     Move,
-    /// Write parameters, and a drive's permanent memory where the request says so.
+    /// Write parameters, and permanent memory if requested.
     Configure,
     /// Send frames and texts of a protocol as they are; no limits stand before these.
     Raw,
@@ -68,7 +68,7 @@ impl Scopes {
         Self(self.0 | scope.bit())
     }
 
-    /// What stands in both: a token can grant no more than its server was started with.
+    /// The common scopes: a token grants no more than its server permits.
     #[must_use]
     pub const fn intersection(self, other: Self) -> Self {
         Self(self.0 & other.0)

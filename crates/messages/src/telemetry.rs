@@ -46,8 +46,7 @@ pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, us
     (bytes, count)
 }
 
-/// What such a message says: its channel, the samples of it that were lost so far, its samples. `None`
-/// for what is none.
+/// Decodes a message: channel, number of lost samples, samples. `None` if it is invalid.
 #[must_use]
 pub fn decode(bytes: &[u8]) -> Option<(u16, u64, Vec<Sample>)> {
     let (head, samples) = bytes.split_at_checked(HEADER_LEN)?;

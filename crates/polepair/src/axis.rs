@@ -85,12 +85,12 @@ pub struct Axis {
     pub(crate) host: Option<u32>,
     /// The axis that the host is wired to, where that may be a relay to others.
     pub(crate) relay: Option<u32>,
-    /// The period of the heartbeat that the host sends on its wire, where it was told to.
+    /// Period of the host's heartbeat on this wire, if it sends one.
     pub(crate) heartbeat: Option<Duration>,
     pub(crate) profile: &'static Profile,
     pub(crate) identified: Identification,
     pub(crate) simulation: Option<Simulation>,
-    /// How a file says that it is built into a machine.
+    /// Mounting in a machine, from a rack file.
     pub(crate) mounted: Option<Arc<ResolvedMounting>>,
 }
 
@@ -106,8 +106,7 @@ pub struct Rehearsal {
 }
 
 impl Axis {
-    /// Its number: the drive's address on the wire, or the groups that it stands for, as
-    /// [`AxisNumber`] has them.
+    /// The number of the axis: the drive's address on the wire, or a group, as in [`AxisNumber`].
     #[must_use]
     pub fn number(&self) -> u32 {
         self.number
@@ -229,11 +228,11 @@ impl Axis {
         self.start_read(id)?.finish()
     }
 
-    /// Reads a parameter of each drive that the axis stands for, raw, with the drive's address: of a
-    /// group one value a drive that answered, in the order of their addresses.
+    /// Reads a raw parameter of each drive of the axis. For a group, returns one value for each drive that
+    /// replied, with its address, in the order of the addresses.
     ///
     /// # Errors
-    /// [`Error`] by blame; that the drives of a group have different values is none.
+    /// [`Error`] by source. Different values within a group are not an error.
     pub fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, i64)>, Error> {
         let mut running = self.start_read(id)?;
         let ticket = running.pending.ticket();
@@ -319,11 +318,11 @@ impl Axis {
         self.connection.with_axes(|axes, _| axes.set_armed(self.index, armed));
     }
 
-    /// Arms the axis for one who will stop it at the end, so that nobody else's end stops it
+    /// Arms the axis for a caller that stops it at the end, so that no other caller's end stops it
     /// meanwhile.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] `E220` when it is armed already.
+    /// [`Error::Unsupported`] `E220` if it is already armed.
     pub fn arm_exclusively(&self) -> Result<(), Error> {
         let armed = self.connection.with_axes(|axes, _| {
             let before = axes.state(self.index).is_some_and(|state| state.armed);
@@ -350,10 +349,10 @@ impl Axis {
         Armed::new(self)
     }
 
-    /// Powers the motor, which holds where it stands. The axis must be armed.
+    /// Powers the motor. It holds its actual position. The axis must be armed.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn enable(&self) -> Result<(), Error> {
         self.run(Command::new(Verb::Enable)).map(drop)
     }
@@ -384,21 +383,21 @@ impl Axis {
         self.run(command).map(drop)
     }
 
-    /// Turns with a torque: N·m (or what stands for it at this drive: A, a share), or text with a
-    /// unit. The axis must be armed.
+    /// Turns with a torque: N·m (or the drive's substitute: A, a share), or text with a unit. The axis must
+    /// be armed.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn torque(&self, torque: impl Into<Amount>) -> Result<(), Error> {
         let torque = self.argument(Verb::Torque, Argument::Torque, &torque.into())?;
         self.run(Command { torque: Some(torque), ..Command::new(Verb::Torque) }).map(drop)
     }
 
-    /// Sets out for a position: rad (m), or text with a unit. Returns as soon as the drive has
-    /// been told; [`wait`](Self::wait) waits until it is there. The axis must be armed.
+    /// Starts a move to a position: rad (m), or text with a unit. Returns when the drive has acknowledged
+    /// the start; [`wait`](Self::wait) waits for the arrival. The axis must be armed.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn move_to(&self, target: impl Into<Amount>) -> Result<(), Error> {
         let target = self.argument(Verb::MoveTo, Argument::Target, &target.into())?;
         self.run(Command { target: Some(target), ..Command::new(Verb::MoveTo) }).map(drop)

@@ -8,9 +8,9 @@ use polepair_sim::can_bus::bits;
 /// The share of its bits that a bus may be planned for. Beyond it the frames of low priority wait
 /// for too long, and an error frame is not made up for.
 pub(crate) const LOAD_MAX: f64 = 0.8;
-/// Identifiers of 11 bits, and one of 29 that stands for all of them.
+/// Number of 11-bit identifiers, and the index of all 29-bit ones.
 const STANDARD_IDS: u32 = 0x800;
-/// What a drive is sent and answers where nothing is said: one full frame each.
+/// Default lengths of request and reply: one full frame each.
 const EXCHANGE_LENGTHS: [u32; 2] = [8, 8];
 
 /// Bits that a frame takes of a bus' time, stuff bits and the pause behind it counted.
@@ -46,7 +46,7 @@ impl BusAddress {
     }
 }
 
-/// The 11-bit identifiers that some drive of these protocols could have, whoever is there.
+/// 11-bit identifiers of all possible drives of these protocols.
 pub(crate) fn claimed_identifiers(seats: &[BusAddress]) -> Vec<bool> {
     let could = |bus_address: &BusAddress, id| {
         bus_address

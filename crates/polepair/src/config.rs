@@ -45,14 +45,13 @@ pub struct Config {
     pub links: Vec<(String, String)>,
     /// Profiles beyond those that are compiled in.
     pub profiles: Vec<&'static Profile>,
-    /// Files that were found and are wrong. They stand in the way of what names something in them, and
-    /// of nothing else: whoever finds any says so, once.
+    /// Files with errors. They prevent only what needs them. The caller should report them once.
     pub broken: Vec<FileError>,
 }
 
 impl Config {
-    /// What is found from the working folder upward and in the configuration folder. A file that is
-    /// wrong is [kept](Self::broken) and refuses nobody who needs nothing of it.
+    /// Searches from the working folder upward, and in the configuration folder. A file with errors is in
+    /// [`broken`](Self::broken).
     #[must_use]
     pub fn discover() -> Self {
         let here = std::env::current_dir().unwrap_or_default();
@@ -145,11 +144,11 @@ impl Config {
         self.profiles.iter().chain(polepair_core::drives::profiles()).copied()
     }
 
-    /// The connection string that `text` stands for: itself, unless it begins with `@`.
+    /// Expands `@` names to connection strings. Other texts are returned unchanged.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E211` for a name that no file has; [`Error::File`] where the file that could
-    /// have it is wrong.
+    /// [`Error::Usage`] `E211` for an unknown name; [`Error::File`] if the file that may have it has
+    /// errors.
     pub fn expand(&self, text: &str) -> Result<String, Error> {
         let Some(named) = text.strip_prefix('@') else { return Ok(text.to_owned()) };
         let (name, more) = named.split_at(named.find(['?', '#']).unwrap_or(named.len()));

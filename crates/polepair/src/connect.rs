@@ -388,20 +388,20 @@ pub(crate) struct ProtocolLine {
     pub(crate) protocol: ProtocolInfo,
     pub(crate) options: HostOptions,
     pub(crate) axis_numbers: Vec<u32>,
-    /// What is known of each axis, whoever answers.
+    /// Known data of each axis.
     entries: Vec<RackEntry>,
-    /// What a rack says of all that it has there, also of axes that nobody named.
+    /// All entries of the rack, also of axes that are not selected.
     rack_entries: Arc<[(u32, RackEntry)]>,
 }
 
-/// What a rack says of the drive at an address.
+/// The entry of a rack for an address.
 #[derive(Clone, Debug, Default)]
 struct RackEntry {
     name: String,
     mounting: Option<Arc<Mounting>>,
     /// Full steps of a turn of its motor.
     steps: Option<u32>,
-    /// Which drive it is to be, and where that is said.
+    /// The expected profile, and its location in the file.
     profile: Option<(&'static Profile, Option<FileLocation>)>,
 }
 
@@ -431,7 +431,7 @@ impl ProtocolLine {
         self.options.host_address.or(self.protocol.host)
     }
 
-    /// The period of the host's heartbeat, where it was told to send one.
+    /// Period of the host's heartbeat, if it sends one.
     fn heartbeat(&self) -> Option<Duration> {
         let ms = self.options.heartbeat_ms.filter(|ms| *ms > 0)?;
         Some(Duration::from_millis(ms.into()))
@@ -468,7 +468,7 @@ impl ProtocolLine {
         )
     }
 
-    /// What the drive at an address tells of itself; nothing where it cannot be asked.
+    /// Device information of the drive at an address; empty if it cannot be read.
     pub(crate) fn read_details(&self, number: u32, profile: &'static Profile) -> Vec<DeviceDetail> {
         let Ok(axes) = self.probe_axes(&[(profile, number)], true) else { return Vec::new() };
         let Some(axis) = axes.first() else { return Vec::new() };

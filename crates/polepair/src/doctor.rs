@@ -72,7 +72,7 @@ pub struct CheckResult {
     pub found: String,
     /// What to try; empty where there is nothing to do.
     pub remedy: String,
-    /// What a script is told: [`Exit::Ok`] unless it is wrong.
+    /// Exit code for scripts: [`Exit::Ok`] unless the check failed.
     pub exit: Exit,
 }
 
@@ -105,15 +105,15 @@ impl CheckResult {
 /// What may be tried.
 #[derive(Clone, Copy, Default, Debug)]
 pub struct DoctorOptions {
-    /// Ask, by reads, at other baud rates too when nobody answers.
+    /// If no drive replies, also try other baud rates, by reads.
     pub try_bauds: bool,
 }
 
-/// Looks at a link step by step; `hear` gets each check as soon as it is done. A check that is
-/// wrong ends those that stand on it.
+/// Checks a link step by step. `hear` gets each result at once. A failed check skips the checks that depend
+/// on it.
 ///
 /// # Errors
-/// [`Error::Usage`] and [`Error::File`] when the string itself is wrong: nothing was opened.
+/// [`Error::Usage`] and [`Error::File`] for an error of the string; nothing was opened.
 pub fn check_link(
     connector: &Connector,
     text: &str,
@@ -156,8 +156,8 @@ pub fn check_link(
     Ok(())
 }
 
-/// What stands on an opened port. `silent` is set where another baud rate may be the reason that
-/// nobody answers.
+/// Checks the devices on an open port. `silent` is set if another baud rate may be the reason for a missing
+/// reply.
 fn check_line(
     connector: &Connector,
     url: &Url,
@@ -224,7 +224,7 @@ fn check_found(
     Ok(())
 }
 
-/// Who answers: the axes that the string names, or a few addresses where somebody may be.
+/// Finds drives: at the axes of the string, or at a few usual addresses.
 fn find_drives(
     connector: &Connector,
     url: &Url,

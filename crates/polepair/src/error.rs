@@ -20,11 +20,11 @@ pub enum Exit {
     Usage = 2,
     /// No adapter, no permission, or the link went away.
     Adapter = 3,
-    /// Nobody answered.
+    /// No reply.
     NoReply = 4,
     /// An answer that is corrupt or to another question.
     Corrupt = 5,
-    /// The drive said no.
+    /// The drive refused the request.
     Refused = 6,
     /// Done in part.
     Partial = 7,
@@ -37,9 +37,9 @@ pub enum Exit {
 /// What Python and C raise for an error. All are under `PolepairError`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Exception {
-    /// Nobody answered.
+    /// No reply.
     NoReply,
-    /// The drive said no.
+    /// The drive refused the request.
     Refused,
     /// The drive reports a fault.
     DriveFault,
@@ -75,7 +75,7 @@ pub struct OutcomeClass {
     pub exception: Exception,
     /// Stable code.
     pub code: &'static str,
-    /// Whether the drive did it; `None` when nobody can know, or when it did a part of it.
+    /// Whether the drive executed it; `None` if unknown, or executed in part.
     pub executed: Option<bool>,
 }
 
@@ -162,21 +162,20 @@ pub enum Error {
     },
     /// The drive, or the wire to it.
     Failed {
-        /// What was asked, with what came of it.
+        /// The request and its result.
         what: String,
-        /// Whether and how far it was executed, in words; empty for a question, and where `what`
-        /// says it.
+        /// Text about the execution; empty for reads, and if `what` states it.
         execution: String,
         /// How it ended: never [`Outcome::Done`].
         outcome: Outcome,
-        /// What came though it brought no answer, where it ended in [`Failure::Silent`].
+        /// Frames received instead of a reply, if it ended in [`Failure::Silent`].
         received: Box<NoReplyDetails>,
-        /// The axis was told to move, or was seen moving, and nothing can stop it from here.
+        /// The motor was started, or was moving, and cannot be stopped from here.
         may_turn: bool,
         /// What to try; empty when there is nothing to add.
         hint: String,
     },
-    /// Somebody interrupted the wait: the request goes on.
+    /// The wait was interrupted; the request continues.
     Interrupted {
         /// What was waited for.
         what: String,
@@ -235,8 +234,8 @@ impl Error {
         self.outcome_class().exception
     }
 
-    /// Whether the drive did what was asked; `None` when nobody can know, and when it did a part of it
-    /// (the outcome is then [`Outcome::Partly`]).
+    /// Whether the drive executed the request; `None` if unknown, or executed in part
+    /// ([`Outcome::Partly`]).
     #[must_use]
     pub fn executed(&self) -> Option<bool> {
         self.outcome_class().executed
@@ -262,7 +261,7 @@ impl Error {
         }
     }
 
-    /// The same of a stop after which nobody saw the motor at standstill.
+    /// The same for a stop without confirmed standstill.
     pub(crate) fn with_unseen_motor(mut self) -> Self {
         if let Self::Failed { may_turn, .. } = &mut self {
             *may_turn = true;
@@ -334,14 +333,14 @@ const fn link_code(cause: Cause) -> &'static str {
 }
 
 impl fmt::Display for Error {
-    /// One sentence; where something was to be executed it says whether it was, and how far.
+    /// One sentence, with the execution if there was something to execute.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.sentence())?;
         if self.may_turn() { write!(f, "; {MAY_TURN}") } else { Ok(()) }
     }
 }
 
-/// Said where a motor was told to move, or was seen moving, and cannot be reached.
+/// Text for a motor that was started, or was moving, and is not reachable.
 pub const MAY_TURN: &str = "the motor may still turn: cut its supply";
 
 impl std::error::Error for Error {}

@@ -58,7 +58,7 @@ pub enum EventKind {
         /// Its value in SI, as the machine has it.
         reading: Reading,
     },
-    /// The drive sent the value of a parameter that no signal tells.
+    /// The drive sent the value of a parameter that is not a signal.
     Parameter {
         /// Which parameter of the axis' profile.
         parameter: ParameterId,
@@ -206,15 +206,15 @@ impl Events {
         }
     }
 
-    /// The next event; waits for one at most so long, on the link's clock. `None` when none came, or
-    /// when somebody [interrupted](Self::interrupt).
+    /// The next event; waits at most this time on the link's clock. `None` after the time limit or an
+    /// [interruption](Self::interrupt).
     #[must_use]
     pub fn next(&self, within: Duration) -> Option<Event> {
         let deadline = clock::now() + within;
         self.next_until(Some(within), deadline)
     }
 
-    /// The next event; waits for one until somebody interrupts.
+    /// The next event; waits until an interruption.
     fn next_unbounded(&self) -> Option<Event> {
         self.next_until(None, Instant::FAR_FUTURE)
     }
@@ -254,20 +254,20 @@ impl Events {
         }
     }
 
-    /// Tells whether an event is there; else `waker` is woken when one is, or when somebody
-    /// [interrupts](Self::interrupt).
+    /// Whether an event is available; otherwise `waker` is woken at the next one, or at an
+    /// [interruption](Self::interrupt).
     #[must_use]
     pub fn ready_or_wake(&self, waker: &task::Waker) -> bool {
         self.mailbox.ready_or_wake(waker)
     }
 
-    /// Whether time passes only while somebody waits here: in a simulation in virtual time.
+    /// Whether time passes only during a wait here: a simulation in virtual time.
     #[must_use]
     pub fn in_virtual_time(&self) -> bool {
         self.simulation.is_some()
     }
 
-    /// How many events were thrown away so far because nobody took them in time.
+    /// Number of events that were dropped because they were not read in time.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.mailbox.missed()
@@ -329,7 +329,7 @@ impl Axis {
 impl Iterator for Events {
     type Item = Event;
 
-    /// Waits for the next event; ends when somebody interrupts.
+    /// Waits for the next event; ends at an interruption.
     fn next(&mut self) -> Option<Event> {
         self.next_unbounded()
     }
@@ -353,8 +353,8 @@ impl fmt::Display for Event {
 }
 
 impl fmt::Display for EventKind {
-    /// In one sentence without full stop. A parameter is told by its place in the profile: who has
-    /// the axis knows its name.
+    /// One sentence without full stop. A parameter is printed by its index in the profile, because its name
+    /// is known to the axis only.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let of_fault = |fault: &Option<&'static Fault>| fault.map_or("", |fault| fault.name);
         match self {

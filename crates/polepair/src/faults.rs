@@ -2,7 +2,7 @@
 
 use polepair_core::profile::{Fault, Profile};
 
-/// The fault of that code; where a drive tells faults as bits, every bit that is set.
+/// The fault with this code; for faults as bits, one for each set bit.
 #[must_use]
 pub fn faults(profile: &'static Profile, code: u32) -> Vec<&'static Fault> {
     profile.faults_for_code(code).collect()

@@ -24,11 +24,11 @@ const CANDIDATES_MAX: usize = 64;
 /// How an axis came to its profile.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Identification {
-    /// The connection string names it: nobody was asked.
+    /// From the connection string; no request was sent.
     Named,
-    /// The drive's answer tells it.
+    /// From the drive's reply.
     Queried {
-        /// The firmware's version, where the answer tells it.
+        /// Version of the firmware, if the reply contains it.
         firmware: Option<String>,
     },
     /// A group: it cannot be asked and is taken for what the link's first axis is.
@@ -64,7 +64,7 @@ pub(crate) struct Prober<'a> {
 /// What one address gave.
 #[derive(Clone, Debug)]
 pub(crate) enum ProbeResult {
-    /// Nobody answered anything: what came instead.
+    /// No reply, with the received frames.
     Silent(NoReplyDetails),
     /// Only damaged frames came back, and what else there was.
     Damaged(NoReplyDetails),
@@ -72,8 +72,8 @@ pub(crate) enum ProbeResult {
     AnsweredTwice,
     /// The host may not ask there; nothing was sent.
     Forbidden(&'static str),
-    /// Somebody is there; doubtful where it is no known drive and an answer was
-    /// corrupt or to another question.
+    /// A device replied. Doubtful if it is not a known drive and a reply was corrupt or for another
+    /// request.
     Found {
         profile: &'static Profile,
         identified: Identification,
@@ -102,7 +102,7 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// Asks for one product alone: whoever is another is served by the generic profile.
+    /// Restricts the search to one product; other drives get the generic profile.
     pub(crate) fn with_candidate(mut self, profile: &'static Profile) -> Self {
         self.with_catalogue = false;
         self.candidates =
@@ -122,13 +122,13 @@ impl<'a> Prober<'a> {
         self
     }
 
-    /// Asks nothing more once `broken` says so; what was not found out by then is silence.
+    /// Sends no further request once `broken` returns true; the rest counts as silent.
     pub(crate) fn with_cancel(mut self, broken: &'a dyn Fn() -> bool) -> Self {
         self.is_cancelled = broken;
         self
     }
 
-    /// What is at the address, or that nobody is.
+    /// Identifies the device at an address, or reports silence.
     pub(crate) fn identify(
         &self,
         number: u32,
@@ -150,7 +150,7 @@ impl<'a> Prober<'a> {
         Error::usage("E222", what, hint)
     }
 
-    /// The error for an address where nobody answers.
+    /// The error for a silent address.
     pub(crate) fn silent_error(&self, number: u32, details: NoReplyDetails) -> Error {
         let but = if details.is_nothing() { String::new() } else { format!(": {details}") };
         let what = match details.relay_text(self.line.options.relay_axis, number) {
@@ -238,7 +238,7 @@ impl<'a> Prober<'a> {
         self.line.link.describe()
     }
 
-    /// Asks every question that some profile has, once; and whoever answers, whether that is one drive.
+    /// Sends every identification request of the profiles once; after a reply, checks that it is one drive.
     pub(crate) fn probe(&self, number: u32) -> Result<ProbeResult, Error> {
         let mut result = self.probe_once(number)?;
         if self.single_attempt
@@ -363,8 +363,7 @@ impl<'a> Prober<'a> {
         })
     }
 
-    /// What came for the generic profile's first readable parameter; `None` where it has none: its
-    /// address is taken as it is.
+    /// The reply to the generic profile's first readable parameter; `None` without such a parameter.
     fn query_generic(
         &self,
         connection: &Connection,
@@ -381,7 +380,7 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// The error for a link that went away while somebody was asked: that is no silence.
+    /// The error for a link that was lost during the identification.
     fn link_lost_error(&self, connection: &Connection) -> Error {
         let trouble = connection.link_error();
         Error::Link(trouble.unwrap_or_else(|| LinkError::gone(&self.describe())))
@@ -415,7 +414,7 @@ fn is_same_query(identity: &Identity, wanted: &Identity, _profile: &Profile) -> 
     matches!((identity.query, wanted.query), (IdentityQuery::Text(a), IdentityQuery::Text(b)) if a == b)
 }
 
-/// Somebody said something, if only no.
+/// Whether a device replied, a refusal included.
 pub(crate) const fn is_answer(outcome: Outcome) -> bool {
     matches!(outcome.failure(), None | Some(Failure::Refused { .. } | Failure::Misbehaved))
 }

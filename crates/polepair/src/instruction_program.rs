@@ -62,7 +62,7 @@ pub struct SourceLine {
     pub file: String,
     /// Its number, from 1.
     pub number: u32,
-    /// What it says, without spaces around.
+    /// Its text without surrounding spaces.
     pub text: String,
 }
 

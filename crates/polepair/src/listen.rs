@@ -18,8 +18,8 @@ use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
 use polepair_link::{LinkError, Losses, ServeThread};
 
-/// Wires that are listened to, each on a thread of its own, until this is dropped. What is heard
-/// goes to the connector's taps, all of it as if it came from a drive: who spoke is not known.
+/// Wires with a listening thread each, until this is dropped. Received frames go to the connector's taps as
+/// frames of a drive, because their sender is unknown.
 #[derive(Debug)]
 pub struct WireListener {
     wires: Vec<OpenWire>,
@@ -32,11 +32,11 @@ struct ListenerThread {
 }
 
 impl Connector {
-    /// Opens what the string names and listens. Nobody is asked anything, so axes are not looked
-    /// for; on CAN the controller still acknowledges what it hears, as every node does.
+    /// Opens the links of a string and listens. No request is sent, so axes are not searched. A CAN
+    /// controller still acknowledges frames.
     ///
     /// # Errors
-    /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened.
+    /// [`Error::Usage`] for an invalid connection string, [`Error::Link`] if it cannot be opened.
     pub fn listen(&self, text: &str) -> Result<WireListener, Error> {
         let (lines, _) = self.open_lines(&self.url(text)?)?;
         let mut listening = WireListener { wires: Vec::new(), threads: Vec::new() };
@@ -71,7 +71,7 @@ impl Connector {
     }
 }
 
-/// Wires that are open as they are: nobody was asked anything.
+/// Open wires without any request sent.
 pub struct RawWires {
     pub(crate) url: Url,
     pub(crate) lines: Vec<ProtocolLine>,
@@ -117,7 +117,7 @@ impl WireListener {
             .map_or_else(Losses::default, |listener_thread| listener_thread.link.losses())
     }
 
-    /// Why a wire is heard no more, if one is: told once.
+    /// The error that ended the listening on a wire; returned once.
     pub fn take_error(&mut self) -> Option<LinkError> {
         let at =
             self.threads.iter().position(|listener_thread| listener_thread.handle.is_finished())?;
@@ -147,7 +147,7 @@ impl ListenerThread {
     }
 }
 
-/// A station that never says anything. The link's tap hears, and the line stays as it was set.
+/// A station that never sends. The link's tap receives, and the line keeps its settings.
 struct SilentStation<M: Medium>(M::Line);
 
 impl<M: Medium> Timed for SilentStation<M> {

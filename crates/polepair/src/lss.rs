@@ -31,7 +31,7 @@ pub(crate) const PROTOCOL: &str = "canopen";
 /// Table 0 of bit rates, in bit/s, by index; 0 where none is (CiA 305).
 const BIT_RATES: [u32; 9] =
     [1_000_000, 800_000, 500_000, 250_000, 125_000, 0, 50_000, 20_000, 10_000];
-/// What a device without node-ID says that it has.
+/// The node-ID that a device without node-ID reports.
 const NO_NODE: i64 = 255;
 /// The error of a service that the maker defines; the others are the standard's.
 const MAKERS_ERROR: u32 = 255;
@@ -96,8 +96,7 @@ impl LssMaster {
     /// Opens the bus. Devices that another master left in LSS configuration leave it.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E242` for a link on which nobody speaks CANopen, [`Error::Link`] when it
-    /// cannot be opened.
+    /// [`Error::Usage`] `E242` for a link without CANopen, [`Error::Link`] if it cannot be opened.
     pub fn open(connector: &Connector, url: &str) -> Result<Self, Error> {
         let url = connector.url(url)?;
         let is_rack = matches!(url.target, LinkTarget::Sim { .. } | LinkTarget::Rack { .. });

@@ -25,10 +25,10 @@ use std::sync::Arc;
 pub(crate) const KEYS: [&str; 5] = ["lead", "gear", "counts", "direction", "limits"];
 const LIMIT_KEYS: [&str; 3] = ["position", "velocity", "torque"];
 
-/// One drive's mechanics, as a file tells them. Lengths and speeds are the machine's, in SI.
+/// Mounting of one drive from a file. Lengths and speeds are those of the machine, in SI.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Mounting {
-    /// Where the drive stands in the file.
+    /// Location of the drive in the file.
     pub(crate) location: FileLocation,
     /// What a turn behind the gear moves, m.
     pub(crate) lead: Option<f64>,
@@ -42,12 +42,12 @@ pub(crate) struct Mounting {
     pub(crate) position: Option<Located<(f64, f64)>>,
     /// Greatest speed, either way.
     pub(crate) velocity: Option<Located<f64>>,
-    /// Greatest torque either way, or what stands for it at this drive.
+    /// Maximum torque in both directions, or the drive's substitute.
     pub(crate) torque: Option<Located<f64>>,
 }
 
 impl Mounting {
-    /// What the table of a drive says; `None` where it says nothing of the kind.
+    /// Reads the mounting from a drive's table; `None` if it has none.
     pub(crate) fn from_table(
         node: &TomlTable<'_, '_>,
         profile: &'static Profile,
@@ -229,13 +229,13 @@ fn find_operand(
 pub(crate) enum MotionRole {
     /// A position, or how far.
     Position,
-    /// A velocity, whose sign tells the way.
+    /// A velocity; its sign is the direction.
     Velocity,
     /// How fast, whichever way.
     Speed,
     /// How quickly that changes.
     Acceleration,
-    /// A torque, or what stands for it.
+    /// A torque, or its substitute.
     Torque,
 }
 

@@ -5,12 +5,12 @@
 use polepair_core::station::Counters;
 use std::fmt;
 
-/// What came while a question without an answer was on the wire, its repeats included. All are 0
-/// where nothing came; 65535 stands for more as well.
+/// Frames received during a request without a reply, repeats included. All are 0 if nothing was received;
+/// 65535 means at least that many.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 #[non_exhaustive]
 pub struct NoReplyDetails {
-    /// Frames whose check failed, here or by what the drive says of a request.
+    /// Frames with a wrong checksum, here or reported by the drive.
     pub corrupt: u16,
     /// Fitting answers that came sooner than the line's rate lets them, and were not believed.
     pub early: u16,
@@ -26,7 +26,8 @@ pub struct NoReplyDetails {
     pub foreign: u16,
     /// Those among them that answered what was asked, but from another address than the one asked.
     pub misaddressed: u16,
-    /// To whom the drive answered instead of this host: its host address, or the CAN id of its replies.
+    /// Destination of the drive's replies instead of this host: its host address, or the CAN id of its
+    /// replies.
     pub other_host: Option<u16>,
     /// Our own bytes or frames.
     pub echoed: u16,
@@ -123,13 +124,13 @@ impl NoReplyDetails {
         }
     }
 
-    /// What of it came from somebody else than the address that was asked: a drive acknowledges for those
-    /// behind it, and an adapter echoes, whoever is asked.
+    /// The frames of other devices than the requested address: acknowledgements of a relay and echoes of
+    /// the adapter do not count.
     pub(crate) const fn only_foreign(self) -> Self {
         Self { acknowledged: 0, relayed: 0, echoed: 0, ..self }
     }
 
-    /// That the relay to an axis acknowledged, and the axis said nothing; `None` where it is not so.
+    /// Text for a relay that acknowledges while the axis is silent; `None` otherwise.
     pub(crate) fn relay_text(&self, relay: Option<u32>, axis: u32) -> Option<String> {
         let relay = relay.filter(|_| self.cause() == NoReplyCause::Relayed)?;
         Some(format!("relay {relay} acknowledges, axis {axis} is silent"))

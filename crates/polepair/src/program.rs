@@ -170,7 +170,7 @@ impl Program {
         self.pieces.iter().map(|piece| piece.words.len()).sum()
     }
 
-    /// What a label of its text stands for; case does not matter.
+    /// The address of a label, case-insensitive.
     #[must_use]
     pub fn label(&self, name: &str) -> Option<u16> {
         let found = self.labels.iter().find(|(known, _)| known.eq_ignore_ascii_case(name));
@@ -189,7 +189,7 @@ struct ListingWriter {
     text: String,
     /// How long the lines are that have ended.
     line_start: usize,
-    /// What stands behind the line that has not.
+    /// The comment of a line.
     comment: String,
 }
 

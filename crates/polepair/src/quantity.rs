@@ -110,8 +110,7 @@ impl Measure {
         }
     }
 
-    /// The SI value for something that is shown in `unit`, of which the unit must be said, but for
-    /// zero.
+    /// The SI value for a quantity that is shown in `unit`. A unit is required, except for zero.
     ///
     /// # Errors
     /// [`Error::Usage`] `E217` without a unit; as [`in_unit`](Self::in_unit).

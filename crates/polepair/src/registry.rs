@@ -31,7 +31,7 @@ pub(crate) struct ProtocolInfo {
     pub(crate) switch_address: Option<u32>,
     /// It speaks differently on RS-232 and on RS-485.
     pub(crate) has_standards: bool,
-    /// Groups of drives that can be told something at once, by number from 1.
+    /// Number of drive groups, numbered from 1.
     pub(crate) groups: u8,
     /// The numbers of the axes that a drive can have at one address.
     pub(crate) sub_axes: RangeInclusive<u8>,
@@ -58,21 +58,21 @@ pub(crate) fn sub_axes(protocol: &str) -> RangeInclusive<u8> {
 }
 
 impl ProtocolInfo {
-    /// Addresses of one byte: a drive has another only where somebody has set that, and a host takes none
-    /// beyond them by itself, because captures are not searched for it there.
+    /// Addresses of one byte. A drive has a larger one only by its settings, and a host never selects one,
+    /// because captures are not searched for it.
     pub(crate) fn byte_addresses(&self) -> RangeInclusive<u32> {
         *self.all_addresses.start()..=*self.all_addresses.end().min(&0xFF)
     }
 
-    /// The host's address where one of these drives has the one that hosts have from the factory:
-    /// the last that nobody has. `None` where the usual one will do.
+    /// Another host address, if one of these drives has the default host address: the last free one. `None`
+    /// if the default can be used.
     pub(crate) fn alternative_host(&self, drives: &[u32]) -> Option<u32> {
         let usual = self.host?;
         let free = || self.byte_addresses().rev().find(|address| !drives.contains(address));
         drives.contains(&usual).then(free)?
     }
 
-    /// The host's address on a bus that `others` share: the usual one, or the last that nobody has.
+    /// The host's address on a bus with `others`: the default, or the last free one.
     pub(crate) fn host_among(&self, drives: &[u32], others: &[BusAddress]) -> Option<u32> {
         let usual = self.host?;
         let entry = |address| BusAddress { protocol: self.clone(), address };
@@ -290,7 +290,7 @@ impl SenderDetector {
         made
     }
 
-    /// The address of the drive that sent a frame, where the frame tells it.
+    /// The address of the drive that sent a frame, if the frame contains it.
     pub(crate) fn sender(&self, frame: &Frame) -> Option<u32> {
         (self.sender)(&self.options, frame)
     }

@@ -38,7 +38,7 @@ const ANSWERS_MS: u32 = 250;
 /// Frames that a scan listens to at most.
 const FRAMES_MAX: usize = 20_000;
 
-/// How often a scan that listens looks whether somebody cannot wait.
+/// Interval at which a listening scan checks for cancellation.
 const POLL_MS: u32 = 10;
 
 /// What a scan tried and found.
@@ -53,7 +53,7 @@ pub struct ScanReport {
     pub axes: Vec<AxisAnswer>,
     /// Addresses that were not asked any more because the scan was broken off.
     pub not_queried: usize,
-    /// What came where nobody answered.
+    /// Frames received from silent addresses.
     pub received: NoReplyDetails,
     /// A CANopen device without node-ID answered: [`LssMaster`](crate::lss::LssMaster) gives it one.
     /// Asked for where all addresses are.
@@ -71,13 +71,13 @@ pub struct DetectedDrive {
     pub protocol: &'static str,
     /// What it is, or the protocol's generic profile.
     pub profile: &'static Profile,
-    /// How that is known, and the firmware where it tells it.
+    /// Source of the identification, with the firmware if known.
     pub identified: Identification,
     /// Set when more came back than was asked for: two drives may have this address.
     pub clash: Option<String>,
     /// It answers whatever address is asked, as modules on USB do.
     pub ignores_address: bool,
-    /// What it tells of itself: see [`Axis::device_details`](crate::Axis::device_details).
+    /// Device information: see [`Axis::device_details`](crate::Axis::device_details).
     pub details: Vec<DeviceDetail>,
 }
 
@@ -95,9 +95,9 @@ impl DetectedDrive {
 }
 
 impl ProtocolLine {
-    /// The other axes of a drive that was found: as many as its profile says; else each that tells its
-    /// state, up to the first that does not. A drive that tells one of an axis that no drive has does
-    /// not look at which axis is asked: it has one.
+    /// The further axes of a found drive: as many as its profile has, else each that reports its state, up
+    /// to the first that does not. A drive that also reports the state of an impossible axis ignores the
+    /// axis number and has one axis.
     pub(crate) fn further_axes(&self, one: &DetectedDrive) -> Result<Vec<DetectedDrive>, Error> {
         let (first, last) = (*self.protocol.sub_axes.start(), *self.protocol.sub_axes.end());
         if first == last || sub_axis(one.number) != 0 {
@@ -140,19 +140,18 @@ pub struct ScanProgress {
     pub of: usize,
 }
 
-/// Asks every address of the link's protocol, or those of `numbers` if that is not empty, who is
-/// there. Only reads are sent. `progress` hears of every address before it is asked, and may
-/// break the scan off: what was found is kept.
+/// Tries every address of the link's protocol, or those of `numbers` if that is not empty. Only reads are
+/// sent. `progress` is called before each address, and may cancel the scan; found drives are kept.
 ///
-/// On a CAN bus it first listens who speaks by himself, and where the protocol has a question that
-/// every drive answers, that one question stands for asking each address. Of a bus several
-/// protocols may be asked, `canopen,thruster+udp://…`, one after the other: an address is not asked
-/// where a drive that was found before would take the question for a command.
+/// On a CAN bus it first listens for active senders. If the protocol has a request that every drive
+/// answers, it is sent once instead of one for each address. Several protocols of a bus can be scanned one
+/// after the other: `canopen,thruster+udp://…`. An address is skipped if a found drive would take the
+/// request as a command.
 ///
 /// # Errors
-/// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened. That
-/// nobody answers is no error; that the link goes away meanwhile stands in [`ScanReport::link_error`], beside what
-/// was found before.
+/// [`Error::Usage`] for an invalid connection string, [`Error::Link`] if it cannot be opened. Silence is
+/// not an error. A link that is lost during the scan is in [`ScanReport::link_error`], with the drives
+/// found before.
 pub fn scan(
     connector: &Connector,
     url: &str,
@@ -252,8 +251,7 @@ fn mark_clashes(
     }
 }
 
-/// Every address at which somebody may be. The ends come first: drives have one of them from the
-/// factory.
+/// Usual addresses of drives, the lowest and highest first, because they are factory settings.
 pub(crate) fn default_addresses(line: &ProtocolLine) -> Result<Vec<u32>, Error> {
     let every = line.protocol.addresses.clone().take(ADDRESSES_MAX).collect();
     let mut wanted = addresses_to_query(line, every, true, &mut Vec::new(), &|| false)?;
@@ -263,8 +261,7 @@ pub(crate) fn default_addresses(line: &ProtocolLine) -> Result<Vec<u32>, Error> 
     Ok(wanted)
 }
 
-/// Those of the addresses that are worth asking, with others that were heard if `every` may be,
-/// and in words what was tried.
+/// The addresses to try, with active senders if `every` address may be tried, and a text about them.
 fn addresses_to_query(
     line: &ProtocolLine,
     mut wanted: Vec<u32>,
@@ -302,7 +299,7 @@ fn addresses_to_query(
     Ok(wanted)
 }
 
-/// Whoever speaks, until for so long nobody new did.
+/// Active senders, until no new one appears for a time.
 fn listen_for_senders(
     link: &CountedLink<Can>,
     listener: &SenderDetector,
@@ -340,7 +337,7 @@ impl ScanAddresses {
 }
 
 impl ScanAddresses {
-    /// Those of them that can be asked on a line, or the ones that somebody named.
+    /// The addresses that are possible on a line, or the given ones.
     fn on_line(&self, line: &ProtocolLine, named: &[u32]) -> Vec<u32> {
         match &self.0 {
             // A driver takes a byte of it: 261 would ask the drive at 5.

@@ -29,8 +29,7 @@ pub use process_data::SettingWrite;
 use std::fmt::{self, Write};
 use std::path::Path;
 
-/// Whether a parameter is a setting: something that is told to the drive once and kept, and that sets
-/// nothing in motion.
+/// Whether a parameter is a setting: written once and kept, without starting motion.
 #[must_use]
 pub fn is_setting(parameter: &Parameter) -> bool {
     parameter.access == Access::ReadWrite
@@ -90,7 +89,7 @@ pub struct SettingChange {
     pub wanted: Value,
     /// It decides how the drive is reached: see [`Profile::link_settings`].
     pub reach: bool,
-    /// No table describes it, so nobody knows what a write does: it needs an armed axis.
+    /// No table describes it, so the effect of a write is unknown: it needs an armed axis.
     pub undescribed: bool,
 }
 
@@ -311,7 +310,7 @@ impl AxisSettings {
         Ok(made)
     }
 
-    /// The settings that a drive has from the factory, as far as its manual tells them.
+    /// The factory settings of a drive, as far as its manual states them.
     #[must_use]
     pub fn factory(profile: &'static Profile) -> Self {
         let mut made = Self::empty_for(profile);

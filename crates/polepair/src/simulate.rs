@@ -83,7 +83,7 @@ pub struct SimulatedMotor {
     pub motor: u8,
 }
 
-/// What a rack says of another axis of a drive.
+/// The rack's entry of a further axis of a drive.
 #[derive(Clone, Debug)]
 pub(crate) struct RackAxis {
     /// As connection strings count: 2 is `#5.2`.
@@ -96,7 +96,7 @@ pub(crate) struct RackAxis {
     pub(crate) steps: Option<u32>,
 }
 
-/// One link of a [`RackDescription`], beside what its rack says.
+/// One link of a [`RackDescription`], with settings of the rack file.
 #[derive(Clone, Debug)]
 pub struct WireDescription {
     /// The protocol's word in connection strings.
@@ -107,23 +107,23 @@ pub struct WireDescription {
     pub can_faults: CanFaults,
     /// Bits per second; 0 on a wire without timing.
     pub baud: u32,
-    /// Its drives hear each other even on a wire without timing, because the rack says so.
+    /// Its drives receive each other's bytes even on a wire without timing.
     pub shared: bool,
-    /// Bytes are handed on as its timing says also where the wire is a real one that is served.
+    /// Its timing also applies if the wire is served on a real one.
     pub timed: bool,
     /// What each drive is called; empty for no name.
     pub names: Vec<String>,
-    /// What its drives are said to make of the bus' time.
+    /// Planned bus load of its drives.
     pub load: BusLoadRange,
     /// How each drive is built into its machine.
     pub(crate) mountings: Vec<Option<Arc<Mounting>>>,
-    /// Full steps of a turn of each drive's stepper motors, where that is said.
+    /// Full steps of a turn of each drive's stepper motors, if given.
     pub(crate) steps: Vec<Option<u32>>,
-    /// What the rack says of further axes of each drive.
+    /// Further axes of each drive.
     pub(crate) axes: Vec<Vec<RackAxis>>,
     /// Where the real link is.
     pub(crate) connect: Option<Located<String>>,
-    /// Where the link stands in its file; none of a rack of words.
+    /// Location of the link in its file; `None` without a file.
     pub(crate) location: Option<FileLocation>,
 }
 
@@ -296,10 +296,10 @@ impl RackDescription {
         self.assign_host(self.wires.len() - 1);
     }
 
-    /// The address that drives of a link answer to in one protocol, where one of them, or of another
-    /// protocol on the bus, has the one that hosts have from the factory.
+    /// The host address of a link's drives in one protocol, if a drive or another protocol on the bus has
+    /// the default one.
     ///
-    /// A drive's own option `host` goes first: it tells how a real one is set.
+    /// A drive's option `host` has priority, because it is the setting of the real drive.
     pub(crate) fn host_address(&self, link: usize, protocol: &ProtocolInfo) -> Option<u32> {
         let drives =
             self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, protocol));
@@ -432,8 +432,8 @@ impl RackDescription {
         }
     }
 
-    /// The same with such ports before every serial line: a word of racks, or `off` for one without
-    /// timing that the host is told of.
+    /// The same with these adapters before every serial line: a `timing` of racks, or `off` for a line
+    /// without timing.
     pub(crate) fn set_timing(&mut self, word: &str) -> Result<(), Error> {
         let timing = if word == "off" { Ok(Timing::Cdc) } else { rack_file::parse_timing(word) };
         let timing = timing.map_err(|why| Error::usage("E210", format!("timing: {why}"), ""))?;
@@ -470,7 +470,7 @@ impl RackDescription {
         }
     }
 
-    /// Makes the host's adapter hear itself.
+    /// Makes the host's adapter echo.
     pub(crate) fn set_echo(&mut self, echo: bool) {
         for link in &mut self.rack.links {
             if let RackWire::Serial(serial) = &mut link.wire {

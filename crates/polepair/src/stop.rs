@@ -39,13 +39,13 @@ use std::time::Duration;
 const QUERY_TIMEOUT: Duration = Duration::from_millis(30);
 /// Bits of the longest question and answer that tell who is there, on a serial line.
 const QUERY_BITS: u64 = 400;
-/// How long addresses are asked in all; what is left then is told as not asked.
+/// Time limit for trying addresses; the rest is reported as not tried.
 const SEARCH_MAX: Duration = Duration::from_secs(6);
-/// How long one that was named is asked what it is, before it is told by the protocol's own word.
+/// Time limit for identifying a named drive before the protocol's common stop is sent.
 const NAMED_QUERY_MAX: Duration = Duration::from_millis(250);
 /// How long a drive that was found may keep the others waiting.
 const STOP_WAIT_MAX: Duration = Duration::from_millis(150);
-/// How long one that was named and did not answer may keep the others waiting, once all were told.
+/// Time that a named silent drive may delay the others, after all stops were sent.
 const SILENT_STOP_WAIT_MAX: Duration = Duration::from_secs(1);
 /// How long motors may take to come to rest.
 const STANDSTILL_WAIT_MAX: Duration = Duration::from_secs(5);
@@ -55,13 +55,13 @@ const BROADCAST_PAUSE_MS: u32 = 30;
 const MOTORS_MAX: u8 = 16;
 /// After so many in a row that are not answered the drive is gone.
 const SILENT_MOTORS_MAX: u8 = 4;
-/// Units that are heard in such a silence at most.
+/// Maximum number of units received in such a silence.
 const UNITS_MAX: usize = 1_000;
 
-/// What came of it.
+/// The result of a stop.
 #[derive(Debug, Default)]
 pub struct LinkStopReport {
-    /// The protocol's own stop went to everybody, before anybody was asked. Nobody confirms it.
+    /// A broadcast stop was sent first. It has no confirmation.
     pub broadcast: bool,
     /// Each axis that was named or found, in the order of the addresses, and how its stop ended.
     pub axes: Vec<(String, Result<Standstill, Error>)>,
@@ -73,7 +73,7 @@ pub struct LinkStopReport {
     pub queried: usize,
     /// How long each had to answer; `None` where the host's own patience was the measure.
     pub reply_timeout: Option<Duration>,
-    /// What came where nobody answered, of addresses that nobody named.
+    /// Frames received from silent addresses that were not named.
     pub received: NoReplyDetails,
     /// Addresses that there was no time left for: first, last.
     pub not_queried: Option<(u32, u32)>,
@@ -102,8 +102,7 @@ impl DrivePrograms {
     }
 }
 
-/// Motors behind one address. An axis is the first of them; these confirmed that they were told to
-/// stop, and nobody saw them stand.
+/// Further motors of one address. They acknowledged the stop; their standstill was not checked.
 #[derive(Debug)]
 pub struct DriveMotors {
     /// The axis' label.
@@ -123,7 +122,7 @@ pub struct DriveMotors {
 pub enum StopEvent<'a> {
     /// An address is asked.
     Querying(ScanProgress),
-    /// A drive that answered, or was named, was told to stop.
+    /// A stop was sent to a drive that replied, or was named.
     StopSent(&'a Axis),
 }
 
@@ -215,8 +214,8 @@ fn stop_on_lines(
     Ok(())
 }
 
-/// Sends what of the stop needs no answer to everybody. `false` where the protocol has no address
-/// for that, or nobody knows what stops drives of this kind.
+/// Sends the requests of the stop that need no reply as broadcast. `false` if the protocol has no
+/// broadcast, or the stop of these drives is unknown.
 fn broadcast_stop(
     connector: &Connector,
     url: &Url,
@@ -269,7 +268,7 @@ fn wait_silence<M: Medium>(link: &CountedLink<M>, buffer: &mut M::Out) -> Result
     Ok(())
 }
 
-/// Asks each address, and tells whoever answers to stop.
+/// Tries each address, and stops each drive that replies.
 fn find_and_stop(
     connector: &Connector,
     url: &Url,
@@ -383,7 +382,7 @@ fn find_and_stop(
     Ok(found)
 }
 
-/// Tells a drive to stop, and waits for no more than the others can.
+/// Stops a drive, and waits no longer than the others allow.
 fn stop_found(
     line: &ProtocolLine,
     (one, command): &(DetectedDrive, Command),
@@ -400,7 +399,7 @@ fn stop_found(
     Ok(())
 }
 
-/// Tells one that did not answer, and how that ended.
+/// Stops a silent drive, and reports the result.
 fn stop_unanswered(
     line: &ProtocolLine,
     (one, command): &(DetectedDrive, Command),
@@ -426,9 +425,8 @@ fn start_stops(axes: &[Axis], command: Command) -> Vec<Result<RunningRequest, Er
     axes.iter().map(|axis| axis.start(command)).collect()
 }
 
-/// Stops every motor that drives have besides those that are axes, whose stop has been sent: until a drive
-/// has none of that number. One that is not answered keeps none of the further ones from being
-/// told, and is told once more at the end.
+/// Stops every motor of the drives besides the axes, whose stop was already sent, up to the first missing
+/// number. A missing reply does not prevent the stops of further motors, and is repeated once at the end.
 fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
     let of = |axis: &Axis| {
         let mut received = Vec::new();
@@ -483,7 +481,7 @@ fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
     all.filter(|motors| !motors.confirmed.is_empty() || motors.result.is_err()).collect()
 }
 
-/// A drive says that it has no such motor.
+/// Whether the drive reports that it has no such motor.
 fn is_no_such_motor(error: &Error) -> bool {
     let Error::Failed { outcome, .. } = error else { return false };
     matches!(outcome, Outcome::NotDone(Failure::Refused { .. }))

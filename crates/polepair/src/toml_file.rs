@@ -41,8 +41,8 @@ impl std::fmt::Display for FileError {
 
 impl std::error::Error for FileError {}
 
-/// Reads a file that is no longer than `max` bytes. What is no file is not read: a pipe would keep
-/// whoever stops a motor waiting, and some devices never end.
+/// Reads a file of at most `max` bytes. Only regular files are read: a pipe would delay a stop, and some
+/// devices never end.
 pub(crate) fn read_limited(path: &Path, max: u64) -> Result<Vec<u8>, String> {
     let meta = std::fs::metadata(path).map_err(|error| error.to_string())?;
     if !meta.is_file() {
@@ -66,7 +66,7 @@ pub(crate) struct FileLocation {
 }
 
 impl FileLocation {
-    /// The place of what no file says: a drive that is compiled in.
+    /// The location of a compiled-in drive.
     pub(crate) fn built_in(name: &str) -> Self {
         Self { file: name.into(), line: 0, column: 0 }
     }
@@ -139,7 +139,7 @@ impl<'a> SourceText<'a> {
     }
 }
 
-/// A value and where it stands.
+/// A value with its location.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Located<T> {
     pub(crate) value: T,

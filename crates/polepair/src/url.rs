@@ -61,7 +61,7 @@ const RACK_KEYS: [&str; 5] = ["link", "profile", "timeout", "seed", "time"];
 /// A connection string, taken apart.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Url {
-    /// The protocol's word; empty for simulated drives, whose rack says it.
+    /// Name of the protocol; empty for simulated drives of a rack.
     pub protocol: String,
     /// What to open.
     pub target: LinkTarget,
@@ -135,8 +135,7 @@ pub enum LinkTarget {
         /// What it carries.
         medium: MediumKind,
     },
-    /// The links that a rack file describes, where it says that they are; simulated where it does
-    /// not.
+    /// The links of a rack file: real ones if it has `connect`, else simulated.
     Rack {
         /// `cell.toml`.
         file: String,
@@ -584,7 +583,7 @@ fn encode_port(path: &str, baud: Option<u32>) -> String {
     }
 }
 
-/// `%3F` for `?`: what would end the part it stands in.
+/// Percent-encodes characters that would end the part, such as `%3F` for `?`.
 fn encode(text: &str, more: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

@@ -15,7 +15,7 @@ use polepair_messages::{
 use crate::GatewayError;
 use crate::rest::{action_error, query_error, server_lost};
 
-/// Samples that wait for whoever watches; the oldest are lost first, and counted.
+/// Samples that are stored for a reader; the oldest are dropped first, and counted.
 const SAMPLES_MAX: usize = 65_536;
 /// Frames that wait likewise.
 const FRAMES_MAX: usize = 16_384;
@@ -30,19 +30,19 @@ pub(crate) struct LiveCache {
 
 #[derive(Debug)]
 struct CachedState {
-    /// The server's time, and when it said so.
+    /// The server's time, and the time of its arrival.
     server: (f64, Instant),
     /// Each axis that is ours, by the epoch of its lease; or why it is ours no more.
     leases: HashMap<u16, Result<u64, GatewayError>>,
-    /// Each axis as the server said it last, and when.
+    /// The last state of each axis, with its time.
     states: HashMap<u16, (AxisState, Instant)>,
-    /// The links and axes that there are, as the server said it last.
+    /// Links and axes by the server's last message.
     bench: (Vec<LinkView>, Vec<AxisInfo>),
     /// Axes whose link is lost, and why.
     lost_links: HashMap<u16, String>,
-    /// How far the last stop of each axis came, and when that was heard.
+    /// Progress of the last stop of each axis, with its time.
     stops: HashMap<u16, (AxisStopReport, Instant)>,
-    /// Who locked motion.
+    /// The lock of motion.
     motion_lock: Option<MotionLock>,
     /// Why the server is gone.
     connection_error: Option<GatewayError>,
@@ -73,7 +73,7 @@ impl LiveCache {
         self.lock_state().server = (server_ms, clock::now());
     }
 
-    /// How long the server has said nothing.
+    /// Time since the last message of the server.
     pub fn silence(&self) -> Duration {
         clock::now().since(self.lock_state().server.1)
     }
@@ -96,7 +96,7 @@ impl LiveCache {
         self.lock_state().states.insert(state.id, (state, clock::now()));
     }
 
-    /// An axis as the server said it last, its values as old as they are now; `None` before it did.
+    /// The last state of an axis with the present age of its values; `None` before the first.
     pub fn state(&self, axis: u16) -> Option<AxisState> {
         let (mut state, at) = self.lock_state().states.get(&axis).cloned()?;
         let since_ms = clock::now().since(at).as_secs_f64() * 1e3;
@@ -252,7 +252,7 @@ struct BufferedSamples {
     last: Option<(Sample, Instant)>,
     /// What the server lost on the way, and what was lost here.
     lost: (u64, u64),
-    /// Who waits for the next.
+    /// The waiting reader.
     waker: Option<Waker>,
 }
 
@@ -272,8 +272,8 @@ impl SampleBuffer {
         self.wake();
     }
 
-    /// True when there is something to drain; else the waker is woken once there is. The last who
-    /// waits is the one who is woken.
+    /// True if data are available; otherwise the waker is woken when there are. Only the last waiting
+    /// reader is woken.
     pub fn poll_ready(&self, waker: &Waker) -> bool {
         let mut buffered = self.lock();
         let ready = !buffered.waiting.is_empty();
@@ -283,7 +283,7 @@ impl SampleBuffer {
         ready
     }
 
-    /// Wakes whoever waits.
+    /// Wakes the waiting reader.
     pub fn wake(&self) {
         let waits = self.lock().waker.take();
         waits.into_iter().for_each(Waker::wake);

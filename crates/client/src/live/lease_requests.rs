@@ -21,7 +21,7 @@ pub(super) struct PendingLeaseRequest {
     pub act: LeaseAction,
     /// Of the lease that it is about; 0 where there is none yet.
     pub epoch: u64,
-    /// Who waits for the answer: nobody, for a renewal.
+    /// The waiting caller; `None` for a renewal.
     pub reply: Option<ResponseSender<u64>>,
 }
 
@@ -55,7 +55,7 @@ impl PendingLeaseRequests {
         }
     }
 
-    /// Whoever waits.
+    /// The waiting callers.
     pub fn into_senders(self) -> impl Iterator<Item = ResponseSender<u64>> {
         self.waiting.into_iter().filter_map(|one| one.reply)
     }

@@ -31,7 +31,7 @@ const SILENT_MAX: Duration = Duration::from_secs(5);
 
 type ClientSocket = WebSocketStream<Box<dyn ServerStream>>;
 
-/// Connects, hears who we are, and leaves the rest to a task of its own.
+/// Connects, reads the welcome, and starts the task.
 pub(super) async fn spawn_task(
     wire: &Dialer,
     requests: mpsc::Receiver<LiveRequest>,
@@ -71,7 +71,7 @@ async fn connect_socket(wire: &Dialer) -> Result<ClientSocket, GatewayError> {
     Ok(socket)
 }
 
-/// What the server says instead of a WebSocket.
+/// The server's reply instead of a WebSocket.
 fn handshake_error(error: Error) -> GatewayError {
     let Error::Http(answer) = error else { return connection_error(&error) };
     let body = answer.body().as_deref().unwrap_or_default();
@@ -98,10 +98,10 @@ struct SocketTask {
     cache: Arc<LiveCache>,
     commands: HashMap<String, ResponseSender<()>>,
     lease_requests: HashMap<u16, PendingLeaseRequests>,
-    /// Of each channel; it is watched as long as somebody has it.
+    /// Buffers of the channels; a channel is subscribed while its buffer exists.
     sample_buffers: HashMap<u16, Weak<SampleBuffer>>,
     pending_subscriptions: HashMap<u16, ResponseSender<ChannelInfo>>,
-    /// Where frames go; they are sent as long as somebody has it.
+    /// Buffer of frames; they are sent while it exists.
     frame_buffer: Option<Weak<FrameBuffer>>,
     last_received: Instant,
 }
@@ -166,12 +166,12 @@ impl SocketTask {
         self.unsubscribe_unused().await
     }
 
-    /// Has whoever watches look whether there is still something to see.
+    /// Wakes all readers, so that they check their streams.
     fn wake_streams(&self) {
         self.sample_buffers.values().filter_map(Weak::upgrade).for_each(|feed| feed.wake());
     }
 
-    /// Ends channels and frames that nobody watches any more.
+    /// Ends subscriptions without a reader.
     async fn unsubscribe_unused(&mut self) -> Result<(), GatewayError> {
         if self.frame_buffer.take_if(|passing| passing.strong_count() == 0).is_some() {
             self.send_message(&ClientMessage::Frames { on: false, filter: None }).await?;
@@ -323,7 +323,7 @@ impl SocketTask {
         }
     }
 
-    /// Says what is refused by now.
+    /// Reports refused lease requests.
     fn settle_leases(&mut self, axis: u16) {
         let settled = self.lease_requests.entry(axis).or_default().drain_settled();
         for (PendingLeaseRequest { epoch, reply, .. }, error) in settled {

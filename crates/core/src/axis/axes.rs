@@ -1,4 +1,4 @@
-//! Axes as the layers above hold them.
+//! The interface of axes for the layers above.
 
 use super::{AxisEvent, AxisStatus, Command, RehearsalStep, StopPart, UnmetWait};
 use crate::error::{Outcome, Unsupported};

@@ -1,4 +1,4 @@
-//! What drives say unasked, and what of it is news to those who listen.
+//! Messages that drives send by themselves, and the events that are made from them.
 
 use super::Reading;
 use crate::profile::{ParameterAddress, ParameterId, Signal};

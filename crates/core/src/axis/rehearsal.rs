@@ -1,4 +1,4 @@
-//! What a rehearsal shows: the steps of a verb, and the bytes that each would send.
+//! The steps of a verb with the bytes that each would send, without sending them.
 
 use crate::medium::Frame;
 use crate::profile::ParameterId;

@@ -1,4 +1,4 @@
-//! What is known of an axis, and how old it is.
+//! The known state of an axis, with the age of its values.
 
 use crate::profile::Signal;
 use crate::time::Instant;

@@ -1,4 +1,4 @@
-//! What an axis can be told to do.
+//! The verbs of an axis.
 
 use crate::plan::Argument;
 

@@ -1,4 +1,4 @@
-//! The bench of a simulated drive: external forces, loads, switches, and the ground truth.
+//! The environment of a simulated drive: external forces, loads, switches, and the real state.
 
 pub use crate::plant::{ServoBounds, Setpoint};
 use crate::time::Instant;

@@ -1,4 +1,4 @@
-//! The drive families. This is the one list of them: nothing outside names one.
+//! The drive families. This is the only list of them: code outside names no family.
 
 pub mod bench;
 pub mod cia402;

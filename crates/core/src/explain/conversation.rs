@@ -1,4 +1,4 @@
-//! What a frame is in its conversation, and the values that it carries.
+//! The role of a frame in its conversation, and its values.
 
 use super::{Direction, RawFrame};
 use crate::profile::{Parameter, Profile};

@@ -1,4 +1,4 @@
-//! What a frame may do to the drive that it is sent to.
+//! The possible effect of a frame on its drive.
 
 use crate::profile::{Parameter, Persistence};
 use crate::station::RequestClass;

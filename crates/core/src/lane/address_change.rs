@@ -1,4 +1,4 @@
-//! Writes that change an address: what is refused before a byte is sent.
+//! Writes that change an address: the checks before a byte is sent.
 
 use super::Lane;
 use crate::error::Unsupported;

@@ -1,4 +1,4 @@
-//! A lane as axes: what callers ask of it, by axis and ticket.
+//! The axes interface of a lane: requests by axis and ticket.
 
 use super::*;
 use crate::axis::UnmetWait;

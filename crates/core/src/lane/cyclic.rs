@@ -1,8 +1,7 @@
-//! Set-points for several axes on one beat: what goes out next, and what the drives tell of it.
+//! Cyclic set-points for several axes: the next frames to send, and the replies of the drives.
 //!
-//! A beat is a frame for each axis and the signal that makes all of them take it over. Nothing is
-//! allocated once it has begun. Whatever goes wrong ends it the same way: every axis is told to come
-//! to rest, on one last beat, and is disarmed.
+//! A cycle is one frame for each axis, and the signal that makes all axes accept it. Nothing is allocated
+//! after the start. Every error ends it the same way: all axes are stopped in one last cycle, and disarmed.
 //!
 //! Why: CANOPEN-10, CANOPEN-11.
 

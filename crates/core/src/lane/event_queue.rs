@@ -1,4 +1,4 @@
-//! What happens to axes unasked, kept for those who listen.
+//! Queue of events of the axes.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;

@@ -1,4 +1,4 @@
-//! The one executor of plans: what a job asks next, and what an answer makes of it.
+//! The executor of plans: the next request of a job, and the processing of its reply.
 
 use core::time::Duration;
 

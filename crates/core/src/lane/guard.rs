@@ -1,5 +1,5 @@
-//! What a step that waits looks at beside what it waits for: power, mode and fault. A motor that has lost its
-//! power reaches nothing, and whoever waits is told so at once (MOVE-9).
+//! Conditions that a waiting step checks besides its own: power, mode and fault. A motor without power
+//! never arrives, so the wait ends at once (MOVE-9).
 
 use super::slot::AxisSlot;
 use crate::axis::Verb;

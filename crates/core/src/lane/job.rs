@@ -1,4 +1,4 @@
-//! One thing a lane was asked to do, and how far it is.
+//! One job of a lane, and its progress.
 
 use super::guard::{GuardRead, WaitGuard};
 use super::slot::AxisSlot;

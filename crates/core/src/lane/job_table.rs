@@ -1,4 +1,4 @@
-//! The table of jobs: who has something to send, who waits, who is through.
+//! The table of jobs: pending, waiting, complete.
 
 use alloc::boxed::Box;
 

@@ -1,4 +1,4 @@
-//! A path that is streamed point by point: what its job asks next, and what an answer makes of it.
+//! A path that is streamed point by point: the next request of its job, and the processing of its reply.
 //!
 //! Why: MOVE-4.
 

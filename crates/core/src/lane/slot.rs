@@ -1,4 +1,4 @@
-//! One axis of a lane: its driver, what is known of it, and the scales between raw and SI.
+//! One axis of a lane: its driver, its known state, and the scales between raw values and SI.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;

@@ -1,9 +1,9 @@
-//! A program on its way into a drive's memory or out of it: what its job asks next, and what an
-//! answer makes of it.
+//! Transfer of a program to or from a drive's memory: the next request of its job, and the processing of
+//! its reply.
 //!
-//! The drive's pointer proves a chunk: it moves with every word that was written, so a lost message is
-//! told from a lost acknowledgement, and nothing is sent again that the drive has. Then the drive's
-//! sum proves the piece.
+//! The drive's pointer verifies a block: it moves with every written word. So a lost message is
+//! distinguished from a lost acknowledgement, and no word is sent twice. At the end the drive's checksum
+//! verifies the piece.
 //!
 //! Why: TML-7.
 

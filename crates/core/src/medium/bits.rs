@@ -1,5 +1,4 @@
-//! What a frame is on the wire, bit by bit (ISO 11898-1): who wins arbitration, where two frames
-//! differ, and how long each takes.
+//! A frame on the wire bit by bit (ISO 11898-1): arbitration, the first difference of two frames, duration.
 
 use super::Frame;
 

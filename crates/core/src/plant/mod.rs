@@ -1,8 +1,7 @@
 //! The physics: motor, load, trajectory, servo loops, thermal model, encoder.
 //!
-//! Everything is in SI and stepped by ticks of [`TICK_NS`]; nothing here knows a drive or a
-//! protocol. A simulated drive owns a [`Servo`] and a [`Motor`] and, whenever it is asked
-//! something, runs the ticks up to `now`:
+//! Everything is in SI and computed in ticks of [`TICK_NS`]. This module knows no drive or protocol. A
+//! simulated drive has a [`Servo`] and a [`Motor`], and computes the ticks up to `now` at each request:
 //!
 //! ```
 //! use polepair_core::plant::{Conditions, Goal, Motor, MotorParameters, Servo};

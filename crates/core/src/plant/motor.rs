@@ -1,4 +1,4 @@
-//! A motor with its load: current, speed, position and where the energy went.
+//! A motor with its load: current, speed, position and energy.
 
 use super::{TICK_S, clamp_abs, with_sign};
 

@@ -1,4 +1,4 @@
-//! Cascaded control: position P, speed PI, current limit; and what tells a stall.
+//! Cascaded control: position P, speed PI, current limit, stall detection.
 
 use super::{
     Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding, clamp_abs,

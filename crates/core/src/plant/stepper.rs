@@ -1,5 +1,5 @@
-//! A two-phase stepper motor: its field stands where the driver turns it, and the rotor follows as far as
-//! its torque goes. Too much load, and it falls behind by whole periods of the field: lost steps.
+//! A two-phase stepper motor: the driver turns its field, and the rotor follows within its torque. With too
+//! much load it falls behind by whole periods of the field: lost steps.
 
 use super::TICK_S;
 

@@ -1,4 +1,4 @@
-//! A body that is heated by a loss and cooled by the air around it.
+//! A body that is heated by losses and cooled by air.
 
 /// One thermal mass: a winding, a power stage.
 #[derive(Clone, Copy, PartialEq, Debug)]

@@ -1,4 +1,4 @@
-//! Set-points: trapezoids of speed, rounded to S-curves, changed at any moment.
+//! Set-points: trapezoidal speed profiles, with S-curves, changeable at any time.
 
 use super::TICK_S;
 

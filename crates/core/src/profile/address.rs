@@ -1,4 +1,4 @@
-//! Parameters by their number, in the notation of their protocol.
+//! Parameters by number, in the notation of their protocol.
 
 use super::{Access, Certainty, Encoding, ObjectKey, Parameter, Persistence, Scale};
 use crate::units::Unit;

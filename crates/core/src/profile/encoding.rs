@@ -1,4 +1,4 @@
-//! How the value of a parameter lies on the wire.
+//! Encodings of parameter values on the wire.
 
 /// How a raw value lies on the wire.
 ///

@@ -1,4 +1,4 @@
-//! Addresses of drives as numbers: one drive, one of its axes, or groups.
+//! Addresses as numbers: a drive, one of its axes, or groups.
 
 use core::fmt;
 

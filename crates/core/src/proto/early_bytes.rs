@@ -1,9 +1,8 @@
-//! Bytes that came too soon: a reply begins when its request has left, and no byte travels faster
-//! than the baud rate allows.
+//! Detects bytes that arrive too early: a reply begins after its request was sent, and no byte is faster
+//! than the baud rate.
 //!
-//! Whoever hands bytes over (an adapter, a driver) only makes them later, so that the rule never
-//! refuses a true reply; it does refuse the second copy of the reply before, as long as that copy
-//! is not kept back until the request has left.
+//! Adapters and drivers can only delay bytes, so this never refuses a true reply. It refuses the second
+//! copy of the previous reply, unless the copy is delayed until the request was sent.
 //!
 //! Why: REQ-6.
 

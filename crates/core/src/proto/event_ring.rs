@@ -1,4 +1,4 @@
-//! What a host has to tell, in the order in which it happened.
+//! Events of a host, in their order.
 
 use crate::error::Failure;
 use crate::station::{EventSubject, HostEvent};

@@ -1,4 +1,4 @@
-//! The protocols. This is the one list of them: nothing outside names one.
+//! The protocols. This is the only list of them: code outside names no protocol.
 
 mod axis_number;
 pub mod canopen;

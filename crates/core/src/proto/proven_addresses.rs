@@ -1,5 +1,5 @@
-//! Whom nothing older can reach: a host whose earlier program may still be owed answers believes nobody
-//! before probes were answered, and those are drawn at random.
+//! Addresses without pending replies of an earlier program. An address is proven by replies to random
+//! probes; before that, the host accepts no other reply from it.
 //!
 //! Why: REQ-7.
 

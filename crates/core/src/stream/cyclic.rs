@@ -1,5 +1,4 @@
-//! Set-points cycle by cycle, for many axes on one beat: what is ordered, the limits that each
-//! set-point is held to, and the account of how well time was kept.
+//! Cyclic set-points for many axes: orders, the limits of each set-point, and statistics of the timing.
 
 use core::time::Duration;
 

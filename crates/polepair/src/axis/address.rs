@@ -197,7 +197,7 @@ fn unscaled(known: &Parameter, address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// A type as it stands behind an address.
+/// The suffix of an address for a type.
 fn type_suffix(encoding: Encoding) -> String {
     let (base, order) = match encoding {
         Encoding::U32LowFirst => (Encoding::U32, ":le"),

@@ -48,8 +48,7 @@ impl Axis {
         }
     }
 
-    /// Refuses a value for an argument whose unit the profile does not tell: nobody knows then how far
-    /// or how fast that is.
+    /// Refuses a value for an argument without a unit in the profile: its size is unknown.
     ///
     /// # Errors
     /// [`Error::Usage`] `E217`.

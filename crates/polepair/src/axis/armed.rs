@@ -5,9 +5,8 @@ use crate::error::Error;
 use polepair_core::axis::Verb;
 use std::ops::Deref;
 
-/// An armed and enabled axis. Dropping it stops and disables the axis and disarms it; errors are
-/// then lost, so that who needs to know calls [`release`](Self::release). A stop that gets no answer,
-/// or whose wire is gone, is said again for [`STOP_RETRY_MAX`] before the guard gives up.
+/// An armed and enabled axis. Dropping it stops, disables and disarms the axis. Errors are lost then; call
+/// [`release`](Self::release) to get them. A stop without a reply is repeated for [`STOP_RETRY_MAX`].
 #[derive(Debug)]
 #[must_use = "the axis is disabled when this is dropped"]
 pub struct Armed {

@@ -64,12 +64,12 @@ impl CyclicAxes {
         Self::inspect_axes(axes, setpoint, period)?.power_up()
     }
 
-    /// The same for a whole path, as [`check`](Self::check) takes it: it is held to the limits, and
-    /// compared with where the axes stand, before any of them has power.
+    /// The same for a whole path, as in [`check`](Self::check): the limits and the actual positions are
+    /// checked before any axis is powered.
     ///
     /// # Errors
-    /// As [`begin`](Self::begin) and [`check`](Self::check); `E222` where the path begins away from
-    /// where an axis stands. Nothing was changed in a drive then.
+    /// As [`begin`](Self::begin) and [`check`](Self::check); `E222` if the path does not begin at the
+    /// actual position of an axis. No drive was changed then.
     pub fn begin_with_path(
         axes: &[Axis],
         setpoint: SetpointKind,
@@ -109,7 +109,7 @@ impl CyclicAxes {
         Ok(self)
     }
 
-    /// Compares the first position of each axis with where it stands now.
+    /// Compares the first position of each axis with its actual position.
     fn check_start_positions(&self, setpoints: &[f64]) -> Result<(), Error> {
         if self.setpoint != SetpointKind::Position {
             return Ok(());
@@ -187,12 +187,12 @@ impl CyclicAxes {
         }
     }
 
-    /// Gives the drives one set-point after the other, those of a cycle side by side in the order of
-    /// the axes, and waits for the end. `progress` is told now and then how it goes.
+    /// Sends the set-points to the drives, those of a cycle in the order of the axes, and waits for the
+    /// end. `progress` is called from time to time.
     ///
     /// # Errors
-    /// [`Error`] by blame; whatever it is, all axes were told to come to rest, on one signal, and are
-    /// disarmed. [`Error::Interrupted`] likewise.
+    /// [`Error`] by source. After any error, and after [`Error::Interrupted`], all axes were stopped on one
+    /// signal and disarmed.
     pub fn stream(
         &self,
         setpoints: impl IntoIterator<Item = f64>,
@@ -295,10 +295,10 @@ const fn follow_verb(setpoint: SetpointKind) -> Verb {
 }
 
 impl Axis {
-    /// Refuses a path that begins more than `most` away from where the axis stands now, both in SI.
+    /// Refuses a path that begins more than `max` away from the actual position, both in SI.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] `E222`; what reading the position brings.
+    /// [`Error::Unsupported`] `E222`; errors of reading the position.
     pub(super) fn check_start_position(&self, begins: f64, max: f64) -> Result<(), Error> {
         let actual = self.signals(&[Signal::Position])?[0].value;
         // Where the scale is not known, the lane compares raw values.
@@ -369,7 +369,7 @@ fn check_period(axis: &Axis, verb: Verb, period: Duration) -> Result<(), Error> 
     Ok(())
 }
 
-/// What the drive says of its own limits, as far as it does; zero is none.
+/// Limits that the drive reports; zero is none.
 fn read_bounds(axis: &Axis) -> Result<SetpointBounds, Error> {
     let read = |name: &str| read_limit(axis, name);
     let some = |value: Option<f64>| value.filter(|value| *value > 0.0);

@@ -22,12 +22,12 @@ const BUFFER_MAX: usize = 1024;
 const BLOCK_MIN: usize = 256;
 
 impl Axis {
-    /// Reads a parameter of any length: text without its final zeros, or all of its bytes. `progress`
-    /// hears how many bytes arrived. With `block` it is asked for in blocks, where the protocol has
-    /// them and the drive does too, else in segments.
+    /// Reads a parameter of any length: text without its final zeros, or all bytes. `progress` gets the
+    /// number of received bytes. With `block`, a block transfer is used if protocol and drive support it,
+    /// else segments.
     ///
     /// # Errors
-    /// [`Error`] by blame; what the drive refuses is told with its code.
+    /// [`Error`] by source, with the code of a refusal.
     pub fn read_data(
         &self,
         id: ParameterId,

@@ -7,12 +7,12 @@ use crate::url::AxisNumber;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::explain::{DeviceFact, FactQuery};
 
-/// Something that a drive tells of itself.
+/// An item of a drive's device information.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct DeviceDetail {
     /// What it is: `device name`, `firmware`.
     pub name: &'static str,
-    /// What the drive says.
+    /// Its value.
     pub text: String,
 }
 
@@ -20,11 +20,10 @@ pub struct DeviceDetail {
 const FACT_MAX: usize = 240;
 
 impl Axis {
-    /// What the drive tells of itself, by the protocol's own means: name and versions of a CANopen
-    /// device (1008h to 100Ah, 1018h); number, firmware and motors of a TMCL module; firmware of a TML
-    /// drive; device identification (function 43/14) of a Modbus device that no shipped profile
-    /// describes. What it refuses to tell is left out; who is silent is asked no more. Only reads are
-    /// sent.
+    /// Reads the device information by the protocol's functions: name and versions of a CANopen device
+    /// (1008h to 100Ah, 1018h); number, firmware and motors of a TMCL module; firmware of a TML drive;
+    /// device identification (function 43/14) of a Modbus device without a built-in profile. Refused items
+    /// are skipped, and a silent drive is not read further. Only reads are sent.
     ///
     /// # Errors
     /// [`Error::Link`] and [`Error::Interrupted`].

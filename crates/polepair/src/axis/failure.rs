@@ -12,12 +12,12 @@ use polepair_core::plan::{Compare, Operand, Step};
 use polepair_core::profile::{Encoding, Fault, ParameterId, Signal, Watchdog};
 use polepair_link::Cause;
 
-/// What a request is, so that its end can be told.
+/// The kind of a request, for the text of its error.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum RequestKind {
     /// It changes nothing: there is nothing to execute.
     Query,
-    /// It asks whether a motor stands that was told to stop.
+    /// A check of standstill after a stop.
     StandstillQuery,
     /// A plan of the profile.
     Verb(Verb),
@@ -84,7 +84,7 @@ impl Axis {
         }
     }
 
-    /// What came instead of an answer.
+    /// Details of a missing reply.
     fn no_reply_details(&self, failure: Failure) -> NoReplyDetails {
         match failure {
             Failure::Silent => NoReplyDetails::from_counters(
@@ -108,15 +108,14 @@ impl Axis {
         }
     }
 
-    /// Whether it was told to move, or was last seen moving, and since then neither arrived, nor
-    /// acknowledged a stop, nor was switched off, as far as this link knows.
+    /// Whether the motor may turn: it was started, or was moving at the last reading, and since then
+    /// neither arrived, nor acknowledged a stop, nor was switched off, as far as this link knows.
     #[must_use]
     pub fn may_turn(&self) -> bool {
         self.state().motion_active || self.is_turning() == Some(true)
     }
 
-    /// Whether it was executed, and how far; empty where there was nothing to execute, and where the
-    /// drive's own answer says it.
+    /// Text about the execution. Empty if there was nothing to execute, and if the drive's reply states it.
     fn execution_text(&self, kind: RequestKind, outcome: Outcome, failure: Failure) -> String {
         let of_the_wire =
             matches!(failure, Failure::Silent | Failure::Misbehaved | Failure::LinkDown);
@@ -241,7 +240,7 @@ impl Axis {
         }
     }
 
-    /// What was waited for in vain, and what came instead.
+    /// The expected state of a wait, and the state that was read instead.
     fn unmet_wait_reason(&self) -> (String, String) {
         const HINT: &str = "check whether something blocks it";
         let unmet = self.connection.with_axes(|axes, _| axes.unmet_wait(self.index));
@@ -397,7 +396,7 @@ impl Axis {
     }
 }
 
-/// That nobody answered, and what came instead.
+/// Text of a missing reply, with the received frames.
 fn no_answer_text(details: &NoReplyDetails) -> String {
     match details.is_nothing() {
         true => "no answer".to_owned(),

@@ -14,7 +14,7 @@ use polepair_core::proto;
 const RESUMED_MAX: usize = 8;
 /// So many places without an instruction in a row end a program.
 const EMPTY_RUN: usize = 8;
-/// A brushless motor that stands is read with noise up to here, rpm.
+/// Noise of the measured speed of a brushless motor at standstill, in rpm.
 const NOISE_RPM: i64 = 5;
 
 /// What a module's program is doing.
@@ -215,11 +215,11 @@ impl Axis {
         self.run_order("starting the program", command).map(drop)
     }
 
-    /// Executes one instruction of the module's program, and tells where it is then. The axis must be
-    /// armed: the instruction may move a motor.
+    /// Executes one instruction of the module's program, and returns its new position. The axis must be
+    /// armed, because the instruction may move a motor.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn step_instruction(&self) -> Result<ProgramStatus, Error> {
         self.run_order("a step of the program", ProgramCommand::Step)?;
         self.program_status()

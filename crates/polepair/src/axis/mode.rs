@@ -24,11 +24,11 @@ impl Axis {
         })
     }
 
-    /// Writes the mode of operation that a verb needs, for an axis that is off and is to be enabled for
-    /// it: some drives take another mode only then. Where the drive refuses it, the verb tells that.
+    /// Writes the operation mode of a verb before the axis is enabled: some drives change their mode only
+    /// without power. If the drive refuses it, the verb reports that.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn prepare_mode(&self, verb: Verb) -> Result<(), Error> {
         let (Some((id, mode)), Some(display)) =
             (self.mode_for(verb), self.profile.signal(Signal::Mode))
@@ -62,9 +62,9 @@ impl Axis {
         Some(word.map_or_else(number, str::to_owned))
     }
 
-    /// Whether the motor moves, by what was read last: the drive says that a move is under way, or it
-    /// is faster than what its stop takes for standing. A drive's own flag is often that a target is
-    /// not reached, which a motor that turns at a speed has no use for. `None` while neither was read.
+    /// Whether the motor moves, by the last readings: the drive reports a move, or the speed is above the
+    /// limit of its stop. A drive's own flag often means only that a target is not reached. `None` until
+    /// either was read.
     #[must_use]
     pub fn moving(&self, state: &AxisStatus) -> Option<bool> {
         let reading = state.reading(Signal::Moving);
@@ -78,7 +78,7 @@ impl Axis {
         }
     }
 
-    /// The state with what [`moving`](Self::moving) says in the place of the drive's own flag.
+    /// The state with [`moving`](Self::moving) instead of the drive's own flag.
     pub(super) fn with_derived_moving(&self, mut state: AxisStatus) -> AxisStatus {
         let flag = state.reading(Signal::Moving);
         if flag.at.is_some() && flag.raw == 0 && self.moving(&state) == Some(true) {
@@ -87,8 +87,8 @@ impl Axis {
         state
     }
 
-    /// Whether a speed that is counted in counts and their fractions is at most one count: an encoder
-    /// that rests between two counts tells that too.
+    /// Whether a speed in counts is at most one count: an encoder between two counts reports this at
+    /// standstill too.
     fn is_within_one_count(&self, state: &AxisStatus) -> bool {
         const COUNT: u64 = 1 << 16;
         let source = self.profile.signal(Signal::Velocity);

@@ -64,11 +64,10 @@ impl Axis {
         scaled.filter(|(id, parameter)| !self.is_unscaled(*id) && !parameter.scale.is_constant())
     }
 
-    /// Asks a drive that answers already for what not every drive of its profile has to scale values
-    /// with: units are told without asking from then on.
+    /// Reads optional parameters that scale values, so that units are known without further requests.
     ///
     /// # Errors
-    /// That the link is down; what the drive makes of it shows when it matters.
+    /// A lost link. Refusals are reported when the value is needed.
     pub(crate) fn read_optional_scales(&self) -> Result<(), Error> {
         if !matches!(self.identified, Identification::Queried { .. }) {
             return Ok(());
@@ -94,18 +93,18 @@ impl Axis {
         source.map_or("", |source| self.unit(source.parameter).si_symbol())
     }
 
-    /// Whether a file says how far it may go.
+    /// Whether a rack file limits the position.
     #[must_use]
     pub fn has_position_limits(&self) -> bool {
         self.own_mounting().is_some_and(|mounted| mounted.mounting.position.is_some())
     }
 
-    /// Why what turns now must be stopped: within `ahead` it will leave the limits that a file sets
-    /// to its position. Whoever holds a speed or a torque on an axis with [ends](Self::has_position_limits)
-    /// asks this again and again.
+    /// The reason why the motion must be stopped: within `ahead` the axis will leave the position limits of
+    /// a rack file. Callers that hold a speed or torque on an axis with [limits](Self::has_position_limits)
+    /// call this periodically.
     ///
     /// # Errors
-    /// What reading position and velocity brings: stop it then, too.
+    /// Errors of reading position and velocity: stop the axis then too.
     pub fn predict_limit_violation(&self, ahead: Duration) -> Result<Option<String>, Error> {
         let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(None) };
@@ -171,7 +170,7 @@ impl Axis {
         }
     }
 
-    /// The unit of an argument, as [`unit_of`](Self::unit_of) tells it of the profile's.
+    /// The unit of an argument with its mounting.
     pub(super) fn mounted_unit(&self, verb: Verb, which: Argument, unit: Unit) -> Unit {
         let role =
             self.own_mounting().and_then(|mounted| Some((mounted, self.motion_role(verb, which)?)));

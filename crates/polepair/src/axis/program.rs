@@ -12,7 +12,7 @@ use polepair_core::program::{
 use polepair_core::proto;
 use std::time::Duration;
 
-/// How often it is told how far a transfer is.
+/// Interval of progress reports of a transfer.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(50);
 
 const PERMANENT_MEMORY_REASON: &str = "a part of it is in permanent memory, which wears: this is \
@@ -152,12 +152,11 @@ impl Axis {
         called.map(drop).and(self.stop())
     }
 
-    /// Stops one more motor behind the drive's address, by its number there, counted from 0: this axis
-    /// is the first. It is told and not waited for.
+    /// Stops a further motor of the drive by its number, counted from 0: this axis is the first. The stop
+    /// is sent, and standstill is not awaited.
     ///
     /// # Errors
-    /// [`Error`] by blame: refused by a drive that has no motor of that number, unsupported where an
-    /// address is one motor.
+    /// [`Error`] by source: refused by a drive without this motor, unsupported if an address is one motor.
     pub fn stop_motor(&self, number: u8) -> Result<(), Error> {
         self.run_order(&format!("stopping motor {number}"), ProgramCommand::StopMotor(number))
             .map(drop)

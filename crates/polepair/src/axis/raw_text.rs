@@ -74,7 +74,7 @@ impl Axis {
         })
     }
 
-    /// Says where a text is wrong, where the protocol's language tells it.
+    /// Adds the position of an error in a text, if the protocol's language reports it.
     fn locate_in_text(&self, text: &str, error: Error) -> Error {
         if !matches!(error, Error::Unsupported { why: Unsupported::BadText, .. }) {
             return error;

@@ -6,15 +6,14 @@ use polepair_core::profile::{ParameterId, Signal};
 use std::time::Duration;
 
 impl Axis {
-    /// Has the drive send these signals by itself, every `interval`: 1 ms to 65.535 s, and no shorter than
-    /// the drive allows. With no signals it sends nothing more. One write, which replaces what was set
-    /// before; drives keep it over power-off where the parameter says so (thruster family: SR, manual
-    /// section 2.5). The values are in [`state`](Self::state) and in [`events`](Self::events) while
-    /// somebody listens.
+    /// Makes the drive send these signals by itself, every `interval`: 1 ms to 65.535 s, not shorter than
+    /// the drive allows. Without signals, it stops sending. One write, which replaces the earlier setting;
+    /// drives store it if the parameter says so (thruster family: SR, manual section 2.5). The values are
+    /// in [`state`](Self::state), and in [`events`](Self::events) while a stream is open.
     ///
     /// # Errors
     /// [`Error::Usage`] `E213` for a signal that the drive does not send by itself, `E216` for another
-    /// interval; others by blame.
+    /// interval; others by source.
     pub fn set_reports(&self, signals: &[Signal], interval: Duration) -> Result<(), Error> {
         let ms = u16::try_from(interval.as_millis()).ok();
         let ms = ms.filter(|ms| *ms > 0 || signals.is_empty()).ok_or_else(|| {

@@ -98,8 +98,8 @@ impl RunningRequest {
     /// Waits for the end. The value is the last one read.
     ///
     /// # Errors
-    /// [`Error::Failed`] by blame, [`Error::Interrupted`] when somebody interrupts; it then goes
-    /// on, and can be waited for again.
+    /// [`Error::Failed`] by source, [`Error::Interrupted`] after an interruption; the request then
+    /// continues, and can be awaited again.
     pub fn finish(&mut self) -> Result<i64, Error> {
         match self.wait_until(Instant::FAR_FUTURE)? {
             Some(raw) => Ok(raw),

@@ -15,8 +15,8 @@ impl Axis {
         self.connection.with_axes(|axes, _| axes.scale_error(self.index, id))
     }
 
-    /// Why a parameter's value has no unit although its profile gives one, with the values that the
-    /// drive's own objects have; `None` where it has one, and while nobody has asked.
+    /// The reason why a parameter has no unit although its profile has one, with the values of the drive's
+    /// objects. `None` if it has a unit, and before it was read.
     #[must_use]
     pub fn unit_problem(&self, id: ParameterId) -> Option<String> {
         let (why, values) = self.unit_problem_parts(id)?;

@@ -9,14 +9,14 @@ use polepair_core::error::Failure;
 use polepair_core::time::Instant;
 use std::time::Duration;
 
-/// How long a stop that nobody confirmed is said again by those who end a motion and then go.
+/// Time for which an unconfirmed stop is repeated by callers that end a motion.
 pub const STOP_RETRY_MAX: Duration = Duration::from_secs(10);
-/// Pause before it is said again.
+/// Pause before a repetition.
 const RETRY_PAUSE: Duration = Duration::from_millis(250);
 
 /// While an axis is waited for, the others are looked at after so long.
 const POLL_SLICE: Duration = Duration::from_millis(20);
-/// A motor that turns on though its drive was told to stop is told again after so long, first and then.
+/// Time after which a stop is repeated to a motor that still turns.
 const RESEND_AFTER: Duration = Duration::from_secs(1);
 const RESEND_AFTER_MAX: Duration = Duration::from_secs(2);
 /// A motor that brakes turns so many times as fast after a while.
@@ -49,10 +49,10 @@ pub fn stop_with_retry(
     axes.iter().map(result).collect()
 }
 
-/// Stops axes, and waits until each is seen to stand: all are told before the first is waited for, and
-/// none waits for another. A stop that is lost is said again for `within` as [`stop_with_retry`] does. A motor
-/// that does not become slower has to stand soon; one that does, within what its profile gives it. The drive's own
-/// program, which would move the motor again, is ended too, unless `keep_program`.
+/// Stops axes, and waits for the standstill of each. All stops are sent before the first wait, and no axis
+/// delays another. A lost stop is repeated for `within`, as in [`stop_with_retry`]. A motor that becomes
+/// slower may take the time of its profile; another one must stop soon. The drive's program is ended too,
+/// unless `keep_program`.
 pub(crate) fn stop_until_standstill(
     axes: &[&Axis],
     keep_program: bool,
@@ -71,22 +71,22 @@ pub(crate) fn stop_until_standstill(
     stops.into_iter().filter_map(|stop| stop.ended).collect()
 }
 
-/// The stop of one axis, said until its motor was seen to stand.
+/// The stop of one axis, repeated until standstill.
 struct RepeatedStop {
     stopping: StopSequence,
     keep_program: bool,
     sent_at: Instant,
-    /// Before it is said again to a motor that turns on.
+    /// Pause before it is repeated to a motor that still turns.
     pause: Duration,
-    /// When it is said again after it was lost.
+    /// Time of the repetition after a loss.
     retry_at: Option<Instant>,
-    /// Until when it is said again where it is lost.
+    /// End of the repetitions after a loss.
     retry_until: Instant,
     /// Since when it was to stand; it went on.
     started_at: Instant,
     /// The slowest that the motor was seen to turn, and when.
     slowest: (f64, Instant),
-    /// One that was said before may have been executed.
+    /// An earlier attempt may have been executed.
     may_be_executed: bool,
     ended: Option<Result<Standstill, Error>>,
 }
@@ -112,7 +112,7 @@ impl RepeatedStop {
         (self.stopping, self.sent_at, self.retry_at) = (stopping.with_retries(), now, None);
     }
 
-    /// Whether the motor became slower of late, or was told only just now.
+    /// Whether the motor became slower recently, or received the stop just now.
     fn may_be_braking(&mut self, axis: &Axis, now: Instant) -> bool {
         if let Some(rate) = self.stopping.rate()
             && rate < BRAKING_RATIO * self.slowest.0
@@ -176,13 +176,14 @@ impl RepeatedStop {
 }
 
 impl Axis {
-    /// Comes to rest along the ramp, and returns once the motor was seen to stand by what the drive
-    /// measures, if it measures anything. A motor that turns on is told again. Overtakes everything
-    /// else, whoever asked for it. The drive's own program (TMCL, TML), which would move the motor again, is
-    /// ended too; [`AxisStatus::program_end`](polepair_core::axis::AxisStatus::program_end) says whether one ran.
+    /// Stops along the ramp, and returns when standstill is confirmed by measured values, if the drive has
+    /// any. The stop is repeated while the motor turns, and has priority over all other requests. The
+    /// drive's program (TMCL, TML) is ended too, because it could move the motor again;
+    /// [`AxisStatus::program_end`](polepair_core::axis::AxisStatus::program_end) states whether one was
+    /// running.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn stop(&self) -> Result<(), Error> {
         self.stop_with(false)
     }
@@ -201,11 +202,10 @@ impl Axis {
         ended.pop().map_or(Ok(()), |ended| ended.map(drop))
     }
 
-    /// Ends what a program of the drive does, as [`abort`](Self::abort), and says it again as
-    /// [`stop_with_retry`] does.
+    /// Ends the drive's program, as [`abort`](Self::abort), with the repetitions of [`stop_with_retry`].
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn abort_with_retry(
         &self,
         within: Duration,
@@ -228,12 +228,12 @@ impl Axis {
     }
 }
 
-/// Whether it ended because somebody else said a stop, or a motion, since: it is owed all the same.
+/// Whether a later stop or motion replaced it. The stop is still pending then.
 fn is_superseded(error: &Error) -> bool {
     matches!(error, Error::Failed { outcome, .. } if outcome.failure() == Some(Failure::Cancelled))
 }
 
-/// Whether a stop that is said again may still arrive. A drive that refused it has heard it.
+/// Whether a repeated stop may still arrive. A drive that refused it has received it.
 fn may_be_lost(error: &Error) -> bool {
     let Error::Failed { outcome, .. } = error else { return false };
     matches!(outcome.failure(), Some(Failure::Silent | Failure::Misbehaved | Failure::LinkDown))

@@ -21,7 +21,7 @@ use polepair_core::profile::{ParameterId, RamMode, Signal};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 
-/// Between two readings whether the motor stands, at least and at most.
+/// Interval of the checks of standstill.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const POLL_INTERVAL_MAX: Duration = Duration::from_secs(2);
 /// For so long a motor that brakes is looked at without a rest.
@@ -30,18 +30,18 @@ const BRAKING_TIME: Duration = Duration::from_secs(2);
 const PAUSE_FACTOR: u32 = 19;
 /// Readings of the speed in a row that say so: one may lie in a change of direction.
 const STANDSTILL_READINGS_MIN: u32 = 2;
-/// Two positions so far apart that differ by one raw step, or by no more than these speeds make: the
-/// motor stands. A servo that holds its place is never quite still.
+/// Two positions at this distance in time that differ by one raw step, or by less than these speeds give,
+/// mean standstill. A servo that holds its position is never quite still.
 const POSITION_SPAN: Duration = Duration::from_millis(100);
 const HOLDING_SPEED_RAD: f64 = 0.05;
 const HOLDING_SPEED_M: f64 = 0.001;
-/// Beside a speed that says that the motor stands, two positions may differ by so many raw steps, because
-/// each may be one off, or by so many times the speed that the stop takes for standing.
+/// With a speed that means standstill, two positions may differ by this number of raw steps, or by this
+/// multiple of the speed limit of standstill.
 const POSITION_DITHER: u64 = 2;
 const SLOW_FACTOR: f64 = 2.0;
-/// A motor that was told to stop, and of which speed and position do not agree, is told again after so long.
+/// Time after which a stop is repeated if speed and position contradict each other.
 const RESEND_AFTER: Duration = Duration::from_secs(1);
-/// So long a motor whose stop was carried out is waited for until it stands.
+/// Time limit for the standstill after an executed stop.
 pub(super) const STANDSTILL_WAIT_MAX: Duration = Duration::from_secs(5);
 /// So long a group's drives, which do not tell the same, are asked whether they stand.
 const GROUP_WAIT_MAX: Duration = Duration::from_secs(10);
@@ -56,7 +56,7 @@ pub struct StopSequence {
     progress: StopProgress,
     elapsed: Duration,
     trouble: Option<Error>,
-    /// Whether the motor stands is asked again where that is not answered, as anything else.
+    /// Whether a check of standstill is repeated after a missing reply.
     retries: bool,
 }
 
@@ -67,7 +67,7 @@ pub enum StopProgress {
     Sent,
     /// The drive answered all of it.
     Acknowledged,
-    /// The motor stands: that was measured after the drive had answered.
+    /// Standstill was measured after the drive's reply.
     Standstill,
     /// The drive answered all of it, and measures nothing by which it could be seen to stand.
     Unobservable,
@@ -78,21 +78,21 @@ pub enum StopProgress {
 /// What is known of a motor whose stop was carried out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Standstill {
-    /// Its measured speed, or two of its positions, say that it stands.
+    /// Standstill by measured speed, or by two positions.
     Observed,
-    /// Its drive tells nothing of that.
+    /// The drive reports neither.
     Unobservable,
 }
 
 #[derive(Debug)]
 enum StopStage {
-    /// Asks whether what a stop writes stays out of permanent memory: it is said again.
+    /// Reads whether the writes of a stop go to RAM, before the stop is repeated.
     CheckingRamMode(RunningRequest, RamMode),
     /// Sees to it.
     SettingRamMode(RunningRequest),
     Sending(RunningRequest),
     Observing(StandstillMonitor),
-    /// Tells what a motor that stands is told.
+    /// Sends the final requests at standstill.
     Releasing(RunningRequest, StopProgress),
     Ended,
 }
@@ -111,9 +111,9 @@ impl StopSequence {
         stopping
     }
 
-    /// Sends it again to a drive that did not answer, or whose link was away: each of its requests once,
-    /// so that a drive that is gone keeps the others' wire for no longer than one question. A drive
-    /// that would write permanent memory by it, because it lost its supply, is told not to first.
+    /// Repeats the stop to a drive without a reply, or after a lost link: each request once, so that a
+    /// missing drive uses the wire for one request only. A drive that would write permanent memory, because
+    /// it has restarted, is set to RAM first.
     #[must_use]
     pub fn resend(axis: &Axis) -> Self {
         Self::resend_with(axis, false)
@@ -184,8 +184,8 @@ impl StopSequence {
         &self.progress
     }
 
-    /// Why it goes no further, where it was answered and the drive then fell silent, or tells that the
-    /// motor stands while its position runs.
+    /// The reason why it does not proceed: the drive became silent after its reply, or reports standstill
+    /// while its position changes.
     #[must_use]
     pub fn trouble(&self) -> Option<&Error> {
         match &self.stage {
@@ -200,7 +200,7 @@ impl StopSequence {
         self.elapsed
     }
 
-    /// Whether it came to its end, and that was told for so long.
+    /// Whether it has ended, and this was reported for long enough.
     #[must_use]
     pub fn is_expired(&self, axis: &Axis, reported_at: Duration) -> bool {
         let age = axis.connection().now().since(self.started_at);
@@ -220,20 +220,20 @@ impl StopSequence {
         matches!(self.stage, StopStage::CheckingRamMode(..) | StopStage::SettingRamMode(_))
     }
 
-    /// Whether nothing more is known of it unless it is said again.
+    /// Whether nothing more will be known without a repetition.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         matches!(self.stage, StopStage::Ended)
     }
 
-    /// Whether the drive answered all of it and the last reading says that its motor still turns.
+    /// Whether the drive answered all of it, and the motor still turned at the last reading.
     #[must_use]
     pub fn is_seen_turning(&self) -> bool {
         matches!(&self.stage, StopStage::Observing(watch) if watch.is_turning || watch.mismatch.is_some())
     }
 
-    /// How fast the motor turned at the last reading, where that says that it does: in a unit of the
-    /// drive's own, the same for all readings.
+    /// Speed of the motor at the last reading, if it turns: in a unit of the drive, the same for all
+    /// readings.
     pub(super) fn rate(&self) -> Option<f64> {
         match &self.stage {
             StopStage::Observing(watch) if watch.is_turning => watch.rate,
@@ -322,7 +322,7 @@ impl StopSequence {
         (self.progress, self.elapsed) = (class, now.since(self.started_at));
     }
 
-    /// The motor stands: what is left of the stop is said.
+    /// Sends the final requests at standstill.
     fn start_release(&mut self, axis: &Axis, class: StopProgress, now: Instant) {
         let plan = axis.profile().plan(Verb::Stop);
         if plan.is_none_or(|plan| plan.after_wait().is_empty()) {
@@ -335,7 +335,7 @@ impl StopSequence {
     }
 }
 
-/// What is measured of a motor that was told to stop.
+/// Measurements of a motor after a stop.
 #[derive(Debug)]
 struct StandstillMonitor {
     since: Instant,
@@ -350,9 +350,9 @@ struct StandstillMonitor {
     readings_at_position: u32,
     /// The first of the positions that agree, and when it was asked for.
     position: Option<(Instant, i64)>,
-    /// The last reading says that the motor turns.
+    /// The motor turned at the last reading.
     is_turning: bool,
-    /// The speed says that it stands, and the last two positions do not.
+    /// Speed and position contradict each other.
     mismatch: Option<Error>,
     /// They do as well.
     positions_agree: bool,
@@ -364,7 +364,7 @@ struct StandstillMonitor {
     factors_read: usize,
 }
 
-/// What tells whether a motor stands.
+/// A source for standstill.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum StandstillSource {
     Speed(ParameterId, ParameterTest),
@@ -374,8 +374,8 @@ enum StandstillSource {
 }
 
 impl StandstillSource {
-    /// What there is for an axis, the most telling first: a speed for which the stop says what is none,
-    /// a position, any other speed.
+    /// Sources of an axis, the most reliable first: a speed with a limit of standstill, a position, any
+    /// other speed.
     fn for_axis(axis: &Axis) -> Vec<Self> {
         let parameter = |signal| axis.profile().signal(signal).map(|source| source.parameter);
         let position = parameter(Signal::Position).map(Self::Position);
@@ -419,12 +419,12 @@ impl StandstillMonitor {
         }
     }
 
-    /// Whether positions are to agree with a speed that says what is none.
+    /// Whether positions must agree with the speed.
     fn compares_positions(&self) -> bool {
         matches!(self.sources[..], [StandstillSource::Speed(..), StandstillSource::Position(_)])
     }
 
-    /// What is asked next: a position behind each speed that says that the motor stands.
+    /// The next source to read: a position after each speed that means standstill.
     fn next_source(&self, axis: &Axis) -> Option<StandstillSource> {
         match self.sources[..] {
             [StandstillSource::Speed(..), standstill_source @ StandstillSource::Position(id)]
@@ -509,7 +509,7 @@ impl StandstillMonitor {
         }
     }
 
-    /// Whether the motor stands, by a value that was asked for and then told.
+    /// Decides standstill by a new value.
     fn evaluate(
         &mut self,
         axis: &Axis,
@@ -556,7 +556,7 @@ impl StandstillMonitor {
             && (self.positions_agree || !self.compares_positions())
     }
 
-    /// Holds a position against the one before, where the speed says that the motor stands.
+    /// Compares a position with the one before, if the speed means standstill.
     fn compare_positions(
         &mut self,
         axis: &Axis,
@@ -590,7 +590,7 @@ fn failure_of(error: &Error) -> Option<Failure> {
     outcome.failure()
 }
 
-/// Whether a request ended so because the drive was not heard: it may be answered once it is said again.
+/// Whether a request failed without a reply, so that a repetition may succeed.
 fn is_communication_error(error: &Error) -> bool {
     use Failure::{AnsweredTwice, Cancelled, LinkDown, Misbehaved, Silent};
     let failed = matches!(

@@ -16,13 +16,12 @@ const FEED_INTERVAL: Duration = Duration::from_millis(20);
 const FIRST_SPEED_MAX: f64 = 10.0;
 
 impl Axis {
-    /// Looks at a path before the axis has power: whether a file's limits let it through, and whether
-    /// it begins where the axis stands. Only reads are sent.
+    /// Checks a path before the axis is powered: the limits of a rack file, and the start at the actual
+    /// position. Only reads are sent.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E223` for what a file's limits do not let through, [`Error::Unsupported`]
-    /// `E222` when the first point is so far away that the way there would be over ten times as fast as
-    /// all that follows. Others by blame.
+    /// [`Error::Usage`] `E223` for a limit of a file, [`Error::Unsupported`] `E222` if the way to the first
+    /// point would be over ten times as fast as the path. Others by source.
     pub fn check_path(&self, kind: PathKind, points: &[Point]) -> Result<(), Error> {
         drop(self.apply_mounting_to_path(kind, points.iter().copied())?);
         let Some((first, rest)) = points.split_first() else { return Ok(()) };

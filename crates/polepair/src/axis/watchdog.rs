@@ -19,7 +19,7 @@ const HEARTBEAT_PERIODS: u32 = 3;
 /// How a drive's own watchdog is set now.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum WatchdogState {
-    /// The drive has none: it keeps doing what it was last told.
+    /// The drive has none: it continues its last command.
     None,
     /// It has one that is off.
     Off,
@@ -137,7 +137,7 @@ impl Axis {
         matches!(self.profile.watchdog, Watchdog::Heartbeat { .. }) && self.heartbeat.is_none()
     }
 
-    /// The period of the heartbeat that this connection was told to send, which drives can watch.
+    /// Period of the heartbeat that this connection sends.
     #[must_use]
     pub const fn heartbeat(&self) -> Option<Duration> {
         self.heartbeat
@@ -202,15 +202,14 @@ impl Axis {
         }
     }
 
-    /// Has the drive stop by itself after so long without a word of its host; with none, no more. It
-    /// is written where the drive has something else, and kept over power-off only where the drive
-    /// keeps it whatever is said: see [`Persistence`]. Nothing
-    /// moves, but a motor that turns is stopped by it if nobody speaks. A drive that watches a
-    /// heartbeat needs one: a connection with `heartbeat=` sends it.
+    /// Sets the drive to stop by itself after this time without a message of its host; `None` switches it
+    /// off. It is written if the drive has another value, and stored only if the drive always stores it,
+    /// see [`Persistence`]. The write moves nothing, but a turning motor stops if the host is silent. A
+    /// drive that monitors a heartbeat needs a connection with `heartbeat=`.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] `E218` for a drive that has none; `E216` for a time that it does not
-    /// take; others by blame.
+    /// [`Error::Unsupported`] `E218` for a drive without a watchdog; `E216` for an invalid time; others by
+    /// source.
     pub fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogState, Error> {
         const WHAT: &str = "setting its watchdog";
         match self.profile.watchdog {
@@ -277,12 +276,11 @@ impl Axis {
         }
     }
 
-    /// Has a drive that watches heartbeats watch this host's, where the connection was told to send one
-    /// (`heartbeat=`) and the drive watches nobody: 1016h is set to this host and three of its periods,
-    /// 6007h to quick stop where it is 0. What watches this host already with a reaction, and what
-    /// watches another node, stays as it is. Written to working memory alone; nothing moves, but the
-    /// motor stops if the host falls silent. Returns what was found and what it is now; `None` where no
-    /// heartbeat is sent, or the drive watches none.
+    /// Sets a drive to monitor this host's heartbeat, if the connection sends one (`heartbeat=`) and the
+    /// drive monitors no node: 1016h to this host and three periods, 6007h to quick stop if it is 0. Other
+    /// settings are not changed. Written to working memory only; the motor stops if the host is silent.
+    /// Returns the earlier and the new setting, or `None` if no heartbeat is sent or the drive monitors
+    /// none.
     ///
     /// # Errors
     /// As [`set_watchdog`](Self::set_watchdog).
@@ -300,11 +298,11 @@ impl Axis {
         Ok(Some([found, now]))
     }
 
-    /// Whether the drive tells a signal: its profile has a source for it, and the drive does not lack
-    /// that. It is asked where that is not known yet.
+    /// Whether the drive has a signal: its profile has a source for it, and the drive does not lack it. It
+    /// is read if this is unknown.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error`] by source.
     pub fn provides_signal(&self, signal: Signal) -> Result<bool, Error> {
         let Some(source) = self.profile.signal(signal) else { return Ok(false) };
         let sure = !self.profile.optional.contains(&source.parameter);
@@ -357,8 +355,8 @@ impl Axis {
         }
     }
 
-    /// Whether the drive was asked for a parameter and said that it has none such. Only what the
-    /// profile calls optional can be missing so; it is not asked for again.
+    /// Whether the drive refused a parameter as missing. Only parameters that the profile calls optional
+    /// can be missing; it is not read again.
     #[must_use]
     pub fn lacks(&self, id: ParameterId) -> bool {
         self.connection.with_axes(|axes, _| axes.lacks_parameter(self.index, id))

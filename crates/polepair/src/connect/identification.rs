@@ -49,8 +49,7 @@ impl Connector {
         Ok((link, absent))
     }
 
-    /// What each axis of a line is: as the string says, or by asking, where a rack says what is to be
-    /// there.
+    /// Identifies each axis of a line: by the string, or by requests if a rack names the expected drive.
     pub(super) fn identify_axes(
         &self,
         url: &Url,
@@ -113,7 +112,7 @@ impl Connector {
         })
     }
 
-    /// What one says that it is. Who takes power off motors asks again and again.
+    /// Requests the identity of one drive. Callers that remove power repeat it.
     fn query_identity(
         &self,
         line: &ProtocolLine,

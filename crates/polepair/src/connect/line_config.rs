@@ -95,13 +95,13 @@ impl LineConfig {
         }
     }
 
-    /// What a rack says of an address.
+    /// The rack's entry of an address.
     fn rack_entry(&self, number: u32) -> RackEntry {
         let known = self.rack_entries.iter().find(|(other, _)| *other == number);
         known.map_or_else(RackEntry::default, |(_, entry)| entry.clone())
     }
 
-    /// What a rack says that a found drive is, where what answers can be it.
+    /// The rack's profile of a found drive, if the replies match it.
     fn expected_profile(
         &self,
         found: &DetectedDrive,
@@ -143,16 +143,14 @@ impl Link {
         })
     }
 
-    /// The same link with drives that a [`DriveScanner`](crate::scan::DriveScanner) found on a wire, behind the axes
-    /// that it has. Nothing is sent. What those axes are doing goes on, and this link's handles and
-    /// the new one's are the same axes. What a rack says of an address (name, mounting and its limits)
-    /// holds for the drive.
+    /// The same link with drives that a [`DriveScanner`](crate::scan::DriveScanner) found on a wire, after
+    /// its existing axes. Nothing is sent. Running requests continue, and both links have the same axes.
+    /// The rack's entry of an address (name, mounting, limits) is applied.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E212` for a wire that there is not, for an address that is an axis already
-    /// or that no drive can have, `E213` where a rack says that there is another drive, `E220` when no
-    /// more axes fit, or a drive cannot join: it has the host's own address, or is an axis that this
-    /// handle does not know. No drive has joined then.
+    /// [`Error::Usage`] `E212` for a missing wire, for an address that is already an axis or is invalid;
+    /// `E213` if the rack names another drive; `E220` if no more axes fit, or a drive has the host's
+    /// address or is an axis that this handle does not know. No drive was added then.
     pub fn add_drives(&self, wire: usize, found: &[DetectedDrive]) -> Result<Self, Error> {
         let stored = self.line_configs_on(wire)?;
         let known = self.axes_on(wire);

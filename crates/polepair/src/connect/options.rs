@@ -8,7 +8,7 @@ use polepair_core::proto::{self, HostOptions};
 use polepair_link::clock;
 use std::hash::{BuildHasher, RandomState};
 
-/// An earlier program may still be owed answers there; each session draws its probes anew.
+/// Replies to an earlier program may be pending; each session draws its own probes.
 const IN_DOUBT: Option<u32> = Some(0);
 /// What a serial server and the network may take for each step of bringing a line back into step, ms.
 const TCP_PAUSE_MS: u32 = 100;
@@ -111,7 +111,7 @@ fn answers_only(url: &Url) -> Result<bool, Error> {
     }
 }
 
-/// How the port is set: as the protocol's host wants it, unless the string says otherwise.
+/// Settings of the port: those of the protocol, unless the string has others.
 pub(super) fn serial_line(
     url: &Url,
     protocol: &ProtocolInfo,
@@ -148,8 +148,8 @@ pub(super) fn serial_line(
     Ok(line)
 }
 
-/// Whether bytes take the time that the port's baud rate says. `timing=off` says that they do not, and
-/// so do the drivers of USB CDC; the port is set to the baud rate in any case.
+/// Whether bytes take the time of the baud rate. `timing=off` and drivers of USB CDC switch this off; the
+/// baud rate is set in any case.
 fn has_timing(url: &Url) -> Result<bool, Error> {
     match (url.key("timing"), &url.target) {
         (None, LinkTarget::Serial { path, .. }) => Ok(!polepair_link::has_no_baud_rate(path)),

@@ -22,12 +22,12 @@ pub struct LinkPart {
 }
 
 impl Connector {
-    /// The parts of a connection string that can be opened each by itself: each link of a rack file that
-    /// says where its links are, else the string itself. What is wrong with the string, or with a file
-    /// that it names, is told; nothing is opened.
+    /// The parts of a connection string that can be opened separately: each link of a rack file with
+    /// `connect`, else the string itself. Errors in the string or its files are reported; nothing is
+    /// opened.
     ///
     /// # Errors
-    /// [`Error::Usage`] and [`Error::File`], as [`connect`](Self::connect) has them.
+    /// [`Error::Usage`] and [`Error::File`], as in [`connect`](Self::connect).
     pub fn parts(&self, text: &str) -> Result<Vec<LinkPart>, Error> {
         let url = self.url(text)?;
         let whole = |medium| vec![LinkPart { url: text.to_owned(), medium }];

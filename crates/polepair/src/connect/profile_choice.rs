@@ -11,17 +11,16 @@ use std::path::Path;
 use std::sync::PoisonError;
 
 impl Connector {
-    /// For those who bring motors to rest: a drive's profile, set-up or data sheet that the connection
-    /// string names and that is wrong, or that nobody knows, is [passed over](Self::ignored_files), and
-    /// the drive is taken for what it answers. An axis that the string names twice is one.
+    /// For stops: a broken or unknown profile, set-up or data sheet is [ignored](Self::ignored_files), and
+    /// the drive is identified by its replies. An axis that is named twice counts once.
     #[must_use]
     pub fn for_stop(mut self) -> Self {
         self.is_for_stop = true;
         self
     }
 
-    /// Files that were wrong and done without: those of the configuration, and what was passed over. A
-    /// profile of a name that nobody knows stands there as the connection string has it.
+    /// Ignored files: those of the configuration, and those of the connection string. An unknown profile is
+    /// listed by its name.
     #[must_use]
     pub fn ignored_files(&self) -> Vec<FileError> {
         let more = self.ignored_files.lock().unwrap_or_else(PoisonError::into_inner);

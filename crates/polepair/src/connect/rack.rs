@@ -43,7 +43,7 @@ impl Connector {
         Ok((lines, Some(simulation)))
     }
 
-    /// The links of a rack file: where they are, or simulated where none says where it is.
+    /// Opens the links of a rack file: real ones if it has `connect`, else simulated.
     pub(super) fn open_rack(
         &self,
         url: &Url,
@@ -161,7 +161,7 @@ pub(super) fn seed_of(url: &Url) -> Result<u64, Error> {
     Ok(url.number("seed")?.unwrap_or(1))
 }
 
-/// The connection string of one protocol on a real link of a rack, with the rates that the rack says.
+/// The connection string of one protocol on a real link of a rack, with its rates.
 fn real_link_url(
     url: &Url,
     protocol: &ProtocolInfo,

@@ -24,7 +24,7 @@ const TERMINATION: &str = "termination: 120 ohm at both ends, 60 between CAN-H a
 const MULTICAST: &str = "use one group and port for all devices of this bus, and a network that \
  forwards multicast";
 
-/// What was heard in a while.
+/// Frames received during the observation.
 #[derive(Default)]
 struct BusSample {
     frames: Vec<Frame>,

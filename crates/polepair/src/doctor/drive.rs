@@ -17,7 +17,7 @@ const TEMPERATURE_MIN: f64 = -30.0;
 /// Looks at one thing; nothing to say where the drive does not tell it.
 type DriveCheck = fn(&Axis, &str) -> Result<Option<CheckResult>, Error>;
 
-/// What is said of something that a drive has not.
+/// Text for a function that a drive lacks.
 pub const ABSENT_TEXT: &str = "this firmware has none";
 
 /// Whether a drive that refused a read said by it that it has no such thing. Profiles tell what drives
@@ -71,7 +71,7 @@ pub(super) fn check_drive(axis: &Axis, on_event: &mut dyn FnMut(CheckResult)) {
     on_event(check_watchdog(axis));
 }
 
-/// What a drive has that tells a signal.
+/// Whether a drive has a signal.
 enum Availability<T> {
     /// Its profile knows of none.
     NoSource,
@@ -95,7 +95,7 @@ fn read_if_present(axis: &Axis, id: ParameterId) -> Result<Option<i64>, Error> {
     }
 }
 
-/// The check of what was told; that it is absent is no fault.
+/// The check of a value; a missing one is not a fault.
 fn check_present<T>(
     about: &str,
     availability: Availability<T>,

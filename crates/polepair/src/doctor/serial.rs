@@ -21,7 +21,7 @@ const LISTEN_MS: u32 = 300;
 const BAUD_RATES: [u32; 9] =
     [9_600, 115_200, 19_200, 38_400, 57_600, 230_400, 4_800, 2_400, 256_000];
 
-/// Listens without sending, and says what the silence or the noise means.
+/// Listens without sending, and reports silence or noise.
 pub(super) fn check_noise(
     link: &CountedLink<Stream>,
     line: &ProtocolLine,
@@ -67,7 +67,7 @@ pub(super) fn check_noise(
     Ok(())
 }
 
-/// Listens at other baud rates, and says which one gives frames.
+/// Listens at other baud rates, and reports a rate with valid frames.
 fn find_better_rate(
     link: &CountedLink<Stream>,
     line: &ProtocolLine,
@@ -108,8 +108,8 @@ fn receive_bytes(link: &CountedLink<Stream>) -> Result<(Vec<u8>, usize), Error> 
     Ok((bytes, breaks))
 }
 
-/// Whether a drive that answers no frame is in a mode of text lines: it is asked in that mode, and says
-/// how to end it. Returns whether one is.
+/// Checks whether a drive without valid replies is in a text mode: it is polled in this mode, and the
+/// result states how to end it. Returns whether there is one.
 pub(super) fn check_text_mode(
     link: &CountedLink<Stream>,
     line: &ProtocolLine,
@@ -161,7 +161,7 @@ fn count_framed_bytes(dissector: &dyn Dissector, mut bytes: &[u8]) -> usize {
     good
 }
 
-/// What was sent and heard, to tell whether the adapter hears itself.
+/// Records sent and received bytes to detect an echo of the adapter.
 #[derive(Clone, Default)]
 pub(super) struct EchoDetector(Arc<Mutex<(Vec<u8>, Vec<u8>)>>);
 

@@ -41,8 +41,8 @@ pub trait ProofObserver {
         false
     }
 
-    /// A stop was not confirmed, and is said again unless this is false. `turns` is false where the motor
-    /// was seen to stand, or was never told to turn.
+    /// Called if a stop was not confirmed; returns whether it is repeated. `turns` is false if standstill
+    /// was confirmed, or the motor was never started.
     fn retry_stop(&mut self, axis: &Axis, turns: bool) -> bool {
         let _ = (axis, turns);
         true
@@ -60,7 +60,7 @@ impl<F: FnMut(CheckResult)> ProofObserver for F {
 pub struct ProofError {
     /// What went wrong; [`Error::Interrupted`] where the observer ended it.
     pub error: Box<Error>,
-    /// The motor was told to turn.
+    /// The motor was started.
     pub moved: bool,
     /// It was not seen to stand since.
     pub may_turn: bool,
@@ -81,14 +81,13 @@ impl fmt::Display for ProofError {
 
 impl std::error::Error for ProofError {}
 
-/// Turns the motor at [`proving_speed`], says nothing for as long as the drive's watchdog and the way
-/// to rest take, and asks then whether it stands. With `after` the watchdog is set to that first, and put
-/// back at the end, unless the motor may still turn: it may be what stops it. The motor is stopped and
-/// switched off in any case, a stop that is lost is said again for [`STOP_RETRY_MAX`]. It must be free to turn:
-/// this moves it.
+/// Turns the motor at [`proving_speed`], sends nothing for the time of the watchdog and the deceleration,
+/// and then checks standstill. With `after` the watchdog is set first, and restored at the end, unless the
+/// motor may still turn, because the watchdog may stop it. The motor is stopped and switched off in any
+/// case; a lost stop is repeated for [`STOP_RETRY_MAX`]. The motor must be free to turn.
 ///
 /// # Errors
-/// [`ProofError`]: by blame, and what the motor may do.
+/// [`ProofError`]: by source, with the state of the motor.
 pub fn prove_watchdog(
     axis: &Axis,
     after: Option<Duration>,
@@ -250,7 +249,7 @@ fn is_communication_error(error: &Error) -> bool {
     matches!(error.exit(), Exit::NoReply | Exit::Corrupt | Exit::Adapter)
 }
 
-/// Goes on unless somebody wants it to end.
+/// Fails if the caller has cancelled.
 fn check_cancelled(axis: &Axis, witness: &dyn ProofObserver) -> Result<(), Error> {
     match witness.is_cancelled() {
         false => Ok(()),
@@ -258,7 +257,7 @@ fn check_cancelled(axis: &Axis, witness: &dyn ProofObserver) -> Result<(), Error
     }
 }
 
-/// Waits, unless somebody wants it to end.
+/// Waits, unless the caller cancels.
 fn sleep_unless_cancelled(
     axis: &Axis,
     span: Duration,
@@ -285,7 +284,7 @@ fn poll_turning(axis: &Axis) -> Result<bool, Error> {
 /// An armed motor. Whatever ends the proof stops it, a panic too.
 struct ArmedMotor<'a> {
     axis: &'a Axis,
-    /// It was told to turn, whether that was heard or not.
+    /// The start was sent, with or without a reply.
     moved: bool,
     released: bool,
 }

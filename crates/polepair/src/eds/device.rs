@@ -60,7 +60,7 @@ fn cached_sheet(listed: Vec<DataSheetEntry>, has_lss: bool) -> Result<Arc<DataSh
     Ok(sheet)
 }
 
-/// Unless the sheet says that it has none.
+/// Whether the device has LSS; true unless the sheet denies it.
 fn has_lss(eds: &Eds) -> bool {
     eds.device_info("LSS_Supported").is_none_or(|word| word != "0")
 }
@@ -93,7 +93,7 @@ fn list_entries(eds: &Eds) -> Vec<DataSheetEntry> {
     all
 }
 
-/// What the PDOs map from the factory: that can be mapped, whatever its entry says.
+/// Objects that are mapped in the sheet; they can be mapped, independent of their `PDOMapping`.
 fn mapped_entries(eds: &Eds, base: u16) -> HashSet<(u16, u8)> {
     let mappings = eds.objects.iter().filter(|object| (base..base + 0x200).contains(&object.index));
     let entries = mappings.flat_map(|object| object.entries.iter().filter(|entry| entry.sub > 0));
@@ -150,7 +150,7 @@ fn lacks_node((index, sub): (u16, u8), value: i64) -> bool {
     })
 }
 
-/// Sub-index 0 of which no value is told: how many objects a PDO maps, or the highest sub-index.
+/// Default of sub-index 0 without a value: the number of mapped objects of a PDO, or the highest sub-index.
 fn highest_sub_index(object: &EdsObject) -> FactoryValue {
     let is_mapping = matches!(object.index, 0x1600..=0x17FF | 0x1A00..=0x1BFF);
     let is_history = object.index == 0x1003;
@@ -162,7 +162,7 @@ fn highest_sub_index(object: &EdsObject) -> FactoryValue {
     FactoryValue::Number(if is_history { 0 } else { last.into() })
 }
 
-/// What `[DeviceInfo]` tells of the device's name and numbers.
+/// Values from `[DeviceInfo]`: name and numbers of the device.
 fn device_info_value(eds: &Eds, (index, sub): (u16, u8)) -> Option<FactoryValue> {
     if (index, sub) == (DEVICE_NAME, 0) {
         return Some(FactoryValue::Bytes(latin1(eds.device_info("ProductName")?)));

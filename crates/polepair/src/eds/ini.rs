@@ -20,18 +20,18 @@ pub(super) struct IniSection {
 }
 
 impl IniSection {
-    /// The value of a key, letter case ignored; `None` also when nothing stands behind the `=`.
+    /// The value of a key, case-insensitive; `None` for an empty value too.
     pub(super) fn get(&self, key: &str) -> Option<&IniLine> {
         let found = self.lines.iter().find(|line| line.key.eq_ignore_ascii_case(key));
         found.filter(|line| !line.value.is_empty())
     }
 
-    /// Everything as it stands.
+    /// All keys and values, unchanged.
     pub(super) fn pairs(&self) -> Vec<(String, String)> {
         self.lines.iter().map(|line| (line.key.clone(), line.value.clone())).collect()
     }
 
-    /// What stands there beside the keys of `known`.
+    /// Keys and values other than those of `known`.
     pub(super) fn others(&self, known: &[&str]) -> Vec<(String, String)> {
         let is_other =
             |line: &&IniLine| !known.iter().any(|key| line.key.eq_ignore_ascii_case(key));

@@ -38,15 +38,15 @@ use std::path::Path;
 pub const OBJECTS_MAX: usize = 16_384;
 /// Entries of one file at most, sub-indices counted each.
 pub const ENTRIES_MAX: usize = 65_536;
-/// Warnings that are kept at most; the last says how many more there were.
+/// Maximum number of warnings; the last one states how many more there were.
 pub const WARNINGS_MAX: usize = 100;
 
-/// What a file says.
+/// A parsed data sheet.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Eds {
-    /// `[FileInfo]`, as it stands.
+    /// `[FileInfo]`, unchanged.
     pub file: Vec<(String, String)>,
-    /// `[DeviceInfo]`, as it stands.
+    /// `[DeviceInfo]`, unchanged.
     pub device: Vec<(String, String)>,
     /// `[DeviceComissioning]`, as the standard spells it; empty in an EDS.
     pub commissioning: Vec<(String, String)>,
@@ -74,7 +74,7 @@ pub struct EdsObject {
     pub flags: u32,
     /// Its entries by sub-index; a variable or domain has sub-index 0 alone.
     pub entries: Vec<EdsEntry>,
-    /// What else stands in its section.
+    /// Other keys of its section.
     pub others: Vec<(String, String)>,
 }
 
@@ -99,7 +99,7 @@ pub struct EdsEntry {
     pub default: Option<Literal>,
     /// Value of this node (DCF).
     pub value: Option<Literal>,
-    /// What else stands in its section: nothing for a variable, whose section is the object's.
+    /// Other keys of its section; empty for a variable, whose section is that of the object.
     pub others: Vec<(String, String)>,
 }
 

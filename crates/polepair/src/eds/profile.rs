@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// What every device's profile starts from, and what a drive's does.
 const BASE_PROFILES: (&str, &str) = ("canopen", "cia402");
-/// The parameter whose value tells products apart.
+/// The parameter that identifies the product.
 const PRODUCT_CODE: &str = "product code";
 
 /// The draft of the device that a file describes.
@@ -54,7 +54,7 @@ pub(crate) fn accepts_sheet(profile: &Profile) -> bool {
     profile.name == BASE_PROFILES.0 || profile.name == BASE_PROFILES.1
 }
 
-/// The profile of what the sheet says it is.
+/// The base profile of the device type in the sheet.
 fn base_profile(eds: &Eds) -> Option<&'static Profile> {
     let kind = eds.entry(0x1000, 0).and_then(|entry| entry.default_at(1)).unwrap_or(0);
     let is_drive = kind & 0xFFFF == 402 || (kind == 0 && eds.object(0x6040).is_some());
@@ -107,7 +107,7 @@ pub(super) fn left_out_entries(file: &str, eds: &Eds) -> Vec<FileError> {
     unknown.map(warning).collect()
 }
 
-/// An object of which only the sheet tells. What a PDO may bring to the drive may move it.
+/// An object that only the sheet describes. An object that a PDO may write is treated as motion.
 fn sheet_parameter(
     object: &EdsObject,
     entry: &EdsEntry,

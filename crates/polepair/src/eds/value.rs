@@ -8,14 +8,14 @@ use std::fmt;
 pub enum Literal {
     /// A whole number.
     Integer {
-        /// As it stands, or what is added to the node-ID.
+        /// The number, or the offset to the node-ID.
         value: i64,
         /// The node-ID is added.
         plus_node: bool,
         /// It was written in hexadecimal.
         hex: bool,
     },
-    /// Everything else: a real number, a text, bytes, as it stands.
+    /// Other values, unchanged: real numbers, text, bytes.
     Text(String),
 }
 
@@ -111,7 +111,7 @@ pub(super) fn parse_literal(
     Ok(Literal::Integer { value, plus_node, hex: found.hex })
 }
 
-/// What stands beside `$NODEID`, on whichever side of the `+`.
+/// The part beside `$NODEID`, on either side of the `+`.
 fn strip_node_id(text: &str) -> (&str, bool) {
     const NODE: &str = "$NODEID";
     let is_node = |part: &str| part.trim().eq_ignore_ascii_case(NODE);

@@ -11,8 +11,8 @@ use polepair_core::profile::Profile;
 pub struct Listed {
     /// The profile's name: `tmcm-1160`.
     pub name: &'static str,
-    /// What the drives of its protocol answer to the question that tells their product, shifted as
-    /// its profile's `identify` says.
+    /// Reply of the drives to the identification request of their protocol, shifted as in the profile's
+    /// `identify`.
     pub product: u32,
     text: &'static str,
 }
@@ -88,7 +88,7 @@ pub(crate) fn find_listed(name: &str) -> Option<&'static Listed> {
     MODULES.iter().find(|module| module.name == name)
 }
 
-/// The module that answered `raw` to the question that tells products of a protocol.
+/// The module with the reply `raw` to the identification request of a protocol.
 pub(crate) fn find_answered(protocol: &str, raw: i64) -> Option<&'static Listed> {
     let product = u32::try_from(raw).ok()? >> 16;
     MODULES.iter().find(|module| protocol == PROTOCOL && module.product == product)

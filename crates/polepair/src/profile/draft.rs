@@ -47,7 +47,7 @@ pub(crate) enum DraftWatchdog {
     Heartbeat { consumer: ParameterName, reaction: ParameterName },
 }
 
-/// What tells the product: a parameter, or the protocol's own text.
+/// Identification of the product: a parameter, or a text request.
 #[derive(Clone, Debug)]
 pub(crate) struct DraftIdentity {
     pub(crate) parameter: Option<ParameterName>,
@@ -166,7 +166,7 @@ pub(crate) enum DraftStep {
 }
 
 impl Draft {
-    /// A draft that says what a finished profile says.
+    /// A draft with the content of a profile.
     pub(crate) fn from_profile(profile: &Profile) -> Self {
         let location = FileLocation::built_in(&format!("profile {}", profile.name));
         let names = NameLookup { profile, location: &location };

@@ -135,8 +135,8 @@ impl AvailableParameters {
         Some(steps)
     }
 
-    /// Whether a plan is what it says without that step, as the lane has it of a drive that turns out
-    /// to lack an object.
+    /// Whether a plan works without this step. The lane uses the same rule for a drive that lacks an
+    /// object.
     fn may_drop(&self, verb: Verb, step: &DraftStep) -> bool {
         let names = step_parameters(step);
         let lacking = names.iter().filter(|(name, how)| !self.supports(name, *how));
@@ -168,7 +168,7 @@ fn skipped_steps(at: usize, count: u8, keep: &mut [bool]) -> &mut [bool] {
     &mut keep[at + 1..end]
 }
 
-/// Whether a step tells the drive something.
+/// Whether a step writes to the drive.
 fn is_sending(step: &DraftStep) -> bool {
     matches!(
         step,

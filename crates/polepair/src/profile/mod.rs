@@ -169,10 +169,10 @@ impl BaseProfiles {
     }
 }
 
-/// A profile whose stepper motor has so many full steps a turn, other than its rules assume.
+/// A profile with another number of full steps a turn than its rules assume.
 ///
 /// # Errors
-/// [`Error::Usage`] `E210`: no such number, no stepper motor, or one whose drive tells its steps itself.
+/// [`Error::Usage`] `E210`: invalid number, no stepper motor, or a drive that reports its steps itself.
 pub(crate) fn profile_with_steps(
     profile: &'static Profile,
     steps: u64,

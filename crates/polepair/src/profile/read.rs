@@ -68,7 +68,7 @@ const PARAMETER_KEYS: [&str; 19] = [
 
 const FAULT_KEYS: [&str; 6] = ["code", "name", "text", "cause", "remedy", "severity"];
 
-/// What a protocol calls its address spaces, and how a value lies there when nothing is said.
+/// Names of a protocol's address spaces, and the default encoding of their values.
 struct Dialect {
     protocol: &'static str,
     spaces: &'static [(&'static str, u8)],

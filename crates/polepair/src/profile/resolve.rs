@@ -16,7 +16,7 @@ use polepair_core::profile::{
 };
 use std::collections::HashMap;
 
-/// Checks the draft and leaks what it says.
+/// Checks the draft and makes a static profile of it.
 pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
     let draft = &with_stop(sort_memory(draft));
     let names = NameResolver::number_parameters(draft)?;
@@ -52,8 +52,8 @@ pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileErr
     })))
 }
 
-/// A memory in the order of its addresses, of names that share one the described first: whoever has
-/// an address finds its name by halving.
+/// Sorts a memory by address, the described name first among equal addresses, so a name is found by binary
+/// search.
 fn sort_memory(draft: &Draft) -> Draft {
     let mut draft = draft.clone();
     if draft.protocol == MEMORY_PROTOCOL {

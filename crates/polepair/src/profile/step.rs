@@ -96,7 +96,7 @@ pub(crate) fn parse(step: &Located<String>) -> Result<DraftStep, FileError> {
     }
 }
 
-/// A part of a step and where it stands.
+/// A part of a step with its position.
 #[derive(Clone, Debug)]
 struct StepText<'a> {
     text: &'a str,

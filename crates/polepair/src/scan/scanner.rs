@@ -58,7 +58,7 @@ pub struct DriveScanner {
     queue: VecDeque<u32>,
     done: usize,
     damaged: Vec<u32>,
-    /// What came from addresses where nobody answered, of the present protocol.
+    /// Frames received from silent addresses of the present protocol.
     received: NoReplyDetails,
     /// Addresses of the line that were asked in vain, and those among them that another drive answered.
     unanswered: usize,
@@ -74,7 +74,7 @@ pub struct DriveScanner {
 enum ScanTarget {
     /// On a line that is this look's alone.
     OwnLine(Box<ProtocolLine>),
-    /// On a link that somebody has open.
+    /// On an open link.
     OpenLink(Box<LineConfig>, Connection),
 }
 
@@ -93,7 +93,7 @@ pub struct AxisAnswer {
     pub index: usize,
     /// Its address.
     pub number: u32,
-    /// Whether it said anything.
+    /// Whether it replied.
     pub answers: bool,
     /// Set when more came back than was asked for: another drive may have its address.
     pub clash: Option<String>,
@@ -199,12 +199,12 @@ impl DriveScanner {
         }
     }
 
-    /// The address that [`query_next`](Self::query_next) asks next; `None` when all were. On a CAN bus this may
-    /// first listen who is there, until `broken` says otherwise.
+    /// The next address of [`query_next`](Self::query_next); `None` at the end. On a CAN bus this may first
+    /// listen, until `broken` returns true.
     ///
     /// # Errors
-    /// [`Error::Link`] when the link is lost, [`Error::Usage`] `E220` when others do not let it be
-    /// for so much as an instant.
+    /// [`Error::Link`] if the link is lost, [`Error::Usage`] `E220` if other requests never leave the link
+    /// free.
     pub fn next_address(
         &mut self,
         broken: &dyn Fn() -> bool,
@@ -225,7 +225,7 @@ impl DriveScanner {
         }
     }
 
-    /// Finds out whom there is to ask of the next protocol.
+    /// Determines the addresses of the next protocol.
     fn begin_target(&mut self, broken: &dyn Fn() -> bool) -> Result<(), Error> {
         let (line, borrowed) = self.targets[self.current].open_line()?;
         let numbers = self.addresses.on_line(&line, &self.named_axes);
@@ -256,11 +256,10 @@ impl DriveScanner {
         Ok(())
     }
 
-    /// Asks who is at the next address. Where `broken` says in between that somebody cannot wait, the
-    /// look ends there.
+    /// Tries the next address. If `broken` returns true in between, the scan of this address ends.
     ///
     /// # Errors
-    /// As [`next_address`](Self::next_address). That nobody answers is no error.
+    /// As [`next_address`](Self::next_address). Silence is not an error.
     pub fn query_next(&mut self, broken: &dyn Fn() -> bool) -> Result<(), Error> {
         let Some(&number) = self.queue.front() else { return Ok(()) };
         let name = self.targets[self.current].protocol_name();
@@ -354,7 +353,7 @@ impl DriveScanner {
         }
     }
 
-    /// Notes what came where nobody answered.
+    /// Records frames that were received from a silent address.
     fn record_unanswered(&mut self, details: NoReplyDetails) {
         self.unanswered += 1;
         self.misaddressed += usize::from(details.misaddressed > 0);
@@ -390,8 +389,8 @@ impl DriveScanner {
         self.targets.truncate(self.current + usize::from(self.started));
     }
 
-    /// Ends it because the link is lost: what was found is kept, the others are told as not asked. The
-    /// address at which it was lost is one of them.
+    /// Ends the scan after a lost link: found drives are kept, the others count as not tried, with the
+    /// present address.
     pub(super) fn set_link_lost(&mut self, error: LinkError) {
         let left = |scan_target: &ScanTarget| {
             let line = scan_target.open_line().ok()?.0;

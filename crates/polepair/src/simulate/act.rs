@@ -8,7 +8,7 @@ use crate::spelling;
 /// One kind of act.
 #[derive(Clone, Copy, Debug)]
 pub struct ActKind {
-    /// Its word; `N` at its end stands for a number.
+    /// Its name; `N` at the end is a number.
     pub word: &'static str,
     /// What it does, in a sentence.
     pub about: &'static str,
@@ -58,7 +58,7 @@ const NEWTON_METRE: ActValue = ActValue::Quantity("N·m");
 const VOLT: ActValue = ActValue::Quantity("V");
 const CELSIUS: ActValue = ActValue::Quantity("°C");
 
-/// Every act. Not every drive has each: one without is told so.
+/// All acts. A drive without an act refuses it.
 pub const ACTS: &[ActKind] = &[
     kind(
         "load",

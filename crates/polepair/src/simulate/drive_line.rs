@@ -13,12 +13,11 @@ use polepair_sim::serial_line::{Duplex, Timing};
 use polepair_sim::world::{EndId, NodeId, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The drives of a rack, a line for each of its links, in order. Real wires have their own timing,
-/// or none: bytes and frames arrive here as they come, unless the rack says `timing`. Which faults come
-/// when follows from `seed`.
+/// The drives of a rack, one line for each of its links, in order. Real wires have their own timing: bytes
+/// and frames are processed as they arrive, unless the rack has `timing`. `seed` determines the faults.
 ///
 /// # Errors
-/// [`Error::Usage`] `E231` when a drive cannot be built as described.
+/// [`Error::Usage`] `E231` if a drive cannot be built as described.
 pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<DriveLine>, Error> {
     let mut rack = description.rack.clone();
     for (link, wire) in rack.links.iter_mut().zip(&description.wires) {
@@ -45,8 +44,7 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
     Ok(built.links.into_iter().zip(ends).map(line).collect())
 }
 
-/// The drives of one link of a rack, behind a wire that does to what they say what the rack says.
-/// Clones are the same drives.
+/// The drives of one link of a rack, behind a wire with the rack's faults. Clones are the same drives.
 #[derive(Clone)]
 pub struct DriveLine {
     shared: Arc<Mutex<LineWorld>>,

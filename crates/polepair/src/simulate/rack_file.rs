@@ -108,7 +108,7 @@ const ACT_KEYS: [&str; 2] = ["at", "do"];
 /// Keys that are places of switches, in the order of [`Act::Switch`].
 const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];
 const CAN_FAULT_KEYS: [&str; 6] = ["error", "twice", "lose", "late", "latest_ms", "cut"];
-/// When a late frame comes at the latest, unless it is said, ms.
+/// Default of the maximum delay of a late frame, in ms.
 const CAN_DELAY_MAX_MS: i64 = 100;
 const FAULT_KEYS: [&str; 15] = [
     "seed",
@@ -363,7 +363,7 @@ fn read_name(node: &TomlTable<'_, '_>, others: &[String]) -> Result<String, File
     })
 }
 
-/// How a serial wire is built, and whether its drives hear each other because the file says so.
+/// Settings of a serial wire, and whether its drives receive each other's bytes.
 fn read_serial(
     node: &TomlTable<'_, '_>,
     baud: Option<u32>,

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use super::SimulationPace;
 
-/// Events of the world between two looks whether somebody wants this wait to end.
+/// Events of the world between two checks for an interruption.
 const EVENTS_PER_POLL_MAX: usize = 4096;
 
 #[derive(Debug)]
@@ -257,7 +257,7 @@ impl LinkIo<Can> for SimEnd {
         Ok(self.receive(&mut take, until))
     }
 
-    /// A simulated bus has the bit rate that its rack says.
+    /// A simulated bus has the bit rate of its rack.
     fn set_line(&self, _line: CanLine) -> Result<(), LinkError> {
         Ok(())
     }

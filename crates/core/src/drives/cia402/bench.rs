@@ -1,4 +1,4 @@
-//! The bench around the drive, whatever bus it is on.
+//! The environment of the drive, independent of its bus.
 
 use super::drive::Drive;
 use super::faults::FaultCode;

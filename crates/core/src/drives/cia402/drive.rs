@@ -1,4 +1,4 @@
-//! The drive: objects, motion, faults and time, whatever bus it is on.
+//! The drive: objects, motion, faults and time, independent of its bus.
 
 use core::f64::consts::TAU;
 

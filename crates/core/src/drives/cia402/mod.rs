@@ -1,8 +1,8 @@
-//! A drive by CiA 402 as the standard has it: every mode, every option, nothing of its own but two
-//! objects to try transfers on.
+//! A simulated drive by the CiA 402 standard, with all modes and options. Only its two objects for transfer
+//! tests are its own.
 //!
-//! What each part is: [`objects`] the dictionary and what its values mean; [`shaft`] motor, loops and
-//! protections; [`units`] what turns and rpm are in the drive's own numbers; [`drive`] what joins them to the motion of
+//! [`objects`] is the dictionary and the meaning of its values; [`shaft`] motor, loops and protections;
+//! [`units`] turns and rpm in the drive's numbers; [`drive`] connects them to the motion of
 //! [`proto::canopen`](crate::proto::canopen::device::motion); [`faults`] error codes; [`transfer_objects`]
 //! objects of any length; [`device`] the bus.
 

@@ -1,9 +1,8 @@
-//! The objects of the drive: its dictionary, the values that can be written, and what they mean
-//! in SI.
+//! The objects of the drive: dictionary, writable values, and their meaning in SI.
 //!
-//! Positions are in user units, increments of the encoder from the factory; speeds in those per
-//! second, accelerations in those per second squared, unless [`units`] finds others; torques in
-//! thousandths of the rated one (CiA 402, factor group).
+//! Positions are in user units (factory setting: increments of the encoder), speeds in these per second,
+//! accelerations in these per second squared, unless [`units`] gives others. Torques are in thousandths of
+//! the rated torque (CiA 402, factor group).
 
 mod groups;
 mod motion_settings;

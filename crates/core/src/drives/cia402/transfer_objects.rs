@@ -1,5 +1,4 @@
-//! Two objects of any length, to try transfers of every size on: one keeps what is written, one
-//! only counts it.
+//! Two objects of any length for transfer tests: one stores what is written, one only counts it.
 
 use super::objects::{SCRATCH_MAX, STREAM_MAX, computed};
 use crate::proto::canopen::sdo::{AbortCode, crc};

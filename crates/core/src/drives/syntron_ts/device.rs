@@ -1,4 +1,4 @@
-//! The TS on its wires: the Modbus and the CANopen end of one [`Drive`], and the bench around it.
+//! The TS on its wires: the Modbus and the CANopen end of one [`Drive`], and its environment.
 
 use super::alarm::Alarm;
 use super::drive::{Drive, RegisterError, register_numbers};

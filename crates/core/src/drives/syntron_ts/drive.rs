@@ -1,6 +1,6 @@
-//! The TS as a drive, whatever line it is on: registers, modes, power, alarms, time.
+//! The TS independent of its line: registers, modes, power, alarms, time.
 //!
-//! Nothing here knows Modbus; what the bus wants is in the part on CANopen.
+//! This module does not know Modbus. The part on CANopen contains what the bus needs.
 
 mod canopen;
 mod view;

@@ -1,7 +1,6 @@
-//! What modes 0, 2 and 4 follow: an analog input of ±10 V, and pulses with a direction.
+//! Set-points of modes 0, 2 and 4: an analogue input of ±10 V, and pulses with a direction.
 //!
-//! The manual gives the modes' numbers (§2.2) and leaves their wiring and scales to another book, so
-//! these are `[I]`.
+//! The manual has the numbers of the modes (§2.2), but not their wiring and scales, so these are `[I]`.
 
 use core::f64::consts::TAU;
 

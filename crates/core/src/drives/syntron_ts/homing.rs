@@ -1,6 +1,6 @@
-//! The way of homing that Fn_200 chooses (TS manual V2 §2.6.1), decoded.
+//! Decodes the homing method in Fn_200 (TS manual V2 §2.6.1).
 //!
-//! The word is `D*10000 + C*1000 + B*100 + A`, decimal digits, A with two places `[I]`.
+//! The word is `D*10000 + C*1000 + B*100 + A` in decimal digits; A has two digits `[I]`.
 
 /// What to do once the zero is found, digits A.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -1,7 +1,7 @@
-//! Eight inputs, four outputs (TS manual V2 §2.3), and what each is for.
+//! Eight inputs and four outputs (TS manual V2 §2.3), with their functions.
 //!
-//! The manual does not say which line does what, only that input functions can be chosen (two equal
-//! ones are ERR_Id). The functions are data, with a default order of our own `[I]`.
+//! The manual states that input functions can be assigned (two equal ones are ERR_Id), but not the default.
+//! The default order here is `[I]`.
 
 /// Number of inputs.
 pub const INPUTS: usize = 8;

@@ -1,14 +1,11 @@
-//! The SYNTRON TS servo drive and its sibling DS102, on Modbus and CANopen.
+//! The SYNTRON TS servo drive and the similar DS102, on Modbus and CANopen.
 //!
-//! What each part is: [`registers`] Fn_00 to Fn_2FF with flash and its wear; [`paths`] and
-//! [`homing`] what the registers of internal position mode mean; [`motion`] what carries them out;
-//! [`external`] what drives it past the line; [`shaft`] motor, loops and protections; [`drive`]
-//! modes, power and alarms, on no line in particular; [`panel`] the keys and the display;
-//! [`objects`] the registers and the drive profile as CANopen has them; [`device`] the ends of both
-//! wires and the bench.
+//! [`registers`] are Fn_00 to Fn_2FF with flash and its wear; [`paths`] and [`homing`] the registers of
+//! internal position mode; [`motion`] executes them; [`external`] other set-points; [`shaft`] motor, loops
+//! and protections; [`drive`] modes, power and alarms; [`panel`] keys and display; [`objects`] registers
+//! and drive profile in CANopen; [`device`] both wires and the environment.
 //!
-//! The host needs no code of its own for this family: the protocol's driver and the plans of the
-//! profile suffice.
+//! The host needs no code for this family: the protocol's driver and the plans of the profile are enough.
 
 pub mod alarm;
 pub mod device;

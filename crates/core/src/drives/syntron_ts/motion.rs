@@ -1,7 +1,7 @@
-//! Internal position mode: runs paths, chains them, homes and stops (TS manual V2 §2.6).
+//! Internal position mode: runs and chains paths, homes and stops (TS manual V2 §2.6).
 //!
-//! Positions are those of the shaft as the encoder sees it, rad; the user's coordinate is the
-//! distance to `origin`, which homing sets.
+//! Positions are those of the shaft by the encoder, in rad. The user's coordinate is the distance to
+//! `origin`, which homing sets.
 
 use core::f64::consts::TAU;
 

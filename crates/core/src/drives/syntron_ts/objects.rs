@@ -1,8 +1,8 @@
-//! The dictionary of a TS, and what its drive profile's objects mean (TS manual V2, chapter 3).
+//! The object dictionary of a TS, and the meaning of its drive profile (TS manual V2, chapter 3).
 //!
-//! Fn registers are at 2000h on, Dn readings at 3000h on, 16 bits each: the same that Modbus has.
-//! Speeds are in 0.1 rpm, but 606Ch in rpm; ramps are the time from rest to 3000 rpm; positions in
-//! pulses, of which 6093h makes increments.
+//! Fn registers start at 2000h, Dn readings at 3000h, 16 bits each, as in Modbus. Speeds are in 0.1 rpm,
+//! except 606Ch in rpm; ramps are the time from 0 to 3000 rpm; positions are in pulses, which 6093h
+//! converts to increments.
 
 use core::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! How a simulated TS is made: its variant, its siblings' registers, what is open to interpretation.
+//! Options of a simulated TS: variant, registers of similar drives, ambiguous parts of the manual.
 
 use super::external::ExternalSignals;
 use super::io::{InputLines, InputPurpose, PURPOSES};

@@ -1,7 +1,7 @@
 //! The front panel: six characters, four keys, three layers (TS manual V2 §1.4.2).
 //!
-//! The panel only shows and asks: what it wants done it returns as a [`PanelAction`]. It has the highest
-//! priority for changing parameters, so the drive asks it which register is being edited.
+//! The panel changes nothing itself; it returns a [`PanelAction`]. It has the highest priority for changing
+//! parameters, so the drive asks it which register is being edited.
 
 use super::alarm::Alarm;
 use crate::time::Instant;

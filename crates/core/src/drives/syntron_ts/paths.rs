@@ -1,8 +1,7 @@
-//! One of the 32 paths as its registers describe it (TS manual V2 §2.6.1).
+//! Decodes the registers of one of the 32 paths (TS manual V2 §2.6.1).
 //!
-//! The manual's figures of the definition words are lost. Their digits are taken as decimal, A
-//! rightmost, B with two places: `C*1000 + B*10 + A` `[I]`; packed as BCD the homing word would not
-//! fit into 16 bits.
+//! The manual's figures of the definition words are missing. Their digits are read as decimal, A at the
+//! right, B with two digits: `C*1000 + B*10 + A` `[I]`. As BCD the homing word would not fit into 16 bits.
 
 /// Number of paths.
 pub const PATH_MAX: u8 = 32;

@@ -1,4 +1,4 @@
-//! The registers Fn_00 to Fn_2FF: what runs, what flash keeps, and how often flash was written.
+//! The registers Fn_00 to Fn_2FF: working values, values in flash, and the number of flash writes.
 
 use crate::profile::{Access, Encoding, Parameter, Profile};
 

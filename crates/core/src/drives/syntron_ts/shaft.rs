@@ -1,4 +1,4 @@
-//! The motor with its control loops, and what the drive watches to protect them.
+//! The motor with its control loops and protections.
 
 use core::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
-//! Addresses of the variables that the firmware itself uses, the same in both families unless said.
+//! Addresses of the firmware's variables, equal in both families unless noted.
 //!
-//! Source: variable maps of firmware F514L and FA00G, as the vendor's set-up archives give them.
+//! Source: variable maps of firmware F514L and FA00G from the vendor's set-up archives.
 
 macro_rules! addresses {
     ($($name:ident = $address:literal;)*) => {

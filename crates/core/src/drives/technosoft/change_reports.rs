@@ -1,7 +1,7 @@
-//! What the drive says unasked (type C), and when it must be woken to say it.
+//! Messages that the drive sends by itself (type C), and the time of its next check.
 //!
-//! Source: TML communication manual, chapter 3, example 3: a mask for each register; a bit in it
-//! lets a change of that bit be told to MASTERID. On RS-485 nothing is told.
+//! Source: TML communication manual, chapter 3, example 3: a mask for each register enables messages to
+//! MASTERID about changes of its bits. On RS-485 nothing is sent.
 
 use super::addresses;
 use super::drive::Drive;

@@ -1,4 +1,4 @@
-//! A drive's time: its quartz, its slow loop, and the master's time that it follows.
+//! The time of a drive: its quartz, its slow loop, and the master's time that it follows.
 
 use super::options::Options;
 use crate::plant::{TICK_NS, Ticks};

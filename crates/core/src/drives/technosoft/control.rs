@@ -1,4 +1,4 @@
-//! Instructions that switch, stop, set up and administer.
+//! Instructions for power, stop, set-up and administration.
 
 use super::addresses;
 use super::drive::Drive;

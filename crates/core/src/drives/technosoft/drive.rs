@@ -1,4 +1,4 @@
-//! The drive itself, apart from its wires: memory, registers, motor, and what happens in time.
+//! The drive independent of its wires: memory, registers, motor, time.
 
 use super::addresses;
 use super::cam::Cam;

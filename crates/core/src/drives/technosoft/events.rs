@@ -1,6 +1,6 @@
-//! Events: one condition at a time, and what is done when it comes true.
+//! Events: one condition at a time, and the action when it becomes true.
 //!
-//! Source: the help pages on events; the opcodes' first word is the variable that is watched.
+//! Source: the help pages on events; the first data word of the instruction is the monitored variable.
 
 use super::addresses;
 use super::drive::Drive;

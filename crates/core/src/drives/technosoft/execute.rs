@@ -1,4 +1,4 @@
-//! What instructions do that only compute: assignments, arithmetic, memory.
+//! Executes instructions that only compute: assignments, arithmetic, memory.
 
 use super::addresses;
 use super::drive::{Drive, TRIGGERS};

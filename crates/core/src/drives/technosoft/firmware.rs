@@ -1,4 +1,4 @@
-//! The drive as its wires see it.
+//! The interface of the drive to its wires.
 
 use super::drive::Drive;
 use super::status::{cer, mer};

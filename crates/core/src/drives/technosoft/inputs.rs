@@ -1,7 +1,7 @@
-//! Inputs: limit switches, home, ENABLE and STO, and what their edges do.
+//! Inputs: limit switches, home, ENABLE and STO, and the actions of their edges.
 //!
-//! \[I\] INSTATUS has bit n for input n, as the masks of IN(…) have: IN0 home, IN1 free, IN2 LSP,
-//! IN3 LSN; bit 14 STO, bit 15 ENABLE. The true order differs between products.
+//! \[I\] INSTATUS has bit n for input n, like the masks of IN(…): IN0 home, IN1 free, IN2 LSP, IN3 LSN; bit
+//! 14 STO, bit 15 ENABLE. The real order differs between products.
 
 use super::addresses;
 use super::drive::{Drive, TRIGGERS};

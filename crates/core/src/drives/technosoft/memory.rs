@@ -1,9 +1,9 @@
-//! What a drive remembers: data pages, RAM, EEPROM.
+//! The memory of a drive: data pages, RAM, EEPROM.
 //!
-//! Source: the vendor's help pages on the memory map (FAxx firmware): EEPROM 4000h to 7FFFh in
-//! program and SPI space, RAM from 8000h on in program and data space, TML data 0200h to 03AFh and
-//! 0800h to 09FFh, user variables 03B0h to 03FFh. \[I\] RAM ends at BFFFh, where both firmware
-//! families have their highest variables; what is beyond reads as zero.
+//! Source: the vendor's help pages on the memory map (FAxx firmware): EEPROM 4000h to 7FFFh in program and
+//! SPI space, RAM from 8000h on in program and data space, TML data 0200h to 03AFh and 0800h to 09FFh, user
+//! variables 03B0h to 03FFh. \[I\] RAM ends at BFFFh, where both firmware families have their highest
+//! variables; addresses above read as zero.
 
 use core::ops::Range;
 

@@ -1,8 +1,8 @@
-//! Technosoft and Techsoft drives, which speak TML.
+//! Technosoft and Techsoft drives, which use TML.
 //!
-//! Sources: the "TML communication" chapters, the vendor's library TML_LIB_light and its help pages;
-//! for memory maps, captures of drives with firmware F514L and FA00G. What is concluded and not
-//! stated is marked \[I\], and `inferred` in the profiles.
+//! Sources: the "TML communication" chapters, the vendor's library TML_LIB_light and its help pages; for
+//! memory maps, captures of drives with firmware F514L and FA00G. Inferred facts are marked \[I\], and
+//! `inferred` in the profiles.
 
 mod addresses;
 mod bench;

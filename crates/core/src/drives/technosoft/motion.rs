@@ -1,4 +1,4 @@
-//! Motion modes: what UPD starts, how it stops, when it is complete.
+//! Motion modes: started by UPD, stopped, and complete.
 //!
 //! Source: the help pages on MCR and on the motion modes; the masks of the MODE instructions.
 

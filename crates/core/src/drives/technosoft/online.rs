@@ -1,7 +1,7 @@
-//! Requests and their answers: what a drive says when it is asked.
+//! On-line requests and their replies.
 //!
-//! Sources: TML communication manual, chapters 3 to 5 (GiveMeData, TakeData and their short
-//! forms); for the others captures of real drives.
+//! Sources: TML communication manual, chapters 3 to 5 (GiveMeData, TakeData and their short forms); for the
+//! others captures of real drives.
 
 use super::drive::Drive;
 use crate::proto::tml::online::{Cell, MemorySpace, OnlineMessage};

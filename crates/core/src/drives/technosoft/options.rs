@@ -1,4 +1,4 @@
-//! What can be chosen when a drive is made.
+//! Options of a simulated drive.
 
 use crate::drives::DeviceOptions;
 use crate::profile::Profile;

@@ -1,4 +1,4 @@
-//! Messages that the drive has to send, in the order in which they came to be.
+//! Messages to be sent, in their order.
 
 use crate::proto::tml::wire::Message;
 

@@ -1,9 +1,9 @@
-//! PVT and PT: points that a host sends, and the path through them.
+//! PVT and PT: points from a host, and the path through them.
 //!
-//! Sources: TML communication manual, chapter 5, example 3; PVTSTS and the buffer's size from the
-//! CANopen manual of the same drives, where object 2072h is PVTSTS. \[I\] SETPVT takes what object
-//! 2074h takes there: bit 15 clears the buffer and the counter, bit 14 stops checking the counter,
-//! bit 13 sets it to bits 6 to 0, bit 7 sets how many points count as few to bits 11 to 8.
+//! Sources: TML communication manual, chapter 5, example 3; PVTSTS and the buffer's size from the CANopen
+//! manual of the same drives, where object 2072h is PVTSTS. \[I\] SETPVT has the format of object 2074h
+//! there: bit 15 clears buffer and counter, bit 14 disables the check of the counter, bit 13 sets it to
+//! bits 6 to 0, bit 7 sets the threshold of a low buffer to bits 11 to 8.
 
 use super::addresses;
 use super::drive::Drive;

@@ -1,8 +1,7 @@
 //! TML programs: jumps, calls, waits, interrupts.
 //!
-//! Source: the help page on program execution (what comes on-line goes before the next instruction
-//! of the program; sequential instructions wait, immediate ones never do), and on DER for what goes
-//! wrong with calls.
+//! Source: the help pages on program execution (on-line instructions precede the next program instruction;
+//! sequential instructions wait, immediate ones do not), and on DER for errors of calls.
 
 use super::addresses;
 use super::drive::Drive;

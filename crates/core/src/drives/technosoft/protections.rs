@@ -1,4 +1,4 @@
-//! What switches the motor off: protections with their limits, times and masks.
+//! Protections that switch the motor off, with limits, times and masks.
 //!
 //! Source: the help pages on MER, PCR and DER; drive manuals, chapter 6, for the units.
 

@@ -1,8 +1,8 @@
-//! What drives say to drives: instructions for others, their variables.
+//! Messages between drives: instructions for others, and their variables.
 //!
-//! Source: the vendor's viewer, whose text and bytes are known for each form. What goes over the wire
-//! for them is concluded \[I\]: an instruction goes as it is, an assignment as an assignment of the
-//! value, a reading as a request of which the answer is awaited.
+//! Source: the vendor's viewer, which gives text and bytes of each form. The messages on the wire are
+//! inferred \[I\]: an instruction is sent unchanged, an assignment as an assignment of the value, a reading
+//! as a request whose reply is awaited.
 
 use super::drive::Drive;
 use super::execute::ExecuteError;

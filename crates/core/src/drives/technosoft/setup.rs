@@ -1,7 +1,7 @@
-//! What is in the set-up table from the factory.
+//! The factory set-up table.
 //!
-//! The values are a plausible set-up for the model's motor \[I\]; KPP is what the communication
-//! manual's example 2 reads (chapter 3).
+//! Its values are a plausible set-up for the model's motor \[I\]. KPP is the value that example 2 of the
+//! communication manual reads (chapter 3).
 
 use super::addresses;
 use super::memory::Memory;

@@ -1,4 +1,4 @@
-//! The motor with its encoder and loops, and how counts lie on its shaft.
+//! The motor with its encoder and loops, and the conversion of counts to its shaft.
 
 use super::options::Options;
 use super::units::{CountScale, PEAK_A};

@@ -1,7 +1,7 @@
-//! The registers that tell how the drive is.
+//! The status registers of the drive.
 //!
-//! Source: the vendor's help pages on the TML registers; bits that only the CANopen manual of the
-//! same drives names are marked there.
+//! Source: the vendor's help pages on the TML registers. Bits that only the CANopen manual of the same
+//! drives names are marked.
 
 /// SRL: status, low word.
 pub(super) mod srl {

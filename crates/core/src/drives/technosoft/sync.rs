@@ -1,8 +1,8 @@
-//! One time for all drives: a master tells its time, the others follow.
+//! Synchronised time of several drives: a master sends its time, the others follow.
 //!
-//! Source: TML communication manual, chapter 5, example 4. At the synchronisation message each
-//! drive latches its time; then the master tells what it latched, and the others go by the
-//! difference. The unit of the period is the slow loop.
+//! Source: TML communication manual, chapter 5, example 4. At the synchronisation message each drive
+//! latches its time. Then the master sends its latched time, and the others correct the difference. The
+//! period is in slow loops.
 
 use super::drive::Drive;
 use crate::plant::TICK_NS;

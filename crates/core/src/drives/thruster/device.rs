@@ -1,4 +1,4 @@
-//! The simulated drive: a drive behind its CAN end, and the bench around it.
+//! The simulated drive with its CAN end, and its environment.
 
 use super::drive::Drive;
 use super::options::Options;

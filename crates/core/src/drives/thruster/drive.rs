@@ -1,4 +1,4 @@
-//! The drive apart from its wire: settings, output, faults, and what happens in time.
+//! The drive independent of its wire: settings, output, faults, time.
 
 use super::memory::Memory;
 use super::options::Options;

@@ -1,4 +1,4 @@
-//! What each command does (protocol manual, sections 2.1 to 4.3).
+//! Executes the commands (protocol manual, sections 2.1 to 4.3).
 
 use super::drive::Drive;
 use super::shaft::{rad_per_s, radians};

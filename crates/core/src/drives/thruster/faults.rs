@@ -1,4 +1,4 @@
-//! Faults: what brings them, what they do, what takes them away (protocol manual, section 3).
+//! Faults: their causes, effects and clearing (protocol manual, section 3).
 
 use super::drive::Drive;
 use crate::proto::thruster::fault;

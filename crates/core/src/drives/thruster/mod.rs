@@ -1,7 +1,7 @@
-//! Underwater thrusters, servos and linear actuators that speak the thruster protocol on CAN.
+//! Underwater thrusters, servos and linear actuators with the thruster protocol on CAN.
 //!
-//! Source: the maker's protocol manual (sections are cited). It says nothing of motors and water:
-//! those are chosen \[I\], so that speed, voltage and current are near those of its examples.
+//! Source: the maker's protocol manual (sections are cited). It does not describe motors and water: their
+//! parameters are chosen \[I\], so that speed, voltage and current are close to its examples.
 
 mod device;
 mod drive;

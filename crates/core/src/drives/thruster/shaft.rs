@@ -1,4 +1,4 @@
-//! The motor with what turns on it, and where its zeros are.
+//! The motor with its load, and the zero points of its positions.
 
 use super::options::Options;
 use super::water::Water;

@@ -1,4 +1,4 @@
-//! The family: its products, and the bench around a simulated module.
+//! The family: its products, and the environment of a simulated module.
 
 use super::channel::Channel;
 use super::module::{DRIVER_FAULTS, Module};

@@ -1,4 +1,4 @@
-//! The module: its motors, ports and supply, and what its requests do.
+//! The module: motors, ports, supply, and its requests.
 
 use super::channel::{Channel, DIVIDED_SPEED_MAX, RampMode, STALL_ERROR, Settings};
 use super::search::SwitchKind;

@@ -1,5 +1,4 @@
-//! The reference search (RFS): which switches are looked for, one after the other (TMCL reference, axis
-//! parameter 193).
+//! The reference search (RFS): the sequence of switches (TMCL reference, axis parameter 193).
 
 /// A switch of a motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -1,9 +1,9 @@
-//! The units of a stepper module, computed from its own settings (hardware manuals of the TMCM-1140,
-//! TMCM-1180 and TMCM-610, "velocity and acceleration vs. microstep and fullstep frequency").
+//! The units of a stepper module, computed from its settings (hardware manuals of the TMCM-1140, TMCM-1180
+//! and TMCM-610, "velocity and acceleration vs. microstep and fullstep frequency").
 //!
-//! A full step has 2 to the power of parameter 140 microsteps. A turn has as many full steps as parameter
-//! 202 says, where the module has that, else 200. Modules with a TMC428 or TMC429 (those with pulse divisor
-//! and ramp divisor, 154 and 153) count speeds from 0 to 2047; the others count microsteps per second.
+//! A full step has 2 to the power of parameter 140 microsteps. The number of full steps of a turn is
+//! parameter 202, if the module has it, else 200. Modules with a TMC428 or TMC429 (those with pulse divisor
+//! 154 and ramp divisor 153) use speeds from 0 to 2047; the others use microsteps per second.
 
 use crate::profile::{NoScale, ObjectKey, ScaleRule, ScaleRuleValue};
 

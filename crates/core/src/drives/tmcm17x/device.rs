@@ -1,4 +1,4 @@
-//! The simulated drive: a module behind its serial and its CAN end, and the bench around it.
+//! The simulated module with its serial and CAN ends, and its environment.
 
 use super::flags;
 use super::module::Module;

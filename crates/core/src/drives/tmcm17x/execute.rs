@@ -1,4 +1,4 @@
-//! What the motor's requests do, and the ports.
+//! Executes the requests of the motor and the ports.
 
 use super::flags;
 use super::module::{ControlMode, Module};

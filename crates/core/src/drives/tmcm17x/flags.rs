@@ -1,5 +1,5 @@
-//! Status flags of GAP 156, with their clearing rules (programming manual, parameter 156), and the
-//! trip points of the hardware manual §"operational ratings".
+//! Status flags of GAP 156 with their clearing rules (programming manual, parameter 156), and the trip
+//! points of the hardware manual §"operational ratings".
 
 /// Supply below 10 V.
 pub const UNDERVOLT: u32 = 1 << 0;

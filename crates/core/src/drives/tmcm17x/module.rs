@@ -1,4 +1,4 @@
-//! The module itself, apart from its wires: power stage, motor, switches, and what happens in time.
+//! The module independent of its wires: power stage, motor, switches, time.
 
 use super::flags::{self, Flags};
 use crate::plant::{

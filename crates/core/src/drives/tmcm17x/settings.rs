@@ -1,4 +1,4 @@
-//! Axis parameters and motion: what they do and what they tell.
+//! Axis parameters and motion: their effects and values.
 
 use super::flags;
 use super::module::{ControlMode, Module, rad_per_s, rpm};

@@ -1,5 +1,4 @@
-//! What all CiA 402 drives have in common: the states that the statusword tells, what the
-//! controlword orders, and the modes.
+//! Common parts of all CiA 402 drives: states of the statusword, commands of the controlword, modes.
 
 use super::sdo::ObjectIndex;
 

@@ -1,4 +1,4 @@
-//! Identifiers: who says what, by the predefined connection set (CiA 301, 7.3.3).
+//! Identifiers by the predefined connection set (CiA 301, 7.3.3).
 //!
 //! ```text
 //! bit 10 … 7         6 … 0

@@ -1,10 +1,10 @@
-//! The obeying end: one node with its dictionary, the firmware behind it, and all services of
-//! CiA 301 and LSS of CiA 305.
+//! The device end: one node with its dictionary, its firmware, and all services of CiA 301 and LSS of CiA
+//! 305.
 //!
-//! The [`Firmware`] is lent to each call. What the protocol itself keeps, objects 1000h to 1FFFh
-//! with the tag [`PROTOCOL_TAG`](super::od::PROTOCOL_TAG), lives in the [`CanEndpoint`]; everything
-//! else is the firmware's and reached by the tag of its [`ObjectEntry`](super::od::ObjectEntry).
-//! [`Quirks`] holds what devices do otherwise than the standard.
+//! The [`Firmware`] is passed to each call. Objects of the protocol (1000h to 1FFFh with the tag
+//! [`PROTOCOL_TAG`](super::od::PROTOCOL_TAG)) are in the [`CanEndpoint`]. All others belong to the
+//! firmware, and are accessed by the tag of their [`ObjectEntry`](super::od::ObjectEntry). [`Quirks`] are
+//! deviations from the standard.
 
 mod communication;
 mod emcy;

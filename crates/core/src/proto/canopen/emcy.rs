@@ -1,4 +1,4 @@
-//! EMCY: a node has a fault, or has it no more (CiA 301, 7.2.7).
+//! EMCY: start and end of a node's fault (CiA 301, 7.2.7).
 
 use super::cob;
 use crate::error::WireError;

@@ -1,9 +1,8 @@
-//! Frames for people: what the fields are, and what a frame means.
+//! Explains frames: fields and meaning.
 //!
-//! Identifiers are read by the predefined connection set. PDO2's are other protocols' too (thrusters,
-//! Elmo drives), so in a capture that nobody explains they count only for a node that something
-//! else proves to be CANopen's. What process data hold is the node's mapping, which the frame does
-//! not tell.
+//! Identifiers are interpreted by the predefined connection set. Other protocols use those of PDO2 too
+//! (thrusters, Elmo drives). Without --as they count as CANopen only for a node that other frames prove to
+//! be one. The content of process data depends on the node's mapping, which a frame does not contain.
 
 mod effect;
 mod fields;

@@ -1,4 +1,4 @@
-//! What every CANopen device has, for one that no profile describes. Nothing here moves a motor.
+//! Objects of every CANopen device, for devices without a profile. None of them moves a motor.
 
 use super::host::REPLY_TIMEOUT_MS;
 use crate::profile::{

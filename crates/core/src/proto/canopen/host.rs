@@ -1,9 +1,9 @@
-//! The commanding end: network master and service data client.
+//! The host end: network master and SDO client.
 //!
-//! Each node is asked one thing at a time, many nodes are asked at once. A reply is taken only if its
-//! node asks for it, and it names the very object or carries on the very transfer. After silence
-//! nothing of the same object counts until another object was answered, because a node answers in
-//! order (CiA 301, 7.2.4.2 aborts the transfer meanwhile).
+//! Each node has one open request, and many nodes can have one at once. A reply is accepted only if its
+//! node has a request, and it names this object or continues this transfer. After a missing reply, no reply
+//! about the same object is accepted until another object was answered, because a node replies in order
+//! (CiA 301, 7.2.4.2 aborts the transfer meanwhile).
 
 mod channel;
 mod lss_master;

@@ -1,4 +1,4 @@
-//! What a host is asked to say, and what nodes say.
+//! Requests of a host, and messages of nodes.
 
 use super::address;
 use super::cob::Cob;

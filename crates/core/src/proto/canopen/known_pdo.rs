@@ -1,4 +1,4 @@
-//! How a node's process data lie, by the mapping that was read or written.
+//! The layout of a node's process data, by the mapping that was read or written.
 
 use super::address::axis_index;
 use super::pdo::{BITS_MAX, BitField, MappingEntry};

@@ -1,8 +1,7 @@
 //! CANopen: network management, service and process data on CAN, and drives by CiA 402.
 //!
-//! Sources: CiA 301 (services, objects 1000h to 1FFFh), CiA 302 (masters), CiA 305 (LSS), CiA 402
-//! (drives); chapter 3 of the TS servo drive's communication manual for what that drive does
-//! otherwise. What no source states is marked \[I\].
+//! Sources: CiA 301 (services, objects 1000h to 1FFFh), CiA 302 (masters), CiA 305 (LSS), CiA 402 (drives);
+//! chapter 3 of the TS communication manual for deviations of that drive. Inferred facts are marked \[I\].
 
 pub mod address;
 pub mod axis;

@@ -1,4 +1,4 @@
-//! Network management: who may say what (CiA 301, 7.2.8).
+//! Network management: commands and states (CiA 301, 7.2.8).
 
 use super::cob;
 use crate::error::WireError;

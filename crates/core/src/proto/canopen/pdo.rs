@@ -1,4 +1,4 @@
-//! Process data: up to eight bytes that are the values of mapped objects (CiA 301, 7.2.2).
+//! Process data: up to eight bytes with the values of mapped objects (CiA 301, 7.2.2).
 
 use super::sdo::ObjectIndex;
 

@@ -1,4 +1,4 @@
-//! SYNC: now (CiA 301, 7.2.5).
+//! SYNC messages (CiA 301, 7.2.5).
 
 use super::cob;
 use crate::error::WireError;

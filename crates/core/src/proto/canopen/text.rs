@@ -1,7 +1,7 @@
-//! A language for what goes over the bus: `write 0x6040:0 u16 0x000F`, `read 0x6041:0`, `nmt start`,
-//! `rpdo1 0F 00`, `lss node 5`. Nodes have one too: `value 0x6041:0 u16 0x0037`, `written 0x6040:0`,
-//! `heartbeat operational`. What stands in parentheses is a remark; what no words say is `raw`, an
-//! identifier and bytes. So every text that is written here is read here.
+//! Text form of the messages: `write 0x6040:0 u16 0x000F`, `read 0x6041:0`, `nmt start`, `rpdo1 0F 00`,
+//! `lss node 5`; for nodes `value 0x6041:0 u16 0x0037`, `written 0x6040:0`, `heartbeat operational`. Text
+//! in parentheses is a comment. Other frames are `raw`, an identifier and bytes. Every text that is written
+//! here can be read here.
 
 mod parse;
 mod write;

@@ -1,4 +1,4 @@
-//! Registers and bits by their number: `0x33`, `R 51`, `IR 3`, `C 5`, `DI 2`, `0x20:i32:le`.
+//! Registers and bits by number: `0x33`, `R 51`, `IR 3`, `C 5`, `DI 2`, `0x20:i32:le`.
 
 use super::wire::{Function, Space};
 use crate::explain::{FieldValue, TextError};

@@ -1,8 +1,8 @@
-//! One axis on Modbus, driven from its profile alone.
+//! One axis on Modbus, driven by its profile.
 //!
-//! Profile spaces: 0 holding registers, 1 coils, 2 discrete inputs, 3 input registers. In plans,
-//! `send FUNCTION INDEX VALUE`: functions 05, 06 and 10 write the value at the index, 01 to 04 read
-//! so many from it.
+//! Profile spaces: 0 holding registers, 1 coils, 2 discrete inputs, 3 input registers. In plans, `send
+//! FUNCTION INDEX VALUE`: functions 05, 06 and 10 write the value at the index, 01 to 04 read this number
+//! of items from it.
 
 use super::encoding::{REGISTERS_MAX, decode, encode, register_count};
 use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX};

@@ -1,9 +1,9 @@
-//! The obeying end: deframes requests, has the firmware carry them out, answers.
+//! The device end: deframes requests, executes them in the firmware, replies.
 //!
-//! The firmware is lent with every call, so that one drive can stand behind several ends. Bytes are
-//! told apart in one of two ways ([`Framing`]): by the length that a frame announces, confirmed by
-//! the CRC, which survives splits, noise and glued frames; or by silence alone, as the TS drive does
-//! (TS manual V2 §2.3: "more than 10 ms of silence is the end").
+//! The firmware is passed to each call, so one drive can have several ends. Frames are separated in one of
+//! two ways ([`Framing`]): by the announced length, confirmed by the CRC, which works with split, noisy and
+//! joined frames; or by silence, like the TS drive (TS manual V2 §2.3: "more than 10 ms of silence is the
+//! end").
 
 use super::ascii::{self, AsciiDeframer, FeedResult};
 use super::rtu::{self, ADU_MAX, ADU_MIN};

@@ -1,7 +1,7 @@
 //! Read Device Identification, function 43/14 (MAP 6.21): vendor, product code, version and names.
 //!
-//! A reply lists several objects in one frame, whose length its head does not tell: each object has a
-//! length of its own.
+//! A reply lists several objects in one frame. Its length is not in its header: each object has its own
+//! length.
 
 use super::wire::AnnouncedLength;
 

@@ -1,4 +1,4 @@
-//! How a parameter's value lies in registers.
+//! Encodings of parameter values in registers.
 
 use crate::profile::Encoding;
 

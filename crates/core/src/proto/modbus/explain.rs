@@ -1,7 +1,7 @@
-//! Frames for people, and frames from text: the dissectors of both wire formats.
+//! Explains frames, and makes frames from text: the dissectors of both wire formats.
 //!
-//! Where frames end in a capture is decided by the check. Without a known direction a frame is
-//! tried as a request first, then as a reply.
+//! In a capture, the checksum decides where frames end. Without a known direction, a frame is read as a
+//! request first, then as a reply.
 
 mod conversation;
 mod framing;

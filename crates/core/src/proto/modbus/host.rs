@@ -1,16 +1,15 @@
-//! The commanding end: one request outstanding, every echo that the protocol offers compared.
+//! The host end: one open request, and a comparison of every echoed field.
 //!
-//! A reply to a read repeats no address, so a late one looks like the answer to the next request.
-//! Therefore the host keeps a ledger of what it is still owed. After silence the line is in
-//! quarantine: a probe, a read with a function code that is not owed, is sent; drives answer in
-//! order, so when the probe is answered (even refused) nothing older can still come. Without an
-//! answer the quarantine lasts three times the timeout. A late reply that arrives meanwhile can only
-//! be the one waited for, and is taken as such. Only what is harmless to repeat is sent again, and
-//! only after the quarantine.
+//! A reply to a read does not repeat the address, so a late reply looks like the reply to the next request.
+//! Therefore the host records pending replies. After a missing reply the line is in quarantine: a probe is
+//! sent, a read with a function code without pending replies. Drives reply in order, so nothing older can
+//! follow the probe's reply, even a refusal. Without a reply, the quarantine lasts three times the
+//! time-out. Meanwhile a late reply belongs to the awaited request and is accepted. Only harmless requests
+//! are repeated, after the quarantine.
 //!
-//! Where an earlier program may have spoken, each station begins *unproven*: before the first request to
-//! it, stops excepted, probes drawn at random must be answered one after another. What an older
-//! request is owed takes the place of one only if it has that function code and length.
+//! If an earlier program may have used the line, each station begins *unproven*: several random probes must
+//! be answered one after another before its first request, except stops. A pending reply can replace one of
+//! them only if it has this function code and length.
 
 mod multiple_write;
 mod proof;

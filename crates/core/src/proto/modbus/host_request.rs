@@ -1,4 +1,4 @@
-//! What the commanding end is asked for and what it brings back, as small values.
+//! Requests and results of the host end, as small values.
 
 use super::wire::{Function, RequestPdu, Space, WRITE_BITS_MAX, WireFormat, words};
 use super::{ascii, device_id, rtu};

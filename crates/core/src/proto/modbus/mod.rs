@@ -1,7 +1,7 @@
-//! Modbus over a serial line: RTU and ASCII, both ends.
+//! Modbus on a serial line: RTU and ASCII, both ends.
 //!
 //! Sources: MODBUS Application Protocol Specification V1.1b3 ("MAP"), MODBUS over Serial Line V1.02
-//! ("MSL"), TS manual V2 chapter 2. What no source states is marked `[I]`.
+//! ("MSL"), TS manual V2 chapter 2. Inferred facts are marked `[I]`.
 
 pub mod address;
 pub mod ascii;

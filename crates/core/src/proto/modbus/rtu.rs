@@ -1,9 +1,8 @@
 //! Modbus RTU: station address, PDU, CRC-16 with the low byte first.
 //!
-//! Source: MODBUS over Serial Line V1.02 (here "MSL") 2.5.1; TS manual V2 §2.3. Frames are told
-//! apart by the length that their head announces and confirmed by the CRC: silence between frames
-//! does not survive USB adapters, pseudo-terminals and TCP. Where a drive goes by silence alone, its
-//! own end does (see `device`).
+//! Source: MODBUS over Serial Line V1.02 (here "MSL") 2.5.1; TS manual V2 §2.3. Frames are separated by the
+//! length in their header and confirmed by the CRC, because silence between frames is lost in USB adapters,
+//! pseudo-terminals and TCP. Drives that use silence do this at their own end (see `device`).
 
 use super::wire::{self, AnnouncedLength, RequestPdu};
 use crate::error::WireError;

@@ -1,8 +1,8 @@
-//! The protocol's language as people type it: `read Dn_00`, `write 0x30 5 5`, `coils 0 4`.
+//! Text form of requests: `read Dn_00`, `write 0x30 5 5`, `coils 0 4`.
 //!
-//! Numbers are decimal or, with `0x`, hexadecimal; `=` and `,` are spaces. A register is a number, a
-//! name or symbol of the profile, or `Fn_hex` and `Dn_hex` (TS manual V2 §2.2: Fn_n lies at n, Dn_n
-//! at 1000h + n). What a decoder prints is read too (`list`).
+//! Numbers are decimal or, with `0x`, hexadecimal; `=` and `,` count as spaces. A register is a number, a
+//! name or symbol of the profile, or `Fn_hex` and `Dn_hex` (TS manual V2 §2.2: Fn_n is at n, Dn_n at 1000h
+//! + n). The output of a decoder is accepted too (`list`).
 
 mod list;
 

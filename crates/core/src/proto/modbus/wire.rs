@@ -1,9 +1,9 @@
 //! The Modbus protocol data unit: function codes, exceptions, requests and replies.
 //!
-//! Source: MODBUS Application Protocol Specification V1.1b3 (here "MAP"), chapters 4.1, 6 and 7.
-//! A PDU is the function code and its data, without station address and check. Numbers are
-//! big-endian; bits lie eight to a byte, the lowest address in bit 0. Parsing borrows, emitting
-//! writes into the caller's buffer: nothing is allocated.
+//! Source: MODBUS Application Protocol Specification V1.1b3 (here "MAP"), chapters 4.1, 6 and 7. A PDU is
+//! the function code with its data, without station address and checksum. Numbers are big-endian; a byte
+//! has eight bits, the lowest address in bit 0. Parsing borrows, and writing uses the caller's buffer:
+//! nothing is allocated.
 
 use super::device_id;
 use crate::error::WireError;

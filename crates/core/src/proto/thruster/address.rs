@@ -1,4 +1,4 @@
-//! Values by their letters, `QV`, and internal parameters by their type, `SP 12`.
+//! Values by letters (`QV`), and internal parameters by type (`SP 12`).
 
 use super::rules::{class_of, is_stored};
 use super::wire::{CommandKind, CommandWord, Request, Width};

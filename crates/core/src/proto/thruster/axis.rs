@@ -1,10 +1,10 @@
-//! One drive as an axis, from its profile alone.
+//! One drive as an axis, driven by its profile.
 //!
-//! A profile's spaces: `command`, the letters of what reads or writes a value; `internal`, a type of
-//! SP and RP; `internal high` and `internal low`, its halves, to be read.
-//! [`Send`](crate::plan::Step::Send): function 0 sends the command `index` with the value, function 1
-//! without; 2 and 3 are LA and LR to or by the value, as fast as the caller says, else with `index`
-//! rpm; 4 asks the query `index`, so that a step can name, and have checked, what LA and LR carry.
+//! Spaces of a profile: `command`, the letters that read or write a value; `internal`, a type of SP and RP;
+//! `internal high` and `internal low`, its halves, read only. [`Send`](crate::plan::Step::Send): function 0
+//! sends the command `index` with the value, function 1 without; 2 and 3 are LA and LR with the value, at
+//! the caller's speed, else at `index` rpm; 4 sends the query `index`, so that a step can name and check
+//! the parameters of LA and LR.
 
 use super::generic::GENERIC;
 use super::host::CanHost;

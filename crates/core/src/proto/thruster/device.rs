@@ -1,7 +1,7 @@
-//! The obeying end: frames in, the firmware asked, replies and reports out.
+//! The device end: receives frames, calls the firmware, sends replies and reports.
 //!
-//! What the protocol itself does is here: lengths, echoes and refusals, the forms of VM, the streams
-//! of ML, MM and SR. The [`Firmware`] is lent to each call.
+//! It implements the protocol: lengths, echoes, refusals, the forms of VM, the reports of ML, MM and SR.
+//! The [`Firmware`] is passed to each call.
 
 use super::interpretation::{Interpretation, ReplyFormat};
 use super::wire::{

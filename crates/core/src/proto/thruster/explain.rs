@@ -1,8 +1,8 @@
-//! Frames for people: what the fields are, and what a frame means.
+//! Explains frames: fields and meaning.
 //!
-//! Nothing in one frame tells a thruster from a CANopen node: its identifiers are PDO2's, and
-//! mapped values can have any bytes. So these identifiers are claimed as shared: a capture is
-//! explained so where somebody says whose they are (`--as thruster@11`).
+//! A single frame does not show whether it belongs to a thruster or to a CANopen node: the identifiers are
+//! those of PDO2, and mapped values can have any bytes. Therefore these identifiers are claimed as shared,
+//! and decoded only if the user states the protocol (`--as thruster@11`).
 
 mod conversation;
 

@@ -1,5 +1,5 @@
-//! What all drives of this protocol have in common, for one that no profile describes: reading, and
-//! taking the signal away.
+//! Common functions of all drives of this protocol, for drives without a profile: reading, and removing the
+//! signal.
 
 use super::wire::CommandWord;
 use crate::axis::Verb;

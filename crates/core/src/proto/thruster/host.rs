@@ -1,4 +1,4 @@
-//! The commanding end: the host that a controller is in the manual's words.
+//! The host end, called controller in the manual.
 
 use super::session::{Answer, HostRequest, MinExchangeTime, Session};
 use super::wire::{DriveMessage, node_of_id};

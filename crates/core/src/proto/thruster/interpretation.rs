@@ -1,9 +1,8 @@
-//! Where the manual can be read in two ways: which one, by profile.
+//! Ambiguous parts of the manual, selected by the profile.
 //!
-//! The example traces of section 2.4 say that bit 0 of VM's flags is "no header" and bit 1 "no
-//! reply"; its table has them the other way round. A profile states it in the names of VM's values.
-//! The third report has six bytes for two positions: 16 and 32 bits where the profile's absolute
-//! position is of 16 bits, 24 and 24 where it is of 32.
+//! In the example traces of section 2.4, bit 0 of VM's flags is "no header" and bit 1 "no reply"; its table
+//! has them swapped. The names of VM's values in the profile decide. The third report has six bytes for two
+//! positions: 16 and 32 bits if the profile's absolute position has 16 bits, 24 and 24 if it has 32.
 
 use super::wire::{CommandWord, ReportFrame};
 use crate::profile::{Encoding, Parameter, Profile};

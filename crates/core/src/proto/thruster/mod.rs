@@ -1,9 +1,9 @@
-//! The CAN protocol of a family of underwater thrusters, servos and linear actuators: two letters
-//! and a value, in 11-bit frames with CANopen's PDO2 identifiers.
+//! The CAN protocol of a family of underwater thrusters, servos and linear actuators: two letters and a
+//! value, in 11-bit frames with CANopen's PDO2 identifiers.
 //!
-//! Source: the maker's protocol manual (in Chinese; it names neither maker nor product), whose
-//! sections are cited. Where it is silent or contradicts itself the reading is marked \[I\], and
-//! is a switch of the profile or of the simulated drive where two are possible.
+//! Source: the maker's protocol manual (in Chinese, without the names of maker and product), whose sections
+//! are cited. Inferred facts are marked \[I\]; if two readings are possible, the profile or the simulated
+//! drive has an option.
 
 pub mod address;
 pub mod axis;

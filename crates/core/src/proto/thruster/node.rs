@@ -1,4 +1,4 @@
-//! What a host remembers of each drive: how it answers, what it may still say, what feeds its
+//! State of a drive in the host: its form of replies, pending replies, and the requests that feed its
 //! timeout stop.
 
 use super::interpretation::{Interpretation, ReplyFormat};

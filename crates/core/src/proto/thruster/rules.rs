@@ -1,4 +1,4 @@
-//! What a host does not send, and why.
+//! Requests that a host does not send, with the reasons.
 
 use super::wire::{
     BIT_RATES, CommandKind, CommandWord, ID_MAX, POSITION_MAX, RANGE_PARAMETER, REFUSED, RPM_MIN,

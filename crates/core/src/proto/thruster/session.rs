@@ -1,9 +1,9 @@
-//! One request outstanding per drive, many drives at once: deadlines, retries, what a refusal means.
+//! One open request for each drive, many drives at once: deadlines, repeats, refusals.
 //!
-//! A reply repeats the request's first four bytes and, to what is set, its value; it has no number.
-//! So it belongs to the oldest request of that drive that it fits. After silence the drive is *in
-//! doubt*: nothing but a stop is asked of it until a query of another command was answered, since a
-//! drive answers in order, or until the latest possible reply is past.
+//! A reply repeats the first four bytes of its request and, for settings, the value. It has no number, so
+//! it belongs to the oldest request of its drive that it matches. After a missing reply the drive is *in
+//! doubt*: only stops are sent until a query of another command is answered, because a drive replies in
+//! order, or until the latest possible reply is overdue.
 
 use super::fault::{ENCODER, OUTPUT_OFF};
 use super::interpretation::{Interpretation, ReplyFormat};

@@ -1,9 +1,8 @@
-//! A language for what goes over the wire: `TC -5 %`, `LA 10 rpm 90.0 deg`, `VM frames 1+2`, `QP`.
+//! Text form of the messages: `TC -5 %`, `LA 10 rpm 90.0 deg`, `VM frames 1+2`, `QP`.
 //!
-//! The manual has letters and bytes alone; values and units are ours. A number without a unit is the
-//! raw one of the wire. What stands in parentheses is a remark. Replies have a language too: `QP 48.0
-//! V`, `TC -5 % accepted`, `TC refused`, `VC frame 1: 496 rpm, 48.0 V, 0.4 A`. Whatever bytes have no
-//! words are `raw` and bytes. So every text that is written here is read here.
+//! The manual has letters and bytes only; values and units are ours. A number without unit is raw. Text in
+//! parentheses is a comment. Replies are `QP 48.0 V`, `TC -5 % accepted`, `TC refused`, `VC frame 1: 496
+//! rpm, 48.0 V, 0.4 A`. Other bytes are `raw` and bytes. Every text that is written here can be read here.
 
 use core::fmt::{self, Write as _};
 

@@ -1,8 +1,8 @@
-//! An axis of any TMCL module, from its profile alone.
+//! An axis of any TMCL module, driven by its profile.
 //!
-//! Spaces are those of [`address`](super::address::Space): axis parameters (GAP, SAP), global ones
-//! (GGP, SGP), inputs and outputs (GIO, SIO). A parameter number above 255 puts its upper bits into the
-//! motor byte, above the axis, as the vendor's host library does.
+//! Spaces are those of [`address`](super::address::Space): axis parameters (GAP, SAP), global ones (GGP,
+//! SGP), inputs and outputs (GIO, SIO). A parameter number above 255 has its upper bits in the motor byte,
+//! above the axis, as in the vendor's host library.
 
 use super::address::Space;
 use super::generic::GENERIC;

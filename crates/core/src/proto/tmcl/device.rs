@@ -1,12 +1,12 @@
-//! The obeying end: datagrams in, the firmware asked, replies out.
+//! The device end: receives datagrams, calls the firmware, sends replies.
 //!
-//! The [`Firmware`] is lent to each call, so that one drive object sits behind a [`SerialEndpoint`] and
-//! a [`CanEndpoint`].
+//! The [`Firmware`] is passed to each call, so one drive object has a [`SerialEndpoint`] and a
+//! [`CanEndpoint`].
 //!
-//! What the TMCM-170/171 manual leaves open follows Trinamic's own published RS-485 firmware for
-//! the stepRocker, as it behaves: nine bytes are a datagram, a pause between two bytes starts a new
-//! one, the address is checked before the sum, a wrong sum is answered with status 1 and opcode 0.
-//! What other firmware does is switchable in [`Quirks`].
+//! Open points of the TMCM-170/171 manual follow Trinamic's published RS-485 firmware of the stepRocker:
+//! nine bytes are a datagram, a pause between two bytes starts a new one, the address is checked before the
+//! checksum, a wrong checksum is answered with status 1 and opcode 0. [`Quirks`] selects the behaviour of
+//! other firmware.
 
 use super::ascii;
 use super::opcode::{Opcode, Status};

@@ -1,4 +1,4 @@
-//! Datagrams for people: where one ends in a stream, what its fields are, what it means.
+//! Explains datagrams: their ends in a stream, fields, meaning.
 
 mod conversation;
 

@@ -1,5 +1,4 @@
-//! What all TMCL modules have in common, for one that no profile describes. Nothing here moves a
-//! motor except to stop it.
+//! Common functions of all TMCL modules, for modules without a profile. Only the stop affects a motor.
 
 use crate::axis::Verb;
 use crate::plan::{Operand, Plan, Step};

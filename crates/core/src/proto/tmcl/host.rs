@@ -1,9 +1,9 @@
-//! The commanding end, on a serial line and on CAN.
+//! The host end, on a serial line and on CAN.
 //!
-//! A reply is taken only if everything that it offers agrees: checksum, host address, module
-//! address, opcode, a known status, and on a line with a known baud rate the time: no reply can be
-//! whole before request and reply were on the wire. Manuals call the value of a reply to a write
-//! "don't care", so it is not compared.
+//! A reply is accepted only if all its fields match: checksum, host address, module address, opcode, a
+//! known status; and on a line with a known baud rate the time, because a reply cannot be complete before
+//! request and reply were on the wire. Manuals call the value of a reply to a write "don't care", so it is
+//! not compared.
 
 use super::ascii;
 use super::opcode::Opcode;

@@ -1,4 +1,4 @@
-//! What a host asks, and whether it may ask it again.
+//! Requests of a host, and whether they may be repeated.
 
 use super::opcode::{Opcode, SEARCH_STATUS};
 use super::wire::Request;

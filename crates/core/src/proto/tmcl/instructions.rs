@@ -1,4 +1,4 @@
-//! The language of stand-alone programs: the requests of a host, and those that only programs know.
+//! The language of stand-alone programs: the requests of a host, and instructions for programs only.
 
 use super::opcode::{Opcode, Status};
 use super::text::{CommandFields, parse, write};

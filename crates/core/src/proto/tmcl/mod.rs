@@ -1,8 +1,8 @@
-//! TMCL, Trinamic's motion control language: nine-byte datagrams on RS-232 and RS-485, the same in
-//! CAN frames, and an ASCII mode.
+//! TMCL, Trinamic's motion control language: nine-byte datagrams on RS-232 and RS-485, the same in CAN
+//! frames, and an ASCII mode.
 //!
-//! Sources: "TMCM-170 and TMCM-171 MODULE, Reference and Programming Manual" chapter 2 for the
-//! datagram; later TMCL manuals for the rest. What no manual states is marked \[I\].
+//! Sources: "TMCM-170 and TMCM-171 MODULE, Reference and Programming Manual" chapter 2 for the datagram;
+//! later TMCL manuals for the rest. Inferred facts are marked \[I\].
 
 pub mod address;
 pub mod ascii;

@@ -1,7 +1,7 @@
-//! Opcodes and statuses: two bytes with names, made from two tables.
+//! Opcodes and statuses: two bytes with names, from two tables.
 //!
-//! Numbers and names: TMCL reference manuals, the vendor's host library and evaluation firmware.
-//! The TMCM-170/171 manual prints 1, 6 and a few more; what a module lacks it answers with
+//! Numbers and names: TMCL reference manuals, the vendor's host library and evaluation firmware. The
+//! TMCM-170/171 manual prints 1, 6 and a few more. A module answers missing opcodes with
 //! [`Status::InvalidCommand`].
 
 /// A byte whose numbers have names: any byte is one, and none has to be looked up to be read, compared

@@ -1,17 +1,16 @@
-//! What both hosts share: one request outstanding, deadlines, retries, quarantine, events.
+//! Common part of both hosts: one open request, deadlines, repeats, quarantine, events.
 //!
-//! A reply names its module, its opcode and its status, but not the parameter that was asked. So a
-//! late reply to `GAP 1` looks exactly like the answer to `GAP 3`. Therefore, after silence (and
-//! after an answer to something that was sent twice) a module is *suspect*: nothing but a stop is
-//! asked of it until a probe of another opcode was answered, because a module answers in order and
-//! nothing older can come after that; or until the latest possible reply is past.
+//! A reply names its module, opcode and status, but not the parameter. So a late reply to `GAP 1` looks
+//! like the reply to `GAP 3`. Therefore, after a missing reply (and after a reply to a repeated request) a
+//! module is *suspect*: only stops are sent until a probe of another opcode is answered, or until the
+//! latest possible reply is overdue. A module replies in order, so nothing older can follow the probe's
+//! reply.
 //!
-//! Where an earlier program may have spoken, every module begins *unproven*, and becomes so again when
-//! a doubt ended by time alone: nobody knows what is owed. Before the first request to it, stops
-//! excepted, several probes of different opcodes, drawn at random, must be answered one after another.
-//! What an older request is owed takes the place of one only if it has that opcode, and then the
-//! probe's own answer comes while the next one is awaited, and is not taken for that. So a value that
-//! is wrong takes as many older replies as there are probes, of just these opcodes in this order.
+//! If an earlier program may have used the line, each module begins *unproven*, and becomes so again when a
+//! doubt ended by time only. Several random probes of different opcodes must be answered one after another
+//! before its first request, except stops. A pending reply can replace one of them only if it has this
+//! opcode; then the probe's own reply arrives during the next probe, and does not match it. So a wrong
+//! value needs as many pending replies as there are probes, with these opcodes in this order.
 
 mod alignment;
 mod matching;

@@ -1,10 +1,9 @@
-//! The language of TMCL manuals: `ROR 0, 350`, `MVP ABS, 0, 1000`, `GAP 1, 0`.
+//! The text form of TMCL manuals: `ROR 0, 350`, `MVP ABS, 0, 1000`, `GAP 1, 0`.
 //!
-//! A command is its mnemonic and the numbers that it has a use for, in the order type, motor or
-//! bank, value. Numbers at the end may be left out and are 0; a word stands for the type where the
-//! manuals have one (`ABS`, `MUL`, `TICKS`). Numbers are decimal or `$` or `0x` hexadecimal. What
-//! the manuals write no line for (the control opcodes from 128 on, and numbers without a name) is
-//! written by name or number with all three fields.
+//! A command is its mnemonic with its numbers in the order type, motor or bank, value. Trailing numbers may
+//! be omitted and are 0. A word replaces the type if the manuals have one (`ABS`, `MUL`, `TICKS`). Numbers
+//! are decimal, or hexadecimal with `$` or `0x`. Commands without a text form in the manuals (control
+//! opcodes from 128 on, and numbers without a name) are written by name or number with all three fields.
 
 use super::opcode::Opcode;
 use super::wire::Request;

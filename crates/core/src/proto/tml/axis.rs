@@ -1,7 +1,7 @@
-//! An axis of any TML drive, or a group of them, from a profile alone.
+//! An axis of any TML drive, or a group of them, driven by a profile.
 //!
-//! Parameters are variables in the drive's memory: space 0 is data memory, 1 program memory, 2 the
-//! EEPROM. Which address a name has depends on the firmware, so it is the profile's.
+//! Parameters are variables in the drive's memory: space 0 is data memory, 1 program memory, 2 the EEPROM.
+//! The address of a name depends on the firmware, so the profile has it.
 
 use super::generic::GENERIC;
 use super::host::{CanHost, Encapsulation, ExtendedIds, HOST_ID, SerialHost, StandardIds};

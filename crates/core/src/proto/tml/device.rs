@@ -1,11 +1,11 @@
-//! The obeying end: frames in, the firmware asked, acknowledgements and messages out.
+//! The device end: receives frames, calls the firmware, sends acknowledgements and messages.
 //!
-//! The [`Firmware`] is lent to each call, so that one drive object sits behind a [`SerialEndpoint`] and
-//! a [`CanEndpoint`]; [`Relay`](super::relay::Relay) is both, with the way from one to the other.
+//! The [`Firmware`] is passed to each call, so one drive object has a [`SerialEndpoint`] and a
+//! [`CanEndpoint`]; [`Relay`](super::relay::Relay) is both, with the path between them.
 //!
-//! What a drive does with a broken frame follows the manual's recovery (TML communication manual,
-//! chapter 3): bytes are counted by the length byte and by nothing else, so a lost byte costs the
-//! boundary until the host has sent enough of `0D`.
+//! Broken frames are handled as in the manual's recovery (TML communication manual, chapter 3): bytes are
+//! counted by the length byte only, so after a lost byte the boundary is lost until the host has sent
+//! enough of `0D`.
 
 use super::rules::TmlWire;
 use super::serial::{self, ACK, Deframer, FRAME_MAX, RecoveryPolicy, SYNC, SerialPiece};

@@ -1,5 +1,4 @@
-//! Messages for people: where one ends in a stream, what its fields are, what it means, and what is
-//! expected as its answer.
+//! Explains messages: their ends in a stream, fields, meaning, and the expected reply.
 
 mod conversation;
 mod expected_reply;

@@ -1,5 +1,5 @@
-//! What all TML drives have in common, for one whose firmware no profile describes. Only what
-//! several sources agree on; nothing here moves a motor except to stop it.
+//! Common functions of all TML drives, for firmware without a profile. Only facts that several sources
+//! confirm; only the stop affects a motor.
 
 use crate::axis::Verb;
 use crate::plan::{Operand, Plan, Step};

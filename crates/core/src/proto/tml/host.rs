@@ -1,7 +1,7 @@
-//! The commanding end: on a serial line, and on CAN in either encapsulation.
+//! The host end: on a serial line, and on CAN in either encapsulation.
 //!
-//! Sources: TML communication manual, chapters 3 to 5. Serial servers put bytes of their own between
-//! frames (00, 0D, 0A, what is left of an older connection); those are skipped and counted.
+//! Sources: TML communication manual, chapters 3 to 5. Serial servers insert bytes between frames (00, 0D,
+//! 0A, rests of an older connection); these are skipped and counted.
 
 mod baud_recovery;
 

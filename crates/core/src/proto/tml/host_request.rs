@@ -1,7 +1,7 @@
-//! What a host is asked to say, and what of it is answered.
+//! Requests of a host, and whether they are answered.
 //!
-//! Sources: TML communication manual, chapter 3 (messages of type A, B and C); the vendor's help
-//! pages for the shorter requests.
+//! Sources: TML communication manual, chapter 3 (messages of type A, B and C); the vendor's help pages for
+//! the shorter requests.
 
 use super::online::OnlineMessage;
 use super::rules::is_request;

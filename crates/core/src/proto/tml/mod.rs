@@ -1,9 +1,9 @@
-//! TML, the motion language of Technosoft and Techsoft drives: on RS-232, RS-485 and Ethernet, on
-//! CAN with 29-bit identifiers (TMLCAN) and with 11-bit ones beside CANopen (TechnoCAN).
+//! TML, the motion language of Technosoft and Techsoft drives: on RS-232, RS-485 and Ethernet, on CAN with
+//! 29-bit identifiers (TMLCAN) and with 11-bit ones beside CANopen (TechnoCAN).
 //!
-//! Sources: the vendor's "TML communication" chapters (serial, TMLCAN, TechnoCAN) and its help pages
-//! on instruction coding; what only drivers in the field or captures show is marked in the tables.
-//! What no source states is marked \[I\].
+//! Sources: the vendor's "TML communication" chapters (serial, TMLCAN, TechnoCAN) and its help pages on
+//! instruction coding. Facts from drivers in the field or from captures are marked in the tables. Inferred
+//! facts are marked \[I\].
 
 pub mod address;
 pub mod axis;

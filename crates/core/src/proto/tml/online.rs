@@ -1,8 +1,8 @@
-//! The instructions that are exchanged on-line, as values: requests for data, their answers, what
-//! keeps clocks together, and the points of a path.
+//! Instructions that are exchanged on-line, as values: requests for data, replies, clock synchronisation,
+//! points of a path.
 //!
-//! Sources: TML communication manual, chapters 3 to 5, for GiveMeData, TakeData, GiveMeData2,
-//! TakeData2, synchronisation, master time and PVTP; captures of real drives for the rest.
+//! Sources: TML communication manual, chapters 3 to 5, for GiveMeData, TakeData, GiveMeData2, TakeData2,
+//! synchronisation, master time and PVTP; captures of real drives for the rest.
 
 use super::wire::{IdCode, Instruction, low_first, operand_address, short_operand};
 

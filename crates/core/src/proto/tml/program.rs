@@ -1,9 +1,8 @@
-//! Programs: text of many lines to words at addresses, and back.
+//! Programs: converts text of many lines to words at addresses, and back.
 //!
-//! A line holds instructions, parted by `;`, and a comment behind `//`. `name:` before an instruction
-//! is a label; `GOTO`, `CALL` and `CALLS` take one in place of an address, as does `.word`, so that
-//! tables of routines can be written. Case does not matter. What only goes on-line (requests and
-//! their answers) is in no program (help page on program execution).
+//! A line holds instructions, separated by `;`, and a comment after `//`. `name:` before an instruction is
+//! a label; `GOTO`, `CALL`, `CALLS` and `.word` accept it as an address. Upper and lower case are equal.
+//! On-line requests and replies are not allowed in programs (help page on program execution).
 
 use super::host_request::give_me_data;
 use super::instruction::{

@@ -1,8 +1,8 @@
-//! A drive on two wires: what comes for others on its serial port goes out on CAN, what comes for
-//! its host on CAN goes out on the serial port (TML communication manual, chapters 1 and 2).
+//! A drive on two wires: messages for other axes on its serial port are sent on CAN, messages for its host
+//! on CAN are sent on the serial port (TML communication manual, chapters 1 and 2).
 //!
-//! A drive needs no setting for it: the host takes the axis ID of the drive that it is connected
-//! to, and the host bit tells the two apart.
+//! A drive needs no setting for it: the host uses the axis ID of the connected drive, and the host bit
+//! distinguishes the two.
 
 use super::device::{CanEndpoint, Firmware, LineFault, Quirks, SerialEndpoint};
 use super::online::OnlineMessage;

@@ -1,5 +1,5 @@
-//! What each wire forbids, in sentences for the person who tried (TML communication manual, chapters
-//! 2 to 5). Hosts and encoders ask here before a byte is sent.
+//! Messages that a wire forbids, with a text for the user (TML communication manual, chapters 2 to 5).
+//! Hosts and encoders check them before a byte is sent.
 
 use super::technocan;
 use super::wire::{IdCode, Message};

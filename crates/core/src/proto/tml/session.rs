@@ -1,14 +1,13 @@
-//! What all hosts share: one request outstanding, acknowledgements, answers, recovery, doubts.
+//! Common part of all hosts: one open request, acknowledgements, replies, recovery, doubts.
 //!
-//! An acknowledgement names nothing: neither the drive nor the message. An answer names its sender
-//! and the variable, but not the request. So after silence, and after an answer to what was asked
-//! twice, there is *doubt*: until a question of another variable was answered by the same drive
-//! (drives take messages in order, so nothing older can follow), or the latest possible time is
-//! past, no acknowledgement counts and the variables in doubt are not asked for. Stops are let
-//! through at any time.
+//! An acknowledgement names neither drive nor message. A reply names its sender and the variable, but not
+//! the request. So after a missing reply, and after the reply to a repeated request, there is *doubt*: no
+//! acknowledgement counts, and the variables in doubt are not read, until a read of another variable is
+//! answered by the same drive, or the latest possible time is past. Drives process messages in order, so
+//! nothing older can follow. Stops are always sent.
 //!
-//! On CAN, and for axes behind a relay, nothing tells that a drive took an instruction. There a
-//! question to the same drive follows it; an assignment is read back by it.
+//! On CAN, and for axes behind a relay, no acknowledgement exists. There a read follows an instruction, and
+//! an assignment is read back.
 
 mod acknowledgement;
 mod group_answers;

@@ -1,7 +1,7 @@
-//! What every encapsulation carries: an instruction of one to five words and whom it is for.
+//! The common content of all encapsulations: an instruction of one to five words, and its destination.
 //!
-//! Source: TML communication manual, chapter 2 (message contents, axis/group ID code) and the help
-//! page on instruction coding.
+//! Source: TML communication manual, chapter 2 (message contents, axis/group ID code) and the help page on
+//! instruction coding.
 
 /// Data words that an instruction has at most, beside its opcode.
 pub const DATA_WORDS_MAX: usize = 4;

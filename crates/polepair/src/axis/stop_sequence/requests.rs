@@ -11,8 +11,7 @@ use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 impl Axis {
-    /// Whether its stop writes what the drive keeps over power-off unless it was told not to, and how
-    /// it is told.
+    /// The setting that keeps the writes of a stop out of permanent memory, if there is one.
     pub(super) fn stop_ram_mode(&self) -> Option<RamMode> {
         let ram = self.profile.ram?;
         let is_stored = |id: &ParameterId| {
@@ -35,13 +34,13 @@ impl Axis {
         })
     }
 
-    /// Asks what a stop that is said again hangs on.
+    /// Reads the setting that a repeated stop depends on.
     pub(super) fn start_ram_mode_read(&self, id: ParameterId) -> Result<RunningRequest, Error> {
         let what = format!("stop: reading `{}` first", self.required_parameter(id)?.name);
         self.start_read_now(id, what, RequestKind::Verb(Verb::Stop), true)
     }
 
-    /// Asks whether a motor stands that was told to stop.
+    /// Reads a source of standstill after a stop.
     pub(super) fn start_standstill_read(
         &self,
         id: ParameterId,

@@ -48,7 +48,7 @@ impl Axis {
         }
     }
 
-    /// How long its motor may take to stand once it was told to stop.
+    /// Time limit of the motor's standstill after a stop.
     pub(crate) fn standstill_timeout(&self) -> Duration {
         let steps = self.profile.plan(Verb::Stop).map_or(&[][..], |plan| plan.steps);
         let waits = steps.iter().filter_map(|step| match step {
@@ -58,13 +58,13 @@ impl Axis {
         waits.fold(self.connection.scale_timeout(STANDSTILL_WAIT_MAX), Duration::max)
     }
 
-    /// It was told to stop, and turns on after so long.
+    /// The motor still turns after this time.
     pub(crate) fn not_at_rest_error(&self, after: Duration) -> Error {
         let what = format!("is not at standstill after {} s", after.as_secs());
         self.still_turning_error(&what, "give its ramp more time, or cut its power")
     }
 
-    /// Its speed says that the motor stands, and two positions say that it does not.
+    /// The speed means standstill, but two positions differ.
     pub(super) fn speed_mismatch_error(
         &self,
         speed: i64,

@@ -1,4 +1,4 @@
-//! Which settings are alike: sets of tags, a bit each.
+//! Groups of similar settings: sets of tags, one bit each.
 
 use super::stored;
 

@@ -1,4 +1,4 @@
-//! The objects as the motion of the drive reads them, in SI units.
+//! Settings of the motion from the objects, in SI units.
 
 use super::*;
 

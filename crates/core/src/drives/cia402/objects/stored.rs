@@ -1,4 +1,4 @@
-//! Tags of what can be written.
+//! Tags of writable values.
 
 /// Controlword.
 pub const CONTROL: u16 = 0;

@@ -1,5 +1,5 @@
-//! CANopen mode (Fn_00 = 20): the same registers behind a bus, and the motion that the drive
-//! profile's objects command (TS manual V2, chapter 3).
+//! CANopen mode (Fn_00 = 20): the registers as objects, and the motion of the drive profile (TS manual V2,
+//! chapter 3).
 
 use super::super::objects::{
     COMPUTED_TAGS, CommandedObjects, DICTIONARY, DN_TAGS, Objects, STORED_TAGS, computed,

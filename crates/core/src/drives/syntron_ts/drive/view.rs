@@ -1,4 +1,4 @@
-//! What the panel sees of the drive, and which modes a variant has.
+//! The data that the panel shows, and the modes of a variant.
 
 use super::*;
 

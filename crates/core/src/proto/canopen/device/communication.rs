@@ -1,5 +1,4 @@
-//! The communication objects: their values, where they are kept, and the entries that a dictionary
-//! has for them.
+//! The communication objects: values, storage, and their entries in a dictionary.
 
 use super::SettingsGroup;
 use crate::proto::canopen::od::{

@@ -1,4 +1,4 @@
-//! Emergencies: what waits to be sent, what was sent (object 1003h), and the error register.
+//! Emergencies: queue, history (object 1003h) and error register.
 
 use super::{CanEndpoint, Firmware};
 use crate::medium::Frame;

@@ -1,8 +1,8 @@
-//! The motion of a CiA 402 drive, for the firmware of simulated ones: [`MotionAxis`] is the power state
-//! machine with the modes of operation, on a motor that the family lends as a [`MotorControl`].
+//! Motion of a simulated CiA 402 drive: [`MotionAxis`] is the power state machine with the operation modes,
+//! on a motor of the family ([`MotorControl`]).
 //!
-//! Everything here is SI and independent of a family's objects and units: those come through
-//! [`MotionSettings`]. What the standard leaves to the manufacturer is a switch in [`MotionQuirks`].
+//! Everything is in SI and independent of a family's objects and units, which [`MotionSettings`] provides.
+//! Choices of the manufacturer are options in [`MotionQuirks`].
 //!
 //! Why: SIM-11, SIM-16.
 

@@ -1,4 +1,4 @@
-//! Reading and writing values: the firmware's, and the protocol's own with the rules of CiA 301.
+//! Reads and writes objects: those of the firmware, and those of the protocol by the rules of CiA 301.
 
 use super::communication::CONSUMERS_MAX;
 use super::{CanEndpoint, Firmware, SettingsGroup};

@@ -1,4 +1,4 @@
-//! The PDO engine: mappings resolved when they are written, so that a frame costs a few shifts.
+//! The PDO engine. Mappings are resolved when they are written, so a frame costs a few shifts.
 
 use super::communication::{MAPPED_MAX, PdoObjects};
 use super::{CanEndpoint, Firmware, emcy};

@@ -1,5 +1,5 @@
-//! The SDO server: expedited, in segments and in blocks, one transfer at a time. A new request ends
-//! the one before, as the standard has it.
+//! The SDO server: expedited, segmented and block transfers, one at a time. A new request ends the one
+//! before, as in the standard.
 
 use super::{CanEndpoint, Firmware};
 use crate::medium::Frame;

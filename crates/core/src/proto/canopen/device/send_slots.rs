@@ -1,4 +1,4 @@
-//! What waits to be sent, each service in a place of its own, and in which order.
+//! Frames to be sent, one slot for each service, with their order.
 
 use super::{CanEndpoint, Firmware};
 use crate::medium::Frame;

@@ -1,4 +1,4 @@
-//! SYNC and the time of day: heard, and produced where objects 1005h and 1012h say so.
+//! SYNC and TIME: received, and produced if objects 1005h and 1012h are set so.
 
 use super::{CanEndpoint, Firmware, emcy};
 use crate::medium::Frame;

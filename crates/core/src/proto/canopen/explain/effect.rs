@@ -1,4 +1,4 @@
-//! Who sends a frame by the predefined connection set, and what it may do to nodes.
+//! The sender of a frame by the predefined connection set, and its possible effect on nodes.
 
 use crate::explain::{Direction, Effect};
 use crate::medium::Frame;

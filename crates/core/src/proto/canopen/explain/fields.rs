@@ -1,4 +1,4 @@
-//! The fields of frames, byte by byte.
+//! Fields of frames, byte by byte.
 
 use super::meanings;
 use crate::explain::{ExplainSink, Field, FieldValue};

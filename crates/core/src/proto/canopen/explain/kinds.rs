@@ -1,4 +1,4 @@
-//! The short name of each kind of message.
+//! Short names of the message kinds.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! What numbers mean, in words for people: remarks behind what the language says.
+//! Meanings of numbers, as comments after the text of a frame.
 
 use core::fmt::{self, Write};
 

@@ -1,5 +1,5 @@
-//! Names of the standards' objects (CiA 301, 7.5; CiA 302; CiA 402-2), for where no profile names
-//! them better.
+//! Names of the standards' objects (CiA 301, 7.5; CiA 302; CiA 402-2), used if no profile has a better
+//! name.
 
 use crate::proto::canopen::sdo::ObjectIndex;
 

@@ -1,4 +1,4 @@
-//! One node's service data: one transfer at a time, from its first frame to its end.
+//! The SDO channel of one node: one transfer at a time, from its first frame to its end.
 //!
 //! Why: CANOPEN-1, SPEED-5.
 

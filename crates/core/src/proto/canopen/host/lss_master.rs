@@ -1,5 +1,5 @@
-//! The layer setting master: one service at a time, and the search for a device without node-ID, bit
-//! by bit (CiA 305, fast scan).
+//! The LSS master: one service at a time, and the search for a device without node-ID, bit by bit (CiA 305,
+//! fast scan).
 
 use crate::error::Failure;
 use crate::medium::Frame;

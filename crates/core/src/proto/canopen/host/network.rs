@@ -1,4 +1,4 @@
-//! What nodes say of themselves, and what the host says by itself: its own heartbeat, and SYNC.
+//! Messages of nodes, and messages that the host sends by itself: heartbeat and SYNC.
 
 use super::node_set::NodeSet;
 use crate::medium::Frame;

@@ -1,4 +1,4 @@
-//! What a node's answers make of its transfer.
+//! Processes the replies of a node in its transfer.
 
 use super::channel::{ChannelStage, ChannelStep, NodeChannel, ReplyKind, StaleAnswers};
 use super::transfer_buffer::TransferBuffer;

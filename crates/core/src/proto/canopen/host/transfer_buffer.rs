@@ -1,4 +1,4 @@
-//! The bytes of a long transfer on their way: one block of them, by which both ends are paced.
+//! Buffer of a long transfer: one block, which limits the speed of both ends.
 
 use crate::proto::canopen::host_request::HostRequest;
 use crate::proto::canopen::sdo::{BLOCK_MAX, SEGMENT, crc};

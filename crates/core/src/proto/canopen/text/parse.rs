@@ -1,4 +1,4 @@
-//! Texts read.
+//! Parses texts.
 
 use super::{BOUNDS, COMMANDS, NUMBERS, Statement, TYPES, padded};
 use crate::explain::TextError;

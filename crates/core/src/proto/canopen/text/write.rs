@@ -1,4 +1,4 @@
-//! Texts written.
+//! Writes texts.
 
 use core::fmt::{self, Write};
 

@@ -1,4 +1,4 @@
-//! Frames in their conversation: who speaks, what is owed, which values are told.
+//! Frames in their conversation: sender, expected reply, values.
 
 use super::number_text::write_scaled;
 use super::{ModbusDissector, NAMED_MAX, collect_ascii, is_reply};

@@ -1,4 +1,4 @@
-//! Where frames end in a stream.
+//! Finds the end of frames in a stream.
 
 use crate::explain::{Direction, FrameBoundary};
 use crate::proto::modbus::rtu::{self, ADU_MAX, ADU_MIN};

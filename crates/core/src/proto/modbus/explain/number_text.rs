@@ -1,4 +1,4 @@
-//! Numbers as text, written by hand: no `core::fmt` on the way of a frame.
+//! Numbers as text without `core::fmt`, for speed.
 
 use crate::explain::{ExplainSink, ShortText};
 use crate::profile::{Encoding, Parameter};

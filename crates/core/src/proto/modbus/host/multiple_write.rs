@@ -1,4 +1,4 @@
-//! Stations that know function 16 only: a single register is written to them as one of several.
+//! Stations with function 16 only: a single register is written as a list of one.
 
 use super::{PendingSend, SerialHost};
 use crate::proto::modbus::host_request::{HostRequest, RequestBody, WORDS_MAX};

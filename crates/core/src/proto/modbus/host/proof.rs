@@ -1,5 +1,4 @@
-//! How a station is proven of which nothing is known: what an earlier program asked may still be
-//! answered.
+//! Proof of an unproven station, whose replies to an earlier program may still be pending.
 
 use super::{OUTSTANDING_MAX, PendingSend, QUARANTINE_TIMEOUTS, ReplyRole, SerialHost};
 use crate::error::Failure;

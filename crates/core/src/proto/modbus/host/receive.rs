@@ -1,4 +1,4 @@
-//! Receiving: frames found in the bytes, echoes taken out, replies struck from the ledger.
+//! Receives: finds frames in the bytes, removes echoes, records replies.
 
 use super::{
     AwaitedReply, CurrentExchange, DUPLICATE_WINDOW_NS, EchoState, LastRead, QUARANTINE_TIMEOUTS,

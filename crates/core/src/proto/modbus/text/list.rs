@@ -1,4 +1,4 @@
-//! Writes of many as a decoder tells them: `write register 0x0030 = 5, register 0x0031 = 5`,
+//! Writes of several items, as a decoder prints them: `write register 0x0030 = 5, register 0x0031 = 5`,
 //! `write coil 0x0013, 10 bits = on: 1 3 4`.
 
 use super::{ParsedRequest, Token, check_address_range, parse_number, parse_symbol};

@@ -1,4 +1,4 @@
-//! Frames in their conversation: who speaks, what is owed by the VM in force, which values are told.
+//! Frames in their conversation: sender, expected reply by the active VM, values.
 
 use super::interpretation_of;
 use crate::explain::{

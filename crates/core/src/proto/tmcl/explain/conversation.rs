@@ -1,4 +1,4 @@
-//! Datagrams in their conversation: who speaks, what is owed, which values are told.
+//! Datagrams in their conversation: sender, expected reply, values.
 
 use super::{
     PartialFrameSink, ascii_line_len, is_reply, parameter_of, unchecked_reply, unchecked_request,

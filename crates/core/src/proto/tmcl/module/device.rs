@@ -1,4 +1,4 @@
-//! A module behind its serial and its CAN end.
+//! A module with its serial and CAN ends.
 
 use super::super::device::{CanEndpoint, ChecksumErrorReply, Quirks, SerialEndpoint};
 use super::state::TmclModule;

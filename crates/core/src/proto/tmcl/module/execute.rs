@@ -1,4 +1,4 @@
-//! What each request does that is not about a motor.
+//! Executes requests that do not concern a motor.
 
 use super::super::device::{AsciiEcho, DeferredEvent, Firmware, Response};
 use super::super::{Opcode, Request, Status};

@@ -1,4 +1,4 @@
-//! Settings in RAM and what of them is in the EEPROM, with access and ranges from the profile.
+//! Settings in RAM and EEPROM, with access and ranges from the profile.
 
 use super::program::ProgramMemory;
 use crate::profile::{Access, Parameter, Persistence, Profile};

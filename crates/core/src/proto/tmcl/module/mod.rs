@@ -1,5 +1,5 @@
-//! What simulated TMCL modules have in common, whatever motors they drive: settings and EEPROM, global
-//! parameters, stand-alone programs, control functions, and the ends of their wires.
+//! Common parts of simulated TMCL modules, independent of their motors: settings and EEPROM, global
+//! parameters, stand-alone programs, control functions, and both wires.
 
 mod device;
 mod execute;

@@ -1,4 +1,4 @@
-//! The state of a module apart from its motors, and what a product adds to it.
+//! The state of a module without its motors, and the extensions of a product.
 
 use super::memory::Memory;
 use super::program::{Interpreter, InterpreterStep, WaitCondition};

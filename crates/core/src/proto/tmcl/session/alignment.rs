@@ -1,11 +1,11 @@
-//! Modules that are not heard: they may have lost count of bytes.
+//! Silent modules that may have lost count of bytes.
 //!
-//! Some modules count to nine and know no pause: one that got a byte too many or too few takes no
-//! request any more. A single byte between two requests moves its count on by one, so that it is in
-//! step again after nine of them at most. Others drop after a pause what is not whole, and such a byte then
-//! spoils the request behind it; so every fourth request goes without. A module that is only late must not
-//! get that byte, so it waits until the latest possible reply is past. The others of the line count that byte
-//! too: while one of them answers, a module that does not is probably gone, and no byte is put between.
+//! Some modules count to nine and ignore pauses: after a byte too many or too few they accept no request. A
+//! single byte between two requests moves their count by one, so they are in step after nine at most. Other
+//! modules drop incomplete datagrams after a pause, and such a byte spoils the next request; so every
+//! fourth request has none. A late module must not get this byte, so it waits until the latest possible
+//! reply is overdue. The other modules of the line count the byte too: while one of them replies, a silent
+//! module is probably gone, and no byte is sent.
 
 use super::proof::PROBES;
 use super::{Opcode, PendingExchange, RECENT_MAX, Request, SUSPECTS_MAX, Session};

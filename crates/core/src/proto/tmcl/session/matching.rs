@@ -1,4 +1,4 @@
-//! Which request a reply answers.
+//! Finds the request that a reply answers.
 
 use super::super::wire::Request;
 use super::{

@@ -1,11 +1,11 @@
-//! Stops of several motors behind one address: a reply to `MST` does not name its motor.
+//! Stops of several motors of one module: a reply to `MST` does not name its motor.
 //!
-//! So a reply that is late, or comes twice, looks like the one to the stop of another motor. A module answers
-//! in order: once it has answered something else, all replies to stops that were sent before are past. A
-//! stop whose reply could be another motor's goes out at once, like every stop, but that reply is not
-//! believed: a probe is asked, and then the stop is said once more. So it is with a module that is not
-//! proven: an earlier program may have stopped another motor. For motor 0, whose standing is looked
-//! at, a good reply is taken as it comes; a refusal of another's stop would say that its own was not executed.
+//! A late or repeated reply therefore looks like the reply to the stop of another motor. A module replies
+//! in order: after another reply, all replies to earlier stops are past. A stop whose reply is ambiguous is
+//! sent at once, but its reply is not accepted: a probe is sent, and then the stop again. The same applies
+//! to an unproven module, because an earlier program may have stopped another motor. For motor 0, whose
+//! standstill is checked, a positive reply is accepted; a refusal of another motor's stop would wrongly
+//! mean that its own was not executed.
 
 use super::module_set::ModuleSet;
 use super::proof::UnprovenRequest;

@@ -1,9 +1,10 @@
-//! How a module is proven of which nothing is known: what an earlier program asked may still be
-//! answered, and two modules may have the same address.
+//! Proof of an unproven module: replies to an earlier program may be pending, and two modules may have one
+//! address.
 //!
-//! Behind the last probe the session listens for [`SECOND_REPLY_NS`]: a module answers once, so that a second
-//! reply comes of a second module. Once one came, it listens behind each probe, and [`SECOND_REPLIES_MIN`] in a
-//! row end the request. A reply that an older request is owed has the opcode of the probe by chance only.
+//! After the last probe, the session listens for [`SECOND_REPLY_NS`]: a module replies once, so a second
+//! reply means a second module. After a first double reply it listens after each probe, and
+//! [`SECOND_REPLIES_MIN`] in a row end the request. A pending reply has the opcode of the probe only by
+//! chance.
 
 use super::{
     EARLY_STREAK_MAX, HostRequest, LATEST_TIMEOUTS, PendingExchange, RECENT_MAX, Session,

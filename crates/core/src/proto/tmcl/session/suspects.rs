@@ -1,4 +1,4 @@
-//! Modules of which an answer to an earlier request may still come.
+//! Modules with a possibly pending reply to an earlier request.
 
 use super::{
     HostRequest, LATEST_TIMEOUTS, OUTSTANDING_MAX, Opcode, PROBES_MAX, PendingExchange, Request,

@@ -1,4 +1,4 @@
-//! Messages in their conversation: who speaks, what is owed, which values are told.
+//! Messages in their conversation: sender, expected reply, values.
 
 use super::layout::ParsedFrame;
 use super::{message, names};

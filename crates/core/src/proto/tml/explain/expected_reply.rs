@@ -1,4 +1,4 @@
-//! What is expected after a message: an ack, an answer, of which parts are known beforehand.
+//! The expected reply to a message: an acknowledgement, or an answer with its known parts.
 
 use core::fmt::{self, Write as _};
 

@@ -1,4 +1,4 @@
-//! Where in a frame of each encapsulation a message's parts stand.
+//! The position of a message's parts in the frame of each encapsulation.
 
 use crate::error::WireError;
 use crate::medium::Frame;

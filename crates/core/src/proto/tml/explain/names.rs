@@ -1,4 +1,4 @@
-//! Names for what stands in messages: variables, and instructions in the language.
+//! Names in messages: variables, and instructions of the language.
 
 use crate::explain::{ExplainSink, Field, FieldValue, TextError};
 use crate::profile::{Parameter, Profile};

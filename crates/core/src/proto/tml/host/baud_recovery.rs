@@ -1,5 +1,5 @@
-//! The baud rate of a serial line, and how it is had back: a drive speaks at 9600 again after RESET
-//! and power-up ("the default after reset", TML communication manual, chapter 3).
+//! Restores the baud rate of a serial line: a drive uses 9600 again after RESET and power-up ("the default
+//! after reset", TML communication manual, chapter 3).
 
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
 use crate::time::Instant;

@@ -1,4 +1,4 @@
-//! From text to an instruction: every form of the table is tried, piece by piece.
+//! Converts text to an instruction: every form of the table is tried, part by part.
 
 use super::super::online::{OnlineMessage, PvtPoint};
 use super::super::wire::{IdCode, Instruction, low_first, short_operand};

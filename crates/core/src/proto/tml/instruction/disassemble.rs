@@ -1,4 +1,4 @@
-//! From an instruction to text that assembles back to it.
+//! Converts an instruction to text that assembles back to it.
 
 use super::super::online::OnlineMessage;
 use super::super::wire::{IdCode, Instruction, operand_address};

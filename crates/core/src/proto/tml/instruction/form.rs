@@ -1,4 +1,4 @@
-//! What a row of the table says: an instruction's opcode, its words and its text, piece by piece.
+//! A row of the table: an instruction's opcode, words and text, part by part.
 
 /// One instruction as it is written and coded.
 #[derive(Clone, Copy, Debug)]

@@ -1,4 +1,4 @@
-//! Reading text: words, signs, numbers, names, each with the place where it stood.
+//! Reads text: words, operators, numbers, names, each with its position.
 
 use crate::explain::TextError;
 

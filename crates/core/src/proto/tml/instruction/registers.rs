@@ -1,7 +1,7 @@
-//! Registers: what their bits are called and mean.
+//! Registers: names and meanings of their bits.
 //!
-//! Sources: the vendor's help pages for MER and AAR, the TML communication manual for SRL and SRH;
-//! the bit names of the others come from the vendor's register tables as public tools carry them.
+//! Sources: the vendor's help pages for MER and AAR, the TML communication manual for SRL and SRH; the bit
+//! names of the others come from the vendor's register tables in public tools.
 
 mod settings;
 mod status;

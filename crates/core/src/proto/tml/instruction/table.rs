@@ -1,4 +1,4 @@
-//! The table, a file a group.
+//! The table of instructions, one file for each group.
 
 mod arithmetic;
 mod axes;

@@ -1,7 +1,7 @@
-//! What an acknowledgement makes of a message, none at all, and one that came too soon.
+//! Processing of acknowledgements, missing ones, and early ones.
 //!
-//! An acknowledgement that was on the line before its message had left is a copy of the one before,
-//! or the line's baud rate is fiction (a virtual port). Messages that have no other tell which.
+//! An acknowledgement before its message was sent is a copy of the previous one, or the baud rate is not
+//! real (a virtual port). Messages without any other acknowledgement show which.
 
 use super::{
     DRAIN_NS, FICTION_MIN, LATEST_TIMEOUTS, PendingExchange, RequestPhase, RequestStage, Session,

@@ -1,4 +1,4 @@
-//! The answers to a question that several axes answer, put in the order of their IDs.
+//! Replies of several axes to one request, in the order of their IDs.
 
 use crate::error::Failure;
 use crate::proto::tml::host_request::Answer;

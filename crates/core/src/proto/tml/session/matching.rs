@@ -1,4 +1,4 @@
-//! Which request a message answers.
+//! Finds the request that a message answers.
 
 use super::super::host_request;
 use super::{

@@ -1,4 +1,4 @@
-//! How a stop gets past what is outstanding.
+//! Sends a stop before the open request is complete.
 
 use super::{RequestPhase, RequestStage, Session};
 use crate::error::Failure;

@@ -1,5 +1,5 @@
-//! What the session does when nothing comes: the boundary between frames is found again, and what
-//! can do no harm is sent once more (TML communication manual, chapter 3).
+//! Recovery after a missing reply: finds the boundary between frames again, and repeats harmless requests
+//! (TML communication manual, chapter 3).
 
 use super::{
     ATTEMPTS_MAX, BaudFallback, LATEST_TIMEOUTS, Outgoing, PendingExchange, RequestPhase,

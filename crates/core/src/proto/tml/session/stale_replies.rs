@@ -1,4 +1,4 @@
-//! What an acknowledgement or an answer that comes now could still belong to.
+//! Earlier requests whose acknowledgement or reply may still arrive.
 
 use crate::proto::tml::host_request::is_group_query;
 use crate::proto::tml::online::OnlineMessage;

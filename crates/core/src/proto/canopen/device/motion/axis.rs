@@ -1,4 +1,4 @@
-//! One axis: the power state machine, and what each mode of operation makes of the objects.
+//! One axis: the power state machine, and the operation modes.
 
 mod cyclic;
 mod profiled;

@@ -1,10 +1,9 @@
-//! Homing: methods 1 to 37 of the standard, and the four with a mechanical stop that several makers
-//! number -1, -2, -17 and -18.
+//! Homing: methods 1 to 37 of the standard, and four with a mechanical stop that several makers number -1,
+//! -2, -17 and -18.
 //!
-//! A method is which edge of which switch is crossed in which direction, and whether the zero is
-//! there or at the index pulse behind it. One rule then finds it from anywhere: crossing the edge
-//! the wrong way, or fast, the drive turns round and goes on slowly; a limit switch turns it round
-//! too.
+//! A method is an edge of a switch, its direction, and whether zero is there or at the next index pulse.
+//! One rule works from any position: after crossing the edge in the wrong direction, or fast, the drive
+//! reverses and continues slowly. A limit switch reverses it too.
 
 use core::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! Set-points that the host makes cycle by cycle: the way between two of them.
+//! Interpolates between two cyclic set-points of the host.
 
 use crate::plant::{Setpoint, TICK_S, TICKS_PER_S, clamp_abs};
 

@@ -1,4 +1,4 @@
-//! Set-points of profile position mode, one after the other.
+//! Queue of set-points of profile position mode.
 
 use crate::plant::Limits;
 

@@ -1,4 +1,4 @@
-//! The power state machine of CiA 402: states, and what a controlword orders.
+//! The power state machine of CiA 402: states and commands of the controlword.
 
 /// A state of the power drive system.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -1,4 +1,4 @@
-//! Values that must stay in a window, or out of it, for a time.
+//! Timers for values inside or outside a window.
 
 use super::Window;
 

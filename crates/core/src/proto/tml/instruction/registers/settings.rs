@@ -1,4 +1,4 @@
-//! Registers that say how the drive works.
+//! Registers with settings.
 
 use super::{Register, RegisterField, field, flag};
 

@@ -1,4 +1,4 @@
-//! Registers that tell how the drive is.
+//! Registers with status.
 
 use super::{Register, RegisterField, field, flag};
 

@@ -1,4 +1,4 @@
-//! From drive to drive: the first data word says to or from whom.
+//! Instructions between drives: the first data word is the other drive.
 
 use super::super::form::FormPiece::{
     Axis, Inner, Memory, Near16, Near32, Pointer, Sign, Step, Var16, Var32, Word,

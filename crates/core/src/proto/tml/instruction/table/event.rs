@@ -1,4 +1,4 @@
-//! Events: what UPD!, STOP! and WAIT! wait for. The first data word is the variable that is watched.
+//! Events for UPD!, STOP! and WAIT!. The first data word is the monitored variable.
 
 use super::super::form::FormPiece::{Fixed, High, Line, Long, Sign, Var32, Word};
 use super::{Category, CodingSource, Form, FormPiece, form, whole};

@@ -1,4 +1,4 @@
-//! Digital inputs and outputs: the first data word has a bit a line.
+//! Digital inputs and outputs: the first data word has a bit for each line.
 
 use super::super::form::FormPiece::{Line, Lines, Number, Sign, Var16, Word};
 use super::{Category, CodingSource, Form, FormPiece, form, whole};

@@ -1,4 +1,4 @@
-//! Modes in which the host makes the way: cyclic synchronous position, velocity and torque.
+//! Cyclic synchronous position, velocity and torque.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Modes in which the drive makes the way itself: profile position, velocity and torque, homing.
+//! Profile position, velocity and torque, and homing.
 
 use super::*;
 use crate::plant::TICK_S;
