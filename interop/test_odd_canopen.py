@@ -95,7 +95,7 @@ def test_power_that_is_taken_in_a_move_is_told_at_once(odd):
     drive = odd()
     drive.sto_at = 2500
     failed = polepair("move", drive.url, "1turn", "--rel", check=False)
-    assert failed.returncode == 1 and "no power any more" in failed.stderr, failed
+    assert failed.returncode == 1 and "lost its power" in failed.stderr, failed
 
 
 def test_a_fault_in_homing_is_told_at_once(odd):

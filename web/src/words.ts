@@ -100,7 +100,10 @@ export const WORDS = {
   said_not_sent: ["NOT DELIVERED", "未送达"],
   said_unanswered: ["NO REPLY, it may not have been delivered", "无应答，可能未送达"],
   said_refused: ["NOT EXECUTED", "未执行"],
-  said_again: ["The stop is repeated as soon as the connection is back.", "一旦恢复连接将再次发送。"],
+  said_again: [
+    "The stop is repeated as soon as the connection is back.",
+    "一旦恢复连接将再次发送。",
+  ],
   said_no_more: [
     "The stop is not repeated: press STOP again when the connection is back.",
     "不会再自动发送：恢复连接后请再次按下停止。",
@@ -266,7 +269,10 @@ export const WORDS = {
   watchdog_read: ["Read the setting", "读取当前设置"],
   watchdog_none: ["none: the motor continues to turn", "无看门狗：电机继续转动"],
   watchdog_off: ["off: the motor continues to turn", "已关闭：电机继续转动"],
-  watchdog_on: ["on: the drive stops after {after} without messages", "已启用：{after} 无通讯后停止"],
+  watchdog_on: [
+    "on: the drive stops after {after} without messages",
+    "已启用：{after} 无通讯后停止",
+  ],
   watchdog_other: [
     "on, but it monitors the heartbeat of another host",
     "所监视的心跳不是本服务器发出的",

@@ -140,9 +140,20 @@ fn write_notes(text: &mut String, notes: &str) {
             let _ = writeln!(text, "{heading}\n");
         }
         if !indented.is_empty() {
-            let lines: Vec<&str> =
-                indented.iter().map(|l| l.strip_prefix("  ").unwrap_or(l)).collect();
+            let lines: Vec<String> = indented.iter().map(|line| example(line)).collect();
             let _ = writeln!(text, "```console\n{}\n```\n", lines.join("\n").trim_end());
         }
+    }
+}
+
+/// An example as a shell takes it: text behind a command becomes a comment.
+fn example(line: &str) -> String {
+    let line = line.strip_prefix("  ").unwrap_or(line);
+    match line.split_once("   ") {
+        Some((command, comment)) if command.starts_with("polepair ") => {
+            let comment = comment.trim_start().trim_start_matches("# ");
+            format!("{command}   # {comment}")
+        }
+        _ => line.to_owned(),
     }
 }

@@ -147,7 +147,7 @@ def test_another_owner_is_named_and_left_alone(server: Server, link: polepair.Li
                 lambda: other.axis(1).params.__setitem__("max current", 1),
                 lambda: other.axis(1).disable(),
             ):
-                with pytest.raises(polepair.Refused, match="command") as error:
+                with pytest.raises(polepair.Refused, match="controls this axis") as error:
                     deed()
                 refused.append(error.value)
             assert {(error.code, error.executed) for error in refused} == {("gateway.lease", False)}

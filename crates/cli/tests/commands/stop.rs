@@ -242,7 +242,7 @@ fn what_came_where_nobody_answered_is_told() {
         assert_eq!(ran.code, 4, "{}", ran.err);
         assert!(ran.err.contains("No address replied, but frames were received: "), "{}", ran.err);
         assert!(
-            ran.err.contains("of another device or for") && !ran.err.contains("silent"),
+            ran.err.contains("it replies to host 2") && !ran.err.contains("silent"),
             "{}",
             ran.err
         );

@@ -154,7 +154,7 @@ fn a_node_id_that_is_taken_is_refused() {
     assert!(taken.code == 2 && taken.err.contains("already has address 12"), "{}", taken.err);
     let free = polepair(&["set", &drive, "node id=13"]);
     assert_eq!((free.code, free.out.as_str()), (0, "node id = 13\n"), "{}", free.err);
-    assert!(free.err.contains("once it was switched off and on"), "{}", free.err);
+    assert!(free.err.contains("after it is switched off and on"), "{}", free.err);
     assert!(ok(&["get", &drive, "voltage"]).starts_with("voltage = 48"));
     ok(&["act", &drive, "power-cycle"]);
     assert!(ok(&["get", &format!("{link}#13"), "voltage"]).starts_with("voltage = 48"));
