@@ -88,10 +88,10 @@ describe("a server that is gone", () => {
   it("that hangs does not leave a stop on its way for ever", async () => {
     await v.server.freeze();
     await v.page.keyboard.press("Escape");
-    await says("STOP ALL: NOT ANSWERED", "cut its supply");
+    await says("STOP ALL: NO REPLY", "cut its supply");
     v.server.resume();
     await says("Motion is locked", "all axes at standstill");
-    expect(await banner().innerText()).not.toContain("NOT ANSWERED");
+    expect(await banner().innerText()).not.toContain("NO REPLY");
     await v.button("Release motion").click();
     await banner().waitFor({ state: "detached" });
     await connected();

@@ -58,7 +58,7 @@ describe("looking for drives", () => {
     await group().getByRole("button", { name: "Scan for drives" }).click();
     await v.until(
       () => group().getByRole("status").innerText(),
-      (text) => text.endsWith("no axes: 2"),
+      (text) => text.endsWith("found: 2"),
       LOOK_MS,
     );
     const drives = group().getByRole("list", { name: "Found drives" });
@@ -110,7 +110,7 @@ describe("looking for drives", () => {
     await group().getByRole("progressbar").waitFor();
     await v.until(
       () => group().innerText(),
-      (text) => /did not answer; last heard of \d+ s ago/.test(text),
+      (text) => /did not reply; last reply \d+ s ago/.test(text),
       LOOK_MS,
     );
   });

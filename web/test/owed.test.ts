@@ -75,10 +75,10 @@ describe("a motor that is not seen standing", () => {
     });
     expect(red).toBe("rgb(196, 18, 47)");
     const first = await says("the stop was sent, the drive did not confirm it", "E401");
-    const count = (text: string) => Number(/said (\d+)×/.exec(text)?.[1]);
+    const count = (text: string) => Number(/sent (\d+)×/.exec(text)?.[1]);
     await v.until(
       () => list().innerText(),
-      (text) => count(text) > count(first) && /to stand for [2-9] s/.test(text),
+      (text) => count(text) > count(first) && /stop pending for [2-9] s/.test(text),
     );
     const { since_ms } = (await debt()) ?? { since_ms: 0 };
     const at = new Date(since_ms).toLocaleTimeString("en-GB", { timeZone: "UTC" });
@@ -161,7 +161,7 @@ describe("a motor that is not seen standing", () => {
     );
     const go = form.getByRole("button");
     expect(await go.isDisabled()).toBe(true);
-    await form.getByLabel("I know that tmcm-171 1 may be turning").check();
+    await form.getByLabel("I know that tmcm-171 1 may still turn").check();
     await v.shot("owed-may-turn");
     expect(await v.serious()).toEqual([]);
     await go.click();
@@ -230,7 +230,7 @@ describe("a drive that was taken away while a server owed it a stop", () => {
     const title = `Axis 1 · ${drive.url}`;
     await late.until(
       () => region().innerText(),
-      (text) => text.includes(title) && text.includes("the server before"),
+      (text) => text.includes(title) && text.includes("the previous server"),
     );
     await late.shot("owed-missing");
     await region()
