@@ -125,7 +125,7 @@ describe("the dashboard", () => {
       () => v.card(0).innerText(),
       (text) => text.includes("no reply"),
     );
-    expect(told).toMatch(/supply and its cable/);
+    expect(told).toMatch(/supply and cable/);
     await v.act("supply", ["supply, V", "24"]);
     await v.until(
       () => v.card(0).innerText(),

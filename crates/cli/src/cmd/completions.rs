@@ -75,7 +75,7 @@ const BASH: &str = r#"_polepair() {
     else
         words=("${COMP_WORDS[@]}") cword=$COMP_CWORD cur=$2
     fi
-    # What Bash takes for an earlier word is already defined.
+    # Bash has the part before a break of words already.
     before=${cur%"$2"}
     COMPREPLY=()
     while IFS= read -r -d $'\013' reply; do
