@@ -32,7 +32,7 @@ pub enum StopPart {
         /// A program of the drive goes on.
         keep_program: bool,
     },
-    /// What is told once the motor stands: [`Plan::after_wait`](crate::plan::Plan::after_wait).
+    /// The steps after the motor has come to rest: [`Plan::after_wait`](crate::plan::Plan::after_wait).
     Release,
 }
 
@@ -40,37 +40,37 @@ pub enum StopPart {
 /// that the caller leaves out is `None`; the plan decides whether it can do without.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Command {
-    /// What to do.
+    /// The action.
     pub verb: Verb,
-    /// Where to, or how far.
+    /// Target position, or distance of a relative move.
     pub target: Option<f64>,
-    /// How fast.
+    /// Velocity.
     pub velocity: Option<f64>,
-    /// How quickly.
+    /// Acceleration.
     pub acceleration: Option<f64>,
-    /// How quickly to slow down, where that is another than the acceleration.
+    /// Deceleration, if it differs from the acceleration.
     pub deceleration: Option<f64>,
     /// With how much torque.
     pub torque: Option<f64>,
-    /// How long the acceleration takes to build up.
+    /// Jerk time: the time in which the acceleration builds up.
     pub jerk_time: Option<f64>,
-    /// How often.
+    /// Cycle period.
     pub period: Option<f64>,
-    /// How long its motion may take, ms, where that is not for the plan to say.
+    /// Time limit of the motion, ms. Replaces the limit of the plan.
     pub limit_ms: Option<u32>,
-    /// Arguments are the drive's own numbers where its scale reads zero; else they are in SI as always.
-    /// An acceleration of a drive that is told the time of its ramps is that time.
+    /// Arguments are raw drive values where the drive's scale reads zero; otherwise they are in SI units.
+    /// For a drive that takes ramp times, a raw acceleration is the ramp time.
     pub raw: bool,
     /// A stop leaves the drive's own program running.
     pub keep_program: bool,
 }
 
-/// A value that a step waited for, and the one that came.
+/// The test of a wait step that timed out, and the last value that was read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct UnmetWait {
     /// The parameter.
     pub parameter: ParameterId,
-    /// What was waited for.
+    /// The test that did not pass.
     pub test: ParameterTest,
     /// The last value, raw.
     pub value: i64,
@@ -91,7 +91,7 @@ impl Command {
         }
     }
 
-    /// The same with so long for its motion, instead of what the plan allows.
+    /// Returns this command with a time limit for its motion, in place of the plan's limit.
     #[must_use]
     pub fn limited(self, within: Duration) -> Self {
         let limit_ms = u32::try_from(within.as_millis()).unwrap_or(u32::MAX);
@@ -119,7 +119,7 @@ impl Command {
 
 const ONLY_NUMBERS: &str = "all values of this protocol are numbers";
 
-/// What tells whether a drive executed a request.
+/// Readings that show whether a drive executed a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ExecutionProof {
     /// The parameter that shows its effect.
@@ -140,23 +140,24 @@ pub trait Driver {
     /// The protocol's answer.
     type Answer: Copy + 'static;
 
-    /// What is known of the product.
+    /// The profile of the product.
     fn profile(&self) -> &'static Profile;
 
     /// The drive's address on the wire, as events name it.
     fn address(&self) -> u32;
 
-    /// The request that reads a parameter: always the same one, so a lane asks for it once.
+    /// Returns the request that reads a parameter. It is always the same request for a parameter, so a
+    /// lane calls this once.
     ///
     /// # Errors
-    /// [`Unsupported`] when the protocol cannot; access was already checked.
+    /// [`Unsupported`] when the protocol cannot read it. The caller has already checked the access.
     fn read_request(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
 
-    /// The request that writes a raw value. `class` is what the lane holds the write to; the
-    /// request must answer it from [`Request::class`].
+    /// Returns the request that writes a raw value. `class` is the class of the write;
+    /// [`Request::class`] of the result must return it.
     ///
     /// # Errors
-    /// [`Unsupported`] when the protocol cannot; access and range were already checked.
+    /// [`Unsupported`] when the protocol cannot write it. The caller has already checked access and range.
     fn write_request(
         &self,
         parameter: &Parameter,
@@ -164,8 +165,8 @@ pub trait Driver {
         class: RequestClass,
     ) -> Result<Self::Request, Unsupported>;
 
-    /// The request that reads a parameter of any length, text or bytes, whose bytes the host hands out
-    /// as they arrive ([`Host::poll_bytes`](crate::station::Host::poll_bytes)).
+    /// Returns the request that reads a parameter of any length (text or bytes). The host delivers the
+    /// bytes as they arrive ([`Host::poll_bytes`](crate::station::Host::poll_bytes)).
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol has no such values.
@@ -220,22 +221,22 @@ pub trait Driver {
         self.function_request(function, index, value)
     }
 
-    /// Whether a parameter is read before it is written, because it is a part of what is written.
+    /// Whether a parameter is read before a write, because the write changes only a part of it.
     fn reads_before_write(&self, parameter: &Parameter) -> bool {
         let _ = parameter;
         false
     }
 
-    /// Whether a setting that a fresh reading proves not written is written again. Only a protocol whose
-    /// manual asks for it says yes.
+    /// Whether a setting is written again after a new reading has shown that the first write had no effect.
+    /// True only for protocols whose manual asks for it.
     fn may_rewrite(&self, parameter: &Parameter) -> bool {
         let _ = parameter;
         false
     }
 
-    /// The readings that tell whether the drive executed a [`Send`](crate::plan::Step::Send) step that
-    /// was not acknowledged. `None` where none can, or where the step may start a motion: it is then
-    /// never sent again.
+    /// Returns the readings that show whether the drive executed a [`Send`](crate::plan::Step::Send) step
+    /// that was not acknowledged. `None` where no reading can show it, or where the step may start a
+    /// motion: such a step is never sent again.
     fn execution_proof(&self, function: u8, index: u16, value: i64) -> Option<ExecutionProof> {
         let _ = (function, index, value);
         None
@@ -256,14 +257,14 @@ pub trait Driver {
     /// [`Unsupported::BadText`] when it is not of that language.
     fn parse_request(&self, text: &str) -> Result<Self::Request, Unsupported>;
 
-    /// The request that a frame of the protocol is, if a host sends this drive such requests. The
-    /// class comes of what it asks, as for [`parse_request`](Self::parse_request).
+    /// Parses a frame of the protocol as a request to this drive. The class follows from its content, as in
+    /// [`parse_request`](Self::parse_request).
     ///
     /// # Errors
-    /// [`Unsupported::BadBytes`] when it is no such frame, or is for another drive.
+    /// [`Unsupported::BadBytes`] when it is not a request, or is addressed to another drive.
     fn decode_request(&self, frame: &RawFrame<'_>) -> Result<Self::Request, Unsupported>;
 
-    /// The raw value in an answer. `parameter` is what was read or written, if it was one.
+    /// Returns the raw value in a reply. `parameter` is the parameter that was read or written, if any.
     ///
     /// # Errors
     /// [`Failure::Refused`] with the drive's code, [`Failure::Misbehaved`].
@@ -273,14 +274,14 @@ pub trait Driver {
         answer: &Self::Answer,
     ) -> Result<i64, Failure>;
 
-    /// Whether a refusal of that code says that the drive has no such parameter, which is no fault of
-    /// the request.
+    /// Whether this refusal code means that the drive does not have the parameter. Such a refusal is not
+    /// an error of the request.
     fn is_missing_parameter(&self, code: u32) -> bool {
         let _ = code;
         false
     }
 
-    /// Takes what the drive said unasked, and tells what it is about.
+    /// Processes a message that the drive sent by itself, and returns the values in it.
     fn decode_unsolicited(&mut self, answer: &Self::Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         let _ = answer;
         [None; REPORTS_MAX]
@@ -297,8 +298,8 @@ pub trait Driver {
         None
     }
 
-    /// What a parameter decides of how the drive is reached, where a write of it acts at once: the
-    /// answer to the next request then comes from, or goes to, another address.
+    /// The role of a parameter in addressing the drive, where a write takes effect at once: the reply to
+    /// the next request then comes from, or goes to, another address.
     fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
         let _ = parameter;
         None
@@ -311,7 +312,7 @@ pub trait Driver {
         None
     }
 
-    /// What a path that is streamed to this drive needs; `None` where it takes none.
+    /// The parameters of a streamed path; `None` where the drive takes no paths.
     fn path_parameters(&self) -> Option<PathParameters> {
         None
     }
@@ -322,7 +323,7 @@ pub trait Driver {
         None
     }
 
-    /// What the drive's status of its buffer says.
+    /// Decodes the drive's buffer status.
     fn decode_path_status(&self, raw: i64) -> PathStatus {
         let _ = raw;
         PathStatus::default()
@@ -334,7 +335,9 @@ pub trait Driver {
         None
     }
 
-    /// Brings a drive its set-point, raw, for the next [`sync_request`](Self::sync_request). Nobody answers it.
+    /// Returns the request that sends a raw set-point for the next [`sync_request`](Self::sync_request).
+    /// The drive
+    /// does not reply to it.
     fn setpoint_request(
         &self,
         setpoint: SetpointKind,
@@ -355,8 +358,7 @@ pub trait Driver {
         (0, 0)
     }
 
-    /// What is to be known of the memory that programs of this drive lie in; `None` where it takes
-    /// none.
+    /// The rules of the drive's program memory; `None` where the drive takes no programs.
     fn memory_rules(&self) -> Option<&'static MemoryRules> {
         None
     }
@@ -367,13 +369,13 @@ pub trait Driver {
         None
     }
 
-    /// What tells the drive such an order; `None` where it takes none.
+    /// Returns the request for a program command; `None` where the drive has no such command.
     fn program_request(&self, command: ProgramCommand) -> Option<Self::Request> {
         let _ = command;
         None
     }
 
-    /// Whether an answer to [`ProgramCommand::QueryProgram`] says that a program runs.
+    /// Whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
     fn is_program_running(&self, raw: i64) -> bool {
         let _ = raw;
         false

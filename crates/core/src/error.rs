@@ -5,7 +5,7 @@
 
 use crate::profile::ParameterId;
 
-/// The bytes are wrong: what a frame breaks of its protocol.
+/// A frame that violates its protocol.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum WireError {
@@ -72,13 +72,13 @@ impl core::fmt::Display for WireError {
     }
 }
 
-/// Why a request that was sent did not bring what was asked.
+/// Why a request that was sent failed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum Failure {
-    /// Nobody answered within the time allowed, retries included.
+    /// No reply within the time limit, retries included.
     Silent,
-    /// The drive said no, with its own code (TMCL status, Modbus exception, abort code).
+    /// The drive refused, with its own code (TMCL status, Modbus exception, abort code).
     Refused {
         /// The code, in the protocol's numbers.
         code: u32,
@@ -88,9 +88,9 @@ pub enum Failure {
     /// The drive's address answers each question twice, so that two drives have it and no answer can be
     /// believed. The request was not sent.
     AnsweredTwice,
-    /// The drive did as told but what was waited for did not come true in time.
+    /// The drive executed the command, but the condition of a wait step was not met in time.
     NotReached,
-    /// A `Require` step found the drive not ready; the profile's hint tells what to do.
+    /// A `Require` step found the drive not ready; the profile's hint has the remedy.
     NotReady {
         /// What to do about it.
         hint: &'static str,
@@ -100,7 +100,7 @@ pub enum Failure {
         /// The fault, in the drive's own code or bits.
         code: u32,
     },
-    /// The motor lost its power while something was waited for, and the drive tells no fault.
+    /// The motor lost power during a wait, and the drive reports no fault.
     PowerLost,
     /// The drive went into another mode while something was waited for.
     ModeChanged {
@@ -119,12 +119,12 @@ pub enum Failure {
     Cancelled,
     /// The link went down.
     LinkDown,
-    /// What the lane learned from the drive (a scale, a mode) makes the rest of it impossible; the
-    /// step in question was not sent.
+    /// A value that was read from the drive (a scale, a mode) rules out the rest of the command. The step
+    /// in question was not sent.
     Impossible(Unsupported),
 }
 
-/// The caller asked for something that cannot be; nothing was sent.
+/// A request that cannot be carried out. Nothing was sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum Unsupported {
@@ -132,7 +132,7 @@ pub enum Unsupported {
     NoSuchAxis,
     /// The profile has no such parameter.
     NoSuchParameter,
-    /// The profile has no plan for this verb: the drive, or what is known of it, cannot do it.
+    /// The profile has no plan for this verb.
     NoPlan,
     /// The parameter can only be read.
     ReadOnly(ParameterId),
@@ -159,11 +159,11 @@ pub enum Unsupported {
     BadText,
     /// Bytes that are no request of the protocol to this axis.
     BadBytes,
-    /// The protocol's rules forbid it; the text says which.
+    /// The protocol's rules forbid it; the text names the rule.
     Forbidden(&'static str),
 }
 
-/// How a ticket ends. Every ticket ends in exactly one outcome.
+/// Outcome of a ticket. Every ticket has exactly one outcome.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Outcome {
     /// The drive did it. The value is the last one read or echoed, raw.
@@ -172,7 +172,7 @@ pub enum Outcome {
     NotDone(Failure),
     /// A plan of several steps did not come to its end, and steps before were executed.
     Partly(Failure, Extent),
-    /// It may have been executed: the request went out and no answer came back.
+    /// Unknown: the request was sent and no reply came, so the drive may have executed it.
     Unknown(Failure),
 }
 
@@ -200,13 +200,13 @@ impl Outcome {
     }
 }
 
-/// How far a plan went. Each mask has a bit for each step, the first step is bit 0; only steps that
-/// can change the drive count. A plan has at most [`STEPS_MAX`](crate::plan::STEPS_MAX) steps.
+/// Progress of a plan. Each mask has one bit per step, bit 0 for the first; only steps that can change
+/// the drive count. A plan has at most [`STEPS_MAX`](crate::plan::STEPS_MAX) steps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Extent {
     /// Steps that the drive acknowledged, or that were read back.
     pub done: u64,
-    /// Steps that were sent and not answered: nobody knows whether they were executed.
+    /// Steps that were sent without a reply: the drive may or may not have executed them.
     pub unknown: u64,
     /// Steps that were answered with no, or were read back and are not there.
     pub refused: u64,
@@ -215,7 +215,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// How a plan that went so far ends for this reason.
+    /// The outcome of a plan that failed at this point for this reason.
     #[must_use]
     pub const fn outcome(self, failure: Failure) -> Outcome {
         match (self.done, self.unknown) {

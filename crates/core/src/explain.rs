@@ -12,7 +12,7 @@ pub use conversation::{
 };
 pub use effect::{Effect, Impact};
 
-/// Who sent the bytes.
+/// Direction of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Direction {
     /// Host to drive.
@@ -21,28 +21,28 @@ pub enum Direction {
     ToHost,
 }
 
-/// What an explainer may know besides the bytes.
+/// Context of a frame for an explainer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Context<'a> {
-    /// Who sent them, if known.
+    /// Direction of the frame, if known.
     pub direction: Option<Direction>,
     /// The request that these bytes answer, if known.
     pub request: Option<&'a [u8]>,
     /// The product's tables, for names.
     pub profile: Option<&'static Profile>,
-    /// Nobody stated the profile: it is a usual drive's, and its names say so where drives differ.
+    /// The profile is a default, not stated by the user; explanations mention it where drives differ.
     pub profile_assumed: bool,
     /// CAN identifier, for frames.
     pub id: Option<u32>,
     /// True for a CAN identifier of 29 bits.
     pub extended: bool,
-    /// True for a CAN remote request: the bytes are what it asks for, and do not count.
+    /// True for a CAN remote request: its bytes have the requested length and no content.
     pub remote: bool,
     /// CAN identifier of the request, as wide as `id`.
     pub request_id: Option<u32>,
 }
 
-/// A frame as it stands on the wire.
+/// A frame as on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct RawFrame<'a> {
     /// Its bytes.
@@ -87,11 +87,11 @@ pub struct Field<'a> {
     pub name: &'static str,
     /// First byte in the frame.
     pub start: u16,
-    /// Byte after the last; `start` for what stands in a CAN identifier.
+    /// Offset after the last byte; `start` for a field in the CAN identifier.
     pub end: u16,
     /// Its value.
     pub value: FieldValue<'a>,
-    /// What the value means, where there is a name for it; empty otherwise.
+    /// Name of the value; empty where it has none.
     pub meaning: &'static str,
 }
 
@@ -105,33 +105,33 @@ pub trait ExplainSink {
     fn field(&mut self, field: Field<'_>);
     /// A piece of the one-line meaning; pieces are joined as they come.
     fn text(&mut self, piece: &str);
-    /// What the frame breaks. Fields found so far stand.
+    /// Reports an error of the frame. Fields that were reported before remain valid.
     fn error(&mut self, error: WireError);
-    /// Whether words are wanted: where not, an explainer may leave out pieces of text and readings
-    /// that take it long (DEC-10).
+    /// Whether text is wanted. If not, an explainer may leave out text and readings that are slow to make
+    /// (DEC-10).
     fn wants_text(&self) -> bool {
         true
     }
-    /// A value that the frame carries. Whose it is, [`axis`](Self::axis) says.
+    /// Reports a value in the frame. [`axis`](Self::axis) names its axis.
     fn frame_value(&mut self, reading: FrameValue<'_>) {
         let _ = reading;
     }
 }
 
-/// Where, at the head of some bytes, a frame ends.
+/// The end of the first frame in some bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FrameBoundary {
-    /// The first so many bytes are a whole frame whose check agrees.
+    /// The first bytes, of this number, are a complete frame with a valid check sum.
     Frame(usize),
     /// The first so many bytes have a frame's length and shape, but its check fails.
     Corrupt(usize),
     /// The first so many bytes belong to no frame.
     Skip(usize),
-    /// Too few to tell.
+    /// More bytes are needed.
     Incomplete,
 }
 
-/// What can be said in a protocol's own language, made into bytes.
+/// A text in a protocol's own language, encoded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct EncodedFrame {
     /// Bytes written.
@@ -140,11 +140,11 @@ pub struct EncodedFrame {
     pub id: Option<u32>,
     /// True for a CAN identifier of 29 bits.
     pub extended: bool,
-    /// For a CAN remote request, the length that it asks for.
+    /// For a CAN remote request: the requested length.
     pub remote_len: Option<u8>,
-    /// How many bytes the answer has, if there is one.
+    /// Length of the reply in bytes, if there is one.
     pub answer_len: Option<usize>,
-    /// What the one who sends this should know; empty if nothing.
+    /// A warning for the sender; empty if there is none.
     pub warning: &'static str,
 }
 
@@ -154,7 +154,7 @@ pub enum WireKind {
     /// The protocol's own, or its usual one.
     #[default]
     Default,
-    /// RS-232, or whatever carries bytes alone.
+    /// RS-232, or any other line without bus addressing.
     Serial,
     /// RS-485, where its rules differ.
     Rs485,
@@ -162,7 +162,7 @@ pub enum WireKind {
     Can,
 }
 
-/// How to encode a text.
+/// Options for encoding a text.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EncodeOptions {
     /// Axis, station or module address; the protocol's default if `None`.
@@ -181,12 +181,12 @@ pub struct EncodeOptions {
     pub wire: WireKind,
 }
 
-/// Why a text could not be encoded: where, and what was expected there.
+/// Position and reason of an error in a text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct TextError {
     /// Byte offset in the text.
     pub at: usize,
-    /// What would have been right.
+    /// The expected text.
     pub expected: &'static str,
 }
 
@@ -195,7 +195,7 @@ pub struct TextError {
 pub enum EncodeError {
     /// It is not of the language.
     Text(TextError),
-    /// The wire's rules forbid it; the sentence says which, and what to do instead.
+    /// A rule of the wire forbids it; the text names the rule and the remedy.
     Forbidden(&'static str),
 }
 
@@ -205,30 +205,31 @@ impl From<TextError> for EncodeError {
     }
 }
 
-/// Something that a drive tells of itself: its name, a version.
+/// A device fact beside the profile: a name or a version.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct DeviceFact {
-    /// What it is.
+    /// Name of the fact.
     pub name: &'static str,
-    /// How it is asked.
+    /// How to read it.
     pub query: FactQuery,
 }
 
-/// How a drive is asked for a fact, by reads only.
+/// How a device fact is read. Only reads are used.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FactQuery {
     /// A parameter, by its address.
     Address(&'static str),
     /// A request in the protocol's own text.
     Text(&'static str),
-    /// A request in the protocol's own text, with a number behind it, 0 and up: its value has how many
-    /// characters of the fact it brings in the highest byte, at most seven, then those. With fewer than
-    /// seven the fact is whole. It costs a drive that does not have it an exchange: who is known
-    /// without is not asked.
+    /// A request in the protocol's own text, with a number from 0 up appended. The highest byte of the
+    /// reply
+    /// has the number of characters in this reply, at most seven, then come the characters. A reply with
+    /// fewer than seven is the last one. Costs one exchange on a drive that does not have the fact, so a
+    /// known drive without it is not asked.
     Characters(&'static str),
-    /// How many parameters there are: the first has to be there, the others are counted up to the
-    /// first that is refused. The last is one that no drive has: a drive that tells it does not look at
-    /// which is asked, and has one.
+    /// The number of existing parameters. The first parameter must exist; the others are counted up to the
+    /// first refusal. The last one is a parameter that no drive has: a drive that replies to it ignores the
+    /// number in the request, and has one parameter.
     Count(&'static str, &'static [&'static str]),
 }
 
@@ -237,37 +238,37 @@ pub enum FactQuery {
 pub trait Dissector: Sync {
     /// The word users type: `tmcl`, `modbus-rtu`.
     fn name(&self) -> &'static str;
-    /// Where the first frame in a serial stream ends. `ended` says that no more bytes follow soon:
+    /// Finds the end of the first frame in a serial stream. `ended` means that no more bytes follow soon:
     /// silence, a change of direction, or the end of the capture.
     fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary;
-    /// The length of the frame whose check agrees at the head of some bytes, if there is one.
+    /// Length of the frame with a valid check sum at the start of some bytes, if there is one.
     fn valid_frame_len(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
         match self.find_frame(bytes, direction, true) {
             FrameBoundary::Frame(len) => Some(len),
             _ => None,
         }
     }
-    /// Whether a CAN identifier can be this protocol's; `false` for protocols without CAN.
+    /// Whether a CAN identifier can belong to this protocol; `false` for protocols without CAN.
     fn claims_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
-    /// Whether a CAN remote request with that identifier can be this protocol's.
+    /// Whether a CAN remote request with that identifier can belong to this protocol.
     fn claims_remote(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
-    /// Whether other protocols use this CAN identifier for frames that may look alike: then a
-    /// capture's frame is not explained so unless something else proves that its axis speaks this
-    /// protocol, or somebody says so.
+    /// Whether other protocols use this CAN identifier for frames of the same form. A frame of a capture is
+    /// then explained only if other evidence shows that its axis uses this protocol, or the user stated the
+    /// protocol.
     fn shares_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink);
-    /// Whose a frame is that breaks nothing, whatever it holds, and neither asks nor answers: what
-    /// it says is its conversation's to tell, and [`explain`](Self::explain) knows less of it.
+    /// The axis of a valid process data frame, which neither asks nor replies. Its meaning depends on the
+    /// conversation; [`explain`](Self::explain) alone knows less.
     fn process_data_axis(&self, frame: &RawFrame<'_>) -> Option<u32> {
         let _ = frame;
         None
@@ -282,18 +283,17 @@ pub trait Dissector: Sync {
         addressing: &EncodeOptions,
         out: &mut [u8],
     ) -> Result<EncodedFrame, EncodeError>;
-    /// What a code of this protocol means: a status, an exception, a fault.
+    /// Meaning of a code of this protocol: a status, an exception, a fault.
     fn code_meaning(&self, code: u32) -> Option<&'static str>;
     /// The language that [`encode`](Self::encode) reads; protocols on several wires share one.
     fn language(&self) -> &'static str {
         self.name()
     }
-    /// Whether its texts are made of a drive's names, so that where nobody says which drive it is a
-    /// usual one's are better than none.
+    /// Whether texts use a drive's names. If so, a usual drive's names are used where no profile is stated.
     fn encodes_by_name(&self) -> bool {
         false
     }
-    /// Whether a usual drive's names help to explain frames of one that nobody named.
+    /// Whether a usual drive's names help to explain frames of an unknown drive.
     fn explains_by_name(&self) -> bool {
         self.encodes_by_name()
     }
@@ -301,9 +301,11 @@ pub trait Dissector: Sync {
     fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
         None
     }
-    /// Writes the line by which a drive in a mode of text lines is asked something that changes nothing,
-    /// and after it the line that ends the mode, both without their carriage return. False where there is
-    /// no such mode, or the address has no letter there.
+    /// Writes the line that reads something from a drive in text mode, and then the line that ends the
+    /// mode,
+    /// both without their carriage return. Returns false where the protocol has no text mode, or the
+    /// address
+    /// has no letter in it.
     fn write_text_mode(
         &self,
         address: u32,
@@ -313,7 +315,7 @@ pub trait Dissector: Sync {
         let _ = (address, query, exit);
         false
     }
-    /// Whether a line, without its carriage return, is an answer in that mode.
+    /// Whether a line, without its carriage return, is a reply in text mode.
     fn is_text_answer(&self, line: &[u8]) -> bool {
         let _ = line;
         false
@@ -322,12 +324,12 @@ pub trait Dissector: Sync {
     fn instruction_language(&self) -> Option<&'static dyn crate::program::InstructionLanguage> {
         None
     }
-    /// Whether axes have groups that a message can go to.
+    /// Whether axes have groups that a message can address.
     fn has_groups(&self) -> bool {
         false
     }
-    /// Explains what is expected after a request that was encoded: who answers with what. Says
-    /// nothing where the length alone is known.
+    /// Explains the expected reply to an encoded request: the sender and the content. Reports nothing where
+    /// only the length is known.
     fn explain_expected_reply(
         &self,
         request: &RawFrame<'_>,
@@ -336,8 +338,9 @@ pub trait Dissector: Sync {
     ) {
         let _ = (request, addressing, sink);
     }
-    /// Explains a value by the name of what it is read from: a register's bits, which the fields'
-    /// ranges count. `false` when nothing has that name.
+    /// Explains a value by the name of its source: the bits of a register, with the bit numbers as ranges
+    /// of
+    /// the fields. `false` when there is no such name.
     fn explain_named_value(
         &self,
         name: &str,
@@ -362,13 +365,13 @@ pub trait Dissector: Sync {
     fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
         let _ = (address, out);
     }
-    /// The parameter at an address that no profile describes, as far as the protocol itself tells. It
-    /// has no name.
+    /// Describes the parameter at an address without a profile, as far as the protocol defines it. It has
+    /// no name.
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address.describe(Encoding::I32)
     }
-    /// Whether a frame is about the parameter at an address, by its own fields: `field` gives the one
-    /// of that name.
+    /// Whether a frame concerns the parameter at an address, judged by its own fields: `field` returns the
+    /// field of that name.
     fn concerns<'a>(
         &self,
         address: &ParameterAddress,
@@ -377,8 +380,8 @@ pub trait Dissector: Sync {
         let _ = (address, field);
         false
     }
-    /// Whether a drive that refuses with that code has no block transfer: nothing was transferred, and
-    /// it can be asked without blocks.
+    /// Whether this refusal code means that the drive does not support block transfer. Nothing was
+    /// transferred, and a transfer without blocks may follow.
     fn refuses_blocks(&self, code: u32) -> bool {
         let _ = code;
         false
@@ -388,36 +391,36 @@ pub trait Dissector: Sync {
     fn standard_profiles(&self) -> &'static [&'static str] {
         &[]
     }
-    /// What drives of this protocol tell of themselves beside their profile.
+    /// Facts that drives of this protocol have beside their profile.
     fn device_facts(&self) -> &'static [DeviceFact] {
         &[]
     }
-    /// Writes the answer to a [`FactQuery::Text`] in words; nothing where it says nothing.
+    /// Writes the reply to a [`FactQuery::Text`] as text; nothing where it has no meaning.
     fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
         let _ = (name, raw, out);
     }
-    /// Tells how a parameter is reached on the wire, where that is more than its number.
+    /// Explains how a parameter is addressed on the wire, where that is more than its number.
     fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
         let _ = (parameter, sink);
     }
-    /// Whether a frame, sent to a drive, is what answers belong to. On serial lines every one is
-    /// unless this says otherwise.
+    /// Whether a frame to a drive is a request with a reply. True by default for every frame on a serial
+    /// line.
     fn is_request(&self, frame: &RawFrame<'_>) -> bool {
         frame.id.is_none()
     }
-    /// Whether a frame says by itself that it answers `request`. Where none does, a reply on a serial
-    /// line belongs to the last request.
+    /// Whether the frame itself shows that it replies to `request`. If none does, a reply on a serial line
+    /// belongs to the last request.
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         let _ = (frame, request);
         false
     }
-    /// What a frame is in its conversation. By default nothing is known of it.
+    /// The role of a frame in its conversation. Unknown by default.
     fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
         let _ = (frame, talk);
         FrameRole::Unrelated
     }
-    /// Who sends such a frame, where it tells that by itself. `open` is the last request on the line
-    /// that is not answered yet.
+    /// The direction of a frame, where the frame itself shows it. `open` is the last request on the line
+    /// without a reply.
     fn direction(&self, frame: &RawFrame<'_>, open: Option<RawFrame<'_>>) -> Option<Direction> {
         self.role(
             frame,
@@ -425,7 +428,7 @@ pub trait Dissector: Sync {
         )
         .direction()
     }
-    /// What a frame may do to the drive that it is sent to. By default nobody can tell.
+    /// The effect that a frame may have on its drive. Unknown by default.
     fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
         let _ = (frame, profile);
         Effect::UNKNOWN
@@ -439,13 +442,12 @@ pub trait Dissector: Sync {
         let _ = (answer, request);
         None
     }
-    /// Whether a request, once it is answered, decides how its axis answers later ones.
+    /// Whether a request, once it has a reply, sets the format of the axis' later replies.
     fn sets_reply_format(&self, request: &RawFrame<'_>) -> bool {
         let _ = request;
         false
     }
-    /// Whether an answer shows that its drive has forgotten what `talk` says it was told: it
-    /// started again.
+    /// Whether a reply shows that the drive has lost the settings in `talk`: it restarted.
     fn shows_restart(
         &self,
         answer: &RawFrame<'_>,
@@ -455,7 +457,7 @@ pub trait Dissector: Sync {
         let _ = (answer, request, talk);
         false
     }
-    /// Where a request stands in a sequence that counts.
+    /// The position of a request in a counted sequence.
     fn sequence_position(&self, request: &RawFrame<'_>) -> Option<SequencePosition> {
         let _ = request;
         None

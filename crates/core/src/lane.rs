@@ -51,11 +51,10 @@ pub use transfer::{MemoryBlock, MemoryTransfer, TransferKind};
 
 /// Jobs that a lane holds at once.
 pub const JOBS_MAX: usize = 64;
-/// Places among them that only stops take: whatever else waits, a stop is never refused as busy
-/// because of it.
+/// Number of job slots reserved for stops. A stop is never refused as busy because of other jobs.
 pub const RESERVED_STOP_JOBS: usize = 4;
 
-/// Answers of a group's drives that wait to be taken at most; the oldest go first, which nobody took.
+/// Most group replies in the queue; the oldest are dropped.
 pub const GROUP_ANSWERS_MAX: usize = 512;
 
 /// One host, its axes, and the jobs that take turns on it.
@@ -80,7 +79,7 @@ impl<M: Medium, H: Host<M>> core::fmt::Debug for Lane<M, H> {
     }
 }
 
-/// The steps by which a lane writes one parameter: permanent memory is spared, or asked for.
+/// The steps that write one parameter, to RAM or to permanent memory.
 #[must_use]
 pub fn write_steps(
     profile: &Profile,
@@ -127,7 +126,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         self.slots.get(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)
     }
 
-    /// Takes what the host has to tell, as it may after every call.
+    /// Processes all pending host events. Runs after every call.
     #[inline]
     fn drain_host_events(&mut self, now: Instant) {
         while let Some(event) = self.host.poll_event() {
@@ -145,7 +144,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
     }
 
-    /// Keeps what came while a request of this axis was on the wire, that ended in silence.
+    /// Records the frames received during a request of this axis that timed out.
     #[cold]
     fn record_silence(&mut self, axis: u8) {
         let mut counted = self.host.counters();
@@ -155,7 +154,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
     }
 
-    /// Hands the host the next request, if one is ready and the host can take it.
+    /// Submits the next ready request to the host, if the host is free.
     #[inline]
     fn submit_ready_jobs(&mut self, now: Instant) {
         // Where a host asks many drives at once, those that have one to answer are passed by.
@@ -226,7 +225,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     }
 }
 
-/// The axis whose request ended in silence by this.
+/// The axis whose request timed out with this event.
 fn silent_axis<R: Request, A>(jobs: &JobTable<R>, (to, answer): &HostEvent<A>) -> Option<u8> {
     match (to, answer) {
         (EventSubject::Request(Ticket(n)), Err(Failure::Silent)) => jobs.axis_of(*n as usize),
@@ -234,7 +233,7 @@ fn silent_axis<R: Request, A>(jobs: &JobTable<R>, (to, answer): &HostEvent<A>) -
     }
 }
 
-/// Takes one thing that the host had to tell.
+/// Processes one host event.
 #[inline(never)]
 fn handle_host_event<R: Request, A: Copy + 'static>(
     now: Instant,
@@ -379,7 +378,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         self.cyclic.as_ref().is_some_and(|cycle| cycle.is_commanding(axis))
     }
 
-    /// Whether something moves an axis, or stops it.
+    /// Whether a job moves or stops an axis.
     fn is_moving(&self, axis: AxisIndex) -> bool {
         self.jobs.is_moving(axis) || self.in_cyclic_motion(axis)
     }
@@ -392,7 +391,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
     }
 
-    /// What may move the motor is written to an armed axis only, and to none that follows set-points.
+    /// Refuses a write that may move the motor unless the axis is armed and follows no set-points.
     fn check_moves(&self, axis: AxisIndex, parameter: &Parameter) -> Result<(), Unsupported> {
         if parameter.moves && !self.slot(axis)?.state.armed {
             return Err(Unsupported::NotArmed);

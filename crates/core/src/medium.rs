@@ -4,7 +4,7 @@ pub mod bits;
 
 use core::borrow::BorrowMut;
 
-/// A kind of wire. The types it names are what a [`Station`](crate::station::Station) takes and gives.
+/// A kind of wire, with the types that a [`Station`](crate::station::Station) receives and sends.
 pub trait Medium: 'static {
     /// Which of them it is.
     const KIND: MediumKind;
@@ -18,10 +18,10 @@ pub trait Medium: 'static {
     type Line: Copy + PartialEq + core::fmt::Debug + Send;
     /// An empty buffer.
     fn buffer() -> Self::Buffer;
-    /// What stands in `out` after something of that length was written there.
+    /// The unit in `out` after something of that length was written there.
     fn unit(out: &Self::Out, len: usize) -> &Self::Unit;
-    /// Lends `emit` something to write into and `show` what came of it: the bytes, and the frame
-    /// that carries them if the medium has frames.
+    /// Calls `emit` to write into a buffer, then `show` with the result: the bytes, and their frame if the
+    /// medium has frames.
     fn render(
         emit: &mut dyn FnMut(&mut Self::Out) -> usize,
         show: &mut dyn FnMut(Option<&Frame>, &[u8]),
@@ -105,7 +105,7 @@ pub enum Parity {
     Odd,
 }
 
-/// How a serial line is set.
+/// Settings of a serial line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SerialLine {
     /// Bits per second; 0 on a wire without timing (pty, TCP).
@@ -142,7 +142,7 @@ impl SerialLine {
     }
 }
 
-/// How a CAN bus is set.
+/// Settings of a CAN bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CanLine {
     /// Bits per second.

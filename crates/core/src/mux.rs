@@ -27,7 +27,7 @@ mod tests;
 
 const DIFFERENT_WIRES: &str = "axes that follow one beat must be of one protocol, on one wire";
 
-/// A lane whose host and drivers are erased.
+/// A lane with its host and driver types erased.
 pub type BoxedLane = Box<dyn AnyLane<Can>>;
 
 /// Several lanes that share a CAN wire, as one set of axes: those of the first lane come first, and

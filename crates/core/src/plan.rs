@@ -11,22 +11,22 @@ use crate::units::Unit;
 /// Steps that a plan may have at most.
 pub const STEPS_MAX: usize = 64;
 
-/// How a verb is carried out.
+/// The steps that carry out a verb.
 #[derive(Debug)]
 pub struct Plan {
     /// The verb.
     pub verb: Verb,
-    /// Where the recipe stands in the manual.
+    /// Chapter of the manual with this sequence.
     pub source: &'static str,
-    /// What to do, in order.
+    /// Steps, in order.
     pub steps: &'static [Step],
-    /// What to do when a step after the first fails, or the plan is cut short, and more than
-    /// questions were sent.
+    /// Steps after a failure behind the first step, or after a cancelled plan, if more than reads were
+    /// sent.
     pub undo: &'static [Step],
 }
 
 impl Plan {
-    /// Where what is waited for last begins and ends: steps between that only read and wait.
+    /// Start and end of the last wait: steps that only read and wait.
     fn last_wait(&self) -> Option<(usize, usize)> {
         let waits = |step: &Step| matches!(step, Step::Until { .. });
         let last = self.steps.iter().rposition(waits)?;
@@ -36,13 +36,13 @@ impl Plan {
         Some((first, last + 1))
     }
 
-    /// The steps before those that only wait: all that a stop has to tell its drive (STOP-7).
+    /// The steps before the last wait: all that a stop sends to its drive (STOP-7).
     #[must_use]
     pub fn before_wait(&self) -> &'static [Step] {
         &self.steps[..self.last_wait().map_or(self.steps.len(), |(first, _)| first)]
     }
 
-    /// The steps behind what is waited for last: what a stop tells its drive once the motor stands.
+    /// The steps after the last wait: what a stop sends once the motor is at rest.
     #[must_use]
     pub fn after_wait(&self) -> &'static [Step] {
         &self.steps[self.last_wait().map_or(self.steps.len(), |(_, end)| end)..]
@@ -59,7 +59,7 @@ pub enum Step {
     Ensure(ParameterId, i64),
     /// Reads a parameter, so that the axis' state has a fresh value.
     Read(ParameterId),
-    /// Reads a parameter and writes what was read to another: target := actual.
+    /// Reads a parameter and writes its value to another: target := actual.
     Copy {
         /// Read from here.
         from: ParameterId,
@@ -84,8 +84,8 @@ pub enum Step {
         /// How many steps.
         count: u8,
     },
-    /// Leaves out the next steps if the drive refuses to tell the parameter: for what not every
-    /// drive of a standard has.
+    /// Skips the next steps if the drive does not have the parameter: for objects that a standard leaves
+    /// optional.
     SkipIfMissing {
         /// The parameter to read.
         read: ParameterId,
@@ -110,7 +110,7 @@ pub enum Step {
         /// Giving up ends the plan; else it goes on.
         required: bool,
     },
-    /// Sends what is no parameter: the protocol's own function, index and value.
+    /// Sends the protocol's own function, index and value: a request that is not a parameter.
     Send {
         /// TMCL opcode, Modbus function code.
         function: u8,
@@ -144,14 +144,14 @@ impl Step {
 pub struct ParameterTest {
     /// Bits that count; all ones for a number.
     pub mask: i64,
-    /// How they are compared.
+    /// The comparison.
     pub compare: Compare,
     /// With what.
     pub value: i64,
 }
 
 impl ParameterTest {
-    /// Whether `raw` passes.
+    /// Whether `raw` passes the test.
     #[must_use]
     pub const fn passes(&self, raw: i64) -> bool {
         let masked = raw & self.mask;
@@ -164,7 +164,7 @@ impl ParameterTest {
     }
 }
 
-/// How a test compares.
+/// Comparison of a test.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Compare {
     /// Equal.
@@ -173,11 +173,11 @@ pub enum Compare {
     NotEqual,
     /// Magnitude at most the value.
     Within,
-    /// One of several numbers from 0 to 62: bit n of the value stands for n.
+    /// One of several numbers from 0 to 62: bit n of the value means n.
     Among,
 }
 
-/// Where a step's value comes from.
+/// Source of a step's value.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Operand {
     /// A raw constant.
@@ -186,10 +186,10 @@ pub enum Operand {
     Argument(Argument),
     /// The command's argument, scaled; the step is left out when the caller gave none.
     OptionalArgument(Argument),
-    /// The time in which an acceleration that the command carries reaches a speed, for drives that
-    /// are told the time of their ramps. The step is left out when the caller gave no acceleration.
+    /// The time in which the command's acceleration reaches the speed, for drives that take ramp times. The
+    /// step is skipped when the command has no acceleration.
     ///
-    /// Where the command's arguments are raw numbers, the argument is that time itself.
+    /// With raw arguments, the argument is the time itself.
     OptionalRampTime {
         /// The acceleration or deceleration.
         argument: Argument,
@@ -232,21 +232,21 @@ impl RampSpeed {
     }
 }
 
-/// What a command carries.
+/// Arguments of a command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Argument {
-    /// Where to go, or how far.
+    /// Target position or distance.
     Target,
-    /// How fast.
+    /// Velocity.
     Velocity,
-    /// How quickly to get there.
+    /// Acceleration.
     Acceleration,
-    /// How quickly to slow down, where that is another than the acceleration.
+    /// Deceleration, if it differs from the acceleration.
     Deceleration,
     /// With how much torque.
     Torque,
-    /// How long the acceleration takes to build up.
+    /// Jerk time: the time in which the acceleration builds up.
     JerkTime,
-    /// How often.
+    /// Cycle period.
     Period,
 }

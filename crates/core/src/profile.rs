@@ -15,14 +15,14 @@ pub use encoding::Encoding;
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct ParameterId(pub u16);
 
-/// Everything the upper layers know of one product.
+/// The description of one product for the upper layers.
 #[derive(Clone, Debug)]
 pub struct Profile {
     /// The word users type: `tmcm-171`.
     pub name: &'static str,
-    /// The family whose code serves it: `tmcm17x`; the protocol's name for its generic driver.
+    /// The family that implements it: `tmcm17x`; the protocol's name for its generic driver.
     pub family: &'static str,
-    /// The protocol it speaks: `tmcl`, `modbus`.
+    /// Its protocol: `tmcl`, `modbus`.
     pub protocol: &'static str,
     /// The product's full name.
     pub title: &'static str,
@@ -36,29 +36,28 @@ pub struct Profile {
     pub parameters: &'static [Parameter],
     /// Faults and warnings in words.
     pub faults: &'static [Fault],
-    /// Which parameter tells what of the axis.
+    /// The parameter of each signal.
     pub signals: &'static [SignalSource],
-    /// How each verb is carried out.
+    /// The plan of each verb.
     pub plans: &'static [Plan],
-    /// What keeps written settings out of permanent memory, where every write goes there otherwise.
-    /// It holds for the parameters of [`Persistence::UnlessRam`].
+    /// The setting that keeps writes out of permanent memory, where every write goes there otherwise.
+    /// It applies to parameters of [`Persistence::UnlessRam`].
     pub ram: Option<RamMode>,
     /// Settings that decide how the drive is reached: address, baud rate, framing, locks. What
     /// copies settings from one drive to another leaves them alone.
     pub link_settings: &'static [ParameterId],
-    /// What not every drive of the profile has, because its standard leaves it to the maker. A drive
-    /// that says that it has no such object is not at fault: see
-    /// [`Axes::lacks_parameter`](crate::axis::Axes::lacks_parameter).
+    /// Parameters that a drive of this profile may lack, because the standard leaves them optional. A drive
+    /// without one is not at fault: see [`Axes::lacks_parameter`](crate::axis::Axes::lacks_parameter).
     pub optional: &'static [ParameterId],
-    /// What stops the motor when the link dies.
+    /// What stops the motor after the loss of the link.
     pub watchdog: Watchdog,
     /// Longest time the drive may take for a reply, ms.
     pub reply_timeout_ms: u32,
     /// On Modbus a single register is written by function 16, because the drive has no function 06.
     pub multiple_writes: bool,
-    /// What to check before and after, in one paragraph, shown before the first motion.
+    /// Checks before and after, in one paragraph, shown before the first motion.
     pub caution: &'static str,
-    /// How it is told from other products of its protocol, by reads only.
+    /// How to tell it from other products of its protocol, by reads only.
     pub identity: Option<Identity>,
 }
 
@@ -87,14 +86,14 @@ impl Profile {
         u16::try_from(at).ok().map(ParameterId)
     }
 
-    /// Where a signal comes from.
+    /// The source of a signal.
     #[must_use]
     pub fn signal(&self, signal: Signal) -> Option<&'static SignalSource> {
         self.signals.iter().find(|source| source.signal == signal)
     }
 
-    /// The faults that a code stands for: the one of that code; where a drive tells faults as bits,
-    /// every bit that is set.
+    /// The faults of a code: the fault with that code, or each set bit where the drive reports faults as
+    /// bits.
     pub fn faults_for_code(&self, code: u32) -> impl Iterator<Item = &'static Fault> + use<> {
         let faults = self.faults;
         let whole = faults.iter().any(|fault| fault.code == code);
@@ -112,7 +111,7 @@ impl Profile {
     }
 }
 
-/// Whether two names of a parameter are one: case, spaces, hyphens and underscores do not matter.
+/// Whether two parameter names are the same: case, spaces, hyphens and underscores do not count.
 #[must_use]
 pub fn same_name(a: &str, b: &str) -> bool {
     fn plain(text: &str) -> impl Iterator<Item = u8> + '_ {
@@ -122,20 +121,20 @@ pub fn same_name(a: &str, b: &str) -> bool {
     plain(a).eq(plain(b))
 }
 
-/// A question to an unknown drive whose answer tells the product.
+/// A read whose reply identifies the product.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Identity {
-    /// What is asked.
+    /// The request.
     pub query: IdentityQuery,
-    /// Bits of the answer that tell the product; none when any good answer does.
+    /// Bits of the reply that identify the product; none when any valid reply does.
     pub mask: i64,
-    /// What they are.
+    /// Value of these bits.
     pub equals: i64,
-    /// Bits of the answer that tell the firmware's version, none when it does not.
+    /// Bits of the reply with the firmware version; none when there are none.
     pub firmware: i64,
 }
 
-/// What is asked to identify a drive; it changes nothing there.
+/// A request that identifies a drive. It changes nothing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum IdentityQuery {
     /// A parameter.
@@ -144,7 +143,7 @@ pub enum IdentityQuery {
     Text(&'static str),
 }
 
-/// What a parameter decides of how its drive is reached.
+/// Role of a parameter in addressing its drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AddressRole {
     /// The drive's own address.
@@ -166,7 +165,7 @@ pub struct RamMode {
     pub flash: i64,
 }
 
-/// What an axis moves.
+/// Kind of motion of an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AxisKind {
     /// Positions in rad.
@@ -177,10 +176,10 @@ pub enum AxisKind {
     Ratio,
 }
 
-/// What a drive does by itself when nobody talks to it any more.
+/// Reaction of a drive to the loss of its host.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Watchdog {
-    /// Nothing: it keeps doing what it was last told.
+    /// None: the drive continues its last command.
     None,
     /// It stops after a time that cannot be set.
     Fixed {
@@ -194,8 +193,7 @@ pub enum Watchdog {
         /// The one that holds it for requests that come by CAN, where that is another.
         on_can: Option<ParameterId>,
     },
-    /// It watches the heartbeat that its host sends (CiA 301, 7.2.8.3.2), and does then what a
-    /// parameter says.
+    /// It monitors the host's heartbeat (CiA 301, 7.2.8.3.2). A parameter selects the reaction.
     Heartbeat {
         /// Whose heartbeat, and how long it may stay out: node-ID in bits 16 to 22, ms in bits 0 to
         /// 15; 0 in either is never (CiA 301, 1016h).
@@ -206,8 +204,8 @@ pub enum Watchdog {
 }
 
 impl Watchdog {
-    /// The parameter that holds the time where the host speaks by that medium; `None` where none
-    /// does, or only together with others.
+    /// The parameter with the time-out on that medium; `None` where there is none, or where it needs
+    /// others as well.
     #[must_use]
     pub const fn time_parameter(self, medium: MediumKind) -> Option<ParameterId> {
         match (self, medium) {
@@ -225,9 +223,9 @@ impl Watchdog {
 pub struct Parameter {
     /// The word users type: `max current`.
     pub name: &'static str,
-    /// What the manual calls it: `AP 6`, `Fn_33`.
+    /// Symbol in the manual: `AP 6`, `Fn_33`.
     pub symbol: &'static str,
-    /// What it does, in a sentence; empty where no source says.
+    /// Purpose, in a sentence; empty where no source has one.
     pub about: &'static str,
     /// The protocol's address space: TMCL 0 = axis parameter, 1 + bank = global parameter;
     /// Modbus 0 = holding register, 1 = coil, 2 = discrete input, 3 = input register;
@@ -235,7 +233,7 @@ pub struct Parameter {
     pub space: u8,
     /// The protocol's number within the space.
     pub index: u16,
-    /// How the raw value lies on the wire.
+    /// Encoding of the raw value on the wire.
     pub encoding: Encoding,
     /// The unit of the value shown.
     pub unit: Unit,
@@ -249,21 +247,21 @@ pub struct Parameter {
     pub default: Option<i64>,
     /// Read, written or both.
     pub access: Access,
-    /// What a written value survives.
+    /// Where a written value is kept.
     pub persistence: Persistence,
-    /// Whether the product's own manual gives it.
+    /// Whether the product's own manual documents it.
     pub certainty: Certainty,
     /// True when writing it may start, change or enable motion: it needs an armed axis and is
     /// never sent twice.
     pub moves: bool,
-    /// Where it stands in the manual.
+    /// Chapter of the manual.
     pub section: &'static str,
     /// Names of raw values.
     pub values: &'static [(i64, &'static str)],
 }
 
 impl Parameter {
-    /// Whether a raw value lies within its limits.
+    /// Whether a raw value is within its limits.
     #[must_use]
     pub fn allows(&self, raw: i64) -> bool {
         self.encoding.is_between(raw, self.min, self.max)
@@ -337,12 +335,12 @@ pub type ComputeScale =
 pub struct ScaleRule {
     /// The word in profiles: `cia402-position`.
     pub name: &'static str,
-    /// What it reads. Objects that the drive lacks count as absent.
+    /// The objects that it reads. A missing object counts as absent.
     pub objects: &'static [ObjectKey],
     /// Those of them that are words of bytes, which people write in hexadecimal.
     pub words: &'static [ObjectKey],
-    /// Of a stepper motor: how many full steps of a turn the rule assumes, and the object that tells them
-    /// instead, where a drive has it.
+    /// For a stepper motor: the full steps per turn that the rule assumes, and the object with the real
+    /// number, where a drive has it.
     pub full_steps: Option<(f64, ObjectKey)>,
     /// The factor, of the raw values of these objects.
     pub compute: ComputeScale,
@@ -360,7 +358,7 @@ impl core::fmt::Debug for ScaleRule {
     }
 }
 
-/// What a scale comes to.
+/// The result of a scale rule.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct ScaleRuleValue {
     /// From raw to the parameter's unit.
@@ -384,7 +382,7 @@ pub enum Access {
     ReadWrite,
 }
 
-/// What a written value survives.
+/// Where a written value is kept.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Persistence {
     /// Gone with the power, or not a setting at all.
@@ -393,7 +391,7 @@ pub enum Persistence {
     Storable,
     /// Every write goes to flash or EEPROM.
     Always,
-    /// Every write goes to flash unless the drive was told to keep writes in RAM.
+    /// In flash, unless the drive was switched to keep writes in RAM.
     UnlessRam,
 }
 
@@ -410,14 +408,14 @@ impl Persistence {
     }
 }
 
-/// How sure a fact is.
+/// Certainty of a fact.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Certainty {
-    /// The product's own manual says so.
+    /// Documented in the product's own manual.
     Documented,
     /// Concluded from sibling products, drivers or the standard.
     Inferred,
-    /// The drive has it, nothing says what it is.
+    /// Present in the drive, without documentation.
     Undocumented,
 }
 
@@ -428,11 +426,11 @@ pub struct Fault {
     pub code: u32,
     /// The manual's short name.
     pub name: &'static str,
-    /// What happened, in words.
+    /// Description of the fault.
     pub text: &'static str,
     /// Why it usually happens.
     pub cause: &'static str,
-    /// What to do.
+    /// Remedy.
     pub remedy: &'static str,
     /// A fault stops the drive, a warning does not.
     pub severity: Severity,
@@ -449,15 +447,15 @@ pub enum Severity {
     Fault,
 }
 
-/// What an axis can tell of itself.
+/// A value that an axis reports about itself.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 #[repr(u8)]
 pub enum Signal {
-    /// Where it is.
+    /// Actual position.
     Position,
-    /// How fast it goes.
+    /// Actual velocity.
     Velocity,
-    /// Its torque, or what stands for it.
+    /// Actual torque, or the value used for it.
     Torque,
     /// Motor current.
     Current,
@@ -465,9 +463,9 @@ pub enum Signal {
     Voltage,
     /// Temperature of the power stage.
     Temperature,
-    /// Where it is told to be.
+    /// Commanded position.
     TargetPosition,
-    /// How fast it is told to go.
+    /// Commanded velocity.
     TargetVelocity,
     /// Fault code or fault bits; zero is none.
     Fault,
@@ -504,7 +502,7 @@ impl Signal {
         Self::Time,
     ];
 
-    /// True for what is measured or reckoned, rather than a flag or a code.
+    /// True for measured or computed values, false for flags and codes.
     #[must_use]
     pub const fn is_measured(self) -> bool {
         !matches!(self, Self::Fault | Self::Enabled | Self::Moving | Self::Reached | Self::Mode)
@@ -532,7 +530,7 @@ impl Signal {
     }
 }
 
-/// Where a signal comes from: `P(parameter) & mask`, as a flag when `flag` says so.
+/// Source of a signal: `P(parameter) & mask`, as a flag if `flag` is set.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SignalSource {
     /// The signal.

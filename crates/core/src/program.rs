@@ -20,11 +20,11 @@ pub const LABELS_MAX: usize = 1024;
 pub struct ProgramLabel<'t> {
     /// As it is written in the text.
     pub name: &'t str,
-    /// What it stands for.
+    /// Its address.
     pub address: u16,
 }
 
-/// How much an assembler made.
+/// Size of an assembled program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct AssemblySize {
     /// Words.
@@ -33,14 +33,14 @@ pub struct AssemblySize {
     pub labels: usize,
 }
 
-/// Why a text is no program: where, and what should stand there.
+/// Position and reason of an error in a source text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SourceError {
     /// Line, counted from 1.
     pub line: u32,
     /// Byte in the line, counted from 0.
     pub at: usize,
-    /// What would have been right.
+    /// The expected text.
     pub expected: &'static str,
 }
 
@@ -88,7 +88,7 @@ pub type InstructionBytes = [u8; INSTRUCTION_BYTES];
 
 /// A language whose programs are instructions, one at each address: a request each.
 pub trait InstructionLanguage: Sync {
-    /// How files with its text are called: `tmc`.
+    /// Extension of its source files: `tmc`.
     fn extension(&self) -> &'static str;
 
     /// Instructions of a program at most.
@@ -97,72 +97,72 @@ pub trait InstructionLanguage: Sync {
     /// The `n`th mnemonic; `None` behind the last.
     fn mnemonic(&self, n: usize) -> Option<&'static str>;
 
-    /// What follows a mnemonic; `None` for a word that is none.
+    /// The fields of a mnemonic; `None` for an unknown one.
     fn fields(&self, mnemonic: &str) -> Option<InstructionFields>;
 
-    /// Makes an instruction of a line whose fields are numbers or words of the language.
+    /// Parses one line, with numbers or words of the language as fields.
     ///
     /// # Errors
-    /// The place, and what should stand there.
+    /// The position, and the expected text.
     fn parse(&self, line: &str) -> Result<InstructionBytes, TextError>;
 
     /// Writes an instruction as such a line, in pieces: its address, where it jumps, is the last.
     fn write(&self, instruction: InstructionBytes, show: &mut dyn FnMut(&str));
 
-    /// What an instruction is to the program around it.
+    /// The role of an instruction in its program.
     fn role(&self, instruction: InstructionBytes) -> InstructionRole;
 
-    /// The code of a drive's refusal that says that it has stored the request.
+    /// The code by which a drive reports that it has stored the request.
     fn stored_code(&self) -> u32;
 
-    /// Whether an answer to [`ProgramCommand::QueryProgram`] says that a program runs.
+    /// Whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
     fn is_running(&self, answer: i64) -> bool;
 }
 
-/// What follows a mnemonic.
+/// The fields of a mnemonic.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct InstructionFields {
-    /// How many fields.
+    /// Number of fields.
     pub count: usize,
-    /// Words that stand for numbers in the first field.
+    /// Words for numbers in the first field.
     pub words: &'static [(u8, &'static str)],
 }
 
-/// What an instruction is to the program around it.
+/// The role of an instruction in its program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct InstructionRole {
     /// The address that it may go on at.
     pub target: Option<u16>,
-    /// What is behind it is not reached from it.
+    /// Execution does not continue to the next instruction.
     pub ends: bool,
     /// Memory that was never written, or a stop that does as well.
     pub empty: bool,
 }
 
-/// What is to be known of the memory that programs lie in.
+/// Rules of the memory for programs.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct MemoryRules {
     /// Addresses that keep their words without power.
     pub permanent: RangeInclusive<u16>,
     /// Addresses that lose them.
     pub volatile: RangeInclusive<u16>,
-    /// Where the program lies that runs by itself at power-up, and the instruction that ends it at
-    /// once: it stands there while the rest is written.
+    /// Address of the program that runs at power-up, and the instruction that ends it at once. That
+    /// instruction is there while the rest is written.
     pub autorun: (u16, u16),
-    /// What must not be while memory is written.
+    /// Conditions that must not be true while memory is written.
     pub idle_checks: &'static [IdleCheck],
-    /// What tells that a called routine runs: a place, and its bits.
+    /// Address and bits that show that a called routine is running.
     pub call_flag: (u16, u16),
 }
 
 /// A word of the drive's status that must have bits clear.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct IdleCheck {
-    /// Where it is read.
+    /// Address to read.
     pub address: u16,
     /// The bits.
     pub mask: u16,
-    /// What to do when one is set.
+    /// Remedy when one is set.
     pub hint: &'static str,
 }
 
@@ -198,7 +198,7 @@ pub enum TransferStep {
     SetPointer(u16),
     /// Writes one word, or two, where it points, which moves on.
     Write(MemoryKind, u16, Option<u16>),
-    /// Where it points now.
+    /// Reads the pointer.
     ReadPointer,
     /// Reads two words.
     Read(MemoryKind, u16),
@@ -206,13 +206,13 @@ pub enum TransferStep {
     Checksum(MemoryKind, u16, u16),
 }
 
-/// What a drive is told of its programs, and of motors that its axis does not stand for.
+/// A command about programs, and about motors beside those of the axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ProgramCommand {
     /// Stop the motor of that number behind the drive's address, counted from 0. A drive refuses the
     /// number of a motor that it has not.
     StopMotor(u8),
-    /// Go on there, whatever runs now.
+    /// Continues there, whatever is running now.
     Goto(u16),
     /// Call the routine there, so that it can be given up.
     Call(u16),
@@ -224,7 +224,7 @@ pub enum ProgramCommand {
     ///
     /// [`Driver::is_program_running`]: crate::axis::Driver::is_program_running
     QueryProgram,
-    /// Tell whether a called routine runs: see [`MemoryRules::call_flag`].
+    /// Reads whether a called routine is running: see [`MemoryRules::call_flag`].
     QueryCall,
     /// Store what follows from this place on, up to [`EndStore`](Self::EndStore), and do not execute it.
     BeginStore(u16),
@@ -247,7 +247,7 @@ pub enum ProgramCommand {
     Reset,
 }
 
-/// How far a transfer is.
+/// Progress of a transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct TransferProgress {
     /// Words that the drive has proven to have, or that were read.

@@ -4,7 +4,7 @@ use crate::error::Failure;
 use crate::medium::Medium;
 use crate::time::Instant;
 
-/// Time, once per object, whatever the number of its wires.
+/// Time-driven behaviour, once per object, whatever the number of its wires.
 pub trait Timed {
     /// To be called at or after the instant that [`poll_timeout`](Self::poll_timeout) gave.
     /// Calling it early or twice does no harm.
@@ -13,13 +13,13 @@ pub trait Timed {
     fn poll_timeout(&self) -> Option<Instant>;
 }
 
-/// What happens to a wire, apart from data.
+/// An event of a wire, other than data.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum LineEvent {
     /// The cable, port or socket is gone.
     Down,
-    /// It is there again. Nothing may be assumed of what the other end went through.
+    /// The wire is back. The state of the other end is unknown.
     Up,
     /// A framing or parity error, or a break.
     Break,
@@ -40,7 +40,7 @@ pub trait Station<M: Medium>: Timed {
     fn handle_line(&mut self, now: Instant, event: LineEvent);
     /// Writes the next thing to send into `out` and returns its length (1 for a frame).
     fn poll_transmit(&mut self, now: Instant, out: &mut M::Out) -> Option<usize>;
-    /// How this station now drives the wire.
+    /// The present line settings of this station.
     fn line(&self) -> M::Line;
 }
 
@@ -64,10 +64,10 @@ pub enum EventSubject {
     Unsolicited(u32),
 }
 
-/// Something that happened, as a host tells it.
+/// An event from a host.
 pub type HostEvent<A> = (EventSubject, Result<A, Failure>);
 
-/// Whether a request may be sent again by itself when no answer came.
+/// Whether a request may be sent again without a reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RequestClass {
     /// A read: sending it twice is sending it once.
@@ -83,12 +83,11 @@ pub enum RequestClass {
 
 /// A protocol's request, as a small value.
 pub trait Request: Copy + Send + 'static {
-    /// Whether it may be resent. A driver gives a write the class that the lane names; other
-    /// requests know theirs.
+    /// Its class. A driver gives a write the class that the lane names; other requests have a fixed class.
     fn class(&self) -> RequestClass;
 
-    /// Whether the caller has to take or give bytes while it runs, as [`Host::poll_bytes`] and
-    /// [`Host::feed_bytes`] do.
+    /// Whether the caller has to read or feed bytes while it runs, with [`Host::poll_bytes`] and
+    /// [`Host::feed_bytes`].
     fn moves_bytes(&self) -> bool {
         false
     }
@@ -98,37 +97,37 @@ pub trait Request: Copy + Send + 'static {
     }
 }
 
-/// What a host counted. A gap in the evidence is never a silent loss.
+/// Counters of a host. Missing replies are counted, never lost silently.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Counters {
     /// Requests put on the wire, resends included.
     pub sent: u64,
     /// Requests sent again after silence.
     pub resent: u64,
-    /// Replies that answered what was asked.
+    /// Replies to our requests.
     pub answered: u64,
-    /// Whole, valid replies that came when nothing waited for them, or too soon.
+    /// Valid replies that arrived too late or too early.
     pub late: u64,
-    /// Those among them that fitted what waited, but came sooner than the line's rate lets them.
+    /// Those that matched the request, but arrived sooner than the line's rate permits.
     pub early: u64,
-    /// Valid frames of another address, opcode or length than the one asked.
+    /// Valid frames of another address, opcode or length than requested.
     pub foreign: u64,
-    /// Those among them that answered what was asked, but from another address than the one asked.
+    /// Those with a matching reply, but from another address than requested.
     pub misaddressed: u64,
-    /// To whom the drive that was asked answered instead of this host: its host address, or the CAN id of
-    /// its replies.
+    /// The host that the addressed drive replied to instead of this one: its host address, or the CAN ID of
+    /// the replies.
     pub other_host: Option<u32>,
-    /// Our own frames, or bytes that went alone, heard back (RS-485 echo).
+    /// Our own frames, or single bytes, received back (RS-485 echo).
     pub echoed: u64,
     /// Bytes thrown away while looking for a frame.
     pub skipped: u64,
-    /// Frames whose check failed, here or by what the drive says of a request.
+    /// Frames with a wrong check sum, here or as reported by the drive.
     pub corrupt: u64,
-    /// Acknowledgements of what waited for one, by the drive that was asked.
+    /// Acknowledgements from the addressed drive.
     pub acknowledged: u64,
     /// The same for a drive behind the one that acknowledged.
     pub relayed: u64,
-    /// Answers as lines of text, where frames were asked for.
+    /// Replies in text mode, where frames were expected.
     pub texts: u64,
     /// Requests that ended in silence.
     pub silent: u64,
@@ -148,7 +147,7 @@ impl Counters {
         self.combine(other, u64::saturating_add)
     }
 
-    /// What was counted since then.
+    /// The counts since then.
     #[must_use]
     pub fn since(self, then: Self) -> Self {
         self.combine(then, u64::saturating_sub)
@@ -199,17 +198,17 @@ pub trait Host<M: Medium>: Station<M> {
         request: Self::Request,
     ) -> Result<(), Self::Request>;
 
-    /// Takes back a request of which nothing is on the wire yet, because `stop` is to have its place:
-    /// no event tells of its end, it is as if [`submit`](Self::submit) had not taken it. `None` where
-    /// nothing stands in the stop's way, or what does is on the wire (STOP-3).
+    /// Withdraws a request of which nothing is on the wire yet, to make room for `stop`. No event reports
+    /// its end; it is as if [`submit`](Self::submit) had refused it. `None` where no request blocks the
+    /// stop, or the one that does is on the wire (STOP-3).
     fn recall(&mut self, stop: &Self::Request) -> Option<Ticket> {
         let _ = stop;
         None
     }
 
-    /// Puts the request that was just submitted with this ticket on the wire once, whatever its class:
-    /// who asks a drive that has long been silent does not keep the others' wire for as long as one that
-    /// answers is given. Hosts whose drives do not wait for one another need not.
+    /// Sends the request of this ticket, which was submitted just now, only once, whatever its class. A
+    /// drive that has been silent for long then blocks the wire for a shorter time. Not needed for hosts
+    /// whose drives do not wait for one another.
     fn disable_retries(&mut self, ticket: Ticket) {
         let _ = ticket;
     }
@@ -221,16 +220,16 @@ pub trait Host<M: Medium>: Station<M> {
     /// The bytes of `request`, for rehearsals; nothing is sent.
     fn encode_request(&self, request: &Self::Request, out: &mut M::Out) -> usize;
 
-    /// What happened on the wire so far.
+    /// Counters of the wire so far.
     fn counters(&self) -> Counters;
 
-    /// Bytes that came and of which no frame was made yet, nor were they thrown away.
+    /// Received bytes that are neither part of a frame yet nor discarded.
     fn unparsed_len(&self) -> usize {
         0
     }
 
-    /// Puts a request that nobody answers on the wire ahead of everything else; no event tells of
-    /// it. The application is alive for whoever watches it.
+    /// Sends a request without a reply ahead of everything else; no event reports its end. It shows a
+    /// watchdog that the application is alive.
     fn transmit_now(&mut self, now: Instant, request: &Self::Request, out: &mut M::Out) -> usize {
         let _ = now;
         self.encode_request(request, out)
@@ -246,43 +245,42 @@ pub trait Host<M: Medium>: Station<M> {
         0
     }
 
-    /// Whether one more drive, of that address, can be asked from now on.
+    /// Whether a drive of that address can be added.
     fn can_add_drive(&self, address: u32) -> bool {
         let _ = address;
         true
     }
 
-    /// One more drive, of that address, is asked from now on.
+    /// Adds a drive of that address.
     fn add_drive(&mut self, address: u32) {
         let _ = address;
     }
 
-    /// Whether it has to speak though nobody asks, lest a drive stops: then its wire cannot be lent.
+    /// Whether it has to send without requests to keep a drive running: its wire cannot be lent then.
     fn sends_keepalive(&self) -> bool {
         false
     }
 
-    /// What the drive at this address said last cannot be, so that it may answer another question: nothing
-    /// but stops is asked of it before nothing older can come. For hosts of protocols whose answers do not
-    /// say what they answer.
+    /// Quarantines a drive after an implausible value, which may belong to another request: only stops are
+    /// sent to it until no older reply can arrive. For protocols whose replies do not repeat their request.
     fn quarantine_drive(&mut self, now: Instant, address: u32) {
         let _ = (now, address);
     }
 
-    /// Somebody else had the wire until now: what has to be silent before a frame begins anew.
+    /// Ends a loan of the wire: the silent time before the next frame starts anew.
     fn handle_resume(&mut self, now: Instant) {
         let _ = now;
     }
 
-    /// Takes bytes of a long value that is being read under `ticket`, and tells how many. The drive
-    /// is paced by it. `None` when nothing of that kind is under way.
+    /// Reads bytes of a long value that is being read under `ticket`, and returns how many. It paces the
+    /// drive. `None` when there is no such transfer.
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
         let _ = (ticket, out);
         None
     }
 
-    /// Gives bytes of a long value that is being written under `ticket`, and tells how many were
-    /// taken. `None` when nothing of that kind is under way.
+    /// Feeds bytes of a long value that is being written under `ticket`, and returns how many were taken.
+    /// `None` when there is no such transfer.
     fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
         let _ = (ticket, bytes);
         None

@@ -15,15 +15,15 @@ pub const POINTS_MAX: usize = 512;
 /// A point of a path.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Point {
-    /// Where: rad or m.
+    /// Position: rad or m.
     pub position: f64,
-    /// How fast it passes there: rad/s or m/s. Not used where the drive interpolates positions alone.
+    /// Velocity at this point: rad/s or m/s. Not used where the drive interpolates positions alone.
     pub velocity: f64,
     /// Time since the point before, s.
     pub time: f64,
 }
 
-/// What a drive interpolates.
+/// Interpolation of a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PathKind {
     /// Position, velocity and time.
@@ -77,20 +77,20 @@ pub struct PathParameters {
     pub time: ParameterId,
     /// The buffer's status.
     pub status: ParameterId,
-    /// How many points the buffer holds.
+    /// Number of points that the buffer holds.
     pub capacity: ParameterId,
 }
 
-/// What a drive says of its buffer.
+/// Status of a drive's buffer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct PathStatus {
     /// No point is left.
     pub empty: bool,
-    /// No more points are left than it was told to report.
+    /// The number of points left is at or below the configured level.
     pub low: bool,
     /// No further point fits.
     pub full: bool,
-    /// A point came out of turn and was not taken.
+    /// A point arrived out of order and was refused.
     pub lost: bool,
     /// It ran out of points while moving, and stopped.
     pub underrun: bool,
@@ -182,8 +182,8 @@ impl BufferModel {
             .map_or(Instant::FAR_FUTURE, |started_at| started_at.plus_ns(self.end_of(self.sent)))
     }
 
-    /// What the drive said at `now` of its buffer: if it holds more, or fewer, than was thought, its
-    /// clock is behind, or ahead.
+    /// Corrects the clock by the drive's buffer status at `now`: more points than computed mean that its
+    /// clock is slow, fewer that it is fast.
     pub fn correct_clock(&mut self, now: Instant, status: &PathStatus) {
         let Some(started_at) = self.started_at else { return };
         // The first point leaves at once. With `held` in the buffer, `sent - held` have left.

@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-/// What a quantity measures.
+/// Physical quantity.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum Quantity {
@@ -20,7 +20,7 @@ pub enum Quantity {
     Current,
     /// Voltage, V.
     Voltage,
-    /// Temperature, °C (the one quantity kept out of SI: nobody thinks of motors in kelvin).
+    /// Temperature, °C (the one quantity that is not in SI: users state motor temperatures in °C).
     Temperature,
     /// Time, s.
     Time,
@@ -92,7 +92,7 @@ impl Unit {
         Self::Baud,
     ];
 
-    /// How people write it; empty for none.
+    /// Symbol of the unit; empty for none.
     #[must_use]
     pub const fn symbol(self) -> &'static str {
         match self {
@@ -116,7 +116,7 @@ impl Unit {
         }
     }
 
-    /// What it measures.
+    /// Quantity of the unit.
     #[must_use]
     pub const fn quantity(self) -> Quantity {
         match self {
@@ -134,7 +134,7 @@ impl Unit {
         }
     }
 
-    /// True for what is measured along a line: m, m/s, m/s².
+    /// True for units of linear motion: m, m/s, m/s².
     #[must_use]
     pub const fn is_linear(self) -> bool {
         matches!(
@@ -159,8 +159,7 @@ impl Unit {
         }
     }
 
-    /// The SI unit of what is stated in it, as people write it; empty for none. Temperatures stay in
-    /// degrees Celsius.
+    /// Symbol of the SI unit of the same quantity; empty for none. Temperatures stay in degrees Celsius.
     #[must_use]
     pub const fn si_symbol(self) -> &'static str {
         match self {
@@ -181,8 +180,8 @@ impl Unit {
     }
 }
 
-/// `value` to the nearest whole number, halves away from zero. What lies beyond the ends of the
-/// range becomes the end, and what is no number 0.
+/// The nearest whole number to `value`, halves away from zero. Values beyond the range become its end,
+/// NaN becomes 0.
 ///
 /// ```
 /// use polepair_core::units::nearest;

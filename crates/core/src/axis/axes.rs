@@ -11,10 +11,10 @@ use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};
 use crate::time::Instant;
 
-/// What one drive of a group answered.
+/// The reply of one drive of a group.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct GroupAnswer {
-    /// What was asked.
+    /// Ticket of the request.
     pub ticket: Ticket,
     /// The drive's address on the wire.
     pub address: u32,
@@ -22,15 +22,15 @@ pub struct GroupAnswer {
     pub raw: i64,
 }
 
-/// What the layers above hold: protocol, family and medium are erased.
+/// Axes as the upper layers use them. Protocol, family and medium are erased.
 pub trait Axes {
-    /// How many axes there are.
+    /// Number of axes.
     fn axis_count(&self) -> usize;
     /// The drive's address of an axis.
     fn address(&self, axis: AxisIndex) -> Option<u32>;
-    /// What is known of the product.
+    /// The profile of an axis' product.
     fn profile(&self, axis: AxisIndex) -> Option<&'static Profile>;
-    /// What is known of the axis.
+    /// The last known state of an axis.
     fn state(&self, axis: AxisIndex) -> Option<&AxisStatus>;
 
     /// A parameter of an axis: one of its profile, or one that was [added](Self::add_parameter).
@@ -38,8 +38,8 @@ pub trait Axes {
         self.profile(axis)?.parameter(id)
     }
 
-    /// Gives an axis a parameter that its profile does not have, and tells its id; one that it has
-    /// already keeps its id. `None` when the axis has too many.
+    /// Adds a parameter that the profile does not have to an axis, and returns its ID. A parameter that was
+    /// added before keeps its ID. `None` when the axis has too many parameters.
     fn add_parameter(
         &mut self,
         axis: AxisIndex,
@@ -49,7 +49,8 @@ pub trait Axes {
         None
     }
 
-    /// Whether its drive answers what changes something; see [`Host`](crate::station::Host::CONFIRMED).
+    /// Whether the drive replies to requests that change something; see
+    /// [`Host`](crate::station::Host::CONFIRMED).
     fn is_confirmed(&self, axis: AxisIndex) -> bool {
         let _ = axis;
         true
@@ -85,7 +86,7 @@ pub trait Axes {
         Err(Unsupported::NoPlan)
     }
 
-    /// Has what was just asked for under `ticket` put on the wire once, however silent the drive is.
+    /// Sends the request of `ticket`, which was submitted just now, only once, even if the drive is silent.
     fn disable_retries(&mut self, ticket: Ticket) {
         let _ = ticket;
     }
@@ -136,9 +137,9 @@ pub trait Axes {
         Err(Unsupported::NoPlan)
     }
 
-    /// Writes a parameter, raw. After silence it is read back before the outcome is told. Permanent
-    /// memory is left alone unless `keep` asks for it: a drive that would write it is first told
-    /// not to.
+    /// Writes a raw value to a parameter. After a time-out the parameter is read back before the outcome is
+    /// reported. Permanent memory is written only with `keep`: without it, a drive that would write to
+    /// flash is first switched to RAM.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
@@ -164,11 +165,11 @@ pub trait Axes {
         text: &str,
     ) -> Result<(), Unsupported>;
 
-    /// Shows what [`send_text`](Self::send_text) would send. Nothing is sent. Tells what the request would
-    /// be held to, and whether it [moves bytes](crate::station::Request::moves_bytes).
+    /// Shows what [`send_text`](Self::send_text) would send, without sending it. Returns the class of the
+    /// request, and whether it [moves bytes](crate::station::Request::moves_bytes).
     ///
     /// # Errors
-    /// [`Unsupported::BadText`] when it is no text of the protocol.
+    /// [`Unsupported::BadText`] when the text is not valid in the protocol.
     fn rehearse_text(
         &self,
         axis: AxisIndex,
@@ -194,9 +195,10 @@ pub trait Axes {
         Err(Unsupported::BadBytes)
     }
 
-    /// Begins a path that is streamed point by point from where the axis stands; see
-    /// [`feed_points`](Self::feed_points). It ends in one outcome under `ticket`: the number of points, when all
-    /// are used up.
+    /// Starts a path that is streamed point by point from the present position; see
+    /// [`feed_points`](Self::feed_points). Its outcome under `ticket` has the number of points, when all
+    /// points are
+    /// used.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
@@ -211,8 +213,8 @@ pub trait Axes {
         Err(Unsupported::NoPlan)
     }
 
-    /// Takes points of the path under `ticket`, as many as there is room for, and tells how many.
-    /// `complete` says that the last of them ends the path; it should be one at rest. `None` when
+    /// Feeds points to the path of `ticket`, as many as there is room for, and returns how many were taken.
+    /// `complete` marks the last of them as the end of the path; its velocity should be zero. `None` when
     /// that path has ended.
     fn feed_points(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
         let _ = (ticket, points, complete);
@@ -235,35 +237,36 @@ pub trait Axes {
         Err(Unsupported::NoPlan)
     }
 
-    /// Takes set-points in SI for the cycles to come, those of a cycle side by side in the order of
-    /// the axes, as many whole cycles as there is room for, and tells how many. `complete` says that
-    /// the last of them ends the motion; it must be one at rest. `None` when there is no such motion.
+    /// Feeds set-points in SI units for the next cycles: the set-points of one cycle side by side, in the
+    /// order of the axes. Takes as many whole cycles as there is room for, and returns how many. `complete`
+    /// marks the last one as the end of the motion; it must be at rest. `None` when there is no such
+    /// motion.
     fn feed_cycles(&mut self, ticket: Ticket, setpoints: &[f64], complete: bool) -> Option<usize> {
         let _ = (ticket, setpoints, complete);
         None
     }
 
-    /// How the present, or the last, cyclic motion of an axis went.
+    /// Statistics of the present or the last cyclic motion of an axis.
     fn cycle_statistics(&self, axis: AxisIndex) -> Option<&CycleStatistics> {
         let _ = axis;
         None
     }
 
-    /// What a cycle of those axes takes of their one wire at most, ns; zero without timing.
+    /// Longest time that one cycle of these axes occupies their wire, ns; zero without timing.
     fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
         let _ = axes;
         None
     }
 
-    /// What is to be known of the memory that programs of an axis lie in; `None` where it takes none.
+    /// The rules of the program memory of an axis; `None` where it takes no programs.
     fn memory_rules(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
         let _ = axis;
         None
     }
 
-    /// Writes, verifies or reads words of an axis' memory. It ends in one outcome under `ticket`: how
-    /// many words; [`last_transfer`](Self::last_transfer) tells more. Nothing is written while the axis
-    /// has power or its program runs; until it ends, what would power the axis is refused.
+    /// Writes, verifies or reads words of an axis' memory. Its outcome under `ticket` has the number of
+    /// words; [`last_transfer`](Self::last_transfer) has the details. Nothing is written while the axis
+    /// has power or its program runs. Until it ends, commands that would power the axis are refused.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
@@ -285,8 +288,8 @@ pub trait Axes {
         None
     }
 
-    /// Tells an axis an order about its programs. One that could move the motor needs an armed axis;
-    /// one that ends a program overtakes everything, as a stop does.
+    /// Sends a program command to an axis. A command that could move the motor needs an armed axis. A
+    /// command that ends a program has the priority of a stop.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
@@ -301,22 +304,23 @@ pub trait Axes {
         Err(Unsupported::NoPlan)
     }
 
-    /// What the next drive of a group answered under `ticket`; it comes before the outcome, in the
+    /// Returns the next reply of a drive of a group under `ticket`. Replies come before the outcome, in the
     /// order of the drives' addresses.
     fn poll_group_answer(&mut self, _ticket: Ticket) -> Option<GroupAnswer> {
         None
     }
 
-    /// Takes bytes of a long value that the protocol's own request reads under `ticket`, and tells
-    /// how many; see [`send_text`](Self::send_text). The drive sends on as they are taken, and the request ends
-    /// when all are. `None` when there is no such request, or it has not begun.
+    /// Reads bytes of a long value that the protocol's own request under `ticket` is reading, and returns
+    /// how many; see [`send_text`](Self::send_text). The drive continues as the bytes are read; the request
+    /// ends
+    /// with the last one. `None` when there is no such request, or it has not started.
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
         let _ = (ticket, out);
         None
     }
 
-    /// Gives bytes of a long value that the protocol's own request writes under `ticket`, and tells
-    /// how many were taken. `None` when there is no such request, or it has not begun.
+    /// Feeds bytes of a long value that the protocol's own request under `ticket` is writing, and returns
+    /// how many were taken. `None` when there is no such request, or it has not started.
     fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
         let _ = (ticket, bytes);
         None
@@ -325,10 +329,10 @@ pub trait Axes {
     /// The next outcome.
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)>;
 
-    /// What a write of a parameter changes at once of how the drive is reached, if it does.
+    /// Returns how a write of a parameter changes the address of the drive at once, if it does.
     ///
     /// # Errors
-    /// [`Unsupported::Forbidden`] for an address at which nobody could talk with it any more.
+    /// [`Unsupported::Forbidden`] for an address at which no host could reach the drive any more.
     fn address_change(
         &self,
         axis: AxisIndex,
@@ -355,21 +359,23 @@ pub trait Axes {
         None
     }
 
-    /// Begins, or ends, to keep what happens for [`poll_axis_event`](Self::poll_axis_event). What is so already
-    /// when it begins is not news.
+    /// Starts or ends the recording of events for [`poll_axis_event`](Self::poll_axis_event). States that
+    /// exist
+    /// when recording starts are not reported as events.
     fn enable_events(&mut self, _on: bool) {}
 
-    /// The next thing that happened while [`enable_events`](Self::enable_events) is on: what drives said unasked,
-    /// and faults and the loss of arming whoever found them. `now` stamps what has no time of its own.
+    /// Returns the next event while [`enable_events`](Self::enable_events) is on: messages that drives sent
+    /// by
+    /// themselves, faults, and the loss of arming. `now` is the time of events that have none of their own.
     fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
         let _ = now;
         None
     }
 
-    /// Shows, step by step, what a command would send. Nothing is sent.
+    /// Lists the requests that a command would send, step by step, without sending them.
     ///
     /// # Errors
-    /// [`Unsupported`] as the command itself would give.
+    /// [`Unsupported`], the same as from the command itself.
     fn rehearse(
         &self,
         axis: AxisIndex,
@@ -377,15 +383,15 @@ pub trait Axes {
         show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported>;
 
-    /// Whether the drive was asked for a parameter and said that it has none such: one of those that
-    /// its profile calls [optional](Profile::optional). It is not asked again until it restarts, what
-    /// a plan does with it is left out, and what it scales is raw.
+    /// Whether the drive has reported that it does not have this [optional](Profile::optional) parameter.
+    /// It is not read again until the drive restarts; plans leave out the steps that use it, and values
+    /// that it scales stay raw.
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         let _ = (axis, parameter);
         false
     }
 
-    /// What the last step that waited in vain was waiting for.
+    /// The test of the last wait step that timed out.
     fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
         let _ = axis;
         None
@@ -411,18 +417,18 @@ pub trait Axes {
     /// Raw value of an SI one, rounded to the nearest. `None` as with [`to_si`](Self::to_si).
     fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64>;
 
-    /// What happened on the wire so far.
+    /// Counters of the wire so far.
     fn counters(&self) -> Counters;
 
-    /// What came while the last request of that axis that ended in silence was on the wire.
+    /// Counts of frames received during the last request of that axis that timed out.
     fn silence_counters(&self, _axis: AxisIndex) -> Counters {
         Counters::default()
     }
 
-    /// Takes one more axis in, behind all that there are: those keep their places, states and
-    /// requests. Of several lanes on a wire it goes to the one of that number, 0 for one alone.
-    /// `None` where no axis can be added: no such lane, a lane that does not know how or has other
-    /// things to do on its wire just now, an address that is an axis or the host's own, or 256 axes.
+    /// Adds an axis after all existing ones, which keep their indices, states and requests. `lane` is the
+    /// number of the lane on a wire with several, otherwise 0. Returns `None` where the axis cannot be
+    /// added: no such lane, a lane that does not support it or is busy, an address in use by an axis or by
+    /// the host, or 256 axes.
     fn add_axis(
         &mut self,
         lane: usize,
@@ -433,17 +439,17 @@ pub trait Axes {
         None
     }
 
-    /// Whether one of that address could join now, but for the number of axes.
+    /// Whether an axis of that address could be added, apart from the limit on the number of axes.
     fn can_add_axis(&self, _lane: usize, _address: u32) -> bool {
         false
     }
 
-    /// Whether the wire must not be lent: the host speaks by itself to keep drives alive or in step.
+    /// Whether the host sends by itself to keep drives alive or synchronised. The wire cannot be lent then.
     fn sends_keepalive(&self) -> bool {
         false
     }
 
-    /// Somebody else had the wire until now: the silence before a frame begins anew.
+    /// Ends a loan of the wire: the silent time before the next frame starts anew.
     fn handle_resume(&mut self, _now: Instant) {}
 }
 

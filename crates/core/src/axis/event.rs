@@ -5,7 +5,7 @@ use crate::profile::{ParameterAddress, ParameterId, Signal};
 use crate::station::AxisIndex;
 use crate::time::Instant;
 
-/// What a drive told unasked.
+/// A value that a drive sent by itself.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum DriveReport {
     /// A signal's value, where no parameter has it.
@@ -14,16 +14,16 @@ pub enum DriveReport {
     Parameter(ParameterId, i64),
     /// The raw value at an address that the profile does not name.
     Address(ParameterAddress, i64),
-    /// How it takes part in its network from now on.
+    /// A change of its network state.
     Presence(Presence),
 }
 
-/// How a drive takes part in its network, as it says by itself.
+/// Network state of a drive, as the drive reports it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Presence {
-    /// It has just started: what was learnt of it no longer holds, and it is disarmed.
+    /// It restarted: cached values are invalid, and it is disarmed.
     Restarted,
-    /// It takes settings; what it sends by itself rests.
+    /// It accepts settings and sends no process data.
     Preparing,
     /// It takes part in everything.
     Operating,
@@ -46,21 +46,21 @@ impl Presence {
         }
     }
 
-    /// Whether what was learnt of it no longer holds.
+    /// Whether cached values of the drive become invalid.
     #[must_use]
     pub const fn invalidates_state(self) -> bool {
         matches!(self, Self::Restarted | Self::Gone)
     }
 }
 
-/// What happened to an axis, for those who listen; see [`Axes::enable_events`](super::Axes::enable_events).
+/// An event of an axis; see [`Axes::enable_events`](super::Axes::enable_events).
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AxisEvent {
     /// When it arrived, or was found out.
     pub at: Instant,
     /// Whom it concerns.
     pub axis: AxisIndex,
-    /// What it is.
+    /// The event.
     pub kind: AxisEventKind,
 }
 
@@ -68,10 +68,10 @@ pub struct AxisEvent {
 #[derive(Clone, Copy, PartialEq, Debug)]
 #[non_exhaustive]
 pub enum AxisEventKind {
-    /// The drive sent a signal's value unasked. Flags and codes are told when they change.
+    /// The drive sent a signal's value by itself. Flags and codes are reported when they change.
     Signal(Signal, Reading),
-    /// The drive sent the value of a parameter unasked that no signal tells: raw, and in SI, which
-    /// is NaN while a parameter that the scale depends on was never read.
+    /// The drive sent the value of a parameter that is not a signal: raw, and in SI. The SI value is NaN
+    /// while a parameter that the scale depends on has never been read.
     Parameter(ParameterId, i64, f64),
     /// The drive sent the raw value at an address unasked that the profile does not name.
     Address(ParameterAddress, i64),
@@ -83,13 +83,13 @@ pub enum AxisEventKind {
         /// Whether it appeared, or was cleared.
         appeared: bool,
     },
-    /// How the drive takes part in its network from now on.
+    /// The drive's network state changed.
     Presence(Presence),
     /// Motion commands are let through from now on, or no longer.
     Armed(bool),
-    /// So many changes of any axis were thrown away, because nobody took them in time.
+    /// Number of events, of any axis, that were dropped because the queue was full.
     Missed(u32),
 }
 
-/// Things that one message may tell.
+/// Most values in one message.
 pub const REPORTS_MAX: usize = 4;

@@ -6,7 +6,7 @@ use crate::profile::ParameterId;
 /// Something a rehearsal would do.
 #[derive(Clone, Copy, Debug)]
 pub struct RehearsalStep<'a> {
-    /// What the step does, and to which parameter.
+    /// Action of the step, and its parameter.
     pub action: RehearsalAction,
     /// The bytes on the wire; a CAN frame's data.
     pub bytes: &'a [u8],
@@ -14,7 +14,7 @@ pub struct RehearsalStep<'a> {
     pub frame: Option<&'a Frame>,
 }
 
-/// What a rehearsed step does.
+/// Action of a step in a rehearsal.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum RehearsalAction {
     /// Reads a parameter.
@@ -25,13 +25,13 @@ pub enum RehearsalAction {
     Store(ParameterId),
     /// Writes a raw value if the parameter holds another.
     WriteIfDifferent(ParameterId, i64),
-    /// Writes what a read will bring; the bytes show the read.
+    /// Writes a value that is read first; the bytes show the read.
     WriteReadValue(ParameterId, ParameterId),
     /// Sends the protocol's own request.
     Send,
-    /// Asks whether a program of the drive runs.
+    /// Reads whether a program of the drive is running.
     QueryProgram,
-    /// Ends the drive's program; where it can be asked whether one runs, only if one does.
+    /// Ends the drive's program. Where the drive can report whether a program runs, only a running one.
     EndProgram,
     /// Waits, sending nothing.
     Wait(u32),

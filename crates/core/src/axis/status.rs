@@ -15,7 +15,7 @@ pub struct Reading {
     pub at: Option<Instant>,
 }
 
-/// What a stop found of a drive's own program.
+/// Result of a stop for the drive's own program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ProgramEnd {
     /// None ran.
@@ -26,7 +26,7 @@ pub enum ProgramEnd {
     Ended,
 }
 
-/// What is known of an axis. Values carry their age: nothing here is fresher than its `at`.
+/// State of an axis as last read. No value is newer than its `at`.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AxisStatus {
     readings: [Reading; Signal::COUNT],
@@ -34,8 +34,8 @@ pub struct AxisStatus {
     pub armed: bool,
     /// Writes to permanent memory that this lane made.
     pub flash_writes: u32,
-    /// What the last stop found of the drive's own program; `None` where the drive runs none, was not
-    /// asked, or did not answer.
+    /// Result of the last stop for the drive's own program; `None` where the drive runs no programs, was
+    /// not asked, or did not reply.
     pub program_end: Option<ProgramEnd>,
     /// A motion was sent, and since then it was not acknowledged that the axis arrived, was stopped or
     /// was switched off. It stays when the link is lost: then the motor may turn.

@@ -2,11 +2,11 @@
 
 use crate::plan::Argument;
 
-/// What an axis can be told to do. A profile has a plan for each verb that its drive can do.
+/// Commands of an axis. A profile has a plan for each verb that its drive supports.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[non_exhaustive]
 pub enum Verb {
-    /// Power the motor, holding where it stands.
+    /// Powers the motor and holds the present position.
     Enable,
     /// Take power off the motor.
     Disable,
@@ -40,7 +40,7 @@ pub enum Verb {
     WithholdTime,
     /// Put the settings into permanent memory.
     Store,
-    /// Power the motor where it stands, ready to follow positions cycle by cycle.
+    /// Powers the motor at the present position, ready to follow positions cycle by cycle.
     FollowPosition,
     /// The same for speeds.
     FollowVelocity,
@@ -54,7 +54,7 @@ pub enum Verb {
     PrepareBy,
     /// Let every drive of the bus that was made ready begin at once.
     Begin,
-    /// Make sure that the drive has begun what it was made ready for.
+    /// Checks that the drive has started the prepared motion.
     Begun,
 }
 
@@ -135,7 +135,7 @@ impl Verb {
         self.needs_arming() && !self.is_cyclic() && !matches!(self, Self::Enable)
     }
 
-    /// True for what is over only when the axis stands, or has no power.
+    /// True for verbs that end with the axis at rest or without power.
     #[must_use]
     pub const fn ends_motion(self) -> bool {
         self.is_stop() || matches!(self, Self::Home | Self::Reached)
@@ -147,14 +147,14 @@ impl Verb {
         matches!(self, Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque)
     }
 
-    /// True for what goes to a position, or so far, and tells when it is there.
+    /// True for verbs that go to a position or by a distance, and end at the target.
     #[must_use]
     pub const fn is_move(self) -> bool {
         use Verb::{CurveBy, CurveTo, MoveBy, MoveOn, MoveTo};
         matches!(self, MoveTo | MoveBy | MoveOn | CurveTo | CurveBy)
     }
 
-    /// Whether a caller can give it such an argument. All others are never there.
+    /// Whether the verb takes this argument. Arguments that it does not take are always absent.
     #[must_use]
     pub const fn accepts(self, argument: Argument) -> bool {
         use Argument::{Acceleration, Deceleration, JerkTime, Period, Target, Torque, Velocity};

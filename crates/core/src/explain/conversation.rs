@@ -3,37 +3,37 @@
 use super::{Direction, RawFrame};
 use crate::profile::{Parameter, Profile};
 
-/// What is known of the conversation that a frame stands in.
+/// The conversation around a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ConversationContext<'a> {
-    /// Who sent the frame, if known.
+    /// Direction of the frame, if known.
     pub direction: Option<Direction>,
     /// The last request on the line that is not answered yet.
     pub open_request: Option<RawFrame<'a>>,
-    /// The last request to the axis that [told how it answers](super::Dissector::sets_reply_format).
+    /// The last request to the axis that [set its reply format](super::Dissector::sets_reply_format).
     pub format_request: Option<RawFrame<'a>>,
     /// The product's tables.
     pub profile: Option<&'static Profile>,
 }
 
-/// What a frame is in its conversation.
+/// Role of a frame in its conversation.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum FrameRole {
-    /// Nobody can tell, or it belongs to no exchange.
+    /// Unknown, or not part of an exchange.
     #[default]
     Unrelated,
-    /// From a host: asks, and is owed so much.
+    /// A request from a host, and the replies that it expects.
     Request(ReplyExpectation),
     /// From a drive: it has understood a request.
     Acknowledgement,
     /// From a drive: the answer to a request.
     Answer,
-    /// From a drive: the answer to a request, or told unasked.
+    /// A message from a drive: a reply, or sent by itself.
     Report,
 }
 
 impl FrameRole {
-    /// Who sends such a frame.
+    /// The direction that follows from the role.
     #[must_use]
     pub const fn direction(self) -> Option<Direction> {
         match self {
@@ -44,7 +44,7 @@ impl FrameRole {
     }
 }
 
-/// What a request is owed.
+/// The replies that a request expects.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct ReplyExpectation {
     /// Acknowledgements.
@@ -62,13 +62,13 @@ impl ReplyExpectation {
     pub const NONE: Self = Self { acks: ReplyCount::Zero, answers: ReplyCount::Zero };
 }
 
-/// How many frames a request is owed.
+/// The number of replies that a request expects.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum ReplyCount {
     /// None.
     #[default]
     Zero,
-    /// Any number: nobody can tell how many.
+    /// Any number; not known in advance.
     Unknown,
     /// So many.
     Exactly(u8),
@@ -81,18 +81,18 @@ pub struct FrameValue<'a> {
     pub source: ValueSource<'a>,
     /// The integer on the wire.
     pub raw: i64,
-    /// The host tells the drive, not the drive the host.
+    /// True for a write by the host, false for a report by the drive.
     pub written: bool,
     /// Which motor of the axis' address, where one address has several.
     pub motor: u8,
 }
 
-/// What a value is of.
+/// The source of a value.
 #[derive(Clone, Copy, Debug)]
 pub enum ValueSource<'a> {
     /// A parameter of the profile.
     Parameter(&'static Parameter),
-    /// What the protocol calls it, where no profile has it.
+    /// The protocol's name of it, where no profile has one.
     Named(&'a str),
 }
 
@@ -109,7 +109,7 @@ impl PartialEq for ValueSource<'_> {
 /// A place in a sequence of frames that go to an axis one after the other.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SequencePosition {
-    /// Whatever was counted ends: the next one may have any number.
+    /// The sequence restarts: the next number may be any.
     Restart,
     /// The number of this one, and after how many it begins anew.
     Number(u32, u32),
@@ -126,7 +126,7 @@ impl ShortText {
     /// Longest label; what does not fit is cut.
     pub const MAX: usize = 40;
 
-    /// What is displayed.
+    /// Makes it from a displayed value.
     #[must_use]
     pub fn from_display(text: impl core::fmt::Display) -> Self {
         let mut label = Self { bytes: [0; Self::MAX], len: 0 };

@@ -3,38 +3,38 @@
 use crate::profile::{Parameter, Persistence};
 use crate::station::RequestClass;
 
-/// What a frame may do to the drive that it is sent to.
+/// The effect that a frame may have on its drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Effect {
     /// To its motor and its settings.
     pub impact: Impact,
-    /// It writes permanent memory, or brings back what is kept there.
+    /// It writes to permanent memory, or restores values from it.
     pub persistent: bool,
 }
 
-/// What a frame may do to a motor and its settings, the harmless first.
+/// The effect on the motor and its settings, least severe first.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Impact {
-    /// Nothing: it asks, it answers, or it brings a motor to rest.
+    /// None: a read, a reply, or a stop.
     Nothing,
     /// It changes settings that move no motor.
     Settings,
     /// It may start or change motion, or power a motor.
     Motion,
-    /// Nobody can tell: to be held for the worst.
+    /// Unknown: treated as the most severe.
     Unknown,
 }
 
 impl Effect {
-    /// It asks, it answers, or it brings a motor to rest.
+    /// A read, a reply, or a stop.
     pub const NOTHING: Self = Self { impact: Impact::Nothing, persistent: false };
     /// It changes settings that move no motor.
     pub const SETTINGS: Self = Self { impact: Impact::Settings, persistent: false };
     /// It may start or change motion, or power a motor.
     pub const MOTION: Self = Self { impact: Impact::Motion, persistent: false };
-    /// It writes permanent memory, or brings back what is kept there.
+    /// Writes to permanent memory, or restores values from it.
     pub const PERSISTENT: Self = Self { impact: Impact::Settings, persistent: true };
-    /// Nobody can tell.
+    /// Unknown effect.
     pub const UNKNOWN: Self = Self { impact: Impact::Unknown, persistent: false };
 
     /// Of a request by what may be done with it after silence.

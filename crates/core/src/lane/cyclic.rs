@@ -60,7 +60,7 @@ struct CyclicAxis {
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum CyclicStage {
-    /// Every axis is held, until all were heard and there is enough to begin with.
+    /// Holds every axis until all drives have reported and enough set-points are queued.
     Hold,
     Run,
     /// One last beat: come to rest.
@@ -142,7 +142,7 @@ impl CyclicMotion {
         self.ticket
     }
 
-    /// True until all that it has to say is said.
+    /// True until its last frame is sent.
     pub fn is_running(&self) -> bool {
         self.stage != CyclicStage::Ended
     }
@@ -157,8 +157,7 @@ impl CyclicMotion {
         self.outcome.take().map(|outcome| (self.ticket, outcome))
     }
 
-    /// Takes as many whole cycles as there is room for, and tells how many; `None` once it has
-    /// ended.
+    /// Takes as many whole cycles as there is room for, and returns how many; `None` once it has ended.
     pub fn feed_cycles<R: Request, A: Copy + 'static>(
         &mut self,
         slots: &[AxisSlot<R, A>],
@@ -290,7 +289,7 @@ impl CyclicMotion {
         }
     }
 
-    /// What is wrong with a drive that has not told its state.
+    /// The failure of a drive that has not reported its state.
     fn check_reports<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -334,7 +333,7 @@ impl CyclicMotion {
         self.statistics.cycles += 1;
     }
 
-    /// An axis told something: is it well, and where it should be?
+    /// Checks a drive's report: its state and its position against the set-point.
     pub fn handle_report<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -368,12 +367,12 @@ impl CyclicMotion {
         }
     }
 
-    /// A stop of one of its axes came: all of them stop, ahead of it.
+    /// Cancels the motion: one of its axes was stopped, so all of them stop.
     pub fn cancel(&mut self) {
         self.fail(Failure::Cancelled);
     }
 
-    /// The link is down: nobody can be told any more.
+    /// Ends the motion after the loss of the link.
     pub fn handle_link_down(&mut self) {
         self.fail(Failure::LinkDown);
         if let CyclicStage::Stop(outcome) = self.stage {

@@ -9,11 +9,11 @@ use crate::profile::{ParameterId, Signal};
 use crate::station::{AxisIndex, Request};
 use crate::time::Instant;
 
-/// Changes that wait to be taken at most; the oldest go first, and are counted. More than the
-/// longest piece of a stream can tell.
+/// Most events in the queue; the oldest are dropped and counted. More than the longest piece of a
+/// stream can report.
 pub const AXIS_EVENTS_MAX: usize = 1024;
 
-/// Changes that nobody has taken yet, and what listeners know of each axis.
+/// Queue of events, and the state of each axis as last reported to listeners.
 pub struct EventQueue {
     queue: VecDeque<AxisEvent>,
     missed: u32,
@@ -34,7 +34,7 @@ impl ReportedState {
 }
 
 impl EventQueue {
-    /// Nothing yet; what is so already is no news.
+    /// An empty queue. The present states are not reported as events.
     pub fn new<'a>(states: impl Iterator<Item = &'a AxisStatus>) -> Self {
         let reported = states.map(ReportedState::from_status).collect();
         Self { queue: VecDeque::with_capacity(AXIS_EVENTS_MAX), missed: 0, reported }
@@ -54,7 +54,7 @@ impl EventQueue {
         self.queue.pop_front()
     }
 
-    /// Tells of axes what differs from what listeners know.
+    /// Queues an event for each difference between an axis' state and the state last reported.
     pub fn compare<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -91,7 +91,7 @@ impl EventQueue {
         }
     }
 
-    /// Tells what the drive of axis `n` said, once its slot has taken it; `before` is its state
+    /// Queues the report of axis `n`'s drive, after its slot has processed it; `before` is the axis' state
     /// before that.
     pub fn push_report<R: Request, A: Copy + 'static>(
         &mut self,
@@ -147,7 +147,7 @@ impl EventQueue {
     }
 }
 
-/// The faults in a word: those that the profile knows, else the word itself.
+/// The faults in a word: those of the profile, otherwise the word itself.
 fn fault_codes<R, A>(slot: &AxisSlot<R, A>, word: u32) -> impl Iterator<Item = u32> {
     let mut known = slot.profile.faults_for_code(word).map(|fault| fault.code).peekable();
     let whole = (word != 0 && known.peek().is_none()).then_some(word);

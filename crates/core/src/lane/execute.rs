@@ -18,7 +18,7 @@ use crate::time::Instant;
 /// How often a condition that is waited for is read.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// What becomes of a job.
+/// Next state of a job.
 #[derive(Debug)]
 pub enum JobState {
     /// It has something to send.
@@ -171,8 +171,8 @@ fn program_request<R: Request, A: Copy + 'static>(
     Ok((request, InFlight::Send(request.class())))
 }
 
-/// A scale that nobody knows yet, and that the run's arguments need or the set-points that follow it: what
-/// its plan reads is scaled as these are.
+/// The next scale factor to read: one that the arguments of the run, or the set-points after it, need
+/// and that is not yet known.
 fn missing_factor<R: Request, A: Copy + 'static>(
     run: &PlanRun,
     slot: &AxisSlot<R, A>,
@@ -255,7 +255,7 @@ fn step_request<R: Request, A: Copy + 'static>(
     }
 }
 
-/// How a job ends that something else ends.
+/// The outcome of a job that is ended from outside.
 pub fn abort_outcome<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
     match job.task {
         JobTask::Run(mut run) => {
@@ -271,7 +271,7 @@ pub fn abort_outcome<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
     }
 }
 
-/// Whether one drive of a group passes the test of the step that a job is at.
+/// Whether the value of one drive of a group passes the test of the job's step.
 pub fn passes_test<R: Request>(job: &Job<R>, raw: i64) -> bool {
     let JobTask::Run(run) = &job.task else { return true };
     match run.current_step() {
@@ -283,7 +283,7 @@ pub fn passes_test<R: Request>(job: &Job<R>, raw: i64) -> bool {
     }
 }
 
-/// What a group answered, all together: for a test what fails it, else the value that all have.
+/// Combines the replies of a group: for a test the value that fails it, otherwise the common value.
 pub fn merge_group_result<R: Request>(
     job: &mut Job<R>,
     raw: Result<i64, Failure>,
@@ -303,7 +303,7 @@ pub fn merge_group_result<R: Request>(
     }
 }
 
-/// What an answer, or its lack, makes of a job.
+/// Processes a reply, or a time-out, for a job.
 #[inline(never)]
 pub fn handle_answer<R: Request, A: Copy + 'static>(
     now: Instant,
@@ -364,7 +364,7 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
     }
 }
 
-/// How a run ends that a stop cut short while a request of it was out.
+/// The outcome of a run that a stop interrupted during a request.
 fn cancelled_outcome(run: &PlanRun, in_flight: InFlight, raw: Result<i64, Failure>) -> Outcome {
     let last = run.is_last_step();
     match (in_flight, raw) {
@@ -374,7 +374,7 @@ fn cancelled_outcome(run: &PlanRun, in_flight: InFlight, raw: Result<i64, Failur
     }
 }
 
-/// How a request ends that brought no answer, or a refusal.
+/// The outcome of a run whose request failed.
 fn failed_request_outcome(
     in_flight: InFlight,
     raw: Result<i64, Failure>,
@@ -467,7 +467,7 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
     }
 }
 
-/// What tells whether the drive executed the step in hand, which it did not acknowledge.
+/// The readings that show whether the drive executed the current step, which it did not acknowledge.
 fn execution_proof<R: Request, A: Copy + 'static>(
     run: &PlanRun,
     slot: &AxisSlot<R, A>,
@@ -479,8 +479,8 @@ fn execution_proof<R: Request, A: Copy + 'static>(
     slot.driver.execution_proof(function, index, raw)
 }
 
-/// What a reading proves of a step that the drive did not acknowledge: it is executed, or it is sent
-/// again while no fault stands (TML communication manual, chapter 3).
+/// Evaluates a reading for a step that the drive did not acknowledge: the step was executed, or it is
+/// sent again if the drive has no fault (TML communication manual, chapter 3).
 fn handle_proof(now: Instant, run: &mut PlanRun, raw: Result<i64, Failure>) -> JobState {
     match (run.stage, raw) {
         (StepStage::Proof(proof), Ok(raw)) if proof.executed.passes(raw) => {
@@ -503,7 +503,7 @@ fn handle_proof(now: Instant, run: &mut PlanRun, raw: Result<i64, Failure>) -> J
     }
 }
 
-/// What a waiting step makes of a value that is not what it waits for, before it waits on.
+/// Decides how a wait step continues after a value that fails its test.
 fn judge_wait<R: Request, A: Copy + 'static>(
     now: Instant,
     run: &mut PlanRun,
@@ -547,7 +547,7 @@ fn handle_guard_answer<R: Request, A: Copy + 'static>(
     follow_verdict(run, verdict).unwrap_or(JobState::Ready)
 }
 
-/// What a stop makes of what a drive answers about its own program.
+/// Processes the reply to a stop's request about the drive's own program.
 fn handle_program_answer<R: Request, A: Copy + 'static>(
     run: &mut PlanRun,
     slot: &mut AxisSlot<R, A>,
@@ -578,7 +578,7 @@ fn handle_program_answer<R: Request, A: Copy + 'static>(
     next_state(run)
 }
 
-/// How a run goes on behind a step.
+/// The state of a run after a step.
 fn next_state(run: &PlanRun) -> JobState {
     match run.current_step() {
         None if !run.is_program_end_due() => JobState::Ended(finished_outcome(run)),
@@ -597,7 +597,7 @@ fn follow_verdict(run: &mut PlanRun, verdict: GuardVerdict) -> Option<JobState> 
     }
 }
 
-/// A write that went to permanent memory, as far as the profile tells.
+/// Counts a write to permanent memory, as far as the profile shows it.
 fn count_flash_write<R: Request, A: Copy + 'static>(
     slot: &mut AxisSlot<R, A>,
     id: ParameterId,
@@ -615,7 +615,7 @@ fn skip_step(run: &mut PlanRun) -> JobState {
     next_state(run)
 }
 
-/// The drive has no such parameter: what is done with it is left out.
+/// Skips a step whose parameter the drive does not have.
 fn skip_missing_step(run: &mut PlanRun) -> JobState {
     advance_past_missing(run);
     next_state(run)
@@ -628,7 +628,7 @@ fn advance_past_missing(run: &mut PlanRun) {
     run.advance(run.last_value);
 }
 
-/// What a step makes of the value it got.
+/// Completes a step with the value that was read.
 fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
     let Some(step) = run.current_step() else { return JobState::Ended(finished_outcome(run)) };
     match (step, run.stage) {

@@ -12,7 +12,7 @@ use crate::time::Instant;
 /// How often what the step does not read by itself is read.
 const PERIOD_MS: u32 = 200;
 
-/// What one run has seen.
+/// Values seen during one run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WaitGuard {
     /// The motor had power.
@@ -24,17 +24,17 @@ pub struct WaitGuard {
 /// A parameter that is read while a step waits.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum GuardRead {
-    /// Whether the motor has power.
+    /// Power state of the motor.
     Power,
     /// The mode that the plan has waited for before.
     Mode(i64),
-    /// Whether there is a fault, of a drive that does not tell its power.
+    /// Fault state, for a drive that does not report its power state.
     Fault,
     /// Which fault took the power.
     FaultWithoutPower,
 }
 
-/// What is to be done.
+/// Decision of the guard.
 pub enum GuardVerdict {
     /// The step waits on.
     WaitOn,
@@ -45,7 +45,7 @@ pub enum GuardVerdict {
 }
 
 impl WaitGuard {
-    /// Begins with what was known: the motor that the last move has left moving had power.
+    /// Starts from the known state: a motor in motion since the last move had power.
     pub fn begin<R: Request, A: Copy + 'static>(&mut self, verb: Verb, slot: &AxisSlot<R, A>) {
         let enabled = slot.state.reading(Signal::Enabled);
         self.was_enabled = verb == Verb::Reached && enabled.at.is_some() && enabled.raw != 0;
@@ -63,7 +63,7 @@ impl WaitGuard {
             .unwrap_or(false);
     }
 
-    /// What follows from a value that a waiting step has read and that is not what it waits for.
+    /// Evaluates a value that a wait step read and that fails its test.
     pub fn judge_poll<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -88,7 +88,7 @@ impl WaitGuard {
         next_read(None, id, steps, slot)
     }
 
-    /// What follows from a value that was read beside the step.
+    /// Evaluates a value that was read beside the step.
     pub fn judge_read<R: Request, A: Copy + 'static>(
         &mut self,
         read: GuardRead,
@@ -131,7 +131,7 @@ fn enabled_by(source: &SignalSource, raw: i64) -> Option<bool> {
     source.equals.map(|equals| raw & source.mask == equals)
 }
 
-/// The fault that a value tells, if it is one that stops the drive.
+/// The fault in a value, if it is one that stops the drive.
 fn fault_of<R: Request, A: Copy + 'static>(
     slot: &AxisSlot<R, A>,
     id: ParameterId,
@@ -153,7 +153,7 @@ fn read_fault<R: Request, A: Copy + 'static>(slot: &AxisSlot<R, A>) -> GuardVerd
     }
 }
 
-/// What is read after `last`, leaving out what the step reads by itself.
+/// The parameter to read after `last`, except those that the step itself reads.
 fn next_read<R: Request, A: Copy + 'static>(
     last: Option<GuardRead>,
     waited_for: ParameterId,

@@ -16,9 +16,9 @@ pub struct Job<R> {
     pub axis: u8,
     pub task: JobTask<R>,
     pub in_flight: InFlight,
-    /// A stop came by while its request was out: it ends when that request does.
+    /// A stop arrived during its request: the job ends with that request.
     pub cancelled: bool,
-    /// No request of it is sent again, whatever its class.
+    /// Its requests are never sent again, whatever their class.
     pub no_retry: bool,
     pub group_result: GroupResult,
     /// It sleeps until then.
@@ -27,7 +27,7 @@ pub struct Job<R> {
 }
 
 impl<R: Request> Job<R> {
-    /// Whether a request of it sets the axis going.
+    /// Whether one of its requests starts a motion.
     pub fn starts_motion<A: Copy + 'static>(
         &self,
         slot: &AxisSlot<R, A>,
@@ -48,7 +48,7 @@ impl<R: Request> Job<R> {
         }
     }
 
-    /// Whether the axis stands, or has no power, once it is done.
+    /// Whether the axis is at rest, or without power, once the job is done.
     pub fn ends_motion(&self) -> bool {
         match &self.task {
             JobTask::Run(run) => run.verb.is_some_and(Verb::ends_motion),
@@ -59,7 +59,7 @@ impl<R: Request> Job<R> {
     }
 }
 
-/// What the drives of a group answered so far to the request that is out.
+/// Replies so far of the drives of a group to the current request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum GroupResult {
     None,
@@ -96,25 +96,25 @@ pub enum JobTask<R> {
     Transfer(TransferKind),
 }
 
-/// What the request that is out asks.
+/// Purpose of the current request.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum InFlight {
     Nothing,
     /// A parameter that a scale depends on.
     Factor(ParameterId),
     Read(ParameterId),
-    /// Something beside what a waiting step waits for.
+    /// A reading beside the condition of a wait step.
     Guard(ParameterId),
     Write(ParameterId, i64, RequestClass),
-    /// Whether a write whose answer was lost arrived.
+    /// A read-back after a write without a reply.
     ReadBack(ParameterId, i64),
-    /// Whether the drive executed a request whose answer was lost.
+    /// A reading that shows whether the drive executed a request without a reply.
     Proof(ParameterId),
     Send(RequestClass),
 }
 
 impl InFlight {
-    /// Whether it can change the drive or set it going.
+    /// Whether it can change the drive or start a motion.
     pub const fn changes_drive(self) -> bool {
         match self {
             Self::Send(class) => !matches!(class, RequestClass::Idempotent),
@@ -123,7 +123,7 @@ impl InFlight {
         }
     }
 
-    /// Whether it could change the drive, or asks whether something did.
+    /// Whether it can change the drive, or checks whether an earlier request did.
     pub const fn may_have_changed(self) -> bool {
         match self {
             Self::Nothing | Self::Factor(_) | Self::Read(_) | Self::Guard(_) => false,
@@ -161,7 +161,7 @@ pub struct PlanRun {
     pub verb: Option<Verb>,
     pub index: u8,
     pub stage: StepStage,
-    /// What became of the steps that were sent.
+    /// Results of the steps that were sent.
     pub extent: Extent,
     /// The step before which the drive's own program is ended: behind those that stop the motor, which
     /// are then carried out again, because the program may have moved it in between.
@@ -172,16 +172,16 @@ pub struct PlanRun {
     pub undo_reason: Option<Failure>,
     /// Not every undo step was acknowledged.
     pub undo_failed: bool,
-    /// When the step in hand began to wait.
+    /// Start of the wait of the current step.
     pub waiting_since: Option<Instant>,
     pub last_value: i64,
-    /// How often the step in hand was sent again because a reading proved it not executed.
+    /// Number of times the current step was sent again after a reading showed that it was not executed.
     pub resends: u8,
-    /// What waiting steps look at beside what they wait for.
+    /// Values that wait steps check beside their condition.
     pub guard: WaitGuard,
 }
 
-/// Where a step that takes more than one request is.
+/// Stage of a step that takes several requests.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum StepStage {
     First,
@@ -189,15 +189,15 @@ pub enum StepStage {
     Write(i64),
     /// A lost write is to be read back.
     ReadBack(ParameterId, i64),
-    /// A reading is to tell whether the drive executed what it did not acknowledge.
+    /// A reading has to show whether the drive executed a step without acknowledgement.
     Proof(ExecutionProof),
-    /// It did not; a reading is to tell whether a fault stands.
+    /// The drive did not execute the step; the next reading shows whether it has a fault.
     FaultBeforeResend(ExecutionProof),
     /// Nothing is sent before then.
     Sleep(Instant),
     /// A step that waits looks at something else first.
     Guard(GuardRead, ParameterId),
-    /// The drive is asked whether its program runs.
+    /// Reads whether the drive's program is running.
     QueryProgram,
     /// The drive's program is ended.
     EndProgram,
@@ -209,7 +209,7 @@ pub enum StepSource {
     Write(WriteSteps),
 }
 
-/// The steps that write one parameter: permanent memory is spared, or asked for.
+/// The steps that write one parameter, to RAM or to permanent memory.
 #[derive(Clone, Copy, Debug)]
 pub struct WriteSteps {
     id: ParameterId,
@@ -293,12 +293,12 @@ impl PlanRun {
         }
     }
 
-    /// Whether the drive's program is to be ended before anything else.
+    /// Whether the drive's program must be ended before the plan starts.
     pub fn is_program_end_due(&self) -> bool {
         self.program_end == Some(self.index)
     }
 
-    /// Whether nothing comes behind the step in hand.
+    /// Whether the current step is the last one.
     pub fn is_last_step(&self) -> bool {
         let next = self.index.saturating_add(1);
         self.undo_reason.is_none()
@@ -316,7 +316,7 @@ impl PlanRun {
         }
     }
 
-    /// The steps of the plan up to the one in hand.
+    /// The steps of the plan up to and including the current one.
     pub fn passed_steps(&self) -> &'static [Step] {
         match self.steps {
             StepSource::Plan(steps) => &steps[..steps.len().min(usize::from(self.index))],
@@ -324,7 +324,7 @@ impl PlanRun {
         }
     }
 
-    /// How long a step waits: a caller's own limit replaces those that are for a whole motion.
+    /// Time limit of a wait step: the caller's own limit replaces the limit of a whole motion.
     pub fn wait_limit_ms(&self, within_ms: u32) -> u32 {
         match self.command.limit_ms {
             Some(limit_ms) if within_ms >= MOTION_WAIT_MIN_MS => limit_ms,
@@ -336,8 +336,8 @@ impl PlanRun {
         self.verb.is_some_and(Verb::is_stop)
     }
 
-    /// Notes what became of a step that can change the drive, once that is over: until then `asked`
-    /// tells. A request that a stop overtook, or that the protocol's rules forbid, was never sent.
+    /// Records the result of a step that can change the drive, once it has ended. A request that a stop
+    /// overtook, or that the protocol's rules forbid, was never sent.
     pub fn record_result(&mut self, in_flight: InFlight, raw: Result<i64, Failure>) {
         if self.undo_reason.is_some() && !self.is_stop() {
             let whole = raw.is_ok() || !in_flight.may_have_changed();
@@ -369,7 +369,7 @@ impl PlanRun {
         }
     }
 
-    /// How it ends for this reason, as far as it went.
+    /// The outcome for this failure at the present progress.
     pub fn outcome_for(&self, failure: Failure) -> Outcome {
         self.extent.outcome(failure)
     }
@@ -379,7 +379,7 @@ impl PlanRun {
         self.verb.is_some_and(Verb::needs_arming)
     }
 
-    /// Notes what a reading proves of the step in hand.
+    /// Records the result of a reading for the current step.
     pub fn record_proof(&mut self, executed: bool) {
         let bit = 1u64.checked_shl(self.index.into()).unwrap_or(0);
         let extent = &mut self.extent;
@@ -388,14 +388,14 @@ impl PlanRun {
         extent.done = if executed { extent.done | bit } else { extent.done & !bit };
     }
 
-    /// Whether the step in hand, which a reading proved not executed, may be sent once more.
+    /// Whether the current step may be sent once more after a reading showed that it was not executed.
     pub fn may_resend(&mut self) -> bool {
         let allowed = self.resends < RESENDS_MAX && !self.is_stop() && self.undo_reason.is_none();
         self.resends += u8::from(allowed);
         allowed
     }
 
-    /// What a write within this run is held to.
+    /// The class of a write in this run.
     pub fn write_class(&self, parameter: &Parameter) -> RequestClass {
         if self.is_stop() {
             RequestClass::Stop

@@ -12,7 +12,7 @@ use crate::error::{Failure, Outcome, Unsupported};
 use crate::station::{AxisIndex, EventSubject, HostEvent, Request, Ticket};
 use crate::time::{Instant, earliest};
 
-/// At most [`JOBS_MAX`] jobs. Bit n of each mask stands for job n.
+/// At most [`JOBS_MAX`] jobs. Bit n of each mask belongs to job n.
 pub struct JobTable<R> {
     jobs: Box<[Option<Job<R>>; JOBS_MAX]>,
     used: u64,
@@ -87,7 +87,7 @@ impl<R: Request> JobTable<R> {
         Ok(())
     }
 
-    /// Whose turn it is of those `open`: stops first, then what is going, then all others in a ring.
+    /// The next of the `open` jobs: stops first, then started jobs, then the others in turn.
     #[inline]
     pub fn next_ready(&mut self, open: u64) -> Option<(usize, &mut Job<R>)> {
         let ready = self.ready & open;
@@ -122,7 +122,7 @@ impl<R: Request> JobTable<R> {
         set_bits(self.used).filter(|m| axis(*m) == axis(n)).fold(0, |mask, m| mask | 1 << m)
     }
 
-    /// What the host calls the protocol's own request that runs under `ticket`.
+    /// The host's ticket for the protocol's own request that runs under `ticket`.
     pub fn raw_request_ticket(&self, ticket: Ticket) -> Option<Ticket> {
         let is = |n: &usize| {
             let job = self.jobs[*n].as_ref();
@@ -182,7 +182,7 @@ impl<R: Request> JobTable<R> {
         true
     }
 
-    /// What the answer to its request makes of job `n`.
+    /// Processes the reply to the request of job `n`.
     pub fn handle_answer<A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -205,7 +205,7 @@ impl<R: Request> JobTable<R> {
         self.apply(n, next);
     }
 
-    /// Takes what one drive of a group answered to the request of job `n`.
+    /// Processes the reply of one drive of a group to the request of job `n`.
     #[cold]
     pub fn handle_group_answer<A: Copy + 'static>(
         &mut self,
@@ -301,7 +301,7 @@ impl<R: Request> JobTable<R> {
         }
     }
 
-    /// The link is down: whatever is under way ends.
+    /// Ends all running jobs after the loss of the link.
     pub fn handle_link_down(&mut self) {
         for n in set_bits(self.used & !self.ended) {
             let Some(job) = &self.jobs[n] else { continue };
@@ -322,7 +322,7 @@ impl<R: Request> JobTable<R> {
         })
     }
 
-    /// Whether words are on their way into an axis' memory or out of it.
+    /// Whether a memory transfer of an axis is running.
     pub fn has_transfer(&self, axis: AxisIndex) -> bool {
         let jobs = set_bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref());
         let mut transfers = jobs.filter(|job| matches!(job.task, JobTask::Transfer(_)));
@@ -338,7 +338,7 @@ impl<R: Request> JobTable<R> {
         }
     }
 
-    /// The axis on whose path the job of this ticket is, which goes on because there are points.
+    /// Resumes the path job of this ticket because points have arrived, and returns its axis.
     pub fn resume_path(&mut self, ticket: Ticket) -> Option<u8> {
         for n in set_bits(self.used & !self.ended) {
             let Some(job) = &self.jobs[n] else { continue };
@@ -354,7 +354,7 @@ impl<R: Request> JobTable<R> {
         None
     }
 
-    /// Lets those whose time has come go on.
+    /// Resumes the jobs whose pause has ended.
     #[inline]
     pub fn wake_due_jobs(&mut self, now: Instant) {
         if self.wake_at.is_some_and(|wake| wake <= now) {

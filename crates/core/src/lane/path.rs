@@ -50,7 +50,7 @@ pub struct PathStream {
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum PathStage {
-    /// What scales and the buffer's size depend on.
+    /// Reads the parameters that set the scales and the buffer's size.
     Learn(u8),
     Prepare(u8),
     Fill,
@@ -78,7 +78,7 @@ impl PathStream {
         }
     }
 
-    /// Takes as many points as there is room for, and tells how many.
+    /// Takes as many points as there is room for, and returns how many.
     pub fn feed(&mut self, points: &[Point], complete: bool) -> usize {
         let capacity = POINTS_MAX - self.points.len();
         let consumed = points.len().min(capacity);
@@ -240,7 +240,7 @@ impl PathStream {
         JobState::Ready
     }
 
-    /// What an answer makes of it.
+    /// Processes a reply.
     pub fn handle_answer<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -282,7 +282,7 @@ impl PathStream {
         }
     }
 
-    /// What was asked in the stage of filling was to start.
+    /// Whether the pending request, sent while the buffer fills, starts the path.
     fn is_starting(&self) -> bool {
         self.buffer_model.is_filled() || self.complete && self.points.is_empty()
     }
@@ -325,7 +325,7 @@ impl PathStream {
         JobState::Ready
     }
 
-    /// Nobody knows whether the point arrived; the drive's counter does.
+    /// Handles a point without a reply: the drive's counter shows whether the point arrived.
     fn verify_point<R: Request, A: Copy + 'static>(&mut self, slot: &AxisSlot<R, A>) -> JobState {
         if self.counter_offset.is_none() || self.resends >= RESENDS_MAX {
             return self.fail(Failure::Silent);
@@ -362,7 +362,7 @@ impl PathStream {
         }
     }
 
-    /// Whether the drive's counter stands where it does after so many points.
+    /// Whether the drive's counter has the value that follows from this number of points.
     fn counter_matches(&self, status: &PathStatus, count: u32) -> bool {
         self.counter_offset == Some(status.offset(count))
     }

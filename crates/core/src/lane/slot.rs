@@ -51,9 +51,8 @@ impl ScaleFactor {
         self.raw.is_none() && self.attempts < max
     }
 
-    /// Takes a reading. What it cannot have may belong to another question, where answers do not say
-    /// what they answer; a drive that has it all the same says so again.
-    /// Returns whether it was believed.
+    /// Stores a reading, and returns whether it was accepted. An implausible value may belong to another
+    /// request, where replies do not repeat their request; it is accepted when the drive repeats it.
     fn accept_reading(&mut self, raw: i64, possible: bool) -> bool {
         let believed = possible || self.implausible == Some(raw);
         if believed {
@@ -70,7 +69,7 @@ impl ScaleFactor {
 enum ScaleState {
     /// SI value of one raw unit.
     Known(f64),
-    /// What it depends on has not been read.
+    /// The parameters that it depends on have not been read.
     Unread,
     /// There is none: the value is shown raw.
     None(NoScale),
@@ -80,19 +79,18 @@ pub struct AxisSlot<R, A> {
     pub driver: BoxedDriver<R, A>,
     pub profile: &'static Profile,
     pub state: AxisStatus,
-    /// What it was last made ready to follow.
+    /// The kind of set-point that it was last prepared for.
     pub setpoint_kind: Option<SetpointKind>,
     /// The path that is streamed to it.
     pub path: Option<Box<PathStream>>,
-    /// What is on its way into its memory or out of it; the last one, when that has ended.
+    /// The running memory transfer, or the last one.
     pub transfer: Option<Box<MemoryTransfer>>,
-    /// What had been counted when its last request was given to the host, and what came until that
-    /// ended in silence, for the last one that did.
+    /// Counters when its last request was submitted, and the counts during the last request that timed out.
     pub counters_at_request: Counters,
     pub silence_counters: Counters,
-    /// It said what it cannot have, which may answer another question.
+    /// It sent an implausible value, which may belong to another request.
     pub implausible_reply: bool,
-    /// What the last step that waited did not see come true.
+    /// The test of the last wait step that timed out.
     pub unmet_wait: Option<UnmetWait>,
     factors: Vec<ScaleFactor>,
     /// What is needed of a parameter again and again, by [`ParameterId`].
@@ -232,10 +230,10 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         Ok(parameter)
     }
 
-    /// The raw value of a parameter in what the drive answered, taken into the state and the scales.
+    /// Returns the raw value of a parameter in a reply, and stores it in the state and the scales.
     ///
     /// # Errors
-    /// What the driver finds wrong with the answer.
+    /// The driver's failure for this reply.
     #[inline]
     pub fn handle_answer(
         &mut self,
@@ -276,7 +274,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Takes what the drive said unasked.
+    /// Processes a message that the drive sent by itself.
     fn handle_report(&mut self, now: Instant, report: DriveReport) {
         match report {
             DriveReport::Parameter(id, raw) => self.record_value(now, id, raw),
@@ -290,14 +288,13 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Whether the drive said that it has no such parameter.
+    /// Whether the drive reported that it does not have this parameter.
     #[inline]
     pub fn lacks_parameter(&self, id: ParameterId) -> bool {
         self.entry(id).is_some_and(|entry| entry.missing)
     }
 
-    /// Takes a refusal of what was asked of a parameter: one that says that an optional one is not
-    /// there is remembered.
+    /// Processes a refusal. A refusal that shows that an optional parameter is missing is remembered.
     #[cold]
     pub fn handle_refusal(&mut self, id: ParameterId, code: u32) {
         let lacking = self.driver.is_missing_parameter(code);
@@ -308,7 +305,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Computes the scales that depend on other parameters from what is known of these.
+    /// Computes the scales that depend on other parameters.
     #[cold]
     fn update_scales(&mut self) {
         for at in 0..self.entries.len() {
@@ -334,8 +331,8 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Whether a setting that scales a parameter reads zero. That may be learned after an SI value was
-    /// computed by the unit that the profile gives, so no SI value is written then.
+    /// Whether a setting that scales a parameter reads zero. This may be known only after an SI value was
+    /// computed with the profile's unit, so no SI value is written then.
     fn is_zero_scaled(&self, id: ParameterId) -> bool {
         let Some(entry) = self.entry(id) else { return false };
         let direct = [entry.parameter.scale.times, entry.parameter.scale.over];
@@ -356,9 +353,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Whether a step is passed without a word because the drive lacks what it names: what is written
-    /// there has no effect to be missed, what is read there decides nothing. One that brings what the
-    /// caller asked for, or asks whether the drive is ready, is not.
+    /// Whether a step is skipped because the drive lacks its parameter: a write without effect, or a read
+    /// that decides nothing. A step that carries the caller's argument, or checks whether the drive is
+    /// ready, is never skipped.
     pub fn skips_step(&self, step: &Step) -> bool {
         match *step {
             Step::Write(id, Operand::Constant(_))
@@ -373,12 +370,12 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// The signals that a parameter tells.
+    /// The signals that come from a parameter.
     pub fn signal_sources(&self, id: ParameterId) -> &[SignalSource] {
         self.entry(id).map_or(&[], |entry| &entry.signal_sources)
     }
 
-    /// Forgets what a restarted drive may have changed.
+    /// Discards the values that a restart may have changed.
     pub fn forget_learned(&mut self) {
         for factor in &mut self.factors {
             *factor = ScaleFactor::new(factor.parameter);
@@ -391,7 +388,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         self.setpoint_kind = None;
     }
 
-    /// A parameter that the scale of `id` depends on, not known and not yet asked for.
+    /// A parameter that the scale of `id` depends on, not known and not yet requested.
     #[inline]
     pub fn missing_factor(&self, id: ParameterId) -> Option<ParameterId> {
         let entry = self.entry(id)?;
@@ -470,19 +467,19 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         Ok(Some(raw))
     }
 
-    /// What ends the drive's own program, where a command is to do so.
+    /// The request that ends the drive's own program, if a command has to end it.
     pub fn program_end_request(&self, command: &Command) -> Option<R> {
         let ends = matches!(command.verb, Verb::Stop | Verb::QuickStop) && !command.keep_program;
         self.driver.program_request(ProgramCommand::End).filter(|_| ends)
     }
 
-    /// Whether steps could be carried out, as far as is known by now.
+    /// Checks whether steps can be carried out, as far as known.
     pub fn check_steps(&self, steps: &[Step], command: &Command) -> Result<(), Unsupported> {
         steps.iter().try_for_each(|step| self.check_step(step, command).map(drop))
     }
 
-    /// Whether a step could be carried out, as far as is known by now: `Ok(false)` when a scale is
-    /// still missing.
+    /// Checks whether a step can be carried out, as far as known. `Ok(false)` when a scale is still
+    /// missing.
     pub fn check_step(&self, step: &Step, command: &Command) -> Result<bool, Unsupported> {
         let (operand, like) = match *step {
             Step::Write(id, operand) => (operand, Some(id)),
@@ -507,7 +504,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     }
 }
 
-/// Takes what the drive at an address said unasked into the state of its axes, and tells listeners.
+/// Processes a message that the drive at an address sent by itself: updates its axes and queues events.
 #[cold]
 pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
     now: Instant,
@@ -529,7 +526,7 @@ pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
     }
 }
 
-/// Takes what one drive of a group answered into the state of its own axis, if the lane has it.
+/// Processes a reply of one drive of a group for the state of its own axis, if the lane has it.
 #[cold]
 pub fn record_group_answer<R: crate::station::Request, A: Copy + 'static>(
     now: Instant,

@@ -26,7 +26,7 @@ const ATTEMPTS_MAX: u8 = 3;
 /// Words sent once more in one transfer at most.
 const REPEATS_MAX: usize = 64;
 
-/// What is done with the memory.
+/// Kind of a memory transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TransferKind {
     /// Written, and proven by its sum.
@@ -40,9 +40,9 @@ pub enum TransferKind {
 /// Words that belong at addresses, one after the other.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct MemoryBlock {
-    /// Where the first word lies.
+    /// Address of the first word.
     pub start: u16,
-    /// The words; what is read takes their place.
+    /// The words to write, or the words read.
     pub words: Vec<u16>,
 }
 
@@ -77,7 +77,7 @@ enum TransferStage {
     /// The pointer's move may be lost.
     ConfirmPointer,
     Write,
-    /// How far the pointer is.
+    /// Reads the memory pointer to verify the words.
     Verify,
     Read,
     Checksum,
@@ -121,13 +121,13 @@ impl MemoryTransfer {
         })
     }
 
-    /// How far it is.
+    /// Progress of the transfer.
     #[must_use]
     pub const fn progress(&self) -> TransferProgress {
         self.progress
     }
 
-    /// What it is about; of a transfer that reads, what was read.
+    /// The blocks of the transfer; after a read, the words read.
     #[must_use]
     pub fn blocks(&self) -> &[MemoryBlock] {
         &self.blocks
@@ -174,7 +174,7 @@ impl MemoryTransfer {
         }
     }
 
-    /// How it ends when something ends it now.
+    /// The outcome if the transfer is ended now.
     pub fn abort_outcome(&self, failure: Failure) -> Outcome {
         let written =
             self.kind == TransferKind::Write && !matches!(self.stage, TransferStage::CheckIdle(_));
@@ -185,7 +185,7 @@ impl MemoryTransfer {
         JobState::Ended(self.abort_outcome(failure))
     }
 
-    /// What an answer makes of it.
+    /// Processes a reply.
     pub fn handle_answer<R: Request, A: Copy + 'static>(
         &mut self,
         slot: &mut AxisSlot<R, A>,
@@ -227,7 +227,7 @@ impl MemoryTransfer {
         JobState::Ready
     }
 
-    /// Words went out; whether they arrived, the pointer tells.
+    /// Processes the end of a write. The memory pointer shows whether the words arrived.
     fn handle_written<R: Request, A: Copy + 'static>(
         &mut self,
         slot: &mut AxisSlot<R, A>,

@@ -58,9 +58,9 @@ pub fn bits_until_difference(one: &Frame, other: &Frame) -> u32 {
     stuffed_len(one, len.min(same + 1))
 }
 
-/// How many bits the first `count` of `bits` take when a bit of the other kind follows each five
-/// alike. Each bit is first compared with the one before it; four agreements in a row are five
-/// alike, and the bit stuffed in turns round what the next one is compared with.
+/// Length of the first `count` of `bits` with stuff bits: one opposite bit after five equal ones. Each
+/// bit is first compared with the one before it; four agreements in a row are five equal bits, and the
+/// inserted bit inverts the value that the next bit is compared with.
 fn stuffed_len(bits: u128, count: u32) -> u32 {
     let mut same = !(bits ^ bits >> 1) & u128::MAX >> 1;
     let mut total = count;
@@ -109,7 +109,7 @@ impl FrameBits {
     }
 }
 
-/// The CRC-15 of `bits`, whose leading zeros do not count.
+/// The CRC-15 of `bits`. Leading zeros do not count.
 fn crc15(bits: u128) -> u16 {
     let bytes = bits.to_be_bytes();
     let step = |crc: u16, byte: &u8| crc << 8 ^ CRC_TABLE[usize::from((crc >> 7) as u8 ^ byte)];

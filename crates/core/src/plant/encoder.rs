@@ -33,7 +33,7 @@ impl Encoder {
         if self.inverted { -counts } else { counts }
     }
 
-    /// Changes resolution and direction; the reading at shaft `position` (rad) stays what it is.
+    /// Changes resolution and direction; the count at shaft `position` (rad) stays the same.
     pub fn reconfigure(&mut self, position: f64, counts_per_turn: u32, inverted: bool) {
         let reading = self.count(position);
         self.counts_per_turn = counts_per_turn.max(1);
@@ -41,7 +41,7 @@ impl Encoder {
         self.preset(position, reading);
     }
 
-    /// What it reads at shaft `position` (rad).
+    /// The count at shaft `position` (rad).
     #[must_use]
     pub fn count(&self, position: f64) -> i64 {
         self.frozen.unwrap_or_else(|| self.true_count(position).wrapping_add(self.offset))
@@ -55,7 +55,7 @@ impl Encoder {
         }
     }
 
-    /// The shaft position (rad) at which it reads `count`, as far as the counter knows.
+    /// The shaft position (rad) of `count`, as far as the counter knows.
     #[must_use]
     pub fn position_of(&self, count: i64) -> f64 {
         count.wrapping_sub(self.offset) as f64 / self.counts_per_rad()
@@ -79,8 +79,8 @@ impl Encoder {
         self.frozen.is_some()
     }
 
-    /// Whether the index pulse, once a turn at whole turns of the shaft, came between two shaft
-    /// positions (rad).
+    /// Whether the index pulse, once per turn at whole turns of the shaft, lies between two shaft positions
+    /// (rad).
     #[must_use]
     pub fn index_between(&self, before: f64, after: f64) -> bool {
         self.frozen.is_none() && libm::floor(before / TAU) != libm::floor(after / TAU)

@@ -40,7 +40,7 @@ pub const TICK_NS: u64 = 1_000_000;
 /// The same in seconds.
 pub const TICK_S: f64 = 1e-3;
 
-/// How many of them a second has.
+/// Ticks per second.
 pub const TICKS_PER_S: f64 = 1e3;
 
 /// Most ticks that [`Ticks`] runs at one call: a day, so that a clock gone wrong cannot hang it.
@@ -66,7 +66,7 @@ impl Ticks {
         Self { at: now }
     }
 
-    /// How many whole ticks lie between what was last asked and `now`; they count as done.
+    /// Advances to `now`, and returns the number of whole ticks since the last call.
     #[inline]
     #[must_use]
     pub fn advance_to(&mut self, now: Instant) -> u64 {

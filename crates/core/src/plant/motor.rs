@@ -2,10 +2,10 @@
 
 use super::{TICK_S, clamp_abs, with_sign};
 
-/// What a motor and what it turns are made of, SI.
+/// Parameters of a motor and its load, SI.
 ///
-/// A three-phase motor under field-oriented or block control is, seen from its torque-producing
-/// current, a DC motor; that is the model.
+/// The model is a DC motor: a three-phase motor under field-oriented or block control behaves like one
+/// in its torque-producing current.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct MotorParameters {
     /// Inertia of rotor and load, kg·m².
@@ -23,7 +23,7 @@ pub struct MotorParameters {
     pub resistance: f64,
     /// Winding inductance, H. Below `resistance` × 60 µs it counts as that.
     pub inductance: f64,
-    /// What the power stage lets through, A.
+    /// Current limit of the power stage, A.
     pub max_current: f64,
 }
 
@@ -59,21 +59,21 @@ impl MotorParameters {
     }
 }
 
-/// What the power stage does with the winding.
+/// State of the power stage.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Winding {
     /// Drivers off: no current, the shaft turns freely.
     Open,
-    /// This voltage, V, cut to the bus; the current limit stands above it.
+    /// This voltage, V, limited to the bus voltage. The current limit has priority.
     Voltage(f64),
     /// This current, A, as far as the bus voltage can drive it.
     Current(f64),
 }
 
-/// What acts on the motor during a step.
+/// Inputs of the motor during a step.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Inputs {
-    /// What the power stage does.
+    /// State of the power stage.
     pub winding: Winding,
     /// Voltage that the power stage can give at most, V: the bus, times the PWM limit.
     pub bus: f64,
@@ -81,7 +81,7 @@ pub struct Inputs {
     pub load: f64,
 }
 
-/// Where the energy went since the motor was made, J.
+/// Energy balance since the motor was made, J.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Energy {
     /// Taken from the bus; falls while the motor brakes into it.
@@ -159,7 +159,7 @@ impl Motor {
         }
     }
 
-    /// What it is made of.
+    /// Its parameters.
     #[must_use]
     pub const fn parameters(&self) -> &MotorParameters {
         &self.parameters
@@ -201,7 +201,7 @@ impl Motor {
         (self.energy.copper - self.copper_before) / TICK_S
     }
 
-    /// Where the energy went.
+    /// Its energy balance.
     #[must_use]
     pub const fn energy(&self) -> Energy {
         self.energy
@@ -215,7 +215,7 @@ impl Motor {
         0.5 * (kinetic + p.inductance * self.current * self.current)
     }
 
-    /// What the books do not explain, J: zero but for rounding.
+    /// Error of the energy balance, J: zero but for rounding.
     #[must_use]
     pub fn energy_error(&self) -> f64 {
         let e = &self.energy;
@@ -227,7 +227,7 @@ impl Motor {
         self.jammed = jammed;
     }
 
-    /// Where hard stops end the travel, rad; `None` without. What hits one is turned to heat.
+    /// Sets hard stops, rad; `None` without. A collision turns the kinetic energy to heat.
     pub const fn set_ends(&mut self, ends: Option<(f64, f64)>) {
         self.ends = ends;
     }
@@ -294,8 +294,8 @@ impl Motor {
         self.come_to_rest(execution / (execution - next), inputs, friction);
     }
 
-    /// It comes to rest within this part: it goes there for that share of it, then on from rest
-    /// for what is left.
+    /// Handles a part in which the motor comes to rest: runs to the standstill, then from rest for the
+    /// remaining time.
     fn come_to_rest(&mut self, share: f64, inputs: &Inputs, friction: f64) {
         let h = self.sub_step.h;
         let part = SubStep::new(h * share, &self.parameters);
@@ -343,7 +343,7 @@ impl Motor {
         self.limited(inputs, with_current, with_voltage)
     }
 
-    /// The same while the shaft stands still.
+    /// Solves a part with the shaft at rest.
     #[inline]
     fn solve_held(&self, part: &SubStep, inputs: &Inputs) -> Means {
         let p = &self.parameters;

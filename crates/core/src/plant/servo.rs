@@ -10,9 +10,9 @@ const ROUNDING: f64 = 1e-6;
 /// Gains of the loops, SI.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Gains {
-    /// Speed asked for by a position error, 1/s.
+    /// Position gain: speed for a position error, 1/s.
     pub position_p: f64,
-    /// Current asked for by a speed error, A·s/rad.
+    /// Velocity gain: current for a speed error, A·s/rad.
     pub velocity_p: f64,
     /// Growth of that current while the error lasts, A/rad.
     pub velocity_i: f64,
@@ -38,22 +38,22 @@ impl Gains {
     }
 }
 
-/// What the drive is told to do while it is enabled.
+/// Command of an enabled drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Goal {
     /// Turn at this speed, rad/s, along the ramp.
     Velocity(f64),
     /// Go to this shaft position, rad, along the ramp, and hold it.
     Position(f64),
-    /// Drive this current, A, whatever the speed.
+    /// This current, A, at any speed.
     Current(f64),
     /// Put this voltage on the winding, V.
     Voltage(f64),
-    /// Be there and so fast at the end of this tick: a set-point that somebody else makes.
+    /// This position and speed at the end of the tick: a set-point made outside.
     Follow(Setpoint),
 }
 
-/// What the motor meets during a tick.
+/// Load and supply of the motor during a tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Conditions {
     /// Bus voltage, V.
@@ -62,7 +62,7 @@ pub struct Conditions {
     pub load: f64,
 }
 
-/// What a drive's settings, and the move in hand, hold its motor to. Infinite where nothing does.
+/// Limits from the drive's settings and the present move. Infinite where there is no limit.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct ServoBounds {
     /// Speed at most, rad/s, for a motor that was not faster before.
@@ -129,7 +129,7 @@ impl Servo {
         self.integral = 0.0;
     }
 
-    /// Whether it is on.
+    /// Whether the drive is enabled.
     #[must_use]
     pub const fn is_enabled(&self) -> bool {
         self.enabled
@@ -161,12 +161,12 @@ impl Servo {
         self.head_for(goal);
     }
 
-    /// Is told where to be at the end of the next tick.
+    /// Sets the set-point for the end of the next tick.
     pub const fn follow(&mut self, setpoint: Setpoint) {
         self.goal = Goal::Follow(setpoint);
     }
 
-    /// What it is told to do.
+    /// The present command.
     #[must_use]
     pub const fn goal(&self) -> Goal {
         self.goal
@@ -178,18 +178,18 @@ impl Servo {
         self.integral
     }
 
-    /// How the set-point may move.
+    /// Sets the limits of the set-point.
     pub fn set_limits(&mut self, limits: Limits) {
         self.trajectory.set_limits(limits);
     }
 
-    /// How the set-point may move.
+    /// The limits of the set-point.
     #[must_use]
     pub const fn limits(&self) -> &Limits {
         self.trajectory.limits()
     }
 
-    /// Where the set-point is.
+    /// The set-point.
     #[must_use]
     #[inline]
     pub const fn setpoint(&self) -> Setpoint {
@@ -199,7 +199,7 @@ impl Servo {
         }
     }
 
-    /// The same while it is followed: switched on, and told a speed or a position.
+    /// The set-point while the drive is enabled and regulates a speed or a position.
     #[must_use]
     pub const fn regulated_setpoint(&self) -> Option<Setpoint> {
         match self.goal {
@@ -210,7 +210,7 @@ impl Servo {
         }
     }
 
-    /// What they are held to now.
+    /// The present limits.
     #[must_use]
     pub fn bounds(&self) -> ServoBounds {
         if !self.enabled {
@@ -323,7 +323,7 @@ impl Servo {
     }
 }
 
-/// Tells a stall: current at its limit, shaft at rest, for too long.
+/// Detects a stall: current at its limit and the shaft at rest for too long.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StallDetector {
     /// Slower than this is at rest, rad/s.
@@ -351,7 +351,7 @@ impl StallDetector {
         self.stalled_ticks >= self.ticks
     }
 
-    /// Forgets what it saw.
+    /// Resets the detector.
     pub const fn reset(&mut self) {
         self.stalled_ticks = 0;
     }

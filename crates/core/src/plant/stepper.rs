@@ -3,7 +3,7 @@
 
 use super::TICK_S;
 
-/// What a stepper motor and what it turns are made of, SI.
+/// Parameters of a stepper motor and its load, SI.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StepperParameters {
     /// Full steps of a turn.
@@ -16,7 +16,7 @@ pub struct StepperParameters {
     pub inertia: f64,
     /// Friction that opposes any motion, N·m.
     pub friction: f64,
-    /// What brakes the swing of the rotor about its field, N·m·s/rad.
+    /// Damping of the rotor's oscillation about its field, N·m·s/rad.
     pub damping: f64,
     /// Speed at which the torque has fallen to 0.7 of its value with a supply of 24 V, rad/s.
     pub corner: f64,
@@ -35,10 +35,10 @@ impl StepperParameters {
     };
 }
 
-/// What acts on the motor during a tick.
+/// Inputs of the motor during a tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StepperInputs {
-    /// Where the field stands at the end of the tick, rad of the shaft.
+    /// Position of the field at the end of the tick, rad of the shaft.
     pub field: f64,
     /// Current, A RMS; 0 leaves the shaft free.
     pub current: f64,
@@ -80,7 +80,7 @@ impl Stepper {
         }
     }
 
-    /// What it is made of.
+    /// Its parameters.
     #[must_use]
     pub const fn parameters(&self) -> &StepperParameters {
         &self.parameters
@@ -109,19 +109,19 @@ impl Stepper {
         self.jammed = jammed;
     }
 
-    /// How much of the torque is used: 1 is all there is.
+    /// Share of the torque in use: 1 is the maximum.
     #[must_use]
     pub fn load_share(&self) -> f64 {
         if self.torque_max > 0.0 { (self.torque / self.torque_max).abs() } else { 0.0 }
     }
 
-    /// How far the rotor is behind its field, rad: after lost steps more than half a period.
+    /// Lag of the rotor behind its field, rad: after lost steps more than half a period.
     #[must_use]
     pub fn lag(&self) -> f64 {
         self.field - self.position
     }
 
-    /// Whether nothing moves while the field and the load stay as they are.
+    /// Whether the rotor is at rest while the field and the load stay the same.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.velocity == 0.0

@@ -19,7 +19,7 @@ impl ThermalModel {
         Self { resistance, capacity, ambient, temperature: ambient }
     }
 
-    /// How warm it is, °C.
+    /// Temperature, °C.
     #[must_use]
     pub const fn temperature(&self) -> f64 {
         self.temperature

@@ -2,7 +2,7 @@
 
 use super::TICK_S;
 
-/// How a set-point may move, SI.
+/// Limits of a set-point, SI.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Limits {
     /// Speed at most, rad/s.
@@ -24,10 +24,10 @@ impl Limits {
     }
 }
 
-/// Acceleration that stands for "no ramp", rad/s².
+/// Acceleration that means "no ramp", rad/s².
 pub const ACCELERATION_MAX: f64 = 1e7;
 
-/// Where the axis should be at the end of a tick.
+/// Position and velocity of the axis at the end of a tick.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Setpoint {
     /// rad.
@@ -82,7 +82,7 @@ impl Trajectory {
         };
     }
 
-    /// How it may move.
+    /// The limits.
     #[must_use]
     pub const fn limits(&self) -> &Limits {
         &self.limits
@@ -116,13 +116,13 @@ impl Trajectory {
         self.goal = TrajectoryGoal::Velocity(0.0);
     }
 
-    /// Where it is now.
+    /// The present set-point.
     #[must_use]
     pub const fn setpoint(&self) -> Setpoint {
         self.output
     }
 
-    /// True when it rests where it was told to be, or goes as fast as it was told.
+    /// True at rest at the target, or at the target speed.
     #[must_use]
     pub fn arrived(&self) -> bool {
         let there = match self.goal {
@@ -139,7 +139,7 @@ impl Trajectory {
         self.smoother.peak() / TICK_S
     }
 
-    /// Advances by one tick and tells where it is then.
+    /// Advances by one tick and returns the new set-point.
     pub fn step(&mut self) -> Setpoint {
         let before = self.base;
         let changed = self.smoother.smoothing_s != self.limits.smoothing_s;

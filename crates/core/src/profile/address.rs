@@ -12,7 +12,7 @@ pub struct ParameterAddress {
     pub space: u8,
     /// The type, where the text gives one.
     pub encoding: Option<Encoding>,
-    /// Another index and space whose description holds for this one too: the parameter of a module's
+    /// Another index and space whose description applies to this one as well: the parameter of a module's
     /// first motor, the object of a node's first axis.
     pub like: Option<ObjectKey>,
 }

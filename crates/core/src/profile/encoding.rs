@@ -1,6 +1,6 @@
 //! Encodings of parameter values on the wire.
 
-/// How a raw value lies on the wire.
+/// Encoding of a raw value on the wire.
 ///
 /// On Modbus a value of 32 bits takes two registers and one of 64 bits takes four, high word first;
 /// the `LowFirst` encodings have the low word first.
@@ -143,7 +143,7 @@ impl Encoding {
         }
     }
 
-    /// Whether a raw value lies between two others.
+    /// Whether a raw value is between two others.
     #[must_use]
     pub fn is_between(self, raw: i64, min: i64, max: i64) -> bool {
         match self {

@@ -8,24 +8,23 @@ use crate::station::AxisIndex;
 pub const AXES_MAX: usize = 127;
 /// Cycles that wait in a lane at most.
 pub const CYCLES_MAX: usize = 512;
-/// More of the wire's time than this share, in percent, is not planned for: what else is said on the
-/// wire needs room, and a disturbed frame is repeated.
+/// Largest planned load of the wire, in percent. The rest is for other requests and for repeated frames.
 pub const LOAD_MAX_PERCENT: u64 = 80;
 /// The first position lies at most so far from the axis, which stands: rad or m.
 const START_OFFSET_MAX: f64 = 0.01;
 
-/// What an axis is commanded cycle by cycle.
+/// Quantity commanded cycle by cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum SetpointKind {
-    /// Where to be: rad or m.
+    /// Position: rad or m.
     Position,
-    /// How fast: rad/s or m/s.
+    /// Velocity: rad/s or m/s.
     Velocity,
-    /// How hard: N·m, or what stands for it.
+    /// Torque: N·m, or the value used for it.
     Torque,
 }
 
-/// What goes with a set-point.
+/// Data sent with a set-point.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SetpointCommand {
     /// Obey it.
@@ -39,9 +38,9 @@ pub enum SetpointCommand {
 pub struct CyclicConfig<'a> {
     /// Which, each once; set-points come in this order.
     pub axes: &'a [AxisIndex],
-    /// What each is held to, in the same order; none for those that have no bounds here.
+    /// Bounds of each set-point, in the same order; none for those without bounds here.
     pub bounds: &'a [SetpointBounds],
-    /// What is commanded.
+    /// The commanded quantity.
     pub setpoint: SetpointKind,
     /// From one beat to the next.
     pub period: Duration,
@@ -49,7 +48,7 @@ pub struct CyclicConfig<'a> {
     pub timeout_scale: u32,
 }
 
-/// What the set-points of an axis are held to, in SI. None is unlimited.
+/// Bounds of an axis' set-points, in SI. None is unlimited.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct SetpointBounds {
     /// Least and greatest position.
@@ -63,15 +62,16 @@ pub struct SetpointBounds {
 }
 
 impl SetpointBounds {
-    /// How far from an axis that stands a path may begin, rad or m: as far as one cycle of `period` seconds
-    /// may lead, but never further than what nobody sees. A drive goes there within that cycle.
+    /// Largest distance between an axis at rest and the start of its path, rad or m: at most the distance
+    /// of
+    /// one cycle of `period` seconds, and never a visible one. A drive covers it within that cycle.
     #[must_use]
     pub fn max_start_offset(&self, period: f64) -> f64 {
         self.velocity.map_or(START_OFFSET_MAX, |max| (max * period).min(START_OFFSET_MAX))
     }
 }
 
-/// What a set-point exceeds.
+/// The bound that a set-point exceeds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum BoundsViolation {
     /// It is not a number.
@@ -87,7 +87,7 @@ pub enum BoundsViolation {
 }
 
 impl BoundsViolation {
-    /// What to do about it.
+    /// The remedy.
     #[must_use]
     pub const fn hint(self) -> &'static str {
         match self {
@@ -163,15 +163,14 @@ impl SetpointTracker {
         }
     }
 
-    /// Whether a motion may end here: the commanded speed or torque is zero. A position always is
-    /// one to rest at.
+    /// Whether a motion may end here: the commanded speed or torque is zero. A position always may.
     #[must_use]
     pub fn may_end(&self, setpoint: SetpointKind) -> bool {
         setpoint == SetpointKind::Position || self.last == 0.0
     }
 }
 
-/// How well time was kept, and how well the drives followed.
+/// Timing and following error of a cyclic motion.
 #[derive(Clone, Debug)]
 pub struct CycleStatistics {
     /// Beats that went out.
@@ -180,11 +179,11 @@ pub struct CycleStatistics {
     pub cycles: u64,
     /// Beats that were left out because the host was late; the motion took so much longer.
     pub missed_cycles: u64,
-    /// Times that a drive had not told its state before the next beat.
+    /// Number of times a drive had not reported its state before the next beat.
     pub late_reports: u64,
     /// The greatest distance of a drive from the set-point before, SI.
     pub max_following_error: f64,
-    /// How late beats went out.
+    /// Lateness of beats.
     pub lateness: DurationHistogram,
 }
 
