@@ -15,11 +15,11 @@ pub(crate) struct Address {
 }
 
 impl Address {
-    /// Reads `http://127.0.0.1:7365`; `https`, `ws` and `wss` mean the same with and without
-    /// encryption. What the server printed to be opened once is an address as well.
+    /// Parses `http://127.0.0.1:7365`; `https`, `ws` and `wss` are the same with and without encryption.
+    /// The one-time address that the server prints is accepted too.
     ///
     /// # Errors
-    /// `E256` for what is none, `E252` where a token would pass a network for all to read.
+    /// `E256` for an invalid address, `E252` where a token would cross a network in clear text.
     pub fn parse(url: &str) -> Result<Self, GatewayError> {
         let wrong = |why: &str| {
             GatewayError::new("E256", format!("{url:?} is not the URL of a server: {why}"))
@@ -54,7 +54,7 @@ impl Address {
         if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
     }
 
-    /// Whether that is this machine by its loopback, or by a tunnel that begins there.
+    /// Whether the server is on this machine, by loopback or through a tunnel that starts here.
     pub fn is_loopback(&self) -> bool {
         let ip = self.host.parse::<IpAddr>();
         ip.map_or(self.host == "localhost", |ip| ip.is_loopback())

@@ -26,8 +26,9 @@ use crate::{GatewayError, secret, tls};
 pub struct GatewayOptions {
     /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
     pub url: String,
-    /// A file whose first token is used; else `POLEPAIR_TOKEN`, else, on the loopback only, the token of
-    /// this account's own server, if the server proves to have it.
+    /// A file whose first token is used. Otherwise `POLEPAIR_TOKEN`; on the loopback only, the token of
+    /// this
+    /// account's own server, if the server proves that it has it.
     pub token_file: Option<PathBuf>,
     /// The certificate that the server must have: its file, or its SHA-256; else that of this
     /// account's own server.
@@ -78,10 +79,10 @@ impl Drop for GatewayInner {
 }
 
 impl Gateway {
-    /// Finds token and certificate. The server hears of it with the first question.
+    /// Finds token and certificate. The first request contacts the server.
     ///
     /// # Errors
-    /// `E256`, `E252` for what cannot be; `E301` to `E305` for files.
+    /// `E256`, `E252` for invalid options; `E301` to `E305` for files.
     pub fn new(options: &GatewayOptions) -> Result<Self, GatewayError> {
         let address = Arc::new(Address::parse(&options.url)?);
         let tls = address.tls.then(|| tls::load_tls(options)).transpose()?;
@@ -98,21 +99,21 @@ impl Gateway {
         Ok(Self(Arc::new(GatewayInner { url, dialer: wire, rest, runtime: Some(runtime), handle })))
     }
 
-    /// Where it is, without anything secret.
+    /// Its address, without secrets.
     #[must_use]
     pub fn url(&self) -> &str {
         &self.0.url
     }
 
-    /// What there is: links, axes, what each can be told.
+    /// Reads the bench: links, axes, and the commands of each axis.
     ///
     /// # Errors
-    /// As the server says, here and below; `E314`, `E315`, `E321` where it cannot be reached.
+    /// The server's error, here and below; `E314`, `E315`, `E321` where it cannot be reached.
     pub fn bench(&self) -> Result<BenchView, GatewayError> {
         self.block_on(self.0.rest.list("/api/v1/bench"))
     }
 
-    /// What is known of an axis; nothing is asked of the drive.
+    /// Reads the last known state of an axis. Nothing is sent to the drive.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
@@ -137,7 +138,7 @@ impl Gateway {
         self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters")))
     }
 
-    /// Asks a drive for its name, versions and the like.
+    /// Reads a drive's name, versions and similar facts.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
@@ -153,7 +154,7 @@ impl Gateway {
         self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/program")))
     }
 
-    /// Asks a module where its program is.
+    /// Reads the state of a module's program.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
@@ -170,7 +171,7 @@ impl Gateway {
         self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters/{name}")))
     }
 
-    /// Writes parameters, or tells what would change. Sent once.
+    /// Writes parameters, or returns what would change. Sent once.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
@@ -190,7 +191,7 @@ impl Gateway {
         self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/watchdog")))
     }
 
-    /// Sets an axis' own watchdog, and tells how it is set then. Sent once.
+    /// Sets an axis' own watchdog, and returns its new setting. Sent once.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
@@ -202,7 +203,7 @@ impl Gateway {
         self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/watchdog"), wanted))
     }
 
-    /// Looks for drives on a link, by reads only. Tells when it has begun.
+    /// Starts a scan for drives on a link, by reads only. Returns when it has started.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
@@ -234,8 +235,8 @@ impl Gateway {
         self.block_on(self.0.rest.post(&format!("/api/v1/links/{link}/look/take"), take))
     }
 
-    /// Stops axes, whoever commands them; all of them, and locks motion, where none are named.
-    /// Returns when it is known how far that came, or 12 s later.
+    /// Stops axes, whoever holds their leases. Without names it stops all axes and locks motion.
+    /// Returns when the result is known, at the latest after 12 s.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
@@ -276,18 +277,18 @@ impl Gateway {
         self.block_on(self.0.rest.post(&path, &action))
     }
 
-    /// Has an axis owed its stop no more, though nobody saw it stand. The journal keeps who said so.
+    /// Clears the pending stop of an axis whose standstill is not confirmed. The journal records the user.
     ///
     /// # Errors
-    /// As [`bench`](Self::bench); `gateway.lease` when it is taken over by who does not hold its lease.
+    /// As [`bench`](Self::bench); `gateway.lease` for a caller without the axis' lease.
     pub fn dismiss(&self, id: u16, dismiss: &DismissStop) -> Result<(), GatewayError> {
         self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/dismiss"), dismiss))
     }
 
-    /// Has a drive that is not there owed no stop any more, which the server before owed it.
+    /// Clears the pending stop, from before a restart of the server, of a drive that is not connected.
     ///
     /// # Errors
-    /// As [`bench`](Self::bench); `E212` where it is owed none, or is there.
+    /// As [`bench`](Self::bench); `E212` where no stop is pending, or the drive is connected.
     pub fn dismiss_absent(&self, dismiss: &DismissAbsent) -> Result<(), GatewayError> {
         self.block_on(self.0.rest.post("/api/v1/dismiss", dismiss))
     }
@@ -333,7 +334,7 @@ impl Gateway {
     }
 }
 
-/// What may not stand in a path as it is.
+/// Escapes characters that a path must not contain.
 fn escaped(name: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.');
     name.bytes().fold(String::with_capacity(name.len()), |mut text, byte| {

@@ -20,8 +20,8 @@ use crate::{Gateway, GatewayError};
 /// Why something under way has no end.
 const NO_OUTCOME: &str = "a command had no result";
 
-/// The right to command an axis. It is renewed until it is given back or dropped; its end stops what
-/// was set in motion under it.
+/// The right to command an axis. It is renewed until it is released or dropped; its end stops the
+/// motions that were started under it.
 #[derive(Debug)]
 pub struct Lease {
     live: LiveConnection,
@@ -40,16 +40,16 @@ impl Lease {
         self.axis
     }
 
-    /// What writes of parameters must carry.
+    /// The epoch that parameter writes must carry.
     #[must_use]
     pub const fn epoch(&self) -> u64 {
         self.epoch
     }
 
-    /// Whether it is still ours.
+    /// Checks that the lease is still valid.
     ///
     /// # Errors
-    /// Why not: `gateway.lease`, or `E313` where the server is gone.
+    /// The reason if not: `gateway.lease`, or `E313` without a server.
     pub fn check(&self) -> Result<(), GatewayError> {
         self.live.cache().check(self.axis, self.epoch)
     }
@@ -60,10 +60,10 @@ impl Lease {
         self.live.cache().state(self.axis)
     }
 
-    /// Says a command, once, and returns without waiting for what comes of it.
+    /// Sends a command, once, and returns without waiting for its result.
     ///
     /// # Errors
-    /// `E313` where the server is gone: nothing was sent.
+    /// `E313` without a server: nothing was sent.
     pub fn start(
         &self,
         verb: &str,
@@ -86,10 +86,10 @@ impl Lease {
         Ok(PendingOperation::new(receiver, self.live.gateway().clone()))
     }
 
-    /// Says a command and waits for what comes of it.
+    /// Sends a command and waits for its result.
     ///
     /// # Errors
-    /// As the drive or the gateway says; `E101` when nothing had come of it after `within`.
+    /// The error of the drive or the gateway; `E101` without a result after `within`.
     pub fn run(
         &self,
         verb: &str,
@@ -119,10 +119,10 @@ impl Lease {
         outcome_result(outcome).map(|()| value)
     }
 
-    /// Gives it back, and waits until the server says so.
+    /// Releases the lease, and waits for the server's confirmation.
     ///
     /// # Errors
-    /// When it was not ours any more, or the server is gone.
+    /// When it was no longer valid, or without a server.
     pub fn release(&self) -> Result<(), GatewayError> {
         self.live.request_lease(self.axis, LeaseAction::Drop, self.epoch).map(drop)
     }

@@ -30,8 +30,8 @@ const REPLY_MAX: Duration = Duration::from_secs(15);
 /// Queue length of requests.
 const REQUESTS_MAX: usize = 256;
 
-/// A connection that stays: for leases and telemetry. Cheap to clone; what was taken through it ends
-/// with the last clone.
+/// A lasting connection for leases and telemetry. Cheap to clone; leases and subscriptions end with the
+/// last clone.
 #[derive(Debug, Clone)]
 pub struct LiveConnection(Arc<LiveInner>);
 
@@ -115,16 +115,16 @@ impl LiveConnection {
         &self.0.gateway
     }
 
-    /// How leases and the journal name us.
+    /// Name of this session in leases and in the journal.
     #[must_use]
     pub fn session(&self) -> &str {
         &self.0.cache.session
     }
 
-    /// Whether the server is still there.
+    /// Checks that the server is connected.
     ///
     /// # Errors
-    /// Why it is gone.
+    /// The reason if not.
     pub fn check(&self) -> Result<(), GatewayError> {
         self.cache().check_connected()
     }
@@ -135,10 +135,10 @@ impl LiveConnection {
         self.cache().silence()
     }
 
-    /// Takes an axis, if nobody else has it.
+    /// Acquires the lease of an axis, if it is free.
     ///
     /// # Errors
-    /// `gateway.lease` says who commands it.
+    /// `gateway.lease` names the session that holds it.
     pub fn acquire_lease(&self, axis: u16) -> Result<Lease, GatewayError> {
         let epoch = self.request_lease(axis, LeaseAction::Take, 0)?;
         Ok(Lease::new(self.clone(), axis, epoch))
@@ -170,31 +170,32 @@ impl LiveConnection {
         Ok(SampleStream { live: self.clone(), axis, buffer: sample_buffer, info: about })
     }
 
-    /// Hears the frames that pass on the server's links from now on, those that a filter of the
-    /// analyser's language wants. Who asks again hears them instead of who asked before.
+    /// Subscribes to frames on the server's links that match a filter in the analyser's language. A new
+    /// subscription replaces the earlier one.
     ///
     /// # Errors
-    /// `E313` where the server is gone.
+    /// `E313` without a server.
     pub fn subscribe_frames(&self, filter: Option<&str>) -> Result<FrameStream, GatewayError> {
         let (filter, frame_buffer) = (filter.map(str::to_owned), Arc::<FrameBuffer>::default());
         self.send_request(LiveRequest::Frames { filter, buffer: Arc::clone(&frame_buffer) })?;
         Ok(FrameStream { live: self.clone(), buffer: frame_buffer })
     }
 
-    /// An axis as the server said it last, its values as old as they are by now; `None` before it said
-    /// anything. Nothing is asked.
+    /// The last state of an axis that the server sent, with the present age of its values; `None` before
+    /// the
+    /// first one. Nothing is requested.
     ///
     /// # Errors
-    /// `E313` once the server is gone.
+    /// `E313` without a server.
     pub fn state(&self, axis: u16) -> Result<Option<AxisState>, GatewayError> {
         self.cache().check_connected()?;
         Ok(self.cache().state(axis))
     }
 
-    /// Whether the server is there, and has the link of an axis.
+    /// Checks that the server is connected and has the link of an axis.
     ///
     /// # Errors
-    /// `E313` with what went away.
+    /// `E313` names what is missing.
     pub fn check_link(&self, axis: u16) -> Result<(), GatewayError> {
         self.cache().check_link(axis)
     }
@@ -278,10 +279,10 @@ pub struct FrameStream {
 }
 
 impl FrameStream {
-    /// What passed since it was asked last, and how many frames have been lost so far.
+    /// Takes the frames since the last call, and the number of frames lost so far.
     ///
     /// # Errors
-    /// `E313` once the server is gone; `gateway.request` for what is no filter.
+    /// `E313` without a server; `gateway.request` for an invalid filter.
     pub fn drain(&self) -> Result<(Vec<FrameItem>, u64), GatewayError> {
         self.live.cache().check_connected()?;
         self.buffer.drain()
@@ -298,13 +299,13 @@ pub struct SampleStream {
 }
 
 impl SampleStream {
-    /// How often it comes at most.
+    /// Highest rate of samples.
     #[must_use]
     pub const fn hz(&self) -> f64 {
         self.info.hz
     }
 
-    /// Whether the drive sends it by itself.
+    /// Whether the drive sends the samples by itself.
     #[must_use]
     pub const fn source(&self) -> SampleSource {
         self.info.source
@@ -316,10 +317,10 @@ impl SampleStream {
         &self.info.unit
     }
 
-    /// The last sample, if it came within so long: what is older says nothing of now.
+    /// The last sample, unless it is older than `within`.
     ///
     /// # Errors
-    /// `E313` once the server is gone, or the axis' link.
+    /// `E313` without a server, or without the axis' link.
     pub fn last(&self, within: Duration) -> Result<Option<Sample>, GatewayError> {
         self.live.cache().check_link(self.axis)?;
         Ok(self.buffer.last(within))
@@ -346,10 +347,10 @@ impl SampleStream {
         let _ = self.live.gateway().block_on(async { timeout(within, ready).await });
     }
 
-    /// What came since it was asked last, and how many samples have been lost so far.
+    /// Takes the samples since the last call, and the number of samples lost so far.
     ///
     /// # Errors
-    /// `E313` once the server is gone, or the axis' link.
+    /// `E313` without a server, or without the axis' link.
     pub fn drain(&self) -> Result<(Vec<Sample>, u64), GatewayError> {
         self.live.cache().check_link(self.axis)?;
         Ok(self.buffer.drain())

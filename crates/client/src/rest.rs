@@ -49,12 +49,12 @@ impl RestClient {
         self.request(Method::GET, path, Bytes::new(), ANSWER_MAX).await
     }
 
-    /// Reads what the server knows by itself.
+    /// Reads a list that the server has without asking drives.
     pub async fn list<T: DeserializeOwned>(&self, path: &str) -> Result<T, GatewayError> {
         self.request(Method::GET, path, Bytes::new(), clock::scale_timeout(LIST_MAX)).await
     }
 
-    /// Has something done. It is sent once, whatever becomes of it.
+    /// Sends a request that changes something. It is sent once, whatever its result.
     pub async fn post<T: DeserializeOwned>(
         &self,
         path: &str,

@@ -29,7 +29,7 @@ pub(crate) struct Secret {
 }
 
 impl Secret {
-    /// What `Authorization` carries.
+    /// The value of the `Authorization` header.
     pub fn bearer(&self) -> String {
         format!("Bearer {}", self.text)
     }
@@ -46,7 +46,7 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// Where a server of this account keeps tokens, certificate and journal: `$XDG_STATE_HOME/polepair`,
+/// The folder of tokens, certificate and journal of this account's server: `$XDG_STATE_HOME/polepair`,
 /// `~/.local/state/polepair`, `%LOCALAPPDATA%\polepair`. `None` where neither is known.
 #[must_use]
 pub fn state_folder() -> Option<PathBuf> {

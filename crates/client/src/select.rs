@@ -9,13 +9,13 @@ use crate::GatewayError;
 /// The word for every axis.
 pub const ALL: &str = "all";
 
-/// `all`, or names and numbers with commas between them; behind `LINK#` those of a link, which goes by
-/// its number or its URL: `1,3`, `0#1,2`, `0#1,1#2`. A number alone has to be one axis' alone, and no
-/// axis is named twice: it would be told twice.
+/// Parses a selection of axes: `all`, or names and numbers with commas between them. After `LINK#` come
+/// axes of one link, by its number or its URL: `1,3`, `0#1,2`, `0#1,1#2`. A number without a link must
+/// belong to one axis only, and no axis may be named twice: it would receive the command twice.
 ///
 /// # Errors
-/// `E212` for what the server does not have or may have several of, `E210` for an axis that is named twice;
-/// the error of its link for one that is not there.
+/// `E212` for an axis that the server does not have or has several of, `E210` for an axis that is named
+/// twice; the error of its link for one that is not connected.
 pub fn select_axes(bench: &BenchView, words: &str) -> Result<Vec<AxisInfo>, GatewayError> {
     let axes = select_each(bench, words)?.into_iter().collect::<Result<Vec<_>, _>>()?;
     let is_twice =
@@ -57,7 +57,7 @@ pub fn select_each(
     Ok(axes)
 }
 
-/// The text before a `#`: axes of the link before, and a link, whose URL may have commas.
+/// The text before a `#`: axes of the previous link, and a link, whose URL may contain commas.
 fn before_link<'a>(
     bench: &'a BenchView,
     segment: &'a str,
@@ -142,13 +142,13 @@ fn unknown_axis_error(bench: &BenchView, word: &str) -> GatewayError {
     GatewayError::new("E212", what).hint(list_hint(bench.axes.iter().map(full_name)))
 }
 
-/// What there is instead.
+/// Hint with the existing names.
 fn list_hint(all: impl Iterator<Item = String>) -> String {
     let all: Vec<_> = all.collect();
     if all.is_empty() { "it has none".to_owned() } else { format!("it has {}", all.join(", ")) }
 }
 
-/// What means this axis and no other.
+/// A name that is unique on the server.
 fn full_name(axis: &AxisInfo) -> String {
     match &*axis.name {
         "" => format!("{}#{}", axis.link, AxisNumber(axis.number)),
@@ -156,7 +156,7 @@ fn full_name(axis: &AxisInfo) -> String {
     }
 }
 
-/// What is measured in an SI unit of the server's.
+/// The display unit for an SI unit of the server.
 #[must_use]
 pub fn display_unit(si: &str) -> Unit {
     match si {

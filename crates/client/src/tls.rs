@@ -58,7 +58,7 @@ impl ClientTls {
 pub(crate) struct MissingClientCert(AtomicBool);
 
 impl MissingClientCert {
-    /// Whether that happened.
+    /// Whether a certificate was requested.
     pub fn was_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -159,7 +159,7 @@ fn invalid_file(path: &Path, error: &dyn std::fmt::Display) -> GatewayError {
     GatewayError::new("E256", format!("{}: {error}", path.display()))
 }
 
-/// The 64 digits of a fingerprint; `None` for what is none.
+/// Parses the 64 digits of a fingerprint; `None` if it is not valid.
 fn parse_fingerprint(text: &str) -> Option<String> {
     let plain = without_colons(text);
     let is = plain.len() == 64 && plain.bytes().all(|c| c.is_ascii_hexdigit());

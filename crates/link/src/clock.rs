@@ -9,15 +9,15 @@ use polepair_core::time::Instant;
 #[cfg(target_os = "linux")]
 const STAMP_AGE_MAX_NS: u64 = 10_000_000_000;
 
-/// Nanoseconds of the monotonic clock since this process first asked. A stepped wall clock does
-/// not move it.
+/// Nanoseconds of the monotonic clock since the first call in this process. Steps of the wall clock do
+/// not change it.
 #[must_use]
 pub fn now() -> Instant {
     to_instant(origin().monotonic.elapsed())
 }
 
-/// Wall time of `at` as nanoseconds since 1970, by the offset taken once when the process first
-/// asked: traces stay in order though somebody sets the clock meanwhile.
+/// Wall time of `at` as nanoseconds since 1970. The offset is read once, at the first call, so traces
+/// stay in order when the wall clock is set.
 #[must_use]
 pub fn wall_ns(at: Instant) -> u64 {
     origin().wall_ns.saturating_add(at.0)
@@ -38,12 +38,11 @@ pub fn sleep_until(at: Instant) {
     std::thread::sleep(at.since(now()));
 }
 
-/// How many times as long as usual time-outs are: 1, unless `POLEPAIR_TIMEOUT_SCALE` gives another whole
-/// number up to 100.
+/// The factor on all time-outs: 1, unless `POLEPAIR_TIMEOUT_SCALE` has another whole number up to 100.
 ///
-/// For tests only: on a busy machine a process may not run for longer than a reply may take. It is read
-/// once. What is scaled are the times after which something counts as failed (replies, leases, silence,
-/// standstill; the `timeout` of a connection string too). How long something lasts is not, nor are periods.
+/// For tests only: on a busy machine a process may be paused for longer than a reply may take. The
+/// variable is read once. The factor applies to times after which something counts as failed (replies,
+/// leases, silence, standstill; the `timeout` of a connection string too), not to durations or periods.
 #[must_use]
 pub fn timeout_scale() -> u32 {
     static TIMEOUT_SCALE: OnceLock<u32> = OnceLock::new();

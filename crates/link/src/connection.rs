@@ -128,9 +128,9 @@ impl Connection {
         if self.0.0.is_real_time() { clock::scale_timeout(timeout) } else { timeout }
     }
 
-    /// Puts what happens from now on into `mailbox`, as of the connection `source`, until the guard
-    /// is dropped: to its axes, or to one of them, and to the link. Where nobody else reads the link,
-    /// the background thread does.
+    /// Records events in `mailbox`, as of the connection `source`, until the guard is dropped: events of
+    /// all
+    /// axes or of one, and of the link. Where no other thread reads the link, the background thread does.
     pub fn listen(
         &self,
         mailbox: &Mailbox,
@@ -141,16 +141,17 @@ impl Connection {
         ListenerGuard { connection: self.clone(), mailbox: mailbox.clone(), source }
     }
 
-    /// Takes in what has arrived and nobody has read, without waiting, unless somebody reads.
+    /// Processes received data without waiting, unless another thread is reading.
     pub fn catch_up(&self) {
         self.0.0.catch_up();
     }
 
-    /// Lends the link out, as soon as nothing of this connection is under way: until the answer is
-    /// dropped, what is submitted here waits and is not sent, and nobody waits for that in
-    /// [`submit`](Self::submit). What drives say unasked on a serial line meanwhile is lost. `None`
-    /// when something was under way all the time until then, or the link is of another medium; at once
-    /// when drives have to be kept alive (heartbeat, SYNC, a watchdog that is fed).
+    /// Lends the link as soon as no request of this connection is running. Until the result is dropped,
+    /// requests that are submitted here wait and are not sent; [`submit`](Self::submit) does not block.
+    /// Messages that drives send by themselves on a serial line meanwhile are lost. `None` when requests
+    /// were
+    /// running all the time until then, or the link is of another medium; at once when drives have to be
+    /// kept alive (heartbeat, SYNC, a watchdog).
     ///
     /// # Errors
     /// [`LinkError`] while the link is down.
@@ -170,8 +171,8 @@ impl Connection {
         self.0.0.link_error()
     }
 
-    /// Closes the link at once, for all clones: what is under way ends as when the link is lost, and
-    /// what is asked later ends with [`Cause::Closed`](crate::Cause::Closed). It is never opened again.
+    /// Closes the link at once, for all clones: running requests end as when the link is lost, and later
+    /// requests end with [`Cause::Closed`](crate::Cause::Closed). It is never opened again.
     pub fn close(&self) {
         self.0.0.close();
     }
@@ -182,13 +183,13 @@ impl Connection {
         Arc::ptr_eq(&self.0, &other.0)
     }
 
-    /// What the link is called.
+    /// Name of the link.
     #[must_use]
     pub fn describe(&self) -> String {
         self.0.0.describe()
     }
 
-    /// What the link noticed and could not hand on, since it was last opened.
+    /// Losses on the link since it was last opened.
     #[must_use]
     pub fn losses(&self) -> Losses {
         self.0.0.losses()
@@ -199,7 +200,7 @@ impl Connection {
         self.0.0.slot_count()
     }
 
-    /// What ends waits from elsewhere, for instance upon Ctrl-C.
+    /// A handle that ends waits from another thread, for instance after Ctrl-C.
     #[must_use]
     pub fn interrupter(&self) -> Interrupter {
         Interrupter(Arc::downgrade(&self.0.0))
@@ -217,20 +218,20 @@ pub struct PendingRequest {
     outcome: Option<Outcome>,
 }
 
-/// What ended a wait for a request.
+/// Result of a wait for a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum WaitResult {
-    /// The request ended. Waiting again says the same.
+    /// The request ended. Another wait returns the same.
     Ended(Outcome),
-    /// The deadline came; the request goes on.
+    /// The deadline passed; the request continues.
     TimedOut,
-    /// Somebody used an [`Interrupter`]; the request goes on.
+    /// An [`Interrupter`] ended the wait; the request continues.
     Interrupted,
 }
 
 impl PendingRequest {
-    /// Waits until the request ends, `deadline` comes, or somebody interrupts. An interrupt since
-    /// the request was submitted counts, once.
+    /// Waits until the request ends, `deadline` passes, or an interrupt arrives. An interrupt since the
+    /// request was submitted counts, once.
     pub fn wait(&mut self, deadline: Instant) -> WaitResult {
         if let Some(outcome) = self.outcome {
             return WaitResult::Ended(outcome);
@@ -242,7 +243,7 @@ impl PendingRequest {
         waited
     }
 
-    /// Takes what is there without waiting, and tells the outcome if there is one.
+    /// Processes received data without waiting, and returns the outcome if there is one.
     pub fn poll(&mut self) -> Option<Outcome> {
         match self.wait(Instant::ZERO) {
             WaitResult::Ended(outcome) => Some(outcome),
@@ -250,8 +251,8 @@ impl PendingRequest {
         }
     }
 
-    /// Tells the outcome if there is one; else `waker` is woken when there is, from whatever
-    /// thread reads then. The background thread reads meanwhile.
+    /// Returns the outcome if there is one; otherwise `waker` is woken when there is. The background thread
+    /// reads the link meanwhile.
     pub fn poll_or_wake(&mut self, waker: &task::Waker) -> Option<Outcome> {
         if self.outcome.is_none() {
             self.outcome = self.connection.0.0.poll_or_wake(self.ticket, waker);
@@ -259,7 +260,7 @@ impl PendingRequest {
         self.outcome
     }
 
-    /// The ticket that the lane knows it by.
+    /// The ticket of the request in the lane.
     #[must_use]
     pub const fn ticket(&self) -> Ticket {
         self.ticket
@@ -279,9 +280,8 @@ impl Drop for PendingRequest {
 pub struct Interrupter(Weak<dyn ErasedConnection>);
 
 impl Interrupter {
-    /// Makes every wait under way, and the first wait of every request submitted so far, return
-    /// [`WaitResult::Interrupted`]. Locks: not for signal handlers, but for the thread that hears of
-    /// the signal.
+    /// Ends every running wait, and the first wait of every request submitted so far, with
+    /// [`WaitResult::Interrupted`]. It takes a lock: call it from a thread, not from a signal handler.
     pub fn interrupt(&self) {
         if let Some(engine) = self.0.upgrade() {
             engine.interrupt();

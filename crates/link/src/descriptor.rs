@@ -113,7 +113,7 @@ impl Descriptor {
         }
     }
 
-    /// What is ready on the descriptor, and whether the waker is.
+    /// Whether the descriptor is readable, and whether the waker was used.
     fn wait_readable(&self, until: Instant) -> Result<(PollFlags, bool), Errno> {
         #[cfg(target_os = "linux")]
         if let Some(waited) = self.epoll.wait(until) {

@@ -11,7 +11,7 @@ pub struct LinkError {
     hint: String,
 }
 
-/// Why, in terms that tell what to do.
+/// Cause of a link error. Each cause has its own remedy.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum Cause {
@@ -23,11 +23,11 @@ pub enum Cause {
     Busy,
     /// It was there and is no longer: unplugged, or the far end closed.
     Gone,
-    /// Nobody listens at that address.
+    /// No program listens at that address.
     Refused,
     /// No way to that address, or no answer from it.
     Unreachable,
-    /// It cannot do the speed or format that was asked, or is no such thing.
+    /// It does not support the speed or format, or is not a device of this kind.
     Unsuitable,
     /// The far end takes no bytes.
     Stalled,
@@ -35,12 +35,12 @@ pub enum Cause {
     Down,
     /// This program closed it.
     Closed,
-    /// Something else; the system's error number tells.
+    /// Another error of the system; the error number has the details.
     System,
 }
 
 impl LinkError {
-    /// An error about the link `name`, judged by what the system said.
+    /// An error about the link `name`, from an error of the system.
     #[must_use]
     pub fn from_io(name: &str, error: &std::io::Error) -> Self {
         let cause = cause_of(error);
@@ -59,7 +59,7 @@ impl LinkError {
         Self::new(name, Cause::Gone)
     }
 
-    /// The same error with more to try, said first.
+    /// Adds a hint in front of the others.
     #[must_use]
     pub fn with_hint(mut self, first: &str) -> Self {
         self.hint = if first.is_empty() { self.hint } else { format!("{first} {}", self.hint) };
@@ -72,7 +72,7 @@ impl LinkError {
         self.cause
     }
 
-    /// What it was about.
+    /// Name of the link.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -125,7 +125,7 @@ fn cause_of(error: &std::io::Error) -> Cause {
     }
 }
 
-/// What the kinds of the standard library do not tell apart.
+/// Causes that the standard library's error kinds do not distinguish.
 #[cfg(unix)]
 fn cause_of_errno(errno: rustix::io::Errno) -> Option<Cause> {
     use rustix::io::Errno;

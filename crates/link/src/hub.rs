@@ -21,27 +21,27 @@ use crate::waker::LinkWaker;
 
 /// Clients at a time; one more is turned away.
 pub const CLIENTS_MAX: usize = 16;
-/// The longest thing said to a client at once.
+/// Longest single message to a client.
 pub const OUTPUT_MAX: usize = 128;
 
-/// How one client is talked to. Every client gets a copy of its own.
+/// The protocol with one client. Each client has a copy of its own.
 pub trait HubSession: Clone + Send {
-    /// What a client hears when it connects.
+    /// Message to a new client.
     fn greeting(&self) -> &'static [u8];
 
-    /// Takes one byte that the client sent, and writes what it is answered.
+    /// Processes one byte from the client, and writes the reply.
     fn handle_byte(&mut self, byte: u8, answer: &mut SessionOutput<'_>) -> SessionAction;
 
-    /// Writes a frame of the bus as this client is told of it; nothing when it is not.
+    /// Writes a frame of the bus in the client's protocol; nothing when the client does not want it.
     fn write_frame(&mut self, frame: &Frame, at: Instant, saying: &mut SessionOutput<'_>);
 }
 
-/// What a byte of a client's came to.
+/// Result of a byte from a client.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SessionAction {
     /// Nothing for the bus.
     Nothing,
-    /// The end of something that nobody understands.
+    /// The end of a message that is not valid.
     Malformed,
     /// A frame for the bus.
     Frame(Frame),
@@ -51,7 +51,7 @@ pub enum SessionAction {
     Disconnect,
 }
 
-/// Room for what is said to a client at once.
+/// Buffer for one message to a client.
 #[derive(Debug)]
 pub struct SessionOutput<'a>(pub(crate) TextWriter<'a>);
 
@@ -125,7 +125,7 @@ impl<S: HubSession> Hub<S> {
         })
     }
 
-    /// Where it listens, on TCP.
+    /// Its TCP address.
     #[must_use]
     pub fn address(&self) -> Option<SocketAddr> {
         self.listener.as_ref()?.local_addr().ok()
@@ -165,7 +165,7 @@ impl<S: HubSession> Hub<S> {
         }
     }
 
-    /// Waits until a client, the listener or the waker has something; tells whether the latter.
+    /// Waits for a client, the listener or the waker; returns whether it was the waker.
     fn wait(&self, until: Instant) -> Result<bool, LinkError> {
         let mut fds: [Option<Arc<OwnedFd>>; CLIENTS_MAX] = Default::default();
         for (place, client) in fds.iter_mut().zip(&self.lock_state().clients) {
@@ -201,7 +201,7 @@ impl<S: HubSession> Hub<S> {
 }
 
 impl<S: HubSession> HubState<S> {
-    /// The next frame that a client has for the bus; the other clients hear it, too.
+    /// The next frame from a client to the bus; the other clients receive it too.
     fn next_frame(&mut self, frame: &mut Frame) -> Option<Instant> {
         for n in 0..self.clients.len() {
             let speaker = (self.next_client + n) % self.clients.len();
@@ -226,7 +226,7 @@ impl<S: HubSession> HubState<S> {
 }
 
 impl<S: HubSession> HubClient<S> {
-    /// The next frame among what the client has said.
+    /// The next frame in the data received from the client.
     fn next_frame(&mut self, losses: &mut Losses) -> Option<(Frame, Instant)> {
         if self.inbox.is_empty() && std::mem::take(&mut self.readable) {
             self.read();
@@ -266,7 +266,7 @@ impl<S: HubSession> HubClient<S> {
         self.send(&buffer[..len])
     }
 
-    /// Never waits: a client that does not read loses what it is told, whole.
+    /// Sends without waiting: a client that does not read loses whole messages.
     fn send(&mut self, saying: &[u8]) -> bool {
         if saying.is_empty() || self.disconnected {
             return true;
@@ -286,7 +286,7 @@ impl<S: HubSession> HubClient<S> {
         written > 0
     }
 
-    /// How much of it the client's buffer took. That a client has left is found out by reading.
+    /// Number of bytes that the client's buffer took. A closed connection is detected by reading.
     fn write(&self, bytes: &[u8]) -> usize {
         if bytes.is_empty() { 0 } else { rustix::io::write(&self.fd, bytes).unwrap_or(0) }
     }

@@ -21,22 +21,22 @@ pub trait LinkIo<M: Medium>: Send + Sync {
     /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError>;
 
-    /// Waits until a unit can be sent without waiting, as far as the system tells. `false` when
-    /// `until` came first. For those who send more than the wire takes: [`send`](Self::send) itself
-    /// is patient for a moment only.
+    /// Waits until a unit can be sent without blocking, as far as the system reports it. `false` when
+    /// `until` passed first. For senders of more than the wire's rate: [`send`](Self::send) itself waits
+    /// only for a moment.
     ///
     /// # Errors
-    /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
+    /// [`LinkError`]; [`LinkError::is_gone`] is true if the link is lost.
     fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
         let _ = until;
         Ok(true)
     }
 
-    /// Waits until something arrives, `until` has come, or somebody wakes it. With an `until` that
-    /// has passed it takes what is already there and does not wait.
+    /// Waits for data until `until`, or until the waker is used. With an `until` in the past it takes the
+    /// received data without waiting.
     ///
     /// # Errors
-    /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
+    /// [`LinkError`]; [`LinkError::is_gone`] is true if the link is lost.
     fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError>;
 
     /// Sets baud and parity, or bit rate, at once. Does nothing on a wire without timing.
@@ -45,11 +45,12 @@ pub trait LinkIo<M: Medium>: Send + Sync {
     /// [`LinkError`] when the adapter cannot.
     fn set_line(&self, line: M::Line) -> Result<(), LinkError>;
 
-    /// What makes a blocked [`receive`](Self::receive) return.
+    /// A handle that ends a blocked [`receive`](Self::receive).
     fn waker(&self) -> LinkWaker;
 
-    /// Whether time passes there, and things arrive, while nobody waits: everywhere but in a
-    /// simulation in virtual time.
+    /// Whether time passes and data arrives outside of waits: true everywhere but in a simulation in
+    /// virtual
+    /// time.
     fn is_real_time(&self) -> bool {
         true
     }
@@ -57,7 +58,7 @@ pub trait LinkIo<M: Medium>: Send + Sync {
     /// For people: `/dev/ttyUSB0`, `10.0.0.5:4001`.
     fn describe(&self) -> String;
 
-    /// What was noticed and could not be handed on, since the link was opened.
+    /// Losses since the link was opened.
     fn losses(&self) -> Losses {
         Losses::default()
     }
@@ -71,7 +72,7 @@ pub trait LinkIo<M: Medium>: Send + Sync {
     }
 }
 
-/// What ended a wait.
+/// Result of a wait.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Received {
     /// So many bytes (or one frame) are in the buffer.
@@ -88,18 +89,18 @@ pub enum Received {
         /// When.
         at: Instant,
     },
-    /// The instant came and nothing else did.
+    /// The time passed without data.
     TimedOut,
     /// A [`LinkWaker`] was used.
     Woken,
 }
 
-/// What a link noticed and could not hand on. A gap in the evidence is never a silent loss.
+/// Data that a link lost. Losses are counted, never silent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Losses {
-    /// Units that the system or the adapter threw away because nobody took them in time.
+    /// Units that the system or the adapter dropped because they were not read in time.
     pub overrun: u64,
-    /// What arrived and was no unit of this medium: damaged, or of a kind not spoken here.
+    /// Received data that is not a unit of this medium: damaged, or of an unsupported kind.
     pub malformed: u64,
     /// Errors on the wire that the CAN controller reported.
     pub errors: u64,

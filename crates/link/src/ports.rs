@@ -18,25 +18,25 @@ pub const PORTS_MAX: usize = 256;
 /// A serial or CAN adapter.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Port {
-    /// What to open: `/dev/ttyUSB0`, `COM3`, `can0`.
+    /// Name to open: `/dev/ttyUSB0`, `COM3`, `can0`.
     pub path: String,
-    /// What it carries.
+    /// Kind of the port.
     pub kind: PortKind,
     /// The name that survives replugging, where the system has one.
     pub stable_name: Option<String>,
-    /// What the adapter says it is.
+    /// USB descriptor of the adapter.
     pub usb: Option<UsbInfo>,
     /// Why it cannot be used now; nothing was opened to find out.
     pub error: Option<LinkError>,
 }
 
-/// What an adapter carries.
+/// Kind of an adapter.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub enum PortKind {
     /// Bytes of a serial line.
     #[default]
     Bytes,
-    /// Frames of a CAN bus, in the serial language slcan: an adapter known to speak it.
+    /// CAN frames in the serial protocol slcan: an adapter known to use it.
     Slcan,
     /// Frames of a CAN bus, as an interface of the kernel's.
     Can {
@@ -47,18 +47,18 @@ pub enum PortKind {
     },
 }
 
-/// What a USB adapter tells of itself.
+/// USB descriptor of an adapter.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct UsbInfo {
     /// Vendor id.
     pub vendor_id: u16,
     /// Product id.
     pub product_id: u16,
-    /// Vendor's name, empty when it tells none.
+    /// Vendor's name; empty when there is none.
     pub vendor: String,
-    /// Product's name, empty when it tells none.
+    /// Product's name; empty when there is none.
     pub product: String,
-    /// Serial number, empty when it tells none.
+    /// Serial number; empty when there is none.
     pub serial: String,
 }
 
@@ -109,7 +109,7 @@ const WITHOUT_BAUD_RATE: [&str; 2] = ["cdc_acm", "usbser"];
 const PROGRAM: &str = "polepair";
 
 /// Whether the driver of the port at `path` is known to have no baud rate. False where the system does
-/// not tell (Windows), and for converters that pretend to have one.
+/// not report it (Windows), and for converters that emulate one.
 #[must_use]
 pub fn has_no_baud_rate(path: &str) -> bool {
     system::driver_name(path).is_some_and(|driver| WITHOUT_BAUD_RATE.contains(&&*driver))

@@ -1,7 +1,7 @@
 //! Limits and privacy settings of this process and its threads.
 
-/// Lets this process open as many files and sockets as the system lets it, and tells how many that
-/// are; `None` where that is not told.
+/// Raises this process' limit of open files and sockets to the system's maximum, and returns it; `None`
+/// where the system does not report it.
 #[cfg(unix)]
 #[must_use]
 pub fn raise_file_limit() -> Option<u64> {
@@ -15,15 +15,15 @@ pub fn raise_file_limit() -> Option<u64> {
     }
 }
 
-/// As on Unix, where it is told.
+/// The same as on Unix, where the system supports it.
 #[cfg(not(unix))]
 #[must_use]
 pub const fn raise_file_limit() -> Option<u64> {
     None
 }
 
-/// Lets the present thread stand back behind all others when processors are short: for what only
-/// shows. Elsewhere than on Linux a whole process would, so nothing is done.
+/// Lowers the priority of the present thread below all others: for threads that only display. Does nothing
+/// except on Linux, where priorities are per thread.
 pub fn lower_priority() {
     #[cfg(target_os = "linux")]
     {
@@ -33,11 +33,11 @@ pub fn lower_priority() {
     }
 }
 
-/// Whether nobody but its owner may read or write an open file: what a token or a key lies in. Where
-/// files have no such modes, it is taken for so.
+/// Whether only its owner can read or write an open file that holds a token or a key. True where files
+/// have no such modes.
 ///
 /// # Errors
-/// When the system does not tell.
+/// When the system does not report the file's mode.
 #[cfg_attr(not(unix), allow(clippy::missing_const_for_fn, reason = "it asks on Unix"))]
 pub fn is_private_file(file: &std::fs::File) -> std::io::Result<bool> {
     #[cfg(unix)]

@@ -44,7 +44,7 @@ impl Pty {
         self.descriptor.fd.try_clone()
     }
 
-    /// What a client opens: the alias if there is one.
+    /// Path that a client opens: the alias if there is one.
     #[must_use]
     pub fn path(&self) -> &str {
         self.alias.as_deref().and_then(Path::to_str).unwrap_or(&self.name)

@@ -18,8 +18,8 @@ const BURST_MAX: usize = 256;
 /// Least pause between two expiries, lest a station that always wants time eats a core.
 const TICK_MIN_NS: u64 = 20_000;
 
-/// Lends the station that sits on the wire. Whoever shares it (a dashboard, the front panel of a
-/// drive) locks in `lend`.
+/// Access to the station on the wire. An owner that shares it (a dashboard, the front panel of a drive)
+/// locks in `lend`.
 pub trait StationAccess<M: Medium = Stream>: Send {
     /// Calls `visit` with the station, once.
     fn with_station(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>));
@@ -59,7 +59,7 @@ impl ServeHandle {
         self.waker.wake();
     }
 
-    /// Makes [`serve`] look at its station again: somebody else changed it.
+    /// Makes [`serve`] poll its station again after a change from outside.
     pub fn wake(&self) {
         self.waker.wake();
     }
@@ -88,13 +88,13 @@ impl ServeThread {
         Self { handle, thread: Some(thread) }
     }
 
-    /// What ends it, or makes it look at its station, from elsewhere.
+    /// A handle that ends it, or makes it poll its station.
     #[must_use]
     pub fn handle(&self) -> ServeHandle {
         self.handle.clone()
     }
 
-    /// True once it has ended; [`join`](Self::join) then tells why at once.
+    /// True once it has ended; [`join`](Self::join) then returns the reason at once.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
@@ -151,7 +151,7 @@ pub fn serve<M: Medium>(
     Ok(())
 }
 
-/// Lets time pass, sends what the station has to say, and tells when it next wants time.
+/// Advances the time, sends the station's output, and returns the time of the next call.
 fn run_station<M: Medium>(
     link: &dyn LinkIo<M>,
     wire: &mut dyn StationAccess<M>,
@@ -173,7 +173,7 @@ fn run_station<M: Medium>(
     result.map(|()| until)
 }
 
-/// Sends what the station has to say; false if that may not be all.
+/// Sends the station's output; false if there may be more.
 fn transmit<M: Medium>(
     link: &dyn LinkIo<M>,
     station: &mut dyn Station<M>,

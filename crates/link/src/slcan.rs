@@ -131,7 +131,7 @@ impl SlcanLink {
         }
     }
 
-    /// Tells what the adapter refused.
+    /// Sets up the adapter; returns the command that it refused, if any.
     fn try_set_up(
         &self,
         rate: Option<&[u8]>,
@@ -148,7 +148,7 @@ impl SlcanLink {
         Ok((self.run_command(b"O\r")? == Some(false)).then_some(SetupStep::Open))
     }
 
-    /// Reads on until nothing comes any more: answers to what was said before are nobody's.
+    /// Reads until the line is quiet, to discard replies to earlier commands.
     fn read_until_quiet(&self, quiet_ms: u32) -> Result<(), LinkError> {
         let end = self.inner.now().plus_ms(QUIET_MAX_MS);
         let mut unread = self.lock_input();
@@ -165,7 +165,7 @@ impl SlcanLink {
         }
     }
 
-    /// Sends a command; true when it was done, false when refused, `None` when nothing was said.
+    /// Sends a command; true when done, false when refused, `None` without a reply.
     fn run_command(&self, command: &[u8]) -> Result<Option<bool>, LinkError> {
         // Each carriage return is answered, by most adapters.
         let mut answers = command.iter().filter(|&&byte| byte == b'\r').count();
@@ -223,8 +223,8 @@ impl SlcanLink {
         }
     }
 
-    /// Behind a frame, lest two threads write at once: asks what else the controller has seen.
-    /// Not all adapters know the question.
+    /// Asks for the controller's status flags after a frame, so that two threads do not write at once.
+    /// Not all adapters have the command.
     fn request_flags(&self) -> Result<(), LinkError> {
         let (now, outstanding) = (self.inner.now(), self.flags_pending.load(Ordering::Relaxed));
         if outstanding >= FLAGS_PENDING_MAX || now.0 < self.next_flags_query.load(Ordering::Relaxed)
@@ -242,7 +242,7 @@ impl SlcanLink {
         self.overrun.fetch_add(flags.any(StatusFlags::OVERRUN).into(), Ordering::Relaxed);
     }
 
-    /// The adapter has refused a frame, or does not know of flags.
+    /// Handles a refusal: the adapter refused a frame, or does not have the command for flags.
     fn handle_refusal(&self) {
         match self.flags_pending.load(Ordering::Relaxed) {
             1..FLAGS_PENDING_MAX => self.flags_pending.store(FLAGS_PENDING_MAX, Ordering::Relaxed),
@@ -285,7 +285,7 @@ fn rate_command<'a>(
 }
 
 impl SlcanInput {
-    /// What the next bytes that were read end, if anything.
+    /// The end of the next line in the received bytes, if any.
     fn next_end(&mut self) -> Option<LineEnd> {
         while let Some(byte) = self.inbox.next_byte() {
             if let Some(end) = self.lines.push(byte) {
@@ -295,7 +295,7 @@ impl SlcanInput {
         None
     }
 
-    /// What a controller's new state means to the bus's users, if anything.
+    /// The event for users of the bus that follows from a controller's new state, if any.
     fn state_event(&mut self, state: ErrorState) -> Option<LineEvent> {
         let off = state == ErrorState::BusOff;
         let changed = std::mem::replace(&mut self.bus_off, off) != off;

@@ -44,19 +44,19 @@ pub struct CanInterface {
     pub name: String,
     /// The kernel's number for it.
     pub index: u32,
-    /// Whether it is switched on.
+    /// Whether it is up.
     pub up: bool,
     /// `can`, `vcan`, `slcan`.
     pub kind: String,
     /// Bits per second; `None` when it has none (`vcan`) or none was set.
     pub bit_rate: Option<u32>,
-    /// How its controller is, where it has one.
+    /// State of its controller, if it has one.
     pub controller: Option<ControllerState>,
     /// After so many milliseconds it leaves bus-off by itself; 0 for never.
     pub restart_ms: Option<u32>,
 }
 
-/// How a controller is (`enum can_state` of `linux/can/netlink.h`).
+/// State of a controller (`enum can_state` of `linux/can/netlink.h`).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ControllerState {
     /// Takes part.
@@ -89,7 +89,7 @@ impl ControllerState {
     }
 }
 
-/// The CAN interfaces of this machine, by name; none where the kernel tells of none.
+/// The CAN interfaces of this machine, by name; none where the kernel reports none.
 #[must_use]
 pub fn interfaces() -> Vec<CanInterface> {
     let mut found = netlink::interfaces().unwrap_or_default();
@@ -123,7 +123,7 @@ pub(crate) fn port(interface: CanInterface) -> Port {
     }
 }
 
-/// Lets frames through whose identifier agrees with `id` in the bits that are set in `mask`.
+/// Passes frames whose identifier equals `id` in the bits that are set in `mask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CanFilter {
     /// 11-bit or 29-bit identifier.
@@ -193,7 +193,7 @@ fn find_interface(name: &str) -> Result<CanInterface, LinkError> {
     Err(LinkError::new(name, Cause::NotFound).with_hint(&hint))
 }
 
-/// What to type to switch it on.
+/// The command that switches it on.
 fn switch_on_hint(interface: &CanInterface, line: CanLine) -> String {
     let name = &interface.name;
     if matches!(interface.kind.as_str(), "vcan" | "vxcan") {
@@ -204,7 +204,7 @@ fn switch_on_hint(interface: &CanInterface, line: CanLine) -> String {
     format!("Type `sudo ip link set {name} up type can bitrate {rate}`.")
 }
 
-/// Whether the interface runs at the bit rate that is wanted.
+/// Checks that the interface has the wanted bit rate.
 fn check_bit_rate(interface: &CanInterface, line: CanLine) -> Result<(), LinkError> {
     match interface.bit_rate {
         Some(rate) if line.bit_rate != 0 && rate != line.bit_rate => {
@@ -235,7 +235,7 @@ fn explain_error(name: &str, error: &io::Error) -> LinkError {
     LinkError::from_io(name, error).with_hint(hint)
 }
 
-/// A kernel without one of these says so, and it is left out.
+/// Sets the options of the socket. An option that the kernel does not have is left out.
 fn configure(fd: &OwnedFd) {
     sys::enable_timestamps(fd);
     let hardware = libc::SOF_TIMESTAMPING_RX_HARDWARE | libc::SOF_TIMESTAMPING_RAW_HARDWARE;
@@ -245,7 +245,7 @@ fn configure(fd: &OwnedFd) {
 }
 
 impl SocketcanLink {
-    /// What the kernel said of the interface when it was opened.
+    /// The state of the interface when it was opened.
     #[must_use]
     pub const fn interface(&self) -> &CanInterface {
         &self.interface
@@ -273,7 +273,7 @@ impl SocketcanLink {
             .map_err(fail)
     }
 
-    /// Takes one frame; `None` when there is none, or nothing that anybody need hear of.
+    /// Reads one frame; `None` when there is none, or none of interest.
     fn read_frame(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
         let mut buffer = [0; FRAME_LEN];
         let Some(message) = sys::receive(&self.descriptor.fd, &mut buffer)
@@ -305,7 +305,7 @@ impl SocketcanLink {
         kernel_ns.map(placed).map_or_else(clock::now, clock::instant_of_stamp)
     }
 
-    /// Counts what a controller reports, and tells what changes the wire.
+    /// Counts a controller's reports, and returns the ones that change the wire's state.
     fn handle_error_frame(&self, error: CanErrorReport, at: Instant) -> Option<Received> {
         self.overflow.fetch_add(error.overflow.into(), Ordering::Relaxed);
         self.errors.fetch_add(error.wire_error.into(), Ordering::Relaxed);
@@ -328,7 +328,7 @@ impl SocketcanLink {
         }
     }
 
-    /// A full queue means that nobody acknowledges, or that it is too short.
+    /// Hint for a full queue: no node acknowledges, or the queue is too short.
     fn stalled_hint(&self) -> String {
         let name = &self.descriptor.name;
         format!(

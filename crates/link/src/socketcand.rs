@@ -25,7 +25,7 @@ use codec::{ELEMENT_MAX, ElementEnd, ElementSplitter, ServerReply};
 #[cfg(unix)]
 pub use server::{SocketcandSession, listen};
 
-/// Where socketcand listens unless told otherwise.
+/// Default port of socketcand.
 pub const PORT: u16 = 29536;
 /// How long the server may take to answer.
 const ANSWER_MS: u32 = 2000;
@@ -153,7 +153,7 @@ impl SocketcandLink {
 }
 
 impl SocketcandInput {
-    /// What the next bytes that were read end, if anything.
+    /// The end of the next element in the received bytes, if any.
     fn next_end(&mut self) -> Option<ElementEnd> {
         while let Some(byte) = self.inbox.next_byte() {
             if let Some(end) = self.elements.push(byte) {

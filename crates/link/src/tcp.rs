@@ -32,9 +32,8 @@ pub struct TcpLink {
 }
 
 impl TcpLink {
-    /// Connects to `address` (`10.0.0.5:4001`, `server.local:4001`). What is sent goes out at
-    /// once (no Nagle), and a far end that vanished without a word is noticed within about ten
-    /// seconds (keep-alive).
+    /// Connects to `address` (`10.0.0.5:4001`, `server.local:4001`). Data is sent at once (no Nagle). The
+    /// loss of the other end is detected within about ten seconds (keep-alive).
     ///
     /// # Errors
     /// [`LinkError`] of the last address tried.

@@ -105,7 +105,7 @@ fn in_ms(ms: u32) -> Instant {
     clock::now().plus_ms(ms)
 }
 
-/// What a test waits for at most.
+/// Longest wait of a test.
 fn long_deadline() -> Instant {
     in_ms(LONG_MS)
 }
@@ -218,7 +218,7 @@ fn an_outcome_can_be_polled_for() {
     assert_eq!(pending.poll(), Some(Outcome::Done(5)));
 }
 
-/// What arrived and answered nothing, once that is so much, or the patience of a test is over.
+/// The late replies, once there are as many as wanted, or after the longest wait of a test.
 fn wait_for_late(connection: &Connection, max: u64) -> u64 {
     let deadline = long_deadline();
     loop {

@@ -82,7 +82,7 @@ fn not_a_group(text: &str) -> LinkError {
     )
 }
 
-/// One end of a bus. Several of them on one machine hear each other, none hears itself.
+/// One end of a bus. All ends on one machine receive each other's frames, but not their own.
 #[derive(Debug)]
 pub struct UdpLink {
     /// Bound to the group: what arrives.
@@ -138,8 +138,8 @@ fn explain_error(name: &str, error: &io::Error) -> LinkError {
     }
 }
 
-/// What sends, from which address, and what receives; through the interface with the address
-/// `by`, or by the routes that there are.
+/// The sending socket, its address, and the receiving socket; on the interface with the address `by`,
+/// or by the routing table.
 fn open_sockets(
     group: MulticastGroup,
     by: Ipv4Addr,
@@ -172,7 +172,7 @@ fn open_sender(group: MulticastGroup, by: Ipv4Addr) -> io::Result<UdpSocket> {
     Ok(sender)
 }
 
-/// Bound to the group's address, so that another group on the same port is not heard.
+/// Bound to the group's address, so that other groups on the same port are not received.
 fn open_receiver(group: MulticastGroup, by: Ipv4Addr) -> io::Result<OwnedFd> {
     let v4 = group.address.is_ipv4();
     let family = if v4 { AddressFamily::INET } else { AddressFamily::INET6 };
@@ -234,7 +234,7 @@ impl UdpLink {
         }
     }
 
-    /// Not compared whole: an IPv6 address has a scope, too, which the two may tell differently.
+    /// Compares address and port only: the scope of an IPv6 address may differ.
     fn is_own(&self, from: &SocketAddrAny) -> bool {
         let from = SocketAddr::try_from(from.clone());
         from.is_ok_and(|from| (from.ip(), from.port()) == (self.own.ip(), self.own.port()))

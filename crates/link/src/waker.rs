@@ -38,8 +38,8 @@ impl LinkWaker {
         self.0.pending.swap(false, Ordering::AcqRel) || received
     }
 
-    /// Waits until somebody wakes, or `until` has come; true when it was a wake-up. For links that
-    /// have nothing else to wait for, such as simulated ones.
+    /// Waits for the waker or until `until`; true for the waker. For links with nothing else to wait for,
+    /// such as simulated ones.
     #[must_use]
     pub fn wait(&self, until: Instant) -> bool {
         while !self.take_wakeup() {
@@ -52,7 +52,7 @@ impl LinkWaker {
         true
     }
 
-    /// Readable while somebody has woken.
+    /// Readable after a wake-up.
     #[cfg(unix)]
     #[must_use]
     pub fn as_fd(&self) -> BorrowedFd<'_> {

@@ -144,7 +144,7 @@ impl LiveCache {
         self.lock_state().stops.get(&axis).cloned()
     }
 
-    /// Whether the server is there, and has the link of an axis.
+    /// Checks that the server is connected and has the link of an axis.
     pub fn check_link(&self, axis: u16) -> Result<(), GatewayError> {
         self.check_connected()?;
         let why = self.lock_state().lost_links.get(&axis).cloned();
@@ -167,7 +167,7 @@ impl LiveCache {
         self.lock_state().leases.get(&axis).is_some_and(|lease| *lease == Ok(epoch))
     }
 
-    /// Whether a lease is still ours.
+    /// Checks that a lease is still valid.
     pub fn check(&self, axis: u16, epoch: u64) -> Result<(), GatewayError> {
         let cached = self.lock_state();
         if let Some(why) = &cached.connection_error {
@@ -184,7 +184,7 @@ impl LiveCache {
         self.lock_state().connection_error = Some(why);
     }
 
-    /// Whether the server is there.
+    /// Checks that the server is connected.
     pub fn check_connected(&self) -> Result<(), GatewayError> {
         self.lock_state().connection_error.clone().map_or(Ok(()), |why| Err(query_error(why)))
     }
@@ -289,7 +289,7 @@ impl SampleBuffer {
         waits.into_iter().for_each(Waker::wake);
     }
 
-    /// The last sample, if it came within so long.
+    /// The last sample, unless it is older than `within`.
     pub fn last(&self, within: Duration) -> Option<Sample> {
         let last = self.lock().last.filter(|(_, at)| clock::now().since(*at) <= within);
         last.map(|(sample, _)| sample)

@@ -30,7 +30,7 @@ impl PendingLeaseRequests {
         self.waiting.push_back(one);
     }
 
-    /// What a lease that is held from now on, or was given back, answers.
+    /// Matches a reply about a lease that was acquired or released to its request.
     pub fn match_reply(&mut self, epoch: u64, held: bool) -> Option<PendingLeaseRequest> {
         let its = |one: &PendingLeaseRequest, act| one.act == act && one.epoch == epoch;
         let at = match held {
@@ -47,7 +47,7 @@ impl PendingLeaseRequests {
         self.refusals.push_back(why);
     }
 
-    /// What is known to be refused: all that waits, once there are as many refusals.
+    /// Takes the refused requests, once there are as many refusals as requests.
     pub fn drain_settled(&mut self) -> Vec<(PendingLeaseRequest, GatewayError)> {
         match self.refusals.len() < self.waiting.len() {
             true => Vec::new(),
@@ -79,7 +79,7 @@ mod tests {
         GatewayError::new("gateway.lease", "no")
     }
 
-    /// The axis was stopped: the renewal that was under way comes too late, what is taken anew is ours.
+    /// After a stop, the late reply to a renewal does not end a lease that was acquired since.
     #[test]
     fn a_late_renewal_does_not_fail_what_is_taken_after_it() {
         let mut pending = PendingLeaseRequests::default();

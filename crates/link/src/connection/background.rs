@@ -144,7 +144,7 @@ fn run_wakers<'a, M: Medium>(
     shared.lock()
 }
 
-/// Nobody leads, somebody must, and no caller has just led or is about to.
+/// Whether the background thread has to read: no other thread does, or is about to.
 fn may_lead<M: Medium>(
     state: &ConnectionState<M>,
     rounds_seen: u64,

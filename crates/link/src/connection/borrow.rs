@@ -17,9 +17,8 @@ use crate::error::LinkError;
 use crate::link::{LinkIo, Losses, Received};
 use crate::waker::LinkWaker;
 
-/// A connection that is set aside: until this is dropped it sends nothing, and what is submitted to
-/// it waits. Who has the link must have left it when this is dropped; from then on it is gone for
-/// them.
+/// A borrowed link. Until this is dropped, the connection sends nothing, and new requests wait. The
+/// borrower must have finished before the drop; afterwards its calls fail.
 #[must_use = "the connection goes on at once when this is dropped"]
 pub struct BorrowedLink<M: Medium>(Arc<BorrowState<M>>);
 
@@ -90,7 +89,7 @@ impl<M: Medium> BorrowState<M> {
         (its && !self.ended.load(Ordering::SeqCst)).then_some(state)
     }
 
-    /// Tells the connection what it would have noticed itself.
+    /// Passes received data to the connection that the link belongs to.
     fn forward_received(&self, received: &Result<Received, LinkError>, buffer: &M::Out) {
         match received {
             Ok(Received::Bytes { len, at }) if M::KIND == MediumKind::Can => {

@@ -23,9 +23,8 @@ pub enum ConnectionEvent {
     LinkRestored(Instant),
 }
 
-/// Notices of any number of connections, with the number that each was given, until somebody takes
-/// them. It holds so many as it was made for; then the oldest go, and are counted. Clones are the
-/// same mailbox.
+/// A queue of notices from any number of connections, each with the number of its connection. It has
+/// a fixed size; when it is full, the oldest notices are dropped and counted. Clones share one queue.
 #[derive(Clone, Debug)]
 pub struct Mailbox(Arc<MailboxInner>);
 
@@ -45,7 +44,7 @@ struct MailboxQueue {
 }
 
 impl Mailbox {
-    /// An empty one for `most` notices. What it needs of memory it takes now.
+    /// An empty queue for `max` notices. All memory is allocated here.
     #[must_use]
     pub fn new(max: usize) -> Self {
         let queue = MailboxQueue {
@@ -64,8 +63,8 @@ impl Mailbox {
         self.lock().events.pop_front()
     }
 
-    /// The same; waits for one if there is none, until `deadline` on the system's clock or until
-    /// somebody interrupts.
+    /// Returns the next notice; waits for one until `deadline` on the system's clock, or until an
+    /// interrupt.
     #[must_use]
     pub fn wait_next(&self, deadline: Instant) -> Option<(usize, ConnectionEvent)> {
         let mut queue = self.lock();
@@ -87,7 +86,7 @@ impl Mailbox {
         }
     }
 
-    /// Tells whether there is a notice; else `waker` is woken when there is, or upon an interrupt.
+    /// Whether there is a notice; if not, `waker` is woken by the next one, or by an interrupt.
     #[must_use]
     pub fn ready_or_wake(&self, waker: &task::Waker) -> bool {
         let mut queue = self.lock();
@@ -102,7 +101,7 @@ impl Mailbox {
         std::mem::take(&mut self.lock().interrupted)
     }
 
-    /// How many notices were thrown away so far.
+    /// Number of notices dropped so far.
     #[must_use]
     pub fn missed(&self) -> u64 {
         self.lock().missed
@@ -158,8 +157,8 @@ pub struct ListenerGuard {
 }
 
 impl ListenerGuard {
-    /// Takes in what has arrived and nobody has read yet, where time passes only while somebody
-    /// waits: nothing else reads there for a listener.
+    /// Processes received data on links in virtual time, where time passes only during a wait and nothing
+    /// else reads for a listener.
     pub fn catch_up(&self) {
         self.connection.catch_up();
     }

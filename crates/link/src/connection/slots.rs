@@ -29,7 +29,7 @@ struct RequestSlot {
 enum SlotPhase {
     Free,
     Pending,
-    /// Pending, and nobody will ask for the outcome.
+    /// Pending, and its outcome is not wanted any more.
     Abandoned,
     Ended(Outcome),
 }

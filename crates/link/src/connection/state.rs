@@ -63,7 +63,7 @@ pub(super) enum Leader {
     Nobody,
     Caller,
     Background,
-    /// Somebody else, to whom the link is lent: nothing is sent here meanwhile.
+    /// The borrower of the link: this connection sends nothing meanwhile.
     Borrower,
 }
 
@@ -116,7 +116,7 @@ impl<M: Medium> LinkIo<M> for ClosedLink {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum BackgroundState {
     NotStarted,
-    /// Until somebody nudges it.
+    /// Sleeps until it is woken.
     Asleep,
     /// Looks every few milliseconds whether it is needed.
     Watching,

@@ -131,7 +131,7 @@ fn is_pty(fd: &OwnedFd) -> bool {
         .is_ok_and(|name| name.as_bytes().starts_with(b"/dev/pts/"))
 }
 
-/// Sets speed and format at once, without waiting for what is still being sent.
+/// Sets speed and format at once, without waiting for data that is still being sent.
 fn configure(fd: &OwnedFd, line: SerialLine) -> Result<(), Errno> {
     let mut termios = tcgetattr(fd)?;
     apply_format(&mut termios, line);
@@ -161,7 +161,7 @@ fn apply_format(termios: &mut Termios, line: SerialLine) {
     termios.special_codes[SpecialCodeIndex::VTIME] = 0;
 }
 
-/// The error with what this machine can tell about it.
+/// The error, with details from this machine.
 fn explain_error(path: &str, errno: Errno) -> LinkError {
     let error = LinkError::from_io(path, &errno.into());
     match error.cause() {

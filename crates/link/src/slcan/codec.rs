@@ -16,7 +16,7 @@ const CLOCK_HZ: u32 = 8_000_000;
 const QUANTA: std::ops::RangeInclusive<u32> = 8..=25;
 const DIVIDER_MAX: u32 = 64;
 
-/// Cuts a stream of bytes into lines. Junk costs the line it stands in, and no more.
+/// Splits a stream of bytes into lines. Invalid bytes cost the line that they are in, and no more.
 #[derive(Clone, Debug, Default)]
 pub struct LineSplitter {
     line: [u8; LINE_MAX],
@@ -25,7 +25,7 @@ pub struct LineSplitter {
     ended: bool,
 }
 
-/// What a byte ended.
+/// Result of a byte: the end of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum LineEnd {
     /// A line, which [`LineSplitter::line`] shows until the next byte; empty when its end stood alone.
@@ -37,7 +37,7 @@ pub enum LineEnd {
 }
 
 impl LineSplitter {
-    /// Takes one byte; tells what it ended, if anything.
+    /// Processes one byte; returns the line that it ended, if any.
     pub fn push(&mut self, byte: u8) -> Option<LineEnd> {
         if std::mem::take(&mut self.ended) {
             (self.len, self.malformed) = (0, false);
@@ -73,8 +73,8 @@ impl LineSplitter {
         &self.line[..self.len]
     }
 
-    /// A frame's letter is no digit: inside a frame it begins the next one, whose predecessor's
-    /// end was lost.
+    /// Whether this byte starts a new frame: the letter of a frame is not a digit, so inside a frame it
+    /// means that the end of the previous one was lost.
     fn starts_next_frame(&self, byte: u8) -> bool {
         is_frame_letter(byte) && self.len > 0 && is_frame_letter(self.line[0])
     }
@@ -84,7 +84,7 @@ const fn is_frame_letter(byte: u8) -> bool {
     matches!(byte, b't' | b'T' | b'r' | b'R')
 }
 
-/// The frame that a line tells of, with the adapter's milliseconds (0 to 59999) if it gives them.
+/// Parses a frame, with the adapter's milliseconds (0 to 59999) if it sends them.
 #[must_use]
 pub fn parse_frame(line: &[u8]) -> Option<(Frame, Option<u16>)> {
     let (&letter, rest) = line.split_first()?;
@@ -174,7 +174,7 @@ pub fn parse_bit_rate(line: &[u8]) -> Option<u32> {
     }
 }
 
-/// What an adapter says.
+/// A reply of an adapter.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AdapterReply {
     /// A frame from the bus.
@@ -185,11 +185,11 @@ pub enum AdapterReply {
     State(ErrorState),
     /// The controller saw errors on the wire, likewise.
     BusError,
-    /// What the controller has seen since it was asked last: the answer to `F`.
+    /// Status flags since the last request: the reply to `F`.
     Flags(StatusFlags),
     /// Version, serial number: the answer to a question.
     Info,
-    /// Nothing that an adapter says.
+    /// Not a valid reply.
     Unknown,
 }
 
@@ -210,7 +210,7 @@ impl StatusFlags {
     }
 }
 
-/// How far a controller is from falling silent.
+/// Error state of a controller.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ErrorState {
     /// Takes part.

@@ -34,8 +34,8 @@ enum ChannelMode {
     ListenOnly,
 }
 
-/// Serves a bus of that bit rate as an adapter on `pty`. A bit rate of 0 goes with any that the
-/// client sets; otherwise a client that sets another hears nothing and is not heard, as on a wire.
+/// Serves a bus of that bit rate as an adapter on `pty`. A bit rate of 0 accepts any rate that the
+/// client sets; otherwise a client that sets another rate exchanges nothing, as on a real wire.
 ///
 /// # Errors
 /// [`LinkError`] when the system has no descriptors left.

@@ -121,7 +121,7 @@ fn junk_costs_the_line_it_stands_in() {
     assert_eq!(frames_in(b"t11\x07t2220\r"), (vec![0x222], 0));
 }
 
-/// An adapter by hand: answers every command, keeps what it was told.
+/// A scripted adapter: replies to every command, and records the commands.
 fn scripted_adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u8>>) {
     let pty = Pty::open(None).unwrap();
     let path = pty.path().to_owned();
@@ -220,7 +220,7 @@ fn a_silent_adapter_is_opened_all_the_same() {
     assert_eq!(frame.id, 0x111);
 }
 
-/// Two programs on the adapters of one bus, and what stands behind it.
+/// Two programs on adapters of one bus, and the device on it.
 #[test]
 fn clients_of_a_bus_hear_each_other_and_the_drives() {
     let bus = listen("0", LINE).unwrap();
@@ -325,7 +325,7 @@ fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
     assert_eq!(send_text(&mut adapter, "t1230\r").1, [SessionAction::Refused]);
 }
 
-/// A client learns by its adapter's flags that it speaks past everybody.
+/// A client with the wrong bit rate sees errors in its adapter's flags.
 #[test]
 fn an_adapter_of_another_bit_rate_tells_of_errors() {
     let bus = listen("0", LINE).unwrap();
@@ -389,7 +389,7 @@ fn an_unplugged_adapter_is_reported_and_opened_again() {
     });
 }
 
-/// A client that reads nothing holds up nobody; what it misses is counted.
+/// A client that does not read does not block others; its losses are counted.
 #[test]
 fn a_client_that_does_not_read_loses_frames_and_nobody_else_does() {
     let bus = listen("0", LINE).unwrap();

@@ -59,7 +59,7 @@ pub(super) fn interfaces() -> io::Result<Vec<CanInterface>> {
     Ok(found)
 }
 
-/// Asks for all links.
+/// A request for all links.
 fn dump_request() -> [u8; HEADER + LINK_HEADER] {
     let mut request = [0; HEADER + LINK_HEADER];
     request[..4].copy_from_slice(&((HEADER + LINK_HEADER) as u32).to_ne_bytes());

@@ -26,7 +26,7 @@ enum ElementPosition {
     Ended,
 }
 
-/// What a byte ended.
+/// Result of a byte: the end of an element.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ElementEnd {
     /// An element, which [`ElementSplitter::text`] shows until the next byte.
@@ -42,7 +42,7 @@ impl Default for ElementSplitter {
 }
 
 impl ElementSplitter {
-    /// Takes one byte; tells what it ended, if anything.
+    /// Processes one byte; returns the element that it ended, if any.
     pub fn push(&mut self, byte: u8) -> Option<ElementEnd> {
         if self.position == ElementPosition::Ended {
             self.position = ElementPosition::Outside;
@@ -79,20 +79,20 @@ impl ElementSplitter {
     }
 }
 
-/// What a client asks.
+/// A request of a client.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ClientRequest<'a> {
     /// The bus of that name.
     Open(&'a [u8]),
     /// Every frame from now on.
     RawMode,
-    /// Only what is subscribed to.
+    /// Only subscribed identifiers.
     BcmMode,
     /// An answer, to see whether anybody is there.
     Echo,
     /// A frame to be sent.
     Send(Frame),
-    /// Frames of an identifier, in place of what was wanted of it before.
+    /// Subscribes to an identifier, in place of an earlier subscription to it.
     Subscribe(SubscribeRequest),
     /// No more of them.
     Unsubscribe(CanId),
@@ -103,12 +103,12 @@ pub enum ClientRequest<'a> {
 /// An identifier, and whether it is an extended one.
 pub type CanId = (u32, bool);
 
-/// What a client wants to hear of an identifier.
+/// A subscription to an identifier.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SubscribeRequest {
     /// Which.
     pub id: CanId,
-    /// What comes sooner behind the last one than this, ns, is left out.
+    /// Shortest interval between frames, ns; frames that come sooner are left out.
     pub min_interval_ns: u64,
     /// Only frames in which one of these bits has changed; every one if `None`.
     pub mask: Option<[u8; 8]>,
@@ -143,12 +143,12 @@ impl<'a> ClientRequest<'a> {
     }
 }
 
-/// What a server says.
+/// A reply of the server.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ServerReply<'a> {
     /// It is there.
     Hi,
-    /// It did as asked.
+    /// The request succeeded.
     Ok,
     /// The answer to an echo.
     Echo,
@@ -156,9 +156,9 @@ pub enum ServerReply<'a> {
     Frame(Frame),
     /// An error frame of that class (`linux/can/error.h`).
     ErrorFrame(u32),
-    /// It did not do as asked, and says why.
+    /// The request failed; the text has the reason.
     Error(&'a [u8]),
-    /// Nothing that a server says.
+    /// Not a valid reply.
     Unknown,
 }
 

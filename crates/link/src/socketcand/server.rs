@@ -11,7 +11,7 @@ use crate::hub::{Hub, HubSession, SessionAction, SessionOutput};
 /// The longest name of a bus, the kernel's limit for an interface.
 const BUS_NAME_MAX: usize = 15;
 
-/// Identifiers that one client hears of in BCM mode; what it asks for beyond is refused.
+/// Most subscriptions of a client in BCM mode; further ones are refused.
 pub const SUBSCRIPTIONS_MAX: usize = 64;
 
 /// One client of the server.
@@ -50,7 +50,7 @@ impl Subscription {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum SessionMode {
     NoBus,
-    /// Hears what it has subscribed to.
+    /// Receives subscribed identifiers.
     Bcm,
     Raw,
 }
@@ -78,7 +78,7 @@ impl SocketcandSession {
         }
     }
 
-    /// The place of what is wanted of an identifier, else the first free one.
+    /// The slot of an identifier's subscription, otherwise the first free one.
     fn subscription_slot(&mut self, id: CanId) -> Option<&mut Option<Subscription>> {
         let places = &mut self.subscriptions;
         let its = places.iter().position(|each| each.is_some_and(|each| each.request.id == id));

@@ -118,7 +118,7 @@ fn clients_of_a_server_hear_each_other_and_the_drives() {
     });
 }
 
-/// A client by hand, in the mode that a bus is opened in: `doc/protocol.md`, mode BCM.
+/// A scripted client in BCM mode, the mode after opening a bus: `doc/protocol.md`, mode BCM.
 #[cfg(unix)]
 #[test]
 fn a_client_hears_what_it_has_subscribed_to() {

@@ -11,8 +11,8 @@ use crate::link::{LinkIo, Received};
 use crate::waker::LinkWaker;
 use rustix::event::{PollFd, PollFlags, poll};
 
-/// The drive's end of a TCP connection: takes one client after another, without end. What is sent
-/// while nobody is connected is lost, as on a wire without a listener.
+/// The drive's end of a TCP connection: accepts one client after another. Data sent without a client is
+/// lost, as on a wire without a listener.
 #[derive(Debug)]
 pub struct TcpServer {
     listener: TcpListener,
@@ -39,7 +39,7 @@ impl TcpServer {
         })
     }
 
-    /// Where it listens.
+    /// Its address.
     #[must_use]
     pub const fn address(&self) -> SocketAddr {
         self.address
@@ -53,7 +53,7 @@ impl TcpServer {
         *self.client.lock().unwrap_or_else(PoisonError::into_inner) = client;
     }
 
-    /// Waits for a client; `None` when one came.
+    /// Waits for a client; `None` when one connected.
     fn wait_for_client(&self, until: Instant) -> Result<Option<Received>, LinkError> {
         let name = self.address.to_string();
         loop {
@@ -134,7 +134,7 @@ pub(crate) fn listen(address: &str) -> Result<TcpListener, LinkError> {
     listener.map_err(|error| LinkError::from_io(address, &error))
 }
 
-/// Motors are reached from this machine only unless somebody asks for more.
+/// Adds the loopback address where none is given, so that drives are reachable from this machine only.
 fn with_host(address: &str) -> String {
     match address.rsplit_once(':') {
         Some(("", port)) => format!("127.0.0.1:{port}"),

@@ -9,7 +9,7 @@ pub const DATAGRAM_MAX: usize = 512;
 /// Values that one datagram may hold, those of foreign keys counted.
 const VALUES_MAX: usize = 256;
 
-/// What a datagram carried.
+/// Content of a datagram.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum UnpackedDatagram {
     /// A frame.

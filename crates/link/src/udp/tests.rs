@@ -44,7 +44,7 @@ fn ipv6_is_a_bus_as_well() {
     assert_eq!(next(&one, 50), None);
 }
 
-/// What is too much for the socket's buffer is counted, and our own datagrams are not.
+/// Datagrams that overflow the socket's buffer are counted; our own are not.
 #[cfg(target_os = "linux")]
 #[test]
 fn what_nobody_reads_in_time_is_counted() {
@@ -157,7 +157,7 @@ fn damaged_datagrams_do_no_harm() {
     }
 }
 
-/// Something else that uses the port is counted, and hurts nobody.
+/// Datagrams of another program on the port are counted and ignored.
 #[test]
 fn what_is_no_frame_is_counted() {
     let group = group(43_119);
