@@ -71,11 +71,19 @@ impl Conversation {
         self.reply_count = 0;
     }
 
-    /// Takes a frame towards the host, and tells whether it is the request heard back. A reply may
-    /// equal its request (Modbus 06), so an equal frame alone proves nothing: it is an echo when
-    /// more follows it at once (`glued`), or when this link was seen to echo before.
-    pub(crate) fn detect_echo(&mut self, frame: &[u8], glued: bool) -> bool {
-        let same = self.requests.back().is_some_and(|recent_request| recent_request.bytes == frame);
+    /// Takes a frame towards the host, and returns whether it is the echo of the request. Some replies are
+    /// equal to their request (Modbus 06), so an equal frame is an echo only if it is not a valid reply, if
+    /// more follows it at once (`glued`), or if this link had an echo before.
+    pub(crate) fn detect_echo(
+        &mut self,
+        dissector: &dyn Dissector,
+        frame: &RawFrame<'_>,
+        glued: bool,
+    ) -> bool {
+        let last = self.requests.back().map(RecentRequest::raw);
+        let last = last.filter(|request| request.bytes == frame.bytes);
+        let same = last.is_some();
+        let glued = glued || last.is_some_and(|request| !dissector.is_answer_to(frame, &request));
         self.reply_count += 1;
         if self.reply_count > 1 {
             self.has_echo |= self.first_matched;

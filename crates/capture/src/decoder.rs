@@ -3,24 +3,25 @@
 mod batching;
 mod repeat_cache;
 mod route;
+mod serial;
 
 use core::fmt;
 use std::sync::Arc;
 
 use polepair_core::drives;
 use polepair_core::error::WireError;
-use polepair_core::explain::{Context, ConversationContext, Direction, RawFrame};
+use polepair_core::explain::{Context, Direction, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
 use crate::conversation::Conversation;
 use crate::explanation::{CAN_FD, ERROR_FRAME, Explanation};
 use crate::format::CaptureFormat;
-use crate::read::{CaptureReader, ReadStatistics};
+use crate::read::{CaptureReader, ReadOptions, ReadStatistics};
 use crate::record::{ERROR_FLAG, Record, RecordData};
 use crate::rules::{Rule, Rules};
-use crate::session::{LinkSession, ObservedFrame, SessionNotice, error_frame_notice};
-use crate::stream::{ChunkOrigin, PieceKind, SerialFlow, StreamPiece};
+use crate::session::{LinkSession, SessionNotice, error_frame_notice};
+use crate::stream::SerialFlow;
 use crate::text::LineLayout;
 use crate::timestamp::Timestamp;
 use repeat_cache::RepeatCache;
@@ -170,14 +171,29 @@ pub struct CaptureDecoder {
     tracks_sessions: bool,
     /// Records beyond the links that are followed.
     untracked: u64,
+    time_reversal: Option<TimeReversal>,
     /// How far lines of text have come.
     layout: LineLayout,
+}
+
+/// Where the times of a link go back.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct TimeReversal {
+    /// The link.
+    pub link: String,
+    /// Time of the earlier record.
+    pub before: Timestamp,
+    /// Time of the record after it.
+    pub after: Timestamp,
 }
 
 /// One link of the capture.
 #[derive(Debug)]
 struct LinkDecoder {
     name: Arc<str>,
+    last_time: Timestamp,
+    /// The capture has a frame that its own side sent.
+    has_sent: bool,
     rules: Vec<Rule>,
     routes: RouteTable,
     repeats: RepeatCache,
@@ -204,6 +220,7 @@ impl CaptureDecoder {
             frame_count: 0,
             tracks_sessions: true,
             untracked: 0,
+            time_reversal: None,
             layout: LineLayout::default(),
         }
     }
@@ -268,26 +285,57 @@ impl CaptureDecoder {
         }
     }
 
-    /// Reads the capture as that format, or tells it by the first bytes.
+    /// Reads the capture with these options.
     #[must_use]
-    pub fn with_format(mut self, format: Option<CaptureFormat>) -> Self {
-        self.reader = CaptureReader::new(format);
+    pub fn with_read_options(mut self, options: ReadOptions) -> Self {
+        self.reader = CaptureReader::new(options);
         self
+    }
+
+    /// The first place where the times of a link go back, if there is one.
+    #[must_use]
+    pub const fn time_reversal(&self) -> Option<&TimeReversal> {
+        self.time_reversal.as_ref()
     }
 
     /// Takes a piece of the capture, cut anywhere.
     pub fn feed(&mut self, piece: &[u8], out: FrameCallback<'_>) {
         let mut reader = core::mem::take(&mut self.reader);
-        reader.feed(piece, &mut |record| self.decode_record(record, out));
+        reader.feed(piece, &mut |record| self.decode_read_record(record, out));
         self.reader = reader;
     }
 
-    /// Takes one record.
+    /// Takes one record of a capture file.
+    fn decode_read_record(&mut self, record: &Record<'_>, out: FrameCallback<'_>) {
+        let known = self.link_index(record.link).map(|at| self.with_trusted_direction(at, record));
+        self.decode_record(known.as_ref().unwrap_or(record), out);
+    }
+
+    /// A record without a direction that proves nothing: a passive logger receives the frames of both
+    /// sides. Received CAN frames count as a drive's once the link has sent one itself.
+    #[inline]
+    fn with_trusted_direction<'a>(&mut self, at: usize, record: &Record<'a>) -> Record<'a> {
+        let link = &mut self.links[at];
+        let untrusted = match record.direction {
+            Some(Direction::ToDrive) => {
+                link.has_sent = true;
+                false
+            }
+            Some(Direction::ToHost) => {
+                !link.has_sent && !matches!(record.data, RecordData::Bytes(_))
+            }
+            None => false,
+        };
+        if untrusted { Record { direction: None, ..*record } } else { *record }
+    }
+
+    /// Takes one record. Its direction, if it has one, is taken as known.
     pub fn decode_record(&mut self, record: &Record<'_>, out: FrameCallback<'_>) {
         let Some(at) = self.link_index(record.link) else {
             self.untracked += 1;
             return;
         };
+        self.check_time(at, record);
         match record.data {
             RecordData::Bytes(bytes) => self.decode_serial(at, record, bytes, out),
             RecordData::Frame(frame) => self.decode_can_frame(at, record, &frame, out),
@@ -305,6 +353,17 @@ impl CaptureDecoder {
                 let id = Some((ERROR_FLAG | error.class, true));
                 out(&self.bus_frame(at, record, id, &error.data));
             }
+        }
+    }
+
+    /// Notes the first time that is earlier than the one before.
+    #[inline]
+    fn check_time(&mut self, at: usize, record: &Record<'_>) {
+        let Some(after) = record.time else { return };
+        let link = &mut self.links[at];
+        let before = core::mem::replace(&mut link.last_time, after);
+        if after < before && self.time_reversal.is_none() {
+            self.time_reversal = Some(TimeReversal { link: link.name.to_string(), before, after });
         }
     }
 
@@ -363,7 +422,7 @@ impl CaptureDecoder {
     /// Ends the capture: what waits for more is given out as it is.
     pub fn finish(&mut self, out: FrameCallback<'_>) {
         let mut reader = core::mem::take(&mut self.reader);
-        reader.finish(&mut |record| self.decode_record(record, out));
+        reader.finish(&mut |record| self.decode_read_record(record, out));
         self.reader = reader;
         for at in 0..self.links.len() {
             for direction in DIRECTIONS {
@@ -427,6 +486,8 @@ impl CaptureDecoder {
         (self.links.len() < LINKS_MAX).then(|| {
             self.links.push(LinkDecoder {
                 name: name.into(),
+                last_time: Timestamp(0),
+                has_sent: false,
                 rules: self.rules.for_link(name),
                 routes: RouteTable::default(),
                 repeats: RepeatCache::default(),
@@ -436,138 +497,6 @@ impl CaptureDecoder {
             });
             self.links.len() - 1
         })
-    }
-
-    fn decode_serial(
-        &mut self,
-        at: usize,
-        record: &Record<'_>,
-        bytes: &[u8],
-        out: FrameCallback<'_>,
-    ) {
-        for other in DIRECTIONS {
-            let wire = &self.links[at];
-            let flow = &wire.flows[direction_index(other)];
-            let ended = other != record.direction
-                || flow.interrupts(&wire.rules, other, record.time, bytes);
-            if ended && !flow.pending().is_empty() {
-                self.drain_flow(at, other, true, out);
-            }
-        }
-        let origin = ChunkOrigin { time: record.time, offset: record.offset };
-        self.links[at].flows[direction_index(record.direction)].push(origin, bytes);
-        // Data alone on a line stands for itself: nothing more of it follows.
-        self.drain_flow(at, record.direction, record.time.is_none(), out);
-    }
-
-    /// Gives out what one direction holds.
-    fn drain_flow(
-        &mut self,
-        at: usize,
-        direction: Option<Direction>,
-        ended: bool,
-        out: FrameCallback<'_>,
-    ) {
-        loop {
-            let wire = &mut self.links[at];
-            let flow = &mut wire.flows[direction_index(direction)];
-            let Some(piece) = flow.next_piece(&wire.rules, direction, ended) else { return };
-            let origin = flow.origin();
-            let bytes = flow.consume(piece.len).to_vec();
-            let glued = !flow.pending().is_empty();
-            self.decode_piece(
-                at,
-                &bytes,
-                &piece,
-                PieceContext { origin, direction, more_follows: glued },
-                out,
-            );
-        }
-    }
-
-    fn decode_piece(
-        &mut self,
-        at: usize,
-        bytes: &[u8],
-        piece: &StreamPiece,
-        piece_context: PieceContext,
-        out: FrameCallback<'_>,
-    ) {
-        self.frame_count += 1;
-        let LinkDecoder { name, rules, conversation, session, .. } = &mut self.links[at];
-        let PieceContext { origin: ChunkOrigin { time, offset }, direction, more_follows } =
-            piece_context;
-        let rule = rules.get(piece.rule);
-        let whole = piece.kind == PieceKind::Frame;
-        let raw = RawFrame { bytes, ..RawFrame::default() };
-        // Where the capture does not say who speaks, the frame may.
-        let direction = direction.or_else(|| {
-            let talk = ConversationContext {
-                open_request: conversation.open_request(),
-                ..ConversationContext::default()
-            };
-            rule.filter(|_| whole)?.dissector.role(&raw, &talk).direction()
-        });
-        let reply = direction == Some(Direction::ToHost);
-        let echo = whole && reply && conversation.detect_echo(bytes, more_follows);
-        let speaker = if echo { Some(Direction::ToDrive) } else { direction };
-        let answered = rule.filter(|_| reply && !echo);
-        let request = answered.and_then(|rule| conversation.find_request(rule.dissector, &raw));
-        let stated = rule.and_then(|rule| self.profiles.for_frame(rule.dissector, &raw, speaker));
-        let usual = || drives::assumed_profile(rule?.dissector);
-        let profile = stated.or_else(usual);
-        let context = Context {
-            direction: speaker,
-            request: request.map(|request| request.bytes),
-            profile,
-            profile_assumed: stated.is_none(),
-            ..Context::default()
-        };
-        self.explanation.clear();
-        if let Some(rule) = rule {
-            rule.dissector.explain(bytes, &context, &mut self.explanation);
-        }
-        let wrong = rule.and_then(|_| frame_defect(self.explanation.error, piece));
-        let asks = rule.is_none_or(|rule| rule.dissector.is_request(&raw));
-        if whole && direction == Some(Direction::ToDrive) && asks {
-            conversation.push_request(&raw);
-        }
-        self.notices.clear();
-        if let Some(rule) = rule.filter(|_| self.tracks_sessions) {
-            let observed = ObservedFrame {
-                number: self.frame_count,
-                time,
-                direction,
-                raw,
-                remote: false,
-                echo,
-                defect: wrong,
-                stray: piece.kind == PieceKind::Junk,
-                deferred: false,
-                dissector: rule.dissector,
-                profile,
-                profile_stated: stated.is_some(),
-            };
-            session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
-        }
-        out(&DecodedFrame {
-            number: self.frame_count,
-            time,
-            link: name,
-            direction: piece_context.direction,
-            protocol: rule.map(|rule| rule.dissector.name()),
-            bytes,
-            id: None,
-            extended: false,
-            remote: false,
-            remote_len: 0,
-            echo,
-            stray: piece.kind == PieceKind::Junk,
-            explanation: &self.explanation,
-            defect: wrong,
-            notices: &self.notices,
-            offset,
-        });
     }
 
     fn decode_can_frame(
@@ -661,33 +590,8 @@ const fn is_standard_data(frame: &Frame) -> bool {
     !frame.extended && !frame.remote
 }
 
-/// Where in the capture a piece stands.
-#[derive(Clone, Copy)]
-struct PieceContext {
-    origin: ChunkOrigin,
-    direction: Option<Direction>,
-    /// More bytes follow it in the same chunk.
-    more_follows: bool,
-}
-
 const DIRECTIONS: [Option<Direction>; 3] =
     [Some(Direction::ToDrive), Some(Direction::ToHost), None];
-
-const fn direction_index(direction: Option<Direction>) -> usize {
-    match direction {
-        Some(Direction::ToDrive) => 0,
-        Some(Direction::ToHost) => 1,
-        None => 2,
-    }
-}
-
-fn frame_defect(error: Option<WireError>, piece: &StreamPiece) -> Option<FrameDefect> {
-    error.map(FrameDefect::Wire).or(match piece.kind {
-        PieceKind::Frame => None,
-        PieceKind::BadCheck => Some(FrameDefect::BadCheck),
-        PieceKind::Junk => Some(FrameDefect::Stray(piece.len)),
-    })
-}
 
 #[cfg(test)]
 mod tests;

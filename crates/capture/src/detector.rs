@@ -14,8 +14,7 @@ use polepair_core::explain::Dissector;
 use polepair_core::proto;
 
 use crate::decoder::{CaptureDecoder, DecodedFrame};
-use crate::format::CaptureFormat;
-use crate::read::CaptureReader as Source;
+use crate::read::{CaptureReader as Source, ReadOptions};
 use crate::record::Record;
 use crate::rules::{Rule, RuleScope, Rules};
 use pairs::{PROOF_PAIRS, Pairs};
@@ -38,7 +37,7 @@ const IDS_MAX: usize = 2048;
 #[derive(Debug)]
 pub struct ProtocolDetector {
     reader: Source,
-    stated_format: Option<CaptureFormat>,
+    options: ReadOptions,
     candidates: Vec<CandidateProtocol>,
     sampler: RecordSampler,
 }
@@ -171,16 +170,16 @@ impl ProtocolDetector {
     /// Nothing weighed yet.
     #[must_use]
     pub fn new() -> Self {
-        Self::with_format(None)
+        Self::with_read_options(ReadOptions::default())
     }
 
-    /// The same of a capture in that format.
+    /// A detector that reads the capture with these options.
     #[must_use]
-    pub fn with_format(stated_format: Option<CaptureFormat>) -> Self {
+    pub fn with_read_options(options: ReadOptions) -> Self {
         let candidates = proto::dissectors().iter().copied().map(CandidateProtocol::new).collect();
         Self {
-            reader: Source::new(stated_format),
-            stated_format,
+            reader: Source::new(options),
+            options,
             candidates,
             sampler: RecordSampler::default(),
         }
@@ -216,7 +215,7 @@ impl ProtocolDetector {
         let echoing = echoing.map(|verdict| verdict.link.clone()).collect();
         (
             verdicts,
-            CaptureDecoder::from_detection(Rules(rules), echoing).with_format(self.stated_format),
+            CaptureDecoder::from_detection(Rules(rules), echoing).with_read_options(self.options),
         )
     }
 

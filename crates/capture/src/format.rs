@@ -17,14 +17,18 @@ pub enum CaptureFormat {
     Trc,
     /// BLF, by Vector's tools.
     Blf,
-    /// CSV, by python-can.
+    /// CSV, by python-can, SavvyCAN or Saleae Logic.
     Csv,
+    /// The text log of BUSMASTER.
+    Busmaster,
+    /// CRTD, by the Open Vehicle Monitoring System.
+    Crtd,
     /// What `polepair decode --format jsonl` prints.
     Jsonl,
 }
 
 /// Every format with its word and its usual endings.
-const ALL: [(CaptureFormat, &str, &[&str]); 8] = [
+const ALL: [(CaptureFormat, &str, &[&str]); 10] = [
     (CaptureFormat::Text, "log", &["log", "txt", "candump"]),
     (CaptureFormat::Pcap, "pcap", &["pcap", "cap"]),
     (CaptureFormat::Pcapng, "pcapng", &["pcapng", "ntar"]),
@@ -32,6 +36,8 @@ const ALL: [(CaptureFormat, &str, &[&str]); 8] = [
     (CaptureFormat::Trc, "trc", &["trc"]),
     (CaptureFormat::Blf, "blf", &["blf"]),
     (CaptureFormat::Csv, "csv", &["csv"]),
+    (CaptureFormat::Busmaster, "busmaster", &["busmaster"]),
+    (CaptureFormat::Crtd, "crtd", &["crtd"]),
     (CaptureFormat::Jsonl, "jsonl", &["jsonl", "ndjson"]),
 ];
 
@@ -103,7 +109,9 @@ impl CaptureFormat {
             _ if begins(b";$FILEVERSION") => Some(Self::Trc),
             [] | [b';' | b'#', ..] => None,
             _ if begins(b"date ") || begins(b"base ") => Some(Self::Asc),
-            _ if begins(b"timestamp,") => Some(Self::Csv),
+            _ if crate::read::CSV_HEADERS.iter().any(|header| begins(header)) => Some(Self::Csv),
+            _ if line.starts_with(b"***BUSMASTER") => Some(Self::Busmaster),
+            _ if crate::read::is_crtd_line(line) => Some(Self::Crtd),
             [b'{', ..] => Some(Self::Jsonl),
             // PEAK's first versions number their lines `1)`.
             [b'0'..=b'9', ..] if after_digits(line).first() == Some(&b')') => Some(Self::Trc),
@@ -119,6 +127,64 @@ fn after_digits(line: &[u8]) -> &[u8] {
 impl std::fmt::Display for CaptureFormat {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
+    }
+}
+
+/// A kind of file that is recognised and not read.
+#[derive(PartialEq, Eq, Debug)]
+pub struct UnsupportedFile {
+    /// The kind of file, with its article.
+    pub name: &'static str,
+    /// How to get at its frames.
+    pub hint: &'static str,
+    /// Bytes that it begins with.
+    magic: &'static [u8],
+}
+
+/// What these files begin with is public, and long enough to be no chance.
+const UNSUPPORTED: [UnsupportedFile; 9] = [
+    UnsupportedFile {
+        name: "an SQLite database",
+        hint: "if python-can wrote it: `python -m can.logconvert FILE.db FILE.log`",
+        magic: b"SQLite format 3\0",
+    },
+    UnsupportedFile {
+        name: "an MDF file (MF4)",
+        hint: "`pip install asammdf`, then `python -m can.logconvert FILE.mf4 FILE.log`",
+        magic: b"MDF     ",
+    },
+    UnsupportedFile {
+        name: "an unfinished MDF file (MF4)",
+        hint: "finalise it with the logger's tool, then `python -m can.logconvert FILE.mf4 FILE.log`",
+        magic: b"UnFinMF ",
+    },
+    UnsupportedFile {
+        name: "a zip archive",
+        hint: "unpack it; export the decoded bytes of a sigrok (.sr) or Saleae (.sal) session as CSV",
+        magic: b"PK\x03\x04",
+    },
+    UnsupportedFile { name: "a 7z archive", hint: "unpack it", magic: b"7z\xBC\xAF\x27\x1C" },
+    UnsupportedFile { name: "an xz file", hint: "unpack it with `xz -d`", magic: b"\xFD7zXZ\0" },
+    UnsupportedFile { name: "a bzip2 file", hint: "unpack it with `bunzip2`", magic: b"BZh" },
+    UnsupportedFile {
+        name: "an HDF5 file",
+        hint: "export it as CSV or ASC",
+        magic: b"\x89HDF\r\n",
+    },
+    UnsupportedFile {
+        name: "a log of Microchip's CAN BUS Analyzer",
+        hint: "SavvyCAN reads it: save it from there as GVRET CSV",
+        magic: b"Microchip Technology Inc.",
+    },
+];
+
+impl UnsupportedFile {
+    /// The kind of file with these first bytes. Text logs may have comments in front.
+    pub(crate) fn detect(head: &[u8]) -> Option<&'static Self> {
+        let text = head.trim_ascii_start();
+        let text =
+            &text[text.iter().take_while(|c| matches!(c, b'/' | b'-' | b'\r' | b'\n')).count()..];
+        UNSUPPORTED.iter().find(|file| head.starts_with(file.magic) || text.starts_with(file.magic))
     }
 }
 

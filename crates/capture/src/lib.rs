@@ -55,15 +55,15 @@ mod write;
 
 pub use batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
 pub use byte_changes::{ByteChanges, meaning_text, visit_frame_key};
-pub use decoder::{CaptureDecoder, DecodedFrame, FrameDefect};
+pub use decoder::{CaptureDecoder, DecodedFrame, FrameDefect, TimeReversal};
 pub use detector::{LinkDetection, ProtocolDetector};
 pub use explanation::{CAN_FD, ERROR_FRAME, Explanation, ExplanationField, ExplanationValue};
 pub use filter::{FilterError, FrameFilter, Glob};
 pub use follow::{FollowEvent, FollowReader};
-pub use format::{CaptureFormat, Compression};
+pub use format::{CaptureFormat, Compression, UnsupportedFile};
 pub use read::{
-    CapturePosition, CaptureReader, Damage, LineScan, ReadError, ReadStatistics, parse_log_line,
-    unpack_bounded,
+    CapturePosition, CaptureReader, Damage, LineScan, LogTimes, ReadError, ReadOptions,
+    ReadStatistics, parse_log_line, unpack_bounded,
 };
 pub use record::{CanErrorFrame, FdFrame, Record, RecordData};
 pub use rules::{Rule, RuleError, RuleScope, Rules, nearest_word};

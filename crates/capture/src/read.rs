@@ -9,7 +9,9 @@
 
 mod asc;
 pub(crate) mod blf;
+mod busmaster;
 mod candump;
+mod crtd;
 mod csv;
 mod decompress;
 mod digits;
@@ -21,12 +23,15 @@ mod pcap;
 mod pcapng;
 mod serial_log;
 mod text;
+mod tool_log;
 mod trc;
 
 use core::fmt;
 
-use crate::format::{CaptureFormat, Compression, HEAD_MAX};
+use crate::format::{CaptureFormat, Compression, HEAD_MAX, UnsupportedFile};
 use crate::record::Record;
+pub(crate) use crtd::is_line as is_crtd_line;
+pub(crate) use csv::HEADERS as CSV_HEADERS;
 use decompress::Decompressor;
 pub use decompress::unpack_bounded;
 pub use line_scan::LineScan;
@@ -89,6 +94,8 @@ pub(crate) trait RecordSink {
     fn handle_record(&mut self, record: &Record<'_>);
     /// Takes note of a part that cannot be read.
     fn handle_damage(&mut self, damage: Damage);
+    /// Counts an object that is intact and not read, by its kind.
+    fn handle_skipped(&mut self, kind: &'static str);
 }
 
 /// The reader of one format.
@@ -130,13 +137,51 @@ impl Default for CompressionState {
 /// Uncompressed bytes, and their reader.
 #[derive(Debug, Default)]
 struct PlainReader {
-    stated_format: Option<CaptureFormat>,
+    options: ReadOptions,
     source: Option<(CaptureFormat, Box<dyn FormatReader>)>,
     /// Bytes that wait for more.
     pending: Vec<u8>,
     /// Bytes that came in all.
     received_bytes: u64,
     statistics: ReadStatistics,
+}
+
+/// What the times of a text log count from. Other formats state it themselves.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub enum LogTimes {
+    /// Detected: differences if the first time is 0 and one of the next is less than the one before.
+    #[default]
+    Detect,
+    /// One moment for all lines.
+    Absolute,
+    /// The line before: `candump -td`.
+    Delta,
+}
+
+/// How a capture is read. By default everything is detected.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct ReadOptions {
+    /// The format; detected from the first bytes if it is not stated.
+    pub format: Option<CaptureFormat>,
+    /// What the times of a text log count from.
+    pub times: LogTimes,
+}
+
+impl From<Option<CaptureFormat>> for ReadOptions {
+    fn from(format: Option<CaptureFormat>) -> Self {
+        Self { format, ..Self::default() }
+    }
+}
+
+impl LogTimes {
+    /// Whether times of a log with this head are differences; `None` while there is too little to decide.
+    fn has_deltas(self, format: CaptureFormat, head: &[u8], enough: bool) -> Option<bool> {
+        match self {
+            Self::Delta => Some(format == CaptureFormat::Text),
+            Self::Detect if format == CaptureFormat::Text => text::detect_deltas(head, enough),
+            Self::Absolute | Self::Detect => Some(false),
+        }
+    }
 }
 
 /// What was read, and what could not be.
@@ -148,6 +193,12 @@ pub struct ReadStatistics {
     pub damaged: u64,
     /// The first of them.
     pub damage: Vec<Damage>,
+    /// Objects that are intact and not read: their kind, and how many.
+    pub skipped: Vec<(&'static str, u64)>,
+    /// A file of a kind that is recognised and not read. Nothing of it is read.
+    pub unsupported: Option<&'static UnsupportedFile>,
+    /// Times of the text log are differences to the line before.
+    pub has_delta_times: bool,
 }
 
 /// Passes records on and counts.
@@ -165,9 +216,21 @@ impl RecordSink for CountingSink<'_> {
     fn handle_damage(&mut self, damage: Damage) {
         self.statistics.add_damage(damage);
     }
+
+    fn handle_skipped(&mut self, kind: &'static str) {
+        self.statistics.add_skipped(kind);
+    }
 }
 
 impl ReadStatistics {
+    /// Counts an object that is not read.
+    fn add_skipped(&mut self, kind: &'static str) {
+        match self.skipped.iter_mut().find(|(known, _)| *known == kind) {
+            Some((_, count)) => *count += 1,
+            None => self.skipped.push((kind, 1)),
+        }
+    }
+
     /// Takes note of a damaged place.
     pub(crate) fn add_damage(&mut self, damage: Damage) {
         self.damaged += 1;
@@ -178,14 +241,14 @@ impl ReadStatistics {
 }
 
 impl CaptureReader {
-    /// A reader that holds to a format, or tells it by the first bytes.
+    /// A reader with these options.
     #[must_use]
-    pub fn new(stated: Option<CaptureFormat>) -> Self {
-        let plain = PlainReader { stated_format: stated, ..PlainReader::default() };
+    pub fn new(options: ReadOptions) -> Self {
+        let plain = PlainReader { options, ..PlainReader::default() };
         Self { plain, ..Self::default() }
     }
 
-    /// The format, once it is told.
+    /// The format, once it is detected.
     #[must_use]
     pub fn format(&self) -> Option<CaptureFormat> {
         self.plain.source.as_ref().map(|(format, _)| *format)
@@ -264,7 +327,8 @@ impl CaptureReader {
 impl PlainReader {
     fn feed(&mut self, piece: &[u8], ended: bool, out: &mut dyn FnMut(&Record<'_>)) {
         self.received_bytes += piece.len() as u64;
-        let Self { stated_format, source, pending, statistics, .. } = self;
+        let Self { options, source, pending, statistics, .. } = self;
+        let ReadOptions { format: stated_format, times } = *options;
         let mut taker = CountingSink { statistics, out };
         if let (Some((_, source)), true) = (&mut *source, pending.is_empty()) {
             let used = source.read(piece, ended, &mut taker);
@@ -274,10 +338,20 @@ impl PlainReader {
         pending.extend_from_slice(piece);
         if source.is_none() {
             let head = &pending[..pending.len().min(HEAD_MAX)];
+            if stated_format.is_none() && taker.statistics.unsupported.is_none() {
+                taker.statistics.unsupported = UnsupportedFile::detect(head);
+            }
+            if taker.statistics.unsupported.is_some() {
+                pending.clear();
+                return;
+            }
             let Some(format) = stated_format.or_else(|| CaptureFormat::detect(head, ended)) else {
                 return;
             };
-            *source = Some((format, open_format(format)));
+            let whole = ended || pending.len() >= HEAD_MAX;
+            let Some(delta) = times.has_deltas(format, head, whole) else { return };
+            taker.statistics.has_delta_times = delta;
+            *source = Some((format, open_format(format, delta)));
         }
         if let Some((_, source)) = source {
             let used = source.read(pending, ended, &mut taker);
@@ -286,12 +360,16 @@ impl PlainReader {
     }
 }
 
-fn open_format(format: CaptureFormat) -> Box<dyn FormatReader> {
+fn open_format(format: CaptureFormat, delta: bool) -> Box<dyn FormatReader> {
     match format {
-        CaptureFormat::Text => Box::new(LineReader::new(text::TextReader::default())),
+        CaptureFormat::Text => Box::new(LineReader::new(text::TextReader::new(delta))),
         CaptureFormat::Asc => Box::new(LineReader::new(asc::AscReader::default())),
         CaptureFormat::Trc => Box::new(LineReader::new(trc::TrcReader::default())),
         CaptureFormat::Csv => Box::new(LineReader::new(csv::CsvReader::default())),
+        CaptureFormat::Busmaster => {
+            Box::new(LineReader::new(busmaster::BusmasterReader::default()))
+        }
+        CaptureFormat::Crtd => Box::new(LineReader::new(crtd::CrtdReader::default())),
         CaptureFormat::Jsonl => Box::new(LineReader::new(jsonl::JsonlReader::default())),
         CaptureFormat::Pcap => Box::new(pcap::PcapReader::default()),
         CaptureFormat::Pcapng => Box::new(pcapng::PcapngReader::default()),

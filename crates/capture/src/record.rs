@@ -112,8 +112,34 @@ impl CanErrorFrame {
     ];
     /// The class of what a controller reports.
     pub(crate) const CONTROLLER_CLASS: u32 = 4;
-    /// The class of an error frame that nothing more is known of.
+    /// The class of an error frame without details.
     pub(crate) const BUS_ERROR: u32 = 0x80;
+    /// The class of a controller that is off the bus.
+    pub(crate) const BUS_OFF: u32 = 0x40;
+    /// The class of error counters, in bytes 6 (transmit) and 7 (receive).
+    pub(crate) const COUNTERS: u32 = 0x200;
+    /// State of a controller: warning, passive, and active again.
+    pub(crate) const WARNING: u8 = 0x0C;
+    pub(crate) const PASSIVE: u8 = 0x30;
+    pub(crate) const ACTIVE: u8 = 0x40;
+
+    /// The state of a controller with these error counters.
+    pub(crate) fn from_counters(transmit: u8, receive: u8) -> Self {
+        let level = |count: u8, warning: u8, passive: u8| match count {
+            0..96 => 0,
+            96..128 => warning,
+            _ => passive,
+        };
+        let details = level(transmit, 0x08, 0x20) | level(receive, 0x04, 0x10);
+        let details = if details == 0 { Self::ACTIVE } else { details };
+        let class = Self::CONTROLLER_CLASS | Self::COUNTERS;
+        Self { class, data: [0, details, 0, 0, 0, 0, transmit, receive] }
+    }
+
+    /// A controller with this state in byte 1.
+    pub(crate) const fn from_state(details: u8) -> Self {
+        Self { class: Self::CONTROLLER_CLASS, data: [0, details, 0, 0, 0, 0, 0, 0] }
+    }
 
     /// What was seen, in words.
     pub fn descriptions(&self) -> impl Iterator<Item = &'static str> {

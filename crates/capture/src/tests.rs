@@ -77,7 +77,7 @@ fn damage_is_told_in_words() {
     assert_eq!(reason("(1.0) ttyUSB0 >"), "the line has no bytes");
     assert_eq!(reason("(1.0) can0 800#11"), "a CAN identifier of 3 digits is at most 7FF");
     assert_eq!(
-        reason("(1.0) can0 12#11"),
+        reason("(1.0) can0 123456789#11"),
         "a CAN identifier has 3 digits, or 8 when it is extended"
     );
     assert_eq!(reason("(1.0) can0 123##1123"), "a byte has only one hexadecimal digit");

@@ -120,8 +120,13 @@ impl FrameTextWriter {
     /// Appends what conversations leave open, which is no frame.
     pub fn write_open_notices(&mut self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
         for notice in event.notices.iter().filter(|_| self.style.notices != NoticeLevel::None) {
+            let begin = out.len();
             out.extend_from_slice(event.link.as_bytes());
+            let named = out.len();
             self.write_notice(notice, 1, out);
+            if out.len() == named {
+                out.truncate(begin);
+            }
         }
     }
 

@@ -34,7 +34,7 @@ impl fmt::Display for WriteError {
             Self::Io(error) => error.fmt(f),
             Self::UnsupportedRecord(what) => f.write_str(what),
             Self::UnsupportedFormat(format) => {
-                write!(f, "{format} is what decode writes, not a capture")
+                write!(f, "captures are not written as {format}")
             }
         }
     }
@@ -96,7 +96,9 @@ impl<W: Write> CaptureWriter<W> {
             CaptureFormat::Trc => Box::new(trc::TrcWriter::default()),
             CaptureFormat::Blf => Box::new(blf::BlfWriter::default()),
             CaptureFormat::Csv => Box::new(csv::CsvWriter::default()),
-            CaptureFormat::Jsonl => return Err(WriteError::UnsupportedFormat(format)),
+            CaptureFormat::Jsonl | CaptureFormat::Busmaster | CaptureFormat::Crtd => {
+                return Err(WriteError::UnsupportedFormat(format));
+            }
         };
         let out = match packing {
             None => OutputStream::Plain(out),

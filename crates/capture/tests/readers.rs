@@ -34,7 +34,7 @@ type Target = (&'static str, Option<CaptureFormat>, Vec<Vec<u8>>);
 #[test]
 fn every_reader_takes_whatever_comes() {
     let targets = targets();
-    assert_eq!(targets.len(), 11);
+    assert_eq!(targets.len(), 16);
     let queue = Mutex::new(targets.iter());
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS_MAX);
     std::thread::scope(|scope| {
@@ -80,6 +80,15 @@ fn targets() -> Vec<Target> {
         ("TRC", Some(CaptureFormat::Trc), written(CaptureFormat::Trc, None)),
         ("BLF", Some(CaptureFormat::Blf), written(CaptureFormat::Blf, None)),
         ("CSV", Some(CaptureFormat::Csv), written(CaptureFormat::Csv, None)),
+        ("other programs", Some(CaptureFormat::Text), text(TOOL_LOG.repeat(4))),
+        ("candump -td -i", None, text(DELTA_LOG.to_owned())),
+        (
+            "CSV tables",
+            Some(CaptureFormat::Csv),
+            TABLES.map(|table| table.as_bytes().to_vec()).into(),
+        ),
+        ("BUSMASTER", Some(CaptureFormat::Busmaster), text(BUSMASTER.to_owned())),
+        ("CRTD", Some(CaptureFormat::Crtd), text(CRTD.to_owned())),
         ("JSONL", Some(CaptureFormat::Jsonl), text(jsonl())),
         ("gzip", None, written(CaptureFormat::Text, Some(Compression::Gzip))),
         ("zstd", None, written(CaptureFormat::Pcapng, Some(Compression::Zstd))),
@@ -116,6 +125,51 @@ const SERIAL: [(char, &str); 8] = [
     ('>', "3A 30 31 30 33 30 30 30 30 30 30 30 31 46 42 0D 0A"),
     ('<', "3A 30 31 30 33 30 32 30 30 30 43 45 45 0D 0A"),
 ];
+
+/// Lines that libraries print.
+const TOOL_LOG: &str = "\
+[01][03][00][33][00][02][34][04]
+<01><03><04><00><05><00><06><2A><31>
+2026-11-27 12:34:56,500 DEBUG logging:103 recv: 0x1 0x83 0x2 old_data: addr=None
+MinimalModbus debug mode. Response from instrument: b'\\x01\\x03A\\r' (4 bytes)
+TMCL_Request: 01,06,01,00,00000000,08 -> GAP(type=1, idx=0, value=0x00000000)
+Timestamp: 1700000000.000500    ID: 0581    S Rx    DL:  2    43 41     Channel: can0
+60C  40 02 65
+583#4B 41 60 00 18 02 00 00
+";
+
+/// Screen output of candump with differences and binary digits.
+const DELTA_LOG: &str = "\
+ (000.000000)  can0  701   [1]  00000101
+ (000.095000)  can0  701   {1}  00000101
+ (000.005000)  can0  701   [1]  05
+\u{1B}[31m (000.005000)  can0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME
+\tcontroller-problem{rx-error-warning}
+";
+
+/// Tables of SavvyCAN and of Saleae Logic.
+const TABLES: [&str; 3] = [
+    "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n\
+     1000,00000601,false,Tx,0,8,40,41,60,00,00,00,00,00,\n2500,0400A05E,true,Rx,1,2,34,12,\n",
+    "Time [s],Value,Parity Error,Framing Error\n0.000012,0x01,,\n0.001,0xFF,,\n",
+    "name,type,start_time,duration,data\n\"Async Serial\",data,1.2e-05,8.7e-05,0x4B\n",
+];
+
+const BUSMASTER: &str = "\
+***BUSMASTER Ver 3.2.2***
+***START DATE AND TIME 27:11:2026 23:59:58:500***
+***HEX***
+***SYSTEM MODE***
+23:59:59:7890 Tx 1 0x601 s 8 40 41 60 00 00 00 00 00
+00:00:00:0001 Rx 2 0x0400A05E x 2 34 12
+00:00:01:0000 Rx 1 0x123 sr 4
+";
+
+const CRTD: &str = "\
+100.602 CXX Info Type:crtd
+1542473901.020305 1T11 7DF 02 01 0C
+1542473901.021 2R29 0400A05E 34 12
+";
 
 fn candump() -> String {
     let mut text = String::new();
@@ -273,13 +327,13 @@ impl Account {
 /// What the reader gives is what the decoder explains, to the byte.
 fn read(input: &[u8], format: Option<CaptureFormat>, piece: usize) {
     let mut records = Account::default();
-    let mut reader = CaptureReader::new(format);
+    let mut reader = CaptureReader::new(format.into());
     for piece in input.chunks(piece) {
         reader.feed(piece, &mut |record| records.record(record));
     }
     reader.finish(&mut |record| records.record(record));
     let mut events = Account::default();
-    let mut decoder = CaptureDecoder::new(everything()).with_format(format);
+    let mut decoder = CaptureDecoder::new(everything()).with_read_options(format.into());
     for piece in input.chunks(piece) {
         decoder.feed(piece, &mut |event| events.event(event));
     }
@@ -292,7 +346,7 @@ fn read(input: &[u8], format: Option<CaptureFormat>, piece: usize) {
 }
 
 fn judge(input: &[u8], format: Option<CaptureFormat>) {
-    let mut judge = ProtocolDetector::with_format(format);
+    let mut judge = ProtocolDetector::with_read_options(format.into());
     judge.feed(input);
     let (verdicts, mut decoder) = judge.decide();
     verdicts.iter().for_each(|verdict| drop(verdict.to_string()));

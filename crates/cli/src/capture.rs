@@ -6,11 +6,11 @@ use std::io::{Read as _, stdin};
 use std::path::Path;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use polepair_capture::parallel::{self, BatchConsumer, JOBS_MAX, OutputCallback};
 use polepair_capture::{
     CaptureDecoder, CaptureFormat, CapturePosition, DecodedFrame, FollowEvent, FollowReader,
-    LinkDetection, ProtocolDetector, ReadStatistics, Rules, WriteError,
+    LinkDetection, LogTimes, ProtocolDetector, ReadOptions, ReadStatistics, Rules, WriteError,
 };
 use polepair_core::profile::Profile;
 
@@ -28,6 +28,16 @@ const READ_SIZE: usize = 1 << 18;
 /// How to read a capture.
 #[derive(Args, Debug)]
 pub struct CaptureArgs {
+    #[command(flatten)]
+    stated: StatedArgs,
+    /// Times of a text log: absolute, or differences to the line before (`candump -td`)
+    #[arg(long, value_name = "KIND", value_enum, default_value_t = TimesArg::Detect)]
+    times: TimesArg,
+}
+
+/// What the user states about a capture.
+#[derive(Args, Debug)]
+pub struct StatedArgs {
     /// Protocol of the capture, or PROTO@AXIS or PROTO@LINK for a part of it; separate several by commas
     #[arg(long = "as", value_name = "PROTO[@ID],…")]
     rules: Option<String>,
@@ -36,6 +46,27 @@ pub struct CaptureArgs {
     from: Option<CaptureFormat>,
     #[command(flatten)]
     named_by: NamingArgs,
+}
+
+/// What the times of a text log count from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub enum TimesArg {
+    /// Differences if the first is 0 and a later one is less than the one before
+    Detect,
+    /// One moment for all lines
+    Absolute,
+    /// The line before
+    Delta,
+}
+
+impl From<TimesArg> for LogTimes {
+    fn from(times: TimesArg) -> Self {
+        match times {
+            TimesArg::Detect => Self::Detect,
+            TimesArg::Absolute => Self::Absolute,
+            TimesArg::Delta => Self::Delta,
+        }
+    }
 }
 
 /// Who takes the frames of a capture.
@@ -90,22 +121,36 @@ impl<S: EventSink + ?Sized> EventSink for &mut S {
 impl CaptureArgs {
     /// The word that names the drive; empty if there is none.
     pub fn profile_word(&self) -> &str {
-        self.named_by.word()
+        self.stated.named_by.word()
     }
 
-    /// What is stated, in one line: the same words make the same of a capture.
+    /// The arguments in one line: the same line means the same result for a capture.
     pub fn describe(&self) -> String {
-        let rules = self.rules.as_deref().unwrap_or_default();
-        let form = self.from.map_or("", CaptureFormat::name);
-        format!("as={rules} from={form} profile={}", self.profile_word())
+        let rules = self.stated.rules.as_deref().unwrap_or_default();
+        let form = self.stated.from.map_or("", CaptureFormat::name);
+        let times = match self.times {
+            TimesArg::Detect => "",
+            TimesArg::Absolute => " times=absolute",
+            TimesArg::Delta => " times=delta",
+        };
+        format!("as={rules} from={form} profile={}{times}", self.profile_word())
     }
 
-    /// Understands what is stated, before anything is read or written.
+    /// Checks the arguments, before anything is read or written.
+    pub fn source(&self) -> Result<CaptureSource> {
+        let source = self.stated.source()?;
+        let options = ReadOptions { times: self.times.into(), ..source.options };
+        Ok(CaptureSource { options, ..source })
+    }
+}
+
+impl StatedArgs {
+    /// Checks the arguments, before anything is read or written.
     pub fn source(&self) -> Result<CaptureSource> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
-        let profile = self.named_by.profile()?;
-        Ok(CaptureSource { rules, profile, format: self.from, with_words: true, progress: false })
+        let (profile, options) = (self.named_by.profile()?, ReadOptions::from(self.from));
+        Ok(CaptureSource { rules, profile, options, with_words: true, progress: false })
     }
 }
 
@@ -114,7 +159,7 @@ pub struct CaptureSource {
     rules: Option<Rules>,
     /// The drive whose names are used.
     pub profile: Option<&'static Profile>,
-    format: Option<CaptureFormat>,
+    options: ReadOptions,
     with_words: bool,
     progress: bool,
 }
@@ -164,7 +209,7 @@ impl CaptureSource {
 
     fn build_decoder(&self, rules: Rules) -> CaptureDecoder {
         self.apply_words(
-            CaptureDecoder::new(rules).with_profile(self.profile).with_format(self.format),
+            CaptureDecoder::new(rules).with_profile(self.profile).with_read_options(self.options),
         )
     }
 
@@ -183,7 +228,7 @@ impl CaptureSource {
         if let Some(rules) = self.rules.take() {
             return Ok(self.build_decoder(rules));
         }
-        let mut judge = ProtocolDetector::with_format(self.format);
+        let mut judge = ProtocolDetector::with_read_options(self.options);
         read_pieces(path, self.progress, &mut |piece| {
             judge.feed(piece);
             Ok(())
@@ -241,7 +286,7 @@ impl CaptureSource {
                 break false;
             }
         };
-        let mut judge = ProtocolDetector::with_format(self.format);
+        let mut judge = ProtocolDetector::with_read_options(self.options);
         judge.feed(&gathered);
         let mut decoder = self.judged_decoder(judge);
         if !ended {
@@ -331,18 +376,49 @@ pub fn write_problem(path: &Path, error: &WriteError) -> Problem {
     }
 }
 
-/// Tells what was left out of a capture that was read.
+/// Prints a note if the times of a capture are read as differences.
+pub fn report_delta_times(statistics: &ReadStatistics) {
+    if statistics.has_delta_times {
+        print_note(
+            "the times are differences to the line before; --times absolute reads them as they are",
+        );
+    }
+}
+
+/// Prints what was left out of a capture that was read.
 pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
+    report_delta_times(decoder.statistics());
     if decoder.untracked_records() > 0 {
         let links = "the capture has too many links; frames of the others are skipped";
         print_note(&format!("{} {links}", decoder.untracked_records()));
     }
+    if let Some(reversal) = decoder.time_reversal() {
+        let (link, before, after) = (&reversal.link, reversal.before, reversal.after);
+        print_warning(&format!(
+            "{link}: the time goes back from {before} s to {after} s. Times after that are as in the \
+             capture; --times delta reads differences"
+        ));
+    }
     report_damage(decoder.statistics())
 }
 
-/// Names damaged places. A file without a single readable one is no capture.
+/// Prints what was not read: damaged places, and objects of other kinds. A file without a single record is
+/// not a capture.
 pub fn report_damage(tally: &ReadStatistics) -> Result {
     const SHOWN: usize = 5;
+    if let Some(file) = tally.unsupported {
+        return Err(Problem::new(Exit::Corrupt, "E510", format!("this is {}.", file.name))
+            .why("Files of this kind are not read.")
+            .hint(file.hint));
+    }
+    if tally.has_delta_times {
+        print_note(
+            "the times are differences to the line before; --times absolute reads them as they are",
+        );
+    }
+    for (kind, count) in &tally.skipped {
+        print_note(&format!("skipped {kind}: {count}"));
+    }
     for damage in tally.damage.iter().take(SHOWN) {
         let what = if matches!(damage.position, CapturePosition::Line(_)) {
             "the line"
@@ -357,7 +433,7 @@ pub fn report_damage(tally: &ReadStatistics) -> Result {
             tally.damaged, tally.records
         ));
     }
-    if tally.damaged > 0 && tally.records == 0 {
+    if (tally.damaged > 0 || !tally.skipped.is_empty()) && tally.records == 0 {
         return Err(Problem::new(Exit::Corrupt, "E510", "this is not a capture.")
             .why("No record could be read.")
             .hint("--from FORMAT states its format; polepair decode --help lists the formats"));

@@ -192,9 +192,11 @@ impl DecodeOptions {
     /// Who speaks, and a decoder that knows it.
     fn build_decoder(&self) -> std::io::Result<(Vec<String>, Inner)> {
         let (verdicts, inner) = match &self.rules {
-            Some(rules) => (Vec::new(), Inner::new(rules.clone()).with_format(self.format)),
+            Some(rules) => {
+                (Vec::new(), Inner::new(rules.clone()).with_read_options(self.format.into()))
+            }
             None => {
-                let mut judge = ProtocolDetector::with_format(self.format);
+                let mut judge = ProtocolDetector::with_read_options(self.format.into());
                 let (mut file, mut buffer) = (File::open(&self.path)?, vec![0; READ_SIZE]);
                 loop {
                     match file.read(&mut buffer)? {

@@ -93,6 +93,12 @@ impl CaptureDecoder {
         if batch.is_stopped() {
             return;
         }
+        let wire = wire.or_else(|| self.link_index(record.link));
+        let trusted = wire.map(|at| {
+            self.check_time(at, record);
+            self.with_trusted_direction(at, record)
+        });
+        let record = trusted.as_ref().unwrap_or(record);
         if let RecordData::Frame(frame) = &record.data
             && let Some(at) = wire
             && (self.batch_process_data(at, record, frame, batch)

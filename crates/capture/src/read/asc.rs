@@ -3,7 +3,7 @@
 use polepair_core::explain::Direction;
 
 use super::ReadError;
-use super::lines::LineFormat;
+use super::lines::{LineFormat, ParsedLine};
 use crate::date;
 use crate::record::{
     CanErrorFrame, CanRecord, ID_MASK, Record, STANDARD_MAX, classic_frame, fd_len_from_dlc,
@@ -26,11 +26,11 @@ pub(super) struct AscReader {
 }
 
 impl LineFormat for AscReader {
-    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError> {
         let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
         if !line.first().is_some_and(|c| c.is_ascii_digit() || *c == b'-') {
             self.parse_header(&String::from_utf8_lossy(line));
-            return Ok(None);
+            return Ok(ParsedLine::Nothing);
         }
         let line = std::str::from_utf8(line).map_err(|_| ReadError("the line is not text"))?;
         let mut words = line.split_ascii_whitespace();
@@ -38,17 +38,29 @@ impl LineFormat for AscReader {
             .next()
             .and_then(|word| self.parse_time(word))
             .ok_or(ReadError("expected a time"))?;
-        let Some(data) = self.parse_event(&mut words)? else { return Ok(None) };
-        let (channel, direction, shape) = data;
+        let (channel, direction, shape) = match self.parse_event(&mut words)? {
+            AscLine::Frame(event) => event,
+            AscLine::Nothing => return Ok(ParsedLine::Nothing),
+            AscLine::Skipped(kind) => return Ok(ParsedLine::Skipped(kind)),
+        };
         self.link.clear();
         // Vector counts channels from 1, Linux its interfaces from 0.
         let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{}", channel - 1));
         let data = shape.with_bytes(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, offset: 0 }))
+        let record = Record { time: Some(time), link: &self.link, direction, data, offset: 0 };
+        Ok(ParsedLine::Record(record))
     }
 }
 
 type AscEvent = (u32, Option<Direction>, CanRecord);
+
+/// What follows the time of a line.
+enum AscLine {
+    Frame(AscEvent),
+    Nothing,
+    /// An object that is not read, by its kind.
+    Skipped(&'static str),
+}
 
 impl AscReader {
     fn parse_header(&mut self, line: &str) {
@@ -67,25 +79,32 @@ impl AscReader {
         Some(Timestamp(self.start_time.0.checked_add(self.last_offset)?))
     }
 
-    /// What follows the time; `None` for what is no frame: statistics, triggers, other buses.
+    /// Parses what follows the time.
     fn parse_event<'w>(
         &mut self,
         words: &mut impl Iterator<Item = &'w str>,
-    ) -> Result<Option<AscEvent>, ReadError> {
+    ) -> Result<AscLine, ReadError> {
         let first = words.next().unwrap_or_default();
-        if first == "CANFD" {
-            return self.parse_fd(words).map(Some);
+        match first {
+            "CANFD" => return self.parse_fd(words).map(AscLine::Frame),
+            "CAN" => return Ok(parse_status(words)),
+            "Start" | "Begin" | "End" => return Ok(AscLine::Nothing),
+            _ => {}
         }
-        let Ok(channel @ 1..) = first.parse::<u32>() else { return Ok(None) };
+        let Ok(channel @ 1..) = first.parse::<u32>() else {
+            return Ok(AscLine::Skipped("events that are not CAN frames"));
+        };
         let second = words.next().unwrap_or_default();
         if second.eq_ignore_ascii_case("ErrorFrame") {
             let error =
                 CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
-            return Ok(Some((channel, None, CanRecord::Error(error))));
+            return Ok(AscLine::Frame((channel, None, CanRecord::Error(error))));
         }
         let direction = words.next().unwrap_or_default();
         if !matches!(direction, "Rx" | "Tx" | "TxRq") {
-            return Ok(None);
+            let statistic = second.starts_with("Statistic");
+            let kind = if statistic { "bus statistics" } else { "events that are not CAN frames" };
+            return Ok(AscLine::Skipped(kind));
         }
         let (id, extended) = self.parse_id(second)?;
         let remote = match words.next() {
@@ -101,7 +120,7 @@ impl AscReader {
             self.parse_bytes(count.min(8), words)?;
         }
         let frame = classic_frame(id, extended, remote, count.min(8) as u8, &self.bytes);
-        Ok(Some((channel, parse_direction(direction), CanRecord::Frame(frame))))
+        Ok(AscLine::Frame((channel, parse_direction(direction), CanRecord::Frame(frame))))
     }
 
     /// `CANFD channel Rx id [name] brs esi code length bytes…`, also for classic frames.
@@ -176,4 +195,35 @@ fn parse_direction(word: &str) -> Option<Direction> {
         "Tx" => Some(Direction::ToDrive),
         _ => None,
     }
+}
+
+/// `1 Status:chip status error passive - TxErr: 132 RxErr: 0`, behind the word CAN.
+fn parse_status<'w>(words: &mut impl Iterator<Item = &'w str>) -> AscLine {
+    let channel = words.next().and_then(|word| word.parse::<u32>().ok()).filter(|n| *n > 0);
+    let text = words.collect::<Vec<_>>().join(" ");
+    let (Some(channel), Some((_, state))) = (channel, text.split_once("Status:chip status "))
+    else {
+        return AscLine::Skipped("events that are not CAN frames");
+    };
+    let state = state.to_ascii_lowercase();
+    let mut error = match () {
+        () if state.starts_with("bus off") => {
+            CanErrorFrame { class: CanErrorFrame::BUS_OFF, ..CanErrorFrame::default() }
+        }
+        () if state.starts_with("error passive") => {
+            CanErrorFrame::from_state(CanErrorFrame::PASSIVE)
+        }
+        () if state.starts_with("warning") => CanErrorFrame::from_state(CanErrorFrame::WARNING),
+        () if state.starts_with("error active") => CanErrorFrame::from_state(CanErrorFrame::ACTIVE),
+        () => return AscLine::Skipped("events that are not CAN frames"),
+    };
+    let counter = |name: &str| -> Option<u8> {
+        let (_, after) = state.split_once(name)?;
+        Some(after.split_ascii_whitespace().next()?.parse::<u32>().ok()?.min(255) as u8)
+    };
+    if let (Some(transmit), Some(receive)) = (counter("txerr:"), counter("rxerr:")) {
+        error.class |= CanErrorFrame::COUNTERS;
+        (error.data[6], error.data[7]) = (transmit, receive);
+    }
+    AscLine::Frame((channel, None, CanRecord::Error(error)))
 }

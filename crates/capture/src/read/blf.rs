@@ -34,6 +34,11 @@ pub(crate) mod kind {
     pub(crate) const CONTAINER: u32 = 10;
     pub(crate) const ERROR: u32 = 2;
     pub(crate) const ERROR_EXT: u32 = 73;
+    pub(crate) const DRIVER_ERROR: u32 = 31;
+    pub(crate) const DRIVER_ERROR_EXT: u32 = 74;
+    pub(crate) const FD_ERROR_64: u32 = 104;
+    /// An end of the file's index, and reserved kinds: nothing is lost with them.
+    pub(crate) const BOOKKEEPING: [u32; 6] = [0, 26, 27, 28, 108, 115];
     pub(crate) const MESSAGE_2: u32 = 86;
     pub(crate) const FD: u32 = 100;
     pub(crate) const FD_64: u32 = 101;
@@ -46,6 +51,9 @@ pub(crate) const TENS_OF_MICROSECONDS: u32 = 1;
 /// Flags of a message.
 pub(crate) const SENT: u8 = 1;
 pub(crate) const REMOTE: u8 = 0x80;
+
+/// Bytes that a CAN FD frame may have.
+const FD_MAX: usize = 64;
 
 /// The reader of such files.
 #[derive(Debug, Default)]
@@ -73,6 +81,7 @@ struct NullSink;
 impl RecordSink for NullSink {
     fn handle_record(&mut self, _: &Record<'_>) {}
     fn handle_damage(&mut self, _: Damage) {}
+    fn handle_skipped(&mut self, _: &'static str) {}
 }
 
 /// The first header of an object.
@@ -239,10 +248,23 @@ impl BlfReader {
     }
 
     fn read_frame(&self, object: &[u8], head: ObjectHeader, taker: &mut dyn RecordSink) {
-        let Some(shape) = body_parser(head.kind) else { return };
+        let Some(shape) = body_parser(head.kind) else {
+            if !kind::BOOKKEEPING.contains(&head.kind) {
+                taker.handle_skipped(kind_name(head.kind));
+            }
+            return;
+        };
         let body = object.get(head.header_len..).unwrap_or_default();
         match self.object_time(object, head).zip(shape(body)) {
-            Some((time, BlfFrame { channel, sent, record, bytes })) => {
+            Some((time, BlfFrame { channel, sent, record, bytes, len })) => {
+                let mut padded = [0; FD_MAX];
+                let bytes = match padded.get_mut(..len).filter(|_| len > bytes.len()) {
+                    None => bytes,
+                    Some(whole) => {
+                        whole[..bytes.len()].copy_from_slice(bytes);
+                        whole
+                    }
+                };
                 let mut name = [0; 16];
                 let link = link_name(channel, &mut name);
                 let direction = sent.map(|sent| match sent {
@@ -285,6 +307,20 @@ struct BlfFrame<'a> {
     sent: Option<bool>,
     record: CanRecord,
     bytes: &'a [u8],
+    /// Length of the data. Zeros at its end need not be among `bytes`.
+    len: usize,
+}
+
+impl<'a> BlfFrame<'a> {
+    /// An error frame.
+    const fn error(channel: u16, error: CanErrorFrame) -> Self {
+        Self { channel, sent: None, record: CanRecord::Error(error), bytes: &[], len: 0 }
+    }
+
+    /// A frame with all its bytes.
+    const fn new(channel: u16, sent: bool, record: CanRecord, bytes: &'a [u8]) -> Self {
+        Self { channel, sent: Some(sent), record, bytes, len: bytes.len() }
+    }
 }
 
 type BodyParser = fn(&[u8]) -> Option<BlfFrame<'_>>;
@@ -294,9 +330,27 @@ fn body_parser(kind: u32) -> Option<BodyParser> {
     match kind {
         kind::MESSAGE | kind::MESSAGE_2 => Some(parse_message),
         kind::ERROR | kind::ERROR_EXT => Some(parse_error),
+        kind::DRIVER_ERROR | kind::DRIVER_ERROR_EXT => Some(parse_driver_error),
+        kind::FD_ERROR_64 => Some(parse_fd_error_64),
         kind::FD => Some(parse_fd),
         kind::FD_64 => Some(parse_fd_64),
         _ => None,
+    }
+}
+
+/// What objects of a kind that is not read are.
+fn kind_name(kind: u32) -> &'static str {
+    match kind {
+        3 => "overload frames",
+        4 => "bus statistics",
+        6..=8 | 65 | 72 => "variables and texts",
+        9 | 92 | 96 => "triggers, comments and markers",
+        11..=25 | 46..=50 | 57..=63 => "LIN objects",
+        44 | 51 => "clock objects",
+        71 | 113 | 120 => "Ethernet frames",
+        90 => "serial events",
+        91 => "driver overruns",
+        _ => "objects of other kinds",
     }
 }
 
@@ -305,22 +359,23 @@ fn parse_message(body: &[u8]) -> Option<BlfFrame<'_>> {
     let bytes = body.get(8..16)?;
     let (id, extended) = split_identifier(u32_at(body, 4)?);
     let shape = CanRecord::Frame(classic_frame(id, extended, flags & REMOTE != 0, len, bytes));
-    Some(BlfFrame {
-        channel: u16_at(body, 0)?,
-        sent: Some(flags & SENT != 0),
-        record: shape,
-        bytes,
-    })
+    Some(BlfFrame::new(u16_at(body, 0)?, flags & SENT != 0, shape, bytes))
 }
 
 fn parse_error(body: &[u8]) -> Option<BlfFrame<'_>> {
     let error = CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
-    Some(BlfFrame {
-        channel: u16_at(body, 0)?,
-        sent: None,
-        record: CanRecord::Error(error),
-        bytes: &[],
-    })
+    Some(BlfFrame::error(u16_at(body, 0)?, error))
+}
+
+/// The error counters of a controller. The code and the state register behind them are not documented.
+fn parse_driver_error(body: &[u8]) -> Option<BlfFrame<'_>> {
+    let error = CanErrorFrame::from_counters(*body.get(2)?, *body.get(3)?);
+    Some(BlfFrame::error(u16_at(body, 0)?, error))
+}
+
+fn parse_fd_error_64(body: &[u8]) -> Option<BlfFrame<'_>> {
+    let error = CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
+    Some(BlfFrame::error(u16::from(*body.first()?), error))
 }
 
 fn parse_fd(body: &[u8]) -> Option<BlfFrame<'_>> {
@@ -332,12 +387,7 @@ fn parse_fd(body: &[u8]) -> Option<BlfFrame<'_>> {
         0 => CanRecord::Frame(classic_frame(id, extended, flags & REMOTE != 0, code, bytes)),
         _ => CanRecord::Fd { id, extended, flags: fd >> 1 & 3 },
     };
-    Some(BlfFrame {
-        channel: u16_at(body, 0)?,
-        sent: Some(flags & SENT != 0),
-        record: shape,
-        bytes,
-    })
+    Some(BlfFrame::new(u16_at(body, 0)?, flags & SENT != 0, shape, bytes))
 }
 
 fn parse_fd_64(body: &[u8]) -> Option<BlfFrame<'_>> {
@@ -345,12 +395,15 @@ fn parse_fd_64(body: &[u8]) -> Option<BlfFrame<'_>> {
     let (id, extended) = split_identifier(u32_at(body, 4)?);
     let flags = u32_at(body, 12)?;
     let sent = *body.get(34)? == 1;
-    let bytes = body.get(40..)?.get(..usize::from(len.min(64)))?;
+    // Zeros at the end of the data need not be stored.
+    let stored = body.get(40..)?;
+    let len = usize::from(len).min(FD_MAX);
+    let bytes = &stored[..stored.len().min(len)];
     let shape = match flags >> 12 & 1 {
         0 => CanRecord::Frame(classic_frame(id, extended, flags & 0x10 != 0, code, bytes)),
         _ => CanRecord::Fd { id, extended, flags: (flags >> 13 & 3) as u8 },
     };
-    Some(BlfFrame { channel: u16::from(channel), sent: Some(sent), record: shape, bytes })
+    Some(BlfFrame { len, ..BlfFrame::new(u16::from(channel), sent, shape, bytes) })
 }
 
 fn split_identifier(word: u32) -> (u32, bool) {

@@ -1,100 +1,227 @@
-//! The CSV of python-can: `timestamp,arbitration_id,extended,remote,error,dlc,data`, with data in base 64.
-//! Columns are identified by their names.
+//! Tables with commas. The first line names the columns, and so tells who wrote the table:
+//!
+//! - python-can: `timestamp,arbitration_id,extended,remote,error,dlc,data`, with data in base 64.
+//! - SavvyCAN (GVRET): `Time Stamp,ID,Extended,Dir,Bus,LEN,D1,…`, with times in microseconds.
+//! - Saleae Logic: `Time [s],Value,…` and `name,type,start_time,duration,data,…`, a byte of a UART a line.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
+use polepair_core::explain::Direction;
 
 use super::ReadError;
-use super::lines::LineFormat;
-use crate::record::{CanErrorFrame, CanRecord, ID_MASK, Record, STANDARD_MAX, classic_frame};
+use super::lines::{LineFormat, ParsedLine};
+use crate::record::{
+    CanErrorFrame, CanRecord, ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame,
+};
 use crate::timestamp::Timestamp;
 
-/// Columns that are read.
-const NAMES: [&str; 7] =
+/// Columns of python-can that are read.
+const PYTHON_CAN: [&str; 7] =
     ["timestamp", "arbitration_id", "extended", "remote", "error", "dlc", "data"];
+/// Columns of SavvyCAN before the data. Older versions have no direction.
+const GVRET: [&str; 6] = ["time stamp", "id", "extended", "dir", "bus", "len"];
+/// Columns of Saleae's two programs.
+const SALEAE_BYTES: [&str; 2] = ["time [s]", "value"];
+const SALEAE_TABLE: [&str; 4] = ["name", "type", "start_time", "data"];
+/// Bytes of the longest CAN FD frame.
+const FD_MAX: usize = 64;
+
+/// How a first line begins, in lower case.
+pub(crate) const HEADERS: [&[u8]; 4] =
+    [b"timestamp,", b"time stamp,", b"time [s],", b"name,type,start_time"];
+
+/// Who wrote the table, and where its columns are.
+#[derive(Clone, Copy, Debug)]
+enum Dialect {
+    PythonCan([Option<usize>; PYTHON_CAN.len()]),
+    Gvret([Option<usize>; GVRET.len()]),
+    SaleaeBytes([Option<usize>; SALEAE_BYTES.len()]),
+    SaleaeTable([Option<usize>; SALEAE_TABLE.len()]),
+}
 
 /// The reader of such lines.
 #[derive(Debug, Default)]
 pub(super) struct CsvReader {
-    /// Where each of the columns that are read stands, once the first line has told.
-    columns: Option<[Option<usize>; NAMES.len()]>,
+    dialect: Option<Dialect>,
+    link: String,
     bytes: Vec<u8>,
 }
 
 impl LineFormat for CsvReader {
-    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError> {
         let line = std::str::from_utf8(line).map_err(|_| ReadError("the line is not text"))?;
         let line = line.trim_start_matches('\u{FEFF}').trim();
         if line.is_empty() {
-            return Ok(None);
+            return Ok(ParsedLine::Nothing);
         }
-        let Some(places) = self.columns else {
-            self.columns = Some(parse_header(line)?);
-            return Ok(None);
-        };
-        let mut found = [""; NAMES.len()];
-        for (word, index) in found.iter_mut().zip(places) {
-            *word = index.and_then(|at| line.split(',').nth(at)).unwrap_or_default().trim();
+        match self.dialect {
+            None => {
+                self.dialect = Some(Dialect::from_header(line)?);
+                Ok(ParsedLine::Nothing)
+            }
+            Some(Dialect::PythonCan(places)) => self.parse_python_can(select(line, places)),
+            Some(Dialect::Gvret(places)) => self.parse_gvret(line, places),
+            Some(Dialect::SaleaeBytes(places)) => {
+                let [time, value] = select(line, places);
+                self.parse_byte("uart", time, value)
+            }
+            Some(Dialect::SaleaeTable(places)) => {
+                let [name, kind, time, data] = select(line, places);
+                match kind {
+                    "data" => self.parse_byte(name, time, data),
+                    _ => Ok(ParsedLine::Skipped("rows of other kinds")),
+                }
+            }
         }
-        let [time, id, extended, remote, error, dlc, data] = found;
-        let time = Timestamp::parse(time.as_bytes()).ok_or(ReadError("expected seconds"))?;
-        let shape = self.parse_frame(
-            id,
-            parse_bool(extended),
-            parse_bool(remote),
-            parse_bool(error),
-            dlc,
-            data,
-        )?;
-        let data = shape.with_bytes(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: "can0", direction: None, data, offset: 0 }))
     }
 }
 
+impl Dialect {
+    fn from_header(line: &str) -> Result<Self, ReadError> {
+        let lower = line.to_ascii_lowercase();
+        let python_can = locate(&lower, PYTHON_CAN);
+        if let [Some(_), Some(_), .., Some(_), Some(_)] = python_can {
+            return Ok(Self::PythonCan(python_can));
+        }
+        let gvret = locate(&lower, GVRET);
+        if let [Some(_), Some(_), Some(_), _, Some(_), Some(_)] = gvret {
+            return Ok(Self::Gvret(gvret));
+        }
+        let bytes = locate(&lower, SALEAE_BYTES);
+        if let [Some(_), Some(_)] = bytes {
+            return Ok(Self::SaleaeBytes(bytes));
+        }
+        let table = locate(&lower, SALEAE_TABLE);
+        if let [Some(_), Some(_), Some(_), Some(_)] = table {
+            return Ok(Self::SaleaeTable(table));
+        }
+        Err(ReadError("the first line does not name timestamp, arbitration_id, dlc and data"))
+    }
+}
+
+/// The places of columns in a first line.
+fn locate<const N: usize>(header: &str, names: [&str; N]) -> [Option<usize>; N] {
+    names.map(|name| header.split(',').position(|word| unquoted(word) == name))
+}
+
+/// The words of a line in these places.
+fn select<const N: usize>(line: &str, places: [Option<usize>; N]) -> [&str; N] {
+    places.map(|place| place.and_then(|at| line.split(',').nth(at)).map_or("", unquoted))
+}
+
+fn unquoted(word: &str) -> &str {
+    word.trim().trim_matches('"').trim()
+}
+
 impl CsvReader {
-    fn parse_frame(
+    fn parse_python_can(
         &mut self,
-        id: &str,
-        extended: bool,
-        remote: bool,
-        error: bool,
-        dlc: &str,
-        data: &str,
-    ) -> Result<CanRecord, ReadError> {
-        let id = id.strip_prefix("0x").unwrap_or(id);
-        let id = u32::from_str_radix(id, 16).map_err(|_| ReadError("expected an identifier"))?;
+        [time, id, extended, remote, error, dlc, data]: [&str; PYTHON_CAN.len()],
+    ) -> Result<ParsedLine<'_>, ReadError> {
+        let time = Timestamp::parse(time.as_bytes()).ok_or(ReadError("expected seconds"))?;
+        let id = parse_id(id)?;
+        let (extended, remote) = (parse_bool(extended), parse_bool(remote));
         let dlc = dlc.parse::<u8>().map_err(|_| ReadError("expected a length"))?;
         self.bytes.clear();
         BASE64
             .decode_vec(data, &mut self.bytes)
             .map_err(|_| ReadError("the data is not base 64"))?;
-        if error {
-            let frame = classic_frame(0, false, false, 8, &self.bytes);
-            let class = if id == 0 { CanErrorFrame::BUS_ERROR } else { id & ID_MASK };
-            return Ok(CanRecord::Error(CanErrorFrame { class, data: frame.data }));
+        let shape = match parse_bool(error) {
+            true => {
+                let frame = classic_frame(0, false, false, 8, &self.bytes);
+                let class = if id == 0 { CanErrorFrame::BUS_ERROR } else { id & ID_MASK };
+                CanRecord::Error(CanErrorFrame { class, data: frame.data })
+            }
+            false => self.build_frame(id, extended, remote, dlc)?,
+        };
+        let data = shape.with_bytes(&self.bytes);
+        let (time, link) = (Some(time), "can0");
+        Ok(ParsedLine::Record(Record { time, link, direction: None, data, offset: 0 }))
+    }
+
+    fn parse_gvret(
+        &mut self,
+        line: &str,
+        places: [Option<usize>; GVRET.len()],
+    ) -> Result<ParsedLine<'_>, ReadError> {
+        let [time, id, extended, direction, bus, length] = select(line, places);
+        let micros: u64 = time.parse().map_err(|_| ReadError("expected microseconds"))?;
+        let ns = micros.checked_mul(1000).ok_or(ReadError("the time is too great"))?;
+        let id = parse_id(id)?;
+        let bus: u32 = bus.parse().map_err(|_| ReadError("expected the number of a bus"))?;
+        let length = length.parse::<u8>().map_err(|_| ReadError("expected a length"))?;
+        let direction = match direction {
+            "Tx" => Some(Direction::ToDrive),
+            "Rx" => Some(Direction::ToHost),
+            _ => None,
+        };
+        let first = places[GVRET.len() - 1].map_or(0, |at| at + 1);
+        self.bytes.clear();
+        for word in line.split(',').skip(first).take(usize::from(length)).map(unquoted) {
+            let byte = u8::from_str_radix(word, 16).map_err(|_| ReadError("expected bytes"))?;
+            self.bytes.push(byte);
         }
+        let shape = self.build_frame(id, parse_bool(extended), false, length)?;
+        self.link.clear();
+        let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{bus}"));
+        let data = shape.with_bytes(&self.bytes);
+        let (time, link) = (Some(Timestamp(ns)), &*self.link);
+        Ok(ParsedLine::Record(Record { time, link, direction, data, offset: 0 }))
+    }
+
+    /// A byte of a UART.
+    fn parse_byte(
+        &mut self,
+        name: &str,
+        time: &str,
+        value: &str,
+    ) -> Result<ParsedLine<'_>, ReadError> {
+        let time = parse_seconds(time).ok_or(ReadError("expected seconds"))?;
+        let digits = value.strip_prefix("0x").filter(|digits| digits.len() <= 2);
+        let byte = digits.and_then(|digits| u8::from_str_radix(digits, 16).ok());
+        let byte = byte.ok_or(ReadError("expected a byte such as 0x1F: export in hexadecimal"))?;
+        self.bytes.clear();
+        self.bytes.push(byte);
+        self.link.clear();
+        self.link.extend(name.chars().map(|c| if c.is_whitespace() { '_' } else { c }));
+        let (time, link, data) = (Some(time), &*self.link, RecordData::Bytes(&self.bytes));
+        Ok(ParsedLine::Record(Record { time, link, direction: None, data, offset: 0 }))
+    }
+
+    /// A frame with the bytes that were read.
+    fn build_frame(
+        &mut self,
+        id: u32,
+        extended: bool,
+        remote: bool,
+        length: u8,
+    ) -> Result<CanRecord, ReadError> {
         if id > if extended { ID_MASK } else { STANDARD_MAX } {
             return Err(ReadError("the identifier is too great"));
         }
-        if !remote && self.bytes.len() < usize::from(dlc) {
+        if !remote && self.bytes.len() < usize::from(length) {
             return Err(ReadError("it has fewer bytes than its length says"));
         }
-        self.bytes.truncate(usize::from(dlc));
-        Ok(match dlc {
-            0..=8 => CanRecord::Frame(classic_frame(id, extended, remote, dlc, &self.bytes)),
-            9..=64 => CanRecord::Fd { id, extended, flags: 0 },
-            _ => return Err(ReadError("a CAN FD frame has at most 64 bytes")),
-        })
+        self.bytes.truncate(usize::from(length));
+        match usize::from(length) {
+            0..=8 => Ok(CanRecord::Frame(classic_frame(id, extended, remote, length, &self.bytes))),
+            9..=FD_MAX => Ok(CanRecord::Fd { id, extended, flags: 0 }),
+            _ => Err(ReadError("a CAN FD frame has at most 64 bytes")),
+        }
     }
 }
 
-fn parse_header(line: &str) -> Result<[Option<usize>; NAMES.len()], ReadError> {
-    let locate = |name: &str| line.split(',').position(|word| word.trim() == name);
-    let places = NAMES.map(locate);
-    match places {
-        [Some(_), Some(_), .., Some(_), Some(_)] => Ok(places),
-        _ => Err(ReadError("the first line does not name timestamp, arbitration_id, dlc and data")),
-    }
+/// Seconds, which Saleae may write with an exponent.
+fn parse_seconds(text: &str) -> Option<Timestamp> {
+    Timestamp::parse(text.as_bytes()).or_else(|| {
+        let ns = (text.parse::<f64>().ok()? * 1e9).round();
+        (0.0..9.2e18).contains(&ns).then_some(Timestamp(ns as u64))
+    })
+}
+
+fn parse_id(text: &str) -> Result<u32, ReadError> {
+    let digits = text.strip_prefix("0x").unwrap_or(text);
+    u32::from_str_radix(digits, 16).map_err(|_| ReadError("expected an identifier"))
 }
 
 fn parse_bool(word: &str) -> bool {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 
 use super::ReadError;
-use super::lines::LineFormat;
+use super::lines::{LineFormat, ParsedLine};
 use super::serial_log::parse_hex;
 use crate::explanation::{ERROR_FRAME, REMOTE_REQUEST};
 use crate::record::{
@@ -44,9 +44,9 @@ struct JsonlFrame<'a> {
 }
 
 impl LineFormat for JsonlReader {
-    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError> {
         if line.trim_ascii().is_empty() {
-            return Ok(None);
+            return Ok(ParsedLine::Nothing);
         }
         let object: JsonlFrame<'_> = serde_json::from_slice(line).map_err(|_| {
             ReadError("it is not an object with time, link, direction, bytes and id")
@@ -68,7 +68,7 @@ impl LineFormat for JsonlReader {
         object.link.as_ref().clone_into(&mut self.link);
         let data =
             shape.map_or(RecordData::Bytes(&self.bytes), |shape| shape.with_bytes(&self.bytes));
-        Ok(Some(Record { time, link: &self.link, direction, data, offset: 0 }))
+        Ok(ParsedLine::Record(Record { time, link: &self.link, direction, data, offset: 0 }))
     }
 }
 

@@ -7,10 +7,26 @@ use crate::record::Record;
 pub(crate) const LINE_MAX: usize = 1 << 16;
 pub(super) const TOO_LONG: ReadError = ReadError("it is longer than 65536 bytes");
 
+/// The content of a line.
+pub(super) enum ParsedLine<'a> {
+    /// A record.
+    Record(Record<'a>),
+    /// A header, a comment, or an empty line.
+    Nothing,
+    /// An object that the reader does not read, by its kind.
+    Skipped(&'static str),
+}
+
+impl<'a> From<Option<Record<'a>>> for ParsedLine<'a> {
+    fn from(record: Option<Record<'a>>) -> Self {
+        record.map_or(Self::Nothing, Self::Record)
+    }
+}
+
 /// Reads one line of a format.
 pub(super) trait LineFormat: core::fmt::Debug + Send {
-    /// What the line says; `None` for headers, comments and what is not traffic.
-    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError>;
+    /// Parses one line.
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError>;
 
     /// What the line at the head of these bytes says and how long it is with its end, where it has
     /// the form that nearly all have.
@@ -40,8 +56,11 @@ impl<L: LineFormat> LineReader<L> {
         self.line_number += 1;
         let read = if line.len() > LINE_MAX { Err(TOO_LONG) } else { self.format.parse_line(line) };
         match read {
-            Ok(None) => {}
-            Ok(Some(record)) => taker.handle_record(&Record { offset: self.offset, ..record }),
+            Ok(ParsedLine::Nothing) => {}
+            Ok(ParsedLine::Skipped(kind)) => taker.handle_skipped(kind),
+            Ok(ParsedLine::Record(record)) => {
+                taker.handle_record(&Record { offset: self.offset, ..record })
+            }
             Err(reason) => taker.handle_damage(Damage {
                 position: CapturePosition::Line(self.line_number),
                 reason,

@@ -64,6 +64,7 @@ fn vector_asc() {
     );
     assert_eq!(damage, ["line 15: expected an identifier; names of messages are not read"]);
     let expected = [
+        "(1506783973.206991) can0 20000204#0030000000008400",
         "(1506783975.692000) can0 20000080#0000000000000000",
         "(1506783975.701001) can1 100#R R",
         "(1506783975.711002) can2 200#R T",
@@ -113,13 +114,19 @@ fn peak_trc() {
          \x20     2      1060.900 FB 2  00000301 Tx -  9    00 01 02 03 04 05 06 07 08 09 0A 0B\n\
          \x20     3      1061.900 RR 1      0302 Rx -  4\n\
          \x20     4      1062.900 ST 1         - Rx -  4    00 00 00 00\n\
-         \x20     5      1063.900 DT 1      0300 Rx -  2    00\n";
+         \x20     5      1063.900 DT 1      0300 Rx -  2    00\n\
+         \x20     6      1064.900 ST 1         - Rx -  4    00 00 00 10\n\
+         \x20     7      1065.900 EC 1         - Rx -  2    80 04\n\
+         \x20     8      1066.900 EV 1 a note\n";
     let (found, damage) = read(third);
     assert_eq!(damage, ["line 9: it has fewer bytes than its length says"]);
     let expected = [
         "(0000000001.059900) can0 300#0011 R",
         "(0000000001.060900) can1 00000301##1000102030405060708090A0B T",
         "(0000000001.061900) can0 302#R4 R",
+        "(0000000001.062900) can0 20000004#0040000000000000",
+        "(0000000001.064900) can0 20000040#0000000000000000",
+        "(0000000001.065900) can0 20000204#0010000000000480",
     ];
     assert_eq!(found, expected);
     let fourth = ";$FILEVERSION=2.0\n;$COLUMNS=N,O,T,I,d,l,D\n\
@@ -219,4 +226,206 @@ fn places_of_lines() {
         reader.finish(&mut keep);
         assert_eq!(found, [12, 39, 57], "cut at {cut}");
     }
+}
+
+/// The records, and the objects that were passed over.
+fn read_all(file: &[u8]) -> (Vec<String>, crate::ReadStatistics) {
+    let (mut found, mut reader) = (Vec::new(), CaptureReader::default());
+    let mut keep = |record: &Record<'_>| found.push(shown(record));
+    reader.feed(file, &mut keep);
+    reader.finish(&mut keep);
+    (found, reader.statistics().clone())
+}
+
+/// The records of a file without damage.
+fn read_whole(file: &str) -> Vec<String> {
+    let (found, statistics) = read_all(file.as_bytes());
+    assert_eq!(statistics.damage, [], "{file}");
+    found
+}
+
+#[test]
+fn candump_with_all_its_options() {
+    // -tA, -c, -S, -8, -i, -e.
+    let file = " (2026-11-27 12:34:56.123456)  can0  701   [1]  05\n\
+        \x20\u{1B}[32m can0 \u{1B}[1m 123 \u{1B}[0m  [2]  01 02\u{1B}[0m\n\
+        \x20 can0  123   [3]  33`22`11\n\
+        \x20 can0  123   {B}  00 11 22 33 44 55 66 77\n\
+        \x20 can0  123   {2}  00 11\n\
+        \x20 can0  123   [2]  00000001 11000010\n\
+        \x20 can0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME\n\
+        \tcontroller-problem{rx-error-warning}\n\
+        \x20 can0  124   [1]  00\n";
+    let expected = [
+        "(1795782896.123456) can0 701#05",
+        "can0 123#0102",
+        "can0 123#112233",
+        "can0 123#0011223344556677",
+        "can0 123#0011",
+        "can0 123#01C2",
+        "can0 20000004#0004000000000000",
+        "can0 124#00",
+    ];
+    assert_eq!(read_whole(file), expected);
+    let (found, damage) = read("  can0  123   [2]  0102 0304\n  can0  123   [1]  01`02\n");
+    assert_eq!(found, [] as [&str; 0]);
+    assert_eq!(damage.len(), 2, "{damage:?}");
+}
+
+#[test]
+fn times_that_fall_are_differences() {
+    let line = |time: &str| format!(" ({time})  can0  701   [1]  05\n");
+    let file: String = ["000.000000", "000.095000", "000.005000", "000.100000"].map(line).concat();
+    let (found, statistics) = read_all(file.as_bytes());
+    assert!(statistics.has_delta_times);
+    let times =
+        ["0000000000.000000", "0000000000.095000", "0000000000.100000", "0000000000.200000"];
+    assert_eq!(found, times.map(|time| format!("({time}) can0 701#05")));
+    // Times from zero that rise are absolute, and so are those of a log that does not begin at zero.
+    for times in [["000.000000", "000.095000", "000.100000"], ["000.5", "000.095000", "000.005000"]]
+    {
+        let (_, statistics) = read_all(times.map(line).concat().as_bytes());
+        assert!(!statistics.has_delta_times, "{times:?}");
+    }
+    let mut reader = CaptureReader::new(crate::ReadOptions {
+        times: crate::LogTimes::Absolute,
+        ..crate::ReadOptions::default()
+    });
+    let mut count = 0;
+    reader.feed(file.as_bytes(), &mut |_| count += 1);
+    assert!(count == 4 && !reader.statistics().has_delta_times);
+    // A log that grows is not held back for long.
+    let (mut reader, mut count) = (CaptureReader::default(), 0);
+    for n in 0..17 {
+        reader.feed(line(&format!("{n}.000000")).as_bytes(), &mut |_| count += 1);
+    }
+    assert_eq!(count, 17);
+}
+
+#[test]
+fn logs_of_modbus_libraries() {
+    let file = "Opening /dev/ttyUSB0 at 9600 bauds (N, 8, 1)\n\
+        [01][03][00][33][00][02][34][04]\nWaiting for a confirmation...\n<01><03><04><00>\n\
+        2026-11-27 12:00:00,000 DEBUG logging:103 SEND: 0x1 0x6 0x0\n\
+        2026-11-27 12:00:00,001 DEBUG logging:103 Processing: 0x1 0x6 0x0\n";
+    let (found, statistics) = read_all(file.as_bytes());
+    let expected =
+        ["- > 01 03 00 33 00 02 34 04", "- < 01 03 04 00", "(1795780800.000000) - > 01 06 00"];
+    assert_eq!(found, expected);
+    assert_eq!(statistics.damage, []);
+    assert_eq!(statistics.skipped, [("lines of text", 2), ("repeated lines", 1)]);
+}
+
+#[test]
+fn savvycan_and_saleae_tables() {
+    let gvret = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n\
+        1000,00000601,false,Tx,0,8,40,41,60,00,00,00,00,00,\n\
+        2500,0400A05E,true,Rx,1,2,34,12,\n";
+    let expected = [
+        "(0000000000.001000) can0 601#4041600000000000 T",
+        "(0000000000.002500) can1 0400A05E#3412 R",
+    ];
+    assert_eq!(read_whole(gvret), expected);
+    let old = "Time Stamp,ID,Extended,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n7,00000081,false,0,1,05,\n";
+    assert_eq!(read_whole(old), ["(0000000000.000007) can0 081#05"]);
+    let bytes = "Time [s],Value,Parity Error,Framing Error\n0.000012,0x01,,\n0.001,0xFF,,\n";
+    let expected = ["(0000000000.000012) uart > 01", "(0000000000.001000) uart > FF"];
+    assert_eq!(read_whole(bytes), expected.map(|line| line.replace("> ", "")));
+    let table = "name,type,start_time,duration,\"data\"\n\
+        \"Async Serial\",\"data\",1.2e-05,8.7e-05,0x4B\n";
+    assert_eq!(read_whole(table), ["(0000000000.000012) Async_Serial 4B"]);
+}
+
+#[test]
+fn busmaster() {
+    let head = "***BUSMASTER Ver 3.2.2***\n***PROTOCOL CAN***\n\
+        ***START DATE AND TIME 27:11:2026 23:59:58:500***\n***HEX***\n";
+    let lines = "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***\n\
+        23:59:59:7890 Tx 1 0x601 s 8 40 41 60 00 00 00 00 00\n\
+        00:00:00:0001 Rx 2 0x0400A05E x 2 34 12\n\
+        00:00:01:0000 Rx 1 0x123 sr 4\n\
+        ***[STOP LOGGING SESSION]***\n";
+    let expected = [
+        "(1795823999.789000) can0 601#4041600000000000 T",
+        "(1795824000.000100) can1 0400A05E#3412 R",
+        "(1795824001.000000) can0 123#R4 R",
+    ];
+    assert_eq!(read_whole(&format!("{head}***SYSTEM MODE***\n{lines}")), expected);
+    let short = "0:0:1:5000 Rx 1 291 s 1 16\n0:0:0:5000 Rx 1 291 s 1 16\n";
+    let relative = read_whole(&format!("{head}***DEC***\n***RELATIVE MODE***\n{short}"));
+    assert_eq!(
+        relative,
+        ["(1795824000.000000) can0 123#10 R", "(1795824000.500000) can0 123#10 R"]
+    );
+    let absolute = read_whole(&format!("{head}***DEC***\n***ABSOLUTE MODE***\n{short}"));
+    assert_eq!(absolute[1], "(1795823999.000000) can0 123#10 R");
+}
+
+#[test]
+fn crtd() {
+    let (found, statistics) = read_all(
+        b"100.602 CXX Info Type:crtd\n1542473901.020305 1T11 7DF 02 01 0C\n\
+          1542473901.021 2R29 0400A05E 34 12\n1542473902.0 CEV Event vehicle.on\n",
+    );
+    let expected =
+        ["(1542473901.020305) can0 7DF#02010C T", "(1542473901.021000) can1 0400A05E#3412 R"];
+    assert_eq!(found, expected);
+    assert_eq!((statistics.damaged, &*statistics.skipped), (0, &[("comments and events", 2)][..]));
+}
+
+#[test]
+fn files_of_other_kinds_are_named() {
+    for (head, name) in [
+        (&b"SQLite format 3\0\x10\0"[..], "an SQLite database"),
+        (b"MDF     4.10    ", "an MDF file (MF4)"),
+        (b"PK\x03\x04\x14\0", "a zip archive"),
+        (
+            b"//------\r\n//\r\nMicrochip Technology Inc.\r\n",
+            "a log of Microchip's CAN BUS Analyzer",
+        ),
+    ] {
+        let (found, statistics) = read_all(head);
+        assert_eq!(found, [] as [&str; 0]);
+        assert_eq!(statistics.unsupported.map(|file| file.name), Some(name));
+        assert_eq!(statistics.damaged, 0);
+    }
+}
+
+/// An object of a BLF file.
+fn blf_object(kind: u32, ns: u64, body: &[u8]) -> Vec<u8> {
+    let mut object = Vec::from(*b"LOBJ");
+    object.extend_from_slice(&[32, 0, 1, 0]);
+    object.extend_from_slice(&(32 + body.len() as u32).to_le_bytes());
+    object.extend_from_slice(&kind.to_le_bytes());
+    object.extend_from_slice(&[2, 0, 0, 0, 0, 0, 0, 0]);
+    object.extend_from_slice(&ns.to_le_bytes());
+    object.extend_from_slice(body);
+    object.resize(object.len().next_multiple_of(4), 0);
+    object
+}
+
+#[test]
+fn blf_errors_states_and_short_frames() {
+    let mut file = vec![0; 144];
+    file[..4].copy_from_slice(b"LOGG");
+    file[4] = 144;
+    file.extend(blf_object(31, 1_000_000, &[1, 0, 0, 96, 0, 0, 0, 0]));
+    file.extend(blf_object(74, 2_000_000, &[[2, 0, 200, 0], [0; 4], [0; 4], [0; 4]].concat()));
+    file.extend(blf_object(104, 3_000_000, &[1; 40]));
+    file.extend(blf_object(4, 4_000_000, &[0; 32]));
+    // A CAN FD frame of twelve bytes, of which three are stored.
+    let mut body = [0; 43];
+    (body[0], body[1], body[2], body[4], body[5]) = (1, 9, 12, 0x23, 1);
+    body[13] = 0x10;
+    body[40..].copy_from_slice(&[1, 2, 3]);
+    file.extend(blf_object(101, 5_000_000, &body));
+    let (found, statistics) = read_all(&file);
+    let expected = [
+        "(0000000000.001000) can0 20000204#0004000000000060",
+        "(0000000000.002000) can1 20000204#002000000000C800",
+        "(0000000000.003000) can0 20000080#0000000000000000",
+        "(0000000000.005000) can0 123##0010203000000000000000000 R",
+    ];
+    assert_eq!(found, expected);
+    assert_eq!((statistics.damaged, &*statistics.skipped), (0, &[("bus statistics", 1)][..]));
 }

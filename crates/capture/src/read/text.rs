@@ -1,13 +1,15 @@
-//! Text formats with one record a line: candump's log and screen output, serial logs, data only.
+//! Text formats with one record a line: candump's log and screen output, serial logs, data only, and lines
+//! that other programs print.
 
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
 use super::digits::StampPrefix;
-use super::lines::{LINE_MAX, LineFormat};
+use super::lines::{LINE_MAX, LineFormat, ParsedLine};
 use super::serial_log::HEX;
+use super::tool_log::{self, ToolLine, parse_tool_line};
 use super::{ReadError, candump, digits, serial_log};
-use crate::record::{Record, RecordData, STANDARD_MAX};
+use crate::record::{CanRecord, Record, RecordData, STANDARD_MAX};
 use crate::timestamp::Timestamp;
 
 /// The reader of such lines.
@@ -15,11 +17,61 @@ use crate::timestamp::Timestamp;
 pub(super) struct TextReader {
     scratch: Vec<u8>,
     context: LineContext,
+    /// The line without colours.
+    plain: Vec<u8>,
+    /// Times are differences to the line before.
+    delta: bool,
+    /// The sum of the differences so far.
+    elapsed: u64,
+    /// A record was read.
+    has_records: bool,
+    /// A line of another program was read: its other lines are text.
+    is_tool_log: bool,
+    /// The last record is an error frame, which may be explained on the next line.
+    after_error: bool,
+}
+
+/// Lines that hold no data.
+const TEXT_LINES: &str = "lines of text";
+
+impl TextReader {
+    /// A reader of a log whose times are absolute, or differences.
+    pub(super) fn new(delta: bool) -> Self {
+        Self { delta, ..Self::default() }
+    }
 }
 
 impl LineFormat for TextReader {
-    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
-        parse_log_line(line, &mut self.scratch)
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError> {
+        let after_error = core::mem::take(&mut self.after_error);
+        // candump -e explains an error frame on a line of its own.
+        if after_error && line.starts_with(b"\t") {
+            return Ok(ParsedLine::Nothing);
+        }
+        let line = match line.contains(&ESCAPE) {
+            false => line,
+            true => {
+                strip_colours(line, &mut self.plain);
+                &self.plain
+            }
+        };
+        let may_be_text = self.is_tool_log || !self.has_records;
+        match parse_any_line(line, &mut self.scratch) {
+            Ok(None) => Ok(ParsedLine::Nothing),
+            Ok(Some(LogLine::Repeated)) => Ok(ParsedLine::Skipped("repeated lines")),
+            Ok(Some(LogLine::Record(mut record, is_tool))) => {
+                self.has_records = true;
+                self.is_tool_log |= is_tool;
+                self.after_error = matches!(record.data, RecordData::Error(_));
+                if let Some(time) = record.time.filter(|_| self.delta) {
+                    self.elapsed = self.elapsed.saturating_add(time.0);
+                    record.time = Some(Timestamp(self.elapsed));
+                }
+                Ok(ParsedLine::Record(record))
+            }
+            Err(_) if may_be_text && is_prose(line) => Ok(ParsedLine::Skipped(TEXT_LINES)),
+            Err(error) => Err(error),
+        }
     }
 
     fn parse_usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
@@ -27,8 +79,72 @@ impl LineFormat for TextReader {
     }
 }
 
-/// Reads one line. `None` for an empty line or a `#` or `;` comment. The bytes of a serial line are
-/// put into `scratch`.
+/// Times in a row, none less than the one before, after which they count as absolute.
+const RISES: usize = 16;
+
+/// Whether the times of a log are differences: the first is 0, and a later one is less than the one before.
+/// `None` while there are too few lines to decide.
+pub(super) fn detect_deltas(head: &[u8], enough: bool) -> Option<bool> {
+    let (mut last, mut rises) = (None, 0);
+    let whole =
+        if enough { head.len() } else { memchr::memrchr(b'\n', head).map_or(0, |at| at + 1) };
+    for line in head[..whole].split(|c| *c == b'\n') {
+        let line = line.trim_ascii_start();
+        let Some(end) = line.iter().position(|c| *c == b')').filter(|_| line.starts_with(b"("))
+        else {
+            continue;
+        };
+        let Some(time) = Timestamp::parse(line[1..end].trim_ascii()) else { continue };
+        match last {
+            None if time.0 > 0 => return Some(false),
+            None => {}
+            Some(last) if time < last => return Some(true),
+            Some(last) => rises += usize::from(time > last),
+        }
+        if rises >= RISES {
+            return Some(false);
+        }
+        last = Some(time);
+    }
+    // Without a single time there is nothing to wait for.
+    (enough || (last.is_none() && whole > 0)).then_some(false)
+}
+
+/// The control character that begins a colour.
+const ESCAPE: u8 = 0x1B;
+
+/// Removes the colours of a terminal: `ESC [ … m`.
+fn strip_colours(line: &[u8], plain: &mut Vec<u8>) {
+    plain.clear();
+    let mut parts = line.split(|c| *c == ESCAPE);
+    plain.extend_from_slice(parts.next().unwrap_or_default());
+    for part in parts {
+        let end = part.iter().position(u8::is_ascii_alphabetic).map_or(part.len(), |at| at + 1);
+        plain.extend_from_slice(&part[end..]);
+    }
+}
+
+/// Whether a line is text without data: no frame, and no two bytes one after the other.
+fn is_prose(line: &[u8]) -> bool {
+    let is_byte =
+        |word: &[u8]| matches!(word, [a, b] if a.is_ascii_hexdigit() && b.is_ascii_hexdigit());
+    let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).collect();
+    line.first() != Some(&b'(')
+        && !line.contains(&b'#')
+        && !words.iter().any(|word| candump::is_length(word))
+        && !words.windows(2).any(|pair| pair.iter().all(|word| is_byte(word)))
+}
+
+/// One line of a log.
+enum LogLine<'a> {
+    /// A record, and whether another program printed it as a line of its own kind.
+    Record(Record<'a>, bool),
+    /// Data that another line has as well.
+    Repeated,
+}
+
+/// Reads one line. `None` for an empty line, a `#` or `;` comment, or one that repeats another. The bytes of
+/// a serial line are put into `scratch`.
 ///
 /// # Errors
 /// What is wrong with the line, in words.
@@ -36,14 +152,49 @@ pub fn parse_log_line<'a>(
     line: &'a [u8],
     scratch: &'a mut Vec<u8>,
 ) -> Result<Option<Record<'a>>, ReadError> {
+    Ok(match parse_any_line(line, scratch)? {
+        Some(LogLine::Record(record, _)) => Some(record),
+        Some(LogLine::Repeated) | None => None,
+    })
+}
+
+fn parse_any_line<'a>(
+    line: &'a [u8],
+    scratch: &'a mut Vec<u8>,
+) -> Result<Option<LogLine<'a>>, ReadError> {
     if line.len() > LINE_MAX {
         return Err(super::lines::TOO_LONG);
     }
     let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
-    match line.first() {
-        None | Some(b'#' | b';') => Ok(None),
-        Some(b'(') => parse_stamped(line, scratch).map(Some),
-        Some(_) => parse_unstamped(line, scratch).map(Some),
+    let parsed = match line.first() {
+        None | Some(b'#' | b';') => return Ok(None),
+        Some(b'(') => Ok(parse_stamped(line, scratch)?),
+        Some(_) => parse_unstamped(line, scratch),
+    };
+    match parsed {
+        Ok(parsed) => Ok(Some(LogLine::Record(parsed.with_bytes(scratch), false))),
+        Err(error) => match parse_tool_line(line, scratch) {
+            Some(ToolLine::Record(record)) => Ok(Some(LogLine::Record(record, true))),
+            Some(ToolLine::Repeated) => Ok(Some(LogLine::Repeated)),
+            None => Err(error),
+        },
+    }
+}
+
+/// A line whose data is in the buffer for bytes.
+struct RawLine<'a> {
+    time: Option<Timestamp>,
+    link: &'a str,
+    direction: Option<Direction>,
+    /// `None` for bytes of a serial line.
+    can: Option<CanRecord>,
+}
+
+impl<'a> RawLine<'a> {
+    fn with_bytes(self, bytes: &'a [u8]) -> Record<'a> {
+        let data = self.can.map_or(RecordData::Bytes(bytes), |can| can.with_bytes(bytes));
+        let Self { time, link, direction, .. } = self;
+        Record { time, link, direction, data, offset: 0 }
     }
 }
 
@@ -143,22 +294,22 @@ fn parse_id(text: &[u8]) -> Option<u32> {
     (bad < 16).then_some(sum)
 }
 
-fn parse_stamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, ReadError> {
+fn parse_stamped<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Result<RawLine<'a>, ReadError> {
     let close =
         line.iter().position(|c| *c == b')').ok_or(ReadError("the time stamp has no end"))?;
-    let time = Timestamp::parse(line[1..close].trim_ascii())
+    let time = parse_stamp_text(line[1..close].trim_ascii())
         .ok_or(ReadError("the time stamp is not seconds with decimals"))?;
     let (link, rest) = split_word(&line[close + 1..]);
     let link = link_name(link)?;
     if link.is_empty() {
         return Err(ReadError("no link follows the time stamp"));
     }
-    let (direction, data) = parse_body(rest, scratch)?;
-    Ok(Record { time: Some(time), link, direction, data, offset: 0 })
+    let (direction, can) = parse_body(rest, scratch)?;
+    Ok(RawLine { time: Some(time), link, direction, can })
 }
 
 /// Data alone, as `polepair encode` prints it, or after the name of a link.
-fn parse_unstamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, ReadError> {
+fn parse_unstamped<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Result<RawLine<'a>, ReadError> {
     let (first, after) = split_word(line);
     let named = match after.first() {
         Some(b'>' | b'<') => !matches!(first, b">" | b"<"),
@@ -168,26 +319,36 @@ fn parse_unstamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Recor
         }
     };
     let (link, rest) = if named { (first, after) } else { (&b"-"[..], line) };
-    let (direction, data) = parse_body(rest, scratch)?;
-    Ok(Record { time: None, link: link_name(link)?, direction, data, offset: 0 })
+    let (direction, can) = parse_body(rest, scratch)?;
+    Ok(RawLine { time: None, link: link_name(link)?, direction, can })
+}
+
+/// Seconds, or with `candump -tA` a date and a time: `2026-11-27 12:34:56.123456`.
+fn parse_stamp_text(text: &[u8]) -> Option<Timestamp> {
+    Timestamp::parse(text).or_else(|| {
+        let (date, clock) = std::str::from_utf8(text).ok()?.split_once(' ')?;
+        let (clock, ns) = tool_log::parse_clock(clock)?;
+        crate::date::from_calendar(tool_log::parse_date(date)?, clock, ns)
+    })
 }
 
 fn link_name(link: &[u8]) -> Result<&str, ReadError> {
     std::str::from_utf8(link).map_err(|_| ReadError("the link's name is not text"))
 }
 
-fn parse_body<'a>(
-    rest: &'a [u8],
-    scratch: &'a mut Vec<u8>,
-) -> Result<(Option<Direction>, RecordData<'a>), ReadError> {
-    if rest.contains(&b'#') {
-        return candump::parse_log(rest, scratch);
-    }
-    if candump::is_screen_line(rest) {
-        return candump::parse_screen(rest, scratch);
-    }
-    let direction = serial_log::parse_data(rest, scratch)?;
-    Ok((direction, RecordData::Bytes(scratch)))
+/// Parses the data into `scratch`; `None` for bytes of a serial line.
+fn parse_body(
+    rest: &[u8],
+    scratch: &mut Vec<u8>,
+) -> Result<(Option<Direction>, Option<CanRecord>), ReadError> {
+    let (direction, can) = if rest.contains(&b'#') {
+        candump::parse_log(rest, scratch)?
+    } else if candump::is_screen_line(rest) {
+        candump::parse_screen(rest, scratch)?
+    } else {
+        return Ok((serial_log::parse_data(rest, scratch)?, None));
+    };
+    Ok((direction, Some(can)))
 }
 
 /// The first word, and what follows it without the space between.

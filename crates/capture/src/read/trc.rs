@@ -3,7 +3,7 @@
 use polepair_core::explain::Direction;
 
 use super::ReadError;
-use super::lines::LineFormat;
+use super::lines::{LineFormat, ParsedLine};
 use crate::date;
 use crate::record::{
     CanErrorFrame, CanRecord, ID_MASK, Record, STANDARD_MAX, classic_frame, fd_len_from_dlc,
@@ -38,13 +38,13 @@ impl Default for TrcReader {
 }
 
 impl LineFormat for TrcReader {
-    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError> {
         let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
         match line {
-            [] => Ok(None),
+            [] => Ok(ParsedLine::Nothing),
             [b';', header @ ..] => {
                 self.parse_header(&String::from_utf8_lossy(header));
-                Ok(None)
+                Ok(ParsedLine::Nothing)
             }
             _ => {
                 let line =
@@ -115,7 +115,7 @@ impl TrcReader {
         found
     }
 
-    fn parse_record<'a>(&'a mut self, line: &'a str) -> Result<Option<Record<'a>>, ReadError> {
+    fn parse_record<'a>(&'a mut self, line: &'a str) -> Result<ParsedLine<'a>, ReadError> {
         let columns = self.split_columns(line);
         let time = self.parse_time(columns.offset).ok_or(ReadError("expected milliseconds"))?;
         // PEAK counts buses from 1, Linux its interfaces from 0.
@@ -129,14 +129,21 @@ impl TrcReader {
             _ => None,
         };
         let shape = match (columns.kind, columns.direction) {
-            ("ST" | "EC" | "EV", _) => return Ok(None),
+            ("EV", _) => return Ok(ParsedLine::Skipped("user events")),
+            ("ST", _) => CanRecord::Error(status_frame(columns.data)?),
+            ("EC", _) => {
+                let [receive, transmit] = parse_status(columns.data)?;
+                CanRecord::Error(CanErrorFrame::from_counters(transmit, receive))
+            }
             ("ER", _) | (_, "Error") => CanRecord::Error(error_frame(CanErrorFrame::BUS_ERROR, 0)),
             (_, "Warng") => CanRecord::Error(warning_frame(columns.data)),
             _ if columns.id == "FFFFFFFF" => CanRecord::Error(warning_frame(columns.data)),
             _ => self.parse_frame(&columns)?,
         };
+        let direction = direction.filter(|_| !matches!(shape, CanRecord::Error(_)));
         let data = shape.with_bytes(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, offset: 0 }))
+        let record = Record { time: Some(time), link: &self.link, direction, data, offset: 0 };
+        Ok(ParsedLine::Record(record))
     }
 
     fn parse_time(&self, word: &str) -> Option<Timestamp> {
@@ -175,6 +182,30 @@ impl TrcReader {
             false => CanRecord::Frame(classic_frame(id, extended, false, length, &self.bytes)),
         })
     }
+}
+
+/// The bytes of a status row.
+fn parse_status<const N: usize>(data: &str) -> Result<[u8; N], ReadError> {
+    let mut words = data.split_ascii_whitespace();
+    let mut bytes = [0; N];
+    for byte in &mut bytes {
+        let word = words.next().and_then(|word| u8::from_str_radix(word, 16).ok());
+        *byte = word.ok_or(ReadError("expected the bytes of a status"))?;
+    }
+    Ok(bytes)
+}
+
+/// A status of PEAK's hardware, a bit each: 4 warning, 8 passive, 10h bus off, 40000h passive too.
+fn status_frame(data: &str) -> Result<CanErrorFrame, ReadError> {
+    let status = u32::from_be_bytes(parse_status(data)?);
+    Ok(match status {
+        0 => CanErrorFrame::from_state(CanErrorFrame::ACTIVE),
+        _ if status & 0x10 != 0 => error_frame(CanErrorFrame::BUS_OFF, 0),
+        _ if status & 0x4_0008 != 0 => CanErrorFrame::from_state(CanErrorFrame::PASSIVE),
+        _ if status & 0x4 != 0 => CanErrorFrame::from_state(CanErrorFrame::WARNING),
+        _ if status & 0x42 != 0 => CanErrorFrame::from_state(0x01),
+        _ => error_frame(CanErrorFrame::BUS_ERROR, 0),
+    })
 }
 
 fn error_frame(class: u32, detail: u8) -> CanErrorFrame {

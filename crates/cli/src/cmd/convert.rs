@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use polepair_capture::{
-    CaptureFormat, CaptureReader, CaptureWriter, Compression, Record, WriteError,
+    CaptureFormat, CaptureReader, CaptureWriter, Compression, ReadOptions, Record, WriteError,
 };
 
-use crate::capture::{read_pieces, report_damage, write_problem, written_format};
+use crate::capture::{
+    TimesArg, read_pieces, report_damage, report_delta_times, write_problem, written_format,
+};
 use crate::problem::{self, Exit, Result};
 use crate::terminal::{print_note, print_warning};
 
@@ -39,6 +41,9 @@ pub struct Convert {
     /// Format of the input [default: detected from its first bytes]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
     from: Option<CaptureFormat>,
+    /// Times of a text log: absolute, or differences to the line before (`candump -td`)
+    #[arg(long, value_name = "KIND", value_enum, default_value_t = TimesArg::Detect)]
+    times: TimesArg,
     /// Format of the output [default: from the name of OUT]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
     to: Option<CaptureFormat>,
@@ -57,8 +62,11 @@ impl Convert {
         };
         let mut writer = CaptureWriter::new(to, Compression::from_path(&self.out), file)
             .map_err(|error| write_problem(&self.out, &error))?;
-        let (mut reader, mut unfit, mut wrong) =
-            (CaptureReader::new(self.from), UnfitCounts::new(), None);
+        let (mut reader, mut unfit, mut wrong) = (
+            CaptureReader::new(ReadOptions { format: self.from, times: self.times.into() }),
+            UnfitCounts::new(),
+            None,
+        );
         let mut write = |record: &Record<'_>| match writer.write(record) {
             Ok(()) => {}
             Err(WriteError::UnsupportedRecord(why)) => count_unfit(&mut unfit, why),
@@ -86,6 +94,7 @@ impl Convert {
         for (why, count) in unfit {
             print_warning(&format!("{count} records are skipped: {why}"));
         }
+        report_delta_times(reader.statistics());
         report_damage(reader.statistics())?;
         let lost: u64 = unfit.iter().map(|(_, count)| count).sum();
         let from = reader.format().map_or("nothing", CaptureFormat::name);

@@ -22,7 +22,7 @@ use polepair_core::medium::MediumKind;
 use polepair_core::proto;
 use polepair_link::clock;
 
-use crate::capture::{CaptureArgs, CaptureSource, read_pieces, report_damage, written_format};
+use crate::capture::{CaptureSource, StatedArgs, read_pieces, report_damage, written_format};
 use crate::cmd::decode::parse_filter;
 use crate::cmd::record::files::CaptureFiles;
 use crate::cmd::record::live_printer::LivePrinter;
@@ -85,7 +85,7 @@ pub struct ReplayOptions {
     #[arg(long = "link", value_name = "NAME")]
     links: Vec<String>,
     #[command(flatten)]
-    stated: CaptureArgs,
+    stated: StatedArgs,
     /// Also send frames that may move a motor, and unknown frames
     #[arg(long)]
     arm: bool,
@@ -136,6 +136,7 @@ impl ReplayOptions {
             &urls.iter().map(|url| url_location(url).to_owned()).collect::<Vec<_>>(),
         );
         if self.dry_run {
+            survey.print_left_out();
             print_note("dry run: none of this was sent");
             return Ok(Exit::Ok);
         }

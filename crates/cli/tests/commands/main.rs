@@ -7,6 +7,7 @@ mod broken;
 mod by_number;
 mod can;
 mod canopen;
+mod captures;
 mod completions;
 mod config;
 mod conversations;

@@ -85,6 +85,10 @@ impl Bench {
         decoder.feed(&bytes, &mut take);
         decoder.finish(&mut take);
         decoder.finish_sessions(&mut |event| summary.add_open_notices(event));
+        if let Some(file) = decoder.statistics().unsupported {
+            let what = format!("this is {}. Files of this kind are not read", file.name);
+            return Err(GatewayError::new("E510", what).hint(file.hint));
+        }
         if decoder.statistics().records == 0 {
             return Err(GatewayError::new(
                 "E510",

@@ -143,7 +143,11 @@ impl FrameSelector {
             at.map(|at| RawFrame { bytes: &self.open_requests[at].1, ..RawFrame::default() });
         let open = open.filter(|open| raw.id.is_none() && !open.bytes.is_empty());
         let by_itself = || dissector?.direction(raw, open);
-        let speaker = event.direction.or_else(by_itself);
+        // On CAN the protocol knows better than a logger, which receives the frames of both sides.
+        let speaker = match raw.id {
+            Some(_) => by_itself().or(event.direction),
+            None => event.direction.or_else(by_itself),
+        };
         if raw.id.is_none() {
             let at = at.unwrap_or_else(|| {
                 self.open_requests.push((event.link.to_owned(), Vec::new()));

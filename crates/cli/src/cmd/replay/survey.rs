@@ -98,6 +98,21 @@ impl Survey {
         out(SkipReason::UnfitForWire, "this link has no such frames");
     }
 
+    /// Prints what is not sent, for a dry run.
+    pub fn print_left_out(&self) {
+        for (reason, what) in [
+            (SkipReason::OtherDirection, "from drives, or echoes"),
+            (SkipReason::Filtered, "excluded by --filter"),
+            (SkipReason::UnroutedLink, "on other links of the capture"),
+            (SkipReason::ErrorReport, "error frames"),
+        ] {
+            let count = self.skipped_count(reason);
+            if count > 0 {
+                print_note(&format!("{} not sent: {what}", plural(count, "frame")));
+            }
+        }
+    }
+
     /// Refuses what was not let through.
     pub fn check_allowed(&self, routes: &[ReplayRoute], arm: bool, store: bool) -> Result<()> {
         if self.frames == 0 {

@@ -74,9 +74,11 @@ pub(super) fn cut_ascii(bytes: &[u8], ended: bool) -> FrameBoundary {
 }
 
 fn scan_head(bytes: &[u8], direction: Option<Direction>) -> HeadScan {
-    let request = match direction {
-        Some(Direction::ToHost) => HeadScan::Nothing,
-        _ => check_span(bytes, rtu::request_span(bytes)),
+    let request = match (direction, check_span(bytes, rtu::request_span(bytes))) {
+        // An adapter that echoes, or another host on the line: only a valid request counts there.
+        (Some(Direction::ToHost), HeadScan::Frame(len)) => HeadScan::Frame(len),
+        (Some(Direction::ToHost), _) => HeadScan::Nothing,
+        (_, found) => found,
     };
     let reply = match direction {
         Some(Direction::ToDrive) => HeadScan::Nothing,
