@@ -1,7 +1,11 @@
 //! Detects the protocol of a capture. All registered dissectors read it, or a sample of a long one. The
 //! protocol that explains most of the bytes is selected. If identifiers and checksums are ambiguous on CAN,
 //! replies that match requests decide; otherwise the result is undecided.
+//!
+//! On CAN a protocol needs evidence: content that could have been wrong and is not. Identifiers alone are
+//! none, because every maker uses them.
 
+mod evidence;
 mod pairs;
 mod sampler;
 #[cfg(test)]
@@ -10,13 +14,14 @@ mod tests;
 use core::fmt;
 use std::collections::{BTreeMap, BTreeSet};
 
-use polepair_core::explain::Dissector;
+use polepair_core::explain::{Dissector, RawFrame};
 use polepair_core::proto;
 
 use crate::decoder::{CaptureDecoder, DecodedFrame};
 use crate::read::{CaptureReader as Source, ReadOptions};
 use crate::record::Record;
 use crate::rules::{Rule, RuleScope, Rules};
+use evidence::Evidence;
 use pairs::{PROOF_PAIRS, Pairs};
 use sampler::RecordSampler;
 
@@ -27,6 +32,13 @@ const CHANCE_SHARE: f64 = 9.0 / 256.0;
 const BROKEN_WEIGHT: f64 = 0.1;
 /// Two protocols on CAN whose shares differ by less explain a bus equally well.
 const TIE_MARGIN: f64 = 0.02;
+
+/// Share of the checkable CAN frames that must support a protocol.
+const SUPPORT_MIN: f64 = 0.75;
+/// Share of the bytes below which the confidence falls.
+const EXPLAINED_MIN: f64 = 0.5;
+/// Bits that a supporting CAN frame is worth: the chance that another one looks like it is 1 in 32.
+const EVIDENCE_BITS: u64 = 5;
 
 /// Axes of a link that are remembered: as many as a CAN bus can have with 11-bit identifiers.
 const AXES_MAX: usize = 127;
@@ -67,6 +79,9 @@ struct LinkScore {
     shared_axes: BTreeMap<u32, (u64, u64)>,
     /// Requests and answers on CAN.
     pairs: Pairs,
+    /// Distinct CAN frames whose content supports the protocol, and those whose content it does not define.
+    evidence: Evidence,
+    is_can: bool,
     frames: u64,
     broken_frames: u64,
     good_bytes: u64,
@@ -119,7 +134,7 @@ impl fmt::Display for LinkDetection {
                 rest.iter().try_for_each(|other| write!(f, " or {other}"))?;
                 return write!(f, " explain it equally well: say which by --as {first}");
             }
-            write!(f, "{}: no known protocol explains it", self.link)?;
+            write!(f, "{}: none of the protocols that polepair knows", self.link)?;
             return self.write_shared(f);
         };
         let (name, percent) = (protocol.name(), self.confidence * 100.0);
@@ -229,6 +244,7 @@ impl ProtocolDetector {
             sampled,
             ..LinkDetection::unknown(link)
         };
+        ranked.retain(|(_, tally)| tally.has_support());
         // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
         ranked.sort_by(|(_, a), (_, b)| {
             b.explained_share()
@@ -250,14 +266,17 @@ impl ProtocolDetector {
             |of: &dyn Fn(&LinkScore) -> u64| protocols.iter().map(|(_, tally)| of(tally)).sum();
         let frames = sum(&|tally| tally.frames);
         let share: f64 = protocols.iter().map(|(_, tally)| tally.explained_share()).sum();
-        let accident = 0.5f64.powi(8 * i32::try_from(frames).unwrap_or(i32::MAX / 8).min(99));
+        let bits: u64 = protocols.iter().map(|(_, tally)| tally.evidence_bits()).sum();
+        let accident = 0.5f64.powi(bits.min(999) as i32);
+        // What explains only a part of a link may be an accident of the rest.
+        let whole = (share / EXPLAINED_MIN).min(1.0);
         let won = protocols.iter().flat_map(|(reader, tally)| {
             tally.proven_shared_axes().map(|axis| (reader.dissector, axis)).collect::<Vec<_>>()
         });
         LinkDetection {
             protocol: Some(first.0.dissector),
             secondary: others.iter().map(|(reader, _)| reader.dissector).collect(),
-            confidence: ((share - rival) / share).max(0.0) * (1.0 - accident),
+            confidence: ((share - rival) / share).max(0.0) * (1.0 - accident) * whole,
             frames,
             broken_frames: sum(&|tally| tally.broken_frames),
             stray_bytes: others.iter().fold(first.1.stray_bytes, |stray, (_, tally)| {
@@ -477,6 +496,24 @@ impl LinkScore {
         self.good_bytes + self.broken_bytes + self.stray_bytes
     }
 
+    /// Whether frames that could have been wrong support the protocol. On serial lines all valid frames do.
+    fn has_support(&self) -> bool {
+        if !self.is_can || self.pairs.found >= PROOF_PAIRS {
+            return true;
+        }
+        let supporting = (self.evidence.supporting + self.pairs.found) as f64;
+        let against = (self.evidence.contradicting + self.broken_frames) as f64;
+        supporting > 0.0 && supporting >= SUPPORT_MIN * (supporting + against)
+    }
+
+    /// Bits of evidence for the protocol.
+    fn evidence_bits(&self) -> u64 {
+        match self.is_can {
+            false => 8 * self.frames,
+            true => EVIDENCE_BITS * (self.evidence.supporting + self.pairs.found),
+        }
+    }
+
     /// Share of the bytes that are in frames whose check agrees.
     fn good_share(&self) -> f64 {
         self.good_bytes as f64 / self.total_bytes().max(1) as f64
@@ -502,9 +539,12 @@ fn score_frame(dissector: &dyn Dissector, tallies: &mut Vec<LinkScore>, event: &
     let tally = &mut tallies[at];
     let bytes = event.bytes.len().max(1) as u64;
     let id = event.id.map(|id| (id, event.extended));
+    tally.is_can |= id.is_some();
     let shares = id.is_some_and(|(id, extended)| dissector.shares_id(id, extended));
     if id.is_some() && event.protocol.is_some() && event.defect.is_none() {
         tally.pairs.observe(dissector, event);
+        let raw = RawFrame { bytes: event.bytes, id: event.id, extended: event.extended };
+        tally.evidence.observe(dissector, &raw);
     }
     if event.protocol.is_none() || event.stray || (shares && event.defect.is_some()) {
         tally.stray_bytes += bytes;

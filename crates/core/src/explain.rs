@@ -267,6 +267,13 @@ pub trait Dissector: Sync {
     }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink);
+    /// Whether the content of a valid CAN frame supports this protocol: `Some(true)` for content that few
+    /// frames of others have by chance (a known state or instruction, a check sum), `Some(false)` for
+    /// content that the protocol does not define, `None` where any content is valid.
+    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
+        let _ = frame;
+        None
+    }
     /// The axis of a valid process data frame, which neither asks nor replies. Its meaning depends on the
     /// conversation; [`explain`](Self::explain) alone knows less.
     fn process_data_axis(&self, frame: &RawFrame<'_>) -> Option<u32> {

@@ -219,3 +219,147 @@ fn where_bytes_leave_doubt_the_time_to_answer_decides() {
     assert_eq!(proven(400), Some("thruster"));
     assert_eq!(proven(400_000), None);
 }
+
+/// Buses of other makers and other protocols: none of their frames is one of ours.
+const FOREIGN: [Speaker; 9] = [
+    // A request of eight bytes at 140h + number, its reply at 240h + number.
+    ("motors with a command byte", |bus| {
+        let motor = 1 + bus.random(6) as u16;
+        let command = [0x9A, 0x9C, 0xA2, 0xA4, 0x90, 0x30][bus.random(6) as usize];
+        let value = bus.random(u32::MAX).to_le_bytes();
+        let mut data = [command, 0, 0, 0, 0, 0, 0, 0];
+        data[4..].copy_from_slice(&value);
+        let reply = [command, 0x32, data[5], 0, data[4], data[6], 0x10, 0x27];
+        bus.pair(&Frame::standard(0x140 + motor, &data), &Frame::standard(0x240 + motor, &reply));
+    }),
+    // Node-ID and command in the identifier, floating-point numbers as data.
+    ("motors with floating-point numbers", |bus| {
+        let node = bus.random(4) as u16;
+        let state = [0, 0, 0, 0, 8, 0, bus.random(4) as u8, 0];
+        bus.frame(&Frame::standard(node << 5 | 1, &state), 2000);
+        let (a, b) = (bus.random(5000) as f32 / 7.0, bus.random(5000) as f32 / 9.0);
+        let mut data = [0; 8];
+        data[..4].copy_from_slice(&a.to_le_bytes());
+        data[4..].copy_from_slice(&b.to_le_bytes());
+        bus.frame(&Frame::standard(node << 5 | 9, &data), 2000);
+        bus.frame(&Frame::standard(node << 5 | 0x0D, &data), 2000);
+    }),
+    // Packed position, velocity and gains; the reply has six bytes.
+    ("motors with packed words", |bus| {
+        let motor = 1 + bus.random(8) as u16;
+        let data: [u8; 8] = core::array::from_fn(|_| bus.random(256) as u8);
+        let reply = [motor as u8, data[0], data[1], data[2], data[3], data[4]];
+        bus.pair(&Frame::standard(motor, &data), &Frame::standard(0, &reply));
+    }),
+    // Extended identifiers of a command and a node, big-endian values.
+    ("speed controllers", |bus| {
+        let (command, node) = ([0, 1, 3, 9, 14, 16][bus.random(6) as usize], bus.random(4));
+        let mut data = [0; 8];
+        data[..4].copy_from_slice(&bus.random(100_000).to_be_bytes());
+        let len = if command < 9 { 4 } else { 8 };
+        let mut frame = Frame::standard(0, &data[..len]);
+        (frame.id, frame.extended) = (command << 8 | node, true);
+        bus.frame(&frame, 1000);
+    }),
+    // Periodic messages with a counter and a check sum.
+    ("a car", |bus| {
+        const IDS: [u16; 12] =
+            [0x0A0, 0x0C5, 0x130, 0x1A0, 0x1F5, 0x288, 0x2A0, 0x320, 0x380, 0x420, 0x5A0, 0x7E8];
+        let id = IDS[bus.random(12) as usize];
+        let mut data: [u8; 8] = core::array::from_fn(|_| bus.random(40) as u8);
+        data[0] = ((bus.us / 1000) & 0xF) as u8;
+        data[7] = data[..7].iter().fold(id as u8, |sum, byte| sum ^ byte);
+        bus.frame(&Frame::standard(id, &data), 800);
+    }),
+    // Priority, parameter group and source in 29 bits.
+    ("J1939", |bus| {
+        const GROUPS: [u32; 8] = [0xF004, 0xFEF1, 0xFEEE, 0xFEEF, 0xF003, 0xFECA, 0xFEE5, 0xEA00];
+        let (group, source) = (GROUPS[bus.random(8) as usize], bus.random(40));
+        let data: [u8; 8] = core::array::from_fn(|_| match bus.random(3) {
+            0 => 0xFF,
+            _ => bus.random(256) as u8,
+        });
+        let mut frame = Frame::standard(0, &data);
+        (frame.id, frame.extended) = (0x1800_0000 | group << 8 | source, true);
+        bus.frame(&frame, 1000);
+    }),
+    // Groups 1 and 2 of DeviceNet: polls, their replies, and explicit messages.
+    ("DeviceNet", |bus| {
+        let device = 1 + bus.random(20) as u16;
+        let out: [u8; 4] = core::array::from_fn(|_| bus.random(256) as u8);
+        bus.pair(
+            &Frame::standard(0x400 | device << 3 | 5, &out),
+            &Frame::standard(0x3C0 | device, &[out[1], out[0]]),
+        );
+        if bus.random(8) == 0 {
+            let service = [0x00, 0x0E, 0x01, 0x01, bus.random(8) as u8];
+            let reply = [0x00, 0x8E, bus.random(256) as u8, bus.random(256) as u8];
+            bus.pair(
+                &Frame::standard(0x400 | device << 3 | 4, &service),
+                &Frame::standard(0x400 | device << 3 | 3, &reply),
+            );
+        }
+    }),
+    ("noise with 11 bits", |bus| {
+        let id = bus.random(0x800) as u16;
+        let data: Vec<u8> = (0..bus.random(9)).map(|_| bus.random(256) as u8).collect();
+        bus.frame(&Frame::standard(id, &data), 500);
+    }),
+    ("noise with 29 bits", |bus| {
+        let data: Vec<u8> = (0..bus.random(9)).map(|_| bus.random(256) as u8).collect();
+        let mut frame = Frame::standard(0, &data);
+        (frame.id, frame.extended) = (bus.random(0x2000_0000), true);
+        bus.frame(&frame, 500);
+    }),
+];
+
+/// The most that a foreign bus may be called one of ours.
+const FOREIGN_MAX: f64 = 0.2;
+
+#[test]
+fn buses_of_others_are_none_of_ours() {
+    let mut wrong = Vec::new();
+    for (name, exchange) in FOREIGN {
+        for seed in 1..=SEEDS / 4 {
+            let seed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            let mut bus = GeneratedBus { seed, us: 1_700_000_000_000_000, log: String::new() };
+            let exchanges = 5 + bus.random(300);
+            (0..exchanges).for_each(|_| exchange(&mut bus));
+            let mut judge = ProtocolDetector::new();
+            judge.feed(bus.log.as_bytes());
+            let (verdicts, _) = judge.decide();
+            let called = |verdict: &&LinkDetection| {
+                verdict.protocol.is_some() && verdict.confidence > FOREIGN_MAX
+            };
+            wrong.extend(verdicts.iter().find(called).map(|verdict| format!("{name}: {verdict}")));
+        }
+    }
+    assert!(
+        wrong.is_empty(),
+        "{} of them, first {:#?}",
+        wrong.len(),
+        &wrong[..wrong.len().min(12)]
+    );
+}
+
+/// Bytes of a serial line that are no frames.
+#[test]
+fn noise_on_a_serial_line_is_none_of_ours() {
+    for seed in 1..=SEEDS / 4 {
+        let mut bus = GeneratedBus { seed, us: 0, log: String::new() };
+        for n in 0..40 + bus.random(60) {
+            let _ = write!(bus.log, "(1.{n:06}) p {}", if n % 2 == 0 { '>' } else { '<' });
+            for _ in 0..3 + bus.random(14) {
+                let byte = bus.random(256);
+                let _ = write!(bus.log, " {byte:02X}");
+            }
+            bus.log.push('\n');
+        }
+        let mut judge = ProtocolDetector::new();
+        judge.feed(bus.log.as_bytes());
+        let (verdicts, _) = judge.decide();
+        let verdict = &verdicts[0];
+        let called = verdict.protocol.is_some() && verdict.confidence > FOREIGN_MAX;
+        assert!(!called, "seed {seed}: {verdict}");
+    }
+}

@@ -72,14 +72,19 @@ fn a_nodes_other_traffic_decides_whose_its_pdo2_is() {
 (1.004) can0 602#4041600000000000
 (1.005) can0 28C#0102030405060708
 (1.006) can0 003#01000000000001
+(1.007) can0 002#03640100000001
 ";
     let (frames, stderr) = decode(capture, &[]);
-    assert_eq!(protocols(&frames), ["canopen", "canopen", "", "", "canopen", "", "tmcl"]);
+    assert_eq!(protocols(&frames), ["canopen", "canopen", "", "", "canopen", "", "tmcl", "tmcl"]);
     assert!(stderr.contains("can0: canopen and tmcl, "), "{stderr}");
     assert!(stderr.contains("--as canopen,tmcl,thruster@11"), "{stderr}");
     assert!(!stderr.contains("thruster@2") && stderr.contains("or canopen's"), "{stderr}");
-    let (frames, stderr) = decode("(1.0) can0 202#0F00\n(1.1) can0 302#0102030405060708\n", &[]);
-    assert_eq!(protocols(&frames), ["canopen", "canopen"], "{stderr}");
+    // Process data alone may be anybody's; a state of the node is evidence.
+    let process_data = "(1.0) can0 202#0F00\n(1.1) can0 302#0102030405060708\n";
+    let (frames, stderr) = decode(process_data, &[]);
+    assert_eq!(protocols(&frames), ["", ""], "{stderr}");
+    let (frames, stderr) = decode(&format!("{process_data}(1.2) can0 702#05\n"), &[]);
+    assert_eq!(protocols(&frames), ["canopen", "canopen", "canopen"], "{stderr}");
     // On another link the same identifiers prove nothing.
     let two = "(1.0) can0 702#05\n(1.1) can0 302#0102\n(1.2) can1 302#0102\n(1.3) can1 080#\n";
     let (frames, stderr) = decode(two, &[]);

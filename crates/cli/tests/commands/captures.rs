@@ -1,5 +1,7 @@
 //! Captures and logs as users have them: each input with the right result.
 
+use std::fmt::Write as _;
+
 use crate::run::{polepair, polepair_with};
 
 /// The output of a verb for a capture on stdin.
@@ -183,4 +185,30 @@ fn explain_takes_frames_in_all_notations() {
         "   0.000000  ttyUSB0 > tmcl  01 06 01 00 00 00 00 00 08  GAP 1, 0: read axis parameter";
     let ran = polepair(&["explain", "tmcl", line]);
     assert!(ran.code == 0 && ran.out.contains("GAP"), "{}{}", ran.out, ran.err);
+}
+
+/// C2: identifiers alone prove nothing.
+#[test]
+fn motors_of_another_maker_are_none_of_ours() {
+    let mut capture = String::new();
+    for n in 0..50 {
+        let _ = writeln!(capture, "(1.{n:02}0000) can0 141#A200000010270000");
+        let _ = writeln!(capture, "(1.{n:02}0500) can0 241#A2323200F4010000");
+    }
+    let (code, out, err) = read(&["decode", "-"], &capture);
+    assert_eq!(code, 0, "{err}");
+    assert!(err.contains("can0: none of the protocols that polepair knows"), "{err}");
+    assert!(out.lines().all(|line| line.contains("not a frame of any known protocol")), "{out}");
+}
+
+/// C3: TMCL on CAN with eight bytes, the last of which is the check sum of the serial form.
+#[test]
+fn tmcl_with_eight_bytes_is_tmcl() {
+    let capture = "  can0  001   [8]  06 01 00 00 00 00 00 08\n\
+                   \x20 can0  002   [8]  01 64 06 00 00 02 C7 00\n";
+    let (_, out, err) = read(&["decode", "-"], capture);
+    let (name, sure) = err.trim().split_once(": tmcl, ").expect(&err);
+    let percent: u32 = sure.split(' ').next().and_then(|n| n.parse().ok()).expect(&err);
+    assert!(name == "can0" && percent > 90, "{err}");
+    assert!(out.contains("GAP 1, 0") && out.contains("= 711"), "{out}");
 }

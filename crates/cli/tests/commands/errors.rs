@@ -46,7 +46,8 @@ fn a_code_that_nobody_knows() {
 fn not_a_capture() {
     let ran = polepair_with(&["decode", "-", "--as", "tmcl"], "hello\nworld\n");
     assert!(
-        ran.err.contains("line 1: ") && ran.err.contains("error[E510]: this is not a capture."),
+        ran.err.contains("skipped lines of text: 2")
+            && ran.err.contains("error[E510]: this is not a capture."),
         "{}",
         ran.err
     );

@@ -47,6 +47,7 @@ fn nobody_guesses_whose_a_pdo2_is() {
 (1.000) can0 30B#5443000000000005
 (1.001) can0 28B#5443000000000005
 (1.002) can0 001#01000000000001
+(1.0021) can0 002#01640100000001
 (1.003) can0 30C#51500000
 (1.004) can0 28C#51500000000001E0
 ";
@@ -57,8 +58,8 @@ fn nobody_guesses_whose_a_pdo2_is() {
     let frames = decode(capture, &["--as", "tmcl,thruster@11"]);
     let spoken: Vec<&str> = frames.iter().map(|f| text(f, "protocol")).collect();
     assert_eq!(spoken[..2], ["thruster", "thruster"]);
-    assert_eq!(spoken[2], "tmcl");
-    assert!(spoken[3..].iter().all(|p| *p != "thruster"), "{spoken:?}");
+    assert_eq!(spoken[2..4], ["tmcl", "tmcl"]);
+    assert!(spoken[4..].iter().all(|p| *p != "thruster"), "{spoken:?}");
     let alone = polepair_with(&["decode", "-"], "(1.0) can0 30B#5443000000000005\n");
     assert!(alone.err.contains("--as thruster@11"), "{}", alone.err);
 }

@@ -107,6 +107,18 @@ impl Dissector for CanopenDissector {
         }
     }
 
+    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
+        match (frame.id.and_then(cob_of_id)?, frame.bytes) {
+            (Cob::Nmt, [command, node]) => {
+                Some(matches!(command, 1 | 2 | 128..=130) && *node <= NODE_MAX)
+            }
+            (Cob::Heartbeat(_), [state]) => Some(matches!(state & 0x7F, 0 | 4 | 5 | 127)),
+            (Cob::Sync, [] | [_]) => Some(true),
+            (Cob::Nmt | Cob::Heartbeat(_) | Cob::Sync, _) => Some(false),
+            _ => None,
+        }
+    }
+
     fn process_data_axis(&self, frame: &RawFrame<'_>) -> Option<u32> {
         match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob_of_id) {
             Some(Cob::Tpdo(_, node) | Cob::Rpdo(_, node)) => Some(node.into()),

@@ -189,6 +189,19 @@ impl Dissector for TmclDissector {
         frame.id.is_none_or(|id| !conversation::is_can_reply(frame.bytes, id))
     }
 
+    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
+        let (id, request) = (frame.id?, self.is_request(frame));
+        // Some hosts send the check sum of the serial form as an eighth byte.
+        if let ([body @ .., sum], true) = (frame.bytes, request && frame.bytes.len() == 8) {
+            let total = body.iter().fold(id as u8, |total, byte| total.wrapping_add(*byte));
+            if total == *sum {
+                return Some(true);
+            }
+        }
+        let known = |at: usize| frame.bytes.get(at).is_some_and(|b| Opcode::from(*b).is_named());
+        (!known(if request { 0 } else { 2 })).then_some(false)
+    }
+
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         conversation::is_answer_to(frame, request)
     }

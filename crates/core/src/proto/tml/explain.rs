@@ -226,6 +226,16 @@ impl Dissector for TmlDissector {
         }
     }
 
+    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
+        let instruction = self.decode(frame).ok()?.instruction;
+        match OnlineMessage::parse(&instruction) {
+            // A point of a path is the whole data of its frame: any content is one.
+            Some(OnlineMessage::Pvt(_) | OnlineMessage::Pt(_)) => None,
+            Some(_) => Some(true),
+            None => Some(names::is_known(&instruction)),
+        }
+    }
+
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         let (Ok(parsed), Ok(parsed_frame)) = (self.decode(frame), self.decode(request)) else {
             return false;

@@ -36,6 +36,11 @@ pub(super) fn category(instruction: &Instruction) -> &'static str {
     form.map_or("unknown instruction", |form| form.category.name())
 }
 
+/// Whether the language has such an instruction.
+pub(super) fn is_known(instruction: &Instruction) -> bool {
+    instruction::form_of(instruction, &LanguageScope::default()).is_some()
+}
+
 /// Whether the language has instructions of this opcode.
 pub(super) fn is_opcode(opcode: u16) -> bool {
     instruction::forms().any(|form| opcode & form.mask == form.opcode)
