@@ -11,6 +11,9 @@ use crate::scope::Scope;
 pub struct BenchView {
     /// The server's version.
     pub version: String,
+    /// The server's time at this reply.
+    #[serde(default)]
+    pub server_ms: f64,
     /// What the caller may do.
     pub scopes: Vec<Scope>,
     /// Every link, in the order of the command line.

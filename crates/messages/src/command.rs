@@ -25,6 +25,9 @@ pub struct LeaseGrant {
     pub epoch: u64,
     /// When it ends unless it is renewed.
     pub expires_ms: f64,
+    /// The server's time when it granted the lease. Commands carry it, plus the time since, as `issued_ms`.
+    #[serde(default)]
+    pub server_ms: f64,
 }
 
 /// `POST /api/v1/axes/{id}/lease/renew`, `DELETE /api/v1/axes/{id}/lease`.
@@ -40,7 +43,8 @@ pub struct LeaseEpoch {
 pub struct CommandRequest {
     /// The client's, new for each command (a UUID): one that was seen is not carried out again.
     pub id: String,
-    /// Time of the command at the client, by the server's clock from `pong`.
+    /// Time of the command, by the server's clock: `server_ms` of the lease, the bench or a `pong`, plus the
+    /// time since.
     pub issued_ms: f64,
     /// How long it is good for.
     #[serde(default = "ttl_ms")]

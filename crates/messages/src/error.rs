@@ -22,6 +22,9 @@ pub struct GatewayError {
     /// Whether a drive executed it; `null` if unknown, or executed in part. The message does not repeat it.
     #[schema(required)]
     pub executed: Option<bool>,
+    /// The server's time, where the time of a command is why it was refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub server_ms: Option<f64>,
 }
 
 /// Text for a command that may have been executed.
@@ -35,6 +38,7 @@ impl GatewayError {
             message: message.into(),
             hint: String::new(),
             executed: Some(false),
+            server_ms: None,
         }
     }
 
@@ -133,6 +137,7 @@ impl From<polepair::Error> for GatewayError {
             message: error.brief(),
             hint: error.hint().to_owned(),
             executed: error.executed(),
+            server_ms: None,
         }
     }
 }

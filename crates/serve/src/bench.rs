@@ -280,6 +280,7 @@ impl Bench {
         let lock = context.current_lock().clone();
         BenchView {
             version: env!("CARGO_PKG_VERSION").to_owned(),
+            server_ms: BenchClock::wall_ms(context.now()),
             scopes: Vec::new(),
             links: links.iter().map(|link| self.link_view(link)).collect(),
             axes: axes.iter().map(|entry| self.with_pushed_signals(&entry.info)).collect(),

@@ -16,6 +16,7 @@ use crate::api::{AccessRule, ApiRoute, SharedAppState};
 use crate::auth::Caller;
 use crate::connections::PeerConnection;
 use crate::message::GatewayError;
+use crate::options::HostName;
 use crate::page;
 use crate::scope::Scope;
 
@@ -50,24 +51,37 @@ const HEADERS: [(HeaderName, &str); 7] = [
 pub struct AllowedHosts {
     scheme: &'static str,
     hosts: Vec<String>,
+    origins: Vec<String>,
 }
 
 impl AllowedHosts {
-    /// The loopback's names, the address that it listens on, and those that were told; each with the
-    /// port, and without where it is the scheme's own.
+    /// The loopback's names and the address that it listens on, each with the port, and without it where it
+    /// is the scheme's own. Stated names count with their own port; those without one also count without a
+    /// port, as a proxy on the usual port passes them on.
     #[must_use]
-    pub fn new(scheme: &'static str, address: IpAddr, port: u16, names: &[String]) -> Self {
+    pub fn new(
+        scheme: &'static str,
+        address: IpAddr,
+        port: u16,
+        names: &[String],
+        origins: &[String],
+    ) -> Self {
         let mut all = vec!["localhost".to_owned(), "127.0.0.1".into(), "[::1]".into()];
         if !address.is_unspecified() {
             all.push(bracketed(&address.to_string()));
         }
-        all.extend(names.iter().map(|name| bracketed(&name.to_ascii_lowercase())));
         let usual = port == if scheme == "https" { 443 } else { 80 };
         let hosts = all.into_iter().flat_map(|name| {
             let with_port = format!("{name}:{port}");
             if usual { vec![name, with_port] } else { vec![with_port] }
         });
-        Self { scheme, hosts: hosts.collect() }
+        let mut hosts: Vec<String> = hosts.collect();
+        for name in names.iter().filter_map(|name| HostName::parse(name)) {
+            let host = bracketed(&name.host.to_ascii_lowercase());
+            hosts.push(format!("{host}:{}", name.port.unwrap_or(port)));
+            hosts.extend(name.port.is_none().then_some(host));
+        }
+        Self { scheme, hosts, origins: origins.to_vec() }
     }
 
     /// The host that a request is to, if it is ours.
@@ -81,9 +95,24 @@ impl AllowedHosts {
 
     /// Whether an origin is this server, by the name that the request itself uses.
     fn is_own_origin(&self, origin: &str, host: &str) -> bool {
-        origin
+        let own = origin
             .split_once("://")
-            .is_some_and(|(scheme, from)| scheme == self.scheme && from.eq_ignore_ascii_case(host))
+            .is_some_and(|(scheme, from)| scheme == self.scheme && from.eq_ignore_ascii_case(host));
+        own || self.origins.iter().any(|stated| stated.eq_ignore_ascii_case(origin))
+    }
+
+    /// Why a request is refused, with the host that it names.
+    fn host_error(&self, headers: &HeaderMap) -> GatewayError {
+        let called = header_text(headers, header::HOST);
+        let called = called.filter(|host| HostName::parse(host).is_some());
+        let what = match called {
+            Some(host) => format!("this server does not accept the host name {host}"),
+            None => "the request has no valid host name".to_owned(),
+        };
+        let name = called.unwrap_or("HOST:PORT");
+        GatewayError::new("gateway.host", what).hint(format!(
+            "use the address that it printed; for a proxy or tunnel start it with --name {name}"
+        ))
     }
 }
 
@@ -139,10 +168,8 @@ pub(crate) async fn guard(
 fn authorize(state: &SharedAppState, request: &Request) -> Result<Option<Caller>, GatewayError> {
     let headers = request.headers();
     let target = request.uri().authority().map(|authority| authority.as_str());
-    let host = state.hosts.match_host(headers, target).ok_or_else(|| {
-        GatewayError::new("gateway.host", "this server does not accept that host name")
-            .hint("use the address that it printed, or add the name by --name")
-    })?;
+    let host = state.hosts.match_host(headers, target);
+    let host = host.ok_or_else(|| state.hosts.host_error(headers))?;
     let reads = matches!(*request.method(), Method::GET | Method::HEAD);
     let upgrade = is_upgrade(headers);
     check_origin(state, headers, host, reads && !upgrade)?;
@@ -204,7 +231,9 @@ fn check_origin(
     if plain || ours && origins.next().is_none() {
         return Ok(());
     }
-    Err(origin_error("another site's page asks for this"))
+    let shown = origin.to_str().ok().filter(|origin| origin.len() <= 253).unwrap_or("unreadable");
+    Err(origin_error(&format!("this request comes from the page of another origin, {shown}"))
+        .hint(format!("if that is this server behind a proxy, start it with --origin {shown}")))
 }
 
 /// Refuses what a form could send.
@@ -241,7 +270,9 @@ mod tests {
     use super::*;
 
     fn hosts(port: u16) -> AllowedHosts {
-        AllowedHosts::new("http", "127.0.0.1".parse().unwrap(), port, &["Bench.example".into()])
+        let names = ["Bench.example".into(), "localhost:8080".into(), "[::1]:8443".into()];
+        let origins = ["https://bench.example".into()];
+        AllowedHosts::new("http", "127.0.0.1".parse().unwrap(), port, &names, &origins)
     }
 
     fn called(hosts: &AllowedHosts, host: &str) -> bool {
@@ -253,11 +284,26 @@ mod tests {
     #[test]
     fn only_names_that_are_its_own_reach_it() {
         let on_1234 = hosts(1234);
-        for host in ["localhost:1234", "127.0.0.1:1234", "[::1]:1234", "bench.example:1234"] {
+        for host in [
+            "localhost:1234",
+            "127.0.0.1:1234",
+            "[::1]:1234",
+            "bench.example:1234",
+            "bench.example",
+            "localhost:8080",
+            "[::1]:8443",
+        ] {
             assert!(called(&on_1234, host), "{host}");
         }
-        for host in ["localhost", "localhost:80", "evil.test:1234", "127.0.0.1.evil.test:1234", ""]
-        {
+        for host in [
+            "localhost",
+            "localhost:80",
+            "localhost:8081",
+            "bench.example:8080",
+            "evil.test:1234",
+            "127.0.0.1.evil.test:1234",
+            "",
+        ] {
             assert!(!called(&on_1234, host), "{host}");
         }
         assert!(called(&hosts(80), "localhost"));
@@ -277,6 +323,7 @@ mod tests {
     fn an_origin_is_the_same_to_the_letter() {
         let hosts = hosts(1234);
         assert!(hosts.is_own_origin("http://localhost:1234", "localhost:1234"));
+        assert!(hosts.is_own_origin("https://bench.example", "bench.example"));
         for origin in [
             "https://localhost:1234",
             "http://localhost",

@@ -137,6 +137,7 @@ mod tests {
         metrics.commands.observe(0.002);
         let bench = BenchView {
             version: String::new(),
+            server_ms: 0.0,
             scopes: vec![],
             links: vec![],
             axes: vec![],

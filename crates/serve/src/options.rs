@@ -16,8 +16,11 @@ pub struct ServerOptions {
     pub tls: bool,
     /// Certificates of those who vouch for clients: nobody else gets as far as showing a token.
     pub client_ca: Option<PathBuf>,
-    /// Names by which browsers may call it, besides the loopback's and the address that it listens on.
+    /// Names by which clients may call it, besides the loopback's and the address that it listens on: a host,
+    /// or a host and the port of a proxy or tunnel.
     pub host_names: Vec<String>,
+    /// Origins of its page behind a proxy with another scheme: `https://bench.example`.
+    pub origins: Vec<String>,
     /// What anybody may do at most, whatever the token says.
     pub scopes: Scopes,
     /// Where tokens, certificate and journal are.
@@ -33,6 +36,7 @@ impl ServerOptions {
             tls: false,
             client_ca: None,
             host_names: Vec::new(),
+            origins: Vec::new(),
             scopes: [Scope::Read, Scope::Stop, Scope::Move, Scope::Configure].into_iter().collect(),
             folder,
         }
@@ -55,12 +59,17 @@ impl ServerOptions {
                 SetupError::usage("E252", "client certificates need encryption").hint("add --tls")
             );
         }
-        match self.host_names.iter().find(|name| !is_name(name)) {
-            None => Ok(()),
-            Some(name) => Err(SetupError::usage("E254", format!("{name:?} is not a host name"))
+        if let Some(name) = self.host_names.iter().find(|name| HostName::parse(name).is_none()) {
+            return Err(SetupError::usage("E254", format!("{name:?} is not a host name"))
                 .why("Every host name must be listed; there are no wildcards.")
-                .hint("--name bench.example, or an IP address")),
+                .hint("--name bench.example, --name localhost:8080, or an IP address"));
         }
+        if let Some(origin) = self.origins.iter().find(|origin| !is_origin(origin)) {
+            return Err(SetupError::usage("E254", format!("{origin:?} is not an origin"))
+                .why("An origin is a scheme and a host, with a port if it is not the usual one.")
+                .hint("--origin https://bench.example"));
+        }
+        Ok(())
     }
 
     /// What goes before `://`.
@@ -70,10 +79,40 @@ impl ServerOptions {
     }
 }
 
-/// Whether it can be a host's name or address: letters, digits, dots, hyphens; colons of IPv6.
-fn is_name(name: &str) -> bool {
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | ':');
-    !name.is_empty() && name.len() <= 253 && name.chars().all(plain)
+/// A host by which clients may call the server.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct HostName<'a> {
+    /// Name or address, without brackets.
+    pub host: &'a str,
+    /// The port of a proxy or tunnel, if it is stated.
+    pub port: Option<u16>,
+}
+
+impl<'a> HostName<'a> {
+    /// Parses `bench.example`, `localhost:8080`, `fe80::1` and `[::1]:8080`.
+    pub(crate) fn parse(text: &'a str) -> Option<Self> {
+        let (host, port) = match (text.strip_prefix('['), text.matches(':').count()) {
+            (Some(rest), _) => {
+                let (host, port) = rest.split_once(']')?;
+                (host, if port.is_empty() { None } else { Some(port.strip_prefix(':')?) })
+            }
+            (None, 1) => text.split_once(':').map(|(host, port)| (host, Some(port)))?,
+            _ => (text, None),
+        };
+        let port = port
+            .map(|port| port.parse().ok().filter(|port| *port != 0))
+            .map_or(Some(None), |port: Option<u16>| port.map(Some))?;
+        // Letters, digits, dots, hyphens; colons of IPv6.
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | ':');
+        let valid = !host.is_empty() && host.len() <= 253 && host.chars().all(plain);
+        valid.then_some(Self { host, port })
+    }
+}
+
+/// Whether it can be the origin of a page: a scheme and a host, without a path.
+fn is_origin(origin: &str) -> bool {
+    let host = origin.strip_prefix("https://").or_else(|| origin.strip_prefix("http://"));
+    host.is_some_and(|host| HostName::parse(host).is_some())
 }
 
 #[cfg(test)]
@@ -105,9 +144,27 @@ mod tests {
     #[test]
     fn no_name_stands_for_all() {
         let mut options = ServerOptions::in_folder(PathBuf::new());
-        for name in ["*", "*.example", "", "a b", "a/b"] {
+        for name in ["*", "*.example", "", "a b", "a/b", "a:", "a:0", "a:70000", "a:b", "[::1]8080"]
+        {
             options.host_names = vec![name.into()];
             assert_eq!(options.check().unwrap_err().code, "E254", "{name}");
+        }
+        for name in ["bench.example", "localhost:8080", "fe80::1", "[::1]:8080", "[::1]"] {
+            options.host_names = vec![name.into()];
+            assert_eq!(options.check(), Ok(()), "{name}");
+        }
+    }
+
+    #[test]
+    fn an_origin_is_a_scheme_and_a_host() {
+        let mut options = ServerOptions::in_folder(PathBuf::new());
+        for origin in ["https://bench.example", "http://localhost:8080", "https://[::1]:8443"] {
+            options.origins = vec![origin.into()];
+            assert_eq!(options.check(), Ok(()), "{origin}");
+        }
+        for origin in ["bench.example", "https://", "ftp://bench.example", "https://a/b", "null"] {
+            options.origins = vec![origin.into()];
+            assert_eq!(options.check().unwrap_err().code, "E254", "{origin}");
         }
     }
 }

@@ -132,8 +132,13 @@ impl GatewayServer {
         started.map_err(|refused| journal_start_error(refused, urls))?;
         let authenticator = Authenticator::new(grants, options.scopes, address.port(), options.tls)
             .with_session_file(&options.folder.join(SESSIONS));
-        let hosts =
-            AllowedHosts::new(options.scheme(), address.ip(), address.port(), &options.host_names);
+        let hosts = AllowedHosts::new(
+            options.scheme(),
+            address.ip(),
+            address.port(),
+            &options.host_names,
+            &options.origins,
+        );
         let once = authenticator.issue_one_time_token()?.reveal();
         // Encrypted, who shows shares the cipher with who reads, and must not be put off with it.
         let encrypts = options.tls;

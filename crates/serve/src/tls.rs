@@ -14,7 +14,7 @@ use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
 
 use crate::error::SetupError;
 use crate::message::certificate_fingerprint;
-use crate::options::ServerOptions;
+use crate::options::{HostName, ServerOptions};
 use crate::token::{require_private, write_private_file};
 
 /// The certificate's file in the server's folder.
@@ -103,7 +103,8 @@ fn make(options: &ServerOptions, certificate: &Path, key: &Path) -> Result<(), S
     if !address.is_unspecified() && !address.is_loopback() {
         names.push(address.to_string());
     }
-    names.extend(options.host_names.iter().cloned());
+    let stated = options.host_names.iter().filter_map(|name| HostName::parse(name));
+    names.extend(stated.map(|name| name.host.to_owned()));
     let made = rcgen::generate_simple_self_signed(names).map_err(|error| {
         SetupError::adapter("E318", "no certificate can be made").why(error.to_string())
     })?;

@@ -37,9 +37,13 @@ pub struct Serve {
     /// Require client certificates signed by a CA in this file, in addition to tokens
     #[arg(long, value_name = "FILE", requires = "tls")]
     client_ca: Option<PathBuf>,
-    /// Host name that browsers may use for this server; repeat the option for more
-    #[arg(long = "name", value_name = "HOST")]
+    /// Host name that clients may use for this server, with the port of a proxy or tunnel; repeat the option
+    /// for more
+    #[arg(long = "name", value_name = "HOST[:PORT]")]
     names: Vec<String>,
+    /// Origin of the page behind a proxy that adds encryption, such as https://bench.example; repeatable
+    #[arg(long = "origin", value_name = "URL")]
+    origins: Vec<String>,
     /// Highest permissions of any client: read, stop, move, configure, raw; `raw` also needs a token with
     /// raw
     #[arg(long, value_name = "SCOPE,…", default_value = "read,stop,move,configure")]
@@ -74,8 +78,9 @@ impl Serve {
             Some(folder) => folder,
             None => state_folder()?,
         };
-        let Self { bind, tls, client_ca, names, scopes, .. } = self;
-        let options = ServerOptions { bind, tls, client_ca, host_names: names, scopes, folder };
+        let Self { bind, tls, client_ca, names, origins, scopes, .. } = self;
+        let host_names = names;
+        let options = ServerOptions { bind, tls, client_ca, host_names, origins, scopes, folder };
         let connector = self.profile.connector()?;
         let server =
             GatewayServer::start(&options, &self.urls, connector).map_err(refusal_problem)?;

@@ -586,15 +586,26 @@ pub(super) fn scaled_ttl_ms(ttl_ms: f64) -> f64 {
 fn check_age(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), GatewayError> {
     let (age, ttl_ms) = (now_ms - issued_ms, scaled_ttl_ms(ttl_ms));
     if age > ttl_ms {
-        let what = format!("sent {age:.0} ms ago, and valid for {ttl_ms:.0} ms");
-        return Err(
-            GatewayError::new("gateway.expired", what).hint("send it again, if it is still wanted")
+        let what = format!(
+            "by the server's clock the command was sent {age:.0} ms ago; it is valid for {ttl_ms:.0} ms"
         );
+        let hint = format!(
+            "if the client's clock is behind: set `issued_ms` by the server's time ({now_ms:.0}, \
+             `server_ms` of the lease). Otherwise the command was delayed: send it again with a new \
+             `id`, if it is still wanted"
+        );
+        let error = GatewayError::new("gateway.expired", what).hint(hint);
+        return Err(GatewayError { server_ms: Some(now_ms), ..error });
     }
     if age < -CLOCK_AHEAD_MAX_MS {
-        let what = format!("sent {:.0} ms in the future", -age);
-        let hint = "use the server's time from `pong`";
-        return Err(GatewayError::new("gateway.expired", what).hint(hint));
+        let what =
+            format!("by the server's clock the command was sent {:.0} ms in the future", -age);
+        let hint = format!(
+            "the client's clock is ahead: set `issued_ms` by the server's time ({now_ms:.0}, \
+             `server_ms` of the lease)"
+        );
+        let error = GatewayError::new("gateway.expired", what).hint(hint);
+        return Err(GatewayError { server_ms: Some(now_ms), ..error });
     }
     Ok(())
 }
@@ -608,8 +619,9 @@ fn stop_pending_error() -> GatewayError {
     )
 }
 
-fn lease_grant(held: &LeaseHolder) -> LeaseGrant {
-    LeaseGrant { epoch: held.epoch, expires_ms: BenchClock::wall_ms(held.until) }
+fn lease_grant(held: &LeaseHolder, now: Instant) -> LeaseGrant {
+    let (expires_ms, server_ms) = (BenchClock::wall_ms(held.until), BenchClock::wall_ms(now));
+    LeaseGrant { epoch: held.epoch, expires_ms, server_ms }
 }
 
 fn unavailable_error(lost: bool) -> GatewayError {

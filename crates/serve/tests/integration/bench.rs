@@ -124,6 +124,13 @@ fn a_command_is_carried_out_once_and_while_it_is_fresh() {
     }
     let old = fixture.hear(fixture.bench.command(0, &ann, old)).unwrap();
     assert_eq!((old.outcome, code(&old)), (OutcomeKind::NotDone, "gateway.expired"));
+    let error = old.error.as_ref().expect("an error");
+    assert!(error.hint.starts_with("if the client's clock is behind"), "{error:?}");
+    let now = fixture.bench.snapshot().server_ms;
+    assert!(
+        error.server_ms.is_some_and(|server_ms| server_ms > 0.0 && server_ms <= now),
+        "{error:?}"
+    );
     let mut early = fixture.order(epoch, "velocity", Some(30.0));
     early.issued_ms += 5000.0;
     let early = fixture.hear(fixture.bench.command(0, &ann, early)).unwrap();

@@ -33,7 +33,7 @@ impl CommandWorker {
         let held = watched.lease.renew(session, epoch, now, lasts);
         let held = held.map_err(|refused| watched.lease_error(refused))?;
         self.publish_lease(axis);
-        Ok(lease_grant(&held))
+        Ok(lease_grant(&held, now))
     }
 
     /// Gives a lease, and tells so once the journal has it: its epoch is never given again.
@@ -65,14 +65,14 @@ impl CommandWorker {
         lost.into_iter().for_each(|lost| self.end_lease(axis, lost, "taken over"));
         self.publish_lease(axis);
         if before == Some(held.epoch) {
-            return drop(reply_sender.send(Ok(Some(lease_grant(&held)))));
+            return drop(reply_sender.send(Ok(Some(lease_grant(&held, now)))));
         }
         let (wire, epoch) = (Arc::clone(&self.wire), held.epoch);
         let then = move |recorded: Result<(), GatewayError>| {
             if recorded.is_err() {
                 wire.submit_first(0, WireRequest::LeaseNotRecorded { axis, epoch });
             }
-            let _ = reply_sender.send(recorded.map(|()| Some(lease_grant(&held))));
+            let _ = reply_sender.send(recorded.map(|()| Some(lease_grant(&held, now))));
         };
         let (id, action) =
             (self.axes[axis].id, if over { JournalAction::TakeOver } else { JournalAction::Lease });

@@ -86,6 +86,44 @@ fn t02_names_that_others_made_up_do_not_reach_it() {
     site.end();
 }
 
+/// A reverse proxy and a tunnel call the server by a host and port of their own.
+#[test]
+fn t02_stated_names_and_origins_count_to_the_letter() {
+    let site = Site::with(ServerOptions {
+        host_names: vec!["bench.example".into(), "localhost:8080".into()],
+        origins: vec!["https://bench.example".into()],
+        ..options(folder())
+    });
+    let bearer = site.bearer("operator");
+    let request = |host: &str, origin: &str| {
+        let line = "POST /api/v1/stop HTTP/1.1\r\n";
+        let origin =
+            if origin.is_empty() { String::new() } else { format!("Origin: {origin}\r\n") };
+        site.say(&format!(
+            "{line}Host: {host}\r\n{bearer}{JSON}{origin}Connection: close\r\nContent-Length: \
+             2\r\n\r\n{{}}"
+        ))
+    };
+    for (host, origin) in [
+        ("bench.example", ""),
+        ("bench.example", "https://bench.example"),
+        ("bench.example", "http://bench.example"),
+        ("localhost:8080", "http://localhost:8080"),
+    ] {
+        assert_eq!(request(host, origin).status, 200, "{host} {origin}");
+    }
+    let answer = request("localhost:8081", "");
+    assert_eq!((answer.status, &*answer.code()), (421, "gateway.host"));
+    let error = &answer.json()["error"];
+    assert_eq!(error["message"], "this server does not accept the host name localhost:8081");
+    assert!(error["hint"].as_str().is_some_and(|hint| hint.contains("--name localhost:8081")));
+    let answer = request("bench.example", "https://bench.example:444");
+    assert_eq!((answer.status, &*answer.code()), (403, "gateway.origin"));
+    let hint = answer.json()["error"]["hint"].as_str().map(str::to_owned);
+    assert!(hint.is_some_and(|hint| hint.contains("--origin https://bench.example:444")));
+    site.end();
+}
+
 #[test]
 fn t03_nothing_answers_without_a_token() {
     let site = Site::new();
