@@ -117,6 +117,8 @@ pub struct Counters {
     /// The host that the addressed drive replied to instead of this one: its host address, or the CAN ID of
     /// the replies.
     pub other_host: Option<u32>,
+    /// Address of a drive that replied to a request for another address.
+    pub other_address: Option<u32>,
     /// Our own frames, or single bytes, received back (RS-485 echo).
     pub echoed: u64,
     /// Bytes thrown away while looking for a frame.
@@ -163,6 +165,7 @@ impl Counters {
             foreign: both(self.foreign, other.foreign),
             misaddressed: both(self.misaddressed, other.misaddressed),
             other_host: self.other_host.or(other.other_host),
+            other_address: self.other_address.or(other.other_address),
             echoed: both(self.echoed, other.echoed),
             skipped: both(self.skipped, other.skipped),
             corrupt: both(self.corrupt, other.corrupt),

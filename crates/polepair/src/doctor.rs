@@ -238,7 +238,7 @@ fn find_drives(
     wanted.truncate(if named { wanted.len() } else { UNNAMED_PROBES_MAX });
     let chosen = connector.chosen_profile(url, &line.protocol)?;
     let prober = Prober::new(line, &connector.config).scanning();
-    let (mut found, mut damaged, mut answers, mut misaddressed) = (Vec::new(), 0, false, false);
+    let (mut found, mut damaged, mut answers, mut misaddressed) = (Vec::new(), 0, false, None);
     let mut requests = Vec::new();
     for &number in &wanted {
         let about = format!("axis {number}");
@@ -287,7 +287,7 @@ fn find_drives(
                     SILENT_REMEDY,
                 ));
             }
-            ProbeResult::Silent(details) => misaddressed |= details.misaddressed > 0,
+            ProbeResult::Silent(details) => misaddressed = misaddressed.or(details.other_address),
         }
     }
     if damaged > 0 {
@@ -297,11 +297,13 @@ fn find_drives(
     if found.is_empty() && !named && !answers {
         let numbers = join_numbers(&requests);
         let (text, remedy) = match misaddressed {
-            true => (
-                format!("none of the addresses {numbers} is the drive's own, but a drive replies"),
-                "`polepair scan` finds its address".to_owned(),
+            Some(address) => (
+                format!(
+                    "none of the addresses {numbers} is the drive's: address {address} answers here"
+                ),
+                format!("use `#{address}`"),
             ),
-            false => (
+            None => (
                 format!("none of the addresses {numbers} answers"),
                 format!("{SILENT_REMEDY}; `polepair scan` tries every address"),
             ),

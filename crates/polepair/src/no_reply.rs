@@ -3,6 +3,7 @@
 //! Why: REQ-4.
 
 use polepair_core::station::Counters;
+use std::borrow::Cow;
 use std::fmt;
 
 /// Frames received during a request without a reply, repeats included. All are 0 if nothing was received;
@@ -29,6 +30,8 @@ pub struct NoReplyDetails {
     /// Destination of the drive's replies instead of this host: its host address, or the CAN id of its
     /// replies.
     pub other_host: Option<u16>,
+    /// Address of a drive that replied to a request for another address.
+    pub other_address: Option<u16>,
     /// Our own bytes or frames.
     pub echoed: u16,
     /// Bytes that belong to no frame.
@@ -61,6 +64,10 @@ pub enum NoReplyCause {
     Echo,
 }
 
+/// Hint for a scan in which a drive acknowledged requests, and no axis replied.
+pub const ACKNOWLEDGES: &str = "a drive acknowledges: its axis ID is none of these; `--ids \
+     FIRST-LAST` tries others, and its host ID may not be this host's";
+
 impl NoReplyDetails {
     /// What was counted meanwhile.
     #[must_use]
@@ -76,6 +83,10 @@ impl NoReplyDetails {
             misaddressed: saturate_u16(counted.misaddressed),
             other_host: match counted.other_host {
                 Some(host) => Some(saturate_u16(host as u64)),
+                None => None,
+            },
+            other_address: match counted.other_address {
+                Some(address) => Some(saturate_u16(address as u64)),
                 None => None,
             },
             echoed: saturate_u16(counted.echoed),
@@ -119,6 +130,10 @@ impl NoReplyDetails {
             foreign: self.foreign.saturating_add(other.foreign),
             misaddressed: self.misaddressed.saturating_add(other.misaddressed),
             other_host: if self.other_host.is_some() { self.other_host } else { other.other_host },
+            other_address: match self.other_address {
+                Some(_) => self.other_address,
+                None => other.other_address,
+            },
             echoed: self.echoed.saturating_add(other.echoed),
             bytes: self.bytes.saturating_add(other.bytes),
         }
@@ -138,15 +153,22 @@ impl NoReplyDetails {
 
     /// What to try.
     #[must_use]
-    pub const fn hint(&self) -> &'static str {
-        if self.other_host.is_some() {
-            return "the drive answers another host: open it with that address (`?host=`), then \
-             set its \
-                    `host address`, on CAN its `can reply id`, to 2";
+    pub fn hint(&self) -> Cow<'static, str> {
+        if let Some(host) = self.other_host {
+            return format!(
+                "the drive replies to host {host}: open it with `?host={host}`, then set its `host \
+                 address`, on CAN its `can reply id`, to 2"
+            )
+            .into();
         }
-        if self.misaddressed > 0 {
-            return "a drive with another address replies instead: `polepair scan` finds it";
+        if let Some(address) = self.other_address {
+            return format!("the drive here has address {address}: use `#{address}`").into();
         }
+        self.cause_hint().into()
+    }
+
+    /// What to try for the cause alone.
+    const fn cause_hint(&self) -> &'static str {
         match self.cause() {
             NoReplyCause::NothingReceived => {
                 "check power, wiring, baud rate and address; `polepair scan` looks for other \
@@ -161,9 +183,9 @@ impl NoReplyDetails {
                  power, its axis ID and the cable between the two"
             }
             NoReplyCause::Acknowledged => {
-                "the drive receives the requests: check its host ID, and whether it needs more \
-                 time (`?timeout=`). If the drive at the cable is a relay, add `?through=ID` with \
-                 the relay's axis ID"
+                "the drive at the cable receives the requests: its axis ID may be another \
+                 (`polepair scan`), its host ID not this host's, or it needs more time \
+                 (`?timeout=`). If it is a relay, add `?through=ID` with the relay's axis ID"
             }
             NoReplyCause::Early => {
                 "a port without a real serial line (USB) replies this fast; on a real line an \
@@ -225,8 +247,11 @@ impl fmt::Display for NoReplyDetails {
             let mark = if n == 0 { "" } else { ", " };
             write!(f, "{mark}{count} {}", if count == 1 { one } else { more })?;
         }
-        match self.other_host {
-            Some(host) => write!(f, "; it replies to host {host}"),
+        if let Some(host) = self.other_host {
+            write!(f, "; it replies to host {host}")?;
+        }
+        match self.other_address {
+            Some(address) => write!(f, "; address {address} answers here"),
             None => Ok(()),
         }
     }

@@ -6,6 +6,7 @@ use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
 use polepair::axis::summarize_details;
+use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause};
 use polepair::scan::{DetectedDrive, ScanAddresses, ScanProgress};
 use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
@@ -98,7 +99,14 @@ impl ScanCommand {
         if scan.found.is_empty() {
             return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
                 .why(outcome::unanswered_text(&scan.received))
-                .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
+                .hint(match scan.received.cause() {
+                    NoReplyCause::NothingReceived => {
+                        "power, wiring (A and B may be swapped), and the baud rate in the URL"
+                            .into()
+                    }
+                    NoReplyCause::Acknowledged => ACKNOWLEDGES.into(),
+                    _ => scan.received.hint(),
+                })
                 .hint(
                     "`polepair doctor URL --try-bauds` tries other baud rates, and finds a module \
                      in ASCII mode",

@@ -89,3 +89,58 @@ fn what_all_drives_of_a_protocol_have_is_listed_as_the_hint_says() {
     assert!(none.code == 0 && none.err.contains("no parameter is common"), "{}", none.err);
     assert!(run::ok(&["params", "canopen", "1018h:2"]).contains("product code"));
 }
+
+/// D3: a module of another address that answers, and one that replies to another host, are named.
+#[test]
+fn who_answers_in_whose_place_is_named() {
+    for (reply_from, reply_to, text, hint) in [
+        (3, 2, "address 3 answers here", "use `#3`"),
+        (1, 3, "it replies to host 3", "open it with `?host=3`"),
+    ] {
+        let url = format!("tmcl+tcp://{}#1", answering_module(reply_from, reply_to));
+        let ran = polepair(&["get", &url, "max current"]);
+        assert_eq!(ran.code, 4, "{}", ran.err);
+        assert!(ran.err.contains(text) && ran.err.contains(hint), "{}", ran.err);
+        let (link, _) = url.split_once('#').expect("an axis");
+        let ran = polepair(&["scan", link, "--ids", "1"]);
+        assert!(ran.err.contains(hint) && !ran.err.contains("A and B"), "{}", ran.err);
+    }
+}
+
+/// D3: the drive at the cable acknowledges requests to others.
+#[test]
+fn an_acknowledging_drive_of_another_axis_id_is_told_from_silence() {
+    let drive = Served::new("tml:200");
+    let link = drive.link();
+    let ran = polepair(&["scan", link, "--ids", "1"]);
+    assert_eq!(ran.code, 4, "{}", ran.err);
+    assert!(ran.err.contains("a drive acknowledges: its axis ID is none of these"), "{}", ran.err);
+    assert!(!ran.err.contains("A and B"), "{}", ran.err);
+    let ran = polepair(&["get", &format!("{link}#1"), "APOS"]);
+    assert!(ran.err.contains("its axis ID may be another"), "{}", ran.err);
+    drive.end();
+}
+
+/// A TMCL module on TCP that replies to requests for any address, from one address and to one host. It ends
+/// with the test.
+fn answering_module(reply_from: u8, reply_to: u8) -> std::net::SocketAddr {
+    use std::io::{Read as _, Write as _};
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address");
+    let serve = move |mut stream: std::net::TcpStream| {
+        let mut request = [0; 9];
+        while stream.read_exact(&mut request).is_ok() {
+            let mut reply = [reply_to, reply_from, 100, request[1], 0, 0, 0, 7, 0];
+            reply[8] = reply[..8].iter().fold(0, |sum, byte| sum.wrapping_add(*byte));
+            if stream.write_all(&reply).is_err() {
+                return;
+            }
+        }
+    };
+    std::thread::spawn(move || {
+        for stream in listener.incoming().flatten() {
+            std::thread::spawn(move || serve(stream));
+        }
+    });
+    address
+}

@@ -60,7 +60,7 @@ impl Axis {
                     Some(text) => text,
                     None => no_answer_text(&details),
                 };
-                (reason, details.hint().to_owned())
+                (reason, details.hint().into_owned())
             }
             failure => self.failure_reason(failure),
         };

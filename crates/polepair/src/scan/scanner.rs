@@ -10,7 +10,7 @@ use crate::connect::{AnyBorrowedLink, Connector, LineConfig, Link, ProtocolLine}
 use crate::error::Error;
 use crate::identify::{Identification, ProbeResult, Prober, is_answer};
 use crate::lss::{self, LssMaster};
-use crate::no_reply::NoReplyDetails;
+use crate::no_reply::{ACKNOWLEDGES, NoReplyCause, NoReplyDetails};
 use crate::scan::DetectedDrive;
 use crate::url::AxisNumber;
 use polepair_core::profile::{Access, ParameterId, Profile};
@@ -63,6 +63,7 @@ pub struct DriveScanner {
     /// Addresses of the line that were asked in vain, and those among them that another drive answered.
     unanswered: usize,
     misaddressed: usize,
+    acknowledged: u16,
     /// Drives that were found on the lines before.
     found_before: usize,
     /// Of each that was found.
@@ -193,6 +194,7 @@ impl DriveScanner {
             received: NoReplyDetails::default(),
             unanswered: 0,
             misaddressed: 0,
+            acknowledged: 0,
             found_before: 0,
             found_addresses: Vec::new(),
             report: ScanReport::default(),
@@ -358,15 +360,24 @@ impl DriveScanner {
         self.unanswered += 1;
         self.misaddressed += usize::from(details.misaddressed > 0);
         self.received = self.received.plus(details.only_foreign());
+        self.acknowledged = self.acknowledged.saturating_add(details.acknowledged);
     }
 
     fn report_damaged(&mut self) {
         let mut details = std::mem::take(&mut self.received);
+        let acknowledged = std::mem::take(&mut self.acknowledged);
+        if acknowledged > 0 && self.report.found.len() == self.found_before {
+            // The drive at the cable acknowledges requests to others, so it is one that was not asked.
+            details.acknowledged = acknowledged;
+        }
         if self.note_ignored_address() {
             details = NoReplyDetails::default();
         }
         if !details.is_nothing() {
-            let hint = details.hint();
+            let hint = match details.cause() {
+                NoReplyCause::Acknowledged => ACKNOWLEDGES.into(),
+                _ => details.hint(),
+            };
             self.report.received = self.report.received.plus(details);
             self.report.tried.push(format!(
                 "addresses without a reply, although frames arrived ({details}): {hint}"

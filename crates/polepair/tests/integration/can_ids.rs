@@ -34,6 +34,6 @@ fn a_module_that_answers_another_host_is_said_to() {
         let silent = axis.get_raw("actual position").unwrap_err();
         let text = silent.to_string();
         assert!(silent.code() == "E401" && text.contains("it replies to host 5"), "{url}: {text}");
-        assert!(silent.hint().contains("`?host=`"), "{}", silent.hint());
+        assert!(silent.hint().contains("`?host=5`"), "{}", silent.hint());
     }
 }

@@ -49,7 +49,10 @@ impl Session {
         let stored = request.opcode == Opcode::ReadMemory && !refused;
         if !refusal && !stored {
             let misaddressed = reply.opcode == request.opcode && reply.module != request.address;
-            self.counters.misaddressed += u64::from(misaddressed);
+            if misaddressed {
+                self.counters.misaddressed += 1;
+                self.counters.other_address = Some(reply.module.into());
+            }
             self.count_unexpected(&reply);
             self.note_unexpected_reply(now, &reply);
             return;
