@@ -22,6 +22,7 @@ pub(crate) mod link_type;
 mod pcap;
 mod pcapng;
 mod serial_log;
+mod tcp;
 mod text;
 mod tool_log;
 mod trc;

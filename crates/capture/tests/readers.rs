@@ -34,7 +34,7 @@ type Target = (&'static str, Option<CaptureFormat>, Vec<Vec<u8>>);
 #[test]
 fn every_reader_takes_whatever_comes() {
     let targets = targets();
-    assert_eq!(targets.len(), 16);
+    assert_eq!(targets.len(), 17);
     let queue = Mutex::new(targets.iter());
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS_MAX);
     std::thread::scope(|scope| {
@@ -88,6 +88,7 @@ fn targets() -> Vec<Target> {
             TABLES.map(|table| table.as_bytes().to_vec()).into(),
         ),
         ("BUSMASTER", Some(CaptureFormat::Busmaster), text(BUSMASTER.to_owned())),
+        ("TCP in pcap", Some(CaptureFormat::Pcap), vec![tcp()]),
         ("CRTD", Some(CaptureFormat::Crtd), text(CRTD.to_owned())),
         ("JSONL", Some(CaptureFormat::Jsonl), text(jsonl())),
         ("gzip", None, written(CaptureFormat::Text, Some(Compression::Gzip))),
@@ -170,6 +171,35 @@ const CRTD: &str = "\
 1542473901.020305 1T11 7DF 02 01 0C
 1542473901.021 2R29 0400A05E 34 12
 ";
+
+/// A pcap file of Ethernet packets with the bytes of a serial line in a TCP connection.
+fn tcp() -> Vec<u8> {
+    let mut file = vec![0xD4, 0xC3, 0xB2, 0xA1, 2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0];
+    file.extend_from_slice(&1u32.to_le_bytes());
+    let (mut sent, mut received) = (1, 1);
+    for (n, (arrow, bytes)) in SERIAL.iter().cycle().take(16).enumerate() {
+        let data: Vec<u8> =
+            bytes.split(' ').map(|byte| u8::from_str_radix(byte, 16).expect("a byte")).collect();
+        let (client, server) = (([10, 0, 0, 2], 50_000), ([10, 0, 0, 5], 4001));
+        let (from, to, sequence) = match arrow {
+            '>' => (client, server, &mut sent),
+            _ => (server, client, &mut received),
+        };
+        let builder = etherparse::PacketBuilder::ethernet2([1; 6], [2; 6])
+            .ipv4(from.0, to.0, 64)
+            .tcp(from.1, to.1, *sequence, 1024);
+        *sequence += data.len() as u32;
+        let mut packet = Vec::new();
+        builder.write(&mut packet, &data).expect("written");
+        let len = (packet.len() as u32).to_le_bytes();
+        file.extend_from_slice(&1_700_000_000u32.to_le_bytes());
+        file.extend_from_slice(&(n as u32 * 1000).to_le_bytes());
+        file.extend_from_slice(&len);
+        file.extend_from_slice(&len);
+        file.extend_from_slice(&packet);
+    }
+    file
+}
 
 fn candump() -> String {
     let mut text = String::new();

@@ -2,6 +2,7 @@
 
 use pcap_parser::{PcapHeader, parse_pcap_header};
 
+use super::tcp::{self, PacketOrigin, TcpStreams};
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink, link_type};
 use crate::record::Record;
 use crate::timestamp::Timestamp;
@@ -25,6 +26,7 @@ pub(super) struct PcapReader {
     last_seconds: Option<u32>,
     /// Looking for the next packet behind damage.
     resyncing: bool,
+    tcp: TcpStreams,
 }
 
 /// What stands before a packet.
@@ -98,6 +100,13 @@ impl PcapReader {
         let scale = if header.is_nanosecond_precision() { 1 } else { 1000 };
         let time = u64::from(head.seconds) * 1_000_000_000 + u64::from(head.fraction) * scale;
         let kind = header.network.0.cast_unsigned() & 0x03FF_FFFF;
+        if tcp::is_network(kind, packet) {
+            let origin = PacketOrigin { time: Some(Timestamp(time)), offset: self.offset };
+            self.tcp.read_packet(kind, packet, origin, taker);
+            self.last_seconds = Some(head.seconds);
+            self.resyncing = false;
+            return Some(size);
+        }
         match link_type::parse_packet(kind, packet) {
             Ok((direction, data)) => {
                 let link = if kind == link_type::SERIAL { "serial0" } else { "can0" };

@@ -6,6 +6,7 @@ use pcap_parser::pcapng::{
 };
 use polepair_core::explain::Direction;
 
+use super::tcp::{self, PacketOrigin, TcpStreams};
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink, link_type};
 use crate::record::Record;
 use crate::timestamp::Timestamp;
@@ -27,6 +28,7 @@ pub(super) struct PcapngReader {
     interfaces: Vec<PcapngInterface>,
     offset: u64,
     resyncing: bool,
+    tcp: TcpStreams,
 }
 
 /// One interface of the section.
@@ -146,7 +148,7 @@ impl PcapngReader {
         });
     }
 
-    fn read_packet(&self, block: &EnhancedPacketBlock<'_>, taker: &mut dyn RecordSink) {
+    fn read_packet(&mut self, block: &EnhancedPacketBlock<'_>, taker: &mut dyn RecordSink) {
         let Some(interface) = self.interfaces.get(block.if_id as usize) else {
             return self.report_damage("the packet's interface was not described", taker);
         };
@@ -161,13 +163,22 @@ impl PcapngReader {
             _ => None,
         };
         let data = block.data.get(..block.caplen as usize).unwrap_or(block.data);
-        self.emit_packet(interface, interface.timestamp(ticks), direction, data, taker);
+        let time = interface.timestamp(ticks);
+        if tcp::is_network(interface.link_type, data) {
+            let origin = PacketOrigin { time, offset: self.offset };
+            return self.tcp.read_packet(interface.link_type, data, origin, taker);
+        }
+        self.emit_packet(interface, time, direction, data, taker);
     }
 
-    fn read_simple_packet(&self, block: &SimplePacketBlock<'_>, taker: &mut dyn RecordSink) {
+    fn read_simple_packet(&mut self, block: &SimplePacketBlock<'_>, taker: &mut dyn RecordSink) {
         match self.interfaces.first() {
             Some(interface) => {
                 let data = block.data.get(..block.origlen as usize).unwrap_or(block.data);
+                if tcp::is_network(interface.link_type, data) {
+                    let origin = PacketOrigin { time: None, offset: self.offset };
+                    return self.tcp.read_packet(interface.link_type, data, origin, taker);
+                }
                 self.emit_packet(interface, None, None, data, taker);
             }
             None => self.report_damage("the packet's interface was not described", taker),

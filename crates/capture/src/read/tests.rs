@@ -200,7 +200,10 @@ fn packets_of_every_interface_at_once() {
         assert_eq!(reader.statistics().damaged, 0, "{kind}");
     }
     let mut reader = CaptureReader::default();
-    reader.feed(&pcap(1, &frame), &mut |_| panic!("Ethernet"));
+    reader.feed(&pcap(1, &frame), &mut |_| panic!("no TCP"));
+    assert_eq!(reader.statistics().skipped, [("packets that are not TCP", 1)]);
+    let mut reader = CaptureReader::default();
+    reader.feed(&pcap(195, &frame), &mut |_| panic!("another link type"));
     assert_eq!(reader.statistics().damaged, 1);
 }
 
