@@ -124,7 +124,7 @@ def test_a_module_that_ignores_its_address_is_one(wires, address):
     assert [(one["axis"], one["clash"], one["ignores_address"]) for one in found] == [(address, False, True)]
     assert polepair("get", f"{wire.url}#{address}", "actual position").stdout.strip().endswith("= 4242")
     other = polepair("get", f"{wire.url}#9", "actual position", check=False, silence=True)
-    assert other.returncode == 4 and "another address replies" in other.stderr, other
+    assert other.returncode == 4 and f"the drive here has address {address}" in other.stderr, other
     assert "two drives" not in polepair("doctor", wire.url, check=False, silence=True).stdout
 
 

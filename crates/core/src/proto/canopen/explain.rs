@@ -115,6 +115,16 @@ impl Dissector for CanopenDissector {
             (Cob::Heartbeat(_), [state]) => Some(matches!(state & 0x7F, 0 | 4 | 5 | 127)),
             (Cob::Sync, [] | [_]) => Some(true),
             (Cob::Nmt | Cob::Heartbeat(_) | Cob::Sync, _) => Some(false),
+            // Objects begin at 1000h, and the bytes without data are zero.
+            (cob, &[command, _, high, _, a, b, c, d]) if high >= 0x10 => {
+                let used = match (cob, command) {
+                    (Cob::SdoRequest(_), 0x40) | (Cob::SdoReply(_), 0x60) => 0,
+                    (Cob::SdoRequest(_), 0x2F) | (Cob::SdoReply(_), 0x4F) => 1,
+                    (Cob::SdoRequest(_), 0x2B) | (Cob::SdoReply(_), 0x4B) => 2,
+                    _ => return None,
+                };
+                [a, b, c, d][used..].iter().all(|byte| *byte == 0).then_some(true)
+            }
             _ => None,
         }
     }
@@ -305,7 +315,7 @@ pub fn explain_block_segment(bytes: &[u8], context: &Context<'_>, sink: &mut dyn
     }
 }
 
-/// What an identifier of the predefined connection set is for.
+/// The service of an identifier in the predefined connection set.
 fn cob_of_id(id: u32) -> Option<Cob> {
     let id = u16::try_from(id).ok().filter(|id| *id <= 0x7FF)?;
     Some(Cob::of(id)).filter(|cob| !matches!(cob, Cob::Other(_)))
