@@ -26,8 +26,7 @@ use crate::{GatewayError, secret, tls};
 pub struct GatewayOptions {
     /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
     pub url: String,
-    /// A file whose first token is used. Otherwise `POLEPAIR_TOKEN`; on the loopback only, the token of
-    /// this
+    /// A file whose first token is used. Otherwise `POLEPAIR_TOKEN`; on the loopback only, the token of this
     /// account's own server, if the server proves that it has it.
     pub token_file: Option<PathBuf>,
     /// The certificate that the server must have: its file, or its SHA-256; else that of this

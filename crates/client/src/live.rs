@@ -181,8 +181,7 @@ impl LiveConnection {
         Ok(FrameStream { live: self.clone(), buffer: frame_buffer })
     }
 
-    /// The last state of an axis that the server sent, with the present age of its values; `None` before
-    /// the
+    /// The last state of an axis that the server sent, with the present age of its values; `None` before the
     /// first one. Nothing is requested.
     ///
     /// # Errors

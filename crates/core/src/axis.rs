@@ -335,9 +335,8 @@ pub trait Driver {
         None
     }
 
-    /// Returns the request that sends a raw set-point for the next [`sync_request`](Self::sync_request).
-    /// The drive
-    /// does not reply to it.
+    /// Returns the request that sends a raw set-point for the next [`sync_request`](Self::sync_request). The
+    /// drive does not reply to it.
     fn setpoint_request(
         &self,
         setpoint: SetpointKind,

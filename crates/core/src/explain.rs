@@ -221,8 +221,7 @@ pub enum FactQuery {
     Address(&'static str),
     /// A request in the protocol's own text.
     Text(&'static str),
-    /// A request in the protocol's own text, with a number from 0 up appended. The highest byte of the
-    /// reply
+    /// A request in the protocol's own text, with a number from 0 up appended. The highest byte of the reply
     /// has the number of characters in this reply, at most seven, then come the characters. A reply with
     /// fewer than seven is the last one. Costs one exchange on a drive that does not have the fact, so a
     /// known drive without it is not asked.
@@ -308,10 +307,8 @@ pub trait Dissector: Sync {
     fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
         None
     }
-    /// Writes the line that reads something from a drive in text mode, and then the line that ends the
-    /// mode,
-    /// both without their carriage return. Returns false where the protocol has no text mode, or the
-    /// address
+    /// Writes the line that reads something from a drive in text mode, and then the line that ends the mode,
+    /// both without their carriage return. Returns false where the protocol has no text mode, or the address
     /// has no letter in it.
     fn write_text_mode(
         &self,
@@ -345,8 +342,7 @@ pub trait Dissector: Sync {
     ) {
         let _ = (request, addressing, sink);
     }
-    /// Explains a value by the name of its source: the bits of a register, with the bit numbers as ranges
-    /// of
+    /// Explains a value by the name of its source: the bits of a register, with the bit numbers as ranges of
     /// the fields. `false` when there is no such name.
     fn explain_named_value(
         &self,

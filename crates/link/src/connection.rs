@@ -128,8 +128,7 @@ impl Connection {
         if self.0.0.is_real_time() { clock::scale_timeout(timeout) } else { timeout }
     }
 
-    /// Records events in `mailbox`, as of the connection `source`, until the guard is dropped: events of
-    /// all
+    /// Records events in `mailbox`, as of the connection `source`, until the guard is dropped: events of all
     /// axes or of one, and of the link. Where no other thread reads the link, the background thread does.
     pub fn listen(
         &self,
@@ -148,10 +147,9 @@ impl Connection {
 
     /// Lends the link as soon as no request of this connection is running. Until the result is dropped,
     /// requests that are submitted here wait and are not sent; [`submit`](Self::submit) does not block.
-    /// Messages that drives send by themselves on a serial line meanwhile are lost. `None` when requests
-    /// were
-    /// running all the time until then, or the link is of another medium; at once when drives have to be
-    /// kept alive (heartbeat, SYNC, a watchdog).
+    /// Messages that drives send by themselves on a serial line meanwhile are lost. `None` when requests were
+    /// running all the time until then, or the link is of another medium; at once when drives have to be kept
+    /// alive (heartbeat, SYNC, a watchdog).
     ///
     /// # Errors
     /// [`LinkError`] while the link is down.

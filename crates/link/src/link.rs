@@ -48,8 +48,7 @@ pub trait LinkIo<M: Medium>: Send + Sync {
     /// A handle that ends a blocked [`receive`](Self::receive).
     fn waker(&self) -> LinkWaker;
 
-    /// Whether time passes and data arrives outside of waits: true everywhere but in a simulation in
-    /// virtual
+    /// Whether time passes and data arrives outside of waits: true everywhere but in a simulation in virtual
     /// time.
     fn is_real_time(&self) -> bool {
         true

@@ -197,8 +197,7 @@ pub trait Axes {
 
     /// Starts a path that is streamed point by point from the present position; see
     /// [`feed_points`](Self::feed_points). Its outcome under `ticket` has the number of points, when all
-    /// points are
-    /// used.
+    /// points are used.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
@@ -310,9 +309,8 @@ pub trait Axes {
         None
     }
 
-    /// Reads bytes of a long value that the protocol's own request under `ticket` is reading, and returns
-    /// how many; see [`send_text`](Self::send_text). The drive continues as the bytes are read; the request
-    /// ends
+    /// Reads bytes of a long value that the protocol's own request under `ticket` is reading, and returns how
+    /// many; see [`send_text`](Self::send_text). The drive continues as the bytes are read; the request ends
     /// with the last one. `None` when there is no such request, or it has not started.
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
         let _ = (ticket, out);
@@ -360,13 +358,12 @@ pub trait Axes {
     }
 
     /// Starts or ends the recording of events for [`poll_axis_event`](Self::poll_axis_event). States that
-    /// exist
-    /// when recording starts are not reported as events.
+    /// exist when recording starts are not reported as events.
     fn enable_events(&mut self, _on: bool) {}
 
     /// Returns the next event while [`enable_events`](Self::enable_events) is on: messages that drives sent
-    /// by
-    /// themselves, faults, and the loss of arming. `now` is the time of events that have none of their own.
+    /// by themselves, faults, and the loss of arming. `now` is the time of events that have none of their
+    /// own.
     fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
         let _ = now;
         None

@@ -3,7 +3,7 @@
 pub use crate::plant::{ServoBounds, Setpoint};
 use crate::time::Instant;
 
-/// What is true of a simulated motor, whatever the drive reports.
+/// The real state of a simulated motor, whatever the drive reports.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct GroundTruth {
     /// Shaft position since power-on, rad, never wrapped.
@@ -26,9 +26,9 @@ pub struct GroundTruth {
     pub unrepeatable: u64,
     /// Requests executed that powered the motor or gave it somewhere to go; stops are none.
     pub starts: u64,
-    /// What the drive is held to now.
+    /// Present limits of the drive.
     pub bounds: ServoBounds,
-    /// Where its loops want the motor, if they regulate speed or position.
+    /// Set-point of the control loops, if they regulate speed or position.
     pub setpoint: Option<Setpoint>,
 }
 
@@ -69,7 +69,7 @@ pub enum Act {
     HallBroken(bool),
     /// Raises a fault by its code.
     Fault(u32),
-    /// Takes the supply away and brings it back: RAM is lost, what was stored is not.
+    /// Switches the supply off and on: RAM is lost, stored values are kept.
     PowerCycle,
     /// A key of the front panel goes down or up, counted from 0 as the manual lists them.
     Key(u8, bool),
@@ -77,19 +77,19 @@ pub enum Act {
 
 /// The bench side of a simulated drive.
 pub trait BenchControl {
-    /// What is true at `now`.
+    /// The real state at `now`.
     fn ground_truth(&mut self, now: Instant) -> GroundTruth;
     /// Does something to it. Returns whether this drive has such a thing.
     fn act(&mut self, now: Instant, act: Act) -> bool;
-    /// What is true of one of its motors; `None` where it has none of that number.
+    /// The real state of one motor; `None` if there is no motor of that number.
     fn motor_truth(&mut self, now: Instant, motor: u8) -> Option<GroundTruth> {
         (motor == 0).then(|| self.ground_truth(now))
     }
-    /// Does something to one of its motors. What is done to the drive itself may name any of them.
+    /// Acts on one motor. Actions on the drive itself accept any motor number.
     fn act_on_motor(&mut self, now: Instant, motor: u8, act: Act) -> bool {
         motor == 0 && self.act(now, act)
     }
-    /// What the front panel shows, if there is one, as plain characters.
+    /// Text on the front panel, if there is one.
     fn panel_text(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         let _ = (now, out);
         None

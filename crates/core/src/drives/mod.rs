@@ -19,16 +19,16 @@ use crate::station::{Station, Timed};
 pub struct DeviceOptions<'a> {
     /// Address on the wire; the factory's if `None`.
     pub address: Option<u32>,
-    /// The protocol words of the wires it is on, where a family speaks several: one, or one for each
-    /// wire of a drive that relays between two.
+    /// The protocols of its wires, where a family supports several: one, or one for each wire of a drive that
+    /// relays between two.
     pub wires: &'a [&'a str],
     /// Which standard its serial wire follows; the family's usual one if `None`.
     pub standard: Option<proto::SerialStandard>,
-    /// Its serial wire has no byte timing (pty, TCP): frames are told apart by length, not by silence.
+    /// Its serial wire has no byte timing (pty, TCP): frames are separated by length, not by silence.
     pub untimed: bool,
-    /// Seed of whatever is random in the drive (sensor noise).
+    /// Seed of random values in the drive (sensor noise).
     pub seed: u64,
-    /// Whatever the family knows beyond these: `variant=position`, `dlc=8`.
+    /// Options of the family: `variant=position`, `dlc=8`.
     pub extra: &'a [(&'a str, &'a str)],
 }
 
@@ -114,8 +114,7 @@ pub const fn scale_rules() -> [&'static ScaleRule; 8] {
     ]
 }
 
-/// The profile whose names stand in for an unknown drive's, where a protocol's texts are made of
-/// them.
+/// The profile whose names are used for an unknown drive, where a protocol's texts contain names.
 #[must_use]
 pub fn usual_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     let speaks = |profile: &&&Profile| profile.protocol == dissector.language();
@@ -123,8 +122,8 @@ pub fn usual_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     profiles().iter().filter(|_| named).find(speaks).copied()
 }
 
-/// The profile whose names explain an unknown drive's frames: its protocol's first. Drives differ,
-/// so what is explained by it should say so.
+/// The profile whose names explain an unknown drive's frames: the first of its protocol. Drives differ, so
+/// explanations by it should say so.
 #[must_use]
 pub fn assumed_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     if !dissector.explains_by_name() {

@@ -33,7 +33,7 @@ pub const fn with_sub_axis(address: u32, sub: u8) -> u32 {
 pub struct AxisNumber(pub u32);
 
 impl AxisNumber {
-    /// Whether it means several drives, which are told and not asked.
+    /// Whether it addresses several drives, which do not reply.
     #[must_use]
     pub const fn is_group(self) -> bool {
         self.0 & GROUP != 0

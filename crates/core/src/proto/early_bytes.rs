@@ -36,15 +36,15 @@ impl EarlyBytes {
         }
     }
 
-    /// A request was put on the line at `now` and takes `ns` at least, [`with_clock_tolerance`]; what was held
-    /// is dropped.
+    /// A request was sent at `now` and takes at least `ns`, [`with_clock_tolerance`]; held bytes are
+    /// dropped.
     #[inline]
     pub const fn note_sent(&mut self, now: Instant, ns: u64) {
         self.request_end = now.plus_ns(ns);
         self.count = 0;
     }
 
-    /// Bytes were handed over at `now`; `held` are held with them.
+    /// Bytes were received at `now`; `held` are held with them.
     #[inline]
     pub fn note_received(&mut self, now: Instant, held: usize) {
         let since = now.0.saturating_sub(self.request_end.0);
@@ -59,7 +59,7 @@ impl EarlyBytes {
         self.count = self.count.saturating_sub(count);
     }
 
-    /// How many bytes, of those held, are too early for a reply.
+    /// Number of held bytes that are too early for a reply.
     #[inline]
     #[must_use]
     pub const fn count(&self) -> usize {

@@ -3,8 +3,8 @@
 use crate::error::Failure;
 use crate::station::{EventSubject, HostEvent};
 
-/// A ring of `N` events, a power of two. An event is written where it will be read and lent from
-/// there: it is larger than what most of it says, and copying it costs more than all else about it.
+/// A ring of `N` events, a power of two. An event is written and read in place, because a copy would cost
+/// more than the rest.
 #[derive(Clone, Debug)]
 pub struct EventRing<A, const N: usize> {
     ring: [HostEvent<A>; N],
@@ -13,7 +13,7 @@ pub struct EventRing<A, const N: usize> {
 }
 
 impl<A: Copy, const N: usize> EventRing<A, N> {
-    /// Nothing to tell.
+    /// An empty ring.
     #[must_use]
     pub const fn new() -> Self {
         const { assert!(N.is_power_of_two()) };
@@ -24,15 +24,15 @@ impl<A: Copy, const N: usize> EventRing<A, N> {
         }
     }
 
-    /// How many more it has room for.
+    /// Free space.
     #[inline]
     #[must_use]
     pub const fn room(&self) -> usize {
         N - self.pushed.wrapping_sub(self.popped) as usize
     }
 
-    /// Notes one more and lends it, so that a large answer can be completed where it lies. Whoever
-    /// submits requests leaves room for the end of each.
+    /// Adds an event and lends it, so that a large reply can be completed in place. Callers that submit
+    /// requests leave room for the end of each.
     #[inline]
     pub fn push(
         &mut self,

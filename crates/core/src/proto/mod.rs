@@ -38,7 +38,7 @@ pub fn find_dissector(name: &str) -> Option<&'static dyn Dissector> {
     dissectors().iter().copied().find(|d| d.name() == name)
 }
 
-/// Which standard a serial line follows, for protocols that speak differently on each.
+/// Standard of a serial line, for protocols that differ by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SerialStandard {
     /// Point to point, both ways at once.
@@ -70,33 +70,31 @@ pub struct HostOptions {
     pub gap_us: Option<u32>,
     /// Host address; the protocol's default if `None`.
     pub host_address: Option<u32>,
-    /// Period of the host's own heartbeat where the protocol has one, ms; none if `None`. It goes on
-    /// only while the application asks something now and then.
+    /// Period of the host's own heartbeat, if the protocol has one, ms; `None` for none. It continues only
+    /// while the application sends requests.
     pub heartbeat_ms: Option<u32>,
-    /// The adapter lets us hear our own bytes.
+    /// The adapter returns our own bytes.
     pub echo: bool,
     /// The axis that the host is wired to, where others are reached through it; the first axis if `None`.
     pub relay_axis: Option<u32>,
     /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
     /// question to a group, does not come back.
     pub relay_answers_only: bool,
-    /// An earlier program may have spoken on the wire, and a reply that it is owed may still come.
-    /// Then a session begins in doubt, where replies do not name their question: nothing but stops is
-    /// sent until probes were answered, which are varied by this seed. `None` where nobody was there
-    /// before (REQ-7).
+    /// An earlier program may have used the wire, and a late reply to it may still arrive. Where replies do
+    /// not repeat their request, a session then starts with probes, varied by this seed; only stops are sent
+    /// before these have replies. `None` where no program was there before (REQ-7).
     pub probe_seed: Option<u32>,
-    /// Somebody looks for drives: an address that never answered is not tried again, so that silence
-    /// costs no more than it must.
+    /// For scans: an address that never replied is asked only once, so that silence costs the least time.
     pub scanning: bool,
-    /// A stop waits for what is asked: that two drives may have one address is not looked for, which takes
-    /// longer than an answer.
+    /// A stop waits for the reply: the check for two drives with one address, which takes longer, is left
+    /// out.
     pub urgent: bool,
     /// All time-outs of the host are so many times as long, for tests on a busy machine; 1 otherwise.
     pub timeout_scale: u32,
 }
 
 impl HostOptions {
-    /// As [`gap_us`](Self::gap_us): 3.5 characters at the line's baud rate, whatever it is.
+    /// [`gap_us`](Self::gap_us) of 3.5 characters at the line's baud rate.
     pub const GAP_CHARACTERS: u32 = u32::MAX;
 
     /// A time-out of so many milliseconds, scaled.
@@ -105,7 +103,7 @@ impl HostOptions {
         timeout_ms.saturating_mul(self.timeout_scale)
     }
 
-    /// The time allowed for a reply, ms, scaled: what was given, or `usual_ms`.
+    /// Time-out of a reply, ms, scaled: the stated one, or `usual_ms`.
     #[must_use]
     pub fn reply_timeout_ms(&self, usual_ms: u32) -> u32 {
         self.scaled_ms(self.reply_timeout_ms.unwrap_or(usual_ms))
@@ -142,7 +140,7 @@ impl HostOptions {
     }
 }
 
-/// How a protocol's commanding end is made.
+/// The host end of a protocol.
 pub trait Protocol {
     /// The wire it speaks on.
     type Medium: Medium;
@@ -153,7 +151,7 @@ pub trait Protocol {
     const NAME: &'static str;
     /// The word in profiles: `tmcl`, `modbus`.
     const PROFILE_PROTOCOL: &'static str;
-    /// What an axis on this protocol is called when nothing else is known.
+    /// The profile of an axis of which nothing else is known.
     fn generic_profile() -> &'static Profile;
     /// Addresses that a scan tries.
     const SCAN_ADDRESSES: core::ops::RangeInclusive<u32>;
@@ -198,14 +196,13 @@ pub trait Protocol {
         let _ = address;
         None
     }
-    /// On CAN, the one question that every drive answers; `None` where each address must be asked
-    /// by itself.
+    /// On CAN, a request that every drive answers; `None` where each address must be asked by itself.
     fn discovery_frame(options: &HostOptions) -> Option<Frame> {
         let _ = options;
         None
     }
-    /// On CAN, the address of the drive that sent this frame, where the frame alone tells it: so a
-    /// scan knows who is there before it asks, and who answered [`discovery_frame`](Self::discovery_frame).
+    /// On CAN, the address of the drive that sent this frame, if the frame alone shows it. A scan uses it for
+    /// drives that send by themselves, and for replies to [`discovery_frame`](Self::discovery_frame).
     fn frame_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
         let _ = (options, frame);
         None

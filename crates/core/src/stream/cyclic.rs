@@ -62,8 +62,7 @@ pub struct SetpointBounds {
 }
 
 impl SetpointBounds {
-    /// Largest distance between an axis at rest and the start of its path, rad or m: at most the distance
-    /// of
+    /// Largest distance between an axis at rest and the start of its path, rad or m: at most the distance of
     /// one cycle of `period` seconds, and never a visible one. A drive covers it within that cycle.
     #[must_use]
     pub fn max_start_offset(&self, period: f64) -> f64 {

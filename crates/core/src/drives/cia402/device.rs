@@ -18,7 +18,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// That drive, just powered.
+    /// A drive after power-up.
     #[must_use]
     pub fn new(mut drive: Drive) -> Self {
         Self { end: CanEndpoint::new(Quirks::STRICT, &mut drive), drive }

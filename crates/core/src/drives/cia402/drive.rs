@@ -86,7 +86,7 @@ impl SwitchLines {
             | self.forced_closed[2]
     }
 
-    /// Where the home switch's only edge is.
+    /// Position of the home switch's only edge.
     #[inline]
     fn home_edge(&self) -> Option<f64> {
         (self.home_until == f64::INFINITY && self.switch_positions[2] != f64::INFINITY)
@@ -159,7 +159,7 @@ impl Drive {
         self
     }
 
-    /// What every reset brings from now on, until its settings are stored or restored.
+    /// Sets the values that a reset restores, until settings are stored or restored.
     pub fn set_reset_objects(&mut self, objects: Objects) {
         self.stored_objects = Some(objects);
     }
@@ -184,7 +184,7 @@ impl Drive {
         }
     }
 
-    /// When it next wants [`advance`](Self::advance) though nobody asks it anything.
+    /// Time of the next call to [`advance`](Self::advance), without a request.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         (!self.shaft.is_resting()).then(|| self.ticks.at().plus_ns(TICK_NS))
@@ -224,12 +224,12 @@ impl Drive {
         self.flash_writes
     }
 
-    /// What happened since the last call.
+    /// Takes the event since the last call.
     pub const fn take_notice(&mut self) -> Option<&'static str> {
         self.notice.take()
     }
 
-    /// Something is wrong: power goes off as 605Eh says.
+    /// Raises a fault: removes power as 605Eh states.
     pub fn raise_fault(&mut self, fault: FaultCode) {
         if self.fault != FaultCode::NONE {
             return;
@@ -429,7 +429,7 @@ impl Firmware for Drive {
         self.reading(tag).cast_unsigned()
     }
 
-    /// What comes each cycle goes ahead of the rest.
+    /// Writes a cyclic value ahead of the others.
     #[inline]
     fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
         match tag {
@@ -477,7 +477,7 @@ impl Firmware for Drive {
         self.restart();
     }
 
-    /// As 6007h says.
+    /// Reacts to the loss of the link as 6007h states.
     fn handle_link_loss(&mut self, _now: Instant) {
         match self.objects.value(stored::ABORT_OPTION) {
             1 => self.raise_fault(FaultCode::LINK),

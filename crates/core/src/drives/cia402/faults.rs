@@ -42,7 +42,7 @@ impl FaultCode {
         }
     }
 
-    /// What is told at the bench.
+    /// Name of the fault for the bench.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

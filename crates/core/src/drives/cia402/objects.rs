@@ -36,7 +36,7 @@ pub mod stored;
 /// The first so many of [`stored`] are commands, not settings.
 const COMMAND_COUNT: usize = stored::TARGET_TORQUE as usize + 1;
 
-/// Tags of what is read, and of what is not kept as written.
+/// Tags of objects that are computed, not stored as written.
 pub mod computed {
     /// The first of them.
     pub const FIRST: u16 = 0x100;
@@ -84,7 +84,7 @@ pub mod computed {
     pub const SCRATCH: u16 = FIRST + 20;
     /// Bytes that are counted.
     pub const STREAM: u16 = FIRST + 21;
-    /// How many there were.
+    /// Number of these tags.
     pub const STREAMED: u16 = FIRST + 22;
     /// The check over them.
     pub const STREAM_CHECK: u16 = FIRST + 23;
@@ -429,9 +429,9 @@ impl Objects {
         objects
     }
 
-    /// As another drive has them from the factory: its values by tag, and the increments of its
-    /// encoder in a turn. Where its maker leaves open what the motor needs to turn, by 0 or by
-    /// nothing at all, this drive's own value stands in until another is written \[I\].
+    /// Factory settings of another drive: its values by tag, and the increments of its encoder per turn.
+    /// Where its data sheet has 0 or nothing for a value that the motor needs, this drive's own value is
+    /// used until another one is written \[I\].
     #[must_use]
     pub fn from_defaults(values: impl IntoIterator<Item = (u16, i64)>, turn: u32) -> Self {
         let mut objects = Self::factory();
@@ -474,7 +474,7 @@ impl Objects {
         }
     }
 
-    /// The same with nothing commanded: what is worth keeping over power-off.
+    /// The settings without commands: the values to store for the next power-up.
     #[must_use]
     pub fn settings(&self) -> Self {
         let mut settings = self.clone();

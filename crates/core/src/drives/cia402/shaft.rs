@@ -133,13 +133,13 @@ impl Shaft {
         self.servo.is_enabled()
     }
 
-    /// What its loops are held to.
+    /// Limits of the control loops.
     #[must_use]
     pub fn bounds(&self) -> ServoBounds {
         self.servo.bounds()
     }
 
-    /// Where the set-point is while it counts.
+    /// The set-point while it is in use.
     #[must_use]
     pub const fn active_setpoint(&self) -> Option<Setpoint> {
         self.servo.regulated_setpoint()
@@ -191,7 +191,7 @@ impl Shaft {
         (self.copper_heat, self.ticks) = (heat, 0);
     }
 
-    /// What the protections say after a tick. `blocked_is_fine` while homing feels for a stop.
+    /// Checks the protections after a tick. `blocked_is_fine` while homing drives against a stop.
     #[inline]
     pub fn check_protections(
         &mut self,
@@ -208,7 +208,8 @@ impl Shaft {
         if self.is_fault_free() { None } else { self.lasting_fault() }
     }
 
-    /// [`lasting_fault`](Self::lasting_fault) would find nothing: every sign at once, for each tick asks.
+    /// Whether [`lasting_fault`](Self::lasting_fault) would return `None`; checks all signs at once, for
+    /// every tick.
     #[inline]
     fn is_fault_free(&self) -> bool {
         (self.supply >= SUPPLY_LIMITS.0)
@@ -218,7 +219,7 @@ impl Shaft {
             & !self.hall_broken
     }
 
-    /// What is wrong and stays so until somebody mends it.
+    /// A fault whose cause lasts until it is repaired.
     #[cold]
     #[must_use]
     pub fn lasting_fault(&self) -> Option<FaultCode> {
@@ -233,7 +234,7 @@ impl Shaft {
         signs.into_iter().find(|(there, _)| *there).map(|(_, fault)| fault)
     }
 
-    /// What the protections summed up is forgotten.
+    /// Resets the integrators of the protections.
     pub fn reset_protections(&mut self) {
         self.overload = 0.0;
         self.stall.reset();

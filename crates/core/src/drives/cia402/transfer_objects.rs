@@ -37,7 +37,7 @@ impl TransferObjects {
         self.stream_crc
     }
 
-    /// Part of what is kept, or of the stream: its n-th byte is 7 n + n / 256.
+    /// Reads a part of the stored bytes, or of the stream: its n-th byte is 7 n + n / 256.
     pub fn read(&self, tag: u16, offset: u32, out: &mut [u8]) {
         for (n, byte) in (offset..).zip(out) {
             *byte = match tag {

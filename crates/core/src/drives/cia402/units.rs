@@ -119,7 +119,7 @@ impl Objects<'_> {
         Some(self.number(over)? / self.number(under).unwrap_or(1.0))
     }
 
-    /// A ratio that somebody has set: 1/1 is the factory's.
+    /// A ratio other than the factory's 1/1.
     fn set_ratio(&self, which: Ratio) -> Option<f64> {
         self.ratio(which).filter(|ratio| *ratio != 1.0)
     }

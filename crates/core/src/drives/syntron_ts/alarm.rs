@@ -1,7 +1,7 @@
 //! Alarm codes: two characters of the panel in one number (TS manual V2 §4).
 
-/// What `Dn_12` holds: the character before the last in the high byte, the last in the low byte;
-/// zero for no alarm.
+/// Content of `Dn_12`: the last but one character in the high byte, the last in the low byte; zero for no
+/// alarm.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Alarm(pub u16);
 

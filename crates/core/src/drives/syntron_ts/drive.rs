@@ -134,7 +134,7 @@ impl Drive {
         }
     }
 
-    /// When it next wants [`advance`](Self::advance) though nobody asks it anything.
+    /// Time of the next call to [`advance`](Self::advance), without a request.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         let moving = (!self.core.shaft.is_resting()).then(|| self.core.now.plus_ms(WAKE_MS));
@@ -171,7 +171,7 @@ impl Drive {
         &mut self.core.lines
     }
 
-    /// How it was made.
+    /// Options of the drive.
     #[must_use]
     pub const fn options(&self) -> &Options {
         &self.core.options
@@ -201,7 +201,7 @@ impl Drive {
         self.core.motion.origin()
     }
 
-    /// What happened since the last call.
+    /// Takes the event since the last call.
     pub const fn take_notice(&mut self) -> Option<&'static str> {
         self.core.notice.take()
     }
@@ -282,7 +282,7 @@ impl Drive {
         self.core.update_jog();
     }
 
-    /// What the panel shows. Returns how many characters.
+    /// Writes the text of the panel. Returns the number of characters.
     pub fn write_display(&self, now: Instant, out: &mut [u8]) -> usize {
         self.panel.write_display(now, &self.core, out)
     }
@@ -304,7 +304,7 @@ impl Drive {
         }
     }
 
-    /// Saved at the panel: kept in flash whatever Fn_99 says, that is for the line only `[I]`.
+    /// Saves a value at the panel: to flash, whatever Fn_99 has, which applies to the line only `[I]`.
     fn save_from_panel(&mut self, number: u16, value: u16) {
         let allowed = self.core.check_value(number, value).is_ok()
             && self.core.check_s_times(number, &[value]).is_ok();
@@ -495,8 +495,8 @@ impl DriveCore {
         self.mode() == MODE_CANOPEN || (internal && self.registers.value(fn_registers::ENABLE) == 1)
     }
 
-    /// Powers the motor if the mode, the alarm and the bus let it. It holds where it is, then does
-    /// what the mode says.
+    /// Powers the motor if the mode, the alarm and the bus permit it. It holds its position, then follows the
+    /// mode.
     fn power_on(&mut self) {
         let by_register = self.registers.value(fn_registers::ENABLE) == 1;
         let internal = matches!(self.mode(), MODE_SPEED | MODE_POSITION);
@@ -571,8 +571,8 @@ impl DriveCore {
         }
     }
 
-    /// Modes 0, 2 and 4 follow what comes past the line. Which two of them a mixed mode has, and which
-    /// input changes over, the manual does not tell: those hold.
+    /// Modes 0, 2 and 4 follow inputs other than the line. The manual does not document which two of them a
+    /// mixed mode has, and which input selects: those hold.
     fn update_external(&mut self) {
         match self.mode() {
             MODE_ANALOG => self.shaft.set_velocity(self.limit_direction(self.external.speed())),
@@ -592,7 +592,7 @@ impl DriveCore {
         }
     }
 
-    /// What drives the motor toward a closed limit switch is nothing `[I]`.
+    /// The speed limited by limit switches: zero toward a closed switch `[I]`.
     fn limit_direction(&self, wanted: f64) -> f64 {
         let position = self.shaft.motor().position();
         let limit =
@@ -648,7 +648,7 @@ impl DriveCore {
         if clash { Err(RegisterError::Value) } else { Ok(()) }
     }
 
-    /// What a write sets going.
+    /// Reacts to a write.
     fn handle_written(&mut self, number: u16, before: u16, value: u16) {
         let rises = before == 0 && value == 1;
         let by_registers = self.registers.value(fn_registers::TRIGGER_SOURCE) == 1;

@@ -62,13 +62,13 @@ impl ExternalSignals {
         wanted * ((limit_rpm - along) / (TORQUE_FADE_SHARE * limit_rpm)).clamp(0.0, 1.0)
     }
 
-    /// How far the pulses of one tick turn the shaft, rad: one for each encoder count `[I]`.
+    /// Rotation by the pulses of one tick, rad: one pulse is one encoder count `[I]`.
     pub fn take_rotation(&mut self) -> f64 {
         let pulses = core::mem::take(&mut self.pending_pulses) + self.pulse_rate * TICK_S;
         pulses / COUNTS_PER_TURN * TAU
     }
 
-    /// Pulses that came while nobody followed them are lost.
+    /// Discards pulses that arrived while no mode followed them.
     pub const fn drop_pulses(&mut self) {
         self.pending_pulses = 0.0;
     }

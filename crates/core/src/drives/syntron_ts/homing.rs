@@ -2,7 +2,7 @@
 //!
 //! The word is `D*10000 + C*1000 + B*100 + A` in decimal digits; A has two digits `[I]`.
 
-/// What to do once the zero is found, digits A.
+/// Action after the zero is found, digits A.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AfterHoming {
     /// Overshoot, then come back onto the zero.
@@ -15,7 +15,7 @@ pub enum AfterHoming {
     Unknown(u8),
 }
 
-/// What the zero is, digit C.
+/// Kind of zero, digit C.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum HomingMark {
     /// An edge of the home switch.
@@ -44,11 +44,11 @@ pub enum HomingStart {
 /// A way of homing.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct HomingMethod {
-    /// What to do at the zero.
+    /// Action at the zero.
     pub after: AfterHoming,
     /// Go on slowly to the next Z pulse; only where the mark is a switch.
     pub z_search: bool,
-    /// What the zero is.
+    /// Kind of zero.
     pub mark: HomingMark,
     /// +1 forward (CCW), -1 reverse (CW).
     pub direction: f64,

@@ -6,7 +6,7 @@
 /// Number of inputs.
 pub const INPUTS: usize = 8;
 
-/// What an input is for.
+/// Function of an input.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum InputPurpose {
     /// Nothing.
@@ -105,13 +105,13 @@ impl InputLines {
         lines
     }
 
-    /// What each input is for.
+    /// Function of each input.
     #[must_use]
     pub const fn purposes(&self) -> &[InputPurpose; INPUTS] {
         &self.purposes
     }
 
-    /// Says anew what each input is for. Of two with one purpose the first counts.
+    /// Assigns functions to the inputs. Of two inputs with one function, the first counts.
     pub fn assign(&mut self, purposes: [InputPurpose; INPUTS]) {
         self.purposes = purposes;
         self.inputs_by_purpose = [0; InputPurpose::ALL.len()];
@@ -120,7 +120,7 @@ impl InputLines {
         }
     }
 
-    /// Whether the input of that purpose is closed with the shaft at `position` (rad).
+    /// Whether the input of that function is closed with the shaft at `position` (rad).
     #[inline]
     #[must_use]
     pub fn is_closed(&self, purpose: InputPurpose, position: f64) -> bool {

@@ -18,7 +18,7 @@ const TORQUE_TICKS: u16 = 50;
 /// Ramp of homing, of jogging and of internal speed mode: from rest to 3000 rpm in 200 ms `[I]`.
 pub const RAMP: f64 = 3000.0 / 60.0 * TAU / 0.2;
 
-/// What the motion has to do with at a tick.
+/// The state around a motion during a tick.
 #[derive(Debug)]
 pub struct TickContext<'a> {
     /// The tick's end.
@@ -29,7 +29,7 @@ pub struct TickContext<'a> {
     pub registers: &'a Registers,
     /// The home switch is closed.
     pub home: bool,
-    /// Where the home switch is, if its place is known better than by the tick.
+    /// Position of the home switch, if it is known more exactly than by the tick.
     pub home_at: Option<f64>,
     /// The positive limit switch (CCWL) is closed.
     pub forward_limit: bool,
@@ -42,7 +42,7 @@ impl TickContext<'_> {
         self.registers.value(number)
     }
 
-    /// Where the Z pulse of this tick was, if there was one: it comes at whole turns.
+    /// Position of the Z pulse in this tick, if there was one: at whole turns.
     fn index_pulse(&self) -> Option<f64> {
         let turns = |position: f64| libm::floor(position / TAU);
         let (was, is) = (turns(self.shaft.previous_position()), turns(self.shaft.position()));
@@ -67,7 +67,7 @@ enum MotionTask {
     Settle { way: HomingMethod, zero: f64 },
     /// Going back to the zero.
     Align { way: HomingMethod, zero: f64 },
-    /// Coming to rest because it was told to stop.
+    /// Decelerates to rest after a stop.
     Stopping,
 }
 
@@ -137,7 +137,7 @@ impl Motion {
         self.alarm.take()
     }
 
-    /// The motor was just powered: it holds, and homes where Fn_200 says so.
+    /// The motor was powered: holds its position, and homes if Fn_200 requests it.
     pub fn handle_powered(&mut self, scene: &mut TickContext<'_>) {
         self.task = MotionTask::Idle;
         self.commanded = scene.shaft.position();
@@ -147,7 +147,7 @@ impl Motion {
         }
     }
 
-    /// Power was taken off the motor: whatever ran has ended.
+    /// Power was removed: ends any motion.
     pub fn handle_released(&mut self) {
         self.task = MotionTask::Idle;
     }
@@ -189,7 +189,7 @@ impl Motion {
         }
     }
 
-    /// What runs goes on: to be called before each tick of the shaft.
+    /// Advances the motion. Called before each tick of the shaft.
     pub fn tick(&mut self, scene: &mut TickContext<'_>) {
         let speed = scene.shaft.setpoint().velocity;
         if (speed > 0.0 && scene.forward_limit) || (speed < 0.0 && scene.reverse_limit) {
@@ -214,7 +214,7 @@ impl Motion {
         }
     }
 
-    /// Starts a path from whatever the set-point does now.
+    /// Starts a path from the present set-point.
     fn start_path(&mut self, number: u8, scene: &mut TickContext<'_>) {
         let path = read_path(scene.registers, number);
         let turns = path
@@ -244,7 +244,7 @@ impl Motion {
         self.alarm = Some(alarm);
     }
 
-    /// What a coordinate counts from.
+    /// The base of a coordinate.
     fn coordinate_base(&self, end: PathEnd, scene: &TickContext<'_>) -> f64 {
         match end {
             PathEnd::Coordinate => self.origin,
@@ -316,7 +316,7 @@ impl Motion {
         }
     }
 
-    /// Where the mark that is searched is, if it came in this tick.
+    /// Position of the mark, if it was found in this tick.
     fn find_mark(&mut self, scene: &TickContext<'_>) -> Option<f64> {
         let MotionTask::Search { way, home, torque, .. } = &mut self.task else { return None };
         let here = scene.shaft.position();
@@ -335,8 +335,8 @@ impl Motion {
         }
     }
 
-    /// The mark came: it is the zero, or the Z pulse after it is. Away from a limit switch the
-    /// pulse is searched backwards `[I]`.
+    /// Handles the mark: it is the zero, or the Z pulse after it is. Away from a limit switch the pulse is
+    /// searched backwards `[I]`.
     fn handle_mark(&mut self, way: HomingMethod, zero: f64, scene: &mut TickContext<'_>) {
         if way.z_search {
             let back = way.mark == HomingMark::LimitSwitch;

@@ -30,12 +30,12 @@ const TENTH_RPM: f64 = 0.1 / 60.0 * TAU;
 /// Tags: Fn registers have their numbers, Dn readings come behind them, then the drive profile's
 /// objects.
 pub const DN_TAGS: u16 = 0x300;
-/// First tag of what is kept as written.
+/// First tag of stored objects.
 pub const STORED_TAGS: u16 = 0x400;
-/// First tag of what is read.
+/// First tag of computed objects.
 pub const COMPUTED_TAGS: u16 = 0x500;
 
-/// Tags of what is kept as written.
+/// Tags of objects that are stored as written.
 pub mod stored {
     use super::STORED_TAGS;
     /// Controlword.
@@ -86,11 +86,11 @@ pub mod stored {
     pub const FACTOR: u16 = STORED_TAGS + 22;
     /// Position factor, divisor.
     pub const DIVISOR: u16 = STORED_TAGS + 23;
-    /// How many there are.
+    /// Number of these tags.
     pub const COUNT: usize = 24;
 }
 
-/// Tags of what is read.
+/// Tags of objects that are computed.
 pub mod computed {
     use super::COMPUTED_TAGS;
     /// Statusword.
@@ -271,7 +271,7 @@ static PLACES: [u16; 2048] = Dictionary::hash_slots(&ENTRIES);
 /// The drive's dictionary.
 pub static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
 
-/// What was written to the drive profile's objects.
+/// Written values of the drive profile's objects.
 #[derive(Clone, Debug)]
 pub struct Objects([i32; stored::COUNT]);
 

@@ -8,7 +8,7 @@ use crate::proto::canopen::device as can;
 /// Registers that a password may lock.
 const LOCKED_MAX: usize = 16;
 
-/// What was bought (TS manual V2 §1.1).
+/// Variant of the drive (TS manual V2 §1.1).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Variant {
     /// Modbus with internal speed mode.
@@ -37,10 +37,10 @@ const CAN_QUIRKS: can::Quirks = can::Quirks {
     type_254_by_timer: true,
 };
 
-/// How a drive is made.
+/// Options of a simulated drive.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Options {
-    /// What was bought.
+    /// Variant.
     pub variant: Variant,
     /// It has the registers that only drivers of the DS102 name.
     pub ds102: bool,
@@ -58,23 +58,23 @@ pub struct Options {
     pub ascii: bool,
     /// Control mode from the factory (Fn_00).
     pub mode: u16,
-    /// How the CAN end differs from the standard.
+    /// Deviations of the CAN end from the standard.
     pub can: can::Quirks,
     /// Homing methods 3 and 19 begin forward outside the switch, as CiA 402 has them, and not in reverse as
     /// the TS manual (§3.6.4).
     pub homes_by_cia: bool,
     /// Inputs and switches.
     pub lines: InputLines,
-    /// What the analog and the pulse input get from the start.
+    /// Initial signals of the analog and the pulse input.
     pub external: ExternalSignals,
     locked: [Option<u16>; LOCKED_MAX],
 }
 
 impl Options {
-    /// From what a rack or command line says.
+    /// Parses options of a rack or command line.
     ///
     /// # Errors
-    /// The name of an unknown option, or the value that is none.
+    /// The name of an unknown option, or an invalid value.
     pub fn from_device_options<'a>(
         options: &DeviceOptions<'a>,
         ds102: bool,
@@ -109,7 +109,7 @@ impl Options {
         self.locked.contains(&Some(number))
     }
 
-    /// Whether Fn_3D takes that value (TS manual V2 §2.2).
+    /// Whether Fn_3D accepts that value (TS manual V2 §2.2).
     #[must_use]
     pub const fn accepts_format(&self, value: u16) -> bool {
         match value {

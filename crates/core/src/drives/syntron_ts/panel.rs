@@ -47,7 +47,7 @@ pub enum RegisterCode {
     Dn(u16),
 }
 
-/// What the panel wants the drive to do.
+/// Action of the panel on the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PanelAction {
     /// Save a parameter.
@@ -58,11 +58,11 @@ pub enum PanelAction {
     ClearAlarm,
 }
 
-/// What the panel sees of the drive.
+/// The drive as seen by its panel.
 pub trait DriveView {
     /// A register's value.
     fn value(&self, code: RegisterCode) -> i32;
-    /// What may be saved in a parameter.
+    /// Limits of a parameter that is saved at the panel.
     fn limits(&self, number: u16) -> (i32, i32);
     /// Motor speed, rpm.
     fn rpm(&self) -> i32;
@@ -159,7 +159,7 @@ impl FrontPanel {
         }
     }
 
-    /// Writes what is shown and returns how many characters that are.
+    /// Writes the displayed text and returns the number of characters.
     pub fn write_display(&self, now: Instant, view: &impl DriveView, out: &mut [u8]) -> usize {
         let mut text = DisplayText::default();
         let lit = (now.0 / 1_000_000 / BLINK_MS).is_multiple_of(2);
@@ -266,8 +266,8 @@ impl FrontPanel {
     }
 }
 
-/// What stands there by itself: the alarm, the speed, or that the drive is ready. What the manual
-/// shows while the servo is off was a picture; `rdy` is `[I]`.
+/// Writes the idle display: the alarm, the speed, or ready. The manual shows the display with the servo off
+/// as a picture only; `rdy` is `[I]`.
 fn write_state(text: &mut DisplayText, lit: bool, view: &impl DriveView) {
     let alarm = view.alarm();
     if alarm.is_some() {

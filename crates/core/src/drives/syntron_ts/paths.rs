@@ -19,7 +19,7 @@ pub enum PathType {
     Unknown(u8),
 }
 
-/// Where a path ends.
+/// End of a path.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PathEnd {
     /// At the coordinate.
@@ -37,7 +37,7 @@ pub struct DecodedPath {
     pub kind: PathType,
     /// AutoLoadIndex: the next path, 1 to 32.
     pub next: Option<u8>,
-    /// Where it ends.
+    /// Its end.
     pub end: PathEnd,
     /// It may interrupt the path that runs.
     pub interrupts: bool,

@@ -73,7 +73,7 @@ pub mod fn_registers {
     pub const S_TIMES: u16 = 0x210;
 }
 
-/// Numbers of the Dn registers that tell something.
+/// Numbers of the Dn registers with values.
 pub mod dn_registers {
     /// Motor speed, rpm.
     pub const SPEED: u16 = 0x00;
@@ -102,7 +102,7 @@ pub struct Registers {
 }
 
 impl Registers {
-    /// As from the factory, by the defaults of `profile`; 0 where it knows none.
+    /// Factory settings, by the defaults of `profile`; 0 where it has none.
     #[must_use]
     pub fn factory(profile: &Profile) -> Self {
         let mut flash = [0; FN_COUNT];
@@ -176,7 +176,7 @@ impl Registers {
     }
 }
 
-/// What may be written to an Fn register: least and greatest value, and whether it is signed.
+/// Limits of an Fn register: least and greatest value, and whether it is signed.
 #[must_use]
 pub fn write_limits(profile: &Profile, number: u16) -> (i64, i64, bool) {
     let known = profile.parameters.iter().find(|p| p.index == number && is_single_register(p));

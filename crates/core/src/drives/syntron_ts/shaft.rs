@@ -172,7 +172,7 @@ impl Shaft {
         self.servo.is_enabled()
     }
 
-    /// How the set-point may move.
+    /// Sets the limits of the set-point.
     pub fn set_limits(&mut self, limits: Limits) {
         self.servo.set_limits(limits);
     }
@@ -183,13 +183,13 @@ impl Shaft {
         self.servo.limits().velocity
     }
 
-    /// What its loops are held to: a path's speed and ramp, the current limit.
+    /// Limits of the control loops: a path's speed and ramp, the current limit.
     #[must_use]
     pub fn bounds(&self) -> ServoBounds {
         self.servo.bounds()
     }
 
-    /// Where the set-point is while it counts.
+    /// The set-point while it is in use.
     #[must_use]
     pub const fn active_setpoint(&self) -> Option<Setpoint> {
         self.servo.regulated_setpoint()
@@ -237,7 +237,7 @@ impl Shaft {
         }
     }
 
-    /// Where the set-point is.
+    /// The set-point.
     #[must_use]
     pub const fn setpoint(&self) -> Setpoint {
         self.servo.setpoint()
@@ -285,7 +285,7 @@ impl Shaft {
         self.overload = (self.overload + (share * share - 1.0) * TICK_S).max(0.0);
     }
 
-    /// What the protections say after a tick. `blocked_is_fine` while homing feels for a stop.
+    /// Checks the protections after a tick. `blocked_is_fine` while homing drives against a stop.
     pub fn check_protections(&mut self, blocked_is_fine: bool) -> Option<Alarm> {
         if self.supply > SUPPLY_LIMITS.1 {
             return Some(Alarm::OU);
@@ -321,7 +321,7 @@ impl Shaft {
         self.supply >= SUPPLY_LIMITS.0
     }
 
-    /// What the protections summed up is forgotten, as by a power-off.
+    /// Resets the integrators of the protections, as a power-off does.
     pub fn reset_protections(&mut self) {
         self.overload = 0.0;
         self.braking = 0.0;

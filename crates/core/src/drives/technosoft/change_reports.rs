@@ -28,7 +28,7 @@ pub(super) struct ChangeReports {
 }
 
 impl ChangeReports {
-    /// Nothing to tell.
+    /// Nothing to report.
     pub const NONE: Self =
         Self { reported: Status::NEW, reported_points: 0, masks: [0; 3], points: false };
 }
@@ -48,7 +48,7 @@ impl Drive {
         self.change_reports.points = allowed && points;
     }
 
-    /// Tells what changed since it was last told.
+    /// Sends what has changed since the last report.
     #[inline]
     pub fn report_changes(&mut self) {
         let [srl, srh, mer] = self.change_reports.masks;
@@ -67,7 +67,7 @@ impl Drive {
         }
     }
 
-    /// When something may have to be told next.
+    /// Time of the next possible report.
     pub fn next_report_due(&self) -> Option<Instant> {
         let ticks = if self.needs_polling() {
             let idle = self.shaft.is_at_rest() || !self.motion.moving;
@@ -85,8 +85,8 @@ impl Drive {
         self.change_reports.masks != [0; 3] || self.program.is_active()
     }
 
-    /// SEND: the value of a variable goes to MASTERID. On RS-485 no drive speaks unasked (TML
-    /// communication manual, chapter 3).
+    /// SEND: sends the value of a variable to MASTERID. On RS-485 no drive sends by itself (TML communication
+    /// manual, chapter 3).
     pub fn send_variable(&mut self, i: &Instruction) -> Result<(), ExecuteError> {
         if self.options.quirks.wire == Some(TmlWire::Rs485) {
             return Err(ExecuteError::NotPossible);

@@ -83,7 +83,7 @@ impl Drive {
         Ok(())
     }
 
-    /// 95xx and 96xx: ENEEPROM unlocks, LOCKEEPROM n locks as much as its number says.
+    /// 95xx and 96xx: ENEEPROM unlocks, LOCKEEPROM n locks the part that n states.
     pub fn execute_lock(&mut self, i: &Instruction) -> ExecuteResult {
         self.memory.locked = if i.opcode == 0x9500 { 0 } else { (i.opcode & 3) as u8 };
         Ok(())
@@ -128,7 +128,7 @@ impl Drive {
         Ok(())
     }
 
-    /// FAULTR: errors go whose causes are gone. The motor stays off.
+    /// FAULTR: clears errors whose causes are gone. The motor stays off.
     fn reset_fault(&mut self) {
         self.status.mer &= !(mer::FAULTS | mer::COMMAND | mer::COMMUNICATION | mer::CAN);
         set_bits(&mut self.status.srh, srh::FAULT, false);

@@ -51,16 +51,17 @@ pub(super) struct Drive {
     pub triggers: [Option<i32>; TRIGGERS],
     /// Ticks until AXISON is through.
     pub axis_on_ticks: u16,
-    /// Axis ID and groups, as AAR tells them.
+    /// Axis ID and groups, as in AAR.
     pub axis: u8,
     pub groups: u8,
     pub baud: u32,
     pub bit_rate: u32,
     pub unrepeatable: u64,
-    /// What powered the motor or gave it somewhere to go: AXISON, UPD, a position written to TPOS.
+    /// Number of commands that powered the motor or gave it a target: AXISON, UPD, a position written to
+    /// TPOS.
     pub starts: u64,
     pub notice: Option<&'static str>,
-    /// Until when the EEPROM takes what was written: the drive answers nobody before.
+    /// End of the present EEPROM write; the drive does not reply before.
     pub busy_until: Instant,
     /// What programs and hosts read is as old as the last tick or instruction.
     published: bool,
@@ -141,8 +142,8 @@ impl Drive {
         self.published = false;
     }
 
-    /// The axis ID at power-up (TML communication manual, chapter 2): from a valid set-up table,
-    /// else the last that came from a valid one; where that says "H/W", the switches; else 255.
+    /// The axis ID at power-up (TML communication manual, chapter 2): from a valid set-up table, otherwise
+    /// the last one that came from a valid table; if that is "H/W", from the switches; otherwise 255.
     fn initial_axis(&mut self) -> u8 {
         let from_hardware = self.options.switches.unwrap_or(255);
         if !self.memory.is_table_valid() {
@@ -157,7 +158,7 @@ impl Drive {
         }
     }
 
-    /// CSR: bit 14 tells that the axis ID came from hardware, bit 0 that the port is RS-485.
+    /// CSR: bit 14 is set if the axis ID came from hardware, bit 0 if the port is RS-485.
     fn hardware_status(&self) -> u16 {
         let from_table = self.memory.word(addresses::AAR_TABLE) != 0;
         let rs485 = self.options.quirks.wire == Some(TmlWire::Rs485);
@@ -179,8 +180,8 @@ impl Drive {
         }
     }
 
-    /// Whether nothing will happen until somebody does something. What the inputs and the supply
-    /// did is seen at a tick, so the bench asks for one.
+    /// Whether nothing happens without an action from outside. Changes of inputs and supply are seen at a
+    /// tick, so the bench requests one.
     fn is_idle(&self) -> bool {
         self.shaft.is_at_rest()
             && self.sync.ticks_left().is_none()
@@ -208,7 +209,7 @@ impl Drive {
         self.report_changes();
     }
 
-    /// Brings the variables that live elsewhere into memory, before somebody reads.
+    /// Copies variables that are stored elsewhere into memory, before a read.
     pub fn publish(&mut self) {
         if core::mem::replace(&mut self.published, true) {
             return;
@@ -217,7 +218,7 @@ impl Drive {
         self.publish_status();
     }
 
-    /// What was published may be old.
+    /// Marks the copies as possibly old.
     pub fn mark_stale(&mut self) {
         self.published = false;
     }
@@ -325,7 +326,7 @@ impl Drive {
         self.complete_motion();
     }
 
-    /// ENPWM: the power stage holds the motor again, if the axis is on and no fault stands. \[I\]
+    /// ENPWM: the power stage holds the motor again, if the axis is on and has no fault. \[I\]
     pub fn enable_stage(&mut self) -> bool {
         let on = self.status.srl & srl::AXIS_ON != 0 && self.axis_on_ticks == 0;
         if on {

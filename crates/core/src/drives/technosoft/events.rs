@@ -41,7 +41,7 @@ impl EventMonitor {
     /// None.
     pub const NONE: Self = Self { condition: None, action: None };
 
-    /// Whether there is one that has not come true.
+    /// Whether an event is set that has not occurred.
     pub const fn is_pending(&self) -> bool {
         self.condition.is_some()
     }
@@ -111,8 +111,7 @@ impl Drive {
         }
     }
 
-    /// Over or under: bit 4 of the opcode tells, or bits 5 and 4 of !RT. \[I\] Relative time counts
-    /// from here on.
+    /// Over or under: bit 4 of the opcode, or bits 5 and 4 of !RT. \[I\] Relative time counts from here.
     fn read_comparison(&mut self, i: &Instruction) -> EventCondition {
         let address = i.word(0);
         let value = match i.opcode & 0x100 {

@@ -14,13 +14,13 @@ const TRIGGERS_END: u16 = addresses::POSTRIGG1 + 2 * TRIGGERS as u16;
 /// Why an instruction was not carried out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum ExecuteError {
-    /// This firmware has no such instruction. \[I\] What the drive does then is not documented.
+    /// This firmware has no such instruction. \[I\] The reaction of the drive is not documented.
     Unknown,
     /// There is no memory where it wants to write.
     NoMemory,
     /// It cannot be done as things are. \[I\]
     NotPossible,
-    /// What DER tells.
+    /// Bits of DER.
     DerBits(u16),
 }
 
@@ -36,13 +36,13 @@ impl From<WriteRefusal> for ExecuteError {
 type ExecuteResult = Result<(), ExecuteError>;
 
 impl Drive {
-    /// Carries out an instruction and tells MER and DER if it could not.
+    /// Executes an instruction, and reports a failure in MER and DER.
     pub fn execute(&mut self, instruction: &Instruction) {
         let done = self.execute_instruction(instruction);
         self.record_error(done);
     }
 
-    /// Tells MER and DER of what could not be done.
+    /// Reports a failure in MER and DER.
     pub fn record_error(&mut self, done: ExecuteResult) {
         let Err(refused) = done else { return };
         self.status.mer |= mer::COMMAND;
@@ -96,7 +96,7 @@ impl Drive {
         }
     }
 
-    /// What drives tell drives, and points of a path.
+    /// Messages between drives, and points of a path.
     fn execute_online(&mut self, online: &OnlineMessage) -> ExecuteResult {
         match *online {
             OnlineMessage::Pvt(point) => return self.accept_pvt(&point),
@@ -171,8 +171,7 @@ impl Drive {
         }
     }
 
-    /// 88xx and 89xx: shifts of a variable or of PROD by as much as the opcode says. To the right
-    /// the sign is kept.
+    /// 88xx and 89xx: shifts a variable or PROD by the number in the opcode. To the right the sign is kept.
     fn execute_shift(&mut self, i: &Instruction) -> ExecuteResult {
         let (by, target) = (u32::from(i.opcode & 0x1F), i.word(0));
         let left = i.opcode & 0x20 != 0;
@@ -241,7 +240,7 @@ impl Drive {
         self.write_memory(space, to, value, long)
     }
 
-    /// Where a pointer variable points, which then moves on if it is told to.
+    /// Address in a pointer variable, which is then advanced if the instruction states it.
     fn pointer_target(
         &mut self,
         pointer: u16,
@@ -305,8 +304,8 @@ impl Drive {
         Ok(())
     }
 
-    /// What is more than memory takes what was written. Status and measurements take nothing: the
-    /// next reader finds them as they are.
+    /// Reacts to a write to an address with a function. Status and measurements ignore writes: the next read
+    /// returns the real value.
     fn handle_written(&mut self, address: u16) {
         let now = self.clock.now();
         match address {

@@ -47,7 +47,7 @@ impl Firmware for Drive {
         Some(message)
     }
 
-    /// CER.6 goes by itself once a message came (help page on CER).
+    /// CER.6 clears itself after a message (help page on CER).
     fn note_can_message(&mut self) {
         self.status.cer &= !cer::BUS_OFF;
     }

@@ -31,7 +31,7 @@ pub(super) struct Surroundings {
     /// Voltage at the reference input, V.
     pub reference_v: f64,
     pub hall_broken: bool,
-    /// What edges are looked for: bits of [`line`], and for each the level to go to.
+    /// Edges to look for: bits of [`line`], and for each the level to reach.
     pub awaited_edges: u16,
     pub awaited_levels: u16,
     /// The index pulse is looked for.
@@ -57,7 +57,7 @@ impl Surroundings {
 }
 
 impl Drive {
-    /// What INSTATUS reads. Home and LSP are closed from their position on, LSN up to it.
+    /// Value of INSTATUS. Home and LSP are closed from their position on, LSN up to it.
     pub fn input_levels(&self) -> u16 {
         let (around, at) = (&self.surroundings, self.shaft.motor.position());
         let [home, lsp, lsn] = around.switches;
@@ -85,7 +85,7 @@ impl Drive {
         }
     }
 
-    /// Whether a limit switch forbids this direction.
+    /// Whether a limit switch blocks this direction.
     pub fn is_direction_blocked(&self, way: f64) -> bool {
         let bar = if way > 0.0 { mer::LSP } else { mer::LSN };
         way != 0.0 && self.status.mer & bar != 0
@@ -103,7 +103,7 @@ impl Drive {
         set_bits(&mut self.status.srh, shown, false);
     }
 
-    /// The index pulse came by.
+    /// Checks whether the index pulse was passed.
     pub fn check_index(&mut self, before: f64) {
         let crossed = self.shaft.encoder.index_between(before, self.shaft.motor.position());
         if self.surroundings.index_awaited && crossed {
@@ -180,8 +180,8 @@ impl Drive {
         }
     }
 
-    /// POSTRIGGn was written: from now on bit n of SRH tells whether the position has reached it. \[I\]
-    /// Those that nobody wrote tell nothing.
+    /// Handles a write to POSTRIGGn: from now on bit n of SRH shows whether the position has reached it.
+    /// \[I\] A bit whose position was never written stays 0.
     pub fn set_trigger(&mut self, address: u16) {
         let n = (address - addresses::POSTRIGG1) / 2;
         self.triggers[usize::from(n)] = Some(self.memory.long(addresses::POSTRIGG1 + 2 * n));
@@ -203,7 +203,7 @@ impl Drive {
         }
     }
 
-    /// Whether the software limits are to be watched, read when a setting was written.
+    /// Reads from the settings whether the software limits are watched.
     pub fn read_limit_switches(&mut self) {
         self.limits_watched = self.memory.word(addresses::ASR) & SOFTWARE_LIMITS != 0;
         if !self.limits_watched {

@@ -37,9 +37,9 @@ pub(super) struct Memory {
     eeprom: [u16; 0x4000],
     /// Words written to the EEPROM since it was made.
     pub writes: u64,
-    /// What LOCKEEPROM locks: 0 nothing, 1 the last quarter, 2 the last half, 3 all. \[I\]
+    /// Part that LOCKEEPROM locks: 0 nothing, 1 the last quarter, 2 the last half, 3 all. \[I\]
     pub locked: u8,
-    /// What SPIBR set.
+    /// Value of SPIBR.
     pub spi_rate: u16,
 }
 
@@ -155,7 +155,7 @@ impl Memory {
         self.write(Space::Spi, SETUP_TABLE, !sum)
     }
 
-    /// Whether the set-up table's sum agrees.
+    /// Whether the check sum of the set-up table is valid.
     pub fn is_table_valid(&self) -> bool {
         let words = SETUP_TABLE_PARTS.into_iter().flatten().count() as u16;
         let stored = (SETUP_TABLE + 1..=SETUP_TABLE + words).map(|at| self.read(Space::Spi, at));
@@ -174,12 +174,12 @@ impl Memory {
         }
     }
 
-    /// The last axis ID that came from a valid table, if there ever was one.
+    /// The last axis ID that came from a valid table, if there was one.
     pub fn last_axis(&self) -> Option<u8> {
         u8::try_from(self.read(Space::Spi, LAST_AXIS)).ok()
     }
 
-    /// Keeps an axis ID that came from a valid table.
+    /// Stores an axis ID that came from a valid table.
     pub fn store_last_axis(&mut self, axis: u8) {
         if self.last_axis() != Some(axis) {
             self.eeprom[usize::from(LAST_AXIS - EEPROM.start)] = axis.into();

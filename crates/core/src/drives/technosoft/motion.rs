@@ -45,11 +45,11 @@ pub(super) enum MotionMode {
     Stopping,
     /// PVT or PT points.
     Points,
-    /// What somebody writes to EREF, or the analogue input.
+    /// A value written to EREF, or the analogue input.
     External(ControlLoop),
     /// A ramp in TREF, to try the motor.
     Test(ControlLoop),
-    /// A master's position, which somebody writes to MREF.
+    /// A master's position, written to MREF.
     Gear,
     /// A table over that position.
     Cam,
@@ -119,7 +119,7 @@ impl MotionMode {
 }
 
 impl Drive {
-    /// UPD: what was programmed takes effect. While the axis is off, only the mode is noted \[I\].
+    /// UPD: the programmed motion takes effect. While the axis is off, only the mode is stored \[I\].
     pub fn update(&mut self) -> Result<(), ExecuteError> {
         let word = self.memory.word(addresses::MCR);
         let mode = MotionMode::of(word).ok_or(ExecuteError::NotPossible)?;
@@ -165,7 +165,7 @@ impl Drive {
         self.starts += u64::from(self.shaft.servo.is_enabled());
     }
 
-    /// Whether a ramp to rest is under way.
+    /// Whether a deceleration to rest is running.
     pub fn is_stopping(&self) -> bool {
         self.motion.mode == MotionMode::Stopping
     }
@@ -219,7 +219,7 @@ impl Drive {
         self.note_motion_begun();
     }
 
-    /// Whether the mode can begin with what is set.
+    /// Checks whether the mode can start with the present settings.
     fn check_mode(&self, mode: MotionMode, word: u16) -> Result<(), ExecuteError> {
         let ramp = self.memory.fixed(addresses::CACC) > 0.0;
         let digital = word & mcr::SOURCE > mcr::ANALOG;

@@ -11,7 +11,7 @@ use crate::proto::tml::rules::TmlWire;
 pub(super) struct Options {
     /// Its wires.
     pub quirks: Quirks,
-    /// Axis ID in the set-up table, 1 unless said; 0 leaves it to the switches.
+    /// Axis ID in the set-up table, 1 by default; 0 uses the switches.
     pub axis: u8,
     /// Switches or jumpers for the axis ID, if it has any.
     pub switches: Option<u8>,
@@ -23,15 +23,15 @@ pub(super) struct Options {
     pub slow_ns: u64,
     /// Baud rate in the set-up.
     pub baud: u32,
-    /// How long AXISON takes to find the motor's field, ms.
+    /// Time that AXISON takes to find the motor's field, ms.
     pub axison_ms: u16,
-    /// How much its clock is fast, parts per million.
+    /// Clock error, parts per million; positive if fast.
     pub clock_ppm: i32,
-    /// What the firmware calls itself: `514L`.
+    /// Firmware name: `514L`.
     pub version: [u8; 4],
-    /// How long the EEPROM takes for a write of one or two words, ms. \[I\]
+    /// Time of an EEPROM write of one or two words, ms. \[I\]
     pub eeprom_ms: u32,
-    /// Where this firmware has SRL_MASK.
+    /// Address of SRL_MASK in this firmware.
     pub srl_mask: u16,
 }
 

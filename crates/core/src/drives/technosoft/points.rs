@@ -134,7 +134,7 @@ impl PathBuffer {
         Some(point)
     }
 
-    /// Whether points were ever sent or a path begun.
+    /// Whether points were sent or a path was started.
     pub const fn is_used(&self) -> bool {
         self.running || self.len > 0 || self.error_bits != 0
     }
@@ -187,7 +187,7 @@ impl Drive {
         self.mark_stale();
     }
 
-    /// What PVTSTS reads.
+    /// Value of PVTSTS.
     pub fn points_status(&self) -> u16 {
         self.points.status(self.points_capacity())
     }

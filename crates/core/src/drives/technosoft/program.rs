@@ -64,7 +64,7 @@ impl ProgramExecution {
         held_messages_len: 0,
     };
 
-    /// Whether something is executed or waited for.
+    /// Whether an instruction is being executed or waited for.
     pub const fn is_active(&self) -> bool {
         self.next_address.is_some() || self.wait.is_some() || self.held_messages_len > 0
     }
@@ -223,7 +223,7 @@ impl Drive {
         self.program.wait = Some(ProgramWait::Answer { address, long, ticks: ANSWER_TICKS });
     }
 
-    /// Another drive's value came.
+    /// Takes another drive's value.
     pub fn accept_answer(&mut self, value: u32) {
         let Some(ProgramWait::Answer { address, long, .. }) = self.program.wait else { return };
         self.program.wait = None;
@@ -255,7 +255,7 @@ impl Drive {
         Ok(())
     }
 
-    /// One instruction of the program. \[I\] What is no instruction ends it. `SEG` waits for its place.
+    /// Executes one instruction of the program. \[I\] An invalid one ends it. `SEG` waits for free space.
     fn execute_at(&mut self, at: u16) {
         let word = |n: usize| self.memory.read(Space::Program, at.wrapping_add(n as u16));
         let opcode = word(0);

@@ -51,7 +51,7 @@ impl Drive {
         self.send_or_execute(to, &instruction)
     }
 
-    /// 9Cxx: `V = [ag] V,mem`. Through a pointer (9Dxx) nobody knows what goes over the wire.
+    /// 9Cxx: `V = [ag] V,mem`. The message for access through a pointer (9Dxx) is not documented.
     pub fn fetch_remote(&mut self, i: &Instruction) -> ExecuteResult {
         if i.opcode & 0x100 != 0 {
             return Err(ExecuteError::Unknown);

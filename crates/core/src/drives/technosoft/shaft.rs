@@ -60,12 +60,12 @@ impl Shaft {
         }
     }
 
-    /// What the encoder reads (APOS).
+    /// Encoder count (APOS).
     pub fn count(&self) -> i32 {
         self.encoder.count(self.motor.position()) as i32
     }
 
-    /// Where the set-point is (TPOS), counts.
+    /// Set-point (TPOS), counts.
     pub fn target(&self) -> i32 {
         self.count_of(self.whole_counts(self.servo.setpoint().position))
     }
@@ -88,7 +88,7 @@ impl Shaft {
         }
     }
 
-    /// How far the shaft turned since the encoder broke, rad.
+    /// Rotation since the encoder broke, rad.
     pub fn turn_since_break(&self) -> f64 {
         self.motor.position() - self.encoder_broke_at
     }
@@ -127,8 +127,8 @@ impl Shaft {
         self.encoder.set_broken(self.motor.position(), broken);
     }
 
-    /// The position loop's gain, from KPP with its shift. \[I\] Half to three times of what the
-    /// model is tuned to: beyond, the model's shaft would creep or swing.
+    /// Sets the position loop's gain from KPP with its shift. \[I\] Limited to half to three times the
+    /// model's tuned value: beyond it the model's shaft would creep or oscillate.
     pub fn set_gain(&mut self, kpp: f64) {
         self.servo.gains.position_p = self.tuned_gain * (kpp / KPP_TUNED).clamp(0.5, 3.0);
     }
@@ -146,7 +146,7 @@ impl Shaft {
         self.winding.step(self.motor.copper_w(), TICK_S);
     }
 
-    /// Whether nothing will move until somebody does something.
+    /// Whether nothing moves without an action from outside.
     pub fn is_at_rest(&self) -> bool {
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0
@@ -165,7 +165,7 @@ impl Shaft {
         libm::floor(position * self.scale.per_rad + 1e-6) as i64
     }
 
-    /// What [`whole`](Self::whole) counts are called now.
+    /// The present count for [`whole`](Self::whole) counts.
     pub const fn count_of(&self, whole: i64) -> i32 {
         whole.wrapping_add(self.zero_count) as i32
     }

@@ -46,7 +46,7 @@ pub(super) mod mer {
     pub const UNDER_VOLTAGE: u16 = 1 << 13;
     pub const COMMAND: u16 = 1 << 14;
     pub const DISABLED: u16 = 1 << 15;
-    /// What switches the motor off until FAULTR.
+    /// Faults that switch the motor off until FAULTR.
     pub const FAULTS: u16 = SHORT_CIRCUIT
         | CONTROL
         | FEEDBACK
@@ -121,7 +121,7 @@ impl Status {
     pub const NEW: Self =
         Self { srl: srl::MOTION_COMPLETE, srh: 0, mer: 0, der: 0, der2: 0, cer: 0, isr: 0 };
 
-    /// MSR tells what the others tell too, in places of its own, and that a contour segment is due.
+    /// MSR: repeats bits of other registers at its own places, and whether a contour segment is due.
     pub const fn msr(&self, segment_due: bool) -> u16 {
         const fn moved(word: u16, bit: u16, to: u32) -> u16 {
             if word & bit == 0 { 0 } else { 1 << to }

@@ -38,7 +38,7 @@ impl Drive {
         self.sync.ticks_left = self.sync.period_ticks;
     }
 
-    /// A synchronisation message came, or went out.
+    /// Latches the time of a synchronisation message, received or sent.
     pub fn latch_time(&mut self, now: Instant) {
         self.sync.latched_time = self.clock.absolute_time(now);
     }
@@ -65,7 +65,7 @@ impl Drive {
         }
     }
 
-    /// A message goes out: behind a synchronisation follows the time at which it went.
+    /// Handles a sent message: after a synchronisation message, its time of sending follows.
     pub fn handle_sent(&mut self, now: Instant, message: &Message) {
         if message.instruction == OnlineMessage::Synchronisation.emit() {
             self.latch_time(now);

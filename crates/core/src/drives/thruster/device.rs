@@ -42,7 +42,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// That drive, just powered.
+    /// A drive after power-up.
     #[must_use]
     fn new(options: Options) -> Self {
         let drive = Drive::new(options);

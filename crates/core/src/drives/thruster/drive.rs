@@ -25,18 +25,18 @@ pub(super) struct Drive {
     pub faults: u16,
     /// Faults there were since the start (FR).
     pub fault_history: u16,
-    /// The timeout stop that the request in hand tells of for the last time.
+    /// The timeout stop that the present request reports for the last time.
     pub expiring_timeout_ms: u16,
     /// Causes that the bench put there.
     pub injected: u16,
     /// The signal was zero.
     pub zero_seen: bool,
-    /// LS came, and nothing runs before CF.
+    /// LS was received, and nothing runs before CF.
     pub stop_latched: bool,
     /// ST, ms; 0 is never.
     pub timeout_ms: u16,
     pub last_command: Instant,
-    /// Where the last relative move goes, tenths of a degree from the relative zero.
+    /// Target of the last relative move, tenths of a degree from the relative zero.
     pub relative_target: Option<i64>,
     pub unrepeatable: u64,
     pub starts: u64,
@@ -75,7 +75,7 @@ impl Drive {
         }
     }
 
-    /// A restart: id and bit rate that were written hold, what was not kept is gone.
+    /// Restarts: written ID and bit rate apply, other settings in RAM are lost.
     pub fn power_up(&mut self, now: Instant) {
         self.shaft.disable_output();
         self.active_link = (self.memory.id, self.memory.bit_rate());
@@ -124,7 +124,7 @@ impl Drive {
         if self.options.wraps_around { (tenths + 1800).rem_euclid(3600) - 1800 } else { tenths }
     }
 
-    /// What it reports now.
+    /// The present report.
     pub fn current_telemetry(&self) -> TelemetryValues {
         let shaft = &self.shaft;
         let whole = |celsius: f64| libm::round(celsius) as i16;
@@ -149,7 +149,7 @@ impl Drive {
         }
     }
 
-    /// Closes the output for a fault and says why.
+    /// Switches the output off for a fault and reports it.
     pub fn trip(&mut self, bit: u16, why: &'static str) {
         self.faults |= bit;
         self.fault_history |= bit;

@@ -177,8 +177,8 @@ impl Drive {
         Response::Done
     }
 
-    /// \[I\] RZ makes this place the relative zero; RC clears the counter and what is left of a move.
-    /// Both make QR read 0.
+    /// [I\] RZ makes this position the relative zero; RC clears the counter and the rest of a move. Both make QR
+    /// read 0.
     fn set_zero(&mut self, command: CommandWord) -> Response {
         let here = self.shaft.position();
         match command {

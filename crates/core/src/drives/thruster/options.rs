@@ -8,7 +8,7 @@ use crate::proto::thruster::interpretation::Interpretation;
 /// How a drive is built and what of its manual is read how.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Options {
-    /// What the wire does.
+    /// Deviations on the wire.
     pub quirks: Quirks,
     /// Its id.
     pub id: u8,

@@ -51,7 +51,7 @@ pub(super) struct Shaft {
     pub output_limit: f64,
     /// The highest speed that it is regulated to, rad/s.
     speed_limit: f64,
-    /// Where the encoder stopped, if it is broken, rad.
+    /// Position at which the encoder broke, rad.
     pub encoder_broken_at: Option<f64>,
 }
 
@@ -102,7 +102,7 @@ impl Shaft {
         self.regulate(Goal::Position(position));
     }
 
-    /// Position that the encoder tells, rad.
+    /// Position of the encoder, rad.
     pub fn position(&self) -> f64 {
         self.encoder_broken_at.unwrap_or(self.motor.position())
     }
@@ -112,7 +112,7 @@ impl Shaft {
         libm::round((self.position() - zero) * TENTHS) as i64
     }
 
-    /// Speed that the drive knows, rad/s.
+    /// Speed as known to the drive, rad/s.
     pub fn velocity(&self) -> f64 {
         self.motor.velocity()
     }
@@ -132,7 +132,7 @@ impl Shaft {
         self.winding.step(self.motor.copper_w(), TICK_S);
     }
 
-    /// Whether nothing will move until somebody does something.
+    /// Whether nothing moves without an action from outside.
     pub fn is_at_rest(&self) -> bool {
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0

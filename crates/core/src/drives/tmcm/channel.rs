@@ -19,7 +19,7 @@ pub mod number {
     pub const MAX_ACCELERATION: usize = 5;
     /// Current while it turns, 255 is all.
     pub const RUN_CURRENT: usize = 6;
-    /// Current while it stands.
+    /// Current at standstill.
     pub const STANDBY_CURRENT: usize = 7;
     /// The right stop switch does not stop.
     pub const RIGHT_STOP_DISABLE: usize = 12;
@@ -41,7 +41,7 @@ pub mod number {
     pub const SWITCH_SPEED: usize = 195;
     /// Distance between the stop switches, as the last search found it.
     pub const SWITCH_DISTANCE: usize = 196;
-    /// Where the last search ended, as counted before.
+    /// Position at which the last search ended, in counts before it.
     pub const LAST_REFERENCE: usize = 197;
     /// Time without motion after which the driver is switched off, 10 ms; 0 is never.
     pub const FREEWHEELING: usize = 204;
@@ -63,7 +63,7 @@ const STALL_STEP: f64 = 10.0;
 /// Greatest stallGuard2 reading.
 const STALL_MAX: f64 = 1023.0;
 
-/// How the ramp is led.
+/// Mode of the ramp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RampMode {
     /// To a position.
@@ -72,7 +72,7 @@ pub enum RampMode {
     Velocity,
 }
 
-/// What is around a motor: the bench's side.
+/// Surroundings of a motor on the bench.
 #[derive(Clone, Copy, Debug)]
 pub struct ChannelSurroundings {
     /// Torque from outside, N·m.
@@ -86,17 +86,17 @@ pub struct ChannelSurroundings {
 #[derive(Clone, Debug)]
 pub struct Channel {
     ramp: Trajectory,
-    /// How the ramp is led.
+    /// Mode of the ramp.
     pub mode: RampMode,
-    /// Where the last move goes, microsteps.
+    /// Target of the last move, microsteps.
     pub target: i32,
-    /// The speed last asked for, in the module's unit.
+    /// Last target speed, in the module's unit.
     pub target_speed: i32,
     /// Where the field stands at position 0, rad.
     zero: f64,
     /// rad of a microstep.
     microstep: f64,
-    /// Whether speeds are divided (TMC428, TMC429).
+    /// Whether speeds have divisors (TMC428, TMC429).
     pub has_divisors: bool,
     /// The motor.
     pub motor: Stepper,
@@ -144,13 +144,13 @@ impl Channel {
         }
     }
 
-    /// The motor has so many full steps a turn; it stands where it did.
+    /// Sets the full steps of the motor per turn. Its position stays the same.
     pub fn set_full_steps(&mut self, full_steps: u32, settings: &Settings) {
         self.motor = Stepper::new(StepperParameters { full_steps, ..*self.motor.parameters() });
         self.power_up(settings);
     }
 
-    /// The module was switched on: counters are 0, the field is where the rotor stands.
+    /// Power-up: counters are 0, the field is at the rotor.
     pub fn power_up(&mut self, settings: &Settings) {
         let at = self.motor.position() + self.period_lag();
         self.ramp.restart_at(at, 0.0);
@@ -160,7 +160,7 @@ impl Channel {
         self.apply_resolution(settings);
     }
 
-    /// The field comes on where the rotor stands: its nearest period.
+    /// The field powers up at the rotor's position: its nearest period.
     fn period_lag(&self) -> f64 {
         let period = TAU / (f64::from(self.motor.parameters().full_steps) / 4.0);
         let lag = self.motor.lag();
@@ -233,13 +233,13 @@ impl Channel {
         }
     }
 
-    /// What RFS STATUS answers: 0 when no search runs.
+    /// Reply to RFS STATUS: 0 when no search is running.
     #[must_use]
     pub fn search_status(&self) -> i32 {
         self.search.map_or(0, |search| search.at as i32 + 1)
     }
 
-    /// Whether the last move arrived.
+    /// Whether the last move has reached its target.
     #[must_use]
     pub fn has_arrived(&self) -> bool {
         self.mode == RampMode::Position
@@ -260,7 +260,7 @@ impl Channel {
         libm::round(self.ramp.setpoint().acceleration / self.acceleration_unit(settings)) as i32
     }
 
-    /// What stallGuard2 reads (parameter 206): less is more load, 0 a stall.
+    /// Reading of stallGuard2 (parameter 206): less is more load, 0 a stall.
     #[must_use]
     pub fn load_value(&self, settings: &Settings) -> i32 {
         let threshold = f64::from(settings[number::STALL_THRESHOLD]) * STALL_STEP;
@@ -281,13 +281,13 @@ impl Channel {
         self.current > 0.0
     }
 
-    /// Where the ramp is.
+    /// The set-point of the ramp.
     #[must_use]
     pub const fn setpoint(&self) -> Setpoint {
         self.ramp.setpoint()
     }
 
-    /// What the settings hold the motor to, read from them and not from the ramp.
+    /// The limits by the settings, not by the ramp.
     #[must_use]
     pub fn bounds(&self, settings: &Settings) -> ServoBounds {
         let speed = match self.mode {
@@ -315,7 +315,7 @@ impl Channel {
         }
     }
 
-    /// Whether nothing changes by itself but temperatures.
+    /// Whether nothing but temperatures changes without an action.
     #[must_use]
     pub fn is_idle(&self, settings: &Settings) -> bool {
         let standby = Self::ticks_of(settings[number::POWER_DOWN_DELAY]);
@@ -333,7 +333,7 @@ impl Channel {
         self.unsettled_ticks = SETTLING_TICKS;
     }
 
-    /// One tick; tells what unusual happened.
+    /// One tick; returns an unusual event.
     pub fn tick(&mut self, settings: &mut Settings, supply: f64) -> Option<&'static str> {
         self.unsettled_ticks = self.unsettled_ticks.saturating_sub(1);
         self.run_search(settings);

@@ -41,13 +41,13 @@ pub struct Search {
     steps: [SearchStep; STEPS_MAX],
     /// The present step.
     pub at: usize,
-    /// The present step has what it looks for, and the motor brakes.
+    /// The present step has found its edge, and the motor brakes.
     pub is_braking: bool,
     /// It has turned round at the stop switch.
     pub turned: bool,
-    /// Where the last switch opened, rad of the field.
+    /// Position at which the last switch opened, rad of the field.
     pub edge: f64,
-    /// Where the right stop switch opened.
+    /// Position at which the right stop switch opened.
     pub right_edge: Option<f64>,
     /// The level of the home switch is inverted.
     pub inverts_home: bool,
@@ -93,7 +93,7 @@ impl Search {
         })
     }
 
-    /// What it does now.
+    /// The present step.
     #[must_use]
     pub fn step(&self) -> SearchStep {
         self.steps.get(self.at).copied().unwrap_or(SearchStep::Finish)

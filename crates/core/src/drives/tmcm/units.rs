@@ -9,7 +9,7 @@ use crate::profile::{NoScale, ObjectKey, ScaleRule, ScaleRuleValue};
 
 /// Clock of the TMC428 and TMC429, Hz.
 const CLOCK_HZ: f64 = 16e6;
-/// Full steps of a turn where no parameter says otherwise: what `steps=` replaces.
+/// Default full steps per turn; `steps=` replaces it.
 pub const FULL_STEPS: f64 = 200.0;
 /// The greatest exponent of microsteps and of the divisors.
 const EXPONENT_MAX: i64 = 13;

@@ -97,7 +97,7 @@ impl TmclModule for Module {
         }
     }
 
-    /// Stand-alone programs came with the TMCM-171's firmware 1.06 (hardware manual).
+    /// Stand-alone programs exist from the TMCM-171's firmware 1.06 on (hardware manual).
     fn has_programs(&self) -> bool {
         self.state.profile.name.ends_with("171")
     }

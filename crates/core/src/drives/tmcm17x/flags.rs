@@ -22,11 +22,11 @@ pub const OVERVOLT: u32 = 1 << 8;
 /// Encoder and index pulse disagree. Cleared by reading.
 pub const ENCERR: u32 = 1 << 9;
 
-/// What switches the motor off.
+/// Flags that switch the motor off.
 pub const TRIPS: u32 = UNDERVOLT | OVERTEMP | HALLERR | OVERVOLT | ENCERR;
-/// What lasts as long as its cause.
+/// Flags that last as long as their cause.
 pub const PERSISTENT: u32 = UNDERVOLT | OVERTEMP | OVERVOLT;
-/// What reading clears.
+/// Flags that reading clears.
 pub const CLEARED_BY_READ: u32 = HALLERR | ENCERR;
 
 /// Motor off below, on again above, V.
@@ -56,7 +56,7 @@ impl Flags {
         self.0 = if on { self.0 | mask } else { self.0 & !mask };
     }
 
-    /// Takes supply and temperature; tells what newly trips.
+    /// Updates from supply and temperature; returns new trips.
     pub fn update(&mut self, supply: f64, protected: bool, celsius: f64) -> u32 {
         let before = self.0;
         self.apply_hysteresis(UNDERVOLT, supply < UNDERVOLT_V.0, supply >= UNDERVOLT_V.1);
@@ -67,7 +67,7 @@ impl Flags {
         self.0 & !before & TRIPS
     }
 
-    /// What GAP 156 answers; it clears what reading clears.
+    /// Reply to GAP 156; clears the flags that reading clears.
     pub fn read_and_clear(&mut self) -> u32 {
         let read = self.0;
         self.0 &= !CLEARED_BY_READ;

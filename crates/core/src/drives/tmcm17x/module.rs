@@ -15,7 +15,7 @@ const STALL_TICKS: u32 = 1000;
 /// Heat of the power stage per A², Ω.
 const STAGE_OHM: f64 = 0.02;
 
-/// What the motor is regulated to.
+/// Regulated quantity.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ControlMode {
     /// A speed.
@@ -179,7 +179,7 @@ impl Module {
         }
     }
 
-    /// Switches the motor off and says why.
+    /// Switches the motor off and reports why.
     pub fn trip(&mut self, why: &'static str) {
         if self.servo.is_enabled() {
             self.servo.disable();
@@ -243,8 +243,8 @@ impl Module {
         }
     }
 
-    /// The edge of the stop switch stops the motor and may clear the counter. \[I\] A command that
-    /// comes later is carried out, or nobody could leave the switch.
+    /// Handles an edge of the stop switch: stops the motor, and may clear the counter. \[I\] A later command
+    /// is executed; otherwise the motor could not leave the switch.
     fn check_switch(&mut self) {
         let active = self.switch_active();
         let came = active && !self.switch_was_active;

@@ -13,7 +13,7 @@ const AXIS_STEP: u16 = 0x800;
 const FIRST_AXIS: core::ops::Range<u16> = 0x6000..0x6800;
 const EVERY_AXIS: core::ops::Range<u16> = 0x6000..0xA000;
 
-/// How far the objects of an axis of a node lie above those of the first; the first is 0 or 1.
+/// Offset of the objects of a node's axis from those of the first axis, which is 0 or 1.
 pub const fn axis_offset(sub_axis: u8) -> u16 {
     sub_axis.saturating_sub(1) as u16 * AXIS_STEP
 }
@@ -93,8 +93,8 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
     }
 }
 
-/// What CiA 301 says of an object by its index alone: 1000h to 1FFFh is communication, which moves no
-/// motor, but for program control (1F51h). Of other objects nobody knows.
+/// Describes an object by its index alone, as in CiA 301: 1000h to 1FFFh is communication and moves no motor,
+/// except for program control (1F51h). Other objects have no description.
 #[must_use]
 pub fn describe(address: &ParameterAddress) -> Parameter {
     let plain = address.describe(Encoding::AnyLength);
@@ -114,7 +114,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame of the protocol is about an address, by its fields.
+/// Whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

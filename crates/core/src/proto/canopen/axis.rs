@@ -87,7 +87,7 @@ impl Axis {
         }
     }
 
-    /// What the node's fault code is from now on, unless it is a note.
+    /// The report of the node's present fault code, unless the code is a note.
     fn fault_report(&self, code: u16) -> Option<DriveReport> {
         let known = self.profile.faults.iter().find(|fault| fault.code == u32::from(code));
         if known.is_some_and(|fault| fault.severity == Severity::Note) {
@@ -101,7 +101,7 @@ impl Axis {
         })
     }
 
-    /// Takes what was read or written of a PDO.
+    /// Updates the known PDO mapping from an object that was read or written.
     fn learn_pdo(&mut self, object: ObjectIndex, bits: u64) {
         let pdos = match object.index {
             0x1400..=0x17FF => &mut self.rpdos,
@@ -461,7 +461,7 @@ const fn presence_of(state: NmtState) -> Option<Presence> {
     })
 }
 
-/// CANopen as the registry knows it.
+/// CANopen in the registry.
 #[derive(Debug)]
 pub enum Canopen {}
 

@@ -6,7 +6,7 @@ use super::sdo::ObjectIndex;
 pub const CONTROLWORD: ObjectIndex = ObjectIndex::new(0x6040, 0);
 /// Statusword.
 pub const STATUSWORD: ObjectIndex = ObjectIndex::new(0x6041, 0);
-/// Device type, of which the lower half tells the device profile.
+/// Device type; the lower half is the device profile.
 pub const DEVICE_TYPE: ObjectIndex = ObjectIndex::new(0x1000, 0);
 /// The device profile's number, as the device type has it.
 pub const PROFILE_NUMBER: u16 = 402;
@@ -35,8 +35,8 @@ pub enum DriveState {
 }
 
 impl DriveState {
-    /// What a statusword says. Bits that have no part in it, voltage enabled among them, do not
-    /// count: so the TS's words with bit 4 (0x0050, 0x0031, 0x0033, 0x0037) are read alike.
+    /// The state in a statusword. Bits without a part in it, voltage enabled among them, do not count, so the
+    /// TS's words with bit 4 (0x0050, 0x0031, 0x0033, 0x0037) are read too.
     #[must_use]
     pub const fn of(statusword: u16) -> Self {
         match statusword & 0x4F {
@@ -71,7 +71,7 @@ impl DriveState {
     }
 }
 
-/// What a controlword orders, by its bits 0 to 3 and 7.
+/// The command in a controlword, by its bits 0 to 3 and 7.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum ControlCommand {
     /// To ready to switch on.
@@ -89,7 +89,7 @@ pub enum ControlCommand {
 }
 
 impl ControlCommand {
-    /// What a controlword orders.
+    /// The command in a controlword.
     #[must_use]
     pub const fn of(controlword: u16) -> Self {
         match controlword & 0x8F {

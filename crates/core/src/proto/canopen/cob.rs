@@ -5,8 +5,8 @@
 //!     function code  node-ID
 //! ```
 
-/// What an 11-bit identifier stands for, before anybody moves it by objects 1005h to 1Axxh. A node
-/// is 1 to 127, the number of a PDO 1 to 4.
+/// Meaning of an 11-bit identifier by default, before objects 1005h to 1Axxh change it. A node is 1 to 127,
+/// the number of a PDO 1 to 4.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Cob {
     /// Network management, from the one master to everybody.
@@ -55,7 +55,7 @@ pub const LSS_REPLY: u16 = 0x7E4;
 pub const LSS_REQUEST: u16 = 0x7E5;
 
 impl Cob {
-    /// What the identifier stands for; bits above the eleventh do not count.
+    /// The meaning of an identifier; bits above the eleventh do not count.
     #[inline]
     #[must_use]
     pub const fn of(id: u16) -> Self {

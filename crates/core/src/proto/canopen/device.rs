@@ -42,7 +42,8 @@ pub enum SettingsGroup {
     Application,
 }
 
-/// What obeys. Values are bytes of the object's type in a number, the first byte lowest.
+/// The firmware of a simulated node. Values are bytes of the object's type in a number, the first byte
+/// lowest.
 pub trait Firmware {
     /// Its dictionary.
     fn dictionary(&self) -> &'static Dictionary;
@@ -72,7 +73,7 @@ pub trait Firmware {
     fn read(&mut self, tag: u16, offset: u32, out: &mut [u8]) {
         let _ = (tag, offset, out);
     }
-    /// Such an object will be written; the size if the client told it.
+    /// Starts a write to an object; the size if the client stated it.
     ///
     /// # Errors
     /// Why it cannot.
@@ -96,7 +97,7 @@ pub trait Firmware {
         let _ = (now, tag, size);
         Ok(())
     }
-    /// A SYNC came in state operational, after the PDOs that wait for it were taken.
+    /// Handles a SYNC in state operational, after the PDOs that wait for it.
     fn handle_sync(&mut self, now: Instant) {
         let _ = now;
     }
@@ -108,7 +109,7 @@ pub trait Firmware {
     fn reset(&mut self, now: Instant);
     /// The bus or the master is lost: bus-off, a heartbeat or guarding that failed to come.
     fn handle_link_loss(&mut self, now: Instant);
-    /// What 1001h shows, apart from bit 4, which is the protocol's.
+    /// Value of 1001h, except for bit 4, which is the protocol's.
     fn error_register(&self) -> u8;
     /// The next emergency. The register is filled in by the protocol.
     fn poll_emergency(&mut self) -> Option<Emergency>;
@@ -129,22 +130,22 @@ pub trait Firmware {
         let _ = bit_rate;
         false
     }
-    /// LSS asks to keep both over power-off. False when it cannot.
+    /// Stores node-ID and bit rate for LSS. False when it cannot.
     fn store_link(&mut self) -> bool {
         false
     }
-    /// The time of day came.
+    /// Sets the time of day.
     fn set_time_of_day(&mut self, now: Instant, time: TimeOfDay) {
         let _ = (now, time);
     }
-    /// Its own time of day, if it has one to tell others.
+    /// Its own time of day, if it produces one.
     fn time_of_day(&mut self, now: Instant) -> Option<TimeOfDay> {
         let _ = now;
         None
     }
 }
 
-/// What a node does otherwise than the standard has it, or does not do (SIM-15).
+/// Deviations of a node from the standard (SIM-15).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Quirks {
     /// SDO requests may be short, and their size need not be the object's; PDOs are mapped in any
@@ -152,7 +153,7 @@ pub struct Quirks {
     pub lenient: bool,
     /// The acknowledgement of a write repeats the data.
     pub echoes_writes: bool,
-    /// It knows segmented and block transfer.
+    /// It supports segmented and block transfer.
     pub segmented_sdo: bool,
     /// It has layer setting services.
     pub lss: bool,
@@ -160,7 +161,7 @@ pub struct Quirks {
     pub time: bool,
     /// It answers guarding requests.
     pub guarding: bool,
-    /// Emergencies are two bytes, and none tells that all is well again.
+    /// Emergencies have two bytes, and none reports the end of a fault.
     pub short_emcy: bool,
     /// Unit of a PDO's inhibit time, µs.
     pub inhibit_unit_us: u32,
@@ -248,13 +249,13 @@ impl<const N: usize> CanEndpoint<N> {
         self.node
     }
 
-    /// What the node is in.
+    /// State of the node.
     #[must_use]
     pub const fn state(&self) -> nmt::NmtState {
         self.state
     }
 
-    /// Power off and on. What was being stored is not.
+    /// Power off and on. A store that is running is lost.
     pub fn power_cycle(&mut self, now: Instant, firmware: &mut impl Firmware) {
         self.settings_store.abort_write();
         self.bit_rate = firmware.bit_rate();
@@ -283,8 +284,7 @@ impl<const N: usize> CanEndpoint<N> {
         self.handle_service(now, frame, firmware);
     }
 
-    /// To be called when [`poll_timeout`](Self::poll_timeout) says so, and after anything that may
-    /// have changed a value.
+    /// To be called at the time of [`poll_timeout`](Self::poll_timeout), and after any change of a value.
     #[inline]
     pub fn handle_timeout(&mut self, now: Instant, firmware: &mut impl Firmware) {
         self.collect_emergencies(now, firmware);
@@ -301,20 +301,20 @@ impl<const N: usize> CanEndpoint<N> {
         (self.next_due != Instant::FAR_FUTURE).then_some(self.next_due)
     }
 
-    /// Somebody has set it going: what changes by time is worth a look each tick.
+    /// Whether something is running whose values change with time.
     #[must_use]
     pub const fn is_active(&self) -> bool {
         matches!(self.state, nmt::NmtState::Operational)
     }
 
-    /// What happened to the wire.
+    /// Handles an event of the wire.
     pub fn handle_line(&mut self, now: Instant, event: LineEvent, firmware: &mut impl Firmware) {
         if event == LineEvent::BusOff {
             self.handle_link_loss(now, emcy::BUS_OFF, firmware);
         }
     }
 
-    /// How this end now drives the bus.
+    /// Present bus settings of this end.
     #[must_use]
     pub const fn line(&self) -> CanLine {
         CanLine { bit_rate: self.bit_rate }

@@ -7,7 +7,7 @@ use crate::medium::Frame;
 /// An emergency.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Emergency {
-    /// What is wrong; 0 when nothing is any more.
+    /// Error code; 0 when all errors are gone.
     pub code: u16,
     /// Object 1001h; 0 in the short form.
     pub register: u8,
@@ -53,8 +53,8 @@ impl Emergency {
     }
 }
 
-/// What the standard means by the upper byte of a code, the most special words that fit (CiA 301,
-/// table 26). Drives of their own numbers (the TS) mean something else.
+/// The standard's text for the upper byte of a code, the most specific one (CiA 301, table 26). Drives with
+/// codes of their own (the TS) mean something else.
 #[must_use]
 pub const fn class_text(code: u16) -> &'static str {
     match (code >> 8) as u8 {

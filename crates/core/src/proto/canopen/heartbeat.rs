@@ -5,7 +5,7 @@ use super::nmt::NmtState;
 use crate::error::WireError;
 use crate::medium::Frame;
 
-/// What a node says of itself, by itself or because it was asked.
+/// State message of a node: heartbeat, boot-up or a reply to guarding.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Heartbeat {
     /// Its state; [`NmtState::BootUp`] only once after a reset.
@@ -15,7 +15,7 @@ pub struct Heartbeat {
 }
 
 impl Heartbeat {
-    /// The frame by which `node` says it.
+    /// The frame of `node` with this state.
     #[must_use]
     pub fn emit(self, node: u8) -> Frame {
         let byte = u8::from(self.state) | u8::from(self.toggle) << 7;

@@ -35,7 +35,7 @@ use network::Network;
 use node_set::NodeSet;
 use transfer_buffer::TransferBuffer;
 
-/// Time allowed for a reply when neither caller nor profile says one, ms.
+/// Default time-out of a reply, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 200;
 /// The host's node-ID: the last one.
 pub const HOST_ID: u8 = NODE_MAX;
@@ -158,7 +158,7 @@ impl CanHost {
         }
     }
 
-    /// The state that a node told last, if it told any.
+    /// The last reported state of a node.
     #[must_use]
     pub fn state(&self, node: u8) -> Option<nmt::NmtState> {
         self.network.state(node)
@@ -168,7 +168,7 @@ impl CanHost {
         self.events.push(EventSubject::Request(ticket), result);
     }
 
-    /// Tells what a node said unasked. Where nobody takes what there is to tell, it is only counted.
+    /// Queues a message that a node sent by itself. A full queue only counts it.
     fn push_unsolicited(&mut self, node: u8, answer: Answer) {
         if self.events.room() > END_EVENTS_MAX {
             self.events.push(EventSubject::Unsolicited(node.into()), Ok(answer));
@@ -177,7 +177,7 @@ impl CanHost {
         }
     }
 
-    /// What a step of node's transfer leads to.
+    /// Executes a step of a node's transfer.
     #[inline]
     fn apply_step(&mut self, node: u8, step: ChannelStep) {
         match step {
@@ -319,8 +319,8 @@ impl CanHost {
         })
     }
 
-    /// Whatever is asked, but what goes ahead of everything else. Never inlined there: it would make
-    /// one jump by a table of all.
+    /// Submits any request except the usual ones. Never inlined: it would turn all of them into one jump
+    /// table.
     #[inline(never)]
     fn submit_slow_path(
         &mut self,
@@ -392,8 +392,8 @@ impl CanHost {
         Ok(())
     }
 
-    /// Ends what a node does not answer, for a stop: at once where it was not sent, else after a
-    /// moment, which nearly always suffices for its answer.
+    /// Ends a request that a node does not answer, to make room for a stop: at once if it was not sent,
+    /// otherwise after a moment that is nearly always long enough for its reply.
     fn preempt_for_stop(&mut self, now: Instant, node: u8, request: &HostRequest) -> bool {
         let channel = &mut self.channels[usize::from(node)];
         let other_axis = channel.host_request.is_of_other_axis(request);
@@ -584,8 +584,7 @@ impl CanHost {
         Some(1)
     }
 
-    /// When more segments of blocks are to be sent: half of those ahead at once, lest each wakes
-    /// somebody.
+    /// Time of the next block segments: half of the pending ones together, to avoid a wake-up for each.
     fn blocks_due(&self) -> Option<Instant> {
         let half = SEGMENTS_AHEAD_MAX / 2 * self.segment_ns;
         self.block_senders.first().map(|_| Instant(self.sent_until.0.saturating_sub(half)))

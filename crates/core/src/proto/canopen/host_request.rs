@@ -9,7 +9,7 @@ use super::sdo::ObjectIndex;
 use super::time::TimeOfDay;
 use crate::station::{Request, RequestClass};
 
-/// Something to be said on the bus.
+/// A request on the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum HostRequest {
     /// Reads an object of at most eight bytes; of a longer one the first eight, then it is let go.
@@ -32,7 +32,7 @@ pub enum HostRequest {
         /// Whether it may be sent again.
         class: RequestClass,
     },
-    /// Reads an object of any length, whose bytes are taken by
+    /// Reads an object of any length. The bytes are read with
     /// [`Host::poll_bytes`](crate::station::Host::poll_bytes).
     Upload {
         /// Whose.
@@ -42,7 +42,7 @@ pub enum HostRequest {
         /// In blocks.
         block: bool,
     },
-    /// Writes an object of any length, whose bytes are given by
+    /// Writes an object of any length. The bytes are fed with
     /// [`Host::feed_bytes`](crate::station::Host::feed_bytes).
     Download {
         /// Whose.
@@ -54,14 +54,14 @@ pub enum HostRequest {
         /// How many bytes there will be.
         size: u32,
     },
-    /// Asks a node for its state (guarding).
+    /// Reads a node's state (guarding).
     Guard {
         /// Which.
         node: u8,
     },
-    /// Orders a state. Nobody answers.
+    /// An NMT command. It has no reply.
     Nmt(NmtMessage),
-    /// Process data to whoever takes it. Nobody answers.
+    /// Process data. It has no reply.
     Process {
         /// Which.
         cob: Cob,
@@ -70,7 +70,7 @@ pub enum HostRequest {
         /// How many of them.
         len: u8,
     },
-    /// SYNC, once, with a counter or without. Nobody answers.
+    /// SYNC, once, with a counter or without. It has no reply.
     Sync(Option<u8>),
     /// SYNC every so many µs from now on; 0 is no more.
     SyncEvery(u32),
@@ -82,7 +82,7 @@ pub enum HostRequest {
         /// Within so long, ms.
         ms: u16,
     },
-    /// The time of day. Nobody answers.
+    /// The time of day. It has no reply.
     Time(TimeOfDay),
     /// A layer setting service.
     Lss(lss::LssRequest),
@@ -93,7 +93,7 @@ pub enum HostRequest {
 }
 
 impl HostRequest {
-    /// The node whose answer it waits for.
+    /// The node whose reply it waits for.
     #[must_use]
     pub const fn node(&self) -> Option<u8> {
         match *self {
@@ -121,8 +121,8 @@ impl HostRequest {
 }
 
 impl HostRequest {
-    /// Whether two short requests are about objects of different axes of a node: a stop of one axis
-    /// waits for the answer to the other's.
+    /// Whether two expedited requests concern objects of different axes of a node: a stop of one axis waits
+    /// for the reply to the other's.
     #[must_use]
     pub fn is_of_other_axis(&self, other: &Self) -> bool {
         let axis = |request: &Self| address::axis_number(request.object()?.index);
@@ -157,10 +157,10 @@ impl Request for HostRequest {
     }
 }
 
-/// What came of it, or what a node said unasked.
+/// A reply, or a message that a node sent by itself.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {
-    /// What was read.
+    /// A value that was read.
     Value {
         /// Which object.
         object: ObjectIndex,
@@ -178,10 +178,9 @@ pub enum Answer {
     },
     /// So many bytes went over.
     Transferred(u32),
-    /// It is sent; nobody answers such a thing.
+    /// A frame without a reply was sent.
     Sent,
-    /// A node is in that state: asked by guarding, or after boot-up, or because its heartbeat tells
-    /// another one than before.
+    /// State of a node: a reply to guarding, a boot-up, or a change reported by its heartbeat.
     State(nmt::NmtState),
     /// A node's heartbeat has failed to come.
     HeartbeatLost,

@@ -63,7 +63,7 @@ impl KnownPdo {
         self.bytes = at.div_ceil(8);
     }
 
-    /// Where a parameter lies.
+    /// Position of a parameter.
     pub fn field(&self, wanted: ParameterId) -> Option<BitField> {
         let known = self.fields.iter().flatten();
         known.clone().find(|(id, ..)| *id == wanted).map(|(_, field, _)| *field)
@@ -74,7 +74,7 @@ impl KnownPdo {
         self.bytes
     }
 
-    /// What `len` bytes tell: nothing if they are fewer than the mapping has.
+    /// Values in `len` bytes; none if they are fewer than the mapping has.
     pub fn decode_values(&self, data: u64, len: u8) -> [Option<DriveReport>; REPORTS_MAX] {
         if self.bytes == 0 || len < self.bytes {
             return [None; REPORTS_MAX];

@@ -40,7 +40,7 @@ pub enum IdentifyBound {
     RevisionHigh,
     /// Least serial number.
     SerialLow,
-    /// Greatest serial number; whoever fits all six answers.
+    /// Greatest serial number; a node that matches all six bounds replies.
     SerialHigh,
 }
 
@@ -68,15 +68,15 @@ pub enum LssRequest {
     ActivateBitTiming(u16),
     /// Keep node-ID and bit rate over power-off.
     Store,
-    /// Tell a number.
+    /// Reads a number.
     Inquire(IdentityNumber),
-    /// Tell the node-ID.
+    /// Reads the node-ID.
     InquireNode,
-    /// Whoever fits all bounds, answer.
+    /// Nodes that match all bounds reply.
     Identify(IdentifyBound, u32),
-    /// Whoever has no node-ID, answer.
+    /// Nodes without node-ID reply.
     IdentifyUnconfigured,
-    /// Whoever is without node-ID and agrees in the bits from `bit` up, answer.
+    /// Nodes without node-ID that match in the bits from `bit` up reply.
     FastScan {
         /// The number so far.
         number: u32,
@@ -117,7 +117,7 @@ pub enum LssReply {
 /// Bit rates of the standard's table 0, by index, in kbit/s; 0 where none is.
 pub const KBIT_PER_S: [u16; 10] = [1000, 800, 500, 250, 125, 0, 50, 20, 10, 0];
 
-/// As [`LssRequest::FastScan`]'s bit: whoever has no node-ID answers and begins anew.
+/// [`LssRequest::FastScan`]'s bit for a new scan: all nodes without node-ID reply.
 pub const FAST_SCAN_BEGIN: u8 = 128;
 
 impl LssRequest {

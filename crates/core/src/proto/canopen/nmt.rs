@@ -4,7 +4,7 @@ use super::cob;
 use crate::error::WireError;
 use crate::medium::Frame;
 
-/// What the master orders.
+/// Command of the master.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum NmtCommand {
     /// To operational: process data flow.
@@ -62,7 +62,7 @@ impl NmtCommand {
     }
 }
 
-/// What a node says of itself.
+/// State of a node.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum NmtState {
     /// It has just booted.
@@ -119,9 +119,9 @@ impl NmtState {
 /// An order to one node, or to all.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct NmtMessage {
-    /// What to do.
+    /// Command.
     pub command: NmtCommand,
-    /// Who; 0 is everybody.
+    /// Node; 0 for all.
     pub node: u8,
 }
 

@@ -83,7 +83,7 @@ impl ValueType {
         }
     }
 
-    /// Whether values have a sign.
+    /// Whether values are signed.
     #[must_use]
     pub const fn is_signed(self) -> bool {
         matches!(self.0, 0x02..=0x04 | 0x10 | 0x12..=0x15)
@@ -102,7 +102,7 @@ impl ValueType {
     }
 }
 
-/// What may be done with an entry.
+/// Access to an entry.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ObjectAccess(u8);
 
@@ -181,11 +181,11 @@ pub struct ObjectEntry {
     key: u32,
     /// Its type.
     pub kind: ValueType,
-    /// What may be done with it.
+    /// Access.
     pub access: ObjectAccess,
     /// The firmware's own number for it, or [`PROTOCOL_TAG`] for the protocol's objects.
     pub tag: u16,
-    /// What it is called; empty for what has no name.
+    /// Name; empty for none.
     pub name: &'static str,
     /// Value from the factory.
     pub default: DefaultValue,
@@ -197,7 +197,7 @@ pub struct ObjectEntry {
 pub const PROTOCOL_TAG: u16 = u16::MAX;
 
 impl ObjectEntry {
-    /// An entry whose value from the factory is 0, without limits.
+    /// An entry with factory value 0 and no limits.
     #[must_use]
     pub const fn new(
         index: u16,
@@ -295,7 +295,7 @@ impl Dictionary {
         Self { entries, slots }
     }
 
-    /// Where `entries` are found: `N` is a power of two, at least twice their number.
+    /// Hash table of `entries`: `N` is a power of two, at least twice their number.
     #[must_use]
     pub const fn hash_slots<const N: usize>(entries: &[ObjectEntry]) -> [u16; N] {
         let mut places = [EMPTY_SLOT; N];

@@ -2,21 +2,21 @@
 
 use super::sdo::ObjectIndex;
 
-/// Objects that [`PdoMapping`] holds unless told otherwise: one a byte.
+/// Default number of objects in a [`PdoMapping`]: one per byte.
 pub const MAPPED_MAX: usize = 8;
 /// Bits of a frame.
 pub const BITS_MAX: u8 = 64;
 
-/// When a PDO is sent, or when what it brings is taken (sub-index 2 of 1400h and 1800h on).
+/// When a PDO is sent, or when its values take effect (sub-index 2 of 1400h and 1800h on).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Transmission {
     /// With the SYNC after a change.
     OnChange,
     /// With every so many SYNCs, 1 to 240.
     Cyclic(u8),
-    /// Sampled at SYNC, sent when asked by a remote request.
+    /// Sampled at SYNC, sent on a remote request.
     SampledOnRequest,
-    /// Sent when asked by a remote request.
+    /// Sent on a remote request.
     OnRequest,
     /// By events of the manufacturer's; with an event timer, by time.
     Manufacturer,
@@ -110,7 +110,7 @@ pub struct PdoParameters {
 /// One entry of a mapping (objects 1600h and 1A00h on): an object and how many bits of it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct MappingEntry {
-    /// What is mapped. Indices 1 to 7 are gaps of that data type's length.
+    /// Mapped object. Indices 1 to 7 are gaps of that data type's length.
     pub object: ObjectIndex,
     /// Its length.
     pub bits: u8,
@@ -145,7 +145,7 @@ pub const fn max_frame_bits(bytes: u8) -> u32 {
     stuffed + 13 + (stuffed - 1) / 4
 }
 
-/// Where a value lies among the 64 bits of a frame, byte 0 lowest.
+/// Position of a value in the 64 bits of a frame, byte 0 lowest.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct BitField {
     /// Its lowest bit.

@@ -39,7 +39,7 @@ impl ObjectIndex {
 pub struct ExpeditedData {
     /// The bytes, the first one lowest.
     pub bits: u32,
-    /// How many of them there are, 1 to 4; 0 when the frame does not say.
+    /// Number of bytes, 1 to 4; 0 when the frame does not state it.
     pub len: u8,
 }
 
@@ -59,7 +59,7 @@ pub struct Segment {
     pub toggle: bool,
     /// None follows.
     pub last: bool,
-    /// How many of the bytes count.
+    /// Number of valid bytes.
     pub len: u8,
     /// The bytes.
     pub data: [u8; SEGMENT],
@@ -73,14 +73,14 @@ impl Segment {
     }
 }
 
-/// A segment of a block. Whether a frame is one can only be told from what came before.
+/// A segment of a block. Only the earlier frames show whether a frame is one.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct BlockSegment {
     /// 1 to 127 within the block.
     pub number: u8,
     /// None follows.
     pub last: bool,
-    /// The bytes; how many of the last ones count is told at the end.
+    /// The bytes; the end of the transfer states how many of the last ones are valid.
     pub data: [u8; SEGMENT],
 }
 
@@ -108,11 +108,11 @@ pub enum SdoRequest {
     Write(ObjectIndex, ExpeditedData),
     /// Write what follows in segments; the size, if known.
     WriteLong(ObjectIndex, Option<u32>),
-    /// Part of what is written.
+    /// Part of a write.
     WriteSegment(Segment),
     /// Read.
     Read(ObjectIndex),
-    /// The next part of what is read; toggle.
+    /// Requests the next part of a read; toggle.
     ReadSegment(bool),
     /// Write what follows in blocks.
     WriteBlock {
@@ -166,11 +166,11 @@ pub enum SdoReply {
     Written(ObjectIndex, u32),
     /// A segment was taken; toggle.
     WrittenSegment(bool),
-    /// What was read, up to four bytes.
+    /// The value, up to four bytes.
     Value(ObjectIndex, ExpeditedData),
-    /// What was read comes in segments; the size, if known.
+    /// The value follows in segments; the size, if known.
     ValueLong(ObjectIndex, Option<u32>),
-    /// Part of what is read.
+    /// Part of a read.
     ValueSegment(Segment),
     /// Ready for blocks.
     WriteBlockReady {
@@ -190,7 +190,7 @@ pub enum SdoReply {
     },
     /// Everything arrived and the check agrees.
     WriteBlockDone,
-    /// What is read comes in blocks.
+    /// The value follows in blocks.
     ReadBlockReady {
         /// What is read.
         object: ObjectIndex,
@@ -281,7 +281,7 @@ impl SdoRequest {
         frame(cob::SDO_REQUEST, node, self.bytes())
     }
 
-    /// What it is about, where it says.
+    /// The object that it concerns, if it names one.
     #[must_use]
     pub const fn object(self) -> Option<ObjectIndex> {
         match self {
@@ -362,7 +362,7 @@ impl SdoReply {
         frame(cob::SDO_REPLY, node, self.bytes())
     }
 
-    /// What it is about, where it says.
+    /// The object that it concerns, if it names one.
     #[must_use]
     pub const fn object(self) -> Option<ObjectIndex> {
         match self {
@@ -377,8 +377,8 @@ impl SdoReply {
     }
 }
 
-/// What `reply` brings, if it is the whole answer to `request` and that is [`SdoRequest::Read`]: looked
-/// at as one number each, because nearly every answer is one.
+/// The value in `reply`, if it is the complete reply to a [`SdoRequest::Read`]. Both are compared as numbers,
+/// because nearly every reply is of this kind.
 #[inline]
 #[must_use]
 pub const fn read_answer(request: [u8; 8], reply: [u8; 8]) -> Option<(ObjectIndex, ExpeditedData)> {
@@ -490,8 +490,8 @@ const fn frame(function: u16, node: u8, data: [u8; 8]) -> Frame {
     Frame { id: (function | node as u16) as u32, extended: false, remote: false, len: 8, data }
 }
 
-/// The check over a value that goes in blocks: x¹⁶ + x¹² + x⁵ + 1 from 0 (CiA 301, 7.2.4.3.16).
-/// Begin with `crc` 0; what comes in pieces goes on with what the piece before gave.
+/// Check sum of a block transfer: x¹⁶ + x¹² + x⁵ + 1 from 0 (CiA 301, 7.2.4.3.16). Start with `crc` 0; for
+/// data in pieces, continue with the result of the piece before.
 #[must_use]
 pub const fn crc(mut crc: u16, data: &[u8]) -> u16 {
     let mut at = 0;
@@ -586,7 +586,7 @@ impl AbortCode {
     /// No data available.
     pub const NO_DATA: Self = Self(0x0800_0024);
 
-    /// What it means (CiA 301, table 22); `None` for a code that the standard does not have.
+    /// Meaning (CiA 301, table 22); `None` for a code that the standard does not have.
     #[must_use]
     pub const fn text(self) -> Option<&'static str> {
         Some(match self {

@@ -4,14 +4,14 @@ use super::cob;
 use crate::error::WireError;
 use crate::medium::Frame;
 
-/// With a counter from 1 to what object 1019h says, or without.
+/// SYNC with a counter from 1 to the value of object 1019h, or without.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct SyncMessage {
     /// The counter, where there is one.
     pub counter: Option<u8>,
 }
 
-/// What object 1019h may be, if not 0.
+/// Values of object 1019h other than 0.
 pub const OVERFLOW_RANGE: core::ops::RangeInclusive<u8> = 2..=240;
 
 impl SyncMessage {

@@ -71,7 +71,7 @@ const FAST_SCAN: lss::LssRequest = lss::LssRequest::FastScan {
 /// Segments of a block that [`Statement::Upload`] asks for.
 const SEGMENTS: u8 = sdo::BLOCK_MAX;
 
-/// What a text or a frame says.
+/// Content of a text or a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Statement {
     /// An order; true to everybody.
@@ -121,7 +121,7 @@ pub enum Statement {
     Raw(Frame),
 }
 
-/// What a text asks of `node`, as far as a host asks such things.
+/// Parses a text as a request to `node`, as far as hosts send such requests.
 #[must_use]
 pub fn parse_request(text: &str, node: u8) -> Option<HostRequest> {
     if let Some(name) = text.strip_prefix("lss scanned ") {
@@ -132,11 +132,11 @@ pub fn parse_request(text: &str, node: u8) -> Option<HostRequest> {
 }
 
 impl Statement {
-    /// What a frame says. `part` tells that it is a segment of a block, which the frame alone does
-    /// not; a service of seven bytes counts as one of eight with a zero behind.
+    /// Parses a frame. `part` means that it is a segment of a block, which the frame alone does not show; a
+    /// service of seven bytes counts as one of eight with a zero appended.
     ///
     /// # Errors
-    /// What the frame breaks so that it says nothing.
+    /// The error that leaves the frame without a meaning.
     pub fn of(frame: &Frame, part: bool) -> Result<Self, WireError> {
         let (cob, bytes) = (Cob::of(frame.id as u16), frame.bytes());
         Ok(match cob {
@@ -257,7 +257,7 @@ impl Statement {
         })
     }
 
-    /// The object that it is about, where it says.
+    /// The object that it concerns, if it names one.
     #[must_use]
     pub const fn object(&self) -> Option<ObjectIndex> {
         match *self {
@@ -285,7 +285,7 @@ fn padded(bytes: &[u8]) -> [u8; 8] {
     all
 }
 
-/// What an answer to a layer setting service comes to.
+/// Result of a layer setting service.
 ///
 /// # Errors
 /// [`Failure::Refused`] with the service's own error.

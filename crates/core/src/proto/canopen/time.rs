@@ -18,7 +18,7 @@ pub struct TimeOfDay {
 }
 
 impl TimeOfDay {
-    /// What so many milliseconds since 1970-01-01 are; `None` before 1984 and after 2163.
+    /// From milliseconds since 1970-01-01; `None` before 1984 and after 2163.
     #[must_use]
     pub fn from_unix_ms(ms: u64) -> Option<Self> {
         let days = (ms / DAY_MS).checked_sub(EPOCH_DAYS)?;

@@ -120,7 +120,7 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
     write!(out, "{word} {}", address.index)
 }
 
-/// What the protocol says of an address: its space decides whether it is a bit and may be written.
+/// Describes an address: its space decides whether it is a bit and may be written.
 #[must_use]
 pub fn describe(address: &ParameterAddress) -> Parameter {
     let space = Space::of_number(address.space).unwrap_or(Space::Holding);
@@ -133,7 +133,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame of the protocol is about an address, by its fields.
+/// Whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

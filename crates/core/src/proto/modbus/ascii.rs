@@ -64,7 +64,7 @@ pub const fn hex_value(character: u8) -> Option<u8> {
     }
 }
 
-/// What a character did.
+/// Result of a character.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FeedResult {
     /// It belongs to a frame that goes on.
@@ -146,7 +146,7 @@ impl AsciiDeframer {
         if matches!(self.state, DeframerState::Idle) { 0 } else { self.characters }
     }
 
-    /// Forgets what was gathered.
+    /// Discards the collected characters.
     pub fn clear(&mut self) {
         self.state = DeframerState::Idle;
         self.characters = 0;

@@ -15,7 +15,7 @@ use crate::explain::RawFrame;
 use crate::profile::{AxisKind, Parameter, Profile, Watchdog};
 use crate::station::RequestClass;
 
-/// What is known of a Modbus drive of which nothing is known.
+/// Profile of an unknown Modbus drive.
 pub static GENERIC: Profile = Profile {
     name: "modbus",
     family: "modbus",
@@ -223,7 +223,7 @@ fn first_words(answer: &Answer) -> [u16; REGISTERS_MAX] {
 /// Bytes of a frame at most, LRC or CRC included.
 const ADU_MAX: usize = 256;
 
-/// The unit and the PDU of an ASCII frame behind its colon, whose LRC agrees.
+/// Unit and PDU of an ASCII frame after its colon, with a valid LRC.
 fn unpack_ascii<'a>(characters: &[u8], plain: &'a mut [u8; ADU_MAX]) -> Option<(u8, &'a [u8])> {
     let digits = characters.strip_suffix(b"\r\n")?;
     let (pairs, []) = digits.as_chunks::<2>() else { return None };
@@ -234,7 +234,7 @@ fn unpack_ascii<'a>(characters: &[u8], plain: &'a mut [u8; ADU_MAX]) -> Option<(
     ascii::decode(&plain[..pairs.len()]).ok()
 }
 
-/// What a request on the wire asks, as far as a host asks such things.
+/// The request of a PDU, as far as hosts send such requests.
 fn body_of_pdu(pdu: &RequestPdu<'_>) -> Option<RequestBody> {
     Some(match *pdu {
         RequestPdu::Read { space, start, count } => RequestBody::Read { space, start, count },

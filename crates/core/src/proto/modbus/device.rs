@@ -24,7 +24,7 @@ const STALE_MS: u32 = 50;
 /// A function without a known length is looked for at most over so many bytes.
 const UNKNOWN_LEN_MAX: usize = 32;
 
-/// How a drive now speaks.
+/// Serial settings of a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SerialSettings {
     /// RTU or ASCII.
@@ -33,7 +33,7 @@ pub struct SerialSettings {
     pub line: SerialLine,
 }
 
-/// What a simulated drive does with requests.
+/// The firmware of a simulated drive.
 pub trait Firmware {
     /// The station address it now listens to, 1 to 247.
     fn address(&self) -> u8;
@@ -42,7 +42,7 @@ pub trait Firmware {
     /// from then on.
     fn serial_settings(&self) -> SerialSettings;
 
-    /// Whether it knows a function; others are refused with exception 01.
+    /// Whether it supports a function; others are refused with exception 01.
     fn supports(&self, function: Function) -> bool {
         !matches!(function, Function::Unknown(_))
     }
@@ -54,9 +54,9 @@ pub trait Firmware {
         if function.read_space().is_some() { READ_WORDS_MAX } else { WRITE_WORDS_MAX }
     }
 
-    /// Whether a read of one bit brings all lines from there on, eight to the byte. The TS manual
-    /// V2 §2.3 asks for length 1 and gets 0F. If so, [`read_bits`](Self::read_bits) is asked for
-    /// eight, and lines that the drive does not have are to read as 0.
+    /// Whether a read of one bit returns all lines from there on, eight to the byte. The TS manual V2 §2.3
+    /// requests length 1 and receives 0F. If so, [`read_bits`](Self::read_bits) is called for eight, and
+    /// lines that the drive does not have read as 0.
     fn reads_whole_bytes(&self) -> bool {
         false
     }
@@ -107,7 +107,7 @@ pub trait Firmware {
     ) -> Result<(), Exception>;
 }
 
-/// How an RTU end tells frames apart.
+/// How an RTU end separates frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Framing {
     /// By the length they announce, confirmed by the CRC.
@@ -125,7 +125,7 @@ impl Framing {
     pub const TS: Self = Self::Silence { us: 10_000 };
 }
 
-/// What an obeying end counted.
+/// Counters of a device end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct EndpointCounters {
     /// Requests for this station that were carried out, broadcasts included.
@@ -134,7 +134,7 @@ pub struct EndpointCounters {
     pub refused: u64,
     /// Whole frames of or for others.
     pub foreign: u64,
-    /// Frames whose check failed.
+    /// Frames with a wrong check sum.
     pub corrupt: u64,
     /// Bytes that belonged to no frame.
     pub skipped: u64,
@@ -177,7 +177,7 @@ impl SerialEndpoint {
         }
     }
 
-    /// What it counted.
+    /// Its counters.
     #[must_use]
     pub const fn counters(&self) -> EndpointCounters {
         self.counters
@@ -201,7 +201,7 @@ impl SerialEndpoint {
         self.process_buffer(now, firmware);
     }
 
-    /// Takes what happened to the wire: whatever was half received or half sent is gone.
+    /// Handles an event of the wire: half-received and half-sent frames are discarded.
     pub fn handle_line(&mut self, event: LineEvent) {
         if !matches!(event, LineEvent::Up) {
             self.clear();
@@ -244,7 +244,7 @@ impl SerialEndpoint {
         Some(len)
     }
 
-    /// Forgets what was half received and what was not sent yet, as a loss of power does.
+    /// Discards half-received and unsent bytes, as a loss of power does.
     pub fn clear(&mut self) {
         self.len = 0;
         self.overrun = false;
@@ -253,7 +253,7 @@ impl SerialEndpoint {
         self.ascii.clear();
     }
 
-    /// Silence after which what was received is judged, ns.
+    /// Silence after which the received bytes are processed, ns.
     fn frame_end_ns(&self) -> u64 {
         match self.framing {
             Framing::Length => u64::from(STALE_MS) * 1_000_000,
@@ -265,7 +265,7 @@ impl SerialEndpoint {
         matches!((self.format, self.framing), (WireFormat::Rtu, Framing::Silence { .. }))
     }
 
-    /// Speaks as the firmware now does.
+    /// Applies the firmware's present format.
     fn apply_format<F: Firmware>(&mut self, firmware: &F) {
         let format = firmware.serial_settings().format;
         if format != self.format && self.reply_len == 0 {
@@ -288,7 +288,7 @@ impl SerialEndpoint {
         self.len -= count;
     }
 
-    /// Carries out what is complete, until a reply waits to be sent.
+    /// Executes complete requests, until a reply waits to be sent.
     fn process_buffer<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         match (self.format, self.framing) {
             (WireFormat::Ascii, _) => self.process_ascii(now, firmware),
@@ -371,7 +371,7 @@ impl SerialEndpoint {
         }
     }
 
-    /// Carries out one frame whose check agrees. A broadcast is obeyed in silence.
+    /// Executes one frame with a valid check sum. A broadcast has no reply.
     fn handle_pdu<F: Firmware>(&mut self, now: Instant, unit: u8, pdu: &[u8], firmware: &mut F) {
         if unit != BROADCAST && unit != firmware.address() {
             self.counters.foreign += 1;
@@ -402,8 +402,8 @@ impl SerialEndpoint {
         self.reply_at = now.plus_ns(self.turnaround_ns(&wire.line));
     }
 
-    /// A standard RTU station knows that a request ended after 3.5 characters of silence (MSL
-    /// 2.5.1.1); an end that waited for silence already has waited.
+    /// A standard RTU station detects the end of a request after 3.5 characters of silence (MSL 2.5.1.1); an
+    /// end that waited for silence has already waited.
     fn turnaround_ns(&self, line: &SerialLine) -> u64 {
         match (self.format, self.framing) {
             (WireFormat::Rtu, Framing::Length) => rtu::silence_ns(line),
@@ -418,8 +418,8 @@ enum RequestScan {
     More,
 }
 
-/// What the head of `bytes` is to the station `own`: requests to it or to all, or anything whole of
-/// and for other stations, which is stepped over.
+/// Classifies the head of `bytes` for the station `own`: requests to it or to all, or valid frames of and for
+/// other stations, which are skipped.
 fn scan_head(bytes: &[u8], own: u8) -> RequestScan {
     let unit = bytes[0];
     let request = check_span(bytes, rtu::request_span(bytes), unit == own || unit == BROADCAST);
@@ -444,7 +444,7 @@ fn check_span(bytes: &[u8], span: AnnouncedLength, mine: bool) -> RequestScan {
     }
 }
 
-/// A frame of a function whose length is not known ends where the check first agrees.
+/// A frame of a function with unknown length ends where the check sum is first valid.
 fn find_by_crc(bytes: &[u8]) -> RequestScan {
     let max = bytes.len().min(UNKNOWN_LEN_MAX);
     match (ADU_MIN..=max).find(|&len| rtu::crc_matches(&bytes[..len])) {

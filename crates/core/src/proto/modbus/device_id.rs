@@ -25,13 +25,13 @@ pub const fn access_code(object: u8) -> u8 {
     }
 }
 
-/// What follows the function code in a request for an object and those behind it.
+/// Data after the function code in a request for an object and the following ones.
 #[must_use]
 pub const fn request_data(object: u8) -> [u8; 3] {
     [MEI_TYPE, access_code(object), object]
 }
 
-/// What the standard calls an object; empty for those of the maker.
+/// The standard's name of an object; empty for objects of the maker.
 #[must_use]
 pub const fn object_name(object: u8) -> &'static str {
     match object {

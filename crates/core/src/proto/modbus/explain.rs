@@ -289,7 +289,7 @@ impl FrameLayout {
         sink.field(Field { name, start, end, value, meaning });
     }
 
-    /// The check as it stands in the frame behind `len` bytes.
+    /// The check sum after `len` bytes of the frame.
     fn emit_check(
         self,
         len: usize,
@@ -314,7 +314,7 @@ impl FrameLayout {
     }
 }
 
-/// Tells a frame; `adu` are its bytes, the check's among them.
+/// Explains a frame; `adu` are its bytes with the check sum.
 fn explain_frame(
     position: FrameLayout,
     adu: &[u8],
@@ -360,7 +360,8 @@ fn shift_error_offset(error: WireError) -> WireError {
     }
 }
 
-/// Without a direction a refusal is a reply, and what can be one where something was asked.
+/// Whether a frame is a reply. Without a direction, a refusal is one, and a frame that fits the last
+/// request.
 fn is_reply(pdu: &[u8], direction: Option<Direction>, request: Option<&[u8]>) -> bool {
     let can_be = || ReplyPdu::parse(pdu).is_ok();
     match direction {
@@ -480,7 +481,7 @@ impl PduExplainer {
         }
     }
 
-    /// What was read, under the names of what was asked for.
+    /// Explains the values of a read, with the names of the requested registers.
     fn explain_read(
         &self,
         space: Space,

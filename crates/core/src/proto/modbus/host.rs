@@ -35,15 +35,14 @@ use proof::StationProof;
 
 /// Times that one request is put on the wire at most.
 pub const ATTEMPTS_MAX: u8 = 3;
-/// Time allowed for a reply when nothing else is said, ms; the time that the bytes take on the wire
-/// comes on top.
+/// Default time-out of a reply, ms; the time of the bytes on the wire is added.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
-/// As [`HostOptions::gap_us`]: 3.5 characters whatever the baud rate, instead of the standard's fixed
-/// 1.75 ms above 19200 baud.
+/// [`HostOptions::gap_us`] of 3.5 characters at any baud rate, instead of the standard's fixed 1.75 ms above
+/// 19200 baud.
 pub const GAP_TRUE_CHARACTERS: u32 = HostOptions::GAP_CHARACTERS;
-/// Silence after a broadcast, and before another station is spoken to on a timed line: more than
-/// the 10 ms that the TS drive takes for the end of a frame (TS manual V2 §2.3). It hears its
-/// neighbours' replies too, so a shorter pause would make one bad frame of them and its request \[I\].
+/// Silence after a broadcast, and before a request to another station on a timed line: more than the 10 ms of
+/// silence that end a frame for the TS drive (TS manual V2 §2.3). It receives its neighbours' replies too, so
+/// after a shorter pause it would read the reply and the next request as one bad frame \[I\].
 pub const STATION_GAP_US: u32 = 10_500;
 /// Stands for whoever spoke on the line while it was somebody else's: no station has it.
 const INTRUDER_UNIT: u8 = 255;
@@ -145,9 +144,9 @@ enum PendingSend {
 /// Whether we hear our own bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum EchoState {
-    /// The user said so.
+    /// Stated by the user.
     Always,
-    /// The last exchange that could tell had an echo.
+    /// Detected in the last exchange that could show it.
     Detected,
     /// It had none, or there was no such exchange yet.
     NotDetected,
@@ -197,7 +196,7 @@ impl AwaitedReply {
         Self { unit: request.unit, function: request.body.function().code(), reply_fields, role }
     }
 
-    /// Bytes of the PDU that is owed, if it is no exception.
+    /// Length of the expected PDU, if it is not an exception.
     #[inline]
     fn pdu_len(self) -> usize {
         match Space::of_read_code(self.function) {
@@ -266,8 +265,8 @@ impl SerialHost {
         }
     }
 
-    /// The data of the last read that was answered, as it lay in the reply: big-endian words, or
-    /// bits eight to a byte. Stands until the next request is submitted.
+    /// Data of the last read, as in the reply: big-endian words, or bits eight to a byte. Valid until the
+    /// next request is submitted.
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         &self.payload[..self.payload_len]
@@ -277,7 +276,7 @@ impl SerialHost {
         &self.outstanding[..self.outstanding_len]
     }
 
-    /// The present request was answered; what it read is the payload.
+    /// Completes the present request; the values of a read become the payload.
     #[inline]
     fn complete_current(&mut self) {
         let Some(CurrentExchange { ticket, request, .. }) = &self.current else { return };
@@ -329,8 +328,8 @@ impl SerialHost {
         }
     }
 
-    /// When the next frame may go out: after the silence that the line needs, but no later than a
-    /// timeout after it was asked for, however much the line babbles.
+    /// Time of the next frame: after the silence that the line needs, but at most one time-out after the
+    /// request was submitted, whatever is received.
     fn send_at(&self) -> Instant {
         self.silent_at().min(self.latest_send_at())
     }
@@ -351,7 +350,7 @@ impl SerialHost {
         active.plus_ns(gap.max(self.station_gap_ns()))
     }
 
-    /// Least silence before a frame to another station than the one spoken to last.
+    /// Least silence before a frame to another station than the last one.
     #[cold]
     fn station_gap_ns(&self) -> u64 {
         let timed = self.is_timed && self.format == WireFormat::Rtu && self.gap_ns.is_none();
@@ -371,7 +370,7 @@ impl SerialHost {
         }
     }
 
-    /// A read of one bit or register with a function code that is not owed.
+    /// A read of one bit or register, with a function code of which no reply is pending.
     fn quarantine_probe(&self) -> Option<HostRequest> {
         let unit = self.sent_unit.filter(|&unit| unit != BROADCAST)?;
         let spaces = [Space::Holding, Space::Coil, Space::Input, Space::Discrete];
@@ -384,7 +383,7 @@ impl SerialHost {
         Some(HostRequest { unit, body: request, class: RequestClass::Idempotent })
     }
 
-    /// Notes that what lies in `sent` goes out now, and what is owed for it.
+    /// Notes that the bytes in `sent` go out now, and the expected reply.
     #[inline]
     fn note_sent(&mut self, now: Instant, awaited: AwaitedReply) {
         let gone = self.line.characters_ns(self.sent_len as u32);
@@ -451,8 +450,8 @@ impl SerialHost {
         self.deadline = self.deadline.map(|deadline| deadline.plus_ns(more));
     }
 
-    /// The wire was away. A reply that is owed may still come once it is back, and nothing shows
-    /// what it answers: until the latest is past, the line stays closed.
+    /// Handles the loss of the wire. A pending reply may still arrive after its return, and does not repeat
+    /// its request: the line stays closed until the latest one is past.
     fn abandon_outstanding(&mut self) {
         self.sending = None;
         self.held_since = None;
@@ -480,8 +479,8 @@ impl SerialHost {
         self.sending = Some(PendingSend::Request);
     }
 
-    /// Takes a request where something stands against it, and gives it back if too much does: a
-    /// stop takes the place of the present request in a quarantined line.
+    /// Submits a request that has to wait, or returns it if it cannot: a stop replaces the present request of
+    /// a quarantined line.
     #[cold]
     fn submit_slow_path(
         &mut self,

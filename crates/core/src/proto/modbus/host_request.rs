@@ -16,13 +16,13 @@ const _: () = assert!(COILS_MAX <= WRITE_BITS_MAX);
 pub struct HostRequest {
     /// Station address; 0 is every station, which none answers.
     pub unit: u8,
-    /// What it asks.
+    /// Content.
     pub body: RequestBody,
-    /// Whether it may be resent, and whether it is a stop: the driver says so.
+    /// Class, set by the driver: whether it may be sent again, and whether it is a stop.
     pub class: RequestClass,
 }
 
-/// What a request asks.
+/// Content of a request.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum RequestBody {
     /// 01 to 04.
@@ -96,7 +96,7 @@ impl RequestBody {
         matches!(self, Self::Read { .. } | Self::DeviceId { .. })
     }
 
-    /// Hands the PDU to `with`.
+    /// Calls `with` with the PDU.
     pub fn with_pdu<T>(&self, with: impl FnOnce(RequestPdu<'_>) -> T) -> T {
         match *self {
             Self::Read { space, start, count } => with(RequestPdu::Read { space, start, count }),
@@ -124,7 +124,7 @@ impl RequestBody {
         }
     }
 
-    /// First address and what a good answer repeats with it: the value, or the count.
+    /// First address, and the field that a good reply repeats: the value or the count.
     #[must_use]
     #[inline]
     pub const fn reply_fields(&self) -> (u16, u16) {
@@ -165,19 +165,20 @@ impl station::Request for HostRequest {
     }
 }
 
-/// What a station answered to a request that it did not refuse.
+/// A station's reply that is not a refusal.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Answer {
     /// Station address.
     pub unit: u8,
     /// Function.
     pub function: Function,
-    /// First address asked.
+    /// First requested address.
     pub start: u16,
     /// Bits or registers read or written.
     pub count: u16,
-    /// What was read, up to [`WORDS_MAX`] words; bits lie sixteen to a word, the lowest address in
-    /// bit 0. The value that a single write repeated, 0 or 1 for a coil. Longer reads: see
+    /// Values of a read, up to [`WORDS_MAX`] words; bits are sixteen to a word, the lowest address in bit
+    /// 0. For a
+    /// single write, the repeated value, 0 or 1 for a coil. For longer reads see
     /// [`SerialHost::payload`](super::host::SerialHost::payload).
     pub words: [u16; WORDS_MAX],
 }

@@ -76,7 +76,7 @@ pub(super) fn short_frame(
     (body | u64::from(crc16(&[a, b, c, d, e, f])) << 48).to_le_bytes()
 }
 
-/// Whether the check of a whole frame agrees. The CRC over a frame and its own CRC is zero.
+/// Whether the check sum of a frame is valid. The CRC over a frame with its own CRC is zero.
 #[must_use]
 #[inline]
 pub fn crc_matches(adu: &[u8]) -> bool {
@@ -135,7 +135,7 @@ pub const fn silence_ns(line: &SerialLine) -> u64 {
     }
 }
 
-/// 3.5 characters whatever the baud rate, for fast lines. In ns.
+/// 3.5 characters at any baud rate, for fast lines. In ns.
 #[must_use]
 pub const fn character_silence_ns(line: &SerialLine) -> u64 {
     line.characters_ns(7) / 2

@@ -14,7 +14,7 @@ use crate::profile::{Parameter, Profile};
 
 const TOKENS_MAX: usize = WRITE_WORDS_MAX as usize + 16;
 
-/// What a text asks.
+/// A parsed request.
 #[derive(Clone, Copy, Debug)]
 pub struct ParsedRequest {
     /// The function.
@@ -23,7 +23,7 @@ pub struct ParsedRequest {
     pub start: u16,
     /// Bits or registers.
     pub count: u16,
-    /// What is written, one coil or register each.
+    /// Values to write, one per coil or register.
     pub words: [u16; READ_WORDS_MAX as usize],
 }
 

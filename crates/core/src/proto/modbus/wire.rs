@@ -25,7 +25,7 @@ pub const EXCEPTION_BIT: u8 = 0x80;
 
 const COIL_ON: u16 = 0xFF00;
 
-/// How bytes are put on the wire.
+/// Encoding of bytes on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum WireFormat {
     /// Binary with CRC.
@@ -276,7 +276,7 @@ impl Exception {
         }
     }
 
-    /// What it says, in words.
+    /// Its meaning.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -295,7 +295,7 @@ impl Exception {
     }
 }
 
-/// What a host asks.
+/// A request PDU.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RequestPdu<'a> {
     /// 01 to 04: so many bits or registers from `start` on.
@@ -371,8 +371,8 @@ impl<'a> RequestPdu<'a> {
         }
     }
 
-    /// Writes the PDU and returns its length. Counts are not checked: what the standard forbids can
-    /// be emitted on purpose. `out` must hold [`PDU_MAX`] bytes, or what is emitted.
+    /// Writes the PDU and returns its length. Counts are not checked, so that invalid requests can be tested.
+    /// `out` must hold [`PDU_MAX`] bytes, or the length of the PDU.
     #[inline(always)]
     pub fn emit(&self, out: &mut [u8]) -> usize {
         let code = self.function().code();
@@ -465,10 +465,10 @@ impl<'a> RequestPdu<'a> {
     }
 }
 
-/// What a station answers.
+/// A reply PDU.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ReplyPdu<'a> {
-    /// 01 to 04: what was read.
+    /// 01 to 04: values of a read.
     Read {
         /// From where.
         space: Space,
@@ -553,8 +553,7 @@ impl<'a> ReplyPdu<'a> {
         }
     }
 
-    /// Writes the PDU and returns its length. `out` must hold [`PDU_MAX`] bytes, or what is
-    /// emitted.
+    /// Writes the PDU and returns its length. `out` must hold [`PDU_MAX`] bytes, or the length of the PDU.
     pub fn emit(&self, out: &mut [u8]) -> usize {
         match *self {
             Self::Read { space, data } => {
@@ -591,14 +590,14 @@ impl<'a> ReplyPdu<'a> {
     }
 }
 
-/// How many bytes a frame has, told by its head.
+/// Length of a frame by its head.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AnnouncedLength {
     /// So many.
     Bytes(usize),
-    /// The head is too short to tell.
+    /// The head is incomplete.
     More,
-    /// The function is none whose length is known.
+    /// The length of this function is not known.
     Unknown,
     /// No PDU begins like this.
     Never,

@@ -62,8 +62,8 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
     }
 }
 
-/// What the manual says of an address: what a command does by its letters. An internal parameter may
-/// be anything, and the drive keeps it.
+/// Describes an address by the manual: the effect of a command by its letters. An internal parameter may have
+/// any effect, and the drive stores it.
 #[must_use]
 pub fn describe(address: &ParameterAddress) -> Parameter {
     if address.space != COMMANDS {
@@ -89,7 +89,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame of the protocol is about an address, by its fields.
+/// Whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

@@ -59,7 +59,7 @@ impl Axis {
         Ok(HostRequest { id: self.id, request, class, interpretation: self.interpretation })
     }
 
-    /// What a command reads or writes.
+    /// The parameter that a command reads or writes.
     fn find_parameter(&self, command: CommandWord) -> Option<(ParameterId, &'static Parameter)> {
         let of_command = |p: &Parameter| is_command(p, command);
         let at = self.profile.parameters.iter().position(of_command)?;
@@ -88,7 +88,7 @@ impl Axis {
         self.new_request(Request { command, sub, data: Some(way.cast_unsigned()) }, None)
     }
 
-    /// What SP is to write: a parameter of its own, or one end of the safe range beside the other.
+    /// Data of an SP write: a parameter of its own, or one end of the safe range beside the other.
     fn internal_data(&self, space: u8, raw: i64) -> Result<u32, Unsupported> {
         if space == 1 {
             return Ok(raw as u32);
@@ -101,7 +101,7 @@ impl Axis {
         })
     }
 
-    /// A value of a parameter, told by a report.
+    /// The value of a parameter in a report.
     fn parameter_report(&self, command: CommandWord, raw: i64) -> Option<DriveReport> {
         self.find_parameter(command).map(|(id, _)| DriveReport::Parameter(id, raw))
     }
@@ -149,7 +149,7 @@ fn command_of_value(parameter: &Parameter, raw: i64) -> Request {
     }
 }
 
-/// The data of a value: as wide as the profile says that this drive wants it.
+/// Data bytes of a value, in the width that the profile has for this drive.
 fn encode_value(parameter: Option<&Parameter>, command: CommandWord, value: i64) -> u32 {
     match parameter.map(|parameter| parameter.encoding) {
         Some(Encoding::I32) => value as u32,

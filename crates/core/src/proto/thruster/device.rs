@@ -10,18 +10,18 @@ use super::wire::{
 use crate::medium::{CanLine, Frame};
 use crate::time::{Instant, earliest};
 
-/// What a drive makes of a request.
+/// Reply of a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Response {
-    /// Done: the reply repeats what was sent.
+    /// Done: the reply repeats the request.
     Done,
-    /// The value asked for, as the four data bytes.
+    /// The requested value, as the four data bytes.
     Value(u32),
     /// Refused (EE EE).
     Refused,
 }
 
-/// What reports tell.
+/// Values of reports.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct TelemetryValues {
     /// Speed, rpm.
@@ -42,29 +42,29 @@ pub struct TelemetryValues {
     pub relative: i32,
 }
 
-/// What obeys: settings that the wire needs, and what the requests do.
+/// The firmware of a simulated drive: settings of the wire, and the execution of requests.
 pub trait Firmware {
     /// The id that it now listens to.
     fn id(&self) -> u8;
     /// The bit rate that it now uses, bit/s.
     fn bit_rate(&self) -> u32;
-    /// What it sends by itself (SR): frames as a mask, and the interval, ms.
+    /// Reports that it sends by itself (SR): frames as a mask, and the interval, ms.
     fn report_settings(&self) -> (u8, u16);
-    /// A request of the manual, of a right length, came for it. VM, ML, MM and MQ are the wire's own;
-    /// of them, as of all others, this hears in [`note_request`](Self::note_request).
+    /// Executes a request of the manual with a valid length. VM, ML, MM and MQ are handled by the wire; of
+    /// them, as of all others, [`note_request`](Self::note_request) is called.
     fn execute(&mut self, now: Instant, request: &Request) -> Response;
-    /// A valid request came, whatever it is: time without one is counted from here (ST).
+    /// Notes a valid request: the time without one restarts (ST).
     fn note_request(&mut self, now: Instant, request: &Request);
-    /// What it would report now.
+    /// Present values of reports.
     fn telemetry(&self) -> TelemetryValues;
 }
 
-/// What differs between drives, or is not stated.
+/// Differences between drives, and values that the manual does not state.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Quirks {
-    /// How VM's flags and the third report lie.
+    /// Layout of VM's flags and of the third report.
     pub interpretation: Interpretation,
-    /// Replies to TC and VC that are refused have a zero value, as a public driver's comment says.
+    /// Refusals of TC and VC have a zero value, by a comment in a public driver.
     pub refuses_by_zero: bool,
     /// Signed values go out in 32 bits, not in 16 behind two zero bytes.
     pub wide_values: bool,
@@ -72,7 +72,7 @@ pub struct Quirks {
     pub swaps_vm: bool,
 }
 
-/// Frames that wait for the bus at most; a request beyond them is not heard.
+/// Most frames in the queue; a request beyond them is lost.
 pub const OUT_MAX: usize = 8;
 /// Intervals of ML and MM, ms (section 2.1).
 const LOW_MS: u32 = 1000;
@@ -153,7 +153,7 @@ impl CanEndpoint {
         self.queue_frame(Reply { command, sub, data }.frame(firmware.id()));
     }
 
-    /// What is due by time.
+    /// Handles what is due by time.
     pub fn handle_timeout(&mut self, now: Instant, firmware: &impl Firmware) {
         if let Some((ms, at)) = self.value_stream
             && now >= at
@@ -181,7 +181,7 @@ impl CanEndpoint {
         Some(first)
     }
 
-    /// How this end now drives the bus.
+    /// Present bus settings of this end.
     #[must_use]
     pub const fn line(&self) -> CanLine {
         CanLine { bit_rate: self.bit_rate }

@@ -202,7 +202,7 @@ fn interpretation_of(profile: Option<&'static Profile>) -> Interpretation {
     own.map_or(Interpretation::default(), Interpretation::of)
 }
 
-/// Whether the reply is one to that request: it repeats four bytes, or reports on TC and VC.
+/// Whether a reply belongs to a request: it repeats four bytes, or reports on TC and VC.
 fn is_answer(reply: &[u8], request: &[u8]) -> bool {
     let (Ok(message), Ok(request)) = (DriveMessage::parse(reply), Request::parse(request)) else {
         return false;
@@ -261,7 +261,7 @@ fn explain_request(bytes: &[u8], profile: Option<&'static Profile>, sink: &mut d
     sink.text(")");
 }
 
-/// What is no command of this protocol: another one uses the same identifiers.
+/// Explains a frame of another protocol on the same identifiers.
 fn explain_foreign(bytes: &[u8], sink: &mut dyn ExplainSink) {
     sink.kind("PDO2");
     let at = u16::from(bytes.first().is_some_and(u8::is_ascii_uppercase));
@@ -320,7 +320,7 @@ fn explain_drive_message(
     }
 }
 
-/// What is odd about a reply to that request.
+/// Remark on an unusual reply to a request.
 fn reply_remark(reply: &Reply, requested: Option<u32>) -> Option<&'static str> {
     let set = matches!(reply.command.definition(), Some((CommandKind::Set, _)));
     let differs =
@@ -364,7 +364,7 @@ fn emit_head(command: CommandWord, sub: u16, meaning: &'static str, sink: &mut d
     }
 }
 
-/// The four data bytes by what the command makes of them.
+/// The four data bytes, by their command.
 fn emit_value(
     command: CommandWord,
     sub: u16,

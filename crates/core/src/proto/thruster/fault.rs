@@ -9,17 +9,17 @@ pub struct FaultBit {
     pub field: &'static str,
     /// Its name, for people.
     pub name: &'static str,
-    /// 1 closes the output, 2 limits it or only reports. Data: what the drive does is
-    /// [`OUTPUT_OFF`], [`OUTPUT_LIMITED`], [`POSITION_FORBIDDEN`], for communication timeout is of level 2 and
-    /// closes the output.
+    /// 1 closes the output, 2 limits it or only reports. The reaction of the drive is [`OUTPUT_OFF`],
+    /// [`OUTPUT_LIMITED`] or [`POSITION_FORBIDDEN`]; the communication timeout is of level 2 and closes the
+    /// output.
     pub level: u8,
-    /// It goes away by itself with its cause; else CF or a restart clears it.
+    /// It clears itself with its cause; otherwise CF or a restart clears it.
     pub recovers: bool,
 }
 
 /// EEPROM could not be read or written.
 pub const EE_ACCESS: u16 = 1 << 0;
-/// What the EEPROM holds is wrong.
+/// Invalid data in the EEPROM.
 pub const EE_DATA: u16 = 1 << 1;
 /// Over-current.
 pub const OVER_CURRENT: u16 = 1 << 2;
@@ -37,7 +37,7 @@ pub const DRIVER_HOT: u16 = 1 << 8;
 pub const MOTOR_HOT: u16 = 1 << 9;
 /// The signal has not passed zero.
 pub const ZERO_POINT: u16 = 1 << 10;
-/// No command came in time.
+/// No command arrived in time.
 pub const TIMEOUT: u16 = 1 << 11;
 /// Driver temperature sensor.
 pub const DRIVER_SENSOR: u16 = 1 << 12;

@@ -10,7 +10,7 @@ use crate::profile::{
 };
 use crate::units::Unit;
 
-/// Any drive that speaks it.
+/// Profile of any drive of this protocol.
 pub static GENERIC: Profile = Profile {
     name: "thruster-node",
     family: "thruster",

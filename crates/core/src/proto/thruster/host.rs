@@ -8,8 +8,7 @@ use crate::proto::early_bytes::with_clock_tolerance;
 use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
 
-/// Time allowed for a reply unless somebody says otherwise, ms. Drives answer at once (section
-/// 1.3). \[I\]
+/// Default time-out of a reply, ms. Drives reply at once (section 1.3). \[I\]
 pub const REPLY_TIMEOUT_MS: u32 = 50;
 
 /// Bits of the shortest request and its reply without a single stuff bit: 47 each, four and eight

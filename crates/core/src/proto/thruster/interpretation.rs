@@ -16,7 +16,7 @@ pub struct Interpretation {
     pub even_positions: bool,
 }
 
-/// What TC and VC are answered with.
+/// Format of the replies to TC and VC.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum ReplyFormat {
     /// The command again: as from power-up.
@@ -31,7 +31,7 @@ pub enum ReplyFormat {
 }
 
 impl Interpretation {
-    /// What a profile says.
+    /// The format in a profile.
     #[must_use]
     pub fn of(profile: &Profile) -> Self {
         let table_flags = |vm: &Parameter| {
@@ -51,7 +51,7 @@ impl Interpretation {
         if self.table_flags { (0x0200, 0x0100) } else { (0x0100, 0x0200) }
     }
 
-    /// What a value of VM, flags above frames, asks for.
+    /// The format in a value of VM, flags above frames.
     #[must_use]
     pub const fn reply_format(self, value: u16) -> ReplyFormat {
         let (headerless, silent) = self.flags();
@@ -88,7 +88,7 @@ impl Interpretation {
     }
 }
 
-/// Whether a parameter is what a command of the manual reads or writes.
+/// Whether a command of the manual reads or writes a parameter.
 #[must_use]
 pub const fn is_command(parameter: &Parameter, command: CommandWord) -> bool {
     parameter.space == 0 && parameter.index == command.0

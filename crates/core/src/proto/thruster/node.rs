@@ -9,8 +9,8 @@ use crate::time::{Instant, earliest};
 pub const PROBES_MAX: u8 = 4;
 /// Replies that may still come and are remembered of a drive: three attempts and every probe.
 const OUTSTANDING_MAX: usize = 8;
-/// How long a drive's timeout stop (ST) is fed behind the application's last request: a program that
-/// hangs does not keep a motor turning.
+/// How long a drive's timeout stop (ST) is fed after the application's last request: a program that hangs
+/// does not keep a motor turning.
 pub const LEASE_MS: u32 = 1_000;
 /// A timeout stop is fed so many times within its time.
 const FEEDS_PER_TIMEOUT: u64 = 3;
@@ -22,7 +22,7 @@ const PROBES: [CommandWord; 5] =
 /// One drive.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NodeState {
-    /// What TC and VC are answered with.
+    /// Format of the replies to TC and VC.
     pub reply_format: ReplyFormat,
     /// It ever answered.
     pub has_answered: bool,
@@ -68,7 +68,7 @@ impl NodeState {
         self.doubt_until = self.doubt_until.max(until);
     }
 
-    /// Whether anything may still come for older requests.
+    /// Whether a reply to an older request may still arrive.
     pub fn is_in_doubt(&mut self, now: Instant) -> bool {
         if now >= self.doubt_until {
             (self.outstanding_len, self.probes) = (0, 0);
@@ -110,7 +110,7 @@ impl NodeTable {
         &mut self.nodes[(id & 0x7F) as usize]
     }
 
-    /// The application asked something: what it set is fed for a while again.
+    /// Renews the lease after a request of the application.
     pub const fn renew_lease(&mut self, id: u8, now: Instant) {
         self.get_mut(id).lease_until = now;
     }
@@ -129,23 +129,23 @@ impl NodeTable {
             if ms > 0 { self.with_stop_timeout | bit } else { self.with_stop_timeout & !bit };
     }
 
-    /// The link is down: nobody is fed until somebody sets a timeout anew.
+    /// Clears the timeouts after the loss of the link: no drive is fed until a timeout is set again.
     pub const fn clear_stop_timeouts(&mut self) {
         self.with_stop_timeout = 0;
     }
 
-    /// Whether any is fed, while the application's lease lasts.
+    /// Whether a drive is fed, while the application's lease lasts.
     pub fn needs_feeding(&self) -> bool {
         set_bits(self.with_stop_timeout).any(|id| self.nodes[usize::from(id)].feed_due().is_some())
     }
 
-    /// A drive whose timeout stop wants to be fed now.
+    /// A drive whose timeout stop has to be fed now.
     pub fn next_to_feed(&self, now: Instant) -> Option<(u8, Interpretation)> {
         let due = |id: &u8| self.nodes[usize::from(*id)].feed_due().is_some_and(|at| at <= now);
         set_bits(self.with_stop_timeout).find(due).map(|id| (id, Interpretation::default()))
     }
 
-    /// A drive in doubt that nothing is asked of, and a question whose answer cannot be mistaken.
+    /// A drive in doubt without a pending request, and a probe with an unmistakable reply.
     pub fn next_probe(
         &mut self,
         now: Instant,

@@ -23,8 +23,8 @@ pub fn class_of(request: &Request) -> RequestClass {
     }
 }
 
-/// Whether a drive keeps what a request sets over power-off (sections 2.2, 2.4, 4.1). \[I\] SP and
-/// AZ, whose manual only says that they set.
+/// Whether a drive stores the setting of a request over power-off (sections 2.2, 2.4, 4.1). \[I\] SP and AZ,
+/// of which the manual only says that they set.
 #[must_use]
 pub const fn is_stored(request: &Request) -> bool {
     matches!(
@@ -33,10 +33,10 @@ pub const fn is_stored(request: &Request) -> bool {
     )
 }
 
-/// Whether a request may be sent.
+/// Checks whether a request may be sent.
 ///
 /// # Errors
-/// The rule that it breaks, and what to do instead.
+/// The rule that it breaks, and the remedy.
 pub fn check(request: &Request) -> Result<(), &'static str> {
     let Request { command, sub, data } = *request;
     let Some((shape, _)) = command.definition() else {

@@ -34,7 +34,7 @@ const LATEST_TIMEOUTS: u64 = 3;
 pub struct HostRequest {
     /// The drive's id.
     pub id: u8,
-    /// What is sent.
+    /// The request.
     pub request: Request,
     /// Whether it may be sent again.
     pub class: RequestClass,
@@ -48,7 +48,7 @@ impl crate::station::Request for HostRequest {
     }
 }
 
-/// What a drive answers, or tells unasked.
+/// A reply of a drive, or a message that it sent by itself.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {
     /// The usual reply.
@@ -57,10 +57,10 @@ pub enum Answer {
     Report(ReportFrame),
     /// A report without one.
     Headerless(HeaderlessReport),
-    /// It was told not to answer (VM): a fault word that was read behind the request says that the
-    /// output is free.
+    /// The drive has replies switched off (VM): a fault word that was read after the request shows that the
+    /// output is on.
     Proven,
-    /// A stop was refused, and the fault word says that there is no output.
+    /// A stop was refused, and the fault word shows that the output is off.
     OutputOff {
         /// The fault word.
         faults: u16,
@@ -139,7 +139,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Nothing asked yet.
+    /// A session without requests.
     #[must_use]
     pub fn new(timeout_ms: u32, min_exchange: MinExchangeTime) -> Self {
         Self {
@@ -303,7 +303,7 @@ impl Session {
         self.nodes.clear_stop_timeouts();
     }
 
-    /// A stop comes: what was not sent yet is given up, what is out gets no further attempt.
+    /// Makes way for a stop: an unsent request is given up, a sent one is not repeated.
     fn overtake_pending(&mut self, now: Instant, id: u8) {
         for n in 0..PENDING_MAX {
             let Some(pending) = self.pending[n].as_mut() else { continue };
@@ -349,7 +349,7 @@ impl Session {
         true
     }
 
-    /// Asks drives in doubt something else, where nothing is out.
+    /// Probes drives in doubt, where no request is pending.
     fn start_probes(&mut self, now: Instant) {
         for _ in 0..PENDING_MAX {
             let busy = |id| self.pending.iter().flatten().any(|p| p.host_request.id == id);
@@ -478,7 +478,7 @@ impl Session {
         );
     }
 
-    /// VM and ST change how the drive is to be spoken with.
+    /// VM and ST change how the host must talk to the drive.
     fn note_setting(&mut self, now: Instant, n: usize, out: &Request) {
         let Some(PendingExchange { host_request, .. }) = self.pending[n] else { return };
         let value = out.data.unwrap_or(0) as u16;
@@ -507,7 +507,7 @@ impl Session {
         }
     }
 
-    /// What is at `n` was answered, and what that says of the drive.
+    /// Completes the request at `n`, and updates the state of the drive.
     fn finish_with_answer(&mut self, now: Instant, n: usize, result: Result<Answer, Failure>) {
         let Some(pending) = self.pending[n].take() else { return };
         self.counters.answered += 1;
@@ -582,8 +582,7 @@ impl Session {
     }
 }
 
-/// Whether a reply can be one to this request: TC and VC may come back as something else where they
-/// are not accepted.
+/// Whether a reply can belong to this request: refused TC and VC may have another reply.
 fn may_answer(out: &Request, data: u32) -> bool {
     match out.command.definition() {
         Some((CommandKind::Set, _)) => data == REFUSED || out.command.is_output(),
@@ -591,8 +590,7 @@ fn may_answer(out: &Request, data: u32) -> bool {
     }
 }
 
-/// Whether a reply repeats what was sent, in whatever width. VM's printed reply has its bytes
-/// swapped.
+/// Whether a reply repeats the request, in any width. VM's reply in the manual has its bytes swapped.
 fn is_echo(out: &Request, data: u32) -> bool {
     let width = out.command.width();
     match (out.command, out.command.definition()) {

@@ -15,7 +15,7 @@ use super::wire::{
 };
 use crate::explain::{EncodeError, TextError};
 
-/// What a text says.
+/// Content of a text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Statement {
     /// To the drive.
@@ -59,7 +59,7 @@ impl fmt::Display for MeasuredNumber {
     }
 }
 
-/// How a number is counted.
+/// Unit of a number.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CountUnit {
     /// Its unit; empty for none.
@@ -77,7 +77,7 @@ impl CountUnit {
         Self { unit, tenths: true }
     }
 
-    /// How a command's value is counted.
+    /// Unit of a command's value.
     #[must_use]
     pub const fn of_command(command: CommandWord) -> Self {
         match command {
@@ -110,8 +110,8 @@ pub fn write_request(request: &Request, readings: Interpretation, show: &mut dyn
     };
 }
 
-/// Writes what a drive says. `asked` is the data of the request that it answers, if that is known:
-/// a reply that repeats EE EE refuses nothing.
+/// Writes a message of a drive. `asked` is the data of its request, if known: a reply that repeats EE EE is
+/// not a refusal.
 pub fn write_drive_message(
     message: &DriveMessage,
     requested: Option<u32>,
@@ -129,7 +129,7 @@ pub fn write_drive_message(
     };
 }
 
-/// Whether words can say all of it.
+/// Whether the text form covers the whole request.
 fn has_words(request: &Request) -> bool {
     let Some((shape, _)) = request.command.definition() else { return false };
     let silent = matches!(shape, CommandKind::Query | CommandKind::Order | CommandKind::Zeros);
@@ -218,7 +218,7 @@ fn write_value(
     }
 }
 
-/// What tells this width from the usual one.
+/// Word for a width that differs from the usual one.
 fn width_word(width: Width, data: u32) -> &'static str {
     let value = width.decode(data);
     match width {
@@ -398,7 +398,7 @@ fn parse_statement(
     parse_ending(Request { command, sub, data }, words)
 }
 
-/// What stands behind the value: a length, or that it is a reply.
+/// Parses what follows the value: a length, or the mark of a reply.
 fn parse_ending(mut request: Request, words: &mut Tokenizer<'_>) -> Result<Statement, TextError> {
     let Request { command, sub, data } = request;
     let query = matches!(command.definition(), Some((CommandKind::Query, _)));
@@ -591,7 +591,7 @@ impl<'a> Tokenizer<'a> {
         found
     }
 
-    /// Whether no value comes next.
+    /// Whether no value follows.
     fn has_no_value(&mut self) -> bool {
         let word = self.peek().map_or("", |(_, word)| word);
         word.is_empty() || ["dlc", "accepted"].iter().any(|w| w.eq_ignore_ascii_case(word))
@@ -661,7 +661,7 @@ impl<'a> Tokenizer<'a> {
     }
 }
 
-/// What a value of VM asks for, for people.
+/// Text for a value of VM.
 #[must_use]
 pub const fn format_text(form: ReplyFormat) -> &'static str {
     match form {

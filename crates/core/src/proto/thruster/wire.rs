@@ -35,7 +35,7 @@ pub const BIT_RATES: [u16; 19] =
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct CommandWord(pub u16);
 
-/// What a command carries and brings.
+/// Data of a command and of its reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CommandKind {
     /// Four bytes; the reply has a value.
@@ -79,9 +79,9 @@ impl CommandWord {
     pub const CB: Self = Self::of(*b"CB");
     /// Stops after so many ms without a command.
     pub const ST: Self = Self::of(*b"ST");
-    /// What TC and VC are answered with.
+    /// Format of the replies to TC and VC.
     pub const VM: Self = Self::of(*b"VM");
-    /// What is reported by itself from power-up on.
+    /// Reports that are sent by themselves from power-up on.
     pub const SR: Self = Self::of(*b"SR");
     /// Reads all faults since the start.
     pub const FR: Self = Self::of(*b"FR");
@@ -106,7 +106,7 @@ impl CommandWord {
     /// Emergency stop.
     pub const LS: Self = Self::of(*b"LS");
 
-    /// Every command of the manual: its letters, its shape and what it does.
+    /// Every command of the manual: its letters, its kind and its effect.
     pub const ALL: [(Self, CommandKind, &'static str); 28] = {
         use CommandKind::{Order, Query, Set, Zeros};
         [
@@ -161,7 +161,7 @@ impl CommandWord {
         Letters(if is_letters(a, b) { [a, b] } else { *b"??" })
     }
 
-    /// The command of two letters, whatever their case.
+    /// Parses a command of two letters, in any case.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let [a, b] = <[u8; 2]>::try_from(text.as_bytes()).ok()?;
@@ -169,13 +169,13 @@ impl CommandWord {
         command.definition().map(|_| command)
     }
 
-    /// True for what sets the output: TC and VC, which VM tells how to answer.
+    /// True for commands that set the output: TC and VC, whose replies VM sets.
     #[must_use]
     pub const fn is_output(self) -> bool {
         matches!(self, Self::TC | Self::VC)
     }
 
-    /// True for what a drive without an encoder has no hardware for (section 1.2, note).
+    /// True for commands that need an encoder (section 1.2, note).
     #[must_use]
     pub const fn is_position(self) -> bool {
         matches!(
@@ -201,10 +201,10 @@ const fn is_letters(a: u8, b: u8) -> bool {
     a.is_ascii_uppercase() && b.is_ascii_uppercase()
 }
 
-/// What goes to a drive.
+/// A request to a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Request {
-    /// What to do.
+    /// Command.
     pub command: CommandWord,
     /// Speed of LA and LR, type of SP and RP, else zero.
     pub sub: u16,
@@ -287,7 +287,7 @@ fn drive_frame(id: u8, data: u64) -> Frame {
 /// One of the three frames of VM and SR, with its header (sections 2.4, 2.5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ReportFrame {
-    /// The first letter of what it reports on: T, V, or A for what is sent by itself.
+    /// First letter of the reported command: T, V, or A for a report that the drive sends by itself.
     pub source: u8,
     /// Which: 1, 2 or 3.
     pub part: u8,
@@ -296,7 +296,7 @@ pub struct ReportFrame {
 }
 
 impl ReportFrame {
-    /// What SR puts in place of the command's first letter.
+    /// First letter of reports that SR switches on.
     pub const UNSOLICITED: u8 = b'A';
 
     /// Which part carries the value that a query reads; `None` where none does.
@@ -342,7 +342,7 @@ impl HeaderlessReport {
     }
 }
 
-/// What comes from a drive.
+/// A frame from a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum DriveMessage {
     /// The usual reply.
@@ -387,7 +387,7 @@ impl DriveMessage {
     }
 }
 
-/// Who a frame is to or from: `Ok` for the drive that it goes to, `Err` for the one that sent it.
+/// The drive of a frame: `Ok` for a frame to it, `Err` for a frame from it.
 #[must_use]
 pub const fn node_of_id(id: u32) -> Option<Result<u8, u8>> {
     let number = (id & 0x7F) as u8;
@@ -398,7 +398,7 @@ pub const fn node_of_id(id: u32) -> Option<Result<u8, u8>> {
     }
 }
 
-/// How a value lies in the four data bytes.
+/// Layout of a value in the four data bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Width {
     /// Signed 16 bits behind two zero bytes.
@@ -412,7 +412,7 @@ pub enum Width {
 }
 
 impl CommandWord {
-    /// How its value lies in the data.
+    /// Layout of its value.
     #[must_use]
     pub const fn width(self) -> Width {
         match self {
@@ -427,8 +427,8 @@ impl CommandWord {
 }
 
 impl Width {
-    /// The value of data bytes. The manual says "32 bits", prints -5 as `00 00 FF FB`, and a public
-    /// driver sends `FF FF FF FB`: both are -5.
+    /// The value of data bytes. The manual states 32 bits and prints -5 as `00 00 FF FB`; a public driver
+    /// sends `FF FF FF FB`: both are -5.
     #[must_use]
     pub const fn decode(self, data: u32) -> i64 {
         let low = data as u16;

@@ -8,8 +8,8 @@ use crate::profile::{
     parse_encoding,
 };
 
-/// What a parameter's space means: axis parameters of the axis' own motor or of one that is named, a
-/// bank of the global parameters, a bank of inputs and outputs.
+/// Space of a parameter: axis parameters of the axis' own motor or of a named one, a bank of the global
+/// parameters, a bank of inputs and outputs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Space {
     /// GAP and SAP of the axis' own motor.
@@ -20,7 +20,7 @@ pub enum Space {
     Global(u8),
     /// GIO and SIO, with the bank.
     Io(u8),
-    /// What RFS STATUS answers.
+    /// Reply to RFS STATUS.
     Search,
     /// GCO and SCO of the axis' own motor.
     OwnCoordinate,
@@ -129,8 +129,8 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
     }
 }
 
-/// What the protocol says of an address: global parameters move no motor, and a module keeps those of
-/// bank 0 up to 127 at once (TMCL reference, SGP).
+/// Describes an address: global parameters move no motor, and a module stores those of bank 0 up to 127 at
+/// once (TMCL reference, SGP).
 #[must_use]
 pub fn describe(address: &ParameterAddress) -> Parameter {
     let plain = address.describe(Encoding::I32);
@@ -154,7 +154,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame of the protocol is about an address, by its fields.
+/// Whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

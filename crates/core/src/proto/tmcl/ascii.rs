@@ -36,14 +36,14 @@ impl AsciiLine {
         text.bytes().for_each(|byte| self.push(byte));
     }
 
-    /// What it holds.
+    /// Its bytes.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.len]
     }
 }
 
-/// What a line asks.
+/// Command of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AsciiCommand {
     /// A request.
@@ -55,8 +55,8 @@ pub enum AsciiCommand {
 }
 
 impl AsciiCommand {
-    /// Reads a line without its carriage return: the address and what it asks. `None` when it does
-    /// not begin with a letter.
+    /// Parses a line without its carriage return: the address and the command. `None` when it does not begin
+    /// with a letter.
     #[must_use]
     pub fn parse(line: &[u8]) -> Option<(u8, Self)> {
         let line = core::str::from_utf8(line).ok()?.trim();
@@ -105,14 +105,14 @@ pub fn write_reply(line: &mut AsciiLine, host: u8, module: u8, status: Status, v
     line.push(b'\r');
 }
 
-/// A reply in ASCII. It does not tell the opcode.
+/// A reply in ASCII. It does not repeat the opcode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct AsciiReply {
     /// Host address.
     pub host: u8,
     /// Module address.
     pub module: u8,
-    /// How it ended.
+    /// Status.
     pub status: Status,
     /// The value.
     pub value: i32,

@@ -14,7 +14,7 @@ use super::wire::{DATAGRAM, Instruction, Reply, Request, VersionText};
 use crate::medium::{CanLine, Frame, SerialLine};
 use crate::time::Instant;
 
-/// What a module does with a request.
+/// Result of a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Response {
     /// The usual reply.
@@ -46,7 +46,7 @@ impl Response {
     }
 }
 
-/// What a module sends later by itself: the second reply to opcode 138.
+/// A later message of the module: the second reply to opcode 138.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct DeferredEvent {
     /// The opcode that ordered it.
@@ -55,7 +55,7 @@ pub struct DeferredEvent {
     pub value: i32,
 }
 
-/// How an ASCII interface shows what is typed (global parameter 67, bits 4 and 5).
+/// Echo of typed characters in ASCII mode (global parameter 67, bits 4 and 5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AsciiEcho {
     /// 00: each character as it comes.
@@ -66,7 +66,7 @@ pub enum AsciiEcho {
     None,
 }
 
-/// What obeys: settings that the wire needs, and what the requests do.
+/// The firmware of a simulated module: settings of the wire, and the execution of requests.
 pub trait Firmware {
     /// Module address on serial lines (global parameter 66).
     fn address(&self) -> u8;
@@ -87,15 +87,15 @@ pub trait Firmware {
     fn can_reply_id(&self) -> u16;
     /// CAN bit rate that the module now uses (global parameter 69).
     fn can_bit_rate(&self) -> u32;
-    /// Whether the serial interface is in ASCII mode, and how it echoes.
+    /// Whether the serial interface is in ASCII mode, and its echo.
     fn ascii(&self) -> Option<AsciiEcho> {
         None
     }
-    /// Opcode 139 came, or `BIN`.
+    /// Handles opcode 139 or `BIN`.
     fn set_ascii(&mut self, on: bool) {
         let _ = on;
     }
-    /// Carries out a request that is addressed to this module and whose check agrees.
+    /// Executes a request to this module with a valid check sum.
     fn execute(&mut self, now: Instant, request: &Request) -> Response;
     /// The next later event, if one happened.
     fn poll_deferred_event(&mut self, now: Instant) -> Option<DeferredEvent> {
@@ -104,22 +104,22 @@ pub trait Firmware {
     }
 }
 
-/// Who is told of a wrong checksum.
+/// Reply to a wrong check sum.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ChecksumErrorReply {
     /// Status 1 if the first byte is the module's address (stepRocker firmware).
     IfAddressed,
-    /// Status 1 whatever the address, with the module and opcode of the reply before (evaluation
-    /// board firmware).
+    /// Status 1 for any address, with the module and opcode of the previous reply (evaluation board
+    /// firmware).
     Always,
     /// Nothing.
     Never,
 }
 
-/// What differs between firmware versions, or is not stated.
+/// Differences between firmware versions, and values that the manuals do not state.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Quirks {
-    /// Who is told of a wrong checksum.
+    /// Reply to a wrong check sum.
     pub checksum_error_reply: ChecksumErrorReply,
     /// A pause between two bytes that starts a new datagram, ms; `None`: bytes are only counted
     /// (evaluation board firmware). \[I\]
@@ -149,8 +149,8 @@ impl Default for Quirks {
 /// 20 ms between two pieces of a request; one of those pieces takes up to 9 ms at 9600 baud.
 pub const BYTE_TIMEOUT_MS: u32 = 30;
 
-/// Bytes that wait to be sent at most: the echo of a line and its reply, and what is said of the pieces of
-/// a stop that goes out at each place of the count.
+/// Most bytes in the queue: the echo of a line and its reply, and the replies to the pieces of a stop that is
+/// sent at each byte position.
 pub const OUT_MAX: usize = 2 * ascii::LINE_MAX + DATAGRAM * DATAGRAM;
 
 /// The serial end of a module.
@@ -220,7 +220,7 @@ impl SerialEndpoint {
         self.ascii_line = ascii::AsciiLine::EMPTY;
     }
 
-    /// What is to be sent now, into `out` (at least [`OUT_MAX`] bytes).
+    /// Writes the next output into `out` (at least [`OUT_MAX`] bytes).
     pub fn poll_transmit(
         &mut self,
         now: Instant,
@@ -245,8 +245,7 @@ impl SerialEndpoint {
         (self.out_len > 0).then_some(self.reply_due)
     }
 
-    /// How this end now drives the wire. \[I\] A new baud rate holds once the reply to its own
-    /// change is out.
+    /// Present line settings. \[I\] A new baud rate applies after the reply to its own change.
     #[must_use]
     pub fn line(&self) -> SerialLine {
         SerialLine::new_8n1(self.baud)
@@ -402,7 +401,7 @@ pub struct CanEndpoint {
     bit_rate: u32,
 }
 
-/// Replies that wait for the bus at most; a request beyond them is not heard.
+/// Most replies in the queue; a request beyond them is lost.
 pub const CAN_OUT_MAX: usize = 4;
 
 impl CanEndpoint {
@@ -457,7 +456,7 @@ impl CanEndpoint {
         Some(first)
     }
 
-    /// How this end now drives the bus.
+    /// Present bus settings.
     #[must_use]
     pub fn line(&self) -> CanLine {
         CanLine { bit_rate: self.bit_rate }

@@ -15,7 +15,7 @@ use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
 use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
 
-/// Time allowed for a reply when neither caller nor profile says one, ms.
+/// Default time-out of a reply, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// After bytes that were no reply, the line must be silent for so many characters before the host
 /// speaks.
@@ -169,13 +169,13 @@ impl SerialHost {
         self.session.counters.texts += u64::from(ascii::AsciiReply::parse(line.bytes()).is_some());
     }
 
-    /// Throws away what is held.
+    /// Discards the held bytes.
     fn skip_buffered(&mut self) {
         let (held, len) = (self.buffer, core::mem::take(&mut self.buffer_len));
         held[..len].iter().for_each(|&byte| self.skip_byte(byte));
     }
 
-    /// Takes nine bytes that came at once and are something else.
+    /// Processes nine received bytes that are not the expected reply.
     #[cold]
     fn process_received_window(&mut self, now: Instant, window: &[u8; DATAGRAM]) {
         let done = self.process_window(now, window);
@@ -507,14 +507,14 @@ pub(super) fn reply_sender(options: &HostOptions, frame: &Frame) -> Option<u32> 
     reply.status.is_named().then_some(reply.module.into())
 }
 
-/// Bytes of a request that goes out for every place.
+/// Length of a request that is sent at every byte position.
 fn burst_len(burst: Burst) -> u64 {
     BURST_LEN as u64 + u64::from(burst.lead_bytes) + u64::from(burst.trail_bytes)
 }
 
-/// A datagram nine times, with a byte between: whatever a module that counts to nine has counted, one of
-/// them is the next that it takes, and its count is then as before, but for the bytes before and after.
-/// Returns how many bytes that are.
+/// Writes a datagram nine times, with a byte between: for any byte position of a module that counts to nine,
+/// one of them is aligned, and its position is then as before, except for the bytes before and after. Returns
+/// the number of bytes.
 fn write_burst(datagram: [u8; DATAGRAM], out: &mut [u8], burst: Burst) -> usize {
     let len = burst_len(burst) as usize;
     out[..len].fill(FILLER_BYTE);

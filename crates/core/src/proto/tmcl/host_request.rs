@@ -7,7 +7,7 @@ use crate::station::RequestClass;
 /// A request with what may be done when no answer comes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct HostRequest {
-    /// What is sent.
+    /// The request.
     pub request: Request,
     /// Whether it may be sent again.
     pub class: RequestClass,

@@ -50,7 +50,7 @@ macro_rules! named {
                 }
             }
 
-            /// What it means, in words; empty for a number without a name.
+            /// Its meaning; empty for a number without a name.
             #[must_use]
             pub const fn text(self) -> &'static str {
                 match self.0 {
@@ -79,7 +79,7 @@ macro_rules! named {
 }
 
 named! {
-    /// What a request asks.
+    /// Instruction of a request.
     Opcode {
         1 Ror "ROR" "rotate right"
         2 Rol "ROL" "rotate left"
@@ -188,7 +188,7 @@ named! {
 }
 
 named! {
-    /// How a request ended.
+    /// Status of a request.
     Status {
         1 WrongChecksum "WrongChecksum" "wrong checksum"
         2 InvalidCommand "InvalidCommand" "invalid command"
@@ -208,7 +208,7 @@ named! {
     }
 }
 
-/// Type of RFS that only asks whether a search runs.
+/// Type of RFS that reads whether a search is running.
 pub const SEARCH_STATUS: u8 = 2;
 
 impl Opcode {
@@ -218,7 +218,7 @@ impl Opcode {
         Self::NAMED.iter().copied().find(|opcode| opcode.word().eq_ignore_ascii_case(word))
     }
 
-    /// Whether the byte behind the type names a motor.
+    /// Whether the byte after the type is a motor.
     #[must_use]
     pub const fn has_motor(self) -> bool {
         matches!(
@@ -238,7 +238,7 @@ impl Opcode {
         )
     }
 
-    /// Whether it only reads: asking twice is asking once.
+    /// Whether it only reads: a repetition has no effect.
     #[must_use]
     pub const fn only_reads(self) -> bool {
         matches!(
@@ -264,15 +264,14 @@ impl Opcode {
 }
 
 impl Status {
-    /// Whether the module did what was asked. \[I\] 100 and above, as the vendor's host library
-    /// takes it.
+    /// Whether the module executed the request. \[I\] 100 and above, as in the vendor's host library.
     #[must_use]
     #[inline]
     pub const fn is_good(self) -> bool {
         self.0 >= Self::Ok.0
     }
 
-    /// Whether it says how a request ended.
+    /// Whether it is the final status of a request.
     #[must_use]
     #[inline]
     pub const fn ends_request(self) -> bool {

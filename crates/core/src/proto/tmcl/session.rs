@@ -53,7 +53,7 @@ const LATEST_TIMEOUTS: u64 = 3;
 /// After "wrong checksum" the true reply of another module may still come for so long.
 const GRACE_NS: u64 = 20_000_000;
 
-/// What a module answers, after the host's checks. Refusals are [`Failure::Refused`].
+/// A module's reply, after the host's checks. Refusals are [`Failure::Refused`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {
     /// The usual reply, with status 100 or 101.
@@ -268,7 +268,7 @@ impl Session {
         }
     }
 
-    /// Takes a request where something stands against it.
+    /// Submits a request that has to wait.
     #[cold]
     fn submit_slow_path(
         &mut self,
@@ -550,7 +550,7 @@ impl Session {
         self.finish_pending(now);
     }
 
-    /// What is outstanding was answered: what that says of the module, and what comes next.
+    /// Completes the pending request, and selects the next one.
     fn finish_pending(&mut self, now: Instant) {
         let Some(pending) = self.pending.take() else { return };
         let (probe, module) = (pending.ticket.is_none(), pending.host_request.request.address);
@@ -629,7 +629,7 @@ impl Session {
         }
     }
 
-    /// What comes next when nothing is outstanding: a stop that waits, then what it overtook, then a
+    /// Starts the next request when none is pending: a stop, then the request that it overtook, then a
     /// probe.
     #[inline]
     fn start_next(&mut self, now: Instant) {

@@ -28,12 +28,12 @@ pub fn checksum([body @ .., _]: &[u8; DATAGRAM]) -> u8 {
     byte_sum(u64::from_le_bytes(*body))
 }
 
-/// What a host asks.
+/// A request.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Request {
-    /// Module address; on CAN it is not sent, the identifier stands for it.
+    /// Module address; on CAN it is in the identifier, not in the data.
     pub address: u8,
-    /// What to do.
+    /// Instruction.
     pub opcode: Opcode,
     /// The "type" byte: a parameter number, a kind of move.
     pub kind: u8,
@@ -54,7 +54,7 @@ impl Request {
         Ok(Self::from_body(*first, *body))
     }
 
-    /// Reads the data of a CAN frame; `address` is what its identifier stands for.
+    /// Parses the data of a CAN frame; `address` is from its identifier.
     ///
     /// # Errors
     /// [`WireError::Short`], [`WireError::Long`].
@@ -82,14 +82,14 @@ impl Request {
     }
 }
 
-/// What a module answers.
+/// A reply.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Reply {
     /// Host address; on CAN it is not sent.
     pub host: u8,
     /// Address of the module that answers.
     pub module: u8,
-    /// Whether it did what was asked.
+    /// Status.
     pub status: Status,
     /// Opcode of the request that this answers.
     pub opcode: Opcode,
@@ -114,7 +114,7 @@ impl Reply {
         Self::from_body(*host, *body)
     }
 
-    /// Reads the data of a CAN frame; `host` is what its identifier stands for.
+    /// Parses the data of a CAN frame; `host` is from its identifier.
     ///
     /// # Errors
     /// [`WireError::Short`], [`WireError::Long`].
@@ -219,7 +219,7 @@ pub struct Instruction {
 }
 
 impl Instruction {
-    /// Takes apart a reply whose fields hold an instruction.
+    /// The instruction in the fields of a reply.
     #[must_use]
     #[inline]
     pub fn of_reply(reply: &Reply) -> Self {

@@ -46,7 +46,7 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
     write!(out, "{memory}@0x{:04X}", address.index)
 }
 
-/// What the protocol says of an address: only data memory is written by assignments.
+/// Describes an address: assignments write data memory only.
 #[must_use]
 pub fn describe(address: &ParameterAddress) -> Parameter {
     let data = address.space == 0;
@@ -57,7 +57,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame of the protocol is about an address, by its fields.
+/// Whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

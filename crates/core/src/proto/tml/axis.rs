@@ -55,7 +55,7 @@ impl Axis {
         Self { profile, address, destination }
     }
 
-    /// Whether an assignment makes the drive speak unasked.
+    /// Whether an assignment makes the drive send by itself.
     fn enables_unsolicited(&self, address: u16, value: u32) -> bool {
         let at_address = |parameter: &&Parameter| parameter.index == address;
         let mut symbols = self.profile.parameters.iter().filter(at_address).map(|p| p.symbol);
@@ -65,7 +65,7 @@ impl Axis {
         })
     }
 
-    /// An instruction as it is asked of this axis.
+    /// The request that sends an instruction to this axis.
     fn instruction_request(
         &self,
         mut instruction: Instruction,
@@ -89,8 +89,8 @@ impl Axis {
     }
 }
 
-/// What a plan's `send FUNCTION INDEX VALUE` says, by its function. The index is the opcode, or the
-/// variable's address.
+/// Forms of a plan's `send FUNCTION INDEX VALUE`, by its function. The index is the opcode, or the variable's
+/// address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SendForm {
     /// 0: the opcode alone, as `AXISON`.
@@ -179,8 +179,8 @@ impl Driver for Axis {
             .with_confirmation(with))
     }
 
-    /// What a word in RAM is assigned is the same the second time. Positions are preset by instructions
-    /// (`SAP`, `STA`), not by parameters.
+    /// An assignment to RAM can be repeated without an effect. Positions are preset by instructions (`SAP`,
+    /// `STA`), not by parameters.
     fn may_rewrite(&self, parameter: &Parameter) -> bool {
         !parameter.moves
     }
@@ -215,7 +215,7 @@ impl Driver for Axis {
         Ok(self.new_request(form.to_instruction(index, wire_value(value, true)?)))
     }
 
-    /// A question to a group asks each of its drives.
+    /// Parses a request. A request to a group reads from each of its drives.
     fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
         let scope = LanguageScope { profile: Some(self.profile), ..LanguageScope::default() };
         self.instruction_request(assemble(text, &scope).map_err(|_| Unsupported::BadText)?)
@@ -313,7 +313,7 @@ impl Driver for Axis {
         }
     }
 
-    /// A program is one drive's: what a group has nobody could prove.
+    /// Rules of the program memory. None for a group, whose programs cannot be verified.
     fn memory_rules(&self) -> Option<&'static MemoryRules> {
         (!self.destination.group).then_some(&program::RULES)
     }
@@ -336,8 +336,8 @@ impl Driver for Axis {
         allowed.then_some(self.new_request(instruction).with_class(class))
     }
 
-    /// A value told unasked is that of the parameter at its address; of a long one the halves may be
-    /// parameters too, as SRL and SRH are. At an address of the user's own it has no name.
+    /// A value that the drive sent by itself belongs to the parameter at its address. The halves of a long
+    /// value may be parameters too, as SRL and SRH are. A value at an address of the user's own has no name.
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         let mut reports = [None; REPORTS_MAX];
         let Answer::Value { address, value, long } = *answer else { return reports };
@@ -370,7 +370,7 @@ const fn is_long(encoding: Encoding) -> bool {
     !matches!(encoding, Encoding::Bit | Encoding::U16 | Encoding::I16)
 }
 
-/// The raw value of what is on the wire.
+/// The raw value of the bytes on the wire.
 fn raw_value(encoding: Option<Encoding>, value: u32) -> i64 {
     match encoding {
         Some(Encoding::I16) => (value as u16).cast_signed().into(),

@@ -14,7 +14,7 @@ use super::{technocan, tmlcan};
 use crate::medium::{CanLine, Frame, Parity, SerialLine};
 use crate::time::Instant;
 
-/// What goes wrong on a drive's wires, for its communication error register.
+/// Errors on a drive's wires, for its communication error register.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum LineFault {
     /// A character without stop bit, or a break.
@@ -27,7 +27,7 @@ pub enum LineFault {
     BusOff,
 }
 
-/// What obeys: settings that the wires need, and what the messages do.
+/// The firmware of a simulated drive: settings of the wires, and the execution of messages.
 pub trait Firmware {
     /// Axis ID, 1 to 255 (AAR bits 7 to 0).
     fn axis(&self) -> u8;
@@ -37,7 +37,7 @@ pub trait Firmware {
     fn baud(&self) -> u32;
     /// Bit rate that the CAN port is set to (CANBR).
     fn bit_rate(&self) -> u32;
-    /// Carries out a message that concerns this drive and whose check agrees.
+    /// Executes a message to this drive with a valid check sum.
     fn execute(&mut self, now: Instant, message: &Message);
     /// The next message that the drive has to send: an answer, a notice, an order to other drives.
     fn poll_message(&mut self, now: Instant) -> Option<Message>;
@@ -49,16 +49,16 @@ pub trait Firmware {
     }
 }
 
-/// What differs between installations, or is not stated.
+/// Differences between installations, and values that the manuals do not state.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Quirks {
-    /// Which standard the serial port follows: RS-232 (also for Ethernet) or RS-485. `None` if
-    /// nothing is connected: what is sent there is lost.
+    /// Standard of the serial port: RS-232 (also for Ethernet) or RS-485. `None` if nothing is connected:
+    /// what is sent there is lost.
     pub wire: Option<TmlWire>,
-    /// Which protocol the CAN port speaks: TMLCAN or TechnoCAN. `None` as for the serial port.
+    /// Protocol of the CAN port: TMLCAN or TechnoCAN. `None` as for the serial port.
     pub can: Option<TmlWire>,
-    /// A pause between two bytes that ends a broken frame, ms. \[I\] `None`: the manual knows of
-    /// no such pause, only of synchronisation.
+    /// Pause between two bytes that ends a broken frame, ms. \[I\] `None`: the manual has no such pause, only
+    /// the synchronisation.
     pub byte_timeout_ms: Option<u32>,
     /// The serial wire takes no time (pty, TCP): nothing is held back for what went before.
     pub untimed: bool,
@@ -151,7 +151,7 @@ impl SerialEndpoint {
         self.deframer.clear();
     }
 
-    /// What is to be sent now, into `out`: single bytes first, then one message at a time.
+    /// Writes the next output into `out`: single bytes first, then one message at a time.
     pub fn poll_transmit(
         &mut self,
         now: Instant,
@@ -181,15 +181,15 @@ impl SerialEndpoint {
         self.is_waiting.then_some(self.free_at)
     }
 
-    /// How this end now drives the line: 8 data bits, 2 stop bits (manual, chapter 3). A new baud
-    /// rate holds once the acknowledgement of its own change is out.
+    /// Present line settings: 8 data bits, 2 stop bits (manual, chapter 3). A new baud rate applies after the
+    /// acknowledgement of its own change.
     #[must_use]
     pub fn line(&self) -> SerialLine {
         SerialLine { baud: self.baud, data_bits: 8, parity: Parity::None, stop_bits: 2 }
     }
 
-    /// "0D; larger values are accepted too". Real drives answer any of them with `0D`. \[I\] On
-    /// RS-485 nobody answers: all would at once.
+    /// "0D; larger values are accepted too". Real drives reply to any of them with `0D`. \[I\] On RS-485 no
+    /// drive replies, because all would at once.
     fn handle_sync(&mut self, byte: u8) -> Option<Message> {
         if serial::is_sync(byte) && self.quirks.wire == Some(TmlWire::Rs232) {
             self.queue_control(SYNC);
@@ -272,7 +272,7 @@ impl CanEndpoint {
         None
     }
 
-    /// How this end now drives the bus.
+    /// Present bus settings.
     #[must_use]
     pub fn line(&self) -> CanLine {
         CanLine { bit_rate: self.bit_rate }

@@ -270,7 +270,7 @@ impl Dissector for TmlDissector {
 }
 
 impl TmlDissector {
-    /// What a frame says, or what is wrong with it and what it says all the same.
+    /// Decodes a frame; an error may come with the part that is readable.
     fn decode(&self, raw: &RawFrame<'_>) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
         match (self.0, raw.id) {
             (EncapsulationKind::Serial, _) => layout::parse_serial(raw.bytes),
@@ -308,7 +308,7 @@ impl TmlDissector {
         }
     }
 
-    /// The wire whose rules hold.
+    /// The wire whose rules apply.
     fn wire_for(&self, via: WireKind) -> Result<TmlWire, EncodeError> {
         let both = "CAN carries TML in two ways; say tmlcan or technocan";
         let other = "this wire has no serial form; say tml";
@@ -363,8 +363,8 @@ fn to_frame(id: u32, raw: &RawFrame<'_>) -> Frame {
     frame
 }
 
-/// Whether `said` is an answer to `asked`: by what both say, and by whom it is for where a request
-/// names its sender.
+/// Whether a message replies to another: by the content of both, and by the addressee where a request names
+/// its sender.
 fn is_answer(parsed: &ParsedFrame, parsed_frame: &ParsedFrame) -> bool {
     let (Some(answer), Some(request)) = (
         OnlineMessage::parse(&parsed.instruction),
@@ -407,7 +407,7 @@ fn host_id(wire: TmlWire, to: IdCode, addressing: &EncodeOptions) -> Result<u8, 
     u8::try_from(host).ok().filter(|host| *host != 0).ok_or(TextError { at: 0, expected })
 }
 
-/// Where a piece of a serial stream ends.
+/// Finds the end of a piece of a serial stream.
 fn cut_serial(bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
     let Some(&first) = bytes.first() else { return FrameBoundary::Incomplete };
     let Some(whole) = serial::frame_len(first) else {
@@ -429,8 +429,7 @@ fn cut_serial(bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameB
     }
 }
 
-/// Whether a byte between frames is known to stand there: acks from drives, synchronisation both
-/// ways.
+/// Whether a byte between frames is a known one: acknowledgements of drives, synchronisation both ways.
 fn is_single_byte(byte: u8, direction: Option<Direction>) -> bool {
     match direction {
         Some(Direction::ToDrive) => matches!(byte, SYNC | SYNC_ALTERNATE),
@@ -439,8 +438,8 @@ fn is_single_byte(byte: u8, direction: Option<Direction>) -> bool {
     }
 }
 
-/// The bytes have a frame's length and are none. If a good frame begins among them, what is before
-/// it lost a byte, or belongs to none; else they are a broken one.
+/// Handles bytes of a frame's length that are no frame. If a valid frame begins among them, the bytes before
+/// it lost one, or belong to none; otherwise they are a broken frame.
 fn resynchronise(bytes: &[u8], whole: usize, ended: bool) -> FrameBoundary {
     let follows = bytes.get(whole..).is_some_and(is_frame);
     let shaped = has_id_code(bytes);
@@ -458,7 +457,7 @@ fn resynchronise(bytes: &[u8], whole: usize, ended: bool) -> FrameBoundary {
     }
 }
 
-/// Where, before `end`, a good frame begins.
+/// Position before `end` at which a valid frame begins.
 fn find_inner_frame(bytes: &[u8], end: usize) -> Option<usize> {
     (1..end).find(|at| is_frame(&bytes[*at..]))
 }
@@ -468,7 +467,7 @@ fn is_frame(bytes: &[u8]) -> bool {
     whole.and_then(|whole| bytes.get(..whole)).is_some_and(|frame| serial::decode(frame).is_ok())
 }
 
-/// Whether an ID code stands behind the length byte, as far as it is there.
+/// Whether an ID code follows the length byte, as far as received.
 fn has_id_code(bytes: &[u8]) -> bool {
     let byte = |at: usize| bytes.get(at).copied().unwrap_or(0);
     IdCode::from_word(u16::from_be_bytes([byte(1), byte(2)])).is_some()

@@ -21,7 +21,7 @@ use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Time
 use crate::time::Instant;
 use baud_recovery::BaudRecovery;
 
-/// Time allowed for an answer when neither caller nor profile says one, ms.
+/// Default time-out of a reply, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// The same on a serial port while somebody looks for drives: a relay acknowledges for each address
 /// behind it, so there silence is known by the missing answer. What a relay and its bus take, and
@@ -97,7 +97,7 @@ impl SerialHost {
         }
     }
 
-    /// Takes what can be told of the bytes so far.
+    /// Processes complete pieces of the received bytes.
     #[inline]
     fn process_pieces(&mut self, now: Instant) {
         let mut held = self.deframer.pending().len();
@@ -165,7 +165,7 @@ impl SerialHost {
         }
     }
 
-    /// What the drive is told at the rate that it has after RESET.
+    /// Sends the new baud rate at the rate that the drive has after RESET.
     fn send_baud(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         let left = now.plus_ns(self.line.characters_ns(FRAME_MAX as u32) + self.ack_ns);
         let message = self.baud_recovery.next_message(now, left)?;
@@ -176,8 +176,7 @@ impl SerialHost {
         Some(len)
     }
 
-    /// What looks like the head of a frame is none: its end never came. What stands behind its first
-    /// byte is looked at again.
+    /// Handles the head of a frame whose end never came: the bytes after the first one are scanned again.
     fn rescan_pending(&mut self, now: Instant) {
         let mut bytes = [0; FRAME_MAX];
         for _ in 0..FRAME_MAX {
@@ -223,7 +222,7 @@ impl Timeouts {
     }
 }
 
-/// Where the host stands on a wire with these axes.
+/// Place of the host on a wire with these axes.
 fn topology_of(wire: TmlWire, options: &HostOptions, axes: &[u32]) -> Topology {
     let single = |axis: &&u32| **axis & GROUP == 0;
     let first = axes.iter().find(single).map(|axis| *axis as u8);
@@ -393,7 +392,7 @@ impl Host<Stream> for SerialHost {
     }
 }
 
-/// How TML lies in CAN frames.
+/// Encapsulation of TML in CAN frames.
 pub trait Encapsulation: core::fmt::Debug + Send + 'static {
     /// Its rules.
     const WIRE: TmlWire;
@@ -402,10 +401,10 @@ pub trait Encapsulation: core::fmt::Debug + Send + 'static {
     /// # Errors
     /// The rule that forbids it.
     fn encode(message: &Message) -> Result<Frame, WireRule>;
-    /// What a frame carries, and for whom, where it says so; `None` for other protocols' frames.
+    /// Decodes a frame, with its addressee if it has one; `None` for other protocols' frames.
     ///
     /// # Errors
-    /// What is wrong with a frame that is one of this protocol's.
+    /// The error of a frame of this protocol.
     fn decode(frame: &Frame) -> Option<Result<(Option<IdCode>, Instruction), WireError>>;
 }
 

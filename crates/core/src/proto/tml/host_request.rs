@@ -8,23 +8,23 @@ use super::rules::is_request;
 use super::wire::{IdCode, Instruction, Message};
 use crate::station::RequestClass;
 
-/// Where a drive keeps the ID code of whom it speaks to unasked (both firmware families).
+/// Address of the ID code to which a drive sends by itself (both firmware families).
 pub const MASTERID: u16 = 0x0927;
-/// The low status register: what a drive is asked for when only its answer counts.
+/// The low status register: it is read when only the fact of a reply counts.
 pub const SRL: u16 = 0x090E;
 
-/// Something to be said on the wire.
+/// A request on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct HostRequest {
-    /// What is said, and to whom. In requests the host fills in the sender: itself.
+    /// Message and addressee. In requests the host fills in itself as the sender.
     pub message: Message,
     /// Whether it may be sent again.
     pub class: RequestClass,
-    /// What comes with it.
+    /// Confirmation.
     pub confirmation: Confirmation,
 }
 
-/// What comes with an instruction.
+/// How an instruction is confirmed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Confirmation {
     /// Proof that the drive took it: its acknowledgement, or on wires without one a question behind
@@ -33,11 +33,11 @@ pub enum Confirmation {
     /// Nothing: it is done when it is sent, or acknowledged where the wire does so. For the points
     /// of a stream, which prove themselves by their counter.
     None,
-    /// As [`Proof`](Self::Proof), but MASTERID is set first, because the drive will speak unasked.
+    /// As [`Proof`](Self::Proof), but MASTERID is set first, because the drive will send by itself.
     MasterFirst,
 }
 
-/// What a drive says, after the host's checks.
+/// A drive's reply, after the host's checks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {
     /// An instruction was taken; the value that it assigned, zero if none. To a group, or without

@@ -6,7 +6,7 @@
 
 use super::wire::{IdCode, Instruction, low_first, operand_address, short_operand};
 
-/// A memory of the drive; its number stands in bits 3 and 2 of the opcode.
+/// A memory of the drive; its number is in bits 3 and 2 of the opcode.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum MemorySpace {
     /// `pm`: TML programs.
@@ -39,7 +39,7 @@ impl MemorySpace {
     }
 }
 
-/// What is asked for: a place of 16 or 32 bits.
+/// A place of 16 or 32 bits in a memory.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Cell {
     /// In which memory.
@@ -85,7 +85,7 @@ impl PvtPoint {
     /// The counter wraps after so much.
     pub const COUNTER_MAX: u8 = 0x7F;
 
-    /// Whether all of it fits into the wire's bits; a point in no time is none.
+    /// Whether all values fit into the wire's bits; a point needs a time above 0.
     #[must_use]
     pub const fn fits(&self) -> bool {
         self.position.unsigned_abs() <= Self::POSITION_MAX as u32
@@ -131,14 +131,14 @@ pub struct PtPoint {
 /// An instruction that is exchanged on-line.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum OnlineMessage {
-    /// Asks one axis for a value.
+    /// Reads a value from one axis.
     GiveMeData {
         /// Whom the answer is for.
         sender: IdCode,
         /// What.
         cell: Cell,
     },
-    /// Asks axes for a value; may go to groups.
+    /// Reads a value from axes; may be sent to groups.
     GiveMeData2 {
         /// Whom the answers are for.
         sender: IdCode,
@@ -165,7 +165,7 @@ pub enum OnlineMessage {
         /// The value; 16 bits are not sign-extended.
         value: u32,
     },
-    /// Asks for a variable by its short address.
+    /// Reads a variable by its short address.
     GetData {
         /// Whom the answer is for.
         sender: IdCode,
@@ -185,18 +185,18 @@ pub enum OnlineMessage {
         /// Its value; 16 bits are not sign-extended.
         value: u32,
     },
-    /// Asks for the firmware's version.
+    /// Reads the firmware's version.
     GetVersion {
         /// Whom the answer is for.
         sender: IdCode,
     },
-    /// Answers [`GetVersion`](Self::GetVersion) with three digits and a letter, without the F that
-    /// firmware names begin with. It does not say who answers.
+    /// Reply to [`GetVersion`](Self::GetVersion) with three digits and a letter, without the F that firmware
+    /// names begin with. It does not name its sender.
     TakeVersion {
         /// `514L`.
         version: [u8; 4],
     },
-    /// Asks who is there.
+    /// Finds axes: each replies.
     Ping {
         /// Whom the answers are for.
         sender: IdCode,
@@ -210,7 +210,7 @@ pub enum OnlineMessage {
         /// As in [`TakeVersion`](Self::TakeVersion).
         version: [u8; 4],
     },
-    /// Asks for the sum of a memory's words.
+    /// Reads the sum of a memory's words.
     GetChecksum {
         /// Whom the answer is for.
         sender: IdCode,
@@ -221,7 +221,7 @@ pub enum OnlineMessage {
         /// Last address.
         end: u16,
     },
-    /// Answers [`GetChecksum`](Self::GetChecksum). It does not say who answers.
+    /// Reply to [`GetChecksum`](Self::GetChecksum). It does not name its sender.
     TakeChecksum {
         /// Which.
         memory: MemorySpace,
@@ -250,7 +250,7 @@ mod code {
     pub const LONG_DATA: u16 = 0x0400;
     pub const VERSION: u16 = 0xD801;
     pub const PING: u16 = 0xD600;
-    /// The memory stands in bits 6 and 5.
+    /// The memory is in bits 6 and 5.
     pub const CHECKSUM: u16 = 0xDA10;
     pub const SYNCHRONISATION: u16 = 0x1000;
     pub const MASTER_TIME: u16 = 0x1401;
@@ -332,7 +332,7 @@ impl OnlineMessage {
         }
     }
 
-    /// Whether drives answer it with data (type B).
+    /// Whether drives reply to it with data (type B).
     #[must_use]
     pub const fn is_request(&self) -> bool {
         matches!(
@@ -360,7 +360,7 @@ impl OnlineMessage {
         }
     }
 
-    /// Axis ID of the drive that answers, where the answer says so.
+    /// Axis ID of the drive that replied, if the reply has it.
     #[must_use]
     pub const fn answered_by(&self) -> Option<u8> {
         match *self {
@@ -370,8 +370,8 @@ impl OnlineMessage {
         }
     }
 
-    /// Whether this can be the answer to `request`, sent to `to`: the kind, the place asked for and
-    /// who answers agree as far as both say.
+    /// Whether this can be the reply to `request`, sent to `to`: kind, place and sender agree as far as
+    /// both have them.
     #[must_use]
     pub fn answers(&self, request: &Self, to: IdCode) -> bool {
         let from = |id: u8| to.group || to.id == 0 || to.id == id;

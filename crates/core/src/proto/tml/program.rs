@@ -20,15 +20,15 @@ use crate::station::RequestClass;
 #[derive(Debug)]
 pub struct TmlLanguage;
 
-/// Where the vendor's TML_LIB_light keeps the address that it writes the EEPROM at.
+/// Address at which the vendor's TML_LIB_light keeps its EEPROM write pointer.
 pub const EEPROM_POINTER: u16 = 0x032B;
 const SRL: u16 = super::host_request::SRL;
 const SRH: u16 = 0x090F;
 const END_OPCODE: u16 = 0x0001;
 
-/// Source: help pages on the memory map (EEPROM 4000h to 7FFFh; RAM from 8000h, of which the firmware
-/// with names FAxx keeps 270h words to itself) and on the status register; TML_LIB_light for END at
-/// 4000h. How far RAM goes differs: the sum tells where there is none.
+/// Source: help pages on the memory map (EEPROM 4000h to 7FFFh; RAM from 8000h, of which the firmware with
+/// names FAxx uses 270h words itself) and on the status register; TML_LIB_light for END at 4000h. The end of
+/// RAM differs: the sum shows where there is none.
 pub static RULES: MemoryRules = MemoryRules {
     permanent: 0x4000..=0x7FFF,
     volatile: 0x8270..=0xFFFF,
@@ -208,7 +208,7 @@ fn visit_statements<'t>(
     Ok(())
 }
 
-/// How long the first instruction of a line is: up to a `;` that stands in no braces.
+/// Length of the first instruction of a line: up to a `;` outside of braces.
 fn statement_len(line: &str) -> usize {
     let mut depth = 0_u32;
     let end = line.bytes().position(|byte| {
@@ -222,7 +222,7 @@ fn statement_len(line: &str) -> usize {
     end.unwrap_or(line.len())
 }
 
-/// `name:` at the head of a piece, and what is behind it.
+/// `name:` at the start of a piece, and the text after it.
 fn split_label(piece: &str) -> Option<(&str, &str)> {
     let (name, behind) = piece.split_once(':')?;
     let name = name.trim();

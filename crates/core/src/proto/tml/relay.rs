@@ -80,7 +80,7 @@ impl Relay {
         }
     }
 
-    /// What is to be sent on the serial line now.
+    /// Writes the next output on the serial line.
     pub fn poll_bytes(
         &mut self,
         now: Instant,
@@ -91,14 +91,13 @@ impl Relay {
         self.serial.poll_transmit(now, out, firmware)
     }
 
-    /// What is to be sent on the CAN bus now.
+    /// Writes the next frame on the CAN bus.
     pub fn poll_frame(&mut self, now: Instant, firmware: &mut impl Firmware) -> Option<Frame> {
         self.forward_messages(now, firmware);
         self.can.poll_transmit(firmware)
     }
 
-    /// Takes what the drive has to say and sends each where it belongs. To be called whenever it
-    /// may have something new.
+    /// Forwards the drive's messages to their wires. To be called whenever it may have a new one.
     pub fn forward_messages(&mut self, now: Instant, firmware: &mut impl Firmware) {
         for _ in 0..MESSAGES_MAX {
             let Some(message) = firmware.poll_message(now) else { return };
@@ -117,19 +116,19 @@ impl Relay {
         self.serial.poll_timeout()
     }
 
-    /// How the serial line is now driven.
+    /// Present settings of the serial line.
     #[must_use]
     pub fn serial_line(&self) -> SerialLine {
         self.serial.line()
     }
 
-    /// How the CAN bus is now driven.
+    /// Present settings of the CAN bus.
     #[must_use]
     pub fn can_line(&self) -> CanLine {
         self.can.line()
     }
 
-    /// A message from the host, or on RS-485 from whoever speaks.
+    /// Handles a message from the host, or on RS-485 from any sender.
     fn handle_serial_message(
         &mut self,
         now: Instant,
@@ -173,7 +172,7 @@ fn is_for_others(to: IdCode, axis: u8) -> bool {
     to.group || to.id == 0 || to.id != axis
 }
 
-/// Whether it answers what a drive asked of another on RS-485: nobody acknowledges an answer
+/// Whether a message replies to a drive's request to another drive on RS-485: a reply is not acknowledged
 /// (manual, chapter 3).
 fn is_answer(message: &Message) -> bool {
     use OnlineMessage::{GotData, Pong, TakeChecksum, TakeData, TakeData2, TakeVersion};

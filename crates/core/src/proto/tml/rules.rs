@@ -10,7 +10,7 @@ use crate::error::Unsupported;
 pub enum TmlWire {
     /// RS-232 or Ethernet: one drive, which relays to the others on its CAN bus.
     Rs232,
-    /// RS-485: many drives, one of whom may speak at a time.
+    /// RS-485: many drives, one of which may send at a time.
     Rs485,
     /// CAN with 29-bit identifiers.
     TmlCan,
@@ -25,7 +25,7 @@ pub enum WireRule {
     GiveMeDataToGroup,
     /// Nothing that is answered goes to a group on RS-485.
     Rs485AnswersFromGroup,
-    /// On RS-485 no drive speaks unasked.
+    /// On RS-485 no drive sends by itself.
     Rs485Unsolicited,
     /// On RS-232 the host has its drive's axis ID.
     Rs232HostId,
@@ -102,8 +102,8 @@ impl TmlWire {
         IdCode { group: false, id: host, host: self.shares_drive_id() }
     }
 
-    /// Whether a drive acknowledges a message to `to`. On RS-485 neither groups nor axis ID 0 \[I\]:
-    /// everybody would speak at once.
+    /// Whether a drive acknowledges a message to `to`. On RS-485 neither groups nor axis ID 0 \[I\]: all
+    /// would send at once.
     #[must_use]
     pub const fn acknowledges(self, to: IdCode) -> bool {
         match self {
@@ -113,7 +113,7 @@ impl TmlWire {
         }
     }
 
-    /// Whether drives may speak unasked (SRL_MASK and its like, SEND).
+    /// Checks whether drives may send by themselves (SRL_MASK and its like, SEND).
     ///
     /// # Errors
     /// [`WireRule::Rs485Unsolicited`].
@@ -124,8 +124,8 @@ impl TmlWire {
         }
     }
 
-    /// Whether a host of this ID can speak to a drive that is on the wire itself: the one connected
-    /// on RS-232, any on the others.
+    /// Checks whether a host of this ID can reach a drive on the wire itself: the connected one on RS-232,
+    /// any on the others.
     ///
     /// # Errors
     /// [`WireRule::Rs232HostId`], [`WireRule::OwnHostId`].
@@ -141,7 +141,7 @@ impl TmlWire {
         }
     }
 
-    /// Whether a message may be sent on this wire.
+    /// Checks whether a message may be sent on this wire.
     ///
     /// # Errors
     /// The rule that it breaks.
@@ -162,7 +162,7 @@ impl TmlWire {
     }
 }
 
-/// Whether an instruction of this opcode is answered with data (type B).
+/// Whether drives reply to an instruction of this opcode with data (type B).
 #[must_use]
 pub const fn is_request(opcode: u16) -> bool {
     matches!(opcode & 0xF800, 0xA000) // GetTMLData, 16 and 32 bits, both pages

@@ -14,9 +14,9 @@ use crate::error::WireError;
 pub const FRAME_MIN: usize = 6;
 /// Bytes of the longest frame: four data words.
 pub const FRAME_MAX: usize = FRAME_MIN + 2 * DATA_WORDS_MAX;
-/// What a drive answers to a frame that it has understood: `O`.
+/// Acknowledgement of a valid frame: `O`.
 pub const ACK: u8 = 0x4F;
-/// What restores the boundary between frames, and what a drive answers to it on RS-232.
+/// Synchronisation byte, and its reply on RS-232.
 pub const SYNC: u8 = 0x0D;
 
 /// Writes the frame and returns its length.
@@ -68,8 +68,8 @@ pub const fn frame_len(length: u8) -> Option<usize> {
     }
 }
 
-/// Whether a byte between frames asks for synchronisation: `0D`, and "larger values are accepted
-/// too" (manual, chapter 3, RS-232 protocol, step 1).
+/// Whether a byte between frames requests synchronisation: `0D`, and "larger values are accepted too"
+/// (manual, chapter 3, RS-232 protocol, step 1).
 #[must_use]
 pub const fn is_sync(byte: u8) -> bool {
     byte >= SYNC
@@ -101,7 +101,7 @@ const fn id_code_error(code: u16) -> WireError {
     }
 }
 
-/// What stands at the head of a stream.
+/// The piece at the head of a stream.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SerialPiece {
     /// A whole frame.
@@ -116,20 +116,20 @@ pub enum SerialPiece {
     Broken(WireError),
 }
 
-/// What becomes of bytes in which no frame was found.
+/// Handling of bytes without a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RecoveryPolicy {
     /// They are dropped as a whole, as a drive does: the boundary is lost until it is synchronised
     /// (manual, chapter 3).
     Drop,
-    /// The next frame is looked for from the second byte on: what a host does, which must not lose
-    /// a good answer behind a byte that a serial server made up.
+    /// Looks for the next frame from the second byte on, as a host does: it must not lose a valid reply after
+    /// a byte that a serial server inserted.
     Search,
 }
 
-/// Cuts a stream of bytes into frames and what stands between them.
+/// Splits a stream of bytes into frames and the bytes between them.
 ///
-/// Give it a byte, then take pieces until there are none.
+/// Feed it a byte, then take pieces until there are none.
 #[derive(Clone, Copy, Debug)]
 pub struct Deframer {
     recovery: RecoveryPolicy,
@@ -165,7 +165,7 @@ impl Deframer {
         self.len += 1;
     }
 
-    /// Takes the next piece off the stream, if enough is there to tell.
+    /// Takes the next complete piece off the stream.
     #[inline]
     pub fn next_piece(&mut self) -> Option<SerialPiece> {
         let &first = self.pending().first()?;
@@ -188,8 +188,8 @@ impl Deframer {
         Some(read.map_or_else(SerialPiece::Broken, SerialPiece::Message))
     }
 
-    /// What is wrong with the beginning of a frame already: its ID code. A host that searches need
-    /// not wait for the rest, behind a byte that only looked like a length.
+    /// The error at the start of a frame: its ID code. A host that searches need not wait for the rest after
+    /// a byte that only looked like a length.
     fn impossible_head(&self) -> Option<WireError> {
         let code = match (self.recovery, self.pending()) {
             (RecoveryPolicy::Search, [_, high, low, ..]) => u16::from_be_bytes([*high, *low]),

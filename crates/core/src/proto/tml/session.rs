@@ -38,7 +38,7 @@ pub const SYNCS_MAX: u8 = 15;
 /// The same while somebody looks for drives: most addresses are nobody's, and on most lines some drive
 /// hears the first one.
 const SYNCS_SCANNING: u8 = 2;
-/// Questions asked at most to end one doubt.
+/// Most probes to end one doubt.
 pub const PROBES_MAX: u8 = 4;
 /// Events that wait to be taken at most; what drives say unasked beyond that is counted and lost.
 pub const EVENTS_MAX: usize = 64;
@@ -54,14 +54,14 @@ const AAR: u16 = 0x030C;
 /// SYNC bytes would reach them all. From the field, in no manual.
 const DRAIN_NS: u64 = 50_000_000;
 
-/// How long is waited for what.
+/// Time-outs.
 #[derive(Clone, Copy, Debug)]
 pub struct Timeouts {
     /// For an acknowledgement, once the frame has left.
     pub ack_ns: u64,
-    /// For what a SYNC byte brings.
+    /// Wait for the reply to a SYNC byte.
     pub sync_pause_ns: u64,
-    /// For an answer, once the request was heard.
+    /// Wait for a reply, once the request was sent.
     pub answer_ns: u64,
     /// One character on the line; 0 where characters take no time.
     pub character_ns: u64,
@@ -75,7 +75,7 @@ impl Timeouts {
     }
 }
 
-/// Who the host is on its wire.
+/// Place of the host on its wire.
 #[derive(Clone, Copy, Debug)]
 pub struct Topology {
     /// The wire and its rules.
@@ -90,13 +90,13 @@ pub struct Topology {
     pub single_drive: bool,
     /// The relay's bus is TechnoCAN.
     pub behind_technocan: bool,
-    /// Somebody looks for drives.
+    /// A scan is running.
     pub scanning: bool,
-    /// What the host's ID breaks.
+    /// The rule that the host's ID breaks.
     pub broken_rule: Option<WireRule>,
 }
 
-/// What is to be put on the wire.
+/// Next output on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Outgoing {
     /// A message.
@@ -129,7 +129,7 @@ enum RequestStage {
 }
 
 impl RequestStage {
-    /// What goes out first.
+    /// First output of a request.
     fn first_for(request: &HostRequest) -> Self {
         if request.confirmation == Confirmation::MasterFirst {
             Self::SetMaster
@@ -157,7 +157,7 @@ enum RequestPhase {
 pub(super) enum BaudFallback {
     /// It was tried in vain, or there is none.
     Exhausted,
-    /// It was not tried since the drive was last heard.
+    /// Not tried since the drive was last received.
     Armed,
     /// A question waits for it.
     Requested,
@@ -436,7 +436,7 @@ impl Session {
         )
     }
 
-    /// What forbids a request, whatever the time.
+    /// The rule that forbids a request at any time.
     fn rejection_of(&self, request: &HostRequest) -> Option<Failure> {
         if !self.link_up {
             return Some(Failure::LinkDown);
@@ -485,7 +485,7 @@ impl Session {
         }
     }
 
-    /// Whether two axis IDs are one on this wire: TechnoCAN has five bits for them.
+    /// Whether two axis IDs are the same on this wire: TechnoCAN has five bits for them.
     fn same_axis(&self, a: u8, b: u8) -> bool {
         match self.topology.wire {
             TmlWire::TechnoCan => a % 32 == b % 32,
@@ -552,7 +552,7 @@ impl Session {
         }
     }
 
-    /// Whether only a question tells that the drive took an instruction.
+    /// Whether only a reading shows that the drive executed an instruction.
     fn needs_proof(&self, request: &HostRequest) -> bool {
         let to = request.message.to;
         let heard_by_itself = match self.topology.wire {
@@ -568,7 +568,7 @@ impl Session {
         if self.topology.wire == TmlWire::Rs232 && behind { self.timeouts.relay_gap_ns } else { 0 }
     }
 
-    /// Ends what is outstanding.
+    /// Completes the pending request.
     fn finish_pending(&mut self, now: Instant, result: Result<Answer, Failure>) {
         let Some(pending) = self.pending.take() else { return };
         if let Some(ticket) = pending.ticket {
@@ -577,8 +577,8 @@ impl Session {
         self.start_next(now);
     }
 
-    /// What comes next when nothing is outstanding: a stop that waits, what it overtook, then a
-    /// question that ends a doubt.
+    /// Starts the next request when none is pending: a stop, then the request that it overtook, then a
+    /// probe.
     fn start_next(&mut self, now: Instant) {
         if self.pending.is_some() || !self.link_up {
             return;

@@ -82,8 +82,8 @@ impl MessageClass {
         BASES[self as usize]
     }
 
-    /// The class of an identifier; PONG is told from TakeData2 by the data alone. `None` for
-    /// CANopen's identifiers and those that nobody uses.
+    /// The class of an identifier; only the data distinguishes PONG from TakeData2. `None` for CANopen's
+    /// identifiers and unused ones.
     #[must_use]
     #[inline]
     pub const fn of_id(id: u32) -> Option<Self> {
@@ -102,17 +102,17 @@ impl MessageClass {
     }
 }
 
-/// What a frame carries. TechnoCAN leaves out some of what the other wires say.
+/// Content of a frame. TechnoCAN leaves out some fields of the other wires.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct FrameContent {
     /// Its class.
     pub class: MessageClass,
-    /// Whom it is for. `None` for TakeData2 and PONG, whose identifier is the sender's, and for
+    /// Addressee. `None` for TakeData2 and PONG, whose identifier is the sender's, and for
     /// [`misprinted`](Self::misprinted) TakeData.
     pub to: Option<IdCode>,
-    /// Who sent it, where the class says so.
+    /// Sender, if the class has it.
     pub sender: Option<u8>,
-    /// The whole instruction, with what the class leaves out filled in.
+    /// The whole instruction, with the fields that the class leaves out.
     pub instruction: Instruction,
 }
 
@@ -124,14 +124,14 @@ impl FrameContent {
         self.class == MessageClass::TakeData && self.to.is_none()
     }
 
-    /// As a message, where the frame says whom it is for.
+    /// As a message, if the frame has an addressee.
     #[must_use]
     pub fn message(&self) -> Option<Message> {
         Some(Message { to: self.to?, instruction: self.instruction })
     }
 }
 
-/// The number that stands for an axis ID in identifiers.
+/// The number of an axis ID in identifiers.
 ///
 /// # Errors
 /// [`WireRule::TechnoCanAxis`] for a multiple of 32.
@@ -143,8 +143,8 @@ pub const fn axis_number(id: u8) -> Result<u8, WireRule> {
     }
 }
 
-/// Whether another axis may act on what is sent to this axis ID: it is above 31, and not the
-/// default 255, which is known to act as 31.
+/// Whether another axis may act on messages to this axis ID: it is above 31, and not the default 255, which
+/// is known to act as 31.
 #[must_use]
 pub const fn is_ambiguous(id: u8) -> bool {
     id > AXIS_MAX && id != 255
@@ -203,12 +203,12 @@ pub fn encode(message: &Message) -> Result<Frame, WireRule> {
     Ok(Frame { id, extended: false, remote: false, len, data: data.to_le_bytes() })
 }
 
-/// Reads what a frame carries.
+/// Decodes a frame.
 ///
 /// # Errors
 /// [`WireError::Identifier`] for an identifier that is not TechnoCAN's, or a remote request;
-/// [`WireError::Short`], [`WireError::Long`] and [`WireError::Count`] for data that its class does
-/// not have.
+/// [`WireError::Short`], [`WireError::Long`] and [`WireError::Count`] for data that its class does not
+/// have.
 #[inline]
 pub fn decode(frame: &Frame) -> Result<FrameContent, WireError> {
     let foreign = WireError::Identifier { found: frame.id };

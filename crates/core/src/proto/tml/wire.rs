@@ -6,7 +6,7 @@
 /// Data words that an instruction has at most, beside its opcode.
 pub const DATA_WORDS_MAX: usize = 4;
 
-/// The axis/group ID code: whom a message is for, or who sent it.
+/// The axis/group ID code: the addressee or the sender of a message.
 ///
 /// Bit 12 is G, bits 11 to 4 the axis or group ID, bit 0 H; the rest are zero.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
@@ -49,7 +49,7 @@ impl IdCode {
         self.group && self.id == 0
     }
 
-    /// As it stands on the wire.
+    /// The word on the wire.
     #[must_use]
     pub const fn word(self) -> u16 {
         (self.group as u16) << 12 | (self.id as u16) << 4 | self.host as u16
@@ -64,7 +64,7 @@ impl IdCode {
         Some(Self { group: word & 0x1000 != 0, id: (word >> 4) as u8, host: word & 1 != 0 })
     }
 
-    /// Whether a drive with this axis ID and these groups takes a message so addressed (manual,
+    /// Whether a drive with this axis ID and these groups accepts a message with this address (manual,
     /// chapter 2: at least one common group; ID 0 is everybody).
     #[must_use]
     pub const fn concerns(self, axis: u8, groups: u8) -> bool {
@@ -116,7 +116,7 @@ impl Instruction {
         Self { opcode, len: N as u8, data }
     }
 
-    /// How many data words.
+    /// Number of data words.
     #[must_use]
     #[inline]
     pub const fn word_count(&self) -> usize {
@@ -192,12 +192,12 @@ pub const fn low_first(value: u32) -> [u16; 2] {
     [value as u16, (value >> 16) as u16]
 }
 
-/// What is sent: an instruction and whom it is for.
+/// An instruction and its addressee.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Message {
     /// Whom it is for.
     pub to: IdCode,
-    /// What it says.
+    /// The instruction.
     pub instruction: Instruction,
 }
 

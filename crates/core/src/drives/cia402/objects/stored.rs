@@ -124,5 +124,5 @@ pub const VELOCITY_FACTOR_DIVISOR: u16 = 59;
 pub const ACCELERATION_FACTOR: u16 = 60;
 /// Acceleration factor, divisor.
 pub const ACCELERATION_FACTOR_DIVISOR: u16 = 61;
-/// How many of them there are.
+/// Number of these objects.
 pub const COUNT: usize = 62;

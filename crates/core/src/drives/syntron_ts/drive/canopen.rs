@@ -62,7 +62,7 @@ impl CanopenNode {
 }
 
 impl DriveCore {
-    /// Lends the motion what it has to do with.
+    /// Calls a function with the state that a motion needs.
     fn with_axis<R>(
         &mut self,
         act: impl FnOnce(
@@ -185,7 +185,7 @@ impl DriveCore {
         }
     }
 
-    /// Limit switches are told as they close, in CANopen mode.
+    /// The emergency of a limit switch that has closed, in CANopen mode.
     fn next_limit_emergency(&mut self) -> Option<u16> {
         if self.mode() != MODE_CANOPEN {
             return None;

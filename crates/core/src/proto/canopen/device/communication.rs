@@ -6,7 +6,7 @@ use crate::proto::canopen::od::{
 };
 use crate::time::Instant;
 
-/// Nodes whose heartbeat is watched (object 1016h) at most.
+/// Most nodes whose heartbeat is monitored (object 1016h).
 pub const CONSUMERS_MAX: usize = 4;
 /// Objects of a PDO at most: one a byte.
 pub(super) const MAPPED_MAX: usize = super::super::pdo::MAPPED_MAX;
@@ -256,7 +256,7 @@ const fn own_entry(
 /// Entries of an RPDO and a TPDO, with their mappings.
 const PDO_ENTRIES: usize = 5 + 6 + 2 * (MAPPED_MAX + 1);
 
-/// Whether the protocol itself keeps that object of a node with so many PDOs each way, if the node's
+/// Whether the protocol itself stores that object, of a node with so many PDOs each way, if the node's
 /// dictionary has it: its entry then has the tag [`PROTOCOL_TAG`].
 #[must_use]
 pub const fn is_protocol_object(index: u16, sub: u8, pdos: u16) -> bool {

@@ -135,7 +135,8 @@ impl<const N: usize> CanEndpoint<N> {
         (self.lss.bounds_met == 0x3F).then_some(LssReply::Identified)
     }
 
-    /// Nodes without node-ID tell whether they agree so far, bit by bit, number by number.
+    /// Replies of nodes without node-ID to a fast scan: whether they match so far, bit by bit, number by
+    /// number.
     fn answer_fast_scan(
         &mut self,
         value: u32,

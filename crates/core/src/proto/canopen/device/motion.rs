@@ -43,7 +43,7 @@ pub trait MotorControl {
     fn power_on(&mut self);
     /// Switches it off: the motor coasts.
     fn power_off(&mut self);
-    /// How the set-point may move.
+    /// Sets the limits of the set-point.
     fn set_limits(&mut self, limits: Limits);
     /// Heads for a speed, rad/s.
     fn set_velocity(&mut self, rad_per_s: f64);
@@ -51,13 +51,13 @@ pub trait MotorControl {
     fn move_to(&mut self, position: f64);
     /// Drives a share of the rated torque.
     fn apply_torque(&mut self, share: f64);
-    /// Is told where to be at the end of the next tick.
+    /// Sets the set-point for the end of the next tick.
     fn follow_setpoint(&mut self, setpoint: Setpoint);
     /// Holds where the shaft is, and forgets how hard it tried to go elsewhere.
     fn hold_position(&mut self);
     /// Once at rest after turning: holds that position rather than speed zero.
     fn settle_position(&mut self);
-    /// Where the set-point is.
+    /// The set-point.
     fn setpoint(&self) -> Setpoint;
     /// True when the set-point has come to its goal.
     fn has_arrived(&self) -> bool;
@@ -71,7 +71,7 @@ pub trait MotorControl {
     fn is_torque_limited(&self) -> bool;
 }
 
-/// How a drive comes to rest.
+/// How a drive decelerates to rest.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Braking {
     /// Not at all: power is taken off.
@@ -84,7 +84,7 @@ pub enum Braking {
     Hard,
 }
 
-/// What a window is and for how long the value must be in it, or out of it.
+/// A window, and how long the value must be in it, or out of it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Window {
     /// Half of its width: rad or rad/s.
@@ -93,7 +93,7 @@ pub struct Window {
     pub ms: u32,
 }
 
-/// How homing is done.
+/// Homing settings.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct HomingSettings {
     /// Its method (6098h).
@@ -108,9 +108,9 @@ pub struct HomingSettings {
     pub offset: f64,
 }
 
-/// What the drive's objects say, in SI. Positions are the user's coordinates.
+/// Motion settings of the drive's objects, in SI. Positions are in the user's coordinates.
 pub trait MotionSettings {
-    /// Mode of operation asked for (6060h).
+    /// Requested mode of operation (6060h).
     fn mode(&self) -> i8;
     /// Target position (607Ah), rad.
     fn target_position(&self) -> f64;
@@ -124,7 +124,7 @@ pub trait MotionSettings {
     fn torque_slope(&self) -> f64;
     /// Ramp of the quick stop (6085h), rad/s².
     fn quick_stop(&self) -> f64;
-    /// How homing is done.
+    /// Homing settings.
     fn homing(&self) -> HomingSettings;
     /// Around the target (6067h, 6068h).
     fn position_window(&self) -> Window;
@@ -132,7 +132,7 @@ pub trait MotionSettings {
     fn following_window(&self) -> Window;
     /// Around the target speed (606Dh, 606Eh).
     fn velocity_window(&self) -> Window;
-    /// What is no speed at all (606Fh, 6070h).
+    /// Window of zero speed (606Fh, 6070h).
     fn standstill(&self) -> Window;
     /// Speed at most (607Fh, 6080h), rad/s.
     fn velocity_max(&self) -> f64;
@@ -144,7 +144,7 @@ pub trait MotionSettings {
     fn position_limits(&self) -> Option<(f64, f64)> {
         None
     }
-    /// Added to what the host commands each cycle (60B1h rad/s, 60B2h share of the rated torque).
+    /// Offsets added to cyclic commands (60B1h rad/s, 60B2h share of the rated torque).
     fn offsets(&self) -> (f64, f64) {
         (0.0, 0.0)
     }
@@ -152,23 +152,23 @@ pub trait MotionSettings {
     fn cycle_ms(&self) -> u32 {
         1
     }
-    /// How it quick-stops (605Ah), and whether it stays in that state.
+    /// Quick stop option (605Ah), and whether the drive stays in that state.
     fn quick_stop_option(&self) -> (Braking, bool) {
         (Braking::Quick, false)
     }
-    /// How it comes to rest when it is shut down (605Bh).
+    /// Shutdown option (605Bh).
     fn shutdown_option(&self) -> Braking {
         Braking::Coast
     }
-    /// How it comes to rest when operation is disabled (605Ch).
+    /// Disable operation option (605Ch).
     fn disable_option(&self) -> Braking {
         Braking::Ramp
     }
-    /// How it halts (605Dh).
+    /// Halt option (605Dh).
     fn halt_option(&self) -> Braking {
         Braking::Ramp
     }
-    /// How it comes to rest after a fault (605Eh).
+    /// Fault reaction option (605Eh).
     fn fault_option(&self) -> Braking {
         Braking::Coast
     }

@@ -101,7 +101,7 @@ impl<const N: usize> CanEndpoint<N> {
         Ok(())
     }
 
-    /// What stands against a value of an object before 1400h.
+    /// Checks a value of an object before 1400h.
     fn check_value(&self, index: u16, sub: u8, value: u32) -> Result<(), AbortCode> {
         let comm = &self.communication;
         let id = CobId(value).id();
@@ -250,7 +250,7 @@ impl<const N: usize> CanEndpoint<N> {
     }
 }
 
-/// Whether an object can be mapped so.
+/// Checks whether an object can be mapped.
 fn check_mappable(
     entry: pdo::MappingEntry,
     sends: bool,

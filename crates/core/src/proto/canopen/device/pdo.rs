@@ -69,7 +69,7 @@ pub(super) struct PdoLayout {
 }
 
 impl PdoLayout {
-    /// What the objects of a PDO map.
+    /// The mapping in a PDO's objects.
     fn of(pdo: &PdoObjects, dictionary: &Dictionary) -> Self {
         let mut layout = Self::default();
         let mut at = 0;
@@ -102,7 +102,7 @@ impl PdoLayout {
         self.slots().iter().any(|slot| slot.begins_within(bits) && !slot.is_within(bits))
     }
 
-    /// Hands over the values that lie within `bits` bits.
+    /// Passes on the values within `bits` bits.
     #[inline]
     fn unpack(&self, now: Instant, data: u64, bits: u8, firmware: &mut impl Firmware) {
         for slot in self.slots() {
@@ -275,7 +275,7 @@ impl<const N: usize> CanEndpoint<N> {
         }
     }
 
-    /// Those that go by events are sent once, so that whoever listens knows.
+    /// Sends event-driven PDOs once, so that receivers know the values.
     fn start_pdo(&mut self, now: Instant, n: usize, firmware: &mut impl Firmware) {
         let send = &mut self.tpdos.all[n];
         send.data = send.layout.pack(firmware);

@@ -15,11 +15,11 @@ use crate::time::Instant;
 enum ServerState {
     #[default]
     Idle,
-    /// Segments are asked for.
+    /// A segmented read.
     Reading,
     /// Segments come.
     Writing,
-    /// A block was asked for, and the client has not begun.
+    /// A block read that the client has not started.
     Offering,
     /// Segments of a block are sent.
     Sending,
@@ -100,8 +100,8 @@ impl<const N: usize> CanEndpoint<N> {
         self.send_slots.set_sdo(reply);
     }
 
-    /// \[I\] A request shorter than the standard's eight bytes has zeros behind it where all that it
-    /// names is there, as in what the TS manual prints; else it is not heard.
+    /// [I\] A request shorter than the standard's eight bytes is padded with zeros if all named bytes are present,
+    /// as in examples of the TS manual; otherwise it is ignored.
     #[cold]
     fn is_complete_request(&self, frame: &Frame, firmware: &impl Firmware) -> bool {
         let head = 4;
@@ -140,7 +140,7 @@ impl<const N: usize> CanEndpoint<N> {
         })
     }
 
-    /// What nearly every request asks for, a number of up to four bytes, goes ahead of the rest.
+    /// Reads an object of up to four bytes, as nearly every request does.
     #[inline]
     fn read_object(&mut self, object: ObjectIndex, firmware: &mut impl Firmware) -> [u8; 8] {
         self.sdo_server.end();
@@ -295,7 +295,7 @@ impl<const N: usize> CanEndpoint<N> {
         Ok(())
     }
 
-    /// The next bytes of what is written.
+    /// Takes the next bytes of a write.
     fn write_bytes(&mut self, data: &[u8], firmware: &mut impl Firmware) -> Result<(), AbortCode> {
         let server = &mut self.sdo_server;
         let entry = server.entry.ok_or(AbortCode::SPECIFIER)?;
@@ -501,8 +501,8 @@ impl<const N: usize> CanEndpoint<N> {
         Ok(Some(SdoReply::ReadBlockEnd { unused: unused_bytes(size), crc }))
     }
 
-    /// A segment of a block came. What comes after a gap is dropped, and sent again once the block
-    /// is acknowledged.
+    /// Takes a segment of a block. Segments after a gap are dropped, and sent again after the block is
+    /// acknowledged.
     fn receive_block_segment(&mut self, segment: BlockSegment, firmware: &mut impl Firmware) {
         let in_order = segment.number == self.sdo_server.count + 1;
         if in_order {

@@ -34,7 +34,7 @@ pub(super) fn effect_of(cob: Cob, bytes: &[u8], profile: Option<&'static Profile
     }
 }
 
-/// What a segment belongs to was told by the request that began.
+/// Effect of a request. The effect of a segment follows from the request that started the transfer.
 fn request_effect(request: &SdoRequest, profile: Option<&'static Profile>) -> Effect {
     match *request {
         SdoRequest::Write(object, _)

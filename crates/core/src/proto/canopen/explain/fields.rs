@@ -36,7 +36,7 @@ impl FieldWriter<'_> {
         self.emit_field(name, range, FieldValue::Int(value.into()), "");
     }
 
-    /// The bytes from `start` to `end` as one number in the order in which they stand.
+    /// The bytes from `start` to `end` as one number, in their order.
     fn emit_bytes(&mut self, name: &'static str, start: u16, end: u16) {
         let end = end.min(self.frame.len.into());
         let bytes = self.frame.data.get(start.into()..end.into()).unwrap_or_default();
@@ -269,8 +269,7 @@ impl FieldWriter<'_> {
     }
 }
 
-/// The mapping that CiA 402 gives a PDO of that length from the factory; what a drive's is now
-/// stands in its objects.
+/// The default mapping of CiA 402 for a PDO of that length; the present one is in the drive's objects.
 #[must_use]
 pub fn default_mapping(cob: Cob, len: u8) -> Option<PdoMapping> {
     let (word, second) = match cob {

@@ -36,14 +36,14 @@ pub fn find_parameter(
     canopen_profile(profile)?.parameters.iter().find(same)
 }
 
-/// What an object is called, empty if nobody calls it.
+/// Name of an object; empty if it has none.
 #[must_use]
 pub fn object_name(object: ObjectIndex, profile: Option<&'static Profile>) -> &'static str {
     let named = find_parameter(object, profile).map(|parameter| parameter.name);
     named.or_else(|| names::standard_name(object).map(|(name, _)| name)).unwrap_or("")
 }
 
-/// Whether an object's values have a sign.
+/// Whether an object's values are signed.
 #[must_use]
 pub fn is_signed(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
     match find_parameter(object, profile) {
@@ -52,9 +52,9 @@ pub fn is_signed(object: ObjectIndex, profile: Option<&'static Profile>) -> bool
     }
 }
 
-/// How many of four bytes are the object's value, where the command says that `len` are (0: it does not
-/// say). The command's size decides, but for a command of a drive that is known to have more of them (TS
-/// manual, chapter 3: sizes are printed too small).
+/// Number of bytes of the value, where the command states `len` (0: not stated). The command's size decides,
+/// except for a command of a drive that is known to have more (TS manual, chapter 3: printed sizes are too
+/// small).
 #[must_use]
 pub fn value_len(object: ObjectIndex, bits: u32, len: u8, profile: Option<&'static Profile>) -> u8 {
     if !matches!(len, 1..=3) {
@@ -114,7 +114,7 @@ pub fn write_value(
     write_meaning(object, raw, profile, out)
 }
 
-/// What stands in front of an object's number.
+/// Writes the label before an object's value.
 ///
 /// # Errors
 /// Those of `out`.
@@ -133,7 +133,7 @@ pub fn write_label(
     }
 }
 
-/// What stands behind an object's number.
+/// Writes the meaning after an object's value.
 ///
 /// # Errors
 /// Those of `out`.
@@ -153,7 +153,7 @@ pub fn write_meaning(
     write_standard_meaning(object, raw, profile, out)
 }
 
-/// Whether the same stands behind an object's number whatever the number is.
+/// Whether an object's values all have the same meaning.
 #[must_use]
 pub fn has_constant_meaning(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
     let steady =
@@ -161,7 +161,7 @@ pub fn has_constant_meaning(object: ObjectIndex, profile: Option<&'static Profil
     meaning_kind(object).is_none() && find_parameter(object, profile).is_none_or(steady)
 }
 
-/// Whether a value is told in its unit: not where that hangs on other parameters.
+/// Whether a value can be shown in its unit: not where that depends on other parameters.
 fn has_fixed_scale(parameter: &Parameter) -> bool {
     !parameter.unit.symbol().is_empty() && parameter.scale.is_constant()
 }
@@ -209,7 +209,7 @@ const fn meaning_kind(object: ObjectIndex) -> Option<MeaningKind> {
     })
 }
 
-/// What the standards say of a value.
+/// Writes the standards' meaning of a value.
 fn write_standard_meaning(
     object: ObjectIndex,
     raw: i64,
@@ -330,7 +330,7 @@ pub const fn mode_name(mode: OperationMode) -> &'static str {
     }
 }
 
-/// What an emergency's code means: the drive's own word, else the standard's for its class.
+/// Meaning of an emergency code: the drive's own text, otherwise the standard's for its class.
 #[must_use]
 pub fn fault_text(code: u16, profile: Option<&'static Profile>) -> &'static str {
     let known =
@@ -338,7 +338,7 @@ pub fn fault_text(code: u16, profile: Option<&'static Profile>) -> &'static str 
     known.map_or(class_text(code), |fault| fault.text)
 }
 
-/// What an abort code means.
+/// Meaning of an abort code.
 #[must_use]
 pub fn abort_text(abort: AbortCode) -> &'static str {
     abort.text().unwrap_or("a code that the standard does not have")

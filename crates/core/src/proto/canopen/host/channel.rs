@@ -24,13 +24,13 @@ const REPEATED_MAX: u8 = 3;
 /// What is asked in between: every node has one, and answers it whatever it says.
 const PROBES: [ObjectIndex; 2] = [ObjectIndex::new(0x1000, 0), ObjectIndex::new(0x1001, 0)];
 
-/// Where a transfer is.
+/// Stage of a transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ChannelStage {
     Idle,
     /// A stop goes ahead of the probe.
     StopFirst,
-    /// Another object is asked, so that what is older comes first.
+    /// Reads another object, so that older replies arrive first.
     Probe,
     Request,
     Guard,
@@ -42,11 +42,11 @@ pub enum ChannelStage {
     BlockStart,
     /// Segments of a block come; so many did.
     BlockReading(u8),
-    /// All came that will; what is left is the end.
+    /// All data has arrived; only the end is missing.
     BlockReadEnd,
     /// The end is to be confirmed.
     BlockReadDone,
-    /// Everything is over but for who takes the bytes.
+    /// The transfer has ended, except for reading its bytes.
     Drain,
     /// Segments of a block go; so many went.
     BlockWriting(u8),
@@ -54,7 +54,7 @@ pub enum ChannelStage {
     BlockWriteEnd,
 }
 
-/// What comes next.
+/// Next step.
 #[derive(Clone, Copy, Debug)]
 pub enum ChannelStep {
     /// Nothing.
@@ -63,11 +63,11 @@ pub enum ChannelStep {
     Send,
     /// It is over.
     End(Result<Answer, Failure>),
-    /// It is over, and the node is to be told why.
+    /// The transfer has ended, and the node receives an abort.
     Abort(AbortCode, Result<Answer, Failure>),
 }
 
-/// What a reply was.
+/// Kind of a reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ReplyKind {
     /// The one waited for.
@@ -76,7 +76,7 @@ pub enum ReplyKind {
     Late,
 }
 
-/// The objects whose answers may still come.
+/// Objects whose replies may still arrive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StaleAnswers {
     None,
@@ -141,7 +141,7 @@ pub struct NodeChannel {
 
 const NO_OBJECT: ObjectIndex = ObjectIndex::new(0, 0);
 
-/// The frame that begins what is asked.
+/// First frame of a request.
 #[inline]
 pub fn first_request(request: &HostRequest) -> Option<SdoRequest> {
     Some(match *request {
@@ -210,7 +210,7 @@ impl NodeChannel {
             && !self.is_beginning()
     }
 
-    /// What it sends is a guarding request.
+    /// Whether it sends a guarding request.
     #[inline]
     pub fn sends_guard(&self) -> bool {
         self.stage == ChannelStage::Guard
@@ -268,7 +268,7 @@ impl NodeChannel {
         self.stage = stage;
     }
 
-    /// What goes first: the request, or where an older answer to the same may come, something else.
+    /// First stage: the request, or another one where an older reply to the same request may still arrive.
     fn first_stage(&self, request: &HostRequest) -> ChannelStage {
         match request {
             _ if !self.stale_answers.contains(request.object().unwrap_or(NO_OBJECT)) => {
@@ -285,7 +285,7 @@ impl NodeChannel {
         (self.bytes_done, self.size, self.bits) = (0, None, 0);
     }
 
-    /// It is over; gives the place of its bytes. What it left is cleared here, so that what ends
+    /// Ends the transfer and returns the place of its bytes. Its state is cleared here, so that what ends
     /// [at once](Self::finish_expedited) has nothing to clear.
     pub fn finish(&mut self) -> Option<usize> {
         self.reset_progress();
@@ -302,8 +302,7 @@ impl NodeChannel {
         self.stage = ChannelStage::Idle;
     }
 
-    /// A reply came that nothing waits for: where the last question is answered, it may be a second
-    /// one to that.
+    /// Notes an unexpected reply: after an answered request it may be a second reply to it.
     #[cold]
     pub fn note_repeated_reply(&mut self, data: [u8; 8]) {
         let again = self.stale_answers == StaleAnswers::None
@@ -319,7 +318,7 @@ impl NodeChannel {
         self.repeated_streak >= REPEATED_MAX
     }
 
-    /// A reply of one frame is all there is to what was read.
+    /// Ends a read with a reply of one frame.
     #[inline]
     pub fn finish_expedited(&mut self, reply: [u8; 8]) -> Option<Answer> {
         if self.stage != ChannelStage::Request || self.buffer.is_some() {
@@ -331,7 +330,7 @@ impl NodeChannel {
         Some(Answer::Value { object, bits: bits.into(), len: len.into() })
     }
 
-    /// What tells the node that the last transfer is over.
+    /// The abort frame for the last transfer.
     pub fn abort_frame(&mut self) -> SdoRequest {
         SdoRequest::Abort(self.last_object, core::mem::replace(&mut self.abort, AbortCode::TIMEOUT))
     }
@@ -429,7 +428,7 @@ impl NodeChannel {
         (BlockSegment { number, last, data }.bytes(), more)
     }
 
-    /// Nothing came in time. Gives what comes next, and whether that says something again.
+    /// Handles a time-out. Returns the next step, and whether it repeats a frame.
     pub fn handle_silence(&mut self, long: Option<&mut TransferBuffer>) -> (ChannelStep, bool) {
         self.last_object = self.object();
         let again = self.attempts + 1 < ATTEMPTS_MAX;

@@ -15,7 +15,7 @@ const SILENCE_MS: u32 = 25;
 
 const NOTHING_SCANNED: &str = "no fast scan found a device before";
 
-/// What begins a scan: whoever has no node-ID answers.
+/// The first request of a scan: all nodes without node-ID reply.
 pub const BEGIN_REQUEST: LssRequest = LssRequest::FastScan {
     number: 0,
     bit: FAST_SCAN_BEGIN,
@@ -65,7 +65,7 @@ impl LssMaster {
         self.pending.is_none()
     }
 
-    /// Whether a scan is under way, whose questions any number of devices may answer.
+    /// Whether a scan is running, whose requests any number of devices may answer.
     pub fn is_scanning(&self) -> bool {
         matches!(self.pending, Some((_, LssTask::Scan(_))))
     }
@@ -120,7 +120,7 @@ impl LssMaster {
         Some(request.emit())
     }
 
-    /// Ends what nobody answers, once it is sent.
+    /// Ends a request without reply, once it is sent.
     pub fn finish_unanswered(&mut self) -> Option<FinishedTicket> {
         let Some((ticket, LssTask::Request(request))) = self.pending else { return None };
         let silent = match request {
@@ -201,7 +201,7 @@ impl FastScan {
         }
     }
 
-    /// What silence, or an answer before it, leads to.
+    /// Next step after a time-out, or a reply before it.
     fn advance(&mut self) -> Option<Result<Answer, Failure>> {
         match (self.bit, self.asks_whole_number) {
             (FAST_SCAN_BEGIN, _) if self.answered => self.bit = 31,
@@ -227,7 +227,7 @@ impl FastScan {
     }
 }
 
-/// Whether a reply is of the service that was asked.
+/// Whether a reply is of the requested service.
 fn is_answer(request: &LssRequest, reply: &LssReply) -> bool {
     match (request, reply) {
         (LssRequest::SwitchSelective(..), LssReply::Selected)

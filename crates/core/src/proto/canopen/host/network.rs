@@ -20,7 +20,7 @@ const CONSUMER_HEARTBEAT: ObjectIndex = ObjectIndex::new(0x1016, 1);
 const BEATS_PER_TIMEOUT: u32 = 3;
 /// A heartbeat is missed after so many of its periods.
 const TIMEOUT_PERIODS: u32 = 2;
-/// The application's lease: our own heartbeat goes on for so long after it last asked something, ms.
+/// The application's lease: our heartbeat continues for this time after the last request, ms.
 pub const LEASE_MS: u32 = 1_000;
 
 #[derive(Clone, Copy, Debug)]
@@ -80,7 +80,7 @@ impl Network {
         self.nodes.get(usize::from(node))?.state
     }
 
-    /// Whether nodes wait for the host's heartbeat, or follow its SYNC.
+    /// Whether nodes monitor the host's heartbeat or follow its SYNC.
     pub const fn sends_keepalive(&self) -> bool {
         let watched = self.watchers.first().is_some();
         let beats = self.own_heartbeat.next.is_some() && (watched || self.heartbeat_wanted);
@@ -94,7 +94,7 @@ impl Network {
         }
     }
 
-    /// Takes a boot-up or heartbeat; true when it tells something new.
+    /// Takes a boot-up or heartbeat; true for a change.
     pub fn note_state(&mut self, now: Instant, node: u8, state: NmtState) -> bool {
         let node = &mut self.nodes[usize::from(node & NODE_MAX)];
         let new = node.state.replace(state) != Some(state) || state == NmtState::BootUp;
@@ -136,7 +136,7 @@ impl Network {
         }
     }
 
-    /// A node whose heartbeat failed to come, once each.
+    /// A node whose heartbeat is missing, once each.
     pub fn next_lost(&mut self, now: Instant) -> Option<u8> {
         if self.due.is_none_or(|due| due > now) {
             return None;
@@ -159,7 +159,7 @@ impl Network {
         }
     }
 
-    /// What has a node watch the host's heartbeat.
+    /// The request that makes a node monitor the host's heartbeat.
     pub const fn watch_request(&self, node: u8, ms: u16) -> HostRequest {
         let bits = if ms == 0 { 0 } else { (self.own_heartbeat.id as u64) << 16 | ms as u64 };
         HostRequest::Write {
@@ -198,7 +198,7 @@ impl Network {
         earliest(self.due, own)
     }
 
-    /// What the host says by itself now.
+    /// The frames that the host sends by itself now.
     #[inline]
     pub fn transmit(&mut self, now: Instant) -> Option<Frame> {
         if let Some((period, next)) = &mut self.sync

@@ -13,7 +13,7 @@ use crate::time::Instant;
 const VALUE_BYTES_MAX: u32 = 8;
 
 impl NodeChannel {
-    /// Takes what the node says; `deadline` is when it must say more.
+    /// Handles a reply; `deadline` is the time of the next one.
     pub fn handle_reply(
         &mut self,
         deadline: Instant,
@@ -37,7 +37,7 @@ impl NodeChannel {
         }
     }
 
-    /// What a reply leads to; `None` for one that is not waited for.
+    /// The step after a reply; `None` for an unexpected one.
     fn step_for_reply(
         &mut self,
         deadline: Instant,
@@ -149,7 +149,7 @@ impl NodeChannel {
         Some(ChannelStep::Send)
     }
 
-    /// A segment came.
+    /// Handles a segment.
     fn handle_segment(
         &mut self,
         deadline: Instant,
@@ -220,7 +220,7 @@ impl NodeChannel {
         ChannelStep::Wait
     }
 
-    /// A segment of a block came. Those behind a gap do not count; they are sent again.
+    /// Handles a segment of a block. Segments after a gap do not count; they are sent again.
     fn handle_block_segment(
         &mut self,
         segment: BlockSegment,
@@ -298,7 +298,7 @@ impl NodeChannel {
         ChannelStep::End(Ok(Answer::Transferred(size)))
     }
 
-    /// Everything came; it is over when somebody has taken it.
+    /// All bytes have arrived; the transfer ends when they are read.
     fn begin_drain(&mut self) -> ChannelStep {
         self.stage = ChannelStage::Drain;
         self.stalled = true;
@@ -318,7 +318,7 @@ impl NodeChannel {
         if able { ChannelStep::Send } else { ChannelStep::Wait }
     }
 
-    /// Somebody took or gave bytes.
+    /// Continues after bytes were read or fed.
     pub fn resume_stalled(&mut self, long: &TransferBuffer) -> ChannelStep {
         match self.stage {
             ChannelStage::Drain if long.is_empty() => {

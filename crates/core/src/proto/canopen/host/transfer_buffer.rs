@@ -28,7 +28,7 @@ pub struct TransferBuffer {
     has_last: bool,
 }
 
-/// What a segment carries.
+/// Content of a segment.
 #[derive(Clone, Copy, Default, Debug)]
 pub struct OutgoingSegment {
     pub data: [u8; SEGMENT],
@@ -37,7 +37,7 @@ pub struct OutgoingSegment {
 }
 
 impl TransferBuffer {
-    /// Segments that it asks for at most.
+    /// Most segments of a block.
     pub const SEGMENTS: u8 = BLOCK_MAX;
     pub const FREE: Self = Self {
         ticket: None,
@@ -100,7 +100,7 @@ impl TransferBuffer {
         self.len -= count;
     }
 
-    /// Bytes that were read go to whoever wants them.
+    /// Reads bytes that have arrived.
     pub fn read_bytes(&mut self, out: &mut [u8]) -> usize {
         let count = out.len().min(self.len);
         for (n, byte) in out[..count].iter_mut().enumerate() {
@@ -116,12 +116,12 @@ impl TransferBuffer {
         self.push(&bytes[..bytes.len().min(wanted)])
     }
 
-    /// A segment came: not of a block, so it says how much of it counts.
+    /// Takes a segment of a segmented transfer, with its length.
     pub fn push_segment(&mut self, bytes: &[u8]) {
         self.push(bytes);
     }
 
-    /// A segment of a block came.
+    /// Takes a segment of a block.
     pub fn push_block_segment(&mut self, data: [u8; SEGMENT], last: bool) {
         if let Some(before) = self.held_segment.replace(data) {
             self.crc = crc(self.crc, &before);
@@ -130,7 +130,7 @@ impl TransferBuffer {
         self.has_last = last;
     }
 
-    /// The last segment of all came.
+    /// Whether the last segment has arrived.
     pub fn has_last(&self) -> bool {
         self.has_last
     }
@@ -174,7 +174,7 @@ impl TransferBuffer {
         self.bytes_left == 0
     }
 
-    /// What is said when all arrived: unused bytes of the last segment, and the check.
+    /// End of a block transfer: unused bytes of the last segment, and the check sum.
     pub fn block_end(&self) -> (u8, u16) {
         (self.unused, self.crc)
     }

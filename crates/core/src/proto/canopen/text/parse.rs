@@ -109,7 +109,7 @@ fn parse_download(words: &mut Tokenizer<'_>, block: bool) -> Result<Statement> {
     Ok(Statement::Download(object, size, block))
 }
 
-/// `rpdo1` to `tpdo4`: whether the node tells it, and its number.
+/// `rpdo1` to `tpdo4`: whether the node sends it, and its number.
 fn parse_process_verb(verb: &str) -> Option<(bool, u8)> {
     let (name, number) = verb.split_at_checked(4)?;
     let reported = match name {
@@ -511,7 +511,7 @@ impl<'a> Tokenizer<'a> {
         self.accept_word("size").then(|| self.read_word("a number of bytes")).transpose()
     }
 
-    /// What stands for a value that follows in segments.
+    /// The size of a value that follows in segments.
     fn read_long_size(&mut self) -> Result<Option<Option<u32>>> {
         if self.accept_word("long") {
             return Ok(Some(None));

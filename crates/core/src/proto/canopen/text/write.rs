@@ -26,7 +26,7 @@ impl fmt::Display for ObjectText {
     }
 }
 
-/// Writes what is said. False where there are no words for it: then nothing is written.
+/// Writes the text. False where the language has no words for it: then nothing is written.
 ///
 /// # Errors
 /// Those of `out`.
@@ -276,7 +276,7 @@ fn write_expedited(short: ExpeditedData, signed: bool, out: &mut dyn Write) -> f
     }
 }
 
-/// Whether bytes that do not count are zero, so that words say all of it.
+/// Whether unused bytes are zero, so that the text is complete.
 fn has_zero_padding(segment: Segment) -> bool {
     segment.data.iter().skip(segment.len.into()).all(|byte| *byte == 0)
 }

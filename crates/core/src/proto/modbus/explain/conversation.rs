@@ -14,7 +14,7 @@ use crate::proto::modbus::wire::{
 use crate::proto::modbus::{ascii, device_id, rtu};
 
 impl ModbusDissector {
-    /// Station and PDU of a frame whose check agrees.
+    /// Station and PDU of a frame with a valid check sum.
     fn decode_frame<'a>(
         self,
         bytes: &'a [u8],
@@ -182,7 +182,7 @@ struct ValueReporter<'a> {
 }
 
 impl ValueReporter<'_> {
-    /// What is written, and the names of what is asked for.
+    /// Reports written values, and the names of requested registers.
     fn report_request(&mut self, request: &RequestPdu<'_>) {
         match *request {
             RequestPdu::Read { space, start, count } if self.assumed_profile.is_some() => {
@@ -208,7 +208,7 @@ impl ValueReporter<'_> {
         }
     }
 
-    /// What was read from `start` on.
+    /// Reports the values of a read from `start` on.
     fn report_read(&mut self, (space, start, count): (Space, u16, u16), data: &[u8]) {
         match space.is_bits() {
             true => self.report_bits(space, start, count, data),
@@ -216,7 +216,7 @@ impl ValueReporter<'_> {
         }
     }
 
-    /// A name of a drive that nobody stated, behind the line.
+    /// Writes a name of an assumed drive after the line.
     fn write_name(&mut self, parameter: &'static Parameter, raw: Option<i64>) {
         let Some(profile) = self.assumed_profile.filter(|_| self.names_shown < NAMED_MAX) else {
             return;
@@ -242,7 +242,7 @@ impl ValueReporter<'_> {
         }
     }
 
-    /// Registers that follow one another stand so in the table, as a rule.
+    /// Finds a parameter. Neighbouring registers are usually neighbours in the table.
     fn find_parameter(&mut self, space: Space, address: u16) -> Option<&'static Parameter> {
         let parameters = self.profile?.parameters;
         let is_it = |p: &&Parameter| p.space == space.number() && p.index == address;

@@ -108,7 +108,7 @@ fn check_span(bytes: &[u8], span: AnnouncedLength) -> HeadScan {
     }
 }
 
-/// Whether so many bytes are just what their head announces.
+/// Whether the head announces exactly this number of bytes.
 fn has_announced_len(bytes: &[u8], direction: Option<Direction>) -> bool {
     let request = rtu::request_span(bytes) == AnnouncedLength::Bytes(bytes.len());
     let reply = rtu::reply_span(bytes) == AnnouncedLength::Bytes(bytes.len());

@@ -101,7 +101,7 @@ impl SerialHost {
         }
     }
 
-    /// What the head of the received bytes is.
+    /// Classifies the head of the received bytes.
     fn scan_received(&mut self) -> ReplyScan {
         let bytes = &self.received[..self.received_len];
         let sent = &self.sent[..self.sent_len];
@@ -132,7 +132,7 @@ impl SerialHost {
         ReplyScan::Skip(1)
     }
 
-    /// Whether bytes begin as a reply does that is owed.
+    /// Whether bytes begin like an expected reply.
     fn is_expected_head(&self, bytes: &[u8]) -> bool {
         let [unit, function, ..] = *bytes else { return false };
         let ours = |awaited: &AwaitedReply| {
@@ -141,8 +141,8 @@ impl SerialHost {
         self.outstanding().iter().any(ours)
     }
 
-    /// Where, behind bytes that look like the head of a longer frame, a whole reply lies that is
-    /// owed: those bytes are noise.
+    /// Position of a complete expected reply after bytes that look like the head of a longer frame: those
+    /// bytes are noise.
     fn find_expected_reply(&self, bytes: &[u8]) -> Option<usize> {
         (1..bytes.len().saturating_sub(rtu::ADU_MIN)).find(|&at| {
             let rest = &bytes[at..];
@@ -221,7 +221,7 @@ impl SerialHost {
         self.handle_frame(now, last.unit, &pdu);
     }
 
-    /// The same, where no reply with these bytes can be owed.
+    /// Handles a repeated frame where no reply with these bytes is expected.
     fn handle_idle_identical(&mut self) {
         let single = matches!(self.sent_function(), 0x05 | 0x06);
         if single && self.sent_unit != Some(BROADCAST) {
@@ -249,7 +249,7 @@ impl SerialHost {
         }
     }
 
-    /// One whole frame whose check agrees.
+    /// Handles a frame with a valid check sum.
     fn handle_frame(&mut self, now: Instant, unit: u8, pdu: &[u8]) {
         let Ok(reply) = ReplyPdu::parse(pdu) else {
             self.counters.foreign += 1;
@@ -314,9 +314,9 @@ impl SerialHost {
         lost
     }
 
-    /// Whether a reply comes sooner than its bytes can travel. In the first exchange of all it shows
-    /// that the wire has no timing, whatever its baud rate (a pseudo-terminal); later it is left
-    /// alone, and shows the same if nothing else comes.
+    /// Whether a reply arrived sooner than its bytes can travel. In the first exchange this shows that the
+    /// wire has no timing, whatever its baud rate (a pseudo-terminal). Later such a reply is ignored, and
+    /// shows the same if nothing else arrives.
     fn is_too_early(&mut self, now: Instant, len: usize) -> bool {
         let soon = self.frame_is_early || now < self.earliest_reply(len);
         if self.line.baud != 0 && !self.untimed {
@@ -336,8 +336,8 @@ impl SerialHost {
         self.is_timed
     }
 
-    /// When a reply of so many characters to what was sent last can be complete. A twentieth is left to
-    /// clocks that differ.
+    /// Earliest time of a complete reply of so many characters to the last request. One twentieth is left for
+    /// clock differences.
     fn earliest_reply(&self, len: usize) -> Instant {
         let whole = self.sent_ns + self.line.characters_ns(len as u32);
         self.sent_at.plus_ns(whole - whole / 20)
@@ -361,7 +361,7 @@ impl SerialHost {
         }
     }
 
-    /// The text that the present request asks for. A device that does not have the object lists others.
+    /// The text of the requested object. A device without the object lists others.
     fn find_device_id_object<'a>(&self, data: &'a [u8]) -> Option<&'a [u8]> {
         let RequestBody::DeviceId { object, .. } = self.current.as_ref()?.request.body else {
             return None;
@@ -369,7 +369,7 @@ impl SerialHost {
         device_id::objects(data)?.find_map(|(found, text)| (found == object).then_some(text))
     }
 
-    /// An exchange that could tell of an echo had none.
+    /// Notes an exchange without an echo that could have shown one.
     #[inline]
     fn note_missing_echo(&mut self) {
         if self.echo != EchoState::Detected || self.echo_seen || self.received_noise {
@@ -441,8 +441,8 @@ impl SerialHost {
         };
     }
 
-    /// Whether this may be the duplicate of the reply before: the same bytes to another question,
-    /// at once, on a wire where timing tells nothing.
+    /// Whether this may be a duplicate of the previous reply: the same bytes for another request, at once, on
+    /// a wire without timing.
     #[inline]
     fn is_suspected_duplicate(&self, now: Instant, data: &[u8]) -> bool {
         let (Some(before), Some(current)) = (&self.last_read, &self.current) else { return false };
@@ -464,7 +464,7 @@ enum ReplyScan {
     More,
 }
 
-/// Whether a reply is of the kind that is owed: function, byte count, address and value.
+/// Whether a reply is of the expected kind: function, byte count, address and value.
 fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
     let coil = |on: bool| if on { 0xFF00 } else { 0 };
     match *reply {

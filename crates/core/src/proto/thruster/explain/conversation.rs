@@ -59,7 +59,7 @@ fn expected_replies(request: &RawFrame<'_>, talk: &ConversationContext<'_>) -> R
     }
 }
 
-/// TC and VC are answered as VM says; nobody knows how while no VM was seen.
+/// Expected replies to TC and VC, by VM; not known before a VM was seen.
 fn expected_output_replies(form: Option<ReplyFormat>) -> ReplyExpectation {
     match form {
         None => ReplyExpectation::UNKNOWN,

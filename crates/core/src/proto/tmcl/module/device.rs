@@ -9,7 +9,7 @@ use crate::time::{Instant, earliest};
 /// Where bytes may come in pieces at any time (pty, TCP), a datagram may take this long, ms.
 const UNTIMED_BYTE_TIMEOUT_MS: u32 = 200;
 
-/// How a module is wired: what differs between firmware versions.
+/// Options of the wire: differences between firmware versions.
 #[derive(Clone, Copy, Debug)]
 pub struct WireOptions(Quirks);
 
@@ -77,7 +77,7 @@ pub struct ModuleDevice<M> {
 }
 
 impl<M: TmclModule> ModuleDevice<M> {
-    /// That module, just powered.
+    /// A module after power-up.
     #[must_use]
     pub fn new(module: M, WireOptions(quirks): WireOptions) -> Self {
         let (serial, can) =

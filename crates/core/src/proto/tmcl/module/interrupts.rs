@@ -20,7 +20,7 @@ const RISING: i32 = 1;
 const FALLING: i32 = 2;
 const BOTH: i32 = 3;
 
-/// Where interrupts go, and which may.
+/// Interrupt vectors and enable flags.
 #[derive(Clone, Copy, Debug)]
 pub struct Interrupts {
     vectors: [i32; NUMBERS],
@@ -63,7 +63,7 @@ impl Interrupts {
         }
     }
 
-    /// One tick of 1 ms: `levels` has a bit for each number whose cause is there, `settings` are those of
+    /// One tick of 1 ms: `levels` has a bit for each number whose cause is present, `settings` are those of
     /// bank 3.
     pub fn tick(&mut self, levels: u64, settings: &[i32; 256]) {
         for (number, passed) in self.timers.iter_mut().enumerate() {
@@ -91,7 +91,7 @@ impl Interrupts {
         }
     }
 
-    /// Whether one is due.
+    /// Whether an interrupt is due.
     #[must_use]
     pub const fn is_pending(&self) -> bool {
         self.all_enabled && self.pending != 0

@@ -78,13 +78,13 @@ impl Memory {
         new
     }
 
-    /// What the profile says of an axis parameter.
+    /// The profile's description of an axis parameter.
     #[must_use]
     pub fn axis_parameter(&self, number: u8) -> Option<&'static Parameter> {
         self.profile.parameters.get(usize::from(self.axis_index[usize::from(number)]))
     }
 
-    /// What the profile says of a global parameter of bank 0.
+    /// The profile's description of a global parameter of bank 0.
     #[must_use]
     pub fn global_parameter(&self, number: u8) -> Option<&'static Parameter> {
         self.profile.parameters.get(usize::from(self.global_index[usize::from(number)]))
@@ -102,7 +102,7 @@ impl Memory {
         self.writes += 1;
     }
 
-    /// Puts the factory's settings into the EEPROM. RAM keeps what it has.
+    /// Writes the factory settings to the EEPROM. RAM does not change.
     pub fn write_factory_settings(&mut self) {
         for parameter in self.profile.parameters {
             let value = parameter.default.unwrap_or(0) as i32;
@@ -142,7 +142,7 @@ impl Memory {
         Ok(())
     }
 
-    /// What RSAP brings back.
+    /// The value that RSAP restores.
     ///
     /// # Errors
     /// [`Status::WrongType`].
@@ -203,10 +203,10 @@ impl Memory {
     }
 }
 
-/// Whether `value` may be written there.
+/// Checks whether `value` may be written.
 ///
 /// # Errors
-/// [`Status::WrongType`] for what is not there or only read, [`Status::InvalidValue`].
+/// [`Status::WrongType`] for a missing or read-only parameter, [`Status::InvalidValue`].
 pub fn check_writable(parameter: Option<&Parameter>, value: i32) -> Result<&Parameter, Status> {
     let parameter = parameter.ok_or(Status::WrongType)?;
     if parameter.access == Access::Read {
@@ -218,10 +218,10 @@ pub fn check_writable(parameter: Option<&Parameter>, value: i32) -> Result<&Para
     Ok(parameter)
 }
 
-/// Whether it may be read.
+/// Checks whether a parameter may be read.
 ///
 /// # Errors
-/// [`Status::WrongType`] for what is not there or only written.
+/// [`Status::WrongType`] for a missing or write-only parameter.
 pub fn check_readable(parameter: Option<&Parameter>) -> Result<&Parameter, Status> {
     match parameter {
         Some(p) if p.access != Access::Write => Ok(p),

@@ -49,7 +49,7 @@ impl ProgramMemory {
     }
 }
 
-/// What a program is doing (global parameter 128).
+/// State of a program (global parameter 128).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
 pub enum ProgramState {
@@ -63,7 +63,7 @@ pub enum ProgramState {
     Reset = 3,
 }
 
-/// What a WAIT waits for.
+/// Condition of a WAIT.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum WaitCondition {
     /// Only time.
@@ -76,7 +76,7 @@ pub enum WaitCondition {
     ReferenceSearch(u8),
 }
 
-/// What an instruction wants of the module.
+/// Action of an instruction on the module.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum InterpreterStep {
     /// Nothing.
@@ -88,7 +88,7 @@ pub enum InterpreterStep {
 /// The interpreter's registers.
 #[derive(Clone, Debug)]
 pub struct Interpreter {
-    /// What it is doing.
+    /// State.
     pub state: ProgramState,
     /// Next instruction.
     pub counter: i32,
@@ -141,7 +141,7 @@ impl Interpreter {
         self.state = ProgramState::Run;
     }
 
-    /// Whether it has anything to do.
+    /// Whether it has anything to execute.
     #[must_use]
     pub const fn is_active(&self) -> bool {
         matches!(self.state, ProgramState::Run | ProgramState::Step)
@@ -156,8 +156,8 @@ impl Interpreter {
         }
     }
 
-    /// One tick of 1 ms passes: whether an instruction is executed in it. `met` tells whether what is
-    /// waited for is there.
+    /// One tick of 1 ms: whether an instruction is executed in it. `met` returns whether a condition is
+    /// met.
     pub fn is_ready(&mut self, met: impl Fn(WaitCondition) -> bool) -> bool {
         // Time passes for what an interrupt has interrupted.
         if let Some((_, _, Some((_, Some(left))))) = &mut self.interrupted {
@@ -438,7 +438,7 @@ pub const fn is_direct(opcode: Opcode) -> bool {
     )
 }
 
-/// Whether an opcode means something in programs only.
+/// Whether an opcode is valid in programs only.
 #[must_use]
 pub const fn is_program_only(opcode: Opcode) -> bool {
     matches!(

@@ -15,7 +15,7 @@ pub struct ModuleState {
     pub memory: Memory,
     /// The stand-alone program.
     pub program: Interpreter,
-    /// Where the next instruction of a download goes.
+    /// Address of the next instruction of a download.
     pub download: Option<i32>,
     /// The serial interface is in ASCII mode.
     pub ascii: bool,
@@ -33,7 +33,7 @@ pub struct ModuleState {
     pub starts: u64,
     /// When each wire last brought a request.
     pub last_requests: LastRequests,
-    /// Motors of which 138 is to tell that they arrived, a bit each.
+    /// Motors whose arrival 138 reports, a bit each.
     pub armed_events: i32,
     /// Something unusual that it did.
     pub notice: Option<&'static str>,
@@ -88,7 +88,7 @@ impl ModuleState {
         }
     }
 
-    /// Whether it does not listen.
+    /// Whether it ignores requests.
     #[must_use]
     pub fn is_unresponsive(&self, now: Instant) -> bool {
         self.is_unpowered || self.booting || now < self.silent_until
@@ -135,11 +135,11 @@ pub trait TmclModule {
     /// # Errors
     /// The status to answer.
     fn execute_ports(&mut self, request: &Request) -> Result<i32, Status>;
-    /// Whether a request, once executed, has powered a motor or given it somewhere to go.
+    /// Whether a request has powered a motor or given it a target.
     fn starts_motion(&self, request: &Request) -> bool;
     /// Motors that have arrived at their targets, a bit each.
     fn arrived_motors(&self) -> i32;
-    /// Whether what a program waits for is there.
+    /// Whether the condition of a program is met.
     fn is_met(&self, what: WaitCondition) -> bool;
     /// Causes of interrupts that are there, a bit for each number.
     fn interrupt_levels(&self) -> u64 {
@@ -147,7 +147,7 @@ pub trait TmclModule {
     }
     /// Whether it runs stand-alone programs.
     fn has_programs(&self) -> bool;
-    /// Module number and firmware version, as 136 type 1 tells them.
+    /// Module number and firmware version, as in the reply to 136 type 1.
     fn version(&self) -> (u16, u8, u8);
     /// When something happens by itself that a host waits for.
     fn next_due(&self) -> Option<Instant>;

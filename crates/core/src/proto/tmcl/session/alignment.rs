@@ -92,9 +92,9 @@ impl SilentModule {
 /// How a request goes out once for every place of a module's count.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::proto::tmcl) struct Burst {
-    /// Bytes before it. They undo what was put between the requests before.
+    /// Bytes before it. They undo the bytes that were put between the requests before.
     pub lead_bytes: u8,
-    /// Bytes after it, so that what goes out alone next is tried at another place.
+    /// Bytes after it, so that the next single request is tried at another byte position.
     pub trail_bytes: u8,
 }
 
@@ -234,7 +234,7 @@ impl Session {
         self.pending.filter(|pending| !pending.sent)?.send_plan?.burst
     }
 
-    /// How a request goes out.
+    /// How a request is sent.
     fn plan_send(&mut self, now: Instant, pending: &PendingExchange) -> SendPlan {
         let module = pending.host_request.request.address;
         let lost = self.is_misaligned(now, module);
@@ -301,12 +301,12 @@ impl Session {
         self.alignment.counts_bytes && self.answered_modules.is_empty() && shifts < OFFSETS
     }
 
-    /// Whether a module answered what it was asked last.
+    /// Whether a module replied to its last request.
     fn is_aligned(&self, module: u8) -> bool {
         self.has_answered(module) && !self.unanswered_modules.contains(module)
     }
 
-    /// Whether a module may have lost count of bytes, by what it did not answer so far.
+    /// Whether a module may have lost its byte position, by the requests without reply so far.
     fn is_misaligned(&self, now: Instant, module: u8) -> bool {
         // Others hear the byte too: it is for none that was never there, and puts out of step who counts.
         let worth = self.has_answered(module) || self.answered_modules.is_empty();
@@ -329,7 +329,7 @@ fn is_stop(pending: &PendingExchange) -> bool {
         && pending.host_request.request.opcode == Opcode::Mst
 }
 
-/// Whether a read may go out for every place: no other piece of these bytes may be a request.
+/// Whether a read may be sent at every byte position: no other piece of these bytes may be a request.
 fn is_safe_to_burst(pending: &PendingExchange) -> bool {
     let Request { opcode, kind, .. } = pending.host_request.request;
     let known = PROBES.iter().any(|(probe, _)| *probe == opcode);
@@ -347,7 +347,7 @@ fn is_safe_to_burst(pending: &PendingExchange) -> bool {
     last && has_no_shifted_request(&bytes)
 }
 
-/// Whether what comes behind the first datagram of these bytes is no request at any place.
+/// Whether the bytes after the first datagram contain no request at any position.
 fn has_no_shifted_request(bytes: &[u8; 2 * DATAGRAM + 1]) -> bool {
     let is_request = |w: &[u8]| {
         let sum = w.try_into().map(|w: &[u8; DATAGRAM]| checksum(w));

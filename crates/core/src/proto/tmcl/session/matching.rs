@@ -105,8 +105,8 @@ impl Session {
 }
 
 /// Whether a reply of that status is a complaint. One that holds an instruction (134) has its type there: it
-/// is a complaint where it names module and request; where it names the module alone, the request is sent
-/// once more, and who answers the same again has such an instruction.
+/// is a complaint if it names module and request. If it names the module alone, the request is sent once
+/// more, and the same reply again is an instruction.
 fn complains(reply: &Reply, request: &Request, attempts: u8) -> bool {
     request.opcode != Opcode::ReadMemory
         || (reply.module == request.address && (reply.opcode == request.opcode || attempts == 1))

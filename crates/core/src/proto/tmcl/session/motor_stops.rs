@@ -73,7 +73,7 @@ impl Session {
         self.start_next(now);
     }
 
-    /// Another stop is to be said again first.
+    /// Queues another stop, to be sent first.
     fn queue_stop(&mut self, ticket: Ticket, stop: HostRequest) {
         match self.repeated_stops.iter_mut().find(|place| place.is_none()) {
             Some(place) => *place = Some((ticket, stop)),

@@ -217,7 +217,7 @@ impl Session {
         self.counters.foreign += u64::from(!requested);
     }
 
-    /// Whether such a reply answers one of the last requests.
+    /// Whether such a reply belongs to one of the last requests.
     fn is_recent_request(&self, module: u8, opcode: u8) -> bool {
         self.recent.iter().any(|(to, what, _)| (*to, *what) == (module, opcode))
     }

@@ -14,7 +14,7 @@ impl SuspectModule {
         tags.iter().filter(move |(_, until)| now < *until).map(|(opcode, _)| *opcode)
     }
 
-    /// Lets go of requests whose answers can come no more.
+    /// Drops requests whose replies can no longer arrive.
     fn drop_expired(&mut self, now: Instant) {
         let mut stored = 0;
         for n in 0..usize::from(self.outstanding_len) {

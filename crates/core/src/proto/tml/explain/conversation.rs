@@ -28,8 +28,8 @@ pub(super) fn frame_role(
     }
 }
 
-/// On RS-232 the connected drive acknowledges whatever is sent, on RS-485 only what goes to it
-/// alone; nothing in a frame tells which of the two it is.
+/// On RS-232 the connected drive acknowledges every message, on RS-485 only messages to it alone; a frame
+/// does not show which of the two it is.
 fn expected_replies(parsed: &ParsedFrame, serial: bool) -> ReplyExpectation {
     let many = parsed.to.is_none_or(|to| to.group || to.id == 0);
     let opcode = parsed.instruction.opcode;

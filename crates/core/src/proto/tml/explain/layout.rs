@@ -15,21 +15,21 @@ const IN_IDENTIFIER: ByteRange = (0, 0);
 /// A message with the places of its parts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ParsedFrame {
-    /// Whom it is for, where the frame says so.
+    /// Addressee, if the frame has one.
     pub to: Option<IdCode>,
-    /// Who sent it, where TechnoCAN says so outside the instruction.
+    /// Sender, if TechnoCAN has it outside the instruction.
     pub sender: Option<u8>,
     /// TechnoCAN's class.
     pub class: Option<MessageClass>,
     /// TakeData with the sender's identifier, as the manual prints it.
     pub misprinted: bool,
-    /// What it says.
+    /// The instruction.
     pub instruction: Instruction,
     /// The length byte.
     pub length: Option<u8>,
     /// The ID code.
     pub id_code_range: ByteRange,
-    /// The opcode, or what is left of it.
+    /// The opcode, or the part of it in the data.
     pub opcode_range: ByteRange,
     /// Data words.
     pub word_ranges: [ByteRange; DATA_WORDS_MAX],

@@ -89,7 +89,7 @@ pub(super) const fn message_name(online: &OnlineMessage) -> &'static str {
     }
 }
 
-/// The axis that a message concerns: who answers, or who is told.
+/// The axis that a message concerns: the one that replies, or the addressee.
 fn concerned_axis(
     parsed: &ParsedFrame,
     online: Option<&OnlineMessage>,
@@ -235,7 +235,7 @@ impl MessageExplainer<'_> {
         self.sink.field(Field { name, start, end, value, meaning });
     }
 
-    /// What every frame has.
+    /// Emits the fields of every frame.
     fn emit_head(&mut self) {
         let parsed = *self.frame;
         if let Some(length) = parsed.length {
@@ -408,7 +408,7 @@ impl MessageExplainer<'_> {
         self.write_route(online, request);
     }
 
-    /// What is said, without from whom to whom.
+    /// Writes the content, without sender and addressee.
     fn write_content(&mut self, online: Option<&OnlineMessage>) {
         match online {
             Some(OnlineMessage::TakeData { cell, value, .. }) => self.write_value(*cell, *value),
@@ -456,7 +456,7 @@ impl MessageExplainer<'_> {
         self.write_bits(variable, value);
     }
 
-    /// What the bits of a register say, in words.
+    /// Writes the meaning of a register's bits.
     fn write_bits(&mut self, variable: Option<&Parameter>, value: u32) {
         let mut before = " (";
         register::write_register_text(

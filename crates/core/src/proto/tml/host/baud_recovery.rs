@@ -4,7 +4,7 @@
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
 use crate::time::Instant;
 
-/// What every drive speaks from power-up on.
+/// Baud rate of every drive after power-up.
 pub const RESET_BAUD: u32 = 9600;
 /// Rates that SCIBR sets, by its number. The manual prints 56600 for what ports call 57600.
 const BAUDS: [u32; 5] = [RESET_BAUD, 19_200, 38_400, 57_600, 115_200];
@@ -33,11 +33,11 @@ enum RecoveryStage {
     AtWanted,
     /// RESET is out.
     Resetting,
-    /// At 9600; SCIBR goes out then.
+    /// At 9600; SCIBR is sent then.
     SendBaud(Instant),
     /// SCIBR is out; its acknowledgement is waited for until then.
     AwaitAck(Instant),
-    /// At the rate that is wanted; nothing goes out before then.
+    /// At the wanted rate; nothing is sent before then.
     Settle(Instant),
 }
 
@@ -48,22 +48,22 @@ impl BaudRecovery {
         Self { wanted, drive, stage: RecoveryStage::AtWanted, attempts_left: 0 }
     }
 
-    /// Whether there is a way back to it.
+    /// Whether the wanted rate can be restored.
     pub const fn can_restore(&self) -> bool {
         self.drive.is_some()
     }
 
-    /// Whether messages may go out: the line is at the rate that it should have.
+    /// Whether messages may be sent: the line is at the wanted rate.
     pub const fn is_at_wanted(&self) -> bool {
         matches!(self.stage, RecoveryStage::AtWanted | RecoveryStage::Resetting)
     }
 
-    /// Whether it is as it should be, and nothing is under way to have it so.
+    /// Whether the rate is the wanted one, and no recovery is running.
     pub const fn is_settled(&self) -> bool {
         matches!(self.stage, RecoveryStage::AtWanted)
     }
 
-    /// What the line is to be driven at.
+    /// Present baud rate of the line.
     pub const fn baud(&self) -> u32 {
         match self.stage {
             RecoveryStage::SendBaud(_) | RecoveryStage::AwaitAck(_) => RESET_BAUD,
@@ -71,7 +71,7 @@ impl BaudRecovery {
         }
     }
 
-    /// A message goes out.
+    /// Notes a sent message.
     pub fn note_sent(&mut self, message: &Message) {
         let to = IdCode::axis(self.drive.unwrap_or(0));
         if self.drive.is_some() && message.instruction.opcode == RESET_OPCODE && message.to == to {
@@ -92,7 +92,7 @@ impl BaudRecovery {
         (self.stage, self.attempts_left) = (RecoveryStage::SendBaud(now.plus_ms(SETTLE_MS)), 1);
     }
 
-    /// What the drive is to be told now; `left` is when it will have left.
+    /// The next message of the recovery; `left` is the time at which it will have been sent.
     pub fn next_message(&mut self, now: Instant, left: Instant) -> Option<Message> {
         let RecoveryStage::SendBaud(at) = self.stage else { return None };
         let code = BAUDS.iter().position(|rate| *rate == self.wanted)?;
@@ -105,7 +105,7 @@ impl BaudRecovery {
         Some(Message { to: IdCode::axis(self.drive?), instruction })
     }
 
-    /// An acknowledgement came. True if it was for this.
+    /// Handles an acknowledgement. True if it belongs to the recovery.
     pub fn handle_ack(&mut self, now: Instant) -> bool {
         let reported = matches!(self.stage, RecoveryStage::AwaitAck(_));
         if reported {

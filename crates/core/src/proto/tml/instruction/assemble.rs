@@ -65,7 +65,7 @@ fn parse_statement(
     Err(worst)
 }
 
-/// The variable whose name an instruction begins with: most forms ask for it.
+/// The variable at the start of an instruction: most forms need it.
 fn read_first_variable(
     mut begin: SourceReader<'_>,
     scope: &LanguageScope<'_>,
@@ -107,7 +107,7 @@ fn parse_word(
     Ok(reader.read_number(expected)?.within(0, 0xFFFF, expected)? as u16)
 }
 
-/// What a label stands for, if the next name is one.
+/// The value of a label, if the next name is one.
 fn parse_label(reader: &mut SourceReader<'_>, scope: &LanguageScope<'_>) -> Option<u16> {
     let mut ahead = *reader;
     let name = ahead.read_name();
@@ -118,7 +118,7 @@ fn parse_label(reader: &mut SourceReader<'_>, scope: &LanguageScope<'_>) -> Opti
     Some(found.address)
 }
 
-/// The end of a statement: of the text, or of the braces that it stands in.
+/// Expects the end of a statement: of the text, or of its braces.
 fn expect_end(reader: &mut SourceReader<'_>, depth: u8) -> Result<()> {
     let _ = reader.accept_sign(";");
     reader.skip_spaces();

@@ -176,7 +176,7 @@ impl InstructionWriter<'_, '_> {
         self.instruction.long(at.into())
     }
 
-    /// Five decimals tell every 65536th from its neighbours.
+    /// Writes a fixed-point number. Five decimals distinguish all 65536ths.
     fn write_fixed(&mut self, raw: u32) -> Result {
         let signed = raw.cast_signed();
         let size = signed.unsigned_abs();

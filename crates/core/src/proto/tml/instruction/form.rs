@@ -3,25 +3,25 @@
 /// One instruction as it is written and coded.
 #[derive(Clone, Copy, Debug)]
 pub struct Form {
-    /// What it does, in a few words.
+    /// Effect, in a few words.
     pub about: &'static str,
     /// Its group.
     pub category: Category,
     /// The opcode, operand bits clear.
     pub opcode: u16,
-    /// Opcode bits that tell it from others; the rest is operand.
+    /// Opcode bits that identify it; the others are an operand.
     pub mask: u16,
     /// Data words.
     pub word_count: u8,
-    /// What the first data words are, where they are part of the instruction.
+    /// Values of the first data words that are part of the instruction.
     pub fixed_words: &'static [u16],
     /// The text.
     pub pieces: &'static [FormPiece],
-    /// Another way to write a form that stands elsewhere: read, never written.
+    /// A second way to write another form: read, never written.
     pub alias: bool,
-    /// How sure the coding is.
+    /// Certainty of the coding.
     pub certainty: CodingCertainty,
-    /// Where it is from.
+    /// Source of the coding.
     pub source: CodingSource,
 }
 
@@ -38,7 +38,7 @@ pub enum Category {
     Memory,
     /// Motion modes and what goes with them.
     Mode,
-    /// What `UPD!`, `STOP!` and `WAIT!` wait for.
+    /// Event that `UPD!`, `STOP!` and `WAIT!` wait for.
     Event,
     /// Digital lines.
     InputOutput,
@@ -79,10 +79,10 @@ impl Category {
     }
 }
 
-/// How sure a coding is.
+/// Certainty of a coding.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum CodingCertainty {
-    /// Official, or seen on drives, or in two sources that do not know one another.
+    /// Official, or seen on drives, or in two independent sources.
     Verified,
     /// One source that may be wrong, or the pattern of its neighbours.
     Inferred,
@@ -102,7 +102,7 @@ impl CodingCertainty {
     }
 }
 
-/// Where a coding is from.
+/// Source of a coding.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum CodingSource {
     /// The vendor's "TML communication" chapters.
@@ -137,8 +137,8 @@ impl CodingSource {
     }
 }
 
-/// One piece of an instruction's text. A number is the data word that an operand begins in; operands
-/// without one stand in the opcode.
+/// One piece of an instruction's text. A number is the data word in which an operand begins; operands without
+/// one are in the opcode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FormPiece {
     /// A word of the language, in any case.
@@ -171,7 +171,7 @@ pub enum FormPiece {
     Long(u8),
     /// A 32-bit fixed number: a decimal one counts units, a hexadecimal one is raw.
     Fixed(u8),
-    /// A 32-bit reference of torque, whose 16 bits are the upper word.
+    /// A 32-bit torque reference, whose 16 bits are the upper word.
     High(u8),
     /// A 16-bit number in hexadecimal.
     Hex(u8),
@@ -179,7 +179,7 @@ pub enum FormPiece {
     Target(u8),
     /// A 16-bit number that cannot be taken for one of 32.
     Narrow(u8),
-    /// A 32-bit number that says so: by its size, its digits or an `L`.
+    /// A 32-bit number, marked by its size, its digits or an `L`.
     Wide(u8),
     /// A number in so many low bits of the opcode, at most so great.
     Count(u8, u8),
@@ -210,7 +210,7 @@ pub enum FormPiece {
 }
 
 impl Form {
-    /// Whether an opcode and its data words are this form's.
+    /// Whether an opcode and its data words have this form.
     #[must_use]
     pub fn matches(&self, opcode: u16, data: &[u16]) -> bool {
         opcode & self.mask == self.opcode

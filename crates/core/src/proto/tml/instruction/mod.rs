@@ -36,19 +36,19 @@ use super::wire::IdCode;
 use crate::profile::Profile;
 use crate::program::ProgramLabel;
 
-/// What texts are read and written with.
+/// Names for reading and writing texts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LanguageScope<'l> {
-    /// Names of variables; without it they stand by their addresses.
+    /// Names of variables; without it they are shown by their addresses.
     pub profile: Option<&'static Profile>,
-    /// Whom the answers to requests are for, or who answers, where the text does not say.
+    /// Addressee of replies to requests, or their sender, where the text does not name it.
     pub sender: IdCode,
     /// Names of addresses in the program that the text is of; one without a name is any.
     pub labels: &'l [ProgramLabel<'l>],
 }
 
-/// Data words that follow an opcode in a program. `None` for an opcode that the table does not have:
-/// nobody knows where the next instruction begins.
+/// Number of data words after an opcode in a program. `None` for an opcode that the table does not have: the
+/// start of the next instruction is then unknown.
 #[must_use]
 pub fn data_word_count(opcode: u16) -> Option<usize> {
     let mut known = forms().filter(|form| !form.alias && form.category != Category::Online);

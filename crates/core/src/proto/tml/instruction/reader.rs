@@ -187,7 +187,7 @@ impl<'a> SourceReader<'a> {
         (value, count)
     }
 
-    /// What is behind the decimal point, in 65536ths, rounded.
+    /// The decimals, in 65536ths, rounded.
     fn read_fraction(&mut self) -> (i64, usize) {
         self.at += 1;
         let rest = self.remaining();
@@ -201,7 +201,7 @@ impl<'a> SourceReader<'a> {
         ((part * 65536 * 2 + unit) / (2 * unit), len)
     }
 
-    /// `L` and `U` in any order; tells whether there was an `L`.
+    /// `L` and `U` in any order; returns whether there was an `L`.
     fn read_suffix(&mut self) -> bool {
         let rest = self.remaining();
         let letters = rest.bytes().take(2).take_while(|c| b"uUlL".contains(c)).count();

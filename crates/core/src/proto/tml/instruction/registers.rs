@@ -6,12 +6,12 @@
 mod settings;
 mod status;
 
-/// A register whose bits have names.
+/// A register with named bits.
 #[derive(Debug)]
 pub struct Register {
-    /// What the language calls it.
+    /// Name in the language.
     pub name: &'static str,
-    /// What it is for.
+    /// Purpose.
     pub about: &'static str,
     /// Its bits, the highest first; reserved ones are left out.
     pub bits: &'static [RegisterField],
@@ -26,7 +26,7 @@ pub struct RegisterField {
     pub low: u8,
     /// The vendor's name; empty where it has none.
     pub name: &'static str,
-    /// What each value means, from 0 on; empty where nothing is to be said.
+    /// Meaning of each value, from 0 on; empty for none.
     pub values: &'static [&'static str],
 }
 
@@ -38,7 +38,7 @@ impl RegisterField {
         (register >> self.low) & ((1 << width) - 1)
     }
 
-    /// What their value means; empty when nothing is to be said.
+    /// Meaning of the value; empty for none.
     #[must_use]
     pub fn meaning(&self, register: u32) -> &'static str {
         self.values.get(self.value_in(register) as usize).copied().unwrap_or("")
@@ -46,7 +46,7 @@ impl RegisterField {
 }
 
 impl Register {
-    /// What a value says: every field that is not zero, or whose zero means something.
+    /// The fields of a value that are not zero, or whose zero has a meaning.
     pub fn shown_fields(&'static self, value: u32) -> impl Iterator<Item = &'static RegisterField> {
         let reports = move |bits: &&RegisterField| {
             bits.value_in(value) != 0 || !bits.meaning(value).is_empty()
@@ -61,7 +61,7 @@ pub fn find_register(name: &str) -> Option<&'static Register> {
     registers().find(|register| register.name.eq_ignore_ascii_case(name))
 }
 
-/// Every register whose bits have names.
+/// All registers with named bits.
 pub fn registers() -> impl Iterator<Item = &'static Register> {
     status::REGISTERS.iter().chain(settings::REGISTERS)
 }

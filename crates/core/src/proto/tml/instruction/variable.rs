@@ -2,16 +2,16 @@
 
 use crate::profile::{Encoding, Parameter, Profile};
 
-/// What a variable holds.
+/// Type of a variable.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum VariableKind {
-    /// 16 bits; nothing says whether they are signed.
+    /// 16 bits, signed or not.
     Word,
     /// 16 bits, signed.
     Int,
     /// 16 bits, unsigned.
     Uint,
-    /// 32 bits; nothing says what they are.
+    /// 32 bits of any kind.
     Double,
     /// 32 bits, signed.
     Long,
@@ -42,7 +42,7 @@ impl VariableKind {
         }
     }
 
-    /// How a profile says it.
+    /// The type for a profile's encoding.
     #[must_use]
     pub const fn of(encoding: Encoding) -> Self {
         match encoding {
@@ -56,16 +56,16 @@ impl VariableKind {
     }
 }
 
-/// A variable: where it is and what it holds.
+/// Address and type of a variable.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Variable {
     /// Its address, that of the lower word.
     pub address: u16,
-    /// What it holds.
+    /// Type.
     pub kind: VariableKind,
 }
 
-/// What the language calls a parameter.
+/// Name of a parameter in the language.
 #[must_use]
 pub const fn symbol(parameter: &Parameter) -> &'static str {
     if parameter.symbol.is_empty() { parameter.name } else { parameter.symbol }

@@ -118,8 +118,8 @@ impl Session {
     }
 }
 
-/// Whether reading it back tells that an instruction was taken. A drive that lost the frame answers
-/// any other question as well.
+/// Whether a read-back shows that an instruction was executed. A drive that lost the frame replies to any
+/// other request as well.
 fn is_read_back(pending: &PendingExchange) -> bool {
     let instruction = &pending.host_request.message.instruction;
     let itself = pending.stage == RequestStage::Request

@@ -18,9 +18,9 @@ enum GroupState {
     Idle,
     /// Answers come in.
     Open(Option<Ticket>),
-    /// No more come in; the end is still to be told.
+    /// No more replies are accepted; the end is still to be reported.
     Closed(Option<Ticket>),
-    /// They are handed on, then the end.
+    /// The replies are being passed on, then the end.
     Draining(Ticket, Result<Answer, Failure>),
 }
 
@@ -63,14 +63,14 @@ impl GroupAnswers {
         true
     }
 
-    /// Ends the gathering, if there is one, and tells how many answered.
+    /// Ends the collection, if there is one, and returns the number of replies.
     pub const fn close(&mut self) -> Option<u8> {
         let GroupState::Open(ticket) = self.state else { return None };
         self.state = GroupState::Closed(ticket);
         Some(self.count)
     }
 
-    /// Hands the answers on, then the result.
+    /// Passes the replies on, then the result.
     pub const fn finish(&mut self, result: Result<Answer, Failure>) {
         self.state = match self.state {
             GroupState::Closed(Some(ticket)) => GroupState::Draining(ticket, result),

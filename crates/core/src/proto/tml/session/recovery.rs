@@ -135,8 +135,8 @@ fn safe_sync_byte(message: &Message) -> u8 {
     candidates.into_iter().find(|byte| !completes_frame(frame, *byte)).unwrap_or(SYNC)
 }
 
-/// Whether some piece of a frame, cut short or with one byte lost, is a valid frame once followed by
-/// this byte again and again.
+/// Whether some piece of a frame, cut short or with one byte lost, is a valid frame once this byte follows it
+/// repeatedly.
 fn completes_frame(frame: &[u8], filler: u8) -> bool {
     let cut = (1..frame.len()).any(|end| is_completed(frame[..end].iter().copied(), filler));
     cut || (0..frame.len()).any(|lost| {

@@ -83,7 +83,7 @@ impl StaleReplies {
         self.axes[index.unwrap_or(AXES_MAX - 1)].get_or_insert(fresh)
     }
 
-    /// Whether an answer about this variable could be an older one.
+    /// Whether a reply about this variable could be an older one.
     pub fn may_answer_be_stale(&self, axis: u8, tag: u16) -> bool {
         let full = self.axes.iter().all(Option::is_some);
         full || self.axes.iter().flatten().any(|doubt| {
@@ -97,7 +97,7 @@ impl StaleReplies {
         self.axes.iter().flatten().any(|doubt| doubt.ack_outstanding)
     }
 
-    /// A question that was to end a doubt was lost itself: it may be asked again.
+    /// Allows a probe again whose reply was lost.
     pub fn repeat_probe(&mut self, axis: u8) {
         for doubt in self.axes.iter_mut().flatten().filter(|doubt| doubt.axis == axis) {
             doubt.probe_due = doubt.probes < PROBES_MAX;
@@ -126,7 +126,7 @@ impl StaleReplies {
         self.last_answer = asked_once.then_some((axis, question));
     }
 
-    /// Whether this is the last answer once more.
+    /// Whether this repeats the last reply.
     pub fn note_duplicate(&mut self, message: &OnlineMessage) -> bool {
         let Some((axis, question)) = self.last_answer else { return false };
         let same =
@@ -139,13 +139,13 @@ impl StaleReplies {
         true
     }
 
-    /// An axis answered once more than it was asked.
+    /// Counts a reply of an axis that was not requested.
     pub fn count_duplicate(&mut self, axis: u8) {
         let twice = &mut self.duplicates[usize::from(axis)];
         *twice = twice.saturating_add(1);
     }
 
-    /// Whether two drives answer as this axis.
+    /// Whether two drives reply as this axis.
     pub fn has_duplicate_axis(&self, axis: u8) -> bool {
         self.duplicates[usize::from(axis)] >= DUPLICATES_MIN
     }

@@ -31,7 +31,7 @@ const BIT_13: u16 = 1 << 13;
 /// Slower than this is at rest, rad/s.
 const AT_REST: f64 = 0.5;
 
-/// What differs between makers where the standard leaves it open, or is not followed.
+/// Differences between makers where the standard is open or not followed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct MotionQuirks {
     /// Bit 9 of the statusword is set.
@@ -44,7 +44,7 @@ pub struct MotionQuirks {
     pub homing_by_edge: bool,
 }
 
-/// What the motion has to do with at a call.
+/// The state around a motion during a call.
 #[derive(Debug)]
 pub struct MotionContext<'a, S, T> {
     /// The motor.
@@ -53,7 +53,7 @@ pub struct MotionContext<'a, S, T> {
     pub settings: &'a T,
     /// The home switch is closed.
     pub home: bool,
-    /// Where the home switch's edge is, if its place is known better than by the tick.
+    /// Position of the home switch's edge, if it is known more exactly than by the tick.
     pub home_at: Option<f64>,
     /// The positive limit switch is closed.
     pub positive: bool,
@@ -73,7 +73,7 @@ impl<S: MotorControl, T> MotionContext<'_, S, T> {
     }
 }
 
-/// Something that the family may want to tell.
+/// An event that the family may report.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MotionEvent {
     /// The motor is too far behind its set-point.
@@ -146,7 +146,7 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    /// Where it is in the power state machine.
+    /// State of the power state machine.
     #[must_use]
     pub const fn state(&self) -> PowerState {
         self.state
@@ -221,8 +221,8 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    /// The controlword was written. `clear` says that no cause of a fault lasts. Returns whether a
-    /// motion began that repeating the word would not double, but a new edge would.
+    /// Handles a write of the controlword. `clear` means that no cause of a fault lasts. Returns whether a
+    /// motion started that a repeated word would not start again, but a new edge would.
     pub fn handle_controlword<S: MotorControl, T: MotionSettings>(
         &mut self,
         word: u16,
@@ -250,7 +250,7 @@ impl<const N: usize> MotionAxis<N> {
         false
     }
 
-    /// A fault: power goes off, after coming to rest if 605Eh says so.
+    /// Handles a fault: removes power, after a deceleration if 605Eh states one.
     pub fn handle_fault<S: MotorControl, T: MotionSettings>(
         &mut self,
         scene: &mut MotionContext<'_, S, T>,
@@ -287,7 +287,7 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    /// A SYNC came: what the host commands each cycle counts from here on.
+    /// Handles a SYNC: cyclic commands take effect.
     #[inline]
     pub fn handle_sync<S: MotorControl, T: MotionSettings>(
         &mut self,
@@ -306,7 +306,7 @@ impl<const N: usize> MotionAxis<N> {
         enabled && self.mode == modes::CYCLIC_POSITION
     }
 
-    /// One tick of the host's way, for whoever would rather not prepare all that other modes need.
+    /// One tick of following cyclic commands, without the preparation that other modes need.
     #[inline]
     pub fn tick_following<S: MotorControl, T: MotionSettings>(
         &mut self,
@@ -401,7 +401,7 @@ impl<const N: usize> MotionAxis<N> {
         self.enter_mode(scene);
     }
 
-    /// Whatever ran has ended; what was waiting is lost.
+    /// Clears running and pending commands.
     fn clear_commands(&mut self) {
         self.queued_points.clear();
         self.current_point = None;
@@ -434,8 +434,7 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    /// What bits 4 to 9 of the controlword do in the mode. Returns whether a new edge would do it
-    /// again.
+    /// Executes bits 4 to 9 of the controlword in the mode. Returns whether a new edge would repeat it.
     fn handle_mode_bits<S: MotorControl, T: MotionSettings>(
         &mut self,
         rises: u16,
@@ -479,7 +478,7 @@ impl<const N: usize> MotionAxis<N> {
         self.controlword & HALT != 0 && !cyclic
     }
 
-    /// Comes to rest as `how` says.
+    /// Decelerates to rest in this way.
     fn brake<S: MotorControl, T: MotionSettings>(
         &self,
         how: Braking,
@@ -519,7 +518,7 @@ impl<const N: usize> MotionAxis<N> {
         scene.shaft.power_off();
     }
 
-    /// Halted: bit 10 tells that it is at rest.
+    /// One tick of a halt: bit 10 reports the rest.
     fn tick_halted<S: MotorControl, T: MotionSettings>(
         &mut self,
         scene: &mut MotionContext<'_, S, T>,
@@ -549,7 +548,7 @@ const fn bit(on: bool, bit: u16) -> u16 {
     on as u16 * bit
 }
 
-/// At rest, as far as the drive can tell.
+/// At rest, as far as the drive can detect it.
 fn is_at_rest(shaft: &impl MotorControl) -> bool {
     shaft.has_arrived() && shaft.velocity().abs() < AT_REST
 }

@@ -94,7 +94,7 @@ enum HomingPhase {
     ComingToRest { zero: f64 },
 }
 
-/// How a search ended.
+/// Result of a search.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum HomingResult {
     /// The home position, rad of the shaft.
@@ -175,7 +175,7 @@ impl Homing {
         true
     }
 
-    /// One tick of it; what came of it when it has ended.
+    /// One tick; the result when it has ended.
     pub fn tick<S: MotorControl, T: MotionSettings>(
         &mut self,
         scene: &mut MotionContext<'_, S, T>,
@@ -315,7 +315,7 @@ fn is_active<S: MotorControl, T: MotionSettings>(
     }
 }
 
-/// The limit switch that lies in that direction is itself what is searched.
+/// Whether the limit switch in that direction is itself the target of the search.
 fn is_searched_limit(signal: HomingSwitch, toward: f64) -> bool {
     matches!(
         (signal, toward > 0.0),
@@ -323,7 +323,7 @@ fn is_searched_limit(signal: HomingSwitch, toward: f64) -> bool {
     )
 }
 
-/// Where the index pulse of this tick was, if there was one: it comes at whole turns.
+/// Position of the index pulse in this tick, if there was one: at whole turns.
 fn index_pulse(shaft: &impl MotorControl) -> Option<f64> {
     let turns = |position: f64| libm::floor(position / TAU);
     let (was, is) = (turns(shaft.previous_position()), turns(shaft.position()));

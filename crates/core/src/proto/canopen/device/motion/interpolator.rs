@@ -24,7 +24,7 @@ impl Interpolator {
         self.ticks_left == 0
     }
 
-    /// Where it is now, rad.
+    /// Present position, rad.
     #[must_use]
     pub const fn position(&self) -> f64 {
         self.position

@@ -2,7 +2,7 @@
 
 use crate::plant::Limits;
 
-/// Where to go, and how.
+/// Target and profile of a move.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct ProfilePoint {
     /// User's coordinate, rad.

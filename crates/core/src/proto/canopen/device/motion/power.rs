@@ -11,7 +11,7 @@ pub enum PowerState {
     SwitchedOn,
     /// Operation enabled: the motor obeys.
     Enabled,
-    /// Comes or came to rest quickly.
+    /// A quick stop is running or has ended.
     QuickStop,
     /// Comes to rest because of a fault.
     FaultReaction,
@@ -41,7 +41,7 @@ impl PowerState {
     }
 }
 
-/// What a controlword orders.
+/// Command of a controlword.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PowerCommand {
     /// `x0000110`: to ready.
@@ -57,7 +57,7 @@ pub enum PowerCommand {
 }
 
 impl PowerCommand {
-    /// What the lower bits of `control` order; bit 7 is looked at for its rising edge alone.
+    /// The command in the lower bits of `control`; of bit 7 only the rising edge counts.
     #[must_use]
     pub const fn of(control: u16) -> Self {
         match control & 0x0F {
@@ -70,7 +70,7 @@ impl PowerCommand {
     }
 }
 
-/// What becomes of a state by an order.
+/// Change of state by a command.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StateChange {
     /// Nothing.
@@ -85,8 +85,8 @@ pub enum StateChange {
     QuickStop,
 }
 
-/// Transitions 2 to 12 and 16 of the standard. `stays` says that a quick stop may be left for
-/// operation (605Ah = 5 to 8), `in_turn` that ready is not left for enabled in one step.
+/// Transitions 2 to 12 and 16 of the standard. `stays` means that a quick stop may be left for operation
+/// (605Ah = 5 to 8), `in_turn` that ready is not left for enabled in one step.
 #[must_use]
 pub const fn change_for(
     state: PowerState,

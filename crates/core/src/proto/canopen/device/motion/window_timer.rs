@@ -2,7 +2,7 @@
 
 use super::Window;
 
-/// How long something has been so, in ticks of a millisecond.
+/// Duration of a condition, in ticks of a millisecond.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WindowTimer {
     ticks: u32,
@@ -27,7 +27,7 @@ impl WindowTimer {
         self.tick(distance.abs() > window.width, window.ms)
     }
 
-    /// Forgets what it saw.
+    /// Resets the timer.
     pub const fn reset(&mut self) {
         self.ticks = 0;
     }
