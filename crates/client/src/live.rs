@@ -115,7 +115,7 @@ impl LiveConnection {
         &self.0.gateway
     }
 
-    /// Name of this session in leases and in the journal.
+    /// Name of this client in leases and in the journal.
     #[must_use]
     pub fn session(&self) -> &str {
         &self.0.cache.session

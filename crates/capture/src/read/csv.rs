@@ -32,7 +32,7 @@ pub(crate) const HEADERS: [&[u8]; 4] =
 
 /// Who wrote the table, and where its columns are.
 #[derive(Clone, Copy, Debug)]
-enum Dialect {
+enum CsvDialect {
     PythonCan([Option<usize>; PYTHON_CAN.len()]),
     Gvret([Option<usize>; GVRET.len()]),
     SaleaeBytes([Option<usize>; SALEAE_BYTES.len()]),
@@ -42,7 +42,7 @@ enum Dialect {
 /// The reader of such lines.
 #[derive(Debug, Default)]
 pub(super) struct CsvReader {
-    dialect: Option<Dialect>,
+    dialect: Option<CsvDialect>,
     link: String,
     bytes: Vec<u8>,
 }
@@ -56,16 +56,16 @@ impl LineFormat for CsvReader {
         }
         match self.dialect {
             None => {
-                self.dialect = Some(Dialect::from_header(line)?);
+                self.dialect = Some(CsvDialect::from_header(line)?);
                 Ok(ParsedLine::Nothing)
             }
-            Some(Dialect::PythonCan(places)) => self.parse_python_can(select(line, places)),
-            Some(Dialect::Gvret(places)) => self.parse_gvret(line, places),
-            Some(Dialect::SaleaeBytes(places)) => {
+            Some(CsvDialect::PythonCan(places)) => self.parse_python_can(select(line, places)),
+            Some(CsvDialect::Gvret(places)) => self.parse_gvret(line, places),
+            Some(CsvDialect::SaleaeBytes(places)) => {
                 let [time, value] = select(line, places);
                 self.parse_byte("uart", time, value)
             }
-            Some(Dialect::SaleaeTable(places)) => {
+            Some(CsvDialect::SaleaeTable(places)) => {
                 let [name, kind, time, data] = select(line, places);
                 match kind {
                     "data" => self.parse_byte(name, time, data),
@@ -76,7 +76,7 @@ impl LineFormat for CsvReader {
     }
 }
 
-impl Dialect {
+impl CsvDialect {
     fn from_header(line: &str) -> Result<Self, ReadError> {
         let lower = line.to_ascii_lowercase();
         let python_can = locate(&lower, PYTHON_CAN);

@@ -41,12 +41,12 @@ pub(super) fn is_network(kind: u32, packet: &[u8]) -> bool {
 /// The connections of a capture.
 #[derive(Debug, Default)]
 pub(super) struct TcpStreams {
-    connections: HashMap<(SocketAddr, SocketAddr), Connection>,
+    connections: HashMap<(SocketAddr, SocketAddr), TcpConnection>,
 }
 
 /// One connection, by its client and its server.
 #[derive(Debug, Default)]
-struct Connection {
+struct TcpConnection {
     link: String,
     to_server: SegmentQueue,
     to_client: SegmentQueue,
@@ -120,14 +120,14 @@ impl TcpStreams {
                 return taker.handle_skipped("packets of further TCP connections");
             }
             let key = if client { (source, destination) } else { (destination, source) };
-            let mut connection = Connection::default();
+            let mut connection = TcpConnection::default();
             let _ = write!(connection.link, "{}", key.1);
             self.connections.insert(key, connection);
             client
         };
         let key = if from_client { (source, destination) } else { (destination, source) };
         let Some(connection) = self.connections.get_mut(&key) else { return };
-        let Connection { link, to_server, to_client } = connection;
+        let TcpConnection { link, to_server, to_client } = connection;
         let (queue, direction) = match from_client {
             true => (to_server, Direction::ToDrive),
             false => (to_client, Direction::ToHost),
