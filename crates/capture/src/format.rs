@@ -23,12 +23,14 @@ pub enum CaptureFormat {
     Busmaster,
     /// CRTD, by the Open Vehicle Monitoring System.
     Crtd,
+    /// The SQLite database of python-can.
+    Sqlite,
     /// What `polepair decode --format jsonl` prints.
     Jsonl,
 }
 
 /// Every format with its word and its usual endings.
-const ALL: [(CaptureFormat, &str, &[&str]); 10] = [
+const ALL: [(CaptureFormat, &str, &[&str]); 11] = [
     (CaptureFormat::Text, "log", &["log", "txt", "candump"]),
     (CaptureFormat::Pcap, "pcap", &["pcap", "cap"]),
     (CaptureFormat::Pcapng, "pcapng", &["pcapng", "ntar"]),
@@ -38,6 +40,7 @@ const ALL: [(CaptureFormat, &str, &[&str]); 10] = [
     (CaptureFormat::Csv, "csv", &["csv"]),
     (CaptureFormat::Busmaster, "busmaster", &["busmaster"]),
     (CaptureFormat::Crtd, "crtd", &["crtd"]),
+    (CaptureFormat::Sqlite, "sqlite", &["sqlite", "sqlite3", "db"]),
     (CaptureFormat::Jsonl, "jsonl", &["jsonl", "ndjson"]),
 ];
 
@@ -45,13 +48,14 @@ const ALL: [(CaptureFormat, &str, &[&str]); 10] = [
 pub(crate) const HEAD_MAX: usize = 4096;
 
 /// How formats that are not text begin.
-const MAGIC: [(&[u8], CaptureFormat); 6] = [
+const MAGIC: [(&[u8], CaptureFormat); 7] = [
     (&[0xA1, 0xB2, 0xC3, 0xD4], CaptureFormat::Pcap),
     (&[0xD4, 0xC3, 0xB2, 0xA1], CaptureFormat::Pcap),
     (&[0xA1, 0xB2, 0x3C, 0x4D], CaptureFormat::Pcap),
     (&[0x4D, 0x3C, 0xB2, 0xA1], CaptureFormat::Pcap),
     (&[0x0A, 0x0D, 0x0D, 0x0A], CaptureFormat::Pcapng),
     (b"LOGG", CaptureFormat::Blf),
+    (b"SQLite format 3\0", CaptureFormat::Sqlite),
 ];
 
 impl CaptureFormat {
@@ -142,12 +146,7 @@ pub struct UnsupportedFile {
 }
 
 /// What these files begin with is public, and long enough to be no chance.
-const UNSUPPORTED: [UnsupportedFile; 9] = [
-    UnsupportedFile {
-        name: "an SQLite database",
-        hint: "if python-can wrote it: `python -m can.logconvert FILE.db FILE.log`",
-        magic: b"SQLite format 3\0",
-    },
+const UNSUPPORTED: [UnsupportedFile; 8] = [
     UnsupportedFile {
         name: "an MDF file (MF4)",
         hint: "`pip install asammdf`, then `python -m can.logconvert FILE.mf4 FILE.log`",

@@ -22,6 +22,7 @@ pub(crate) mod link_type;
 mod pcap;
 mod pcapng;
 mod serial_log;
+mod sqlite;
 mod tcp;
 mod text;
 mod tool_log;
@@ -63,6 +64,8 @@ pub enum CapturePosition {
     Line(u64),
     /// The byte of that number, from 0; of what was unpacked, if the file is compressed.
     Byte(u64),
+    /// The row of that number, from 1, of a database.
+    Row(u64),
 }
 
 impl fmt::Display for CapturePosition {
@@ -70,6 +73,7 @@ impl fmt::Display for CapturePosition {
         match self {
             Self::Line(number) => write!(f, "line {number}"),
             Self::Byte(number) => write!(f, "byte {number}"),
+            Self::Row(number) => write!(f, "row {number}"),
         }
     }
 }
@@ -375,6 +379,7 @@ fn open_format(format: CaptureFormat, delta: bool) -> Box<dyn FormatReader> {
         CaptureFormat::Pcap => Box::new(pcap::PcapReader::default()),
         CaptureFormat::Pcapng => Box::new(pcapng::PcapngReader::default()),
         CaptureFormat::Blf => Box::new(blf::BlfReader::default()),
+        CaptureFormat::Sqlite => Box::new(sqlite::SqliteReader::default()),
     }
 }
 

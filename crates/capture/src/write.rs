@@ -96,7 +96,10 @@ impl<W: Write> CaptureWriter<W> {
             CaptureFormat::Trc => Box::new(trc::TrcWriter::default()),
             CaptureFormat::Blf => Box::new(blf::BlfWriter::default()),
             CaptureFormat::Csv => Box::new(csv::CsvWriter::default()),
-            CaptureFormat::Jsonl | CaptureFormat::Busmaster | CaptureFormat::Crtd => {
+            CaptureFormat::Jsonl
+            | CaptureFormat::Busmaster
+            | CaptureFormat::Crtd
+            | CaptureFormat::Sqlite => {
                 return Err(WriteError::UnsupportedFormat(format));
             }
         };

@@ -34,7 +34,7 @@ type Target = (&'static str, Option<CaptureFormat>, Vec<Vec<u8>>);
 #[test]
 fn every_reader_takes_whatever_comes() {
     let targets = targets();
-    assert_eq!(targets.len(), 17);
+    assert_eq!(targets.len(), 18);
     let queue = Mutex::new(targets.iter());
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS_MAX);
     std::thread::scope(|scope| {
@@ -89,11 +89,27 @@ fn targets() -> Vec<Target> {
         ),
         ("BUSMASTER", Some(CaptureFormat::Busmaster), text(BUSMASTER.to_owned())),
         ("TCP in pcap", Some(CaptureFormat::Pcap), vec![tcp()]),
+        ("SQLite", Some(CaptureFormat::Sqlite), vec![database()]),
         ("CRTD", Some(CaptureFormat::Crtd), text(CRTD.to_owned())),
         ("JSONL", Some(CaptureFormat::Jsonl), text(jsonl())),
         ("gzip", None, written(CaptureFormat::Text, Some(Compression::Gzip))),
         ("zstd", None, written(CaptureFormat::Pcapng, Some(Compression::Zstd))),
     ]
+}
+
+/// A database with two pages of rows.
+fn database() -> Vec<u8> {
+    let mut connection = rusqlite::Connection::open_in_memory().expect("in memory");
+    connection
+        .execute_batch(
+            "PRAGMA page_size = 512;
+             CREATE TABLE messages (ts REAL, arbitration_id INTEGER, extended INTEGER, remote INTEGER,
+                 error INTEGER, dlc INTEGER, data BLOB);
+             WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 40)
+             INSERT INTO messages SELECT i / 1000.0, 1409, 0, 0, 0, 8, x'4B41600037020000' FROM n;",
+        )
+        .expect("valid statements");
+    connection.serialize("main").expect("serialized").to_vec()
 }
 
 /// Frames of every protocol on CAN.

@@ -420,10 +420,10 @@ pub fn report_damage(tally: &ReadStatistics) -> Result {
         print_note(&format!("skipped {kind}: {count}"));
     }
     for damage in tally.damage.iter().take(SHOWN) {
-        let what = if matches!(damage.position, CapturePosition::Line(_)) {
-            "the line"
-        } else {
-            "this part"
+        let what = match damage.position {
+            CapturePosition::Line(_) => "the line",
+            CapturePosition::Row(_) => "the row",
+            CapturePosition::Byte(_) => "this part",
         };
         print_warning(&format!("{damage}; {what} is left out"));
     }

@@ -126,14 +126,8 @@ impl CsvReader {
         BASE64
             .decode_vec(data, &mut self.bytes)
             .map_err(|_| ReadError("the data is not base 64"))?;
-        let shape = match parse_bool(error) {
-            true => {
-                let frame = classic_frame(0, false, false, 8, &self.bytes);
-                let class = if id == 0 { CanErrorFrame::BUS_ERROR } else { id & ID_MASK };
-                CanRecord::Error(CanErrorFrame { class, data: frame.data })
-            }
-            false => self.build_frame(id, extended, remote, dlc)?,
-        };
+        let error = parse_bool(error);
+        let shape = build_python_can_frame(id, extended, remote, error, dlc, &mut self.bytes)?;
         let data = shape.with_bytes(&self.bytes);
         let (time, link) = (Some(time), "can0");
         Ok(ParsedLine::Record(Record { time, link, direction: None, data, offset: 0 }))
@@ -161,7 +155,7 @@ impl CsvReader {
             let byte = u8::from_str_radix(word, 16).map_err(|_| ReadError("expected bytes"))?;
             self.bytes.push(byte);
         }
-        let shape = self.build_frame(id, parse_bool(extended), false, length)?;
+        let shape = build_frame(id, parse_bool(extended), false, length, &mut self.bytes)?;
         self.link.clear();
         let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{bus}"));
         let data = shape.with_bytes(&self.bytes);
@@ -187,27 +181,44 @@ impl CsvReader {
         let (time, link, data) = (Some(time), &*self.link, RecordData::Bytes(&self.bytes));
         Ok(ParsedLine::Record(Record { time, link, direction: None, data, offset: 0 }))
     }
+}
 
-    /// A frame with the bytes that were read.
-    fn build_frame(
-        &mut self,
-        id: u32,
-        extended: bool,
-        remote: bool,
-        length: u8,
-    ) -> Result<CanRecord, ReadError> {
-        if id > if extended { ID_MASK } else { STANDARD_MAX } {
-            return Err(ReadError("the identifier is too great"));
-        }
-        if !remote && self.bytes.len() < usize::from(length) {
-            return Err(ReadError("it has fewer bytes than its length says"));
-        }
-        self.bytes.truncate(usize::from(length));
-        match usize::from(length) {
-            0..=8 => Ok(CanRecord::Frame(classic_frame(id, extended, remote, length, &self.bytes))),
-            9..=FD_MAX => Ok(CanRecord::Fd { id, extended, flags: 0 }),
-            _ => Err(ReadError("a CAN FD frame has at most 64 bytes")),
-        }
+/// A frame of python-can with these bytes, which are cut to its length.
+pub(super) fn build_python_can_frame(
+    id: u32,
+    extended: bool,
+    remote: bool,
+    error: bool,
+    dlc: u8,
+    bytes: &mut Vec<u8>,
+) -> Result<CanRecord, ReadError> {
+    if !error {
+        return build_frame(id, extended, remote, dlc, bytes);
+    }
+    let frame = classic_frame(0, false, false, 8, bytes);
+    let class = if id == 0 { CanErrorFrame::BUS_ERROR } else { id & ID_MASK };
+    Ok(CanRecord::Error(CanErrorFrame { class, data: frame.data }))
+}
+
+/// A frame with these bytes, which are cut to its length.
+fn build_frame(
+    id: u32,
+    extended: bool,
+    remote: bool,
+    length: u8,
+    bytes: &mut Vec<u8>,
+) -> Result<CanRecord, ReadError> {
+    if id > if extended { ID_MASK } else { STANDARD_MAX } {
+        return Err(ReadError("the identifier is too great"));
+    }
+    if !remote && bytes.len() < usize::from(length) {
+        return Err(ReadError("it has fewer bytes than its length says"));
+    }
+    bytes.truncate(usize::from(length));
+    match usize::from(length) {
+        0..=8 => Ok(CanRecord::Frame(classic_frame(id, extended, remote, length, bytes))),
+        9..=FD_MAX => Ok(CanRecord::Fd { id, extended, flags: 0 }),
+        _ => Err(ReadError("a CAN FD frame has at most 64 bytes")),
     }
 }
 
