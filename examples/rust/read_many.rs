@@ -40,7 +40,7 @@ fn count(
     let link = polepair::connect(url)?;
     let axis = &link.axes()[0];
     // TEXT may be a write, and what a write does to an unknown drive nobody knows.
-    axis.arm(true);
+    axis.arm()?;
     let (mut right, mut wrong, mut failed) = (0, 0, 0);
     let mut seed = 1u32;
     for _ in 0..many {

@@ -15,7 +15,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let link = polepair::connect(url)?;
     let axis = &link.axes()[0];
-    println!("{}: {}", axis.profile().title, axis.profile().caution);
+    println!("{}: {}", axis.facts().title, axis.facts().caution);
 
     let armed = axis.armed()?; // enabled where it stands
     armed.velocity(speed)?;

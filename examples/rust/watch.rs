@@ -18,17 +18,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let link = polepair::connect(url)?;
     for axis in link.axes() {
-        println!("{} ({})", axis.label(), axis.profile().title);
+        println!("{} ({})", axis.label(), axis.facts().title);
         // Only what this drive can tell.
         let wanted = [Signal::Position, Signal::Velocity, Signal::Current];
         let signals: Vec<Signal> =
-            wanted.into_iter().filter(|signal| axis.profile().signal(*signal).is_some()).collect();
+            wanted.into_iter().filter(|signal| axis.has_signal(*signal)).collect();
         let mut left = readings;
         axis.watch(&signals, PERIOD, |values| {
-            let line: Vec<String> = signals
+            let line: Vec<String> = values
                 .iter()
-                .zip(values)
-                .map(|(signal, reading)| format!("{} {:.4}", signal.name(), reading.value))
+                .map(|reading| format!("{} {:.4}", reading.signal.name(), reading.value))
                 .collect();
             println!("  {}", line.join("  "));
             left -= 1;

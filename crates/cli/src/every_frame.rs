@@ -224,7 +224,7 @@ fn run_case(family: &'static DriveFamily, tried: &VerbCase, fault: Option<WireFa
 fn prepare_drives(
     family: &'static DriveFamily,
     tried: &VerbCase,
-) -> impl Fn(&[polepair::Axis]) + Send + Sync + use<> {
+) -> impl Fn(&[polepair::LocalAxis]) + Send + Sync + use<> {
     let turning = tried.turning;
     move |axes| {
         for axis in axes {

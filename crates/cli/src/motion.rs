@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::{STOP_RETRY_MAX, check_together, stop_with_retry};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
@@ -47,7 +47,7 @@ pub enum MotionMode {
 
 /// Reads an argument in its unit, or as the drive's own number.
 pub fn parse_argument(
-    axis: &Axis,
+    axis: &LocalAxis,
     verb: Verb,
     which: Argument,
     (text, raw): (&str, bool),
@@ -126,8 +126,12 @@ pub fn print_caution(session: &Session) {
 }
 
 /// Carries a motion out on every axis of the session, and stops what it started when it ends early.
-pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
-    let check = |commands: &[(Axis, Command)]| {
+pub fn run_motion(
+    session: &Session,
+    commands: &[(LocalAxis, Command)],
+    then: MotionMode,
+) -> Result {
+    let check = |commands: &[(LocalAxis, Command)]| {
         commands.iter().try_for_each(|(axis, command)| {
             axis.rehearse(*command).map(drop).map_err(outcome::to_problem)
         })
@@ -136,7 +140,11 @@ pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionM
 }
 
 /// The same with moves that begin at one signal.
-pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
+pub fn run_together(
+    session: &Session,
+    commands: &[(LocalAxis, Command)],
+    then: MotionMode,
+) -> Result {
     let check = |commands: &[_]| check_together(commands).map_err(outcome::to_problem);
     let start = |commands: &[_], _| polepair::start_together(commands).map_err(outcome::to_problem);
     execute_motion(session, commands, then, (check, start))
@@ -144,11 +152,11 @@ pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: Motio
 
 fn execute_motion(
     session: &Session,
-    commands: &[(Axis, Command)],
+    commands: &[(LocalAxis, Command)],
     then: MotionMode,
     (check, start): (
-        impl FnOnce(&[(Axis, Command)]) -> Result<()>,
-        impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
+        impl FnOnce(&[(LocalAxis, Command)]) -> Result<()>,
+        impl FnOnce(&[(LocalAxis, Command)], Instant) -> Result<()>,
     ),
 ) -> Result {
     let watched = commands
@@ -215,7 +223,11 @@ pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
 
 /// Arms and powers an axis for a motion that ends by itself, and stops it at its end, whatever that
 /// was.
-pub fn run_powered(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
+pub fn run_powered(
+    session: &Session,
+    axis: &LocalAxis,
+    motion: impl FnOnce() -> Result<()>,
+) -> Result {
     let mut started_motion = StartedMotion::new(&session.arguments);
     let ended = started_motion.power(axis, true, None).and_then(|()| {
         started_motion.mark_moved();
@@ -238,7 +250,7 @@ struct StartedMotion {
 
 /// An axis that this verb set in motion.
 struct StartedAxis {
-    axis: Axis,
+    axis: LocalAxis,
     /// It was not powered before.
     enabled_here: bool,
     /// A motion was asked for, whether it was heard or not.
@@ -251,7 +263,7 @@ impl StartedMotion {
     }
 
     /// Arms an axis, and powers it in the mode of the verb that follows.
-    fn power(&mut self, axis: &Axis, powers: bool, verb: Option<Verb>) -> Result<()> {
+    fn power(&mut self, axis: &LocalAxis, powers: bool, verb: Option<Verb>) -> Result<()> {
         axis.arm(true);
         self.started.push(StartedAxis { axis: axis.clone(), enabled_here: powers, moved: false });
         if !powers {
@@ -295,7 +307,7 @@ impl Drop for StartedMotion {
 }
 
 /// Powers every axis, before any of them moves.
-fn power_axes(commands: &[(Axis, Command)], started_motion: &mut StartedMotion) -> Result<()> {
+fn power_axes(commands: &[(LocalAxis, Command)], started_motion: &mut StartedMotion) -> Result<()> {
     for (axis, command) in commands {
         let enabled = read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         started_motion.power(axis, !enabled, Some(command.verb))?;
@@ -304,7 +316,7 @@ fn power_axes(commands: &[(Axis, Command)], started_motion: &mut StartedMotion) 
 }
 
 /// Starts all of them back to back.
-fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
+fn start_each(commands: &[(LocalAxis, Command)], deadline: Instant) -> Result<()> {
     // Each is on its way before the first is waited for; one that is refused ends all.
     let ready = commands.iter().map(|(axis, command)| axis.prepare(*command));
     let ready: Vec<_> =
@@ -330,7 +342,7 @@ pub fn late_problem(label: &str, verb: Verb) -> Problem {
 /// Waits, and shows what the drive does where a person looks.
 pub fn hold_motion(
     session: &Session,
-    commands: &[(Axis, Command)],
+    commands: &[(LocalAxis, Command)],
     seconds: Option<f64>,
 ) -> Result<()> {
     let mut next = session.now();
@@ -444,7 +456,7 @@ pub fn hold_while(
 }
 
 /// Ends with the drive's fault, if it has one that stops it.
-pub fn check_fault(axis: &Axis) -> Result<()> {
+pub fn check_fault(axis: &LocalAxis) -> Result<()> {
     let Some(value) = read_signal(axis, Signal::Fault)? else { return Ok(()) };
     let code = u32::try_from(value.raw).unwrap_or(0);
     let faults = outcome::faults(axis.profile(), code);
@@ -458,7 +470,7 @@ pub fn check_fault(axis: &Axis) -> Result<()> {
 }
 
 /// Waits until the drives say that they have arrived.
-fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
+fn wait_arrival(commands: &[(LocalAxis, Command)], deadline: Instant) -> Result<()> {
     for (axis, command) in commands {
         // Homing ends when the reference is found.
         if command.verb == Verb::Home {
@@ -507,7 +519,7 @@ impl StartedAxis {
 
 /// Stops axes.
 fn stop_started_axes(started: &[&StartedAxis]) -> Vec<Result<()>> {
-    let axes: Vec<Axis> = started.iter().map(|one| one.axis.clone()).collect();
+    let axes: Vec<LocalAxis> = started.iter().map(|one| one.axis.clone()).collect();
     let mut stop_retry_notice = StopRetryNotice::new();
     let ended = stop_with_retry(&axes, STOP_RETRY_MAX, |axis, _| {
         let one = started.iter().find(|one| one.axis.number() == axis.number());
@@ -531,7 +543,7 @@ impl StopRetryNotice {
     }
 
     /// Says once of an axis that its stop is said again; false when somebody wants this to end.
-    pub fn report_retry(&mut self, axis: &Axis, may: &str) -> bool {
+    pub fn report_retry(&mut self, axis: &LocalAxis, may: &str) -> bool {
         let label = axis.label();
         if !self.reported.contains(&label) {
             print_warning(&format!(
@@ -548,7 +560,7 @@ impl StopRetryNotice {
     /// Says of an axis that its stop was confirmed after all.
     pub fn report_end(
         &self,
-        axis: &Axis,
+        axis: &LocalAxis,
         ended: std::result::Result<(), polepair::Error>,
     ) -> Result<()> {
         if ended.is_ok() && self.reported.contains(&axis.label()) {
@@ -559,7 +571,7 @@ impl StopRetryNotice {
 }
 
 /// Waits until a motor that was told to stop stands still: without power it would coast.
-pub fn wait_standstill(axis: &Axis) -> Result<()> {
+pub fn wait_standstill(axis: &LocalAxis) -> Result<()> {
     let now = || axis.connection().now();
     let end = now() + clock::scale_timeout(STANDSTILL_WAIT_MAX);
     while let Some(velocity) = read_signal(axis, Signal::Velocity)?
@@ -582,7 +594,7 @@ impl LiveLine {
         Self { shown: std::io::stderr().is_terminal() && terminal::colour_err() }
     }
 
-    fn show(&mut self, commands: &[(Axis, Command)]) -> Result<()> {
+    fn show(&mut self, commands: &[(LocalAxis, Command)]) -> Result<()> {
         if !self.shown {
             return Ok(());
         }

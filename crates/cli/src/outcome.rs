@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 pub use polepair::faults;
 use polepair::no_reply::NoReplyDetails;
-use polepair::{Axis, Connector, Error, SentCounter};
+use polepair::{Connector, Error, LocalAxis, SentCounter};
 use polepair_core::error::Outcome;
 use polepair_core::profile::ParameterId;
 use polepair_link::LinkError;
@@ -33,7 +33,8 @@ pub fn sent_so_far() -> String {
 
 /// Any error of the library.
 pub fn to_problem(error: Error) -> Problem {
-    let mut problem = Problem::new(error.exit(), error.code(), to_sentence(&error.sentence()));
+    let mut problem =
+        Problem::new(error.exit(), error.code().to_owned(), to_sentence(&error.sentence()));
     problem = match &error {
         Error::Failed { received, .. }
             if error.exit() == Exit::NoReply && !received.is_nothing() =>
@@ -55,7 +56,7 @@ pub fn unanswered_text(details: &NoReplyDetails) -> String {
 }
 
 /// Says once, of each axis and reason, that values have no unit and are shown as the drive's own numbers.
-pub fn note_missing_unit(axis: &Axis, id: ParameterId) {
+pub fn note_missing_unit(axis: &LocalAxis, id: ParameterId) {
     static NOTED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     let Some((why, values)) = axis.unit_problem_parts(id) else { return };
     let mut noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,7 +1,7 @@
 //! An open link for the verbs: interruptible, with errors as texts.
 
 use polepair::url::AxisNumber;
-use polepair::{Axis, Link, Value};
+use polepair::{LocalAxis, LocalLink, Value};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
@@ -12,7 +12,7 @@ use crate::terminal::print_note;
 
 /// A link, and how the user named it.
 pub struct Session {
-    pub link: Link,
+    pub link: LocalLink,
     /// What names it to another verb: its URL, and the profile's file where one was given.
     pub arguments: String,
 }
@@ -32,12 +32,12 @@ impl Session {
     }
 
     /// Every axis.
-    pub fn axes(&self) -> &[Axis] {
+    pub fn axes(&self) -> &[LocalAxis] {
         self.link.axes()
     }
 
     /// `#1 ` before what concerns an axis, where there are several.
-    pub fn axis_prefix(&self, axis: &Axis) -> String {
+    pub fn axis_prefix(&self, axis: &LocalAxis) -> String {
         match (self.axes().len(), axis.name()) {
             (0 | 1, _) => String::new(),
             (_, "") => format!("#{} ", AxisNumber(axis.number())),
@@ -67,17 +67,17 @@ impl Drop for Session {
 }
 
 /// Reads a parameter in its unit.
-pub fn read_parameter(axis: &Axis, id: ParameterId) -> Result<Value> {
+pub fn read_parameter(axis: &LocalAxis, id: ParameterId) -> Result<Value> {
     axis.read(id).and_then(|raw| axis.value(id, raw)).map_err(outcome::to_problem)
 }
 
 /// Carries out a verb without arguments.
-pub fn run_verb(axis: &Axis, verb: Verb) -> Result<i64> {
+pub fn run_verb(axis: &LocalAxis, verb: Verb) -> Result<i64> {
     axis.run(Command::new(verb)).map_err(outcome::to_problem)
 }
 
 /// Carries out a verb that the drive may not have; `None` if it has not.
-pub fn run_optional_verb(axis: &Axis, wanted: Verb) -> Result<Option<i64>> {
+pub fn run_optional_verb(axis: &LocalAxis, wanted: Verb) -> Result<Option<i64>> {
     match axis.profile().plan(wanted) {
         None => Ok(None),
         Some(_) => run_verb(axis, wanted).map(Some),
@@ -85,7 +85,7 @@ pub fn run_optional_verb(axis: &Axis, wanted: Verb) -> Result<Option<i64>> {
 }
 
 /// Reads a signal, if the drive has it. Flags are 0 or 1, without a unit.
-pub fn read_signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
+pub fn read_signal(axis: &LocalAxis, signal: Signal) -> Result<Option<Value>> {
     let Some(source) = axis.profile().signal(signal) else { return Ok(None) };
     let id = source.parameter;
     let Some(raw) = axis.read_optional(id).map_err(outcome::to_problem)? else { return Ok(None) };

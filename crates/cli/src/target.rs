@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
 use polepair::url::{LinkTarget::Rack, shell_word};
-use polepair::{Axis, Connector, Link};
+use polepair::{Connector, LocalAxis, LocalLink};
 use polepair_capture::{CaptureDecoder, Rules, Timestamp, text};
 use polepair_core::axis::{Command, RehearsalAction, Verb};
 use polepair_core::explain::Direction as Said;
@@ -140,12 +140,12 @@ impl DriveArgs {
     }
 
     /// Prints the frames of a command, step by step, and sends nothing of it.
-    pub fn rehearse(&self, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+    pub fn rehearse(&self, command: impl Fn(&LocalAxis) -> Result<Command>) -> Result {
         self.rehearse_all(|axis| Ok(vec![command(axis)?]))
     }
 
     /// Prints the frames of a motion as its verb sends them: it powers the axis first.
-    pub fn rehearse_motion(&self, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+    pub fn rehearse_motion(&self, command: impl Fn(&LocalAxis) -> Result<Command>) -> Result {
         self.rehearse_all(|axis| {
             let enable = axis.profile().plan(Verb::Enable).map(|_| Command::new(Verb::Enable));
             let command = command(axis)?;
@@ -159,7 +159,7 @@ impl DriveArgs {
         })
     }
 
-    fn rehearse_all(&self, commands: impl Fn(&Axis) -> Result<Vec<Command>>) -> Result {
+    fn rehearse_all(&self, commands: impl Fn(&LocalAxis) -> Result<Vec<Command>>) -> Result {
         let session = self.open()?;
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
@@ -179,8 +179,8 @@ impl DriveArgs {
     }
 
     /// Has frames shown by the names of the drives' profiles, once they are known.
-    fn name_frames(&self, axes: &[Axis]) {
-        let drive = |axis: &Axis| (drive_address(axis.number()), axis.profile());
+    fn name_frames(&self, axes: &[LocalAxis]) {
+        let drive = |axis: &LocalAxis| (drive_address(axis.number()), axis.profile());
         let _ = self.naming.set(axes.iter().map(drive).collect());
     }
 
@@ -190,12 +190,12 @@ impl DriveArgs {
 
     /// Opens a link as a connector does: for who opens several, one trace has the frames of all.
     pub fn open_with(&self, connector: &Connector, url: &str) -> Result<Session> {
-        let link = connector.connect(url).map_err(outcome::to_problem)?;
+        let link = connector.connect_local(url).map_err(outcome::to_problem)?;
         warn_ignored_files(connector);
         self.build_session(link, url)
     }
 
-    fn build_session(&self, link: Link, url: &str) -> Result<Session> {
+    fn build_session(&self, link: LocalLink, url: &str) -> Result<Session> {
         if link.axes().is_empty() {
             return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
         }
@@ -227,7 +227,7 @@ pub fn warn_ignored_files(connector: &Connector) {
 }
 
 /// One step of a plan: its bytes, and what they do.
-pub fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
+pub fn describe_step(axis: &LocalAxis, step: &Rehearsal) -> String {
     let name = |id| axis.parameter(id).map_or("?", |parameter| parameter.name);
     let does = match step.step {
         RehearsalAction::Read(id) => format!("read {}", name(id)),
@@ -256,7 +256,7 @@ pub fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
 }
 
 /// What a frame says in its protocol's own words; empty where nobody can tell.
-fn explain_step(axis: &Axis, step: &Rehearsal) -> String {
+fn explain_step(axis: &LocalAxis, step: &Rehearsal) -> String {
     let rules = Rules::parse(axis.protocol()).unwrap_or_default();
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
     let mut text = String::new();

@@ -225,3 +225,61 @@ impl Extent {
         }
     }
 }
+
+/// Exit codes of the command line; scripts rely on them.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+#[repr(u8)]
+pub enum Exit {
+    /// All done.
+    Ok = 0,
+    /// A negative result: a difference, a move that was not reached.
+    Negative = 1,
+    /// The request cannot be carried out; nothing was sent.
+    Usage = 2,
+    /// No adapter, no permission, or the link went away.
+    Adapter = 3,
+    /// No reply.
+    NoReply = 4,
+    /// An answer that is corrupt or to another question.
+    Corrupt = 5,
+    /// The drive refused the request.
+    Refused = 6,
+    /// Done in part.
+    Partial = 7,
+    /// The drive reports a fault.
+    DriveFault = 8,
+    /// Ctrl-C.
+    Interrupted = 130,
+}
+
+/// What Python and C raise for an error. All are under `PolepairError`.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Exception {
+    /// No reply.
+    NoReply,
+    /// The drive refused the request.
+    Refused,
+    /// The drive reports a fault.
+    DriveFault,
+    /// The answer was corrupt or to another question.
+    ProtocolError,
+    /// It cannot be; nothing was sent.
+    Unsupported,
+    /// None of these: a link that cannot be opened, a move that did not arrive, a stop between.
+    PolepairError,
+}
+
+impl Exception {
+    /// The class's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NoReply => "NoReply",
+            Self::Refused => "Refused",
+            Self::DriveFault => "DriveFault",
+            Self::ProtocolError => "ProtocolError",
+            Self::Unsupported => "Unsupported",
+            Self::PolepairError => "PolepairError",
+        }
+    }
+}

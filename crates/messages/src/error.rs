@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use polepair::error::{Exception, Exit};
+use polepair_core::error::{Exception, Exit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -22,6 +22,9 @@ pub struct GatewayError {
     /// Whether a drive executed it; `null` if unknown, or executed in part. The message does not repeat it.
     #[schema(required)]
     pub executed: Option<bool>,
+    /// The motor was started, or was moving, and cannot be stopped. The message says so.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub may_turn: bool,
     /// The server's time, where the time of a command is why it was refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub server_ms: Option<f64>,
@@ -38,6 +41,7 @@ impl GatewayError {
             message: message.into(),
             hint: String::new(),
             executed: Some(false),
+            may_turn: false,
             server_ms: None,
         }
     }
@@ -129,18 +133,6 @@ impl fmt::Display for GatewayError {
 }
 
 impl std::error::Error for GatewayError {}
-
-impl From<polepair::Error> for GatewayError {
-    fn from(error: polepair::Error) -> Self {
-        Self {
-            code: error.code().into(),
-            message: error.brief(),
-            hint: error.hint().to_owned(),
-            executed: error.executed(),
-            server_ms: None,
-        }
-    }
-}
 
 #[cfg(feature = "server")]
 impl axum::response::IntoResponse for GatewayError {

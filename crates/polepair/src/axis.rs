@@ -3,7 +3,7 @@
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use std::time::Duration;
-//! let link = polepair::connect("sim:tmcl?time=virtual")?;
+//! let link = polepair::connect_local("sim:tmcl?time=virtual")?;
 //! let axis = link.axis(1)?;
 //! println!("{}", axis.get("max current")?);
 //! {
@@ -18,7 +18,6 @@
 
 mod address;
 mod argument;
-mod armed;
 mod cyclic;
 mod data;
 mod facts;
@@ -39,7 +38,6 @@ mod streaming;
 mod together;
 mod watchdog;
 
-pub use armed::Armed;
 pub use cyclic::CyclicAxes;
 pub use data::{DATA_MAX, ParameterValue};
 pub use facts::{DeviceDetail, summarize_details};
@@ -56,6 +54,7 @@ pub use watchdog::WatchdogState;
 use crate::amount::{Amount, ResolvedAmount, Value};
 use crate::error::Error;
 use crate::identify::Identification;
+use crate::interface::Armed;
 use crate::mounting::ResolvedMounting;
 use crate::simulate::Simulation;
 use crate::url::AxisNumber;
@@ -72,9 +71,13 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// One axis of an open link. Clones are the same axis; any thread may use it.
+/// What to try with an axis that is armed already.
+pub(crate) const ALREADY_ARMED_HINT: &str =
+    "move it in the block that armed it: the end of a second block would stop it";
+
+/// One axis of a link that this program opened. Clones are the same axis; any thread may use it.
 #[derive(Clone, Debug)]
-pub struct Axis {
+pub struct LocalAxis {
     pub(crate) connection: Connection,
     pub(crate) index: AxisIndex,
     pub(crate) number: u32,
@@ -105,7 +108,7 @@ pub struct Rehearsal {
     pub frame: Option<Frame>,
 }
 
-impl Axis {
+impl LocalAxis {
     /// The number of the axis: the drive's address on the wire, or a group, as in [`AxisNumber`].
     #[must_use]
     pub fn number(&self) -> u32 {
@@ -334,8 +337,7 @@ impl Axis {
             true => Err(Error::Unsupported {
                 what: format!("{}: it is already armed", self.label()),
                 why: Unsupported::Busy,
-                hint: "move it in the block that armed it: the end of a second block would stop it"
-                    .to_owned(),
+                hint: ALREADY_ARMED_HINT.to_owned(),
             }),
         }
     }
@@ -345,7 +347,7 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame; the axis is then disarmed again. `E220` when it is armed already: it then
     /// stays so.
-    pub fn armed(&self) -> Result<Armed, Error> {
+    pub fn armed(&self) -> Result<Armed<Self>, Error> {
         Armed::new(self)
     }
 

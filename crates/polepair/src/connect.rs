@@ -2,7 +2,7 @@
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
-//! let link = polepair::connect("sim:tmcl?time=virtual")?;
+//! let link = polepair::connect_local("sim:tmcl?time=virtual")?;
 //! let axis = link.axis(1)?;
 //! println!("{}, {}", axis.profile().title, axis.identified());
 //! # }
@@ -21,7 +21,7 @@ mod readdress;
 mod taps;
 
 use crate::axis::DeviceDetail;
-use crate::axis::{Axis, stop_until_standstill};
+use crate::axis::{LocalAxis, stop_until_standstill};
 use crate::bus;
 use crate::config::Config;
 use crate::error::Error;
@@ -55,8 +55,8 @@ use taps::{LinkWrapper, TapFactory};
 /// # Errors
 /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened,
 /// [`Error::Failed`] when an axis that it names does not answer.
-pub fn connect(url: &str) -> Result<Link, Error> {
-    Connector::discover().connect(url)
+pub fn connect_local(url: &str) -> Result<LocalLink, Error> {
+    Connector::discover().connect_local(url)
 }
 
 /// How links are opened: with which names, profiles and taps.
@@ -152,13 +152,13 @@ impl Connector {
     ///
     /// # Errors
     /// As [`connect`].
-    pub fn connect(&self, text: &str) -> Result<Link, Error> {
+    pub fn connect_local(&self, text: &str) -> Result<LocalLink, Error> {
         self.connect_with(text, true)
     }
 
     /// Opens a link; unless it is to `ask`, the drives are taken for what the string or the rack says,
     /// so that one that is silent keeps nobody waiting.
-    pub(crate) fn connect_with(&self, text: &str, must_ask: bool) -> Result<Link, Error> {
+    pub(crate) fn connect_with(&self, text: &str, must_ask: bool) -> Result<LocalLink, Error> {
         let url = self.url(text)?;
         let (lines, simulation) = self.open_lines(&url)?;
         self.assemble_link(url, &lines, simulation, must_ask)
@@ -171,7 +171,7 @@ impl Connector {
         lines: &[ProtocolLine],
         simulation: Option<Simulation>,
         must_ask: bool,
-    ) -> Result<Link, Error> {
+    ) -> Result<LocalLink, Error> {
         let (mut axes, mut wires, mut stored) = (Vec::new(), Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
             let its = self.open_axes(&url, lines, simulation.as_ref(), must_ask)?;
@@ -180,8 +180,8 @@ impl Connector {
             axes.extend(its);
             wires.extend(ProtocolLine::open_wire(lines));
         }
-        axes.iter().try_for_each(Axis::read_optional_scales)?;
-        let link = Link { url, axes, wires, line_configs: stored, simulation };
+        axes.iter().try_for_each(LocalAxis::read_optional_scales)?;
+        let link = LocalLink { url, axes, wires, line_configs: stored, simulation };
         link.url.names.iter().try_for_each(|name| link.axis_named(name).map(drop))?;
         Ok(link)
     }
@@ -234,7 +234,7 @@ impl Connector {
         lines: &[ProtocolLine],
         simulation: Option<&Simulation>,
         must_ask: bool,
-    ) -> Result<Vec<Axis>, Error> {
+    ) -> Result<Vec<LocalAxis>, Error> {
         let found: Vec<Vec<(&'static Profile, Identification)>> = lines
             .iter()
             .map(|line| self.identify_axes(url, line, must_ask))
@@ -252,7 +252,7 @@ impl Connector {
         for (line, found) in lines.iter().zip(found) {
             for (n, (profile, identified)) in found.into_iter().enumerate() {
                 let mounted = line.mounting(n).map(|m| Arc::new(ResolvedMounting::new(m, profile)));
-                axes.push(Axis {
+                axes.push(LocalAxis {
                     connection: connection.clone(),
                     index: AxisIndex(u8::try_from(axes.len()).unwrap_or(u8::MAX)),
                     number: line.axis_numbers[n],
@@ -482,9 +482,9 @@ impl ProtocolLine {
         &self,
         drives: &[(&'static Profile, u32)],
         scanning: bool,
-    ) -> Result<Vec<Axis>, Error> {
+    ) -> Result<Vec<LocalAxis>, Error> {
         let connection = self.probe_connection(drives, scanning, false)?;
-        let axis = |(n, &(profile, number)): (usize, &(&'static Profile, u32))| Axis {
+        let axis = |(n, &(profile, number)): (usize, &(&'static Profile, u32))| LocalAxis {
             connection: connection.clone(),
             index: AxisIndex(u8::try_from(n).unwrap_or(u8::MAX)),
             number,
@@ -503,10 +503,10 @@ impl ProtocolLine {
     }
 
     /// The axes of drives that were found, whatever others the line has. One host at a time.
-    pub(crate) fn axes_of_found(&self, found: &[DetectedDrive]) -> Result<Vec<Axis>, Error> {
+    pub(crate) fn axes_of_found(&self, found: &[DetectedDrive]) -> Result<Vec<LocalAxis>, Error> {
         let drives: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
         let axes = self.probe_axes(&drives, false)?.into_iter().zip(found);
-        let identified = |(axis, one): (Axis, &DetectedDrive)| Axis {
+        let identified = |(axis, one): (LocalAxis, &DetectedDrive)| LocalAxis {
             identified: one.identified.clone(),
             ..axis
         };
@@ -568,16 +568,16 @@ impl ProtocolLine {
 
 /// An open link and its axes. Dropping the last handle closes it.
 #[derive(Clone, Debug)]
-pub struct Link {
+pub struct LocalLink {
     url: Url,
-    axes: Vec<Axis>,
+    axes: Vec<LocalAxis>,
     wires: Vec<OpenWire>,
     /// Of each wire its connection, where it has axes, and what is spoken on it.
     line_configs: Vec<(Option<Connection>, Arc<[LineConfig]>)>,
     simulation: Option<Simulation>,
 }
 
-impl Link {
+impl LocalLink {
     /// What it was opened by.
     #[must_use]
     pub fn url(&self) -> &Url {
@@ -586,7 +586,7 @@ impl Link {
 
     /// Every axis, in order.
     #[must_use]
-    pub fn axes(&self) -> &[Axis] {
+    pub fn axes(&self) -> &[LocalAxis] {
         &self.axes
     }
 
@@ -600,7 +600,7 @@ impl Link {
     ///
     /// # Errors
     /// [`Error::Usage`] `E212` when the link was opened without it, or several have that number.
-    pub fn axis(&self, number: u32) -> Result<Axis, Error> {
+    pub fn axis(&self, number: u32) -> Result<LocalAxis, Error> {
         let mut found = self.axes.iter().filter(|axis| axis.number == number);
         match (found.next(), found.next()) {
             (Some(axis), None) => Ok(axis.clone()),
@@ -617,15 +617,15 @@ impl Link {
     ///
     /// # Errors
     /// [`Error::Usage`] `E212`.
-    pub fn axis_named(&self, name: &str) -> Result<Axis, Error> {
-        let has_number = |axis: &&Axis| AxisNumber(axis.number).to_string() == name;
+    pub fn axis_named(&self, name: &str) -> Result<LocalAxis, Error> {
+        let has_number = |axis: &&LocalAxis| AxisNumber(axis.number).to_string() == name;
         let found = self.axes.iter().find(|axis| axis.name == name);
         let found = found.or_else(|| self.axes.iter().find(has_number));
         found.cloned().ok_or_else(|| self.no_axis_error(name))
     }
 
     fn no_axis_error(&self, wanted: &str) -> Error {
-        let known: Vec<String> = self.axes.iter().map(Axis::label).collect();
+        let known: Vec<String> = self.axes.iter().map(LocalAxis::label).collect();
         let what = format!("this link has no axis {wanted}");
         let hint = match known.is_empty() {
             true => "name axes after `#`".to_owned(),
@@ -646,7 +646,7 @@ impl Link {
     /// # Errors
     /// The first error, after every axis was tried.
     pub fn stop_all(&self) -> Result<(), Error> {
-        let axes: Vec<&Axis> = self.axes.iter().collect();
+        let axes: Vec<&LocalAxis> = self.axes.iter().collect();
         let stood = stop_until_standstill(&axes, false, Duration::ZERO, |_, _| false);
         let stood = stood.into_iter().map(|stood| stood.map(drop));
         stood.fold(Ok(()), Result::and)
@@ -666,7 +666,7 @@ impl Link {
 
     /// What happened on the wire of an axis so far.
     #[must_use]
-    pub fn counters(&self, axis: &Axis) -> Counters {
+    pub fn counters(&self, axis: &LocalAxis) -> Counters {
         axis.connection.with_axes(|axes, _| axes.counters())
     }
 

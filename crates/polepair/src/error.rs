@@ -4,67 +4,11 @@
 //! exception and error code. The command line and the bindings use it.
 
 use crate::{FileError, NoReplyDetails};
+pub use polepair_core::error::{Exception, Exit};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_link::{Cause, LinkError};
+use std::borrow::Cow;
 use std::fmt;
-
-/// Exit codes of the command line; scripts rely on them.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-#[repr(u8)]
-pub enum Exit {
-    /// All done.
-    Ok = 0,
-    /// A negative result: a difference, a move that was not reached.
-    Negative = 1,
-    /// The request cannot be carried out; nothing was sent.
-    Usage = 2,
-    /// No adapter, no permission, or the link went away.
-    Adapter = 3,
-    /// No reply.
-    NoReply = 4,
-    /// An answer that is corrupt or to another question.
-    Corrupt = 5,
-    /// The drive refused the request.
-    Refused = 6,
-    /// Done in part.
-    Partial = 7,
-    /// The drive reports a fault.
-    DriveFault = 8,
-    /// Ctrl-C.
-    Interrupted = 130,
-}
-
-/// What Python and C raise for an error. All are under `PolepairError`.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Exception {
-    /// No reply.
-    NoReply,
-    /// The drive refused the request.
-    Refused,
-    /// The drive reports a fault.
-    DriveFault,
-    /// The answer was corrupt or to another question.
-    ProtocolError,
-    /// It cannot be; nothing was sent.
-    Unsupported,
-    /// None of these: a link that cannot be opened, a move that did not arrive, a stop between.
-    PolepairError,
-}
-
-impl Exception {
-    /// The class's name.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::NoReply => "NoReply",
-            Self::Refused => "Refused",
-            Self::DriveFault => "DriveFault",
-            Self::ProtocolError => "ProtocolError",
-            Self::Unsupported => "Unsupported",
-            Self::PolepairError => "PolepairError",
-        }
-    }
-}
 
 /// What an outcome means to the layers that people touch.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -175,6 +119,25 @@ pub enum Error {
         /// What to try; empty when there is nothing to add.
         hint: String,
     },
+    /// A gateway refused a request, or reports its result.
+    Gateway {
+        /// Stable code: the library's (`E401`) or the gateway's own (`gateway.lease`).
+        code: Cow<'static, str>,
+        /// What is wrong and what the motor may do, in a sentence without full stop.
+        what: String,
+        /// The same, and whether a drive executed the request if that is in doubt.
+        sentence: String,
+        /// What to try; empty when there is nothing to add.
+        hint: String,
+        /// Whether a drive executed the request; `None` if unknown, or executed in part.
+        executed: Option<bool>,
+        /// The motor was started, or was moving, and the gateway cannot stop it.
+        may_turn: bool,
+        /// The exit code.
+        exit: Exit,
+        /// What the bindings raise.
+        exception: Exception,
+    },
     /// The wait was interrupted; the request continues.
     Interrupted {
         /// What was waited for.
@@ -210,6 +173,9 @@ impl Error {
                 "E500",
                 None,
             )),
+            Self::Gateway { executed, exit, exception, .. } => {
+                of(*exit, *exception, "gateway", *executed)
+            }
             Self::Interrupted { .. } => {
                 of(Exit::Interrupted, Exception::PolepairError, "E130", None)
             }
@@ -218,8 +184,11 @@ impl Error {
 
     /// A code that stays the same over versions; its first digit is the exit code.
     #[must_use]
-    pub fn code(&self) -> &'static str {
-        self.outcome_class().code
+    pub fn code(&self) -> &str {
+        match self {
+            Self::Gateway { code, .. } => code,
+            _ => self.outcome_class().code,
+        }
     }
 
     /// The exit code of the command line.
@@ -272,7 +241,7 @@ impl Error {
     /// Whether the motor may still turn, and nothing can stop it from here but to cut its supply.
     #[must_use]
     pub const fn may_turn(&self) -> bool {
-        matches!(self, Self::Failed { may_turn: true, .. })
+        matches!(self, Self::Failed { may_turn: true, .. } | Self::Gateway { may_turn: true, .. })
     }
 
     /// What went wrong, and how far a plan went that was executed in part; whether anything else was
@@ -283,6 +252,7 @@ impl Error {
             Self::Failed { what, outcome, .. } if !matches!(outcome, Outcome::Partly(..)) => {
                 what.clone()
             }
+            Self::Gateway { what, .. } => return what.clone(),
             _ => self.sentence(),
         };
         if self.may_turn() { format!("{output}; {MAY_TURN}") } else { output }
@@ -299,6 +269,7 @@ impl Error {
             Self::Failed { what, execution, .. } => {
                 format!("{what}; {execution}")
             }
+            Self::Gateway { sentence, .. } => sentence.clone(),
             Self::Interrupted { what } => format!("{what}: interrupted"),
         }
     }
@@ -309,7 +280,8 @@ impl Error {
         match self {
             Self::Usage { hint, .. }
             | Self::Unsupported { hint, .. }
-            | Self::Failed { hint, .. } => hint,
+            | Self::Failed { hint, .. }
+            | Self::Gateway { hint, .. } => hint,
             Self::Link(error) => error.hint(),
             Self::File(_) | Self::Interrupted { .. } => "",
         }
@@ -336,7 +308,12 @@ impl fmt::Display for Error {
     /// One sentence, with the execution if there was something to execute.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.sentence())?;
-        if self.may_turn() { write!(f, "; {MAY_TURN}") } else { Ok(()) }
+        // A gateway's sentence says it already.
+        if self.may_turn() && !matches!(self, Self::Gateway { .. }) {
+            write!(f, "; {MAY_TURN}")
+        } else {
+            Ok(())
+        }
     }
 }
 

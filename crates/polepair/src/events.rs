@@ -3,7 +3,7 @@
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use std::time::Duration;
-//! let link = polepair::connect("sim:tmcl?time=virtual")?;
+//! let link = polepair::connect_local("sim:tmcl?time=virtual")?;
 //! let events = link.events()?;
 //! link.axis(1)?.arm(true);
 //! let event = events.next(Duration::from_secs(1)).expect("it was armed");
@@ -15,8 +15,8 @@
 //! While an event stream is open, the link is read even without an open request. Replies to requests of this
 //! program are not events, but a fault that a reply shows is one.
 
-use crate::axis::Axis;
-use crate::connect::Link;
+use crate::axis::LocalAxis;
+use crate::connect::LocalLink;
 use crate::error::{Error, Exit};
 use crate::simulate::{Simulation, SimulationPace};
 use crate::url::AxisNumber;
@@ -41,7 +41,7 @@ pub struct Event {
     pub at: Instant,
     /// The number of the axis; `None` for what happened to the link.
     pub axis: Option<u32>,
-    /// The axis' place in [`Link::axes`], the wire's in [`Link::wires`] where there is no axis.
+    /// The axis' place in [`LocalLink::axes`], the wire's in [`LocalLink::wires`] where there is no axis.
     pub index: usize,
     /// What happened.
     pub kind: EventKind,
@@ -106,12 +106,12 @@ pub struct Events {
     /// One for each wire.
     listeners: Vec<ListenerGuard>,
     /// The axes of each wire, in the order of its connection, with their places in the link.
-    axes: Vec<Vec<(usize, Axis)>>,
+    axes: Vec<Vec<(usize, LocalAxis)>>,
     /// What makes time pass, where it does not by itself.
     simulation: Option<Simulation>,
 }
 
-impl Link {
+impl LocalLink {
     /// Listens to what happens on every wire and axis from now on. Drives of which it is not known
     /// yet how what they send is laid out are asked that first.
     ///
@@ -122,7 +122,7 @@ impl Link {
     }
 
     /// The same of the axes from that place on alone: of those that were
-    /// [taken in](Link::add_drives) later.
+    /// [taken in](LocalLink::add_drives) later.
     ///
     /// # Errors
     /// As [`events`](Self::events).
@@ -136,12 +136,12 @@ impl Link {
     }
 }
 
-impl Axis {
-    /// Listens to what happens to this axis and its link from now on; as [`Link::events`]. Its
+impl LocalAxis {
+    /// Listens to what happens to this axis and its link from now on; as [`LocalLink::events`]. Its
     /// events' [`index`](Event::index) is 0.
     ///
     /// # Errors
-    /// As [`Link::events`].
+    /// As [`LocalLink::events`].
     pub fn events(&self) -> Result<Events, Error> {
         self.read_event_layout()?;
         let mut events = Events::new(self.simulation.as_ref());
@@ -189,9 +189,9 @@ impl Events {
         }
     }
 
-    fn add_axis(&mut self, index: usize, axis: &Axis) {
+    fn add_axis(&mut self, index: usize, axis: &LocalAxis) {
         let shares =
-            |axes: &&mut Vec<(usize, Axis)>| axes[0].1.connection.is_same(&axis.connection);
+            |axes: &&mut Vec<(usize, LocalAxis)>| axes[0].1.connection.is_same(&axis.connection);
         match self.axes.iter_mut().find(shares) {
             Some(axes) => axes.push((index, axis.clone())),
             None => self.axes.push(vec![(index, axis.clone())]),
@@ -274,7 +274,7 @@ impl Events {
     }
 
     /// Ends a wait under way on another thread, or else the next. So do the link's
-    /// [interrupters](Link::interrupters).
+    /// [interrupters](LocalLink::interrupters).
     pub fn interrupt(&self) {
         self.mailbox.interrupt();
     }
@@ -318,7 +318,7 @@ impl Events {
     }
 }
 
-impl Axis {
+impl LocalAxis {
     fn parameter_event(&self, parameter: ParameterId, raw: i64, si: f64) -> EventKind {
         let unit = self.unit(parameter);
         let value = si / self.factor(parameter) / unit.si_factor();

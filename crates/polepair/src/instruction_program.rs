@@ -10,7 +10,7 @@
 //!
 //! ```
 //! use polepair::InstructionProgram;
-//! let link = polepair::connect("sim:tmcm-1140?time=virtual")?;
+//! let link = polepair::connect_local("sim:tmcm-1140?time=virtual")?;
 //! let language = link.axis(1)?.instruction_language()?;
 //! let text = "Speed = 500\nLoop: ROR 0, Speed\n JA Loop";
 //! let program = InstructionProgram::assemble(language, "turn.tmc", text, None)?;

@@ -2,9 +2,9 @@
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
-//! let link = polepair::connect("sim:tmcl?axes=2&time=virtual")?;
+//! let link = polepair::connect_local("sim:tmcl?axes=2&time=virtual")?;
 //! for axis in link.axes() {
-//!     println!("{}: {}", axis.label(), axis.profile().title);
+//!     println!("{}: {}", axis.label(), axis.facts().title);
 //! }
 //! # }
 //! # Ok::<(), polepair::Error>(())
@@ -28,6 +28,7 @@ pub mod events;
 mod faults;
 mod identify;
 pub mod instruction_program;
+pub mod interface;
 pub mod listen;
 pub mod lss;
 mod mounting;
@@ -36,6 +37,8 @@ pub mod profile;
 pub mod program;
 pub mod quantity;
 mod registry;
+#[cfg(feature = "remote")]
+pub mod remote;
 pub mod scan;
 pub mod settings;
 pub mod simulate;
@@ -46,14 +49,15 @@ pub mod url;
 pub mod wire;
 
 pub use amount::{Amount, Value, format_raw};
-pub use axis::{Armed, Axis, CyclicAxes, RunningRequest, start_together};
+pub use axis::{CyclicAxes, LocalAxis, RunningRequest, start_together};
 pub use bus::{BusLoadRange, frame_bits};
-pub use connect::{AnyTap, Connector, Link, connect};
+pub use connect::{AnyTap, Connector, LocalLink, connect_local};
 pub use error::Error;
 pub use events::{Event, Events};
 pub use faults::faults;
 pub use identify::Identification;
 pub use instruction_program::InstructionProgram;
+pub use interface::{Armed, Axis, AxisInterface, Link, connect};
 pub use no_reply::NoReplyDetails;
 pub use program::Program;
 pub use spelling::nearest;

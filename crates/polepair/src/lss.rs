@@ -14,7 +14,7 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-use crate::axis::Axis;
+use crate::axis::LocalAxis;
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::Error;
 use crate::identify::is_answer;
@@ -86,7 +86,7 @@ impl FromStr for LssIdentity {
 #[derive(Debug)]
 pub struct LssMaster {
     /// Nodes 1 to 127. LSS requests, which address no node, go by the first.
-    nodes: Vec<Axis>,
+    nodes: Vec<LocalAxis>,
     /// A device may be in LSS configuration.
     configures: AtomicBool,
     _simulation: Option<Simulation>,
@@ -132,7 +132,7 @@ impl LssMaster {
     ///
     /// # Errors
     /// [`Error::Usage`] `E212` for a number that is no node-ID.
-    pub fn node(&self, node_id: u8) -> Result<&Axis, Error> {
+    pub fn node(&self, node_id: u8) -> Result<&LocalAxis, Error> {
         let found = self.nodes.iter().find(|axis| axis.number() == u32::from(node_id));
         found.ok_or_else(|| {
             Error::usage("E212", format!("{node_id} is no node-ID"), "node-IDs are 1 to 127")
@@ -322,7 +322,7 @@ impl LssMaster {
         Ok(())
     }
 
-    fn axis(&self) -> &Axis {
+    fn axis(&self) -> &LocalAxis {
         &self.nodes[0]
     }
 

@@ -14,7 +14,7 @@ mod scanner;
 
 pub use scanner::{AxisAnswer, DriveScanner};
 
-use crate::axis::{Axis, DeviceDetail};
+use crate::axis::{DeviceDetail, LocalAxis};
 use crate::bus::{self, BusAddress};
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::Error;
@@ -77,7 +77,7 @@ pub struct DetectedDrive {
     pub clash: Option<String>,
     /// It answers whatever address is asked, as modules on USB do.
     pub ignores_address: bool,
-    /// Device information: see [`Axis::device_details`](crate::Axis::device_details).
+    /// Device information: see [`LocalAxis::device_details`](crate::LocalAxis::device_details).
     pub details: Vec<DeviceDetail>,
 }
 
@@ -123,7 +123,8 @@ impl ProtocolLine {
         if let Some(axis) = axes.first() {
             axis.connection().with_axes(|axes, now| axes.handle_resume(now));
         }
-        let answers: Vec<&Axis> = axes.iter().take_while(|axis| axis.read(state).is_ok()).collect();
+        let answers: Vec<&LocalAxis> =
+            axes.iter().take_while(|axis| axis.read(state).is_ok()).collect();
         let looks_at_axis = answers.len() < axes.len();
         Ok(answers.iter().filter(|_| looks_at_axis).map(|axis| found(axis.number())).collect())
     }

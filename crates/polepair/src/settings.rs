@@ -15,7 +15,7 @@
 mod process_data;
 
 use crate::amount::{Amount, Value};
-use crate::axis::{Axis, PendingWrites};
+use crate::axis::{LocalAxis, PendingWrites};
 use crate::eds::Eds;
 use crate::error::Error;
 use crate::identify::Identification;
@@ -181,7 +181,7 @@ impl Settings {
     ///
     /// # Errors
     /// [`Error::Usage`] `E212`.
-    pub fn for_axis(&self, axis: &Axis, axes: usize) -> Result<&AxisSettings, Error> {
+    pub fn for_axis(&self, axis: &LocalAxis, axes: usize) -> Result<&AxisSettings, Error> {
         let same = self.axes.iter().find(|settings| settings.number == axis.number());
         let only = self.axes.first().filter(|_| axes == 1 && self.axes.len() == 1);
         same.or(only).ok_or_else(|| {
@@ -279,7 +279,7 @@ impl AxisSettings {
     /// # Errors
     /// [`Error`] by blame; a setting that the drive refuses to tell is noted in
     /// [`unread`](Self::unread).
-    pub fn read(axis: &Axis, progress: &mut dyn FnMut(usize, usize)) -> Result<Self, Error> {
+    pub fn read(axis: &LocalAxis, progress: &mut dyn FnMut(usize, usize)) -> Result<Self, Error> {
         let mut made = Self::empty_for(axis.profile());
         made.number = axis.number();
         if let Identification::Queried { firmware: Some(firmware) } = axis.identified() {
@@ -351,7 +351,7 @@ impl AxisSettings {
 
     /// What of a DCF is not written to this drive, and why.
     #[must_use]
-    pub fn left_out(&self, axis: &Axis) -> Vec<(String, String)> {
+    pub fn left_out(&self, axis: &LocalAxis) -> Vec<(String, String)> {
         let unfit = self.settings.iter().filter(|_| self.is_sheet).filter_map(|setting| {
             let reason = setting.unfit_reason(axis)?;
             Some((setting.name.value.clone(), reason.to_owned()))
@@ -367,7 +367,7 @@ impl AxisSettings {
     /// [`Error::File`] for settings that the drive cannot have; others by blame.
     pub fn changes(
         &self,
-        axis: &Axis,
+        axis: &LocalAxis,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Vec<SettingChange>, Error> {
         let profile = axis.profile();
@@ -404,7 +404,7 @@ impl AxisSettings {
 
 impl AxisSettings {
     /// What the drive holds once all settings are written, what scales others first.
-    fn raw_values(&self, axis: &Axis) -> Result<Vec<(ParameterId, i64)>, Error> {
+    fn raw_values(&self, axis: &LocalAxis) -> Result<Vec<(ParameterId, i64)>, Error> {
         let fits = |setting: &&Setting| !self.is_sheet || setting.unfit_reason(axis).is_none();
         let named = self.settings.iter().filter(fits);
         let named = named.map(|setting| Ok((setting.find_parameter(axis)?, setting)));
@@ -430,7 +430,7 @@ impl Setting {
     }
 
     /// Why a line of a DCF is no setting of this drive.
-    fn unfit_reason(&self, axis: &Axis) -> Option<&'static str> {
+    fn unfit_reason(&self, axis: &LocalAxis) -> Option<&'static str> {
         let id = axis.find(&self.name.value).ok()?;
         let parameter = axis.parameter(id)?;
         match parameter.access {
@@ -442,14 +442,14 @@ impl Setting {
         }
     }
 
-    fn find_parameter(&self, axis: &Axis) -> Result<ParameterId, Error> {
+    fn find_parameter(&self, axis: &LocalAxis) -> Result<ParameterId, Error> {
         axis.find(&self.name.value).map_err(|error| self.locate_error(error))
     }
 
     /// The raw value, once what is pending was written.
     fn raw_value(
         &self,
-        axis: &Axis,
+        axis: &LocalAxis,
         id: ParameterId,
         pending: &PendingWrites,
     ) -> Result<i64, Error> {
@@ -476,7 +476,7 @@ impl Setting {
 }
 
 /// Whether no table describes a parameter that was found by its number.
-fn is_undescribed(axis: &Axis, id: ParameterId) -> bool {
+fn is_undescribed(axis: &LocalAxis, id: ParameterId) -> bool {
     let parameter = axis.parameter(id);
     let undescribed = |p: &Parameter| p.certainty == Certainty::Undocumented && p.moves;
     axis.profile().parameter(id).is_none() && parameter.is_some_and(undescribed)
@@ -491,7 +491,7 @@ fn profile_settings(profile: &'static Profile) -> Vec<(ParameterId, &'static Par
 }
 
 /// The shortest text that means exactly this value at this drive.
-fn exact_value(axis: &Axis, id: ParameterId, raw: i64) -> Result<SettingValue, Error> {
+fn exact_value(axis: &LocalAxis, id: ParameterId, raw: i64) -> Result<SettingValue, Error> {
     let value = axis.value(id, raw)?;
     let unit = value.unit.symbol();
     let rounded = value.to_string();

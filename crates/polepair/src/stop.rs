@@ -17,7 +17,7 @@
 
 mod unidentified;
 
-use crate::axis::{Axis, RunningRequest, Standstill, stop_until_standstill};
+use crate::axis::{LocalAxis, RunningRequest, Standstill, stop_until_standstill};
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::{Error, Exit};
 use crate::identify::{IDENTIFY_RETRY_MAX, ProbeResult, Prober};
@@ -123,7 +123,7 @@ pub enum StopEvent<'a> {
     /// An address is asked.
     Querying(ScanProgress),
     /// A stop was sent to a drive that replied, or was named.
-    StopSent(&'a Axis),
+    StopSent(&'a LocalAxis),
 }
 
 /// How to stop.
@@ -405,7 +405,7 @@ fn stop_unanswered(
     (one, command): &(DetectedDrive, Command),
 ) -> Result<Result<(), Error>, Error> {
     let axes = line.axes_of_found(std::slice::from_ref(one))?;
-    let reported = |axis: &Axis| {
+    let reported = |axis: &LocalAxis| {
         axis.start(*command)
             .and_then(|mut running| running.wait(clock::scale_timeout(SILENT_STOP_WAIT_MAX)))
     };
@@ -421,26 +421,27 @@ fn query_timeout(url: &Url, line: &ProtocolLine) -> Result<Duration, Error> {
     Ok(QUERY_TIMEOUT + bits.unwrap_or_default())
 }
 
-fn start_stops(axes: &[Axis], command: Command) -> Vec<Result<RunningRequest, Error>> {
+fn start_stops(axes: &[LocalAxis], command: Command) -> Vec<Result<RunningRequest, Error>> {
     axes.iter().map(|axis| axis.start(command)).collect()
 }
 
 /// Stops every motor of the drives besides the axes, whose stop was already sent, up to the first missing
 /// number. A missing reply does not prevent the stops of further motors, and is repeated once at the end.
-fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
-    let of = |axis: &Axis| {
+fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
+    let of = |axis: &LocalAxis| {
         let mut received = Vec::new();
         let mut silent: Vec<(u8, Error)> = Vec::new();
         let mut in_a_row = 0;
         let is_axis = |number: u8| {
             let address = with_sub_axis(axis.number(), number);
-            let is_it = |other: &Axis| {
+            let is_it = |other: &LocalAxis| {
                 other.number() == address && other.connection().is_same(axis.connection())
             };
             axes.iter().any(is_it)
         };
         for number in (1..MOTORS_MAX).filter(|number| !is_axis(*number)) {
-            let sent = |axis: &Axis| axis.connection().with_axes(|axes, _| axes.counters().sent);
+            let sent =
+                |axis: &LocalAxis| axis.connection().with_axes(|axes, _| axes.counters().sent);
             let before = sent(axis);
             match axis.stop_motor(number) {
                 Ok(()) => received.push(number),
@@ -489,23 +490,23 @@ fn is_no_such_motor(error: &Error) -> bool {
 
 impl LinkStopReport {
     /// Waits until all of these axes are at rest, and notes how.
-    fn add_axes(&mut self, axes: &[Axis], how: StopOptions) {
+    fn add_axes(&mut self, axes: &[LocalAxis], how: StopOptions) {
         axes.iter().for_each(|axis| self.note_program(axis));
         let ended = match how.quick {
             false => {
-                let axes: Vec<&Axis> = axes.iter().collect();
+                let axes: Vec<&LocalAxis> = axes.iter().collect();
                 stop_until_standstill(&axes, how.keep_program, Duration::ZERO, |_, _| false)
             }
             true => run_to_standstill(axes, how.command()),
         };
         // All of them were told before, and that may have been executed.
         let ended = ended.into_iter().map(|ended| ended.map_err(Error::after_earlier_attempt));
-        self.axes.extend(axes.iter().map(Axis::label).zip(ended));
+        self.axes.extend(axes.iter().map(LocalAxis::label).zip(ended));
         axes.iter().for_each(|axis| self.note_program(axis));
     }
 
     /// Notes what the last stop of an axis found of its drive's program.
-    fn note_program(&mut self, axis: &Axis) {
+    fn note_program(&mut self, axis: &LocalAxis) {
         let Some(found) = axis.state().program_end else { return };
         let label = axis.label();
         let known = self.programs.iter_mut().find(|(name, _)| *name == label);
@@ -519,7 +520,7 @@ impl LinkStopReport {
 }
 
 /// The same by any other verb.
-fn run_to_standstill(axes: &[Axis], command: Command) -> Vec<Result<Standstill, Error>> {
+fn run_to_standstill(axes: &[LocalAxis], command: Command) -> Vec<Result<Standstill, Error>> {
     let running = start_stops(axes, command);
     let wait_max = clock::scale_timeout(STANDSTILL_WAIT_MAX);
     let end = clock::now() + wait_max;

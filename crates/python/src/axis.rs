@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use polepair::{Amount, Axis as Inner, RunningRequest, faults, start_together};
+use polepair::{Amount, LocalAxis as Inner, RunningRequest, faults, start_together};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{self, Access, ParameterId, Signal, Watchdog};

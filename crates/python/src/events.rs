@@ -5,7 +5,7 @@ use std::task::Waker;
 use std::time::Duration;
 
 use polepair::events::{Event, EventKind};
-use polepair::{Axis, Events as Inner};
+use polepair::{Events as Inner, LocalAxis};
 use polepair_core::profile;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
@@ -19,7 +19,7 @@ use crate::request::{WAIT_SLICE, WakeCallback};
 #[derive(Debug)]
 pub struct PyEvents {
     inner: ProcessLocal<Mutex<Option<Arc<Inner>>>>,
-    axes: ProcessLocal<Vec<Axis>>,
+    axes: ProcessLocal<Vec<LocalAxis>>,
     is_virtual: bool,
 }
 
@@ -29,7 +29,7 @@ pub type EventTuple =
 
 impl PyEvents {
     /// Events of those axes, in the order of their places.
-    pub fn new(events: Inner, axes: Vec<Axis>) -> Self {
+    pub fn new(events: Inner, axes: Vec<LocalAxis>) -> Self {
         let is_virtual = events.in_virtual_time();
         Self { inner: Mutex::new(Some(Arc::new(events))).into(), axes: axes.into(), is_virtual }
     }

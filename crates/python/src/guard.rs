@@ -4,7 +4,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use polepair::axis::{STOP_RETRY_MAX, stop_with_retry};
-use polepair::{Axis, Error};
+use polepair::{Error, LocalAxis};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
@@ -13,9 +13,9 @@ use pyo3::prelude::*;
 use crate::errors::to_py_error;
 
 /// What is armed, in the order of the arming.
-static ARMED: Mutex<Vec<Axis>> = Mutex::new(Vec::new());
+static ARMED: Mutex<Vec<LocalAxis>> = Mutex::new(Vec::new());
 
-fn lock_armed() -> MutexGuard<'static, Vec<Axis>> {
+fn lock_armed() -> MutexGuard<'static, Vec<LocalAxis>> {
     ARMED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -25,18 +25,18 @@ fn lock_shutdown() -> MutexGuard<'static, ()> {
     SHUTDOWN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn is_same_axis(one: &Axis, other: &Axis) -> bool {
+fn is_same_axis(one: &LocalAxis, other: &LocalAxis) -> bool {
     one.number() == other.number() && one.connection().is_same(other.connection())
 }
 
 /// Has an axis stopped when the process ends while it is armed.
-pub fn register_armed(py: Python<'_>, axis: &Axis) {
+pub fn register_armed(py: Python<'_>, axis: &LocalAxis) {
     lock_armed().push(axis.clone());
     system::install_handlers(py);
 }
 
 /// Leaves an axis alone that its block has stopped.
-pub fn unregister_armed(axis: &Axis) {
+pub fn unregister_armed(axis: &LocalAxis) {
     let mut armed = lock_armed();
     let at = armed.iter().position(|one| is_same_axis(one, axis));
     let left = at.map(|at| armed.swap_remove(at));
@@ -68,10 +68,12 @@ pub fn stop_armed(py: Python<'_>) {
 ///
 /// # Errors
 /// The first, after every axis was tried.
-pub fn stop_link(link: &polepair::Link) -> Result<(), polepair::Error> {
-    let is_of_link =
-        |axis: &Axis| link.axes().iter().any(|one| one.connection().is_same(axis.connection()));
-    let axes: Vec<Axis> = lock_armed().iter().filter(|axis| is_of_link(axis)).cloned().collect();
+pub fn stop_link(link: &polepair::LocalLink) -> Result<(), polepair::Error> {
+    let is_of_link = |axis: &LocalAxis| {
+        link.axes().iter().any(|one| one.connection().is_same(axis.connection()))
+    };
+    let axes: Vec<LocalAxis> =
+        lock_armed().iter().filter(|axis| is_of_link(axis)).cloned().collect();
     let ended = stop_and_disable(&axes).into_iter().map(|(stopped, off)| stopped.and(off));
     let ended = ended.fold(Ok(()), Result::and);
     // A signal that comes meanwhile finds them, and waits for its own stops of them.
@@ -86,9 +88,9 @@ pub fn stop_link(link: &polepair::Link) -> Result<(), polepair::Error> {
 #[pyo3(name = "stop_owed")]
 pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult<()> {
     let axes = axes.iter().map(|axis| axis.get().inner(py).cloned());
-    let axes: Vec<Axis> = axes.collect::<PyResult<_>>()?;
+    let axes: Vec<LocalAxis> = axes.collect::<PyResult<_>>()?;
     let mut interrupts = Vec::new();
-    let again = |_: &Axis, _: &Error| {
+    let again = |_: &LocalAxis, _: &Error| {
         interrupts.extend(Python::attach(|py| py.check_signals().err()));
         interrupts.len() < 2
     };
@@ -107,7 +109,7 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult
 }
 
 /// Stops axes, and takes their power: how each of both ended.
-fn stop_and_disable(axes: &[Axis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
+fn stop_and_disable(axes: &[LocalAxis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
     // What other threads still ask for is refused.
     axes.iter().for_each(|axis| axis.arm(false));
     let stopped = stop_with_retry(axes, STOP_RETRY_MAX, |_, _| true);
@@ -136,7 +138,7 @@ fn stop_all_armed() {
 }
 
 /// Whether an axis has told since then that its motor has no power.
-fn has_no_power(axis: &Axis, since: Instant) -> bool {
+fn has_no_power(axis: &LocalAxis, since: Instant) -> bool {
     let enabled = axis.state().reading(Signal::Enabled);
     enabled.at.is_some_and(|at| at >= since) && enabled.raw == 0
 }

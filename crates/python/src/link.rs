@@ -4,7 +4,7 @@ use std::ffi::CString;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use polepair::{Connector, Link as Inner, scan as library};
+use polepair::{Connector, LocalLink as Inner, scan as library};
 use polepair_core::medium::MediumKind;
 use polepair_link::Connection;
 use pyo3::exceptions::PyUserWarning;
@@ -39,8 +39,8 @@ pub fn connect(
     let trace = trace.then(WireTrace::default);
     let connector = build_connector(py, profile)?;
     let opened = py.detach(|| match trace.clone() {
-        Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect(url),
-        None => connector.connect(url),
+        Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect_local(url),
+        None => connector.connect_local(url),
     });
     let opened = opened.map_err(|error| to_py_error(py, &error))?;
     Ok(PyLink { inner: opened.into(), trace })

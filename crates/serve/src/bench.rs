@@ -205,7 +205,7 @@ impl Bench {
     /// Links in virtual time (`time=virtual`) have no threads: [`advance_time`](Self::advance_time) does it all.
     ///
     /// # Errors
-    /// As [`polepair::connect()`]; `gateway.request` when only some links are in virtual time.
+    /// As [`polepair::connect_local()`]; `gateway.request` when only some links are in virtual time.
     pub fn open(urls: &[String], options: BenchOptions) -> Result<Self, GatewayError> {
         let traffic = Arc::new(FrameTraffic::default());
         let OpenedBench { links, roots, axes, clock, failed } =

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::settings::{AxisSettings, SettingChange, Settings};
 use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
@@ -178,7 +178,7 @@ impl ConfigApply {
         let session = self.target.open()?;
         session.listen_for_interrupts();
         let file = load_settings(&self.file)?;
-        let mut plan: Vec<(&Axis, Vec<SettingChange>)> = Vec::new();
+        let mut plan: Vec<(&LocalAxis, Vec<SettingChange>)> = Vec::new();
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
             let mut changes = changes_from(&session, axis, &file)?;
@@ -215,7 +215,7 @@ impl ConfigApply {
     }
 
     /// A powered motor takes new gains and limits at once.
-    fn check_power(&self, plan: &[(&Axis, Vec<SettingChange>)]) -> Result<()> {
+    fn check_power(&self, plan: &[(&LocalAxis, Vec<SettingChange>)]) -> Result<()> {
         for (axis, _) in plan.iter().filter(|(_, changes)| !changes.is_empty() && !self.powered) {
             let powered = read_signal(axis, Signal::Enabled)?;
             if powered.is_some_and(|value| value.raw != 0) {
@@ -230,7 +230,7 @@ impl ConfigApply {
     }
 
     /// What no table describes may start a motor.
-    fn check_arming(&self, plan: &[(&Axis, Vec<SettingChange>)]) -> Result<()> {
+    fn check_arming(&self, plan: &[(&LocalAxis, Vec<SettingChange>)]) -> Result<()> {
         for (axis, changes) in plan.iter().filter(|_| !self.arm) {
             let undescribed = changes.iter().filter(|change| change.undescribed);
             let names = parameter_names(axis, undescribed);
@@ -270,7 +270,7 @@ impl ConfigApply {
         &self,
         session: &Session,
         file: &Settings,
-        plan: &[(&Axis, Vec<SettingChange>)],
+        plan: &[(&LocalAxis, Vec<SettingChange>)],
     ) -> Result {
         let mut writes = Vec::new();
         for (axis, changes) in plan {
@@ -336,7 +336,11 @@ fn load_settings(file: &Path) -> Result<Settings> {
 }
 
 /// What differs from the file at one axis.
-fn changes_from(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<SettingChange>> {
+fn changes_from(
+    session: &Session,
+    axis: &LocalAxis,
+    file: &Settings,
+) -> Result<Vec<SettingChange>> {
     let settings = file.for_axis(axis, session.axes().len()).map_err(outcome::to_problem)?;
     for (name, why) in settings.left_out(axis) {
         print_warning(&format!("{}: {name} is skipped: {why}", axis.label()));
@@ -346,7 +350,7 @@ fn changes_from(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<S
 
 /// Reads settings, which takes a while on a slow line, and shows how far it is.
 fn with_progress<T>(
-    axis: &Axis,
+    axis: &LocalAxis,
     read: impl FnOnce(&mut dyn FnMut(usize, usize)) -> std::result::Result<T, polepair::Error>,
 ) -> Result<T> {
     let bar = Progress::of_count(0, &format!("settings of {}", axis.label()));
@@ -354,7 +358,7 @@ fn with_progress<T>(
 }
 
 fn parameter_names<'a>(
-    axis: &Axis,
+    axis: &LocalAxis,
     changes: impl IntoIterator<Item = &'a SettingChange>,
 ) -> Vec<&'static str> {
     let name = |change: &SettingChange| axis.parameter(change.id).map(|p| p.name);
@@ -363,7 +367,7 @@ fn parameter_names<'a>(
 
 fn changes_table(
     session: &Session,
-    axis: &Axis,
+    axis: &LocalAxis,
     changes: &[SettingChange],
     heads: [&str; 2],
 ) -> String {
@@ -380,14 +384,14 @@ fn changes_table(
     table.render(colour_out())
 }
 
-fn csv_row(axis: &Axis, change: &SettingChange) -> String {
+fn csv_row(axis: &LocalAxis, change: &SettingChange) -> String {
     let parameter = axis.parameter(change.id);
     let (name, unit) = (parameter.map_or("", |p| p.name), change.now.unit.symbol());
     let number = AxisNumber(axis.number());
     format!("{number},{name},{},{},{unit}", change.now.value, change.wanted.value)
 }
 
-fn write_json(axis: &Axis, change: &SettingChange, out: &mut Vec<u8>) {
+fn write_json(axis: &LocalAxis, change: &SettingChange, out: &mut Vec<u8>) {
     let Some(parameter) = axis.parameter(change.id) else { return };
     out.extend_from_slice(
         format!("{{\"axis\":{},\"setting\":", AxisNumber(axis.number()).json()).as_bytes(),

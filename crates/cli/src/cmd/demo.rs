@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::simulate::{self, DriveLine};
-use polepair::{Axis, Connector, Link};
+use polepair::{Connector, LocalAxis, LocalLink};
 use polepair_capture::{CaptureDecoder, Rules, text};
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::{Can, Frame, Stream};
@@ -90,7 +90,7 @@ struct DemoRun {
     demo_drive: &'static DemoDrive,
     line: DriveLine,
     stop: ServeHandle,
-    link: Link,
+    link: LocalLink,
     frames: FrameLines,
     passed_steps: Vec<&'static str>,
     failed_steps: Vec<String>,
@@ -149,7 +149,8 @@ impl DemoRun {
             ));
         }
         let number = found.first().map_or(1, |found| found.number);
-        let link = connector.connect(&format!("{url}#{number}")).map_err(outcome::to_problem)?;
+        let link =
+            connector.connect_local(&format!("{url}#{number}")).map_err(outcome::to_problem)?;
         print_note("");
         Ok(Self {
             demo_drive: part,
@@ -203,7 +204,7 @@ impl DemoRun {
     }
 
     /// A fault, its words, its cure, and the motor turning again.
-    fn run_fault(&mut self, axis: &Axis, headless: bool) -> Result<()> {
+    fn run_fault(&mut self, axis: &LocalAxis, headless: bool) -> Result<()> {
         let part = self.demo_drive;
         print_note(&format!("  -- {} --", part.fault_text));
         self.apply_act(part.fault);
@@ -276,7 +277,7 @@ impl DemoRun {
 
     fn write_settings(
         &mut self,
-        axis: &Axis,
+        axis: &LocalAxis,
         settings: &[(&str, i64)],
     ) -> std::result::Result<(), polepair::Error> {
         axis.arm(true);
@@ -294,7 +295,7 @@ impl DemoRun {
     /// A live line for a while.
     fn show_live(
         &mut self,
-        axis: &Axis,
+        axis: &LocalAxis,
         headless: bool,
         ms: u32,
     ) -> std::result::Result<(), polepair::Error> {
@@ -318,7 +319,7 @@ impl DemoRun {
     }
 
     /// How long a read takes, in the middle.
-    fn time_reads(&mut self, axis: &Axis) -> std::result::Result<(), polepair::Error> {
+    fn time_reads(&mut self, axis: &LocalAxis) -> std::result::Result<(), polepair::Error> {
         let source = axis.profile().signal(Signal::Velocity).map(|source| source.parameter);
         let Some(id) = source else { return Ok(()) };
         let mut spans = Vec::new();

@@ -5,7 +5,7 @@ use std::io::IsTerminal as _;
 use clap::Args;
 use polepair::doctor::{self, CheckResult, DoctorOptions, Grade, ProofError, ProofObserver};
 use polepair::url::shell_word;
-use polepair::{Axis, Connector, Error};
+use polepair::{Connector, Error, LocalAxis};
 use polepair_capture::jsonl;
 
 use crate::cmd::watchdog::parse_time;
@@ -89,7 +89,7 @@ impl Doctor {
         if time.is_some() && after.is_none() {
             return Err(Problem::usage("E217", "a watchdog that is off cannot be tested."));
         }
-        let link = connector.connect(url).map_err(outcome::to_problem)?;
+        let link = connector.connect_local(url).map_err(outcome::to_problem)?;
         let session = Session { link, arguments: shell_word(url).into_owned() };
         self.ask_consent(&session)?;
         session.listen_for_interrupts();
@@ -185,7 +185,7 @@ impl ProofObserver for ProofPrinter<'_> {
         interrupt::was_interrupted()
     }
 
-    fn retry_stop(&mut self, axis: &Axis, turns: bool) -> bool {
+    fn retry_stop(&mut self, axis: &LocalAxis, turns: bool) -> bool {
         let may = if turns { "still turn" } else { "still be powered" };
         self.stop_retry.get_or_insert_with(StopRetryNotice::new).report_retry(axis, may)
     }
@@ -193,7 +193,12 @@ impl ProofObserver for ProofPrinter<'_> {
 
 impl ProofPrinter<'_> {
     /// Why nothing was proven, and what became of the motor.
-    fn proof_problem(&mut self, axis: &Axis, session: &Session, unproven: ProofError) -> Problem {
+    fn proof_problem(
+        &mut self,
+        axis: &LocalAxis,
+        session: &Session,
+        unproven: ProofError,
+    ) -> Problem {
         let ProofError { error, moved, may_turn } = unproven;
         if let (false, Some(stop_retry_notice)) = (may_turn, &mut self.stop_retry) {
             let _ = stop_retry_notice.report_end(axis, Ok(()));

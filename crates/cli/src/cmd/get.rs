@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::ParameterValue;
 use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
@@ -117,7 +117,7 @@ impl Get {
     fn print_value(
         &self,
         session: &Session,
-        (axis, number): (&Axis, u32),
+        (axis, number): (&LocalAxis, u32),
         id: ParameterId,
         read: &ParameterValue,
         out: &mut DataOutput,
@@ -221,7 +221,7 @@ fn requested_names(
 }
 
 /// The value of each drive that an axis stands for, with the drive's number.
-fn read_each_value(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, ParameterValue)>> {
+fn read_each_value(axis: &LocalAxis, id: ParameterId) -> Result<Vec<(u32, ParameterValue)>> {
     if !AxisNumber(axis.number()).is_group() {
         let read = axis.read_any(id).map_err(outcome::to_problem)?;
         return Ok(vec![(axis.number(), read)]);
@@ -262,7 +262,7 @@ fn write_json(read: &ReadRow<'_>, out: &mut Vec<u8>) {
 }
 
 /// The parameters that are meant on an axis.
-fn requested_parameters(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId>> {
+fn requested_parameters(axis: &LocalAxis, names: &[String]) -> Result<Vec<ParameterId>> {
     if names.len() == 1 && names[0] == "all" {
         // A domain may be a whole firmware: it is read where somebody names it.
         let readable = |(_, p): &(usize, &Parameter)| {
@@ -275,7 +275,7 @@ fn requested_parameters(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId
 }
 
 /// The parameter of that name, or at that address.
-pub fn find_parameter(axis: &Axis, name: &str) -> Result<ParameterId> {
+pub fn find_parameter(axis: &LocalAxis, name: &str) -> Result<ParameterId> {
     if let Some(id) = axis.profile().find_parameter(name) {
         return Ok(id);
     }

@@ -1,7 +1,7 @@
 //! `polepair info URL`
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::doctor::{ABSENT_TEXT, is_absent_error, read_watchdog};
 use polepair_client::message::{AxisInfo, AxisState, DeviceDetailView, SignalValue};
 use polepair_core::profile::{Severity, Signal};
@@ -177,14 +177,14 @@ fn remote_watchdog(server: &RemoteSession, axis: &AxisInfo) -> String {
     }
 }
 
-fn axis_text(axis: &Axis) -> Result<String> {
+fn axis_text(axis: &LocalAxis) -> Result<String> {
     let profile = axis.profile();
     let mut table = TextTable::default();
     let mut row = |word: &str, value: String| table.add_row([format!("  {word}"), value]);
     row("profile", format!("{} ({})", profile.name, axis.protocol()));
     row("known", axis.identified().to_string());
     for detail in axis.device_details().map_err(outcome::to_problem)? {
-        row(detail.name, detail.text);
+        row(&detail.name, detail.text);
     }
     for signal in Signal::ALL {
         if signal == Signal::Fault {
@@ -216,7 +216,7 @@ fn axis_text(axis: &Axis) -> Result<String> {
 }
 
 /// What is said of a signal that could not be read, where this drive has none such.
-fn absent_text(axis: &Axis, wanted: Signal, problem: Problem) -> Result<String> {
+fn absent_text(axis: &LocalAxis, wanted: Signal, problem: Problem) -> Result<String> {
     let source = axis.profile().signal(wanted).filter(|_| problem.exit == Exit::Refused);
     let Some(source) = source else { return Err(problem) };
     match axis.read(source.parameter) {
@@ -226,13 +226,13 @@ fn absent_text(axis: &Axis, wanted: Signal, problem: Problem) -> Result<String> 
 }
 
 /// What the drive does when its host falls silent, and whether that is on now.
-fn watchdog_text(axis: &Axis) -> Result<String> {
+fn watchdog_text(axis: &LocalAxis) -> Result<String> {
     let state = read_watchdog(axis).map_err(outcome::to_problem)?;
     Ok(watchdog::watchdog_text(axis, state))
 }
 
 /// A signal's value in words or in its unit.
-pub fn signal_text(axis: &Axis, wanted: Signal) -> Result<Option<String>> {
+pub fn signal_text(axis: &LocalAxis, wanted: Signal) -> Result<Option<String>> {
     let flag = axis.profile().signal(wanted).is_some_and(|source| source.equals.is_some());
     let value = read_signal(axis, wanted)?;
     // Its speed, which was read before, says whether it moves as well as the drive's own flag.
@@ -245,7 +245,7 @@ pub fn signal_text(axis: &Axis, wanted: Signal) -> Result<Option<String>> {
 }
 
 /// Faults and warnings with cause and remedy; empty without any.
-fn faults_text(axis: &Axis) -> Result<String> {
+fn faults_text(axis: &LocalAxis) -> Result<String> {
     let Some(value) = read_signal(axis, Signal::Fault)? else { return Ok(String::new()) };
     let code = u32::try_from(value.raw).unwrap_or(0);
     let known = outcome::faults(axis.profile(), code);

@@ -144,7 +144,7 @@ impl MonitorOptions {
             let listening = connector.listen(&self.url).map_err(outcome::to_problem)?;
             return Ok(Monitor::with_listener(listening, &self.url, rules, tap_queue));
         }
-        let link = connector.connect(&self.url).map_err(outcome::to_problem)?;
+        let link = connector.connect_local(&self.url).map_err(outcome::to_problem)?;
         Monitor::with_link(link, &self.url, rules, tap_queue, period)
     }
 }

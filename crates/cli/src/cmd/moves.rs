@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair_client::message::{AxisInfo, CommandArguments};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
@@ -173,7 +173,7 @@ pub struct Home {
 impl Spin {
     pub fn run(self) -> Result {
         let raw = self.lasting.raw;
-        let command = |axis: &Axis| {
+        let command = |axis: &LocalAxis| {
             let mut command = Command { raw, ..Command::new(Verb::Velocity) };
             command.velocity =
                 Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (&self.speed, raw))?);
@@ -206,7 +206,7 @@ impl Spin {
 impl Jog {
     pub fn run(self) -> Result {
         let (speed, raw) = (self.speed.as_deref().unwrap_or(JOG_SPEED), self.lasting.raw);
-        let command = |axis: &Axis| {
+        let command = |axis: &LocalAxis| {
             let mut command = Command { raw, ..Command::new(Verb::Velocity) };
             command.velocity =
                 Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (speed, raw))?);
@@ -228,7 +228,7 @@ impl Jog {
 impl Torque {
     pub fn run(self) -> Result {
         let raw = self.lasting.raw;
-        let command = |axis: &Axis| {
+        let command = |axis: &LocalAxis| {
             let mut command = Command { raw, ..Command::new(Verb::Torque) };
             command.torque =
                 Some(parse_argument(axis, Verb::Torque, Argument::Torque, (&self.torque, raw))?);
@@ -249,7 +249,7 @@ impl Torque {
 impl Move {
     pub fn run(self) -> Result {
         let (verb, raw) = (self.verb(), self.arriving.raw);
-        let command = |axis: &Axis| {
+        let command = |axis: &LocalAxis| {
             let mut command = Command { raw, ..Command::new(verb) };
             command.target =
                 Some(parse_argument(axis, verb, Argument::Target, (&self.position, raw))?);
@@ -302,7 +302,7 @@ impl Move {
 impl Home {
     pub fn run(self) -> Result {
         let raw = self.arriving.raw;
-        let command = |axis: &Axis| {
+        let command = |axis: &LocalAxis| {
             let mut command = Command { raw, ..Command::new(Verb::Home) };
             command.velocity =
                 optional_argument(axis, Verb::Home, Argument::Velocity, (&self.vel, raw))?;
@@ -321,7 +321,7 @@ impl Home {
 }
 
 fn optional_argument(
-    axis: &Axis,
+    axis: &LocalAxis,
     verb: Verb,
     which: Argument,
     (text, raw): (&Option<String>, bool),
@@ -332,7 +332,7 @@ fn optional_argument(
 fn run_lasting(
     target: &DriveArgs,
     how: &HoldArgs,
-    command: impl Fn(&Axis) -> Result<Command>,
+    command: impl Fn(&LocalAxis) -> Result<Command>,
 ) -> Result {
     if how.dry_run {
         return target.rehearse_motion(command);
@@ -346,8 +346,8 @@ fn run_lasting(
 fn run_arriving(
     target: &DriveArgs,
     how: &ArrivalArgs,
-    run: fn(&Session, &[(Axis, Command)], MotionMode) -> Result,
-    command: impl Fn(&Axis) -> Result<Command>,
+    run: fn(&Session, &[(LocalAxis, Command)], MotionMode) -> Result,
+    command: impl Fn(&LocalAxis) -> Result<Command>,
 ) -> Result {
     if how.dry_run {
         return target.rehearse_motion(command);
@@ -372,10 +372,10 @@ fn run_arriving(
 }
 
 fn commands_for_each(
-    axes: &[Axis],
-    command: impl Fn(&Axis) -> Result<Command>,
-) -> Result<Vec<(Axis, Command)>> {
-    let one = |axis: &Axis| match axes.len() {
+    axes: &[LocalAxis],
+    command: impl Fn(&LocalAxis) -> Result<Command>,
+) -> Result<Vec<(LocalAxis, Command)>> {
+    let one = |axis: &LocalAxis| match axes.len() {
         1 => command(axis),
         _ => command(axis).map_err(|problem| problem.about(&axis.label())),
     };

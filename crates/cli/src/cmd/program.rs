@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 
 use crate::problem::{Problem, Result};
 use crate::session::Session;
-use polepair::Axis;
+use polepair::LocalAxis;
 
 /// Assembles, loads and runs programs in the memory of a drive.
 #[derive(Args, Debug)]
@@ -57,7 +57,7 @@ impl ProgramArgs {
 }
 
 /// The axis, where a program is one drive's.
-fn single_axis(session: &Session) -> Result<&Axis> {
+fn single_axis(session: &Session) -> Result<&LocalAxis> {
     match session.axes() {
         [axis] => Ok(axis),
         _ => Err(Problem::usage("E210", "A program is for one axis.")
@@ -66,7 +66,7 @@ fn single_axis(session: &Session) -> Result<&Axis> {
 }
 
 /// The same where a program is a module's, whose motors are several axes: the first of them.
-fn module_axis(session: &Session) -> Result<&Axis> {
+fn module_axis(session: &Session) -> Result<&LocalAxis> {
     use polepair_core::proto::drive_address;
     let mut modules = session.axes().iter().map(|axis| drive_address(axis.number()));
     match (modules.next(), session.axes()) {

@@ -263,7 +263,7 @@ fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
     out.extend_from_slice(tail.as_bytes());
     for (at, detail) in found.details.iter().enumerate() {
         out.extend_from_slice(if at == 0 { b"" } else { b"," });
-        jsonl::write_string(out, detail.name);
+        jsonl::write_string(out, &detail.name);
         out.push(b':');
         jsonl::write_string(out, &detail.text);
     }

@@ -1,7 +1,7 @@
 //! `polepair send URL TEXT…`
 
 use clap::{Args, ValueEnum};
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::url::AxisNumber;
 use polepair_capture::{CaptureDecoder, Rules, jsonl};
 use polepair_core::proto::drive_address;
@@ -110,7 +110,7 @@ impl Send {
     }
 
     /// Checks every text before the first is sent; with `--dry-run` their frames are printed.
-    fn check(&self, session: &Session, axis: &Axis, out: &mut DataOutput) -> Result<()> {
+    fn check(&self, session: &Session, axis: &LocalAxis, out: &mut DataOutput) -> Result<()> {
         for text in &self.texts {
             let rehearsed = axis.rehearse_raw(text).map_err(outcome::to_problem)?;
             if self.dry_run {
@@ -130,7 +130,7 @@ impl Send {
 
     fn print(
         &self,
-        axis: &Axis,
+        axis: &LocalAxis,
         who: &str,
         text: &str,
         value: i64,
@@ -147,7 +147,7 @@ impl Send {
     }
 
     /// What was started goes on behind the end of this program.
-    fn note_motion(&self, session: &Session, axis: &Axis) {
+    fn note_motion(&self, session: &Session, axis: &LocalAxis) {
         let may_move =
             |text: &String| axis.rehearse_raw(text).is_ok_and(|rehearsed| rehearsed.needs_arming);
         if self.texts.iter().any(may_move) {
@@ -162,7 +162,7 @@ impl Send {
 
 /// What the frames from the drive say, from the last request on that was answered: the host may ask
 /// something else before.
-fn explain_replies(axis: &Axis, replies: &TapQueue) -> String {
+fn explain_replies(axis: &LocalAxis, replies: &TapQueue) -> String {
     let rules = Rules::parse(axis.protocol()).unwrap_or_default();
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
     let (mut texts, mut asked) = (Vec::<String>::new(), false);

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use clap::Args;
 use polepair::axis::PendingWrites;
-use polepair::{Amount, Axis};
+use polepair::{Amount, LocalAxis};
 use polepair_client::message::{ParameterChange, ParameterInput, WriteParameters};
 use polepair_core::profile::{Access, Parameter, ParameterId, Persistence};
 
@@ -164,7 +164,7 @@ impl Set {
     /// The raw value that `text` means once what is pending was written, within the limits.
     fn raw_value(
         &self,
-        axis: &Axis,
+        axis: &LocalAxis,
         id: ParameterId,
         text: &str,
         pending: &PendingWrites,
@@ -190,7 +190,7 @@ impl Set {
     fn write_one(
         &self,
         session: &Session,
-        axis: &Axis,
+        axis: &LocalAxis,
         id: ParameterId,
         raw: i64,
         out: &mut DataOutput,
@@ -225,7 +225,7 @@ impl Set {
 
 /// What a write would change: it is read, and nothing is written.
 fn planned_change(
-    axis: &Axis,
+    axis: &LocalAxis,
     id: ParameterId,
     raw: i64,
     pending: &PendingWrites,
@@ -297,7 +297,7 @@ fn parse_switch(parameter: &Parameter, text: &str) -> Option<i64> {
     }
 }
 
-fn out_of_range(axis: &Axis, id: ParameterId, parameter: &Parameter, text: &str) -> Problem {
+fn out_of_range(axis: &LocalAxis, id: ParameterId, parameter: &Parameter, text: &str) -> Problem {
     let shown = |raw| axis.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
     let (min, max) = (shown(parameter.min), shown(parameter.max));
     Problem::usage("E216", format!("{text} is out of range for {:?}.", parameter.name))

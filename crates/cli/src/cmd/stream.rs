@@ -5,7 +5,7 @@ mod cyclic;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use polepair::{Axis, Error};
+use polepair::{Error, LocalAxis};
 use polepair_core::stream::cyclic::SetpointKind;
 use polepair_core::stream::{PathKind, Point};
 
@@ -164,7 +164,7 @@ impl StreamCommand {
 }
 
 /// The first of the points whose time is none that a TML drive takes where its slow loop is 1 ms.
-fn first_too_long(axis: &Axis, points: &[Point]) -> Option<usize> {
+fn first_too_long(axis: &LocalAxis, points: &[Point]) -> Option<usize> {
     let is_tml = matches!(axis.protocol(), "tml" | "tmlcan" | "technocan");
     let loops = |point: &Point| (point.time * 1e3).round();
     is_tml.then(|| points.iter().position(|point| !(1.0..=511.0).contains(&loops(point))))?

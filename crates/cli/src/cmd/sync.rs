@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::url::AxisNumber;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
@@ -98,7 +98,7 @@ impl Sync {
         Ok(Exit::Ok)
     }
 
-    fn time_command(&self, axis: &Axis, is_master: bool) -> Result<Command> {
+    fn time_command(&self, axis: &LocalAxis, is_master: bool) -> Result<Command> {
         if !is_master || self.stop {
             return Ok(Command::new(Verb::WithholdTime));
         }
@@ -109,7 +109,7 @@ impl Sync {
         Ok(Command { period: Some(period), ..Command::new(Verb::GiveTime) })
     }
 
-    fn find_master<'a>(&self, session: &'a Session) -> Result<&'a Axis> {
+    fn find_master<'a>(&self, session: &'a Session) -> Result<&'a LocalAxis> {
         let mut axes = session.axes().iter();
         let found = axes.find(|axis| self.master.is_none_or(|master| master == axis.number()));
         found.ok_or_else(|| {
@@ -119,7 +119,7 @@ impl Sync {
 }
 
 /// Prints how far each axis is off the master; true when one is too far.
-fn print_offsets(session: &Session, master: &Axis) -> Result<bool> {
+fn print_offsets(session: &Session, master: &LocalAxis) -> Result<bool> {
     let (mut out, mut apart) = (DataOutput::stdout(), false);
     for axis in session.axes().iter().filter(|axis| axis.number() != master.number()) {
         let (offset, open) = measure_offset(master, axis)?;
@@ -133,7 +133,7 @@ fn print_offsets(session: &Session, master: &Axis) -> Result<bool> {
 
 /// Offset of an axis from the master, and how exactly the line lets it be known, s: the axis is asked
 /// between two questions to the master.
-fn measure_offset(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
+fn measure_offset(master: &LocalAxis, axis: &LocalAxis) -> Result<(f64, f64)> {
     let mut best = (0.0, f64::INFINITY);
     for _ in 0..COMPARISONS {
         let (before, requested_at) = (read_time(master)?, clock::now());
@@ -146,7 +146,7 @@ fn measure_offset(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
     Ok(best)
 }
 
-fn read_time(axis: &Axis) -> Result<f64> {
+fn read_time(axis: &LocalAxis) -> Result<f64> {
     read_signal(axis, Signal::Time)?.map(|read| read.value).ok_or_else(|| {
         let what = format!("{} does not report its time.", axis.label());
         Problem::usage("E213", what)

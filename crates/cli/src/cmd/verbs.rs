@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair_client::message::{AxisInfo, CommandArguments};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
@@ -144,7 +144,7 @@ fn run_simple(
     target: &DriveArgs,
     wanted: Verb,
     dry_run: bool,
-    done: impl Fn(&Axis) -> Result<String>,
+    done: impl Fn(&LocalAxis) -> Result<String>,
 ) -> Result {
     if dry_run {
         return target.rehearse(|_| Ok(Command::new(wanted)));
@@ -178,7 +178,7 @@ fn run_simple(
 }
 
 /// What is seen of a motor that was switched off: that it has power no more, and whether it turns.
-fn power_off_text(axis: &Axis) -> Result<String> {
+fn power_off_text(axis: &LocalAxis) -> Result<String> {
     let read = |wanted: Signal| read_signal(axis, wanted).ok().flatten();
     let mut powered = read(Signal::Enabled);
     for _ in 0..POLLS_MAX {
@@ -214,7 +214,7 @@ fn still_powered_problem(label: &str) -> Problem {
 
 /// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
 /// none.
-fn switch_power(axis: &Axis, wanted: Verb) -> Result<()> {
+fn switch_power(axis: &LocalAxis, wanted: Verb) -> Result<()> {
     let ended = axis.run(Command::new(wanted));
     if let Err(error) = &ended {
         let label = axis.label();

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use polepair::url::AxisNumber;
-use polepair::{Axis, Value};
+use polepair::{LocalAxis, Value};
 use polepair_capture::jsonl;
 use polepair_client::LiveConnection;
 use polepair_client::message::AxisInfo;
@@ -294,7 +294,7 @@ fn normalize_name(name: &str) -> String {
     name.to_ascii_lowercase().replace(['-', '_'], " ")
 }
 
-fn local_column(session: &Session, axis: &Axis, name: &str) -> Result<WatchColumn> {
+fn local_column(session: &Session, axis: &LocalAxis, name: &str) -> Result<WatchColumn> {
     let signal = Signal::ALL.into_iter().find(|signal| signal.name() == normalize_name(name));
     let source = signal.and_then(|signal| Some((signal, axis.profile().signal(signal)?)));
     let (id, flag) = match source {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::WatchdogState;
 use polepair::doctor::{ABSENT_TEXT, read_watchdog};
 use polepair_client::message::{SetWatchdog, WatchdogView};
@@ -142,7 +142,7 @@ pub fn parse_time(text: &str) -> Result<Option<Duration>> {
 }
 
 /// How a drive's watchdog is set, with the parameter that sets it.
-pub fn watchdog_text(axis: &Axis, state: WatchdogState) -> String {
+pub fn watchdog_text(axis: &LocalAxis, state: WatchdogState) -> String {
     let id = axis.watchdog_parameter();
     match (id.and_then(|id| axis.parameter(id)), state) {
         (Some(parameter), WatchdogState::None) => {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use polepair::simulate::Simulation;
 use polepair::wire::AnyLink;
-use polepair::{Axis, Connector};
+use polepair::{Connector, LocalAxis};
 use polepair_core::drives::bench::GroundTruth;
 use polepair_core::medium::Medium;
 use polepair_core::time::Instant;
@@ -74,7 +74,7 @@ impl WireFault {
 pub struct RecordedWire(Arc<WireShared>);
 
 /// What is done with the drives before frames count.
-type PrepareFn = Box<dyn Fn(&[Axis]) + Send + Sync>;
+type PrepareFn = Box<dyn Fn(&[LocalAxis]) + Send + Sync>;
 
 struct WireShared {
     /// The protocol's word, and the drives' addresses.
@@ -117,7 +117,7 @@ impl RecordedWire {
     pub fn new(
         drives: (&'static str, &'static [u32]),
         fault: Option<WireFault>,
-        prepare: impl Fn(&[Axis]) + Send + Sync + 'static,
+        prepare: impl Fn(&[LocalAxis]) + Send + Sync + 'static,
     ) -> Self {
         let (prepare, counts) = (Box::new(prepare), AtomicBool::new(false));
         Self(Arc::new(WireShared {

@@ -40,12 +40,12 @@ impl Cut {
     }
 }
 
-/// Carries bytes one way. The server answers to its own name alone: in the first bytes, which have
-/// the `Host`, the one name becomes the other.
+/// Carries bytes one way. The server answers to its own name alone: in text, which has the `Host`, the one
+/// name becomes the other.
 fn carry(
     mut from: TcpStream,
     mut to: TcpStream,
-    mut names: Option<(String, String)>,
+    names: Option<(String, String)>,
     silent: &Arc<AtomicBool>,
 ) {
     let silent = silent.clone();
@@ -55,11 +55,9 @@ fn carry(
             if silent.load(Ordering::SeqCst) {
                 continue;
             }
-            let carried = match names.take() {
-                Some((ours, its)) => {
-                    let text = String::from_utf8(bytes[..count].to_vec()).unwrap();
-                    to.write_all(text.replace(&ours, &its).as_bytes())
-                }
+            let text = std::str::from_utf8(&bytes[..count]).ok();
+            let carried = match names.as_ref().zip(text) {
+                Some(((ours, its), text)) => to.write_all(text.replace(ours, its).as_bytes()),
                 None => to.write_all(&bytes[..count]),
             };
             if carried.is_err() {

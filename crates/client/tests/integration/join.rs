@@ -18,19 +18,33 @@ use polepair_serve::GatewayServer;
 const DRIVES: &str = "sim:tmcl?axes=2";
 
 /// A server of its own for each test, on a free port.
-struct Site {
+pub struct Site {
     server: GatewayServer,
     folder: PathBuf,
 }
 
 impl Site {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self::with(|_| polepair_serve::ServerOptions::in_folder(PathBuf::new()))
     }
 
     fn encrypted() -> Self {
         let plain = polepair_serve::ServerOptions::in_folder(PathBuf::new());
         Self::with(|_| polepair_serve::ServerOptions { tls: true, ..plain })
+    }
+
+    /// A server that allows everything, raw requests too.
+    pub fn with_raw_requests() -> Self {
+        Self::with(|folder| {
+            let tokens = folder.join("tokens");
+            let token = "5a".repeat(32);
+            std::fs::write(&tokens, format!("{token} read,stop,move,configure,raw all\n")).unwrap();
+            let private = std::os::unix::fs::PermissionsExt::from_mode(0o600);
+            std::fs::set_permissions(&tokens, private).unwrap();
+            let scopes = "read,stop,move,configure,raw".parse().unwrap();
+            let plain = polepair_serve::ServerOptions::in_folder(PathBuf::new());
+            polepair_serve::ServerOptions { scopes, ..plain }
+        })
     }
 
     /// A server of such options, made in its folder.
@@ -48,12 +62,12 @@ impl Site {
         Self { server, folder }
     }
 
-    fn port(&self) -> u16 {
+    pub fn port(&self) -> u16 {
         self.server.address().port()
     }
 
     /// How somebody joins it who has its folder.
-    fn options(&self, scheme: &str) -> GatewayOptions {
+    pub fn options(&self, scheme: &str) -> GatewayOptions {
         GatewayOptions {
             url: format!("{scheme}://127.0.0.1:{}", self.port()),
             token_file: Some(self.folder.join("tokens")),

@@ -6,3 +6,4 @@
 mod authority;
 mod cut;
 mod join;
+mod one_interface;

@@ -1,6 +1,6 @@
 //! Finds a parameter by its name, or by its number in the protocol's notation.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::error::Error;
 use crate::profile::generic_profile;
 use crate::spelling;
@@ -22,7 +22,7 @@ const DESCRIBED_MAX: usize = 65_536;
 static DESCRIBED: Mutex<Option<HashMap<(usize, ParameterAddress), &'static Parameter>>> =
     Mutex::new(None);
 
-impl Axis {
+impl LocalAxis {
     /// The parameter of that name or symbol, or at that address.
     ///
     /// In a name, case, spaces, hyphens and underscores do not matter. An address is a number in the

@@ -1,6 +1,6 @@
 //! Arguments of verbs: converts units and raw numbers to the operands of a plan.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::amount::Amount;
 use crate::error::Error;
 use crate::profile::argument_word;
@@ -11,7 +11,7 @@ use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{AxisKind, Parameter, Profile};
 use polepair_core::units::Unit;
 
-impl Axis {
+impl LocalAxis {
     /// The SI value of a verb's argument: text must have a unit that fits the drive's parameter.
     ///
     /// # Errors

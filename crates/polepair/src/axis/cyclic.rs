@@ -4,7 +4,7 @@
 
 use super::failure::RequestKind;
 use super::together::{require_plan, run_all};
-use super::{Axis, RunningRequest, STOP_RETRY_MAX, stop_with_retry};
+use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, stop_with_retry};
 use crate::error::Error;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -33,7 +33,7 @@ const FULL_SPEED_S: f64 = 0.010;
 /// use polepair::CyclicAxes;
 /// use polepair_core::stream::cyclic::SetpointKind;
 /// use std::time::Duration;
-/// let link = polepair::connect("sim:cia402:1,2?time=virtual")?;
+/// let link = polepair::connect_local("sim:cia402:1,2?time=virtual")?;
 /// let following = CyclicAxes::begin(link.axes(), SetpointKind::Velocity, Duration::from_millis(4))?;
 /// let ramp = |k: i32| f64::from(k.min(200 - k)) * 0.02;
 /// let speeds: Vec<f64> = (0..=200).flat_map(|k| [ramp(k), -ramp(k)]).collect();
@@ -46,7 +46,7 @@ const FULL_SPEED_S: f64 = 0.010;
 #[derive(Debug)]
 #[must_use = "the axes are disabled when this is dropped"]
 pub struct CyclicAxes {
-    axes: Vec<Axis>,
+    axes: Vec<LocalAxis>,
     setpoint: SetpointKind,
     period: Duration,
     bounds: Vec<SetpointBounds>,
@@ -60,7 +60,11 @@ impl CyclicAxes {
     /// [`Error::Usage`] `E217` for a period that a drive cannot count; [`Error::Unsupported`] for
     /// drives without such a mode, and when a cycle would take more than 80 % of the bus. Others by
     /// blame. What was made ready is then taken back.
-    pub fn begin(axes: &[Axis], setpoint: SetpointKind, period: Duration) -> Result<Self, Error> {
+    pub fn begin(
+        axes: &[LocalAxis],
+        setpoint: SetpointKind,
+        period: Duration,
+    ) -> Result<Self, Error> {
         Self::inspect_axes(axes, setpoint, period)?.power_up()
     }
 
@@ -71,7 +75,7 @@ impl CyclicAxes {
     /// As [`begin`](Self::begin) and [`check`](Self::check); `E222` if the path does not begin at the
     /// actual position of an axis. No drive was changed then.
     pub fn begin_with_path(
-        axes: &[Axis],
+        axes: &[LocalAxis],
         setpoint: SetpointKind,
         period: Duration,
         setpoints: &[f64],
@@ -84,13 +88,13 @@ impl CyclicAxes {
 
     /// What can be known without changing anything.
     fn inspect_axes(
-        axes: &[Axis],
+        axes: &[LocalAxis],
         setpoint: SetpointKind,
         period: Duration,
     ) -> Result<Self, Error> {
         let verb = follow_verb(setpoint);
         check_one_wire(axes.iter())?;
-        axes.iter().try_for_each(Axis::check_unmounted)?;
+        axes.iter().try_for_each(LocalAxis::check_unmounted)?;
         axes.iter().try_for_each(|axis| require_plan(axis, verb))?;
         axes.iter().try_for_each(|axis| check_period(axis, verb, period))?;
         let bounds = axes.iter().map(read_bounds).collect::<Result<_, _>>()?;
@@ -120,7 +124,7 @@ impl CyclicAxes {
         Ok(())
     }
 
-    fn command_for_each(&self, command: Command) -> Vec<(&Axis, Command)> {
+    fn command_for_each(&self, command: Command) -> Vec<(&LocalAxis, Command)> {
         self.axes.iter().map(|axis| (axis, command)).collect()
     }
 
@@ -294,7 +298,7 @@ const fn follow_verb(setpoint: SetpointKind) -> Verb {
     }
 }
 
-impl Axis {
+impl LocalAxis {
     /// Refuses a path that begins more than `max` away from the actual position, both in SI.
     ///
     /// # Errors
@@ -329,8 +333,8 @@ impl Axis {
 }
 
 /// Axes that obey one signal: one at least, on one connection.
-pub(super) fn check_one_wire<'a>(axes: impl Iterator<Item = &'a Axis>) -> Result<(), Error> {
-    let axes: Vec<&Axis> = axes.collect();
+pub(super) fn check_one_wire<'a>(axes: impl Iterator<Item = &'a LocalAxis>) -> Result<(), Error> {
+    let axes: Vec<&LocalAxis> = axes.collect();
     let Some(first) = axes.first() else {
         return Err(Error::usage("E245", "there is no axis", "name one: URL#1"));
     };
@@ -342,7 +346,7 @@ pub(super) fn check_one_wire<'a>(axes: impl Iterator<Item = &'a Axis>) -> Result
 }
 
 /// A period that the drive would round is another period.
-fn check_period(axis: &Axis, verb: Verb, period: Duration) -> Result<(), Error> {
+fn check_period(axis: &LocalAxis, verb: Verb, period: Duration) -> Result<(), Error> {
     let steps = axis.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
     let seconds = period.as_secs_f64();
     for step in steps {
@@ -370,7 +374,7 @@ fn check_period(axis: &Axis, verb: Verb, period: Duration) -> Result<(), Error> 
 }
 
 /// Limits that the drive reports; zero is none.
-fn read_bounds(axis: &Axis) -> Result<SetpointBounds, Error> {
+fn read_bounds(axis: &LocalAxis) -> Result<SetpointBounds, Error> {
     let read = |name: &str| read_limit(axis, name);
     let some = |value: Option<f64>| value.filter(|value| *value > 0.0);
     let least = |a: Option<f64>, b: Option<f64>| match (a, b) {
@@ -389,7 +393,7 @@ fn read_bounds(axis: &Axis) -> Result<SetpointBounds, Error> {
 }
 
 /// A limit in SI; `None` where the drive has none such.
-fn read_limit(axis: &Axis, name: &str) -> Result<Option<f64>, Error> {
+fn read_limit(axis: &LocalAxis, name: &str) -> Result<Option<f64>, Error> {
     let Some(id) = axis.profile.find_parameter(name) else { return Ok(None) };
     match axis.read(id).and_then(|raw| axis.value(id, raw)) {
         Ok(value) => Ok(Some(value.value * value.unit.si_factor()).filter(|si| si.is_finite())),

@@ -1,7 +1,7 @@
 //! Values of any length: text, and bytes such as a firmware image or a log.
 
 use super::failure::RequestKind;
-use super::{Axis, RunningRequest};
+use super::{LocalAxis, RunningRequest};
 use crate::amount::Value;
 use crate::error::Error;
 use polepair_core::axis::Axes;
@@ -21,7 +21,7 @@ const BUFFER_MAX: usize = 1024;
 /// segment of seven bytes.
 const BLOCK_MIN: usize = 256;
 
-impl Axis {
+impl LocalAxis {
     /// Reads a parameter of any length: text without its final zeros, or all bytes. `progress` gets the
     /// number of received bytes. With `block`, a block transfer is used if protocol and drive support it,
     /// else segments.
@@ -192,7 +192,7 @@ impl fmt::Display for ParameterValue {
     }
 }
 
-impl Axis {
+impl LocalAxis {
     /// Reads a parameter of whatever type. What has no known type is a number where it has at most
     /// eight bytes, else bytes.
     ///

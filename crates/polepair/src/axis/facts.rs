@@ -1,9 +1,11 @@
 //! Device information that a drive reports: name, versions, motors.
 
-use super::{Axis, ParameterValue};
+use super::{LocalAxis, ParameterValue};
 use crate::error::Error;
 use crate::profile::{find_shipped, generic_profile};
 use crate::url::AxisNumber;
+use std::borrow::Cow;
+
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::explain::{DeviceFact, FactQuery};
 
@@ -11,7 +13,7 @@ use polepair_core::explain::{DeviceFact, FactQuery};
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct DeviceDetail {
     /// What it is: `device name`, `firmware`.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its value.
     pub text: String,
 }
@@ -19,7 +21,7 @@ pub struct DeviceDetail {
 /// Characters of a fact at most.
 const FACT_MAX: usize = 240;
 
-impl Axis {
+impl LocalAxis {
     /// Reads the device information by the protocol's functions: name and versions of a CANopen device
     /// (1008h to 100Ah, 1018h); number, firmware and motors of a TMCL module; firmware of a TML drive;
     /// device identification (function 43/14) of a Modbus device without a built-in profile. Refused items
@@ -49,7 +51,7 @@ impl Axis {
             }
             match self.read_fact(fact) {
                 Ok(text) if text.is_empty() => {}
-                Ok(text) => details.push(DeviceDetail { name: fact.name, text }),
+                Ok(text) => details.push(DeviceDetail { name: fact.name.into(), text }),
                 Err(error @ (Error::Link(_) | Error::Interrupted { .. })) => return Err(error),
                 Err(error) if is_answer(&error) => {}
                 Err(_) => break,
@@ -125,7 +127,7 @@ fn is_answer(error: &Error) -> bool {
 #[must_use]
 pub fn summarize_details(details: &[DeviceDetail]) -> String {
     let is_module = details.iter().any(|detail| detail.name == "module");
-    let shown = details.iter().filter_map(|detail| match detail.name {
+    let shown = details.iter().filter_map(|detail| match &*detail.name {
         "module" => Some(detail.text.clone() + &version_suffix(details)),
         "device name" | "vendor" | "product name" | "product code" => Some(detail.text.clone()),
         "hardware version" => Some(format!("hardware {}", detail.text)),

@@ -1,6 +1,6 @@
 //! Converts outcomes to errors: request, result, and what to try.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
 use crate::identify::Identification;
@@ -33,7 +33,7 @@ const MODE_HINT: &str =
 /// Steps that are named one by one at most.
 const NAMED_STEPS_MAX: usize = 6;
 
-impl Axis {
+impl LocalAxis {
     /// The error for an outcome that is not [`Outcome::Done`].
     pub(crate) fn outcome_error(&self, what: &str, kind: RequestKind, outcome: Outcome) -> Error {
         let failure = outcome.failure().unwrap_or(Failure::Misbehaved);

@@ -1,6 +1,6 @@
 //! Programs of drives that store instructions: written one by one, read back, run, single-stepped.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::error::Error;
 use crate::instruction_program::InstructionProgram;
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -26,7 +26,7 @@ pub struct ProgramStatus {
     pub counter: u16,
 }
 
-impl Axis {
+impl LocalAxis {
     /// The language of its drive's programs, where they are instructions.
     ///
     /// # Errors
@@ -44,7 +44,7 @@ impl Axis {
     ///
     /// ```
     /// use polepair::InstructionProgram;
-    /// let link = polepair::connect("sim:tmcm-1140?time=virtual")?;
+    /// let link = polepair::connect_local("sim:tmcm-1140?time=virtual")?;
     /// let axis = link.axis(1)?;
     /// let text = "CALC LOAD, 7\nAGP 3, 2\nSTOP";
     /// let language = axis.instruction_language()?;

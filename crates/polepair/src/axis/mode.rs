@@ -1,13 +1,13 @@
 //! Interprets a drive's state: name of the operation mode, and whether the motor moves.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::error::Error;
 use polepair_core::axis::{AxisStatus, Reading, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::plan::{Operand, Step};
 use polepair_core::profile::{Encoding, ParameterId, Signal};
 
-impl Axis {
+impl LocalAxis {
     /// The parameter that selects the mode of operation for a verb, and its raw value: what the verb's
     /// plan writes before it waits for the mode. `None` where it waits for none.
     #[must_use]

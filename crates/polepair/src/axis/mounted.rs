@@ -1,6 +1,6 @@
 //! An axis with its mounting: scale, direction and limits are applied before a byte is sent.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::error::Error;
 use crate::identify::Identification;
 use crate::mounting::{ARGUMENTS, MotionRole, ResolvedMounting, destination, is_ramp_time};
@@ -19,7 +19,7 @@ const PATH_POINTS_MAX: usize = 1_000_000;
 /// By how much more than a limit a value may be, of the limit: rounding on its way through units.
 const ROUNDING: f64 = 1e-9;
 
-impl Axis {
+impl LocalAxis {
     /// The unit that a parameter's value is shown in: the profile's or, for what concerns the
     /// motion of an axis that a file mounts, the machine's.
     #[must_use]

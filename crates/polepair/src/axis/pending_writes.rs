@@ -3,7 +3,7 @@
 //! A drive receives raw numbers. Their meaning depends on the scale that is valid at that time, so the new
 //! scale is used for the conversion.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::amount::{Amount, ResolvedAmount, Value};
 use crate::error::Error;
 use polepair_core::profile::{NoScale, Parameter, ParameterId};
@@ -25,7 +25,7 @@ impl PendingWrites {
     }
 }
 
-impl Axis {
+impl LocalAxis {
     /// Whether other parameters are scaled by this one: it is written before they are converted.
     #[must_use]
     pub fn scales(&self, id: ParameterId) -> bool {

@@ -1,7 +1,7 @@
 //! Programs in the memory of a drive: loaded, verified, read, run.
 
 use super::failure::RequestKind;
-use super::{Axis, RunningRequest};
+use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use crate::program::{AssemblyContext, Program};
 use polepair_core::error::Unsupported;
@@ -18,7 +18,7 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(50);
 const PERMANENT_MEMORY_REASON: &str = "a part of it is in permanent memory, which wears: this is \
  written only on request";
 
-impl Axis {
+impl LocalAxis {
     /// The language of its drive's programs.
     ///
     /// # Errors
@@ -45,7 +45,7 @@ impl Axis {
     ///
     /// ```
     /// use polepair::Program;
-    /// let link = polepair::connect("sim:technosoft-f514l?time=virtual")?;
+    /// let link = polepair::connect_local("sim:technosoft-f514l?time=virtual")?;
     /// let axis = &link.axes()[0];
     /// let text = "main: VAR_I1 = 77; END";
     /// let program = Program::assemble("a.tml", text, &axis.assembly_context(0x8270)?)?;

@@ -1,7 +1,7 @@
 //! Requests as bytes of the protocol.
 
 use super::failure::RequestKind;
-use super::{Axis, RunningRequest};
+use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use polepair_core::axis::Axes;
 use polepair_core::error::{Unsupported, WireError};
@@ -11,7 +11,7 @@ use polepair_core::proto;
 /// The greatest CAN identifier of 11 bits.
 const STANDARD_MAX: u32 = 0x7FF;
 
-impl Axis {
+impl LocalAxis {
     /// Sends a request in the protocol's own bytes, a whole frame with its check, and gives the value
     /// answered; as [`raw`](Self::raw). On CAN `id` is the frame's identifier.
     ///

@@ -1,7 +1,7 @@
 //! Requests as text of the protocol.
 
 use super::failure::RequestKind;
-use super::{Axis, Rehearsal, RunningRequest};
+use super::{LocalAxis, Rehearsal, RunningRequest};
 use crate::error::Error;
 use crate::url::AxisNumber;
 use polepair_core::axis::{Axes, RehearsalStep};
@@ -10,7 +10,7 @@ use polepair_core::explain::{EncodeError, EncodeOptions};
 use polepair_core::medium::STREAM_UNIT_MAX;
 use polepair_core::station::RequestClass;
 
-/// What a request in the protocol's own text would send: see [`Axis::rehearse_raw`].
+/// What a request in the protocol's own text would send: see [`LocalAxis::rehearse_raw`].
 #[derive(Clone, PartialEq, Debug)]
 pub struct RawRehearsal {
     /// Its frames.
@@ -22,7 +22,7 @@ pub struct RawRehearsal {
     pub is_stop: bool,
 }
 
-impl Axis {
+impl LocalAxis {
     /// Sends a request in the protocol's own text, such as `GAP 1`, and gives the value answered.
     ///
     /// # Errors

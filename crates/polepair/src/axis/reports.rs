@@ -1,11 +1,11 @@
 //! Periodic reports that a drive sends by itself: switched on and off.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::error::Error;
 use polepair_core::profile::{ParameterId, Signal};
 use std::time::Duration;
 
-impl Axis {
+impl LocalAxis {
     /// Makes the drive send these signals by itself, every `interval`: 1 ms to 65.535 s, not shorter than
     /// the drive allows. Without signals, it stops sending. One write, which replaces the earlier setting;
     /// drives store it if the parameter says so (thruster family: SR, manual section 2.5). The values are

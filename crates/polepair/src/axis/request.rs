@@ -1,6 +1,6 @@
 //! A request that is being executed.
 
-use super::Axis;
+use super::LocalAxis;
 use super::failure::RequestKind;
 use crate::error::Error;
 use polepair_core::axis::{Axes, Command};
@@ -12,11 +12,11 @@ use polepair_link::{PendingRequest, WaitResult};
 use std::task;
 use std::time::Duration;
 
-/// A verb that was looked at and can be started: see [`Axis::prepare`].
+/// A verb that was looked at and can be started: see [`LocalAxis::prepare`].
 #[derive(Clone, Debug)]
 #[must_use = "nothing moves before it is started"]
 pub struct PreparedCommand {
-    pub(super) axis: Axis,
+    pub(super) axis: LocalAxis,
     pub(super) command: Command,
 }
 
@@ -42,13 +42,13 @@ impl PreparedCommand {
 #[derive(Debug)]
 #[must_use = "wait for it, or drop it to continue in the background"]
 pub struct RunningRequest {
-    pub(super) axis: Axis,
+    pub(super) axis: LocalAxis,
     pub(super) pending: PendingRequest,
     pub(super) what: String,
     pub(super) kind: RequestKind,
 }
 
-impl Axis {
+impl LocalAxis {
     /// Begins to read a parameter and does not wait for its value, which the axis'
     /// [`state`](Self::state) has afterwards as well, if it is a signal's.
     ///
@@ -62,7 +62,7 @@ impl Axis {
     }
 }
 
-impl Axis {
+impl LocalAxis {
     /// Begins to write a parameter, raw, and does not wait until it is done: as
     /// [`write`](Self::write).
     ///

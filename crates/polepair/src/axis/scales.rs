@@ -1,11 +1,11 @@
 //! The source of a value's unit, or the reason why it has none.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::error::Error;
 use polepair_core::profile::{NoScale, ParameterId, Scale, Signal};
 use polepair_core::units::{Quantity, Unit};
 
-impl Axis {
+impl LocalAxis {
     /// Whether a parameter is known to have no unit: it is then shown raw.
     pub(super) fn is_unscaled(&self, id: ParameterId) -> bool {
         self.scale_error(id).is_some()

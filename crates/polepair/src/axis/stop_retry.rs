@@ -1,7 +1,7 @@
 //! Repeats stops until they are confirmed.
 
 use super::stop_sequence::STANDSTILL_WAIT_MAX;
-use super::{Axis, Standstill, StopProgress, StopSequence};
+use super::{LocalAxis, Standstill, StopProgress, StopSequence};
 use crate::error::Error;
 use crate::url::AxisNumber;
 use polepair_core::axis::Verb;
@@ -29,18 +29,18 @@ const BRAKING_RATIO: f64 = 0.98;
 ///
 /// ```
 /// use polepair::axis::{STOP_RETRY_MAX, stop_with_retry};
-/// let link = polepair::connect("sim:tmcl?axes=2&time=virtual")?;
+/// let link = polepair::connect_local("sim:tmcl?axes=2&time=virtual")?;
 /// let ended = stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true);
 /// assert!(ended.iter().all(Result::is_ok));
 /// # Ok::<(), polepair::Error>(())
 /// ```
 pub fn stop_with_retry(
-    axes: &[Axis],
+    axes: &[LocalAxis],
     within: Duration,
-    again: impl FnMut(&Axis, &Error) -> bool,
+    again: impl FnMut(&LocalAxis, &Error) -> bool,
 ) -> Vec<Result<(), Error>> {
-    let has_stop = |axis: &&Axis| axis.profile.plan(Verb::Stop).is_some();
-    let stopped: Vec<&Axis> = axes.iter().filter(has_stop).collect();
+    let has_stop = |axis: &&LocalAxis| axis.profile.plan(Verb::Stop).is_some();
+    let stopped: Vec<&LocalAxis> = axes.iter().filter(has_stop).collect();
     let mut ended = stop_until_standstill(&stopped, false, within, again).into_iter();
     let result = |axis| match has_stop(&axis) {
         true => ended.next().map_or(Ok(()), |ended| ended.map(drop)),
@@ -54,12 +54,12 @@ pub fn stop_with_retry(
 /// slower may take the time of its profile; another one must stop soon. The drive's program is ended too,
 /// unless `keep_program`.
 pub(crate) fn stop_until_standstill(
-    axes: &[&Axis],
+    axes: &[&LocalAxis],
     keep_program: bool,
     within: Duration,
-    mut again: impl FnMut(&Axis, &Error) -> bool,
+    mut again: impl FnMut(&LocalAxis, &Error) -> bool,
 ) -> Vec<Result<Standstill, Error>> {
-    let begin = |axis: &&Axis| RepeatedStop::begin(axis, keep_program, within);
+    let begin = |axis: &&LocalAxis| RepeatedStop::begin(axis, keep_program, within);
     let mut stops: Vec<_> = axes.iter().map(begin).collect();
     while stops.iter().any(|stop| stop.ended.is_none()) {
         for (axis, stop) in axes.iter().zip(&mut stops) {
@@ -92,7 +92,7 @@ struct RepeatedStop {
 }
 
 impl RepeatedStop {
-    fn begin(axis: &Axis, keep_program: bool, within: Duration) -> Self {
+    fn begin(axis: &LocalAxis, keep_program: bool, within: Duration) -> Self {
         let now = axis.connection.now();
         Self {
             stopping: StopSequence::begin_with(axis, keep_program).with_retries(),
@@ -113,7 +113,7 @@ impl RepeatedStop {
     }
 
     /// Whether the motor became slower recently, or received the stop just now.
-    fn may_be_braking(&mut self, axis: &Axis, now: Instant) -> bool {
+    fn may_be_braking(&mut self, axis: &LocalAxis, now: Instant) -> bool {
         if let Some(rate) = self.stopping.rate()
             && rate < BRAKING_RATIO * self.slowest.0
         {
@@ -123,7 +123,7 @@ impl RepeatedStop {
             && now.since(self.started_at) < axis.standstill_timeout()
     }
 
-    fn step(&mut self, axis: &Axis, again: &mut impl FnMut(&Axis, &Error) -> bool) {
+    fn step(&mut self, axis: &LocalAxis, again: &mut impl FnMut(&LocalAxis, &Error) -> bool) {
         if let Some(at) = self.retry_at {
             let now = axis.connection.now();
             if now < at {
@@ -175,7 +175,7 @@ impl RepeatedStop {
     }
 }
 
-impl Axis {
+impl LocalAxis {
     /// Stops along the ramp, and returns when standstill is confirmed by measured values, if the drive has
     /// any. The stop is repeated while the motor turns, and has priority over all other requests. The
     /// drive's program (TMCL, TML) is ended too, because it could move the motor again;

@@ -11,7 +11,7 @@ mod standstill;
 
 use std::time::Duration;
 
-use super::{Axis, RunningRequest};
+use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use crate::url::AxisNumber;
 use polepair_core::axis::{AxisStatus, StopPart, Verb};
@@ -100,12 +100,12 @@ enum StopStage {
 impl StopSequence {
     /// Sends it.
     #[must_use]
-    pub fn begin(axis: &Axis) -> Self {
+    pub fn begin(axis: &LocalAxis) -> Self {
         Self::begin_with(axis, false)
     }
 
     /// The same; `keep_program` lets a program of the drive go on, which may move the motor again.
-    pub(super) fn begin_with(axis: &Axis, keep_program: bool) -> Self {
+    pub(super) fn begin_with(axis: &LocalAxis, keep_program: bool) -> Self {
         let mut stopping = Self { keep_program, ..Self::new(axis) };
         stopping.send_stop(axis, false);
         stopping
@@ -115,12 +115,12 @@ impl StopSequence {
     /// missing drive uses the wire for one request only. A drive that would write permanent memory, because
     /// it has restarted, is set to RAM first.
     #[must_use]
-    pub fn resend(axis: &Axis) -> Self {
+    pub fn resend(axis: &LocalAxis) -> Self {
         Self::resend_with(axis, false)
     }
 
     /// The same, as [`begin_with`](Self::begin_with).
-    pub(super) fn resend_with(axis: &Axis, keep_program: bool) -> Self {
+    pub(super) fn resend_with(axis: &LocalAxis, keep_program: bool) -> Self {
         let mut stopping = Self { keep_program, ..Self::new(axis) };
         match axis.stop_ram_mode() {
             Some(ram) => match axis.start_ram_mode_read(ram.parameter) {
@@ -133,7 +133,7 @@ impl StopSequence {
     }
 
     /// Of one that was carried out elsewhere: is it seen to stand?
-    fn observe_executed(axis: &Axis) -> Self {
+    fn observe_executed(axis: &LocalAxis) -> Self {
         let (mut stopping, now) = (Self::new(axis).with_retries(), axis.connection().now());
         stopping.set_progress(StopProgress::Acknowledged, now);
         stopping.start_observing(axis, now);
@@ -146,14 +146,14 @@ impl StopSequence {
         self
     }
 
-    fn start_observing(&mut self, axis: &Axis, now: Instant) {
+    fn start_observing(&mut self, axis: &LocalAxis, now: Instant) {
         self.stage = StopStage::Observing(StandstillMonitor {
             single_attempt: !self.retries,
             ..StandstillMonitor::new(axis, now)
         });
     }
 
-    fn new(axis: &Axis) -> Self {
+    fn new(axis: &LocalAxis) -> Self {
         let (started_at, stage) = (axis.connection().now(), StopStage::Ended);
         Self {
             started_at,
@@ -166,7 +166,7 @@ impl StopSequence {
         }
     }
 
-    fn send_stop(&mut self, axis: &Axis, once: bool) {
+    fn send_stop(&mut self, axis: &LocalAxis, once: bool) {
         let halt = StopPart::Halt { keep_program: self.keep_program };
         match axis.start_stop(halt, once) {
             Ok(running) => self.stage = StopStage::Sending(running),
@@ -202,7 +202,7 @@ impl StopSequence {
 
     /// Whether it has ended, and this was reported for long enough.
     #[must_use]
-    pub fn is_expired(&self, axis: &Axis, reported_at: Duration) -> bool {
+    pub fn is_expired(&self, axis: &LocalAxis, reported_at: Duration) -> bool {
         let age = axis.connection().now().since(self.started_at);
         matches!(self.progress, StopProgress::Standstill | StopProgress::Unobservable)
             && age > self.elapsed + reported_at
@@ -242,12 +242,12 @@ impl StopSequence {
     }
 
     /// Looks how far it has come. Waits for nothing.
-    pub fn poll(&mut self, axis: &Axis, now: Instant) {
+    pub fn poll(&mut self, axis: &LocalAxis, now: Instant) {
         self.step(axis, now);
     }
 
     /// Waits for its end, at most so long.
-    pub fn wait(&mut self, axis: &Axis, at_most: Duration) {
+    pub fn wait(&mut self, axis: &LocalAxis, at_most: Duration) {
         let end = axis.connection().now() + at_most;
         while !self.has_ended() {
             let left = end.since(axis.connection().now());
@@ -273,7 +273,7 @@ impl StopSequence {
         }
     }
 
-    fn step(&mut self, axis: &Axis, now: Instant) {
+    fn step(&mut self, axis: &LocalAxis, now: Instant) {
         match std::mem::replace(&mut self.stage, StopStage::Ended) {
             StopStage::CheckingRamMode(mut running, ram) => match running.poll() {
                 Ok(None) => self.stage = StopStage::CheckingRamMode(running, ram),
@@ -323,7 +323,7 @@ impl StopSequence {
     }
 
     /// Sends the final requests at standstill.
-    fn start_release(&mut self, axis: &Axis, class: StopProgress, now: Instant) {
+    fn start_release(&mut self, axis: &LocalAxis, class: StopProgress, now: Instant) {
         let plan = axis.profile().plan(Verb::Stop);
         if plan.is_none_or(|plan| plan.after_wait().is_empty()) {
             return self.set_progress(class, now);
@@ -376,7 +376,7 @@ enum StandstillSource {
 impl StandstillSource {
     /// Sources of an axis, the most reliable first: a speed with a limit of standstill, a position, any
     /// other speed.
-    fn for_axis(axis: &Axis) -> Vec<Self> {
+    fn for_axis(axis: &LocalAxis) -> Vec<Self> {
         let parameter = |signal| axis.profile().signal(signal).map(|source| source.parameter);
         let position = parameter(Signal::Position).map(Self::Position);
         let Some(speed) = parameter(Signal::Velocity) else {
@@ -399,7 +399,7 @@ impl StandstillSource {
 }
 
 impl StandstillMonitor {
-    fn new(axis: &Axis, now: Instant) -> Self {
+    fn new(axis: &LocalAxis, now: Instant) -> Self {
         let (since, sources) = (now, StandstillSource::for_axis(axis));
         Self {
             since,
@@ -425,7 +425,7 @@ impl StandstillMonitor {
     }
 
     /// The next source to read: a position after each speed that means standstill.
-    fn next_source(&self, axis: &Axis) -> Option<StandstillSource> {
+    fn next_source(&self, axis: &LocalAxis) -> Option<StandstillSource> {
         match self.sources[..] {
             [StandstillSource::Speed(..), standstill_source @ StandstillSource::Position(id)]
                 if self.standstill_readings > self.readings_at_position =>
@@ -440,7 +440,7 @@ impl StandstillMonitor {
     }
 
     /// What is known when it is; an error when the drive answers no longer.
-    fn poll(&mut self, axis: &Axis, now: Instant) -> Result<Option<StopProgress>, Error> {
+    fn poll(&mut self, axis: &LocalAxis, now: Instant) -> Result<Option<StopProgress>, Error> {
         let Some(source) = self.next_source(axis) else {
             return Ok(Some(StopProgress::Unobservable));
         };
@@ -488,7 +488,7 @@ impl StandstillMonitor {
         }
     }
 
-    fn start_reading(&mut self, axis: &Axis, source: StandstillSource, now: Instant) {
+    fn start_reading(&mut self, axis: &LocalAxis, source: StandstillSource, now: Instant) {
         match axis.start_standstill_read(source.parameter(), self.single_attempt) {
             Ok(running) => self.in_flight = Some((running, now, source)),
             Err(Error::Unsupported { why: Unsupported::Busy, .. }) => {
@@ -512,7 +512,7 @@ impl StandstillMonitor {
     /// Decides standstill by a new value.
     fn evaluate(
         &mut self,
-        axis: &Axis,
+        axis: &LocalAxis,
         source: StandstillSource,
         raw: i64,
         at: (Instant, Instant),
@@ -559,7 +559,7 @@ impl StandstillMonitor {
     /// Compares a position with the one before, if the speed means standstill.
     fn compare_positions(
         &mut self,
-        axis: &Axis,
+        axis: &LocalAxis,
         id: ParameterId,
         raw: i64,
         (requested_at, reported_at): (Instant, Instant),

@@ -1,7 +1,7 @@
 //! Paths that are sent point by point to a buffer of the drive.
 
 use super::failure::RequestKind;
-use super::{Axis, RunningRequest};
+use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use polepair_core::stream::{PathKind, Point};
 use std::time::Duration;
@@ -15,7 +15,7 @@ const FEED_INTERVAL: Duration = Duration::from_millis(20);
 /// begins somewhere else.
 const FIRST_SPEED_MAX: f64 = 10.0;
 
-impl Axis {
+impl LocalAxis {
     /// Checks a path before the axis is powered: the limits of a rack file, and the start at the actual
     /// position. Only reads are sent.
     ///
@@ -41,7 +41,7 @@ impl Axis {
     ///
     /// ```
     /// use polepair_core::stream::{PathKind, Point};
-    /// let link = polepair::connect("sim:technosoft-f514l?time=virtual")?;
+    /// let link = polepair::connect_local("sim:technosoft-f514l?time=virtual")?;
     /// let axis = link.axes()[0].armed()?;
     /// let path = [
     ///     Point { position: 0.5, velocity: 10.0, time: 0.1 },

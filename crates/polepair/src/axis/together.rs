@@ -1,6 +1,6 @@
 //! Moves of several axes that start on one signal.
 
-use super::{Axis, RunningRequest};
+use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use polepair_core::axis::{Command, Verb};
 
@@ -9,7 +9,7 @@ use polepair_core::axis::{Command, Verb};
 ///
 /// ```
 /// use polepair_core::axis::{Command, Verb};
-/// let link = polepair::connect("sim:cia402:1,2?time=virtual")?;
+/// let link = polepair::connect_local("sim:cia402:1,2?time=virtual")?;
 /// let armed = [link.axes()[0].armed()?, link.axes()[1].armed()?];
 /// let to = |rad| Command { target: Some(rad), ..Command::new(Verb::MoveTo) };
 /// let moves = [(link.axes()[0].clone(), to(1.0)), (link.axes()[1].clone(), to(-1.0))];
@@ -24,7 +24,7 @@ use polepair_core::axis::{Command, Verb};
 /// [`Error::Unsupported`] for a drive that cannot wait for a signal, or a command that is no move to
 /// or by: nothing was sent. Others by blame; nothing moves before the signal, and what was made
 /// ready is then taken back by a stop.
-pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
+pub fn start_together(moves: &[(LocalAxis, Command)]) -> Result<(), Error> {
     let prepared = prepare_commands(moves)?;
     let Some((first, _)) = prepared.first() else { return Ok(()) };
     let started = run_all(&prepared).and_then(|()| first.run(Command::new(Verb::Begin)));
@@ -47,14 +47,14 @@ pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
 ///
 /// # Errors
 /// [`Error::Unsupported`] as [`start_together`] itself would give.
-pub fn check_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
+pub fn check_together(moves: &[(LocalAxis, Command)]) -> Result<(), Error> {
     prepare_commands(moves)?
         .into_iter()
         .try_for_each(|(axis, command)| axis.rehearse(command).map(drop))
 }
 
 /// The commands that make each drive ready.
-fn prepare_commands(moves: &[(Axis, Command)]) -> Result<Vec<(&Axis, Command)>, Error> {
+fn prepare_commands(moves: &[(LocalAxis, Command)]) -> Result<Vec<(&LocalAxis, Command)>, Error> {
     super::cyclic::check_one_wire(moves.iter().map(|(axis, _)| axis))?;
     let prepared = moves.iter().map(|(axis, command)| {
         let verb = match command.verb {
@@ -71,7 +71,7 @@ fn prepare_commands(moves: &[(Axis, Command)]) -> Result<Vec<(&Axis, Command)>, 
 }
 
 /// Whether the profile has steps for a verb.
-pub(super) fn require_plan(axis: &Axis, verb: Verb) -> Result<(), Error> {
+pub(super) fn require_plan(axis: &LocalAxis, verb: Verb) -> Result<(), Error> {
     match axis.profile.plan(verb) {
         Some(_) => Ok(()),
         None => Err(axis.unsupported_error(verb.name(), polepair_core::error::Unsupported::NoPlan)),
@@ -79,7 +79,7 @@ pub(super) fn require_plan(axis: &Axis, verb: Verb) -> Result<(), Error> {
 }
 
 /// Runs a command on each axis, all at once, to their ends; the first error counts.
-pub(super) fn run_all(commands: &[(&Axis, Command)]) -> Result<(), Error> {
+pub(super) fn run_all(commands: &[(&LocalAxis, Command)]) -> Result<(), Error> {
     let started: Vec<Result<RunningRequest, Error>> =
         commands.iter().map(|(axis, command)| axis.start(*command)).collect();
     // Each is waited for, whatever became of the others.

@@ -1,6 +1,6 @@
 //! The drive's watchdog: its reaction to a silent host.
 
-use super::Axis;
+use super::LocalAxis;
 use crate::amount::Amount;
 use crate::error::Error;
 use polepair_core::error::{Outcome, Unsupported};
@@ -80,7 +80,7 @@ fn format_time(time: Duration) -> String {
     }
 }
 
-impl Axis {
+impl LocalAxis {
     /// The parameter that [`set_watchdog`](Self::set_watchdog) writes, for requests of this axis'
     /// medium: a TMCL module has one for its serial lines and one for CAN. `None` where the drive has
     /// no watchdog that can be set.

@@ -1,6 +1,6 @@
 //! Links that the calling program provides.
 
-use super::{Connector, Link};
+use super::{Connector, LocalLink};
 use crate::error::Error;
 use crate::url::{self, LinkTarget, Url};
 use crate::wire::AnyLink;
@@ -26,7 +26,7 @@ impl Connector {
         protocol: &str,
         axes: &[u32],
         query: &str,
-    ) -> Result<Link, Error> {
+    ) -> Result<LocalLink, Error> {
         let url = Url {
             protocol: protocol.to_owned(),
             target: LinkTarget::External { name: link.describe(), medium: link.medium() },

@@ -1,6 +1,6 @@
 //! Identifies the drives at the addresses of a connection string.
 
-use super::{Connector, Link, ProtocolLine, identify_expected};
+use super::{Connector, LocalLink, ProtocolLine, identify_expected};
 use crate::error::Error;
 use crate::identify::{IDENTIFY_RETRY_MAX, Identification, Prober};
 use crate::profile::profile_with_steps;
@@ -15,7 +15,7 @@ impl Connector {
     ///
     /// # Errors
     /// As [`connect`](Self::connect); the first axis' error when there is none left.
-    pub fn connect_present(&self, text: &str) -> Result<(Link, Vec<(u32, Error)>), Error> {
+    pub fn connect_present(&self, text: &str) -> Result<(LocalLink, Vec<(u32, Error)>), Error> {
         let url = self.url(text)?;
         let (mut lines, simulation) = self.open_lines(&url)?;
         match self.assemble_link(url.clone(), &lines, simulation.clone(), true) {
@@ -43,7 +43,7 @@ impl Connector {
         }
         let found = Url { names: Vec::new(), ..url.clone() };
         let link =
-            Link { url: url.clone(), ..self.assemble_link(found, &lines, simulation, true)? };
+            LocalLink { url: url.clone(), ..self.assemble_link(found, &lines, simulation, true)? };
         let mut wanted = url.names.iter().filter(|name| !names.contains(name));
         wanted.try_for_each(|name| link.axis_named(name).map(drop))?;
         Ok((link, absent))

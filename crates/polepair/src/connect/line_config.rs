@@ -1,8 +1,8 @@
 //! Settings of an open link that are needed to scan it and to add drives. It does not keep the link open:
 //! only the connections own it.
 
-use super::{Link, ProtocolLine, RackEntry};
-use crate::axis::Axis;
+use super::{LocalLink, ProtocolLine, RackEntry};
+use crate::axis::LocalAxis;
 use crate::error::Error;
 use crate::identify::Identification;
 use crate::mounting::ResolvedMounting;
@@ -120,9 +120,9 @@ impl LineConfig {
     }
 }
 
-impl Link {
+impl LocalLink {
     /// The axes of a wire, with their places among all of the link, in the order of its connection.
-    pub(crate) fn axes_on(&self, wire: usize) -> Vec<(usize, &Axis)> {
+    pub(crate) fn axes_on(&self, wire: usize) -> Vec<(usize, &LocalAxis)> {
         let Some((Some(connection), _)) = self.line_configs.get(wire) else { return Vec::new() };
         let axes = self.axes.iter().enumerate();
         axes.filter(|(_, axis)| axis.connection.is_same(connection)).collect()
@@ -130,7 +130,7 @@ impl Link {
 
     /// The number of an axis' wire, among [all of them](Self::wires).
     #[must_use]
-    pub fn wire_index(&self, axis: &Axis) -> Option<usize> {
+    pub fn wire_index(&self, axis: &LocalAxis) -> Option<usize> {
         let its = |connection: &Connection| connection.is_same(&axis.connection);
         self.line_configs.iter().position(|(connection, _)| connection.as_ref().is_some_and(its))
     }
@@ -207,7 +207,7 @@ impl Link {
                 true => found.identified.clone(),
                 false => Identification::Named,
             };
-            link.axes.push(Axis {
+            link.axes.push(LocalAxis {
                 index,
                 number: found.number,
                 name: entry.name,

@@ -1,17 +1,17 @@
 //! Changes the address or host address of drives while their link is open.
 
-use crate::axis::Axis;
+use crate::axis::LocalAxis;
 use crate::error::Error;
 use crate::url::Url;
 use polepair_core::profile::{AddressRole, ParameterId};
 
-impl Axis {
+impl LocalAxis {
     /// What a write of a parameter changes at once of how the drive is reached, if it does. This axis
     /// then speaks to nobody: [`Url::readdressed`] is where the drive is.
     ///
     /// ```
     /// use polepair_core::profile::AddressRole;
-    /// let link = polepair::connect("sim:tmcl?time=virtual")?;
+    /// let link = polepair::connect_local("sim:tmcl?time=virtual")?;
     /// let axis = &link.axes()[0];
     /// assert_eq!(axis.readdress_effect(axis.find("module address")?, 7)?, Some(AddressRole::Drive));
     /// // 2 is whom the module answers: it could not be asked any more. Nothing is sent.

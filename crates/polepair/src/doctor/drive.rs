@@ -2,7 +2,7 @@
 
 use super::CheckResult;
 use crate::amount::Value;
-use crate::axis::{Axis, WatchdogState};
+use crate::axis::{LocalAxis, WatchdogState};
 use crate::error::{Error, Exit};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
@@ -15,7 +15,7 @@ const TEMPERATURE_MAX: f64 = 75.0;
 const TEMPERATURE_MIN: f64 = -30.0;
 
 /// Looks at one thing; nothing to say where the drive does not tell it.
-type DriveCheck = fn(&Axis, &str) -> Result<Option<CheckResult>, Error>;
+type DriveCheck = fn(&LocalAxis, &str) -> Result<Option<CheckResult>, Error>;
 
 /// Text for a function that a drive lacks.
 pub const ABSENT_TEXT: &str = "this firmware has none";
@@ -24,7 +24,7 @@ pub const ABSENT_TEXT: &str = "this firmware has none";
 /// of a kind have; their firmwares differ.
 ///
 /// ```
-/// let link = polepair::connect("sim:cia402:5?time=virtual")?;
+/// let link = polepair::connect_local("sim:cia402:5?time=virtual")?;
 /// let axis = &link.axes()[0];
 /// let refused = axis.get_raw("0x2345").unwrap_err();
 /// assert!(polepair::doctor::is_absent_error(axis, &refused));
@@ -33,7 +33,7 @@ pub const ABSENT_TEXT: &str = "this firmware has none";
 /// # Ok::<(), polepair::Error>(())
 /// ```
 #[must_use]
-pub fn is_absent_error(axis: &Axis, error: &Error) -> bool {
+pub fn is_absent_error(axis: &LocalAxis, error: &Error) -> bool {
     let Error::Failed { outcome: Outcome::NotDone(Failure::Refused { code }), .. } = error else {
         return false;
     };
@@ -51,7 +51,7 @@ pub fn is_absent_error(axis: &Axis, error: &Error) -> bool {
 ///
 /// # Errors
 /// [`Error`] by blame.
-pub fn read_watchdog(axis: &Axis) -> Result<WatchdogState, Error> {
+pub fn read_watchdog(axis: &LocalAxis) -> Result<WatchdogState, Error> {
     match axis.watchdog() {
         Err(error) if is_absent_error(axis, &error) => Ok(WatchdogState::None),
         other => other,
@@ -59,7 +59,7 @@ pub fn read_watchdog(axis: &Axis) -> Result<WatchdogState, Error> {
 }
 
 /// Looks at one drive, by reads.
-pub(super) fn check_drive(axis: &Axis, on_event: &mut dyn FnMut(CheckResult)) {
+pub(super) fn check_drive(axis: &LocalAxis, on_event: &mut dyn FnMut(CheckResult)) {
     let looks: [DriveCheck; 4] = [check_supply, check_temperature, check_faults, check_power];
     for query in looks {
         let about = axis.label();
@@ -80,7 +80,7 @@ enum Availability<T> {
     Present(T),
 }
 
-fn read_signal(axis: &Axis, signal: Signal) -> Result<Availability<Value>, Error> {
+fn read_signal(axis: &LocalAxis, signal: Signal) -> Result<Availability<Value>, Error> {
     let Some(source) = axis.profile().signal(signal) else { return Ok(Availability::NoSource) };
     match read_if_present(axis, source.parameter)? {
         Some(raw) => axis.value(source.parameter, raw).map(Availability::Present),
@@ -88,7 +88,7 @@ fn read_signal(axis: &Axis, signal: Signal) -> Result<Availability<Value>, Error
     }
 }
 
-fn read_if_present(axis: &Axis, id: ParameterId) -> Result<Option<i64>, Error> {
+fn read_if_present(axis: &LocalAxis, id: ParameterId) -> Result<Option<i64>, Error> {
     match axis.read_optional(id) {
         Err(error) if is_absent_error(axis, &error) => Ok(None),
         other => other,
@@ -111,7 +111,7 @@ fn check_present<T>(
 }
 
 /// The bits of a signal, and whether they mean true where it is a flag.
-fn read_signal_bits(axis: &Axis, signal: Signal) -> Result<Availability<(i64, bool)>, Error> {
+fn read_signal_bits(axis: &LocalAxis, signal: Signal) -> Result<Availability<(i64, bool)>, Error> {
     let Some(source) = axis.profile().signal(signal) else { return Ok(Availability::NoSource) };
     let Some(raw) = read_if_present(axis, source.parameter)? else {
         return Ok(Availability::Absent(signal.name()));
@@ -123,7 +123,7 @@ fn read_signal_bits(axis: &Axis, signal: Signal) -> Result<Availability<(i64, bo
     )))
 }
 
-fn check_supply(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+fn check_supply(axis: &LocalAxis, about: &str) -> Result<Option<CheckResult>, Error> {
     let volts = read_signal(axis, Signal::Voltage)?;
     Ok(check_present(about, volts, |volts| {
         let text = format!("supply {volts}");
@@ -136,7 +136,7 @@ fn check_supply(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> 
     }))
 }
 
-fn check_temperature(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+fn check_temperature(axis: &LocalAxis, about: &str) -> Result<Option<CheckResult>, Error> {
     let degrees = read_signal(axis, Signal::Temperature)?;
     Ok(check_present(about, degrees, |degrees| {
         let text = format!("temperature {degrees}");
@@ -152,13 +152,13 @@ fn check_temperature(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Er
     }))
 }
 
-fn check_faults(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+fn check_faults(axis: &LocalAxis, about: &str) -> Result<Option<CheckResult>, Error> {
     Ok(check_present(about, read_signal_bits(axis, Signal::Fault)?, |(code, _)| {
         fault_check(axis, about, code)
     }))
 }
 
-fn fault_check(axis: &Axis, about: &str, code: i64) -> CheckResult {
+fn fault_check(axis: &LocalAxis, about: &str, code: i64) -> CheckResult {
     let named = crate::faults(axis.profile(), u32::try_from(code).unwrap_or(0));
     if code == 0 {
         return CheckResult::ok(about, "no faults");
@@ -179,7 +179,7 @@ fn fault_check(axis: &Axis, about: &str, code: i64) -> CheckResult {
     }
 }
 
-fn check_power(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+fn check_power(axis: &LocalAxis, about: &str) -> Result<Option<CheckResult>, Error> {
     Ok(check_present(about, read_signal_bits(axis, Signal::Enabled)?, |(_, on)| match on {
         true => CheckResult::suspicious(
             about,
@@ -190,7 +190,7 @@ fn check_power(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
     }))
 }
 
-fn check_watchdog(axis: &Axis) -> CheckResult {
+fn check_watchdog(axis: &LocalAxis) -> CheckResult {
     let (about, profile) = (axis.label(), axis.profile());
     let id = axis.watchdog_parameter();
     let name = id.and_then(|id| profile.parameter(id)).map_or("", |parameter| parameter.name);

@@ -1,7 +1,7 @@
 //! Test of a drive's watchdog: turns the motor, stops sending, and checks that the motor stops.
 
 use super::{CheckResult, read_watchdog};
-use crate::axis::{Axis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
+use crate::axis::{LocalAxis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
 use crate::error::{Error, Exit, MAY_TURN};
 use polepair_core::axis::Verb;
 use polepair_core::profile::{AxisKind, ParameterId, Persistence, Signal, Watchdog};
@@ -43,7 +43,7 @@ pub trait ProofObserver {
 
     /// Called if a stop was not confirmed; returns whether it is repeated. `turns` is false if standstill
     /// was confirmed, or the motor was never started.
-    fn retry_stop(&mut self, axis: &Axis, turns: bool) -> bool {
+    fn retry_stop(&mut self, axis: &LocalAxis, turns: bool) -> bool {
         let _ = (axis, turns);
         true
     }
@@ -89,7 +89,7 @@ impl std::error::Error for ProofError {}
 /// # Errors
 /// [`ProofError`]: by source, with the state of the motor.
 pub fn prove_watchdog(
-    axis: &Axis,
+    axis: &LocalAxis,
     after: Option<Duration>,
     witness: &mut dyn ProofObserver,
 ) -> Result<(), ProofError> {
@@ -122,7 +122,7 @@ pub fn prove_watchdog(
 }
 
 /// Sets the watchdog to what it was, where that is known.
-fn restore_watchdog(axis: &Axis, before: Option<Vec<(ParameterId, i64)>>) -> CheckResult {
+fn restore_watchdog(axis: &LocalAxis, before: Option<Vec<(ParameterId, i64)>>) -> CheckResult {
     let about = axis.label();
     let Some(before) = before else {
         let text = "its watchdog stays set: the drive does not report its earlier setting";
@@ -165,7 +165,7 @@ enum MotorObservation {
 }
 
 fn run_proof(
-    axis: &Axis,
+    axis: &LocalAxis,
     state: WatchdogState,
     witness: &mut dyn ProofObserver,
 ) -> Result<(), ProofError> {
@@ -250,7 +250,7 @@ fn is_communication_error(error: &Error) -> bool {
 }
 
 /// Fails if the caller has cancelled.
-fn check_cancelled(axis: &Axis, witness: &dyn ProofObserver) -> Result<(), Error> {
+fn check_cancelled(axis: &LocalAxis, witness: &dyn ProofObserver) -> Result<(), Error> {
     match witness.is_cancelled() {
         false => Ok(()),
         true => Err(Error::Interrupted { what: format!("{}: proving its watchdog", axis.label()) }),
@@ -259,7 +259,7 @@ fn check_cancelled(axis: &Axis, witness: &dyn ProofObserver) -> Result<(), Error
 
 /// Waits, unless the caller cancels.
 fn sleep_unless_cancelled(
-    axis: &Axis,
+    axis: &LocalAxis,
     span: Duration,
     witness: &dyn ProofObserver,
 ) -> Result<(), Error> {
@@ -276,14 +276,14 @@ fn sleep_unless_cancelled(
 }
 
 /// Whether it is seen to turn, by asking.
-fn poll_turning(axis: &Axis) -> Result<bool, Error> {
+fn poll_turning(axis: &LocalAxis) -> Result<bool, Error> {
     axis.signals(&[Signal::Velocity])?;
     Ok(axis.is_turning() == Some(true))
 }
 
 /// An armed motor. Whatever ends the proof stops it, a panic too.
 struct ArmedMotor<'a> {
-    axis: &'a Axis,
+    axis: &'a LocalAxis,
     /// The start was sent, with or without a reply.
     moved: bool,
     released: bool,
@@ -343,7 +343,7 @@ impl ArmedMotor<'_> {
         self.stop_and_disarm(&mut |axis| witness.retry_stop(axis, turns))
     }
 
-    fn stop_and_disarm(&mut self, again: &mut dyn FnMut(&Axis) -> bool) -> ReleaseResult {
+    fn stop_and_disarm(&mut self, again: &mut dyn FnMut(&LocalAxis) -> bool) -> ReleaseResult {
         self.released = true;
         let axis = self.axis;
         let one = std::slice::from_ref(axis);

@@ -1,5 +1,5 @@
 use crate::simulate::rack_of_text;
-use crate::{Axis, Connector, Link};
+use crate::{Connector, LocalAxis, LocalLink};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use polepair_core::stream::{PathKind, Point};
@@ -9,22 +9,22 @@ use std::time::Duration;
 const TMCM: &str = "profile = 'tmcm-171'\n";
 
 /// A rack of one drive, opened.
-fn opened(name: &str, drive: &str) -> Link {
+fn opened(name: &str, drive: &str) -> LocalLink {
     let file = std::env::temp_dir().join(format!("polepair-{}-{name}.toml", std::process::id()));
     std::fs::write(&file, format!("[[link]]\nname = 'l'\n[[link.drive]]\nname = 'x'\n{drive}"))
         .expect("a folder for temporary files");
     let url = format!("rack:{}?time=virtual#x", file.display());
-    let link = Connector::default().connect(&url);
+    let link = Connector::default().connect_local(&url);
     std::fs::remove_file(&file).expect("it was written");
     link.unwrap_or_else(|error| panic!("{drive}: {error}"))
 }
 
-fn position(axis: &Axis) -> f64 {
+fn position(axis: &LocalAxis) -> f64 {
     axis.signals(&[Signal::Position]).expect("it tells its position")[0].value
 }
 
 /// What the motor itself did, rad.
-fn turned(link: &Link) -> f64 {
+fn turned(link: &LocalLink) -> f64 {
     link.simulation().expect("simulated").truth(0, 0).expect("a drive").position
 }
 

@@ -3,10 +3,10 @@
 use super::{
     ScanAddresses, ScanProgress, ScanReport, addresses_to_query, exclude_clashing, mark_clashes,
 };
-use crate::axis::Axis;
+use crate::axis::LocalAxis;
 use crate::bus::{self, BusAddress};
 use crate::clash::{duplicate_address_text, stray_answers_text};
-use crate::connect::{AnyBorrowedLink, Connector, LineConfig, Link, ProtocolLine};
+use crate::connect::{AnyBorrowedLink, Connector, LineConfig, LocalLink, ProtocolLine};
 use crate::error::Error;
 use crate::identify::{Identification, ProbeResult, Prober, is_answer};
 use crate::lss::{self, LssMaster};
@@ -31,7 +31,7 @@ const MISADDRESSED_MIN: usize = 2;
 /// # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 /// use polepair::scan::DriveScanner;
 /// let connector = polepair::Connector::default();
-/// let link = connector.connect("sim:tmcl?axes=3&time=virtual#1")?;
+/// let link = connector.connect_local("sim:tmcl?axes=3&time=virtual#1")?;
 /// let mut look = DriveScanner::on_link(&connector, &link, 0, 1..=5)?;
 /// while look.next_address(&|| false)?.is_some() {
 ///     look.query_next(&|| false)?;
@@ -83,14 +83,14 @@ enum ScanTarget {
 #[derive(Debug)]
 struct KnownAxis {
     index: usize,
-    axis: Axis,
+    axis: LocalAxis,
     bus_address: (usize, BusAddress),
 }
 
 /// Whether an axis that the link has answered.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct AxisAnswer {
-    /// Its place in [`Link::axes`].
+    /// Its place in [`LocalLink::axes`].
     pub index: usize,
     /// Its address.
     pub number: u32,
@@ -148,7 +148,7 @@ impl DriveScanner {
     /// [`Error::Usage`] `E212` for a wire that there is not.
     pub fn on_link(
         connector: &Connector,
-        link: &Link,
+        link: &LocalLink,
         wire: usize,
         numbers: impl Into<ScanAddresses>,
     ) -> Result<Self, Error> {
@@ -162,7 +162,11 @@ impl DriveScanner {
                 .find(|line_config| line_config.protocol.name == axis.protocol())?
                 .protocol;
             let entry = BusAddress { protocol: info.clone(), address: axis.number() };
-            Some(KnownAxis { index: *position, axis: Axis::clone(axis), bus_address: (0, entry) })
+            Some(KnownAxis {
+                index: *position,
+                axis: LocalAxis::clone(axis),
+                bus_address: (0, entry),
+            })
         });
         let known = known.collect();
         let connection = axes.first().map(|(_, axis)| axis.connection().clone());

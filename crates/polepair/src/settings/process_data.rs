@@ -2,7 +2,7 @@
 //! length, switch it on (CiA 301, 7.5.2.36 and 7.5.2.38).
 
 use super::{AxisSettings, SettingChange};
-use crate::axis::Axis;
+use crate::axis::LocalAxis;
 use crate::eds::{Eds, raw_value};
 use crate::error::Error;
 use polepair_core::error::{Failure, Outcome};
@@ -26,7 +26,7 @@ pub(super) fn is_unused_entry(eds: &Eds, index: u16, sub: u8) -> bool {
 }
 
 /// Whether an error is the refusal of a drive to tell an entry of a mapping.
-pub(super) fn is_refused_entry(axis: &Axis, id: ParameterId, error: &Error) -> bool {
+pub(super) fn is_refused_entry(axis: &LocalAxis, id: ParameterId, error: &Error) -> bool {
     let Error::Failed { outcome: Outcome::NotDone(Failure::Refused { .. }), .. } = error else {
         return false;
     };
@@ -53,7 +53,7 @@ impl AxisSettings {
     /// [`Error`] by blame: the COB-ID of a PDO that is configured is read.
     pub fn writes(
         &self,
-        axis: &Axis,
+        axis: &LocalAxis,
         changes: &[SettingChange],
     ) -> Result<Vec<SettingWrite>, Error> {
         let (mut writes, mut pdos) = (Vec::new(), BTreeSet::new());
@@ -79,7 +79,7 @@ impl AxisSettings {
     /// The writes that configure one PDO as the settings have it.
     fn write_pdo(
         &self,
-        axis: &Axis,
+        axis: &LocalAxis,
         communication: u16,
         writes: &mut Vec<SettingWrite>,
     ) -> Result<(), Error> {

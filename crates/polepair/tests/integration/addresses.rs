@@ -2,15 +2,15 @@
 
 use polepair::axis::{ParameterValue, summarize_details};
 use polepair::scan::scan;
-use polepair::{Connector, Error, Link};
+use polepair::{Connector, Error, LocalLink};
 use polepair_core::profile::Encoding;
 use std::ops::ControlFlow;
 
-fn open(url: &str) -> Link {
-    polepair::connect(&format!("{url}?time=virtual")).unwrap()
+fn open(url: &str) -> LocalLink {
+    polepair::connect_local(&format!("{url}?time=virtual")).unwrap()
 }
 
-fn refusal(link: &Link, address: &str) -> String {
+fn refusal(link: &LocalLink, address: &str) -> String {
     let axis = &link.axes()[0];
     let id = axis.find(address).unwrap();
     axis.write(id, 1, false).unwrap_err().to_string()
@@ -123,7 +123,7 @@ fn a_drive_tells_its_name_and_versions() {
         ("sim:modbus-rtu", ""),
     ] {
         let joint = if url.contains('?') { '&' } else { '?' };
-        let link = polepair::connect(&format!("{url}{joint}time=virtual")).unwrap();
+        let link = polepair::connect_local(&format!("{url}{joint}time=virtual")).unwrap();
         let details = link.axes()[0].device_details().unwrap();
         let text = summarize_details(&details);
         assert!(text.starts_with(shown) && (text.is_empty() == shown.is_empty()), "{url}: {text}");
@@ -149,7 +149,7 @@ fn text_and_bytes_are_read_on_a_bus_of_several_protocols() {
         format!("[[link]]\nname = \"bus\"\nkind = \"can\"\nbitrate = 500000\n{drives}"),
     )
     .unwrap();
-    let link = polepair::connect(&format!("sim:{}?time=virtual", rack.display())).unwrap();
+    let link = polepair::connect_local(&format!("sim:{}?time=virtual", rack.display())).unwrap();
     let node = link.axes().iter().find(|axis| axis.name() == "node").unwrap();
     assert_eq!(node.get_text("1008h").unwrap(), "Polepair CiA 402 drive");
     let id = node.find("0x2F01:2:bytes").unwrap();

@@ -1,10 +1,10 @@
 //! The library against simulated drives on CAN buses, in virtual time.
 
-use polepair::connect::connect;
+use polepair::connect_local;
 use polepair::error::Exit;
 use polepair::scan::{ScanAddresses, scan};
 use polepair::simulate::{Simulation, SimulationPace, rack_of_text, rack_of_words};
-use polepair::{AnyTap, Connector, Error, Identification, Link};
+use polepair::{AnyTap, Connector, Error, Identification, LocalLink};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::medium::{Can, Frame, MediumKind, Stream};
 use polepair_core::profile::Signal;
@@ -35,8 +35,8 @@ impl Tap<Stream> for Watcher {
     }
 }
 
-fn tapped(url: &str, tap: impl AnyTap + 'static) -> Result<Link, Error> {
-    Connector::default().with_tap(tap).connect(url)
+fn tapped(url: &str, tap: impl AnyTap + 'static) -> Result<LocalLink, Error> {
+    Connector::default().with_tap(tap).connect_local(url)
 }
 
 #[test]
@@ -66,7 +66,7 @@ fn tmcl_modules_on_a_bus_are_found_and_turned() {
 
 #[test]
 fn a_rehearsal_on_can_shows_frames_and_sends_none() {
-    let link = connect("sim:tmcl+can?time=virtual").unwrap();
+    let link = connect_local("sim:tmcl+can?time=virtual").unwrap();
     let axis = link.axis(1).unwrap();
     let before = link.counters(&axis).sent;
     let steps = axis.rehearse(Command::new(Verb::Stop)).unwrap();
@@ -112,7 +112,7 @@ fn a_relay_brings_its_host_to_the_axes_behind_it() {
     let file = std::env::temp_dir().join(format!("polepair-relay-{}.toml", std::process::id()));
     std::fs::write(&file, RELAY).unwrap();
     let url = format!("sim:{}?time=virtual", file.display());
-    let link = connect(&url).unwrap();
+    let link = connect_local(&url).unwrap();
     let numbers: Vec<u32> = link.axes().iter().map(|axis| axis.number()).collect();
     assert_eq!(numbers, [255, 1, 5]);
     let far = link.axis_named("y").unwrap();
@@ -133,7 +133,7 @@ fn an_axis_id_is_left_to_the_switches() {
     for (options, expected) in [("", 255), ("options = { switches = 9 }\n", 9)] {
         let rack = RELAY.replace("address = 255\n", &format!("address = 0\n{options}"));
         std::fs::write(&file, rack).unwrap();
-        let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();
+        let link = connect_local(&format!("sim:{}?time=virtual", file.display())).unwrap();
         let relay = link.axis_named("relay").unwrap();
         assert_eq!(relay.number(), expected);
         assert_eq!(relay.get("AAR").unwrap().raw & 0xFF, i64::from(expected));
@@ -167,13 +167,13 @@ fn a_rack_says_what_is_wrong_with_its_links() {
 #[test]
 fn an_address_that_a_request_cannot_hold_is_refused() {
     // Cut to eleven bits, 2049 would be module 1.
-    let error = connect("tmcl+udp://239.74.163.2:43113#2049").unwrap_err();
+    let error = connect_local("tmcl+udp://239.74.163.2:43113#2049").unwrap_err();
     assert_eq!((error.code(), error.exit()), ("E212", Exit::Usage), "{error}");
 }
 
 #[test]
 fn groups_are_told_and_not_asked() {
-    let link = connect("sim:tmlcan:5,7?time=virtual#5,g1").unwrap();
+    let link = connect_local("sim:tmlcan:5,7?time=virtual#5,g1").unwrap();
     let group = &link.axes()[1];
     assert_eq!((group.label().as_str(), group.identified()), ("axes g1", &Identification::Group));
     group.stop().unwrap();
@@ -181,7 +181,7 @@ fn groups_are_told_and_not_asked() {
         ("sim:tmcl?time=virtual#1,g1", "this protocol has no groups"),
         ("sim:technocan:5?time=virtual#g6", "groups are g1 to g5"),
     ] {
-        let error = connect(url).unwrap_err();
+        let error = connect_local(url).unwrap_err();
         assert_eq!((error.code(), error.exit()), ("E212", Exit::Usage), "{error}");
         assert!(error.hint().contains(text), "{error:?}");
     }
@@ -195,7 +195,7 @@ fn faults_of_a_bus_are_survived() {
     assert!(Simulation::new(&rack, 1, SimulationPace::Virtual).is_ok());
     let file = std::env::temp_dir().join(format!("polepair-faulty-{}.toml", std::process::id()));
     std::fs::write(&file, text).unwrap();
-    let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();
+    let link = connect_local(&format!("sim:{}?time=virtual", file.display())).unwrap();
     let axis = &link.axes()[0];
     for raw in 1..=200 {
         axis.set_raw("max current", raw).unwrap();
@@ -253,7 +253,7 @@ fn reports_bring_signals_that_nobody_asked_for() {
     assert!(refused.code() == "E213" && refused.to_string().contains("torque"), "{refused}");
     let refused = axis.set_reports(&signals, Duration::from_secs(66)).unwrap_err();
     assert_eq!(refused.code(), "E216", "{refused}");
-    let others = connect("sim:tmcl?time=virtual").unwrap();
+    let others = connect_local("sim:tmcl?time=virtual").unwrap();
     let refused = others.axes()[0].set_reports(&[Signal::Velocity], interval).unwrap_err();
     assert_eq!(refused.code(), "E213", "{refused}");
 }

@@ -1,10 +1,10 @@
 //! Modules with CAN identifiers above FFh, and hosts that a module does not answer.
 
-use polepair::connect;
+use polepair::connect_local;
 
 #[test]
 fn a_module_with_an_identifier_of_eleven_bits_is_commanded() {
-    let link = connect("sim:tmcm-1140+can:0x301,0x702?time=virtual#0x301,0x702").unwrap();
+    let link = connect_local("sim:tmcm-1140+can:0x301,0x702?time=virtual#0x301,0x702").unwrap();
     for number in [0x301, 0x702] {
         let axis = link.axis(number).unwrap();
         assert_eq!(axis.get_raw("GP 71").unwrap(), i64::from(number));
@@ -15,8 +15,9 @@ fn a_module_with_an_identifier_of_eleven_bits_is_commanded() {
     let frames = link.axis(0x702).unwrap().rehearse_raw("GAP 1").unwrap().frames;
     assert_eq!(frames[0].frame.unwrap().id, 0x702);
     // Their replies could not be told apart.
-    let link = connect("sim:tmcm-1140+can:0x101,0x201?time=virtual&profile=tmcm-1140#0x101,0x201")
-        .unwrap();
+    let link =
+        connect_local("sim:tmcm-1140+can:0x101,0x201?time=virtual&profile=tmcm-1140#0x101,0x201")
+            .unwrap();
     link.axis(0x101).unwrap().get_raw("actual position").unwrap();
     let refused = link.axis(0x201).unwrap().get_raw("actual position").unwrap_err();
     assert!(refused.code() == "E222" && refused.to_string().contains("low byte"), "{refused}");
@@ -28,7 +29,7 @@ fn a_module_that_answers_another_host_is_said_to() {
         ("sim:tmcm-1140?time=virtual", "host address"),
         ("sim:tmcm-1140+can?time=virtual", "can reply id"),
     ] {
-        let link = connect(url).unwrap();
+        let link = connect_local(url).unwrap();
         let axis = link.axis(1).unwrap();
         axis.set(setting, "5").unwrap();
         let silent = axis.get_raw("actual position").unwrap_err();

@@ -1,8 +1,8 @@
 //! What happens on a link though nobody asked, from simulated drives in virtual time.
 
-use polepair::connect::connect;
+use polepair::connect_local;
 use polepair::events::{EVENTS_MAX, Event, EventKind, Events};
-use polepair::{AnyLink, Axis, Link};
+use polepair::{AnyLink, LocalAxis, LocalLink};
 use polepair_core::axis::Presence;
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::Frame;
@@ -15,8 +15,8 @@ use std::time::Duration;
 const SECOND: Duration = Duration::from_secs(1);
 
 /// A node that sends its statusword and position every millisecond by itself.
-fn sending(url: &str) -> (Link, Axis) {
-    let link = connect(url).unwrap();
+fn sending(url: &str) -> (LocalLink, LocalAxis) {
+    let link = connect_local(url).unwrap();
     let axis = link.axes()[0].clone();
     axis.raw("nmt pre-operational").unwrap();
     let identifier = axis.get_raw("tpdo 1 identifier").unwrap();
@@ -74,7 +74,7 @@ fn process_data_of_an_idle_link_are_all_told() {
 
 #[test]
 fn what_was_mapped_by_others_is_learnt() {
-    let link = connect("sim:cia402:2?time=virtual").unwrap();
+    let link = connect_local("sim:cia402:2?time=virtual").unwrap();
     let axis = &link.axes()[0];
     let events = axis.events().unwrap();
     // After a restart the mapping is the drive's own, and unknown until somebody asks.
@@ -95,7 +95,7 @@ fn what_was_mapped_by_others_is_learnt() {
 
 #[test]
 fn a_fault_is_told_with_its_cause_and_remedy_and_when_it_is_over() {
-    let link = connect("sim:cia402:2?time=virtual").unwrap();
+    let link = connect_local("sim:cia402:2?time=virtual").unwrap();
     let events = link.events().unwrap();
     let known = link.axes()[0].profile().faults;
     let short = known.iter().find(|f| f.severity == Severity::Fault && f.code < 1 << 16).unwrap();
@@ -112,7 +112,7 @@ fn a_fault_is_told_with_its_cause_and_remedy_and_when_it_is_over() {
 
 #[test]
 fn a_heartbeat_that_fails_to_come_disarms() {
-    let link = connect("sim:cia402:2?time=virtual").unwrap();
+    let link = connect_local("sim:cia402:2?time=virtual").unwrap();
     let axis = &link.axes()[0];
     axis.set_raw("heartbeat time", 100).unwrap();
     let events = link.events().unwrap();
@@ -163,7 +163,7 @@ fn a_slow_listener_is_told_what_it_lost() {
 
 #[test]
 fn listeners_of_one_axis_do_not_hear_of_others() {
-    let link = connect("sim:cia402:2,3?time=virtual#2,3").unwrap();
+    let link = connect_local("sim:cia402:2,3?time=virtual#2,3").unwrap();
     let events = link.axes()[1].events().unwrap();
     link.axes()[0].arm(true);
     link.axes()[1].arm(true);
@@ -175,7 +175,7 @@ fn listeners_of_one_axis_do_not_hear_of_others() {
 #[test]
 fn a_serial_drive_tells_its_errors_unasked() {
     // TML communication manual, chapter 3: messages of type C.
-    let link = connect("sim:tml?time=virtual").unwrap();
+    let link = connect_local("sim:tml?time=virtual").unwrap();
     let axis = &link.axes()[0];
     axis.set_raw("motion error mask", 1 << 12).unwrap();
     let events = link.events().unwrap();
@@ -188,7 +188,7 @@ fn a_serial_drive_tells_its_errors_unasked() {
 
 #[test]
 fn a_wait_ends_when_somebody_interrupts() {
-    let link = connect("sim:tmcl").unwrap();
+    let link = connect_local("sim:tmcl").unwrap();
     let events = link.events().unwrap();
     link.interrupters().iter().for_each(polepair_link::Interrupter::interrupt);
     assert_eq!(Iterator::next(&mut &events), None);
@@ -220,7 +220,7 @@ fn a_waker_is_woken_by_the_thread_that_reads() {
 /// C): one that the profile does not name is an event as well.
 #[test]
 fn a_value_at_an_address_of_the_users_own_is_an_event() {
-    let link = connect("sim:technosoft-f514l:1?time=virtual").unwrap();
+    let link = connect_local("sim:technosoft-f514l:1?time=virtual").unwrap();
     let axis = &link.axes()[0];
     let events = axis.events().unwrap();
     axis.arm(true);

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use polepair::axis::StopSequence;
 use polepair::no_reply::{NoReplyCause, NoReplyDetails};
-use polepair::{Error, connect};
+use polepair::{Error, connect_local};
 use polepair_link::pty::Pty;
 use polepair_link::{LinkIo as _, Received, clock};
 
@@ -49,7 +49,7 @@ impl OddDrive {
         let others = if number == 1 { "1".to_owned() } else { format!("1,{number}") };
         let url =
             format!("{protocol}+serial://{}?profile={profile}&timeout=100#{others}", self.path);
-        let read = connect(&url).and_then(|link| {
+        let read = connect_local(&url).and_then(|link| {
             let axis = link.axis(number).expect("an axis");
             axis.get_raw(name)
         });
@@ -120,7 +120,7 @@ fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
 fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
     let odd_drive = OddDrive::giving(|_| vec![b'O']);
     let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=100#1", odd_drive.path);
-    let link = connect(&url).expect("a link");
+    let link = connect_local(&url).expect("a link");
     let mut stopping = StopSequence::begin(&link.axes()[0]);
     stopping.wait(&link.axes()[0], Duration::from_secs(10));
     let error = stopping.trouble().expect("nothing is told");
@@ -142,6 +142,6 @@ fn a_wrong_check_on_modbus_is_told() {
 fn who_connects_without_a_profile_is_told_as_well() {
     let odd_drive = OddDrive::giving(|_| tmcl(1, 7));
     let url = format!("tmcl+serial://{}?timeout=100#1", odd_drive.path);
-    let (details, text) = failed(connect(&url).map(drop));
+    let (details, text) = failed(connect_local(&url).map(drop));
     assert!(details.corrupt > 0 && text.contains("does not answer on"), "{text}");
 }

@@ -1,7 +1,7 @@
 //! Programs of TMCL modules, from their text to what the simulated module does.
 
 use polepair::instruction_program::language_of;
-use polepair::{Axis, InstructionProgram, connect};
+use polepair::{InstructionProgram, LocalAxis, connect_local};
 use std::time::Duration;
 
 const STEP: Duration = Duration::from_millis(5);
@@ -12,7 +12,7 @@ fn assemble(text: &str) -> InstructionProgram {
 }
 
 /// Runs the loaded program to its end.
-fn run(axis: &Axis) {
+fn run(axis: &LocalAxis) {
     axis.run_instructions(Some(0)).unwrap();
     for _ in 0..10_000 {
         if !axis.program_status().unwrap().running {
@@ -23,13 +23,13 @@ fn run(axis: &Axis) {
     panic!("the program did not end");
 }
 
-fn variable(axis: &Axis, number: u16) -> i64 {
+fn variable(axis: &LocalAxis, number: u16) -> i64 {
     axis.get_raw(&format!("GP {number}.2")).unwrap()
 }
 
 /// What a program leaves in user variable 1.
 fn result(text: &str) -> i64 {
-    let link = connect("sim:tmcm-6110?time=virtual#1").unwrap();
+    let link = connect_local("sim:tmcm-6110?time=virtual#1").unwrap();
     let axis = link.axis(1).unwrap();
     let armed = axis.armed().unwrap();
     armed.download_instructions(&assemble(text), |_| ()).unwrap();
@@ -87,7 +87,7 @@ fn a_program_is_stored_read_back_and_stepped_through() {
         "sim:tmcm-1140+can?time=virtual",
         "sim:tmcm-171?time=virtual",
     ] {
-        let link = connect(url).unwrap();
+        let link = connect_local(url).unwrap();
         let axis = link.axis(1).unwrap();
         // The type of CALC SUB is 1, as the status for a wrong checksum.
         let text = "Loop: CALC SUB, 2\nSAP 4, 0, 500\nCALC ADD, 1\nJA Loop\nSTOP\nSTOP";
@@ -126,7 +126,7 @@ fn a_program_is_stored_read_back_and_stepped_through() {
 
 #[test]
 fn no_program_is_stored_while_a_motor_of_the_module_turns() {
-    let link = connect("sim:tmcm-6110?time=virtual").unwrap();
+    let link = connect_local("sim:tmcm-6110?time=virtual").unwrap();
     let other = link.axis_named("1.4").unwrap();
     let turning = other.armed().unwrap();
     turning.velocity("30 rpm").unwrap();
@@ -141,7 +141,7 @@ fn no_program_is_stored_while_a_motor_of_the_module_turns() {
 /// A module that another host has told to store instructions carries out nothing, a stop neither.
 #[test]
 fn a_module_that_stores_instructions_is_not_said_to_have_done_anything() {
-    let link = connect("sim:tmcm-1140?time=virtual").unwrap();
+    let link = connect_local("sim:tmcm-1140?time=virtual").unwrap();
     let axis = link.axis(1).unwrap();
     let armed = axis.armed().unwrap();
     armed.raw("START DOWNLOAD 0, 0, 0").unwrap();

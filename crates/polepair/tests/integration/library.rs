@@ -1,17 +1,17 @@
 //! The library against simulated drives, in virtual time.
 
-use polepair::connect::connect;
+use polepair::connect_local;
 use polepair::error::Exit;
 use polepair::scan::{ScanAddresses, scan};
 use polepair::simulate::{Simulation, SimulationPace, rack_of_text, rack_of_words};
-use polepair::{Axis, Connector, Error, Identification};
+use polepair::{Connector, Error, Identification, LocalAxis};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use std::time::Duration;
 
 #[test]
 fn a_simulated_drive_is_identified_and_read_by_name() {
-    let link = connect("sim:syntron-ts?time=virtual#1").unwrap();
+    let link = connect_local("sim:syntron-ts?time=virtual#1").unwrap();
     let axis = link.axis(1).unwrap();
     assert_eq!(axis.profile().name, "syntron-ts");
     assert!(matches!(axis.identified(), Identification::Queried { .. }));
@@ -26,14 +26,14 @@ fn a_simulated_drive_is_identified_and_read_by_name() {
 #[test]
 fn both_modbus_encodings_reach_the_same_drive() {
     for url in ["sim:modbus-rtu?time=virtual", "sim:modbus-ascii?time=virtual"] {
-        let link = connect(url).unwrap();
+        let link = connect_local(url).unwrap();
         assert_eq!(link.axes()[0].get_raw("control mode").unwrap(), 2, "{url}");
     }
 }
 
 #[test]
 fn a_value_outside_its_limits_is_refused_before_a_byte_is_sent() {
-    let link = connect("sim:syntron-ts?time=virtual").unwrap();
+    let link = connect_local("sim:syntron-ts?time=virtual").unwrap();
     let axis = &link.axes()[0];
     let before = link.counters(axis).sent;
     let error = axis.set_raw("control mode", 21).unwrap_err();
@@ -46,7 +46,7 @@ fn a_value_outside_its_limits_is_refused_before_a_byte_is_sent() {
 
 #[test]
 fn a_word_sets_a_value_and_a_rehearsal_sends_nothing() {
-    let link = connect("sim:syntron-ts?time=virtual").unwrap();
+    let link = connect_local("sim:syntron-ts?time=virtual").unwrap();
     let axis = &link.axes()[0];
     let before = link.counters(axis).sent;
     let steps = axis.rehearse(Command::new(Verb::Disable)).unwrap();
@@ -60,7 +60,7 @@ fn a_word_sets_a_value_and_a_rehearsal_sends_nothing() {
 
 #[test]
 fn a_drive_that_is_not_ready_says_what_to_do() {
-    let link = connect("sim:syntron-ts?time=virtual").unwrap();
+    let link = connect_local("sim:syntron-ts?time=virtual").unwrap();
     let error = link.axes()[0].armed().map(drop).unwrap_err();
     assert_eq!((error.code(), error.exit()), ("E602", Exit::Refused));
     assert!(error.hint().contains("Fn_00"), "{error}: {}", error.hint());
@@ -88,7 +88,7 @@ fn a_scan_finds_who_is_there_and_says_what_it_tried() {
 #[test]
 fn a_silent_address_is_an_error_that_says_so() {
     let rack = "sim:syntron-ts:3?time=virtual";
-    assert_eq!(connect(rack).unwrap().axes()[0].number(), 3);
+    assert_eq!(connect_local(rack).unwrap().axes()[0].number(), 3);
     let connector = Connector::default();
     let none = scan(&connector, rack, 4..=5, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
     assert!(none.found.is_empty());
@@ -100,7 +100,7 @@ fn a_silent_address_is_an_error_that_says_so() {
 
 #[test]
 fn threads_share_a_link() {
-    let link = connect("sim:syntron-ts?axes=2&time=virtual").unwrap();
+    let link = connect_local("sim:syntron-ts?axes=2&time=virtual").unwrap();
     std::thread::scope(|scope| {
         for axis in link.axes() {
             scope.spawn(move || {
@@ -144,7 +144,7 @@ fn a_users_file_makes_an_unknown_drive_speak_by_name() {
     let file = folder.join("acme-7.toml");
     std::fs::write(&file, UNKNOWN).unwrap();
     let connector = Connector::default().with_profile(&file).unwrap();
-    let link = connector.connect("sim:modbus-rtu?time=virtual&profile=acme-7").unwrap();
+    let link = connector.connect_local("sim:modbus-rtu?time=virtual&profile=acme-7").unwrap();
     let axis = &link.axes()[0];
     assert_eq!((axis.profile().name, axis.identified()), ("acme-7", &Identification::Named));
     assert_eq!(axis.get("What-It-Follows").unwrap().to_string(), "pulses");
@@ -156,7 +156,7 @@ fn a_users_file_makes_an_unknown_drive_speak_by_name() {
     assert_eq!(axis.get_raw("set speed").unwrap(), 0);
     axis.arm(true);
     assert_eq!(axis.velocity(1.0).unwrap_err().code(), "E218");
-    let error = connector.connect("sim:modbus-rtu?time=virtual&profile=acme-8").unwrap_err();
+    let error = connector.connect_local("sim:modbus-rtu?time=virtual&profile=acme-8").unwrap_err();
     assert!(error.to_string().contains("did you mean `acme-7`?"), "{error}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
@@ -169,7 +169,7 @@ fn a_rack_file_has_named_drives_on_several_links() {
                 profile = \"syntron-ts\"\naddress = 4\n";
     let file = std::env::temp_dir().join(format!("polepair-rack-{}.toml", std::process::id()));
     std::fs::write(&file, text).unwrap();
-    let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();
+    let link = connect_local(&format!("sim:{}?time=virtual", file.display())).unwrap();
     assert_eq!(link.axes().len(), 2);
     assert_eq!(link.axis_named("y").unwrap().protocol(), "modbus-ascii");
     assert_eq!(link.axis_named("x").unwrap().get_raw("control mode").unwrap(), 2);
@@ -207,7 +207,7 @@ fn words_make_racks() {
 
 #[test]
 fn real_time_passes_as_on_the_wall() {
-    let link = connect("sim:modbus-rtu").unwrap();
+    let link = connect_local("sim:modbus-rtu").unwrap();
     let simulation = link.simulation().unwrap();
     let before = simulation.now();
     assert_eq!(link.axes()[0].get_raw("control mode").unwrap(), 2);
@@ -240,7 +240,7 @@ fn named_links_are_looked_up_from_the_folder_upward() {
 
 #[test]
 fn a_rehearsed_move_knows_its_scale() {
-    let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
+    let link = polepair::connect_local("sim:tmcl?time=virtual").unwrap();
     let command = Command { target: Some(std::f64::consts::TAU), ..Command::new(Verb::MoveTo) };
     let steps = link.axes()[0].rehearse(command).unwrap();
     // MVP ABS by 4096 encoder steps, as the factory counts a turn.
@@ -250,13 +250,13 @@ fn a_rehearsed_move_knows_its_scale() {
 
 #[test]
 fn every_axis_of_a_link_is_stopped() {
-    let link = connect("sim:tmcl:1,3?time=virtual").unwrap();
+    let link = connect_local("sim:tmcl:1,3?time=virtual").unwrap();
     let armed: Vec<_> = link.axes().iter().map(|axis| axis.armed().unwrap()).collect();
     for axis in &armed {
         axis.velocity("60rpm").unwrap();
     }
     link.sleep(Duration::from_secs(1));
-    let speed = |axis: &Axis| axis.signals(&[Signal::Velocity]).unwrap()[0].value;
+    let speed = |axis: &LocalAxis| axis.signals(&[Signal::Velocity]).unwrap()[0].value;
     let speeds = || link.axes().iter().map(speed).collect::<Vec<f64>>();
     assert!(speeds().iter().all(|speed| (5.0..7.5).contains(speed)), "{:?}", speeds());
     link.stop_all().unwrap();
@@ -266,7 +266,7 @@ fn every_axis_of_a_link_is_stopped() {
 
 #[test]
 fn the_protocols_own_bytes_are_held_to_its_words() {
-    let link = connect("sim:tmcl?time=virtual#1").unwrap();
+    let link = connect_local("sim:tmcl?time=virtual#1").unwrap();
     let axis = &link.axes()[0];
     let current = axis.raw("GAP 6, 0").unwrap();
     let bytes = [1, 6, 6, 0, 0, 0, 0, 0, 13];
@@ -285,7 +285,7 @@ fn the_protocols_own_bytes_are_held_to_its_words() {
 
 #[test]
 fn a_link_that_is_closed_is_closed_for_every_axis_that_is_held() {
-    let link = connect("sim:tmcl?time=virtual").unwrap();
+    let link = connect_local("sim:tmcl?time=virtual").unwrap();
     let axis = link.axis(1).unwrap();
     axis.get("max current").unwrap();
     link.close();
@@ -296,7 +296,7 @@ fn a_link_that_is_closed_is_closed_for_every_axis_that_is_held() {
 
 #[test]
 fn text_for_a_motion_needs_a_unit() {
-    let link = connect("sim:tmcl?time=virtual").unwrap();
+    let link = connect_local("sim:tmcl?time=virtual").unwrap();
     let axis = link.axis(1).unwrap().armed().unwrap();
     assert_eq!(axis.move_to("4096").unwrap_err().code(), "E217");
     axis.move_to("0").unwrap();
@@ -307,7 +307,7 @@ fn text_for_a_motion_needs_a_unit() {
 fn every_protocol_takes_its_own_bytes() {
     // What its own host would send, step by step: an axis that is not armed lets nothing start.
     for drive in ["tmcl", "tmcl+can", "syntron-ts", "technosoft-f514l", "thruster", "cia402"] {
-        let link = connect(&format!("sim:{drive}?time=virtual")).unwrap();
+        let link = connect_local(&format!("sim:{drive}?time=virtual")).unwrap();
         let axis = &link.axes()[0];
         let (mut consumed, mut kept_back) = (0, 0);
         let verbs = [Verb::Enable, Verb::Stop, Verb::Reached, Verb::Disable];
@@ -330,7 +330,7 @@ fn every_protocol_takes_its_own_bytes() {
 
 #[test]
 fn on_can_bytes_come_with_their_identifier() {
-    let link = connect("sim:cia402:2?time=virtual").unwrap();
+    let link = connect_local("sim:cia402:2?time=virtual").unwrap();
     let axis = &link.axes()[0];
     let read = [0x40, 0x41, 0x60, 0, 0, 0, 0, 0];
     let status = axis.raw("read 0x6041:0").unwrap();

@@ -4,16 +4,16 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use polepair::scan::{DriveScanner, ScanAddresses, ScanReport};
-use polepair::{Axis, Connector, Link};
+use polepair::{Connector, LocalAxis, LocalLink};
 use polepair_core::profile::Signal;
 
 const RACK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml");
 
-fn open(url: &str) -> Link {
-    Connector::default().connect(url).expect("every drive answers")
+fn open(url: &str) -> LocalLink {
+    Connector::default().connect_local(url).expect("every drive answers")
 }
 
-fn run_scan(link: &Link, numbers: impl Into<ScanAddresses>) -> ScanReport {
+fn run_scan(link: &LocalLink, numbers: impl Into<ScanAddresses>) -> ScanReport {
     let connector = Connector::default();
     let mut scanner = DriveScanner::on_link(&connector, link, 0, numbers).expect("a wire");
     while scanner.next_address(&|| false).expect("the link is there").is_some() {
@@ -22,13 +22,13 @@ fn run_scan(link: &Link, numbers: impl Into<ScanAddresses>) -> ScanReport {
     scanner.finish()
 }
 
-fn numbers(link: &Link) -> Vec<u32> {
-    link.axes().iter().map(Axis::number).collect()
+fn numbers(link: &LocalLink) -> Vec<u32> {
+    link.axes().iter().map(LocalAxis::number).collect()
 }
 
 /// Tells an axis to turn, and sees that it does. A servo amplifier waits for an input first: it is
 /// asked for its position.
-fn turns(link: &Link, axis: &Axis) {
+fn turns(link: &LocalLink, axis: &LocalAxis) {
     if axis.protocol() == "modbus-rtu" {
         axis.arm(true);
         return drop(axis.signals(&[Signal::Position]).expect("a position"));
@@ -72,7 +72,8 @@ fn serial_drives_are_found_and_taken_in_while_the_others_go_on() {
 fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
     let link = open(&format!("sim:{RACK}?time=virtual#spindle,port"));
     let events = link.events().expect("both tell what they send");
-    let names = |link: &Link| link.axes().iter().map(|a| a.name().to_owned()).collect::<Vec<_>>();
+    let names =
+        |link: &LocalLink| link.axes().iter().map(|a| a.name().to_owned()).collect::<Vec<_>>();
     assert_eq!(names(&link), ["spindle", "port"]);
     let scan = run_scan(&link, ScanAddresses::ALL);
     let mut found: Vec<_> = scan.found.iter().map(|one| (one.protocol, one.number)).collect();

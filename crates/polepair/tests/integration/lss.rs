@@ -76,7 +76,7 @@ fn one_device_alone_needs_no_identity() {
 #[test]
 fn a_scan_tells_of_a_device_without_node_id() {
     let connector = Connector::default();
-    let link = connector.connect("sim:canopen?time=virtual").expect("a node");
+    let link = connector.connect_local("sim:canopen?time=virtual").expect("a node");
     let scan = || {
         let mut scanner =
             DriveScanner::on_link(&connector, &link, 0, ScanAddresses::ALL).expect("idle");

@@ -3,17 +3,17 @@
 use std::time::Duration;
 
 use polepair::simulate::rack_of_text;
-use polepair::{Axis, Connector, Link};
+use polepair::{Connector, LocalAxis, LocalLink};
 use polepair_core::axis::{Command, Verb};
 
 const RACK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml");
 
-fn open(axes: &str) -> Link {
+fn open(axes: &str) -> LocalLink {
     let url = format!("sim:{RACK}?time=virtual{axes}");
-    Connector::default().connect(&url).expect("every drive answers")
+    Connector::default().connect_local(&url).expect("every drive answers")
 }
 
-fn turning(axis: &Axis) -> f64 {
+fn turning(axis: &LocalAxis) -> f64 {
     let signals = axis.signals(&[polepair_core::profile::Signal::Velocity]).expect("a speed");
     signals[0].value
 }
@@ -38,9 +38,9 @@ fn every_axis_is_found_as_what_it_is() {
 #[test]
 fn axes_are_named_by_words() {
     let link = open("#x,gripper");
-    assert_eq!(link.axes().iter().map(Axis::name).collect::<Vec<_>>(), ["x", "gripper"]);
+    assert_eq!(link.axes().iter().map(LocalAxis::name).collect::<Vec<_>>(), ["x", "gripper"]);
     let url = format!("sim:{RACK}?time=virtual#x,z");
-    let error = Connector::default().connect(&url).expect_err("no such axis");
+    let error = Connector::default().connect_local(&url).expect_err("no such axis");
     assert_eq!(error.code(), "E212", "{error}");
 }
 

@@ -2,7 +2,7 @@
 //! their refusals, and by data sheets, which say it.
 
 use polepair::doctor::{self, Grade};
-use polepair::{Amount, Axis, Connector, Link};
+use polepair::{Amount, Connector, LocalAxis, LocalLink};
 use polepair_core::profile::Signal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -76,12 +76,12 @@ impl Drop for Files {
     }
 }
 
-fn speed(link: &Link) -> f64 {
+fn speed(link: &LocalLink) -> f64 {
     link.simulation().unwrap().truth(0, 0).unwrap().velocity
 }
 
 /// What the object of an index is called by a profile.
-fn has(axis: &Axis, index: u16) -> bool {
+fn has(axis: &LocalAxis, index: u16) -> bool {
     axis.params().iter().any(|p| p.index == index)
 }
 
@@ -99,14 +99,14 @@ fn plans_go_on_without_what_is_optional() {
         for url in files.urls() {
             let shown = lacking.iter().map(|index| format!("{index:04X}")).collect::<Vec<_>>();
             let about = format!("{} without {}", url.split('?').next().unwrap(), shown.join(" "));
-            let link = polepair::connect(&url).unwrap_or_else(|e| panic!("{about}: {e}"));
+            let link = polepair::connect_local(&url).unwrap_or_else(|e| panic!("{about}: {e}"));
             let axis = &link.axes()[0];
             walk(&about, &link, axis, &lacking);
         }
     }
 }
 
-fn walk(about: &str, link: &Link, axis: &Axis, lacking: &[u16]) {
+fn walk(about: &str, link: &LocalLink, axis: &LocalAxis, lacking: &[u16]) {
     let fine = |what: &str, done: Result<(), polepair::Error>| {
         done.unwrap_or_else(|error| panic!("{about}: {what}: {error}"));
     };
@@ -159,7 +159,7 @@ fn the_doctor_says_absent_and_not_wrong() {
 fn what_is_absent_is_asked_for_once() {
     let files = Files::without(&[0x6071, 0x606C]);
     let [url, _] = files.urls();
-    let link = polepair::connect(&url).unwrap();
+    let link = polepair::connect_local(&url).unwrap();
     let axis = &link.axes()[0];
     axis.stop().unwrap();
     let id = |name: &str| axis.find(name).unwrap();
@@ -178,7 +178,7 @@ fn what_is_absent_is_asked_for_once() {
 fn what_has_no_scale_has_no_unit() {
     let files = Files::without(&[0x608F]);
     for url in files.urls() {
-        let link = polepair::connect(&url).unwrap();
+        let link = polepair::connect_local(&url).unwrap();
         let axis = &link.axes()[0];
         // Its boot-up message, which disarms, is heard.
         axis.stop().unwrap();

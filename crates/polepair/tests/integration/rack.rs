@@ -9,7 +9,7 @@ use polepair::error::Exit;
 use polepair::scan::{ScanAddresses, ScanReport, scan};
 use polepair::simulate::{Simulation, SimulationPace, drive_lines, rack_of_file, rack_of_text};
 use polepair::stop::StopOptions;
-use polepair::{Axis, Connector, Error};
+use polepair::{Connector, Error, LocalAxis};
 use polepair_core::profile::Signal;
 use polepair_link::{ServeThread, socketcand};
 use polepair_test_support::wait_until;
@@ -66,14 +66,14 @@ fn cell() -> String {
     std::fs::read_to_string(CELL).expect("the example")
 }
 
-fn position(axis: &Axis) -> f64 {
+fn position(axis: &LocalAxis) -> f64 {
     axis.signals(&[Signal::Position]).expect("a position")[0].value
 }
 
 #[test]
 fn names_of_a_file_move_the_real_machine() {
     let machine = Machine::new("moves", &cell(), &cell());
-    let link = machine.connector().connect("@cell#x,y").expect("both answer");
+    let link = machine.connector().connect_local("@cell#x,y").expect("both answer");
     assert!(link.simulation().is_none());
     let [x, y] = link.axes() else { panic!("{link:?}") };
     assert_eq!((x.name(), x.number(), y.name(), y.protocol()), ("x", 5, "y", "technocan"));
@@ -93,13 +93,13 @@ fn names_of_a_file_move_the_real_machine() {
 fn a_name_stands_for_all_links_of_a_file() {
     let machine = Machine::new("names", &cell(), &cell());
     let connector = machine.connector();
-    let link = connector.connect("@machine").expect("all answer");
-    let names: Vec<&str> = link.axes().iter().map(Axis::name).collect();
+    let link = connector.connect_local("@machine").expect("all answer");
+    let names: Vec<&str> = link.axes().iter().map(LocalAxis::name).collect();
     assert_eq!(names, ["spindle", "x", "y", "port"]);
-    assert_eq!(connector.connect("@cell#z").expect_err("nobody").code(), "E212");
-    let unknown = connector.connect("@cel").expect_err("nothing");
+    assert_eq!(connector.connect_local("@cell#z").expect_err("nobody").code(), "E212");
+    let unknown = connector.connect_local("@cel").expect_err("nothing");
     assert!(unknown.to_string().contains("did you mean `cell`?"), "{unknown}");
-    let real = connector.connect("@cell?time=virtual").expect_err("a real link");
+    let real = connector.connect_local("@cell?time=virtual").expect_err("a real link");
     assert!(real.to_string().contains("is not supported on a real link"), "{real}");
 }
 
@@ -108,7 +108,7 @@ fn another_drive_than_the_files_is_refused_with_its_line() {
     let there = "[[link]]\nkind = 'can'\n[[link.drive]]\nprofile = 'tmcm-170+can'\naddress = 3\n";
     let here = there.replace("'can'\n", "'can'\nname = 'arm'\n").replace("170", "171");
     let machine = Machine::new("other", there, &here);
-    let error = machine.connector().connect("@arm").expect_err("it is another");
+    let error = machine.connector().connect_local("@arm").expect_err("it is another");
     let Error::File(error) = error else { panic!("{error:?}") };
     assert!(error.reason.contains("no `tmcm-171`"), "{error}");
 }
@@ -181,7 +181,7 @@ fn a_bus_is_as_busy_as_was_counted() {
     );
     assert!(busy.abs() < 1e-9, "{busy}");
     let url = format!("sim:{CELL}?time=virtual#port");
-    let link = Connector::default().connect(&url).expect("a drive");
+    let link = Connector::default().connect_local(&url).expect("a drive");
     let simulation = link.simulation().expect("simulated").clone();
     let (begin, (_, before)) = (simulation.now(), simulation.load(0).expect("a bus"));
     for _ in 0..1000 {
@@ -205,7 +205,7 @@ fn a_rack_does_things_to_its_drives_at_given_times() {
     };
     std::fs::write(&file, rack("at = '2 s'\ndo = 'supply=7 V'")).expect("a file");
     let url = format!("sim:{}?time=virtual#x", file.display());
-    let link = Connector::default().connect(&url).expect("a drive");
+    let link = Connector::default().connect_local(&url).expect("a drive");
     link.sleep(Duration::from_millis(1900));
     let fault = || link.axes()[0].signals(&[Signal::Fault]).expect("read")[0].raw;
     assert_eq!(fault(), 0);
@@ -218,7 +218,7 @@ fn a_rack_does_things_to_its_drives_at_given_times() {
         ("at = '2 s'\ndo = 'sto'", "it has nothing for one of its acts"),
     ] {
         std::fs::write(&file, rack(act)).expect("a file");
-        let error = Connector::default().connect(&url).expect_err("refused").to_string();
+        let error = Connector::default().connect_local(&url).expect_err("refused").to_string();
         assert!(error.contains(reason), "{act}: {error}");
     }
     std::fs::remove_file(&file).expect("a file");

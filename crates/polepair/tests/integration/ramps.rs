@@ -1,16 +1,16 @@
 //! Ramps of drives that are told how long these take.
 
-use polepair::{Axis, Link};
+use polepair::{LocalAxis, LocalLink};
 use polepair_core::axis::{Command, Verb};
 use std::f64::consts::TAU;
 
 const RPM: f64 = TAU / 60.0;
 
-fn open(url: &str) -> Link {
-    polepair::connect(url).unwrap_or_else(|error| panic!("{url}: {error}"))
+fn open(url: &str) -> LocalLink {
+    polepair::connect_local(url).unwrap_or_else(|error| panic!("{url}: {error}"))
 }
 
-fn read(axis: &Axis, name: &str) -> i64 {
+fn read(axis: &LocalAxis, name: &str) -> i64 {
     axis.read(axis.find(name).unwrap()).unwrap()
 }
 

@@ -1,7 +1,7 @@
 //! docs/concepts/safety.md: each line of its tables of drives, carried out on the simulated drive that it
 //! names.
 
-use polepair::Link;
+use polepair::LocalLink;
 use std::time::Duration;
 
 const DOC: &str = include_str!("../../../../docs/concepts/safety.md");
@@ -27,13 +27,13 @@ fn lines() -> Vec<Line> {
     rows.map(line).collect()
 }
 
-fn open(line: &Line) -> Link {
+fn open(line: &Line) -> LocalLink {
     let more = if line.url.contains('?') { '&' } else { '?' };
     let url = format!("{}{more}time=virtual", line.url);
-    polepair::connect(&url).unwrap_or_else(|error| panic!("{}: {error}", line.drive))
+    polepair::connect_local(&url).unwrap_or_else(|error| panic!("{}: {error}", line.drive))
 }
 
-fn speed(link: &Link) -> f64 {
+fn speed(link: &LocalLink) -> f64 {
     link.simulation().unwrap().truth(0, 0).unwrap().velocity.abs()
 }
 
@@ -53,7 +53,7 @@ fn stands_in_silence(line: &Line, watched: bool) -> bool {
         axis.read(axis.profile().signals[0].parameter).unwrap_or_else(|e| panic!("{about}: {e}"));
     }
     assert!(speed(&link) > 1.0, "{about} turns before its host falls silent: {}", speed(&link));
-    armed.detach();
+    armed.detach().unwrap();
     link.sleep(SILENCE);
     speed(&link) < 0.1
 }

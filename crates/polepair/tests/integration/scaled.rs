@@ -2,12 +2,12 @@
 
 use polepair::axis::PendingWrites;
 use polepair::settings::Settings;
-use polepair::{Amount, Link};
+use polepair::{Amount, LocalLink};
 use polepair_core::profile::Signal;
 use std::time::Duration;
 
-fn ts() -> Link {
-    polepair::connect("sim:modbus-rtu?fn00=1&time=virtual").unwrap()
+fn ts() -> LocalLink {
+    polepair::connect_local("sim:modbus-rtu?fn00=1&time=virtual").unwrap()
 }
 
 #[test]
@@ -63,7 +63,7 @@ fn settings_are_what_they_mean_by_the_scales_of_their_file() {
 fn a_motor_that_turns_at_a_speed_is_shown_as_moving() {
     for url in ["sim:modbus-rtu?fn00=1&", "sim:tml?", "sim:cia402:5?", "sim:tmcl?", "sim:thruster?"]
     {
-        let link = polepair::connect(&format!("{url}time=virtual")).unwrap();
+        let link = polepair::connect_local(&format!("{url}time=virtual")).unwrap();
         let axis = &link.axes()[0];
         let all: Vec<Signal> = axis.profile().signals.iter().map(|s| s.signal).collect();
         let moving = || {

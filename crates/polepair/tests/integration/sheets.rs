@@ -1,15 +1,15 @@
 //! Simulated devices out of data sheets, against our host, in virtual time.
 
-use polepair::connect::connect;
+use polepair::connect_local;
 use polepair::simulate::{rack_of_text, rack_of_words};
-use polepair::{FileError, Link};
+use polepair::{FileError, LocalLink};
 use std::path::Path;
 use std::time::Duration;
 
 const SHEETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../interop/sheets");
 
-fn device(sheet: &str) -> Link {
-    connect(&format!("sim:canopen:5?eds={SHEETS}/{sheet}&time=virtual")).expect(sheet)
+fn device(sheet: &str) -> LocalLink {
+    connect_local(&format!("sim:canopen:5?eds={SHEETS}/{sheet}&time=virtual")).expect(sheet)
 }
 
 #[test]

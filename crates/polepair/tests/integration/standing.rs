@@ -7,24 +7,24 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use polepair::axis::{STOP_RETRY_MAX, StopProgress, StopSequence, stop_with_retry};
-use polepair::{Error, Link, connect};
+use polepair::{Error, LocalLink, connect_local};
 use polepair_core::drives::bench::Act;
 
 /// Drives whose stop waits for nothing that is measured.
 const BLIND: [&str; 3] =
     ["sim:technosoft-f514l?time=virtual", "sim:tmlcan?time=virtual", "sim:thruster?time=virtual"];
 
-fn speed(link: &Link) -> f64 {
+fn speed(link: &LocalLink) -> f64 {
     link.simulation().unwrap().truth(0, 0).unwrap().velocity.abs()
 }
 
-fn load(link: &Link, torque: f64) {
+fn load(link: &LocalLink, torque: f64) {
     assert!(link.simulation().unwrap().act(0, 0, Act::Load(torque)));
 }
 
 /// A motor without power that its load turns.
-fn turned_by_its_load(url: &str) -> Link {
-    let link = connect(url).unwrap_or_else(|error| panic!("{url}: {error}"));
+fn turned_by_its_load(url: &str) -> LocalLink {
+    let link = connect_local(url).unwrap_or_else(|error| panic!("{url}: {error}"));
     load(&link, 0.2);
     link.sleep(Duration::from_secs(1));
     assert!(speed(&link) > 1.0, "{url}: {}", speed(&link));
@@ -54,7 +54,7 @@ fn a_motor_that_its_load_turns_is_not_told_as_stopped() {
 /// The mode that a drive has when its motion runs is named, though it tells it with other bits then.
 #[test]
 fn a_mode_is_named_by_the_signals_words_or_its_parameters() {
-    let link = connect("sim:technosoft-f514l?time=virtual").expect("a drive");
+    let link = connect_local("sim:technosoft-f514l?time=virtual").expect("a drive");
     let axis = &link.axes()[0];
     let armed = axis.armed().expect("armed");
     axis.velocity("60 rpm").expect("turns");
@@ -66,7 +66,7 @@ fn a_mode_is_named_by_the_signals_words_or_its_parameters() {
 #[test]
 fn a_turning_motor_stands_when_its_stop_returns() {
     for url in BLIND {
-        let link = connect(url).unwrap_or_else(|error| panic!("{url}: {error}"));
+        let link = connect_local(url).unwrap_or_else(|error| panic!("{url}: {error}"));
         let axis = &link.axes()[0];
         let armed = axis.armed().unwrap_or_else(|error| panic!("{url}: {error}"));
         match axis.velocity("300 rpm") {
@@ -77,7 +77,7 @@ fn a_turning_motor_stands_when_its_stop_returns() {
         assert!(speed(&link) > 1.0, "{url}: {}", speed(&link));
         axis.stop().unwrap_or_else(|error| panic!("{url}: {error}"));
         assert!(speed(&link) < 0.1, "{url}: {}", speed(&link));
-        armed.detach();
+        armed.detach().unwrap();
     }
 }
 
@@ -134,7 +134,7 @@ fn module_that_loses(lost: u32, speed: i32, counts_per_s: f64, stops: u32) -> St
 #[test]
 fn a_motor_whose_position_runs_does_not_stand() {
     // 300 rpm, of which the drive tells nothing.
-    let link = connect(&module_whose_position_runs(0, 20_000.0, u32::MAX)).expect("a module");
+    let link = connect_local(&module_whose_position_runs(0, 20_000.0, u32::MAX)).expect("a module");
     let Err(error) = link.axes()[0].stop() else { panic!("it turns") };
     assert!(error.may_turn(), "{error}");
     let text = error.to_string();
@@ -151,7 +151,7 @@ fn a_motor_whose_position_runs_does_not_stand() {
 /// The stop is said again to such a motor, and it is believed to stand once its position stays.
 #[test]
 fn a_motor_whose_position_runs_is_told_to_stop_again() {
-    let link = connect(&module_whose_position_runs(0, 20_000.0, 3)).expect("a module");
+    let link = connect_local(&module_whose_position_runs(0, 20_000.0, 3)).expect("a module");
     link.axes()[0].stop().expect("the third stop is obeyed");
 }
 
@@ -160,7 +160,7 @@ fn a_motor_whose_position_runs_is_told_to_stop_again() {
 #[test]
 fn a_motor_that_turns_on_is_told_to_stop_again() {
     for way in 0..3 {
-        let link = connect(&module_whose_position_runs(300, 20_000.0, 3)).expect("a module");
+        let link = connect_local(&module_whose_position_runs(300, 20_000.0, 3)).expect("a module");
         let started_at = Instant::now();
         let stopped = match way {
             0 => link.axes()[0].stop(),
@@ -175,7 +175,8 @@ fn a_motor_that_turns_on_is_told_to_stop_again() {
 /// The time of a link goes on when it is closed: who waits for its motor to stand is told.
 #[test]
 fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
-    let link = connect(&module_whose_position_runs(300, 20_000.0, u32::MAX)).expect("a module");
+    let link =
+        connect_local(&module_whose_position_runs(300, 20_000.0, u32::MAX)).expect("a module");
     let axes = link.axes().to_vec();
     let (sender, ended) = mpsc::channel();
     std::thread::spawn(move || {
@@ -190,7 +191,7 @@ fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
 /// One answer that is lost while a motor is looked at makes no stop fail: it is asked for again.
 #[test]
 fn a_look_that_is_lost_is_asked_for_again() {
-    let link = connect(&module_that_loses(2, 300, 20_000.0, 1)).expect("a module");
+    let link = connect_local(&module_that_loses(2, 300, 20_000.0, 1)).expect("a module");
     link.axes()[0].stop().expect("it stands");
 }
 
@@ -198,7 +199,7 @@ fn a_look_that_is_lost_is_asked_for_again() {
 #[test]
 fn a_motor_that_creeps_as_slowly_as_its_stop_allows_stands() {
     for (speed, counts_per_s) in [(0, 0.0), (0, 10.0), (4, 266.0)] {
-        let link = connect(&module_whose_position_runs(speed, counts_per_s, u32::MAX));
+        let link = connect_local(&module_whose_position_runs(speed, counts_per_s, u32::MAX));
         let stopped = link.expect("a module").axes()[0].stop();
         stopped.unwrap_or_else(|error| panic!("{speed} rpm, {counts_per_s}: {error}"));
     }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use polepair::connect;
+use polepair::connect_local;
 
 /// Where a rack of one drive behind such a port is, with the drive at its factory's address.
 fn rack(profile: &str, protocol: &str, timing: &str) -> PathBuf {
@@ -35,7 +35,7 @@ fn a_motor_turns_and_stands_behind_each_port() {
             let case = format!("{profile} by {protocol}, {timing}{keys}");
             let file = rack(profile, protocol, timing);
             let url = format!("sim:{}?time=virtual{keys}", file.display());
-            let link = connect(&url).unwrap_or_else(|e| panic!("{case}: {e:?}"));
+            let link = connect_local(&url).unwrap_or_else(|e| panic!("{case}: {e:?}"));
             let axis = link.axes()[0].clone();
             if profile == "syntron-ts" {
                 // From the factory it follows pulses.
@@ -47,7 +47,7 @@ fn a_motor_turns_and_stands_behind_each_port() {
             let truth = || link.simulation().and_then(|sim| sim.truth(0, 0)).expect("a motor");
             assert!(truth().velocity > 5.0, "{case}: {:?}", truth());
             axis.stop().unwrap_or_else(|e| panic!("{case}: {e:?}"));
-            armed.detach();
+            armed.detach().unwrap();
             link.sleep(Duration::from_secs(1));
             assert!(truth().velocity.abs() < 0.1, "{case}: {:?}", truth());
         }
@@ -58,7 +58,7 @@ fn a_motor_turns_and_stands_behind_each_port() {
 fn answers_take_what_the_port_takes() {
     let reads = |timing: &str| -> Vec<Duration> {
         let file = rack("tmcm-171", "tmcl", timing);
-        let link = connect(&format!("sim:{}?time=virtual", file.display())).expect("opened");
+        let link = connect_local(&format!("sim:{}?time=virtual", file.display())).expect("opened");
         let axis = link.axes()[0].clone();
         let read = |_| {
             let started_at = axis.connection().now();

@@ -2,24 +2,24 @@
 
 use polepair::axis::WatchdogState;
 use polepair::doctor::{CheckResult, Grade, ProofObserver, prove_watchdog};
-use polepair::{Axis, Error, Link};
+use polepair::{Error, LocalAxis, LocalLink};
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
 use std::time::Duration;
 
 const HALF: Duration = Duration::from_millis(500);
 
-fn open(url: &str) -> Link {
-    polepair::connect(&format!("{url}time=virtual")).unwrap_or_else(|e| panic!("{url}: {e}"))
+fn open(url: &str) -> LocalLink {
+    polepair::connect_local(&format!("{url}time=virtual")).unwrap_or_else(|e| panic!("{url}: {e}"))
 }
 
-fn name(axis: &Axis) -> &'static str {
+fn name(axis: &LocalAxis) -> &'static str {
     let id = axis.watchdog_parameter();
     id.and_then(|id| axis.profile().parameter(id)).map_or("", |parameter| parameter.name)
 }
 
 /// What was proven, and what was said of the setting that was made for that.
-fn proven(axis: &Axis, after: Option<Duration>) -> (CheckResult, Option<CheckResult>) {
+fn proven(axis: &LocalAxis, after: Option<Duration>) -> (CheckResult, Option<CheckResult>) {
     let mut checks = Vec::new();
     prove_watchdog(axis, after, &mut |check| checks.push(check)).unwrap();
     assert_eq!(checks.len(), 1 + usize::from(after.is_some()), "{checks:#?}");
@@ -138,7 +138,7 @@ fn a_heartbeat_that_is_watched_has_to_lead_to_something() {
 
 /// Ends a proof as soon as the motor turns.
 struct Ends<'a> {
-    link: &'a Link,
+    link: &'a LocalLink,
     found: Vec<String>,
 }
 
@@ -152,7 +152,7 @@ impl ProofObserver for Ends<'_> {
     }
 }
 
-fn speed(link: &Link) -> f64 {
+fn speed(link: &LocalLink) -> f64 {
     link.simulation().unwrap().truth(0, 0).unwrap().velocity.abs()
 }
 
@@ -220,7 +220,7 @@ fn module(after: u32, status: u8) -> String {
 #[test]
 fn a_firmware_that_has_none_has_nothing_proven_and_does_not_move() {
     for after in [None, Some(HALF)] {
-        let link = polepair::connect(&module(u32::MAX, 3)).expect("a module");
+        let link = polepair::connect_local(&module(u32::MAX, 3)).expect("a module");
         let axis = &link.axes()[0];
         let mut checks = Vec::new();
         prove_watchdog(axis, after, &mut |check| checks.push(check)).expect("nothing is wrong");
@@ -246,7 +246,7 @@ impl ProofObserver for Patient {
         self.found.push(check.found);
     }
 
-    fn retry_stop(&mut self, _: &Axis, turns: bool) -> bool {
+    fn retry_stop(&mut self, _: &LocalAxis, turns: bool) -> bool {
         self.turns |= turns;
         self.left = self.left.saturating_sub(1);
         self.left > 0
@@ -257,7 +257,7 @@ impl ProofObserver for Patient {
 fn a_motor_whose_wire_falls_silent_for_good_may_turn() {
     // While it is looked for whether it turns, and while its watch begins.
     for after in [0, 2] {
-        let link = polepair::connect(&module_that_falls_silent(after)).expect("a module");
+        let link = polepair::connect_local(&module_that_falls_silent(after)).expect("a module");
         let axis = &link.axes()[0];
         let mut patient = Patient { left: 2, turns: false, found: Vec::new() };
         let unproven = prove_watchdog(axis, Some(HALF), &mut patient).unwrap_err();

@@ -12,7 +12,7 @@ mod tests;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use polepair::{Axis, RunningRequest};
+use polepair::{LocalAxis, RunningRequest};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
@@ -78,7 +78,7 @@ pub(super) struct CommandWorker {
 /// An axis, as its command worker sees it.
 struct WorkerAxis {
     id: u16,
-    axis: Axis,
+    axis: LocalAxis,
     lease: LeaseSlot,
     /// The stop that it is owed.
     pending_stop: Option<PendingStop>,

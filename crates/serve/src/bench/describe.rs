@@ -1,6 +1,6 @@
 //! The list of links and axes as messages. It is constant after opening.
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{
@@ -36,7 +36,7 @@ pub(super) const DISARM: &str = "disarm";
 pub(super) fn axis_info(
     id: u16,
     link: u16,
-    axis: &Axis,
+    axis: &LocalAxis,
     drive: Option<&SimulatedDrive>,
 ) -> AxisInfo {
     let profile = axis.profile();
@@ -84,7 +84,7 @@ pub(super) fn is_offered(verb: Verb) -> bool {
     !verb.is_cyclic() && !others.contains(&verb)
 }
 
-fn verbs(axis: &Axis) -> Vec<VerbInfo> {
+fn verbs(axis: &LocalAxis) -> Vec<VerbInfo> {
     let bare = |verb: &str, moves| VerbInfo { verb: verb.to_owned(), arguments: vec![], moves };
     let of_drive = Verb::ALL.into_iter().filter(|verb| is_offered(*verb)).filter_map(|verb| {
         axis.profile().plan(verb)?;
@@ -94,7 +94,7 @@ fn verbs(axis: &Axis) -> Vec<VerbInfo> {
     [bare(ARM, true), bare(DISARM, false)].into_iter().chain(of_drive).collect()
 }
 
-fn argument(axis: &Axis, verb: Verb, (which, name): (Argument, &str)) -> Option<ArgumentInfo> {
+fn argument(axis: &LocalAxis, verb: Verb, (which, name): (Argument, &str)) -> Option<ArgumentInfo> {
     if !verb.accepts(which) {
         return None;
     }
@@ -108,7 +108,7 @@ fn argument(axis: &Axis, verb: Verb, (which, name): (Argument, &str)) -> Option<
     Some(ArgumentInfo { name: name.to_owned(), unit, required })
 }
 
-fn limit_info(axis: &Axis, (verb, which, name): (Verb, Argument, &str)) -> Option<LimitInfo> {
+fn limit_info(axis: &LocalAxis, (verb, which, name): (Verb, Argument, &str)) -> Option<LimitInfo> {
     let parameter = axis.destination(verb, which)??;
     // The time of a ramp limits no acceleration.
     if parameter.unit.quantity() == Quantity::Time {
@@ -122,7 +122,7 @@ fn limit_info(axis: &Axis, (verb, which, name): (Verb, Argument, &str)) -> Optio
     Some(LimitInfo { name: name.to_owned(), unit: unit.si_symbol().to_owned(), min, max })
 }
 
-fn signal(axis: &Axis, source: &SignalSource) -> SignalInfo {
+fn signal(axis: &LocalAxis, source: &SignalSource) -> SignalInfo {
     SignalInfo {
         signal: source.signal.name().to_owned(),
         unit: axis.signal_unit(source.signal).to_owned(),
@@ -131,7 +131,11 @@ fn signal(axis: &Axis, source: &SignalSource) -> SignalInfo {
 }
 
 /// A parameter, without its value. Its limits are known as far as its scale is.
-pub(super) fn parameter_info(axis: &Axis, id: ParameterId, parameter: &Parameter) -> ParameterInfo {
+pub(super) fn parameter_info(
+    axis: &LocalAxis,
+    id: ParameterId,
+    parameter: &Parameter,
+) -> ParameterInfo {
     let known = |raw: i64| {
         let value = parameter.scale.is_constant().then(|| axis.value(id, raw).ok()).flatten();
         value.map(|value| value.value).filter(|value| value.is_finite())

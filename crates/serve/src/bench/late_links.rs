@@ -135,7 +135,7 @@ impl Bench {
     fn add_opened_link(
         &self,
         n: usize,
-        opened: &polepair::Link,
+        opened: &polepair::LocalLink,
         absent: Vec<(u32, Error)>,
     ) -> Result<(), GatewayError> {
         let (link, shared) = (&self.0.links[n], &self.0.context);

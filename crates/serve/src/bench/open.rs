@@ -6,7 +6,7 @@ use std::time::Duration;
 use polepair::connect::LinkPart;
 use polepair::simulate::Simulation;
 use polepair::wire::OpenWire;
-use polepair::{Axis, Connector, Error};
+use polepair::{Connector, Error, LocalAxis};
 use polepair_capture::{CaptureDecoder, Rules};
 use polepair_core::drives;
 use polepair_core::medium::MediumKind;
@@ -48,14 +48,14 @@ struct OpenedLink {
     /// Its simulation, and the link's number there.
     simulation: Option<(Simulation, usize)>,
     /// Keeps the link open.
-    link: polepair::Link,
+    link: polepair::LocalLink,
 }
 
 /// A bench that was opened.
 pub(super) struct OpenedBench {
     pub links: Vec<BenchLink>,
     /// What each connection string opened, with the number of its first axis.
-    pub roots: Vec<(u16, polepair::Link)>,
+    pub roots: Vec<(u16, polepair::LocalLink)>,
     pub axes: Vec<AxisEntry>,
     pub clock: BenchClock,
     /// Links that could not be opened, and why.
@@ -122,7 +122,7 @@ pub(super) fn open_links(
 }
 
 /// A link with those of its axes that are there, and the others.
-type PresentLink = (polepair::Link, Vec<(u32, Error)>);
+type PresentLink = (polepair::LocalLink, Vec<(u32, Error)>);
 
 /// Opens simulations one after the other, for they are what they are; and then all else at once, so that
 /// a host that does not answer keeps no motor of another from being stopped.
@@ -139,7 +139,7 @@ fn open_parts(
             simulated.push(None);
             continue;
         }
-        let opened = tapped_connector(connector, traffic, count).connect(&part.url)?;
+        let opened = tapped_connector(connector, traffic, count).connect_local(&part.url)?;
         let in_turn =
             axes_by_wire(&opened).enumerate().all(|(n, of)| opened.wire_index(&of[0]) == Some(n));
         if !in_turn {
@@ -209,14 +209,14 @@ fn rack() -> Vec<String> {
 }
 
 /// The axes of each wire that has any.
-fn axes_by_wire(opened: &polepair::Link) -> impl Iterator<Item = &[Axis]> {
+fn axes_by_wire(opened: &polepair::LocalLink) -> impl Iterator<Item = &[LocalAxis]> {
     opened.axes().chunk_by(|one, other| one.connection().is_same(other.connection()))
 }
 
 /// The wires of an opened link, with their axes.
 fn add_wires(
     (url, connector): (&str, &Connector),
-    opened: &polepair::Link,
+    opened: &polepair::LocalLink,
     links: &mut Vec<BenchLink>,
     seats: &mut Vec<AxisEntry>,
 ) {
@@ -253,7 +253,7 @@ impl BenchLink {
     fn new(
         (id, url, medium): (u16, &str, MediumKind),
         connector: &Connector,
-        axes: Vec<(u16, Axis)>,
+        axes: Vec<(u16, LocalAxis)>,
     ) -> Self {
         let wire = Arc::new(BenchWire::new(axes));
         let request_worker = Arc::new(RequestWorker::new(&wire));
@@ -288,7 +288,7 @@ impl BenchLink {
     }
 
     /// It was opened after all, as one wire. Its axes are still to join.
-    pub fn set_opened_later(&self, opened: &polepair::Link, absent: Vec<(u32, Error)>) {
+    pub fn set_opened_later(&self, opened: &polepair::LocalLink, absent: Vec<(u32, Error)>) {
         self.scan.set_opened(&Arc::new(Mutex::new(opened.clone())), 0);
         self.set_absent(absent);
         if let Some(open) = opened.wires().first() {
@@ -311,7 +311,7 @@ impl BenchLink {
     }
 
     /// Its first axis, which stands for the wire.
-    fn first_axis(&self) -> Option<&Axis> {
+    fn first_axis(&self) -> Option<&LocalAxis> {
         self.wire.axes.first().map(|(_, axis)| axis)
     }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use polepair::axis::{DeviceDetail, ParameterValue, PendingWrites, ProgramStatus};
-use polepair::{Amount, Axis};
+use polepair::{Amount, LocalAxis};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 use serde_json::json;
 use tokio::sync::oneshot;
@@ -59,7 +59,7 @@ impl Bench {
     pub fn read_device(&self, axis: u16) -> PendingReply<Vec<DeviceDetailView>> {
         self.query_axis(axis, |axis| {
             let view =
-                |DeviceDetail { name, text }| DeviceDetailView { name: name.to_owned(), text };
+                |DeviceDetail { name, text }| DeviceDetailView { name: name.into_owned(), text };
             Ok(axis.device_details()?.into_iter().map(view).collect())
         })
     }
@@ -91,7 +91,7 @@ impl Bench {
     fn query_axis<T: Send + 'static>(
         &self,
         axis: u16,
-        query: impl FnOnce(&Axis) -> Result<T, polepair::Error> + Send + 'static,
+        query: impl FnOnce(&LocalAxis) -> Result<T, polepair::Error> + Send + 'static,
     ) -> PendingReply<T> {
         let (reply_sender, reply) = oneshot::channel();
         let result = self.find_axis(axis).map(|(link, index)| {
@@ -130,7 +130,7 @@ impl Bench {
     }
 }
 
-fn read_axis_parameter(axis: &Axis, name: &str) -> Result<ParameterReading, GatewayError> {
+fn read_axis_parameter(axis: &LocalAxis, name: &str) -> Result<ParameterReading, GatewayError> {
     let id = axis.find(name)?;
     let read = axis.read_any(id)?;
     let text = read.to_string();
@@ -162,7 +162,7 @@ fn parse_raw_number(number: f64) -> Result<i64, GatewayError> {
 
 /// What writes the parameters of one request.
 struct ParameterWriter {
-    axis: Axis,
+    axis: LocalAxis,
     id: u16,
     local_index: usize,
     session: SessionName,

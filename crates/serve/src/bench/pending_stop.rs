@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::{StopProgress, StopSequence};
 use polepair_core::error::Unsupported;
 use polepair_core::time::Instant;
@@ -91,7 +91,7 @@ pub(super) enum StopResolution {
 
 impl Airtime {
     /// Looks whether the wire answers again after a silence.
-    pub fn update(&mut self, axis: &Axis, now: Instant) {
+    pub fn update(&mut self, axis: &LocalAxis, now: Instant) {
         let answers = axis.connection().with_axes(|axes, _| axes.counters()).answered;
         let (before, last) = self.answers;
         self.silent_since = (answers != before && now.since(last) >= SILENCE_MIN).then_some(last);
@@ -141,7 +141,7 @@ impl PendingStop {
 
     /// Sends it because somebody says so, though one may be on its way: whoever asked for that one hears
     /// of this one.
-    pub fn send(&mut self, axis: &Axis, since: Instant, report: Option<Arc<StopCollector>>) {
+    pub fn send(&mut self, axis: &LocalAxis, since: Instant, report: Option<Arc<StopCollector>>) {
         self.waiters.extend(report.map(|report| StopWaiter { collector: report, since }));
         self.pause = RETRY_MIN;
         self.last_report = None;
@@ -149,7 +149,7 @@ impl PendingStop {
     }
 
     /// Sends it because the link is open again.
-    pub fn resend(&mut self, axis: &Axis, now: Instant) {
+    pub fn resend(&mut self, axis: &LocalAxis, now: Instant) {
         self.pause = RETRY_MIN;
         self.begin_attempt(StopSequence::resend(axis), now);
     }
@@ -223,7 +223,7 @@ impl PendingStop {
     pub fn poll(
         &mut self,
         id: u16,
-        axis: &Axis,
+        axis: &LocalAxis,
         now: Instant,
         airtime: &mut Airtime,
     ) -> (Option<AxisStopReport>, Option<StopResolution>) {
@@ -247,7 +247,7 @@ impl PendingStop {
         (self.new_report(id, now, ended.is_some()), ended)
     }
 
-    fn repeat(&mut self, axis: &Axis, now: Instant, airtime: &mut Airtime) {
+    fn repeat(&mut self, axis: &LocalAxis, now: Instant, airtime: &mut Airtime) {
         let before = std::mem::replace(&mut self.last_reading, newest_reading(axis));
         let answers = match (before, self.last_reading) {
             (Some(before), Some(newest)) => newest.since(before) >= SILENCE_MIN,
@@ -306,7 +306,7 @@ impl PendingStop {
 
     /// Answers whoever waited long enough, or for nothing more; all of them when the debt has ended,
     /// which everybody sees by then.
-    pub fn reply_to_waiters(&mut self, id: u16, axis: &Axis, now: Instant, ended: bool) {
+    pub fn reply_to_waiters(&mut self, id: u16, axis: &LocalAxis, now: Instant, ended: bool) {
         let (class, error) = self.progress();
         // Over a link that is lost nothing comes for a while.
         let lost = axis.connection().link_error().is_some();
@@ -337,7 +337,7 @@ fn is_impossible(error: &polepair::Error) -> bool {
 }
 
 /// When an axis last told anything.
-fn newest_reading(axis: &Axis) -> Option<Instant> {
+fn newest_reading(axis: &LocalAxis) -> Option<Instant> {
     let state = axis.state();
     axis.profile().signals.iter().filter_map(|source| state.reading(source.signal).at).max()
 }

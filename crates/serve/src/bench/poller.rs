@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
@@ -49,7 +49,7 @@ pub(super) struct AxisPoller {
 /// An axis, and what is still to be asked of it.
 struct PolledAxis {
     id: u16,
-    axis: Axis,
+    axis: LocalAxis,
     /// Parameters that signals read.
     signal_parameters: Vec<ParameterId>,
     reads_left: Vec<ParameterId>,
@@ -77,7 +77,7 @@ impl AxisPoller {
 
     /// Looks at axes that joined, too.
     fn add_joined_axes(&mut self) {
-        let polled = |(id, axis): &(u16, Axis)| PolledAxis {
+        let polled = |(id, axis): &(u16, LocalAxis)| PolledAxis {
             id: *id,
             signal_parameters: polled_parameters(axis),
             axis: axis.clone(),
@@ -238,7 +238,7 @@ impl AxisPoller {
 }
 
 /// What signals read, each once; the most telling is asked first, being last.
-fn polled_parameters(axis: &Axis) -> Vec<ParameterId> {
+fn polled_parameters(axis: &LocalAxis) -> Vec<ParameterId> {
     let mut ids = Vec::new();
     let plain = axis.profile().signals.iter().filter(|source| source.signal != Signal::Time);
     for source in plain {

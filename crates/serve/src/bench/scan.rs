@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use polepair::axis::summarize_details;
 use polepair::scan::{DetectedDrive, DriveScanner, ScanAddresses, ScanProgress, ScanReport};
-use polepair::{Axis, Connector};
+use polepair::{Connector, LocalAxis};
 use polepair_core::time::Instant;
 use serde_json::json;
 use tokio::sync::oneshot;
@@ -69,7 +69,7 @@ pub(super) struct LinkScan {
     connector: Connector,
     /// What the connection string opened, with all that was taken in since, and which wire of that it
     /// is; nothing before it was opened.
-    root: OnceLock<(Arc<Mutex<polepair::Link>>, usize)>,
+    root: OnceLock<(Arc<Mutex<polepair::LocalLink>>, usize)>,
     requested: Mutex<Option<ScanAddresses>>,
     /// The look under way, or the last.
     view: Mutex<Option<ScanView>>,
@@ -83,13 +83,13 @@ impl LinkScan {
     }
 
     /// Its link is open: the wire of that place.
-    pub fn set_opened(&self, root: &Arc<Mutex<polepair::Link>>, index: usize) {
+    pub fn set_opened(&self, root: &Arc<Mutex<polepair::LocalLink>>, index: usize) {
         // Nobody opens a link twice.
         let _ = self.root.set((Arc::clone(root), index));
     }
 
     /// What the connection string opened, and which wire of that it is.
-    pub fn root(&self) -> Result<(MutexGuard<'_, polepair::Link>, usize), GatewayError> {
+    pub fn root(&self) -> Result<(MutexGuard<'_, polepair::LocalLink>, usize), GatewayError> {
         let (root, index) = self.root.get().ok_or_else(|| scan_error("the link is not open"))?;
         Ok((lock_unpoisoned(root), *index))
     }
@@ -271,8 +271,8 @@ impl LinkScanner {
     }
 
     /// Which axis of the bench that is.
-    fn find_axis_id(&self, axis: &Axis) -> Option<u16> {
-        let same = |(_, known): &&(u16, Axis)| {
+    fn find_axis_id(&self, axis: &LocalAxis) -> Option<u16> {
+        let same = |(_, known): &&(u16, LocalAxis)| {
             known.number() == axis.number() && known.protocol() == axis.protocol()
         };
         self.wire.axes.iter().find(same).map(|(id, _)| *id)
@@ -437,7 +437,7 @@ impl Bench {
     }
 
     /// One more axis on a link: who looks after it finds it there before anybody can ask for it.
-    pub(super) fn add_axis(&self, n: usize, axis: &Axis) -> Option<u16> {
+    pub(super) fn add_axis(&self, n: usize, axis: &LocalAxis) -> Option<u16> {
         let link = &self.0.links[n];
         let BenchLink { wire, id, .. } = link;
         let (entry, index) = (self.0.axes.len() as u16, wire.axes.len());

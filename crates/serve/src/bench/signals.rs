@@ -1,6 +1,6 @@
 //! Reads signals on the request worker, so motion does not wait.
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair_core::profile::Signal;
 use tokio::sync::oneshot;
 
@@ -35,7 +35,10 @@ fn parse_signal(word: &str) -> Result<Signal, GatewayError> {
     })
 }
 
-fn read_axis_signals(axis: &Axis, signals: &[Signal]) -> Result<Vec<SignalValue>, GatewayError> {
+fn read_axis_signals(
+    axis: &LocalAxis,
+    signals: &[Signal],
+) -> Result<Vec<SignalValue>, GatewayError> {
     axis.signals(signals)?;
     let (state, now) = (axis.state(), axis.connection().now());
     let sources = signals.iter().filter_map(|signal| axis.profile().signal(*signal));

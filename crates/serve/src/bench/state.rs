@@ -1,6 +1,6 @@
 //! The known state of an axis as a message, without a request to the drive.
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair_core::axis::AxisStatus;
 use polepair_core::profile::{Severity, Signal, SignalSource};
 use polepair_core::time::Instant;
@@ -8,7 +8,7 @@ use polepair_core::time::Instant;
 use crate::message::{ActiveFault, AxisState, SignalValue};
 
 /// All but lease and panel.
-pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
+pub(super) fn axis_state(id: u16, axis: &LocalAxis) -> AxisState {
     let (state, now) = (axis.state(), axis.connection().now());
     let flag = |signal| {
         let reading = state.reading(signal);
@@ -32,7 +32,7 @@ pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
 
 /// A signal's value, if it was ever read.
 pub(super) fn signal_value(
-    axis: &Axis,
+    axis: &LocalAxis,
     state: &AxisStatus,
     source: &SignalSource,
     now: Instant,
@@ -48,7 +48,7 @@ pub(super) fn signal_value(
 }
 
 /// Faults and warnings that stand; a code that nobody knows is told as it is.
-fn faults(axis: &Axis, state: &AxisStatus) -> Vec<ActiveFault> {
+fn faults(axis: &LocalAxis, state: &AxisStatus) -> Vec<ActiveFault> {
     let reading = state.reading(Signal::Fault);
     let raw = u32::try_from(reading.raw).unwrap_or(0);
     if reading.at.is_none() || raw == 0 {

@@ -18,7 +18,7 @@ impl Bench {
     /// Gives everything that looks after a link a thread.
     pub(super) fn start_threads(
         &self,
-        roots: Vec<(u16, polepair::Link)>,
+        roots: Vec<(u16, polepair::LocalLink)>,
         scribe: JournalWriter,
     ) -> Result<(), GatewayError> {
         let named = |what: &str| std::thread::Builder::new().name(what.to_owned());
@@ -50,7 +50,7 @@ impl Bench {
         &self,
         base: u16,
         first: usize,
-        link: &polepair::Link,
+        link: &polepair::LocalLink,
     ) -> Result<(), GatewayError> {
         let new_listener = self.new_event_listener(base, first, link);
         if !self.0.context.clock.is_real() {
@@ -71,7 +71,7 @@ impl Bench {
     /// Keeps what looks after the links, for [`pass`](Self::pass).
     pub(super) fn set_up_virtual(
         &self,
-        roots: &[(u16, polepair::Link)],
+        roots: &[(u16, polepair::LocalLink)],
         scribe: JournalWriter,
     ) -> Result<(), GatewayError> {
         let mut by_hand = lock_unpoisoned(&self.0.non_blocking);
@@ -112,7 +112,7 @@ impl Bench {
         &self,
         base: u16,
         first: usize,
-        link: &polepair::Link,
+        link: &polepair::LocalLink,
     ) -> impl FnOnce(Events) -> DriveEventListener + Send + 'static {
         let count = link.axes().len() - first;
         let seats = self.0.axes.iter().skip(usize::from(base)).take(count);

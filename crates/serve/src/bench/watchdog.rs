@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::WatchdogState;
 use serde_json::json;
 use tokio::sync::oneshot;
@@ -76,7 +76,7 @@ fn parse_duration(ms: f64) -> Result<Duration, GatewayError> {
     Duration::try_from_secs_f64(ms / 1e3).map_err(|_| wrong())
 }
 
-fn watchdog_view(axis: &Axis, state: WatchdogState) -> WatchdogView {
+fn watchdog_view(axis: &LocalAxis, state: WatchdogState) -> WatchdogView {
     let parameter = axis.watchdog_parameter().and_then(|id| axis.parameter(id));
     WatchdogView {
         rule: axis.watchdog_rule(),

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::thread::Thread;
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::PreparedCommand;
 use polepair_core::axis::Command;
 use polepair_core::time::Instant;
@@ -31,7 +31,7 @@ const STOPS_MAX: usize = 64;
 /// A wire and its axes.
 pub(super) struct BenchWire {
     /// Its axes, with their numbers among all of the bench.
-    pub axes: AppendOnlyVec<(u16, Axis)>,
+    pub axes: AppendOnlyVec<(u16, LocalAxis)>,
     /// Whether somebody looks for drives there.
     pub scan_flag: ScanFlag,
     /// When the bench's time began, on its clock.
@@ -194,7 +194,7 @@ impl StopBatch {
 }
 
 impl BenchWire {
-    pub fn new(axes: Vec<(u16, Axis)>) -> Self {
+    pub fn new(axes: Vec<(u16, LocalAxis)>) -> Self {
         Self {
             leases: Mutex::new(vec![None; axes.len()]),
             pending_stops: Mutex::new(vec![None; axes.len()]),
@@ -215,7 +215,7 @@ impl BenchWire {
     }
 
     /// One more axis, with its number among all of the bench. Tells its place.
-    pub fn add_axis(&self, id: u16, axis: Axis) -> Option<usize> {
+    pub fn add_axis(&self, id: u16, axis: LocalAxis) -> Option<usize> {
         lock_unpoisoned(&self.leases).push(None);
         lock_unpoisoned(&self.pending_stops).push(None);
         self.axes.push((id, axis))

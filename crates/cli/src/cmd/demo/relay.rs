@@ -4,7 +4,7 @@ use std::sync::PoisonError;
 use std::time::Duration;
 
 use polepair::simulate;
-use polepair::{Axis, Error};
+use polepair::{Error, LocalAxis};
 use polepair_core::profile::Signal;
 use polepair_link::pty::Pty;
 
@@ -54,7 +54,8 @@ pub(super) fn run_relay_scene() -> Result<Option<String>> {
     print_note("== Two axes on CAN behind a relay ==");
     print_note(&format!("  opening {url}: axis 255 is the relay, 1 and 2 are on its bus"));
     let frames = FrameLines::default();
-    let link = recording_connector(&url, &frames).connect(&url).map_err(outcome::to_problem)?;
+    let link =
+        recording_connector(&url, &frames).connect_local(&url).map_err(outcome::to_problem)?;
     let behind = &link.axes()[1..];
     let ended = turn_axes(behind, &frames);
     for frame in frames.lock().unwrap_or_else(PoisonError::into_inner).iter() {
@@ -78,7 +79,7 @@ fn turn_one_alone(url: &str) -> std::result::Result<(), Error> {
     let alone = format!("{line}?through=255#2");
     print_note(&format!("  opening {alone}"));
     let frames = FrameLines::default();
-    let link = recording_connector(&alone, &frames).connect(&alone)?;
+    let link = recording_connector(&alone, &frames).connect_local(&alone)?;
     turn_axes(link.axes(), &frames)?;
     for axis in link.axes() {
         if let Ok(Some(position)) = read_signal(axis, Signal::Position) {
@@ -89,7 +90,7 @@ fn turn_one_alone(url: &str) -> std::result::Result<(), Error> {
 }
 
 /// All of them at once, two turns. The frames that are kept are those of the move.
-fn turn_axes(axes: &[Axis], frames: &FrameLines) -> std::result::Result<(), Error> {
+fn turn_axes(axes: &[LocalAxis], frames: &FrameLines) -> std::result::Result<(), Error> {
     for axis in axes {
         axis.arm(true);
         axis.enable()?;

@@ -7,7 +7,7 @@ use polepair::axis::{StopProgress, StopSequence};
 use polepair::listen::WireListener;
 use polepair::url::shell_word;
 use polepair::wire::OpenWire;
-use polepair::{Axis, Link};
+use polepair::{LocalAxis, LocalLink};
 use polepair_capture::{DecodedFrame, Rule, RuleScope, Rules};
 use polepair_core::proto;
 use polepair_core::station::Counters;
@@ -49,7 +49,7 @@ pub struct Monitor {
 impl Monitor {
     /// A link whose axes are asked.
     pub fn with_link(
-        link: Link,
+        link: LocalLink,
         url: &str,
         rules: Option<Rules>,
         taps: TapQueue,
@@ -124,7 +124,7 @@ impl Monitor {
 
     /// The link whose axes are asked.
     #[cfg(test)]
-    pub fn link(&self) -> Option<&Link> {
+    pub fn link(&self) -> Option<&LocalLink> {
         self.session.as_ref().map(|session| &session.link)
     }
 
@@ -212,7 +212,7 @@ impl Monitor {
     }
 
     /// An axis of each wire.
-    fn axis_per_wire(&self) -> impl Iterator<Item = &Axis> {
+    fn axis_per_wire(&self) -> impl Iterator<Item = &LocalAxis> {
         let mut known = BTreeSet::new();
         let axes = self.axes.iter().map(|watched| &watched.axis);
         axes.filter(move |axis| known.insert(axis.connection().describe()))
@@ -251,10 +251,10 @@ impl Monitor {
 
 /// How the frames of a wire are explained: each axis' frames by its own protocol, the others by any
 /// of the wire's.
-fn wire_decoding(wire: &OpenWire, axes: &[Axis], stated: Option<&Rules>) -> WireDecoding {
-    let own: Vec<&Axis> =
+fn wire_decoding(wire: &OpenWire, axes: &[LocalAxis], stated: Option<&Rules>) -> WireDecoding {
+    let own: Vec<&LocalAxis> =
         axes.iter().filter(|axis| axis.connection().describe() == wire.name).collect();
-    let drive = |axis: &&Axis| (proto::drive_address(axis.number()), axis.profile());
+    let drive = |axis: &&LocalAxis| (proto::drive_address(axis.number()), axis.profile());
     let drives = own.iter().map(drive).collect();
     if let Some(rules) = stated {
         return WireDecoding { rules: rules.clone(), drives };

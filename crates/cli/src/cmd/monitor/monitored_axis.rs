@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use polepair::axis::StopSequence;
-use polepair::{Axis, Error, RunningRequest, faults};
+use polepair::{Error, LocalAxis, RunningRequest, faults};
 use polepair_core::error::Failure;
 use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
 use polepair_core::time::Instant;
@@ -37,7 +37,7 @@ const SILENT_PAUSE: Duration = Duration::from_secs(1);
 /// An axis, and what is being asked of it.
 pub struct MonitoredAxis {
     /// The axis.
-    pub axis: Axis,
+    pub axis: LocalAxis,
     /// Its stop, since somebody asked for one.
     pub stopping: Option<StopSequence>,
     /// Why it does not answer, and since when.
@@ -103,7 +103,7 @@ impl AxisActivity {
 
 impl MonitoredAxis {
     /// An axis of which nothing was asked yet.
-    pub fn new(axis: Axis) -> Self {
+    pub fn new(axis: LocalAxis) -> Self {
         Self {
             axis,
             stopping: None,

@@ -33,7 +33,7 @@ impl TestScreen {
         let tap_queue = TapQueue::default();
         let taps = tap_queue.clone();
         let connector = Connector::default().with_taps(move |wire| taps.tap(wire));
-        let link = connector.connect(url).expect("a link");
+        let link = connector.connect_local(url).expect("a link");
         let monitor = Monitor::with_link(link, url, None, tap_queue, PERIOD).expect("axes");
         let terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
         let mut screen = Self { monitor, view: View::default(), terminal };

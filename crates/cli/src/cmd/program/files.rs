@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::program::{AssemblyContext, Program, is_software};
 use polepair_core::profile::Profile;
 use polepair_core::program::{MemoryKind, ProgramLanguage, TransferProgress, checksum};
@@ -59,7 +59,7 @@ impl ProgramLocation {
     }
 
     /// Reads a file for an axis.
-    fn read_program(&self, axis: &Axis, path: &Path) -> Result<Program> {
+    fn read_program(&self, axis: &LocalAxis, path: &Path) -> Result<Program> {
         let language = axis.language().map_err(outcome::to_problem)?;
         let source = axis.assembly_context(self.origin(language)).map_err(outcome::to_problem)?;
         let program = Program::read(path, &source).map_err(|e| outcome::to_problem(e.into()))?;
@@ -259,7 +259,7 @@ impl ProgramVerify {
 }
 
 /// Compares word by word.
-fn compare_words(axis: &Axis, program: &Program) -> Result {
+fn compare_words(axis: &LocalAxis, program: &Program) -> Result {
     let mut different = 0;
     for piece in program.pieces() {
         let meter = Progress::of_count(0, "words");
@@ -338,7 +338,7 @@ impl ProgramSave {
 }
 
 /// What was written from an address on, without the erased words behind it.
-fn read_written(axis: &Axis, start: u16, last: u16) -> Result<Vec<u16>> {
+fn read_written(axis: &LocalAxis, start: u16, last: u16) -> Result<Vec<u16>> {
     let capacity = usize::from(last.saturating_sub(start)) + 1;
     let mut words = Vec::new();
     while words.len() < capacity {
@@ -355,7 +355,7 @@ fn read_written(axis: &Axis, start: u16, last: u16) -> Result<Vec<u16>> {
     Ok(words)
 }
 
-fn read_words(axis: &Axis, start: u16, count: usize) -> Result<Vec<u16>> {
+fn read_words(axis: &LocalAxis, start: u16, count: usize) -> Result<Vec<u16>> {
     let meter = Progress::of_count(0, "words");
     let read = axis.upload(start, count, |at: TransferProgress| meter.set_of(at.done, at.total));
     drop(meter);

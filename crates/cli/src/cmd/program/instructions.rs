@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::Args;
 use polepair::axis::ProgramStatus;
 use polepair::instruction_program::{InstructionProgram, is_binary, language_of};
-use polepair::{Axis, Error};
+use polepair::{Error, LocalAxis};
 use polepair_core::program::TransferProgress;
 use polepair_core::time::Instant;
 
@@ -29,7 +29,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 const STEP_MAX_S: f64 = 60.0;
 
 /// Whether the drive keeps instructions.
-pub fn is_module(axis: &Axis) -> bool {
+pub fn is_module(axis: &LocalAxis) -> bool {
     axis.instruction_language().is_ok()
 }
 
@@ -47,7 +47,7 @@ pub fn assemble(path: &Path, output: Option<&Path>) -> Result {
     Ok(Exit::Ok)
 }
 
-fn read(axis: &Axis, path: &Path) -> Result<InstructionProgram> {
+fn read(axis: &LocalAxis, path: &Path) -> Result<InstructionProgram> {
     let language = axis.instruction_language().map_err(outcome::to_problem)?;
     if language_of(path).is_none() {
         let what = format!("{} has no ending of a program file for this drive.", path.display());
@@ -75,7 +75,7 @@ fn write(program: &InstructionProgram, path: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-pub fn load(session: &Session, axis: &Axis, path: &Path, dry_run: bool) -> Result {
+pub fn load(session: &Session, axis: &LocalAxis, path: &Path, dry_run: bool) -> Result {
     let program = read(axis, path)?;
     let count = program.instructions().len();
     print_note(&format!(
@@ -108,7 +108,7 @@ pub fn load(session: &Session, axis: &Axis, path: &Path, dry_run: bool) -> Resul
     Ok(Exit::Ok)
 }
 
-pub fn verify(session: &Session, axis: &Axis, path: &Path) -> Result {
+pub fn verify(session: &Session, axis: &LocalAxis, path: &Path) -> Result {
     let program = read(axis, path)?;
     session.listen_for_interrupts();
     axis.verify_instructions(&program).map_err(outcome::to_problem)?;
@@ -116,7 +116,7 @@ pub fn verify(session: &Session, axis: &Axis, path: &Path) -> Result {
     Ok(Exit::Ok)
 }
 
-pub fn save(session: &Session, axis: &Axis, path: &Path, count: Option<u16>) -> Result {
+pub fn save(session: &Session, axis: &LocalAxis, path: &Path, count: Option<u16>) -> Result {
     session.listen_for_interrupts();
     let meter = Progress::of_count(0, "instructions");
     let show = |at: TransferProgress| meter.set_of(at.done, at.total);
@@ -137,7 +137,7 @@ struct Listing {
 
 impl Listing {
     /// Takes the text, and makes sure that the module has its instructions.
-    fn new(axis: &Axis, source: Option<&Path>) -> Result<Self> {
+    fn new(axis: &LocalAxis, source: Option<&Path>) -> Result<Self> {
         let source = source.map(|path| read(axis, path)).transpose()?;
         if let Some(program) = &source {
             axis.verify_instructions(program).map_err(|error| {
@@ -171,7 +171,7 @@ impl Listing {
     }
 
     /// An instruction as a line: `   7  WAIT POS, 0, 0     moves.tmc:9`.
-    fn line(&self, axis: &Axis, at: u16) -> Result<String> {
+    fn line(&self, axis: &LocalAxis, at: u16) -> Result<String> {
         let (text, place) = match &self.source {
             Some(source) => {
                 let place =
@@ -190,7 +190,7 @@ impl Listing {
 /// Starts the program and waits until it ends, or for so long.
 pub fn run(
     session: &Session,
-    axis: &Axis,
+    axis: &LocalAxis,
     start: ProgramStart<'_>,
     detach: bool,
     seconds: Option<f64>,
@@ -238,7 +238,7 @@ pub struct ProgramStart<'a> {
 }
 
 /// Waits until no program runs; `None` when the time is over first.
-fn wait_end(axis: &Axis, end: Option<Instant>) -> Result<Option<ProgramStatus>> {
+fn wait_end(axis: &LocalAxis, end: Option<Instant>) -> Result<Option<ProgramStatus>> {
     loop {
         if interrupt::was_interrupted() {
             return Err(Problem::interrupted());
@@ -340,7 +340,7 @@ impl ProgramBreak {
 /// Goes through a program instruction by instruction.
 struct ProgramStepper<'a> {
     session: &'a Session,
-    axis: &'a Axis,
+    axis: &'a LocalAxis,
     listing: Listing,
     within: Duration,
 }
@@ -348,7 +348,7 @@ struct ProgramStepper<'a> {
 impl<'a> ProgramStepper<'a> {
     fn new(
         session: &'a Session,
-        axis: &'a Axis,
+        axis: &'a LocalAxis,
         source: Option<&Path>,
         timeout: Option<f64>,
     ) -> Result<Self> {
@@ -439,13 +439,13 @@ impl<'a> ProgramStepper<'a> {
 
 /// What a program that was started is ended by.
 struct ModuleEnding<'a> {
-    axis: &'a Axis,
+    axis: &'a LocalAxis,
     powered: bool,
     _holding: interrupt::HoldGuard,
 }
 
 impl<'a> ModuleEnding<'a> {
-    fn begin(session: &Session, axis: &'a Axis) -> Result<Self> {
+    fn begin(session: &Session, axis: &'a LocalAxis) -> Result<Self> {
         let powered = is_powered(axis)?;
         let holding = interrupt::hold_motion(&session.arguments);
         axis.arm(true);
@@ -467,7 +467,7 @@ impl<'a> ModuleEnding<'a> {
 }
 
 /// Stops the motors of a module behind the first.
-pub fn stop_others(axis: &Axis) -> Result<()> {
+pub fn stop_others(axis: &LocalAxis) -> Result<()> {
     let others = 1..axis.profile().motors.max(1);
     others.clone().try_for_each(|motor| axis.stop_motor(motor)).map_err(outcome::to_problem)?;
     let end = axis.connection().now() + Duration::from_secs(10);

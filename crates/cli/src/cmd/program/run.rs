@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::STOP_RETRY_MAX;
 use polepair::program::Program;
 use polepair_core::axis::{Command, Verb};
@@ -39,7 +39,7 @@ struct ProgramEntry {
 
 impl ProgramEntry {
     /// The address that a word means.
-    fn address(&self, axis: &Axis, word: &str) -> Result<u16> {
+    fn address(&self, axis: &LocalAxis, word: &str) -> Result<u16> {
         let Some(path) = &self.source else {
             return parse_address(word).map_err(|expected| {
                 Problem::usage("E242", format!("{word:?} is not an address."))
@@ -175,7 +175,7 @@ impl ProgramCall {
 }
 
 /// Lets some time pass while a routine runs.
-fn wait_routine(axis: &Axis, end: Instant) -> Result<()> {
+fn wait_routine(axis: &LocalAxis, end: Instant) -> Result<()> {
     if interrupt::was_interrupted() {
         return Err(Problem::interrupted());
     }
@@ -191,7 +191,7 @@ fn wait_routine(axis: &Axis, end: Instant) -> Result<()> {
 /// Starts a program, waits, and ends what it does: also when waiting went wrong.
 fn run_program(
     session: &Session,
-    axis: &Axis,
+    axis: &LocalAxis,
     detach: bool,
     start: impl FnOnce() -> std::result::Result<(), polepair::Error>,
     wait: impl FnOnce() -> Result<()>,
@@ -216,12 +216,12 @@ fn run_program(
 }
 
 /// Whether the motor has power, as far as the drive tells.
-pub fn is_powered(axis: &Axis) -> Result<bool> {
+pub fn is_powered(axis: &LocalAxis) -> Result<bool> {
     Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0))
 }
 
 /// Ends the program and the motion, and takes the power off that was put on.
-pub fn end_program(axis: &Axis, powered: bool) -> Result<()> {
+pub fn end_program(axis: &LocalAxis, powered: bool) -> Result<()> {
     let mut stop_retry_notice = motion::StopRetryNotice::new();
     let ended = axis.abort_with_retry(STOP_RETRY_MAX, |axis, _| {
         stop_retry_notice.report_retry(axis, "still turn")

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::Read;
 
-use polepair::Axis;
+use polepair::LocalAxis;
 use polepair::axis::DATA_MAX;
 use polepair_core::profile::{Access, Encoding, ParameterId};
 
@@ -23,7 +23,7 @@ pub struct DataWrite {
 
 impl DataWrite {
     /// Of `NAME=VALUE`; `None` for a number. `@FILE` stands for the bytes of a file.
-    pub fn for_setting(axis: &Axis, id: ParameterId, value: &str) -> Result<Option<Self>> {
+    pub fn for_setting(axis: &LocalAxis, id: ParameterId, value: &str) -> Result<Option<Self>> {
         let Some(parameter) = axis.parameter(id) else { return Ok(None) };
         let file = value.strip_prefix('@').filter(|file| !file.is_empty());
         let untyped = parameter.encoding == Encoding::AnyLength;
@@ -49,7 +49,7 @@ impl DataWrite {
     }
 
     /// Writes it and says so.
-    pub fn apply(&self, axis: &Axis) -> Result<String> {
+    pub fn apply(&self, axis: &LocalAxis) -> Result<String> {
         let progress = Progress::of_transfer("written");
         let written = axis.write_data(self.id, &self.data, &mut |count| progress.set(count));
         written.map_err(outcome::to_problem)?;

@@ -1,7 +1,7 @@
 //! Changes the address of a drive: writes it last, and reads it back at the new address.
 
 use polepair::url::{LinkTarget, shell_word};
-use polepair::{Axis, Connector};
+use polepair::{Connector, LocalAxis};
 use polepair_core::profile::{AddressRole, ParameterId};
 
 use crate::outcome;
@@ -20,7 +20,7 @@ pub struct AddressChange {
 
 impl AddressChange {
     /// Of one setting; `None` for one with which the drive is reached as before.
-    pub fn for_setting(axis: &Axis, id: ParameterId, raw: i64) -> Result<Option<Self>> {
+    pub fn for_setting(axis: &LocalAxis, id: ParameterId, raw: i64) -> Result<Option<Self>> {
         let what = axis.readdress_effect(id, raw).map_err(outcome::to_problem)?;
         Ok(what.map(|what| Self { id, raw, what }))
     }
@@ -127,7 +127,7 @@ impl AddressChange {
 
 /// Refuses an address at which somebody answers.
 fn check_free(connector: &Connector, url: &str, address: u32) -> Result<()> {
-    match connector.connect(url) {
+    match connector.connect_local(url) {
         Err(error) if error.exit() == Exit::NoReply => Ok(()),
         Err(error) => {
             Err(outcome::to_problem(error)

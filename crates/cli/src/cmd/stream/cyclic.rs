@@ -3,7 +3,7 @@
 use std::io::IsTerminal as _;
 use std::time::Duration;
 
-use polepair::{Axis, CyclicAxes, Error};
+use polepair::{CyclicAxes, Error, LocalAxis};
 use polepair_core::stream::cyclic::{CycleStatistics, SetpointKind};
 use polepair_core::units::Quantity;
 
@@ -86,7 +86,7 @@ fn follow_setpoints(
         print_statistics(&account, setpoint);
     }
     if released.is_err() {
-        let axes: Vec<String> = session.axes().iter().map(Axis::label).collect();
+        let axes: Vec<String> = session.axes().iter().map(LocalAxis::label).collect();
         print_warning(&format!("{} may still turn: cut their supply", axes.join(", ")));
     }
     motion::conclude(ended.map(drop), released, "the motion was stopped")
@@ -224,7 +224,7 @@ impl SetpointTable {
     }
 
     /// For each axis its column.
-    fn column_order(&self, axes: &[Axis]) -> Result<Vec<usize>> {
+    fn column_order(&self, axes: &[LocalAxis]) -> Result<Vec<usize>> {
         if self.columns.len() != axes.len() {
             let what = format!("{} columns for {} axes.", self.columns.len(), axes.len());
             return Err(Problem::usage("E245", what)
@@ -233,7 +233,7 @@ impl SetpointTable {
         if self.columns.iter().all(|column| column.name.is_empty()) {
             return Ok((0..axes.len()).collect());
         }
-        let of = |axis: &Axis| {
+        let of = |axis: &LocalAxis| {
             let number = axis.number().to_string();
             let is = |column: &SetpointColumn| column.name == number || column.name == axis.name();
             self.columns.iter().position(is).ok_or_else(|| {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use polepair::{Axis, Events};
+use polepair::{Events, LocalAxis};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_link::clock;
@@ -47,13 +47,13 @@ impl WatchCommand {
         })
     }
 
-    fn reported_signals(&self, axes: &[Axis]) -> Result<Vec<Signal>> {
+    fn reported_signals(&self, axes: &[LocalAxis]) -> Result<Vec<Signal>> {
         let mut signals = Vec::new();
         for name in self.signal_names() {
             let wanted = normalize_name(name);
             let signal = Signal::ALL.into_iter().find(|signal| signal.name() == wanted);
             let has_signal =
-                |axis: &Axis| signal.is_some_and(|s| axis.profile().signal(s).is_some());
+                |axis: &LocalAxis| signal.is_some_and(|s| axis.profile().signal(s).is_some());
             match (signal, axes.iter().find(|axis| !has_signal(axis))) {
                 (Some(signal), None) => signals.push(signal),
                 // The default signals leave out what this drive lacks.
@@ -114,7 +114,7 @@ fn read_until(events: &Events, until: Instant) {
 /// Waits until the drive has sent a signal since `began`.
 fn wait_for_report(
     events: &Events,
-    axis: &Axis,
+    axis: &LocalAxis,
     signal: Signal,
     began: Instant,
     within: Duration,
@@ -141,7 +141,7 @@ fn wait_for_report(
 /// The last value that came, where it is not older than `fresh`.
 fn reported_column(
     session: &Session,
-    axis: &Axis,
+    axis: &LocalAxis,
     signal: Signal,
     fresh: Duration,
 ) -> Option<WatchColumn> {

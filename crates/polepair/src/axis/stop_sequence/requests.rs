@@ -1,7 +1,7 @@
 //! The requests of a stop. None of them blocks.
 
 use super::super::failure::RequestKind;
-use super::super::{Axis, RunningRequest};
+use super::super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use polepair_core::axis::{Axes, StopPart, Verb};
 use polepair_core::error::Unsupported;
@@ -10,7 +10,7 @@ use polepair_core::profile::{ParameterId, Persistence, RamMode};
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
-impl Axis {
+impl LocalAxis {
     /// The setting that keeps the writes of a stop out of permanent memory, if there is one.
     pub(super) fn stop_ram_mode(&self) -> Option<RamMode> {
         let ram = self.profile.ram?;

@@ -2,7 +2,7 @@
 
 use super::*;
 
-impl Axis {
+impl LocalAxis {
     /// Whether the last velocity that was read is more than what the drive's stop takes for standing;
     /// `None` where none was read.
     #[must_use]

@@ -8,7 +8,7 @@ use crate::bench::wire::{DismissRequest, StopBatch};
 use crate::message::{DismissReason, DismissStop};
 
 /// The wire of a link's first axis, with a command worker whose thread never runs.
-fn test_wire(link: &polepair::Link) -> (Arc<BenchWire>, Arc<Mutex<CommandWorker>>) {
+fn test_wire(link: &polepair::LocalLink) -> (Arc<BenchWire>, Arc<Mutex<CommandWorker>>) {
     let wire = Arc::new(BenchWire::new(vec![(7, link.axes()[0].clone())]));
     let worker = Arc::new(RequestWorker::new(&wire));
     let clock = BenchClock::from_simulations(link.simulation().into_iter());
@@ -34,7 +34,7 @@ fn submit_stop(wire: &BenchWire) {
 
 #[test]
 fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
-    let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
+    let link = polepair::connect_local("sim:tmcl?time=virtual").unwrap();
     let (wire, worker) = test_wire(&link);
     let sent = || link.counters(&link.axes()[0]).sent;
     let before = sent();
@@ -53,7 +53,7 @@ fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
 
 #[test]
 fn a_stop_that_is_said_after_a_dismissal_is_not_dismissed() {
-    let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
+    let link = polepair::connect_local("sim:tmcl?time=virtual").unwrap();
     let (wire, worker) = test_wire(&link);
     let dismiss = || {
         let (reply_sender, mut receiver) = oneshot::channel();
@@ -82,7 +82,7 @@ fn a_lost_link_is_opened_again_by_no_one_who_says_a_stop() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let url = format!("tmcl+tcp://{address}?profile=tmcm-171#1");
-    let link = polepair::connect(&url).unwrap();
+    let link = polepair::connect_local(&url).unwrap();
     let (wire, _hand) = test_wire(&link);
     drop(listener.accept().unwrap());
     let connection = link.axes()[0].connection();

@@ -61,7 +61,7 @@ impl Site {
         Self::with_pending_stop((word, scheme, "1"), |url, _, _| {
             // A TS from the factory obeys pulses: mode 1 is speed.
             if scheme == "modbus-rtu" {
-                let link = polepair::connect(url).unwrap();
+                let link = polepair::connect_local(url).unwrap();
                 let axis = &link.axes()[0];
                 axis.arm(true);
                 axis.set("control mode", "1").unwrap();
@@ -195,7 +195,7 @@ fn truth_of(line: &DriveLine, drive: usize) -> GroundTruth {
 
 /// Has every motor of a line turn, by a program that then goes.
 fn turn_all(url: &str, line: &DriveLine) {
-    let link = polepair::connect(url).unwrap();
+    let link = polepair::connect_local(url).unwrap();
     for (drive, axis) in link.axes().iter().enumerate() {
         axis.arm(true);
         axis.velocity("20 rad/s").unwrap();

@@ -1,0 +1,220 @@
+//! The axis interface of an axis on a wire of this program.
+
+use std::time::Duration;
+
+use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::Argument;
+use polepair_core::profile::{ParameterId, Signal, Watchdog};
+use polepair_core::time::Instant;
+use polepair_core::units::Unit;
+
+use super::{
+    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, ParameterDescription,
+    ReadValue, Reply, SignalReading, WatchdogKind, WatchdogReport, WriteValue,
+};
+use crate::amount::Amount;
+use crate::axis::{DeviceDetail, LocalAxis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
+use crate::error::Error;
+use crate::faults;
+
+impl AxisInterface for LocalAxis {
+    fn facts(&self) -> AxisFacts {
+        let profile = self.profile();
+        AxisFacts {
+            number: self.number(),
+            name: self.name().to_owned(),
+            label: self.label(),
+            protocol: self.protocol().to_owned(),
+            profile: profile.name.to_owned(),
+            title: profile.title.to_owned(),
+            kind: profile.axis,
+            caution: profile.caution.to_owned(),
+            watchdog_rule: self.watchdog_rule(),
+            watchdog: self.watchdog_kind(),
+            is_simulated: self.simulation.is_some(),
+            verbs: profile.plans.iter().map(|plan| plan.verb).collect(),
+            signals: profile.signals.iter().map(|source| source.signal).collect(),
+        }
+    }
+
+    fn local(&self) -> Option<&LocalAxis> {
+        Some(self)
+    }
+
+    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
+        self.unit_of(verb, which)
+    }
+
+    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        self.argument(verb, which, amount)
+    }
+
+    fn signal_unit(&self, signal: Signal) -> String {
+        self.signal_unit(signal).to_owned()
+    }
+
+    fn parameters(&self) -> Result<Vec<ParameterDescription>, Error> {
+        Ok(self.params().iter().map(ParameterDescription::from).collect())
+    }
+
+    fn find(&self, name: &str) -> Result<ParameterId, Error> {
+        self.find(name)
+    }
+
+    fn start_read(&self, id: ParameterId) -> Result<AxisRequest, Error> {
+        self.start_read(id).map(AxisRequest::from)
+    }
+
+    fn start_write(
+        &self,
+        id: ParameterId,
+        value: &WriteValue,
+        store: bool,
+    ) -> Result<AxisRequest, Error> {
+        let raw = match value {
+            WriteValue::Raw(raw) => *raw,
+            WriteValue::Amount(amount) => self.raw_of(id, amount)?,
+        };
+        self.start_write(id, raw, store).map(AxisRequest::from)
+    }
+
+    fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
+        match reply {
+            Reply::Raw(raw) => self.value(id, raw).map(ReadValue::from),
+            Reply::Reading(reading) => Ok(reading),
+        }
+    }
+
+    fn read_data(&self, id: ParameterId) -> Result<Vec<u8>, Error> {
+        self.read_data(id, true, &mut |_| {})
+    }
+
+    fn write_data(&self, id: ParameterId, data: &[u8]) -> Result<(), Error> {
+        self.write_data(id, data, &mut |_| {})
+    }
+
+    fn start_raw(&self, text: &str) -> Result<AxisRequest, Error> {
+        self.start_raw(text).map(AxisRequest::from)
+    }
+
+    fn start(&self, command: Command) -> Result<AxisRequest, Error> {
+        self.start(command).map(AxisRequest::from)
+    }
+
+    fn arm(&self) -> Result<(), Error> {
+        self.arm_exclusively()
+    }
+
+    fn disarm(&self) -> Result<(), Error> {
+        self.arm(false);
+        Ok(())
+    }
+
+    fn is_armed(&self) -> bool {
+        self.state().armed
+    }
+
+    fn stop(&self) -> Result<(), Error> {
+        self.stop()
+    }
+
+    fn release(&self) -> Result<(), Error> {
+        let one = std::slice::from_ref(self);
+        let stopped = stop_with_retry(one, STOP_RETRY_MAX, |_, _| true).into_iter().collect();
+        let has_switch = self.profile().plan(Verb::Disable).is_some();
+        let disabled = if has_switch { self.disable() } else { Ok(()) };
+        self.arm(false);
+        Result::<(), Error>::and(stopped, disabled)
+    }
+
+    fn state(&self) -> Result<AxisSnapshot, Error> {
+        let (state, now) = (self.state(), self.connection().now());
+        let flag = |signal| {
+            let known = self.profile().signal(signal).and(state.reading(signal).at);
+            known.map(|_| state.reading(signal).raw != 0)
+        };
+        let signals = self.profile().signals.iter().filter_map(|source| {
+            let reading = state.reading(source.signal);
+            let age = now.since(reading.at?);
+            Some(SignalReading { signal: source.signal, value: reading.value, age })
+        });
+        Ok(AxisSnapshot {
+            mode: self.mode(&state),
+            enabled: flag(Signal::Enabled),
+            armed: state.armed,
+            moving: self.moving(&state),
+            signals: signals.collect(),
+            owner: None,
+        })
+    }
+
+    fn signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
+        let readings = self.signals(signals)?;
+        let now = self.connection().now();
+        let reading = |(signal, reading): (&Signal, polepair_core::axis::Reading)| SignalReading {
+            signal: *signal,
+            value: reading.value,
+            age: reading.at.map_or(Duration::ZERO, |at| now.since(at)),
+        };
+        Ok(signals.iter().zip(readings).map(reading).collect())
+    }
+
+    fn faults(&self) -> Result<Vec<FaultReport>, Error> {
+        let code = match self.provides_signal(Signal::Fault)? {
+            true => self.signals(&[Signal::Fault])?[0].raw,
+            false => 0,
+        };
+        let code = u32::try_from(code).unwrap_or_default();
+        Ok(faults(self.profile(), code).into_iter().map(FaultReport::from).collect())
+    }
+
+    fn device_details(&self) -> Result<Vec<DeviceDetail>, Error> {
+        self.device_details()
+    }
+
+    fn watchdog(&self) -> Result<WatchdogReport, Error> {
+        Ok(self.report_watchdog(self.watchdog()?))
+    }
+
+    fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogReport, Error> {
+        Ok(self.report_watchdog(self.set_watchdog(after)?))
+    }
+
+    fn now(&self) -> Instant {
+        self.connection().now()
+    }
+
+    fn sleep(&self, span: Duration) {
+        self.sleep(span);
+    }
+}
+
+impl LocalAxis {
+    /// The kind of the drive's watchdog.
+    fn watchdog_kind(&self) -> WatchdogKind {
+        let name = || {
+            let parameter = self.watchdog_parameter().and_then(|id| self.parameter(id));
+            parameter.map(|parameter| parameter.name.to_owned())
+        };
+        match self.profile().watchdog {
+            Watchdog::None => WatchdogKind::None,
+            Watchdog::Fixed { after_ms } => WatchdogKind::Fixed(f64::from(after_ms) / 1e3),
+            Watchdog::Configurable { .. } => {
+                name().map_or(WatchdogKind::None, WatchdogKind::Configurable)
+            }
+            Watchdog::Heartbeat { .. } => {
+                WatchdogKind::Heartbeat(self.heartbeat().and_then(|_| name()))
+            }
+        }
+    }
+
+    fn report_watchdog(&self, state: WatchdogState) -> WatchdogReport {
+        let parameter = self.watchdog_parameter().and_then(|id| self.parameter(id));
+        WatchdogReport {
+            text: self.describe_watchdog(state),
+            after: state.after(),
+            parameter: parameter.map(|parameter| parameter.name.to_owned()),
+            caution: self.watchdog_caution(false).unwrap_or_default(),
+        }
+    }
+}

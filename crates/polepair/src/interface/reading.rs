@@ -1,0 +1,138 @@
+//! Values that were read from an axis.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::time::Duration;
+
+use polepair_core::profile::{Fault, Severity, Signal};
+
+use crate::amount::Value;
+use crate::error::Error;
+
+/// A parameter that was read.
+#[derive(Clone, PartialEq, Debug)]
+pub struct ReadValue {
+    /// The raw value; `None` for text and bytes.
+    pub raw: Option<i64>,
+    /// In [`unit`](Self::unit); NaN if the scale is not known.
+    pub value: f64,
+    /// Symbol of the unit that the profile shows the value in; empty without one.
+    pub unit: Cow<'static, str>,
+    /// The value's word, if it has one.
+    pub word: Option<Cow<'static, str>>,
+    /// The value with its unit, with no more digits than the drive has.
+    pub text: String,
+}
+
+impl ReadValue {
+    /// The raw value.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E213` for text and bytes.
+    pub fn require_raw(&self, name: &str) -> Result<i64, Error> {
+        self.raw.ok_or_else(|| not_a_number(name))
+    }
+}
+
+impl fmt::Display for ReadValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl From<Value> for ReadValue {
+    fn from(value: Value) -> Self {
+        Self {
+            raw: Some(value.raw),
+            value: value.value,
+            unit: value.unit.symbol().into(),
+            word: value.word.map(Cow::Borrowed),
+            text: value.to_string(),
+        }
+    }
+}
+
+/// The error for a parameter that holds text or bytes.
+pub(super) fn not_a_number(name: &str) -> Error {
+    Error::usage("E213", format!("`{name}` is no number"), "read it as text, or as bytes")
+}
+
+/// A signal that was read.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct SignalReading {
+    /// Which one.
+    pub signal: Signal,
+    /// SI; flags are 0 or 1, codes and modes are themselves. NaN if the scale is not known.
+    pub value: f64,
+    /// Time since its reply arrived.
+    pub age: Duration,
+}
+
+/// The last known state of an axis. No value is newer than its age.
+#[derive(Clone, PartialEq, Debug)]
+pub struct AxisSnapshot {
+    /// Mode of operation in words; `None` while it is not known.
+    pub mode: Option<String>,
+    /// The motor has power; `None` while that is not known.
+    pub enabled: Option<bool>,
+    /// Motion commands are let through.
+    pub armed: bool,
+    /// The motor moves; `None` while that is not known.
+    pub moving: Option<bool>,
+    /// Each signal that was read.
+    pub signals: Vec<SignalReading>,
+    /// The client with the lease, on a gateway.
+    pub owner: Option<String>,
+}
+
+impl AxisSnapshot {
+    /// The last reading of a signal; `None` before the first.
+    #[must_use]
+    pub fn signal(&self, signal: Signal) -> Option<SignalReading> {
+        self.signals.iter().find(|reading| reading.signal == signal).copied()
+    }
+}
+
+/// An active fault or warning of a drive.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct FaultReport {
+    /// The drive's code.
+    pub code: u32,
+    /// The manual's short name.
+    pub name: Cow<'static, str>,
+    /// Its name in words.
+    pub text: Cow<'static, str>,
+    /// What causes it.
+    pub cause: Cow<'static, str>,
+    /// What to do about it.
+    pub remedy: Cow<'static, str>,
+    /// The drive continues.
+    pub is_warning: bool,
+}
+
+impl From<&'static Fault> for FaultReport {
+    fn from(fault: &'static Fault) -> Self {
+        Self {
+            code: fault.code,
+            name: fault.name.into(),
+            text: fault.text.into(),
+            cause: fault.cause.into(),
+            remedy: fault.remedy.into(),
+            is_warning: fault.severity != Severity::Fault,
+        }
+    }
+}
+
+/// How a drive's watchdog is set.
+#[derive(Clone, PartialEq, Debug)]
+pub struct WatchdogReport {
+    /// The setting in words.
+    pub text: String,
+    /// Time without a message of the host after which the drive stops. `None` if it does not stop, or does not
+    /// report it.
+    pub after: Option<Duration>,
+    /// The parameter that is written to set it. `None` for a drive without one.
+    pub parameter: Option<String>,
+    /// What to know before it is set; may be empty.
+    pub caution: String,
+}

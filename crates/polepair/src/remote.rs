@@ -1,0 +1,109 @@
+//! Links of a running gateway (`polepair serve`): its axes behind the same interface as those of a wire.
+//!
+//! ```text
+//!   RemoteLink            one gateway, its axes, and the leases that this program holds
+//!    └ RemoteAxis         implements AxisInterface; arming acquires the axis' lease
+//!       ├ RemoteRequest   a command or a read that is under way
+//!       └ SampleRows      subscribed signals
+//! ```
+//!
+//! The gateway executes stops without a lease, whoever commands the axis. A command is sent once; what was not
+//! answered may have been executed.
+
+mod axis;
+mod convert;
+mod options;
+mod request;
+mod rows;
+mod server;
+
+use std::sync::Arc;
+
+use polepair_client::message::StopRequest;
+use polepair_client::{Gateway, PendingOperation, select_axes};
+
+pub use axis::RemoteAxis;
+pub(crate) use options::open;
+pub use polepair_client::message::{AxisInfo, GatewayError};
+pub use request::RemoteRequest;
+pub use rows::SampleRows;
+use server::Server;
+
+use crate::error::Error;
+
+/// A running gateway and its axes. Clones share the connection and the leases.
+#[derive(Clone, Debug)]
+pub struct RemoteLink {
+    server: Arc<Server>,
+    axes: Vec<RemoteAxis>,
+}
+
+impl RemoteLink {
+    /// Reads which axes a gateway has, and selects those that `axes` names (`1,3`, `x`, `LINK#1`); all
+    /// without names.
+    ///
+    /// # Errors
+    /// [`Error::Gateway`]: `E314`, `E315` or `E321` if it cannot be reached, `E212` for an unknown axis.
+    pub fn open(gateway: Gateway, axes: Option<&str>) -> Result<Self, Error> {
+        let bench = gateway.bench()?;
+        let server = Arc::new(Server::new(gateway, bench));
+        let selected = select_axes(server.bench(), axes.unwrap_or(polepair_client::ALL))?;
+        let selected = selected.into_iter();
+        let axes = selected.map(|info| RemoteAxis::new(Arc::clone(&server), info)).collect();
+        Ok(Self { server, axes })
+    }
+
+    /// The gateway.
+    #[must_use]
+    pub fn gateway(&self) -> &Gateway {
+        self.server.gateway()
+    }
+
+    /// Its axes, in the gateway's order.
+    #[must_use]
+    pub fn axes(&self) -> &[RemoteAxis] {
+        &self.axes
+    }
+
+    /// The axes of the gateway that these words name, whether they were selected or not.
+    ///
+    /// # Errors
+    /// [`Error::Gateway`] `E212`.
+    pub fn find_axes(&self, words: &str) -> Result<Vec<RemoteAxis>, Error> {
+        let found = select_axes(self.server.bench(), words)?;
+        let axis = |info| RemoteAxis::new(Arc::clone(&self.server), info);
+        Ok(found.into_iter().map(axis).collect())
+    }
+
+    /// Stops every axis of this link, whoever commands it. The gateway's motion lock is not set.
+    ///
+    /// # Errors
+    /// The first error, after every axis was tried.
+    pub fn stop_all(&self) -> Result<(), Error> {
+        stop_axes(self.gateway(), self.axes.iter().map(|axis| axis.info().id).collect())?;
+        Ok(())
+    }
+
+    /// Stops, disables and disarms what this program armed through this link.
+    ///
+    /// # Errors
+    /// The first error, after every axis was tried.
+    pub fn stop_armed(&self) -> Result<(), Error> {
+        Ok(self.server.stop_armed()?)
+    }
+
+    /// Runs a blocking call on a thread of the gateway's client, and returns at once.
+    pub fn spawn<T: Send + 'static>(
+        &self,
+        call: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
+    ) -> PendingOperation<T> {
+        self.gateway().spawn(move |_| call())
+    }
+}
+
+/// Stops axes, whoever commands them; the first error, after every axis was tried.
+fn stop_axes(gateway: &Gateway, axes: Vec<u16>) -> Result<(), GatewayError> {
+    let request = StopRequest { axes: Some(axes), reason: String::new() };
+    let stopped = gateway.stop(&request)?.axes;
+    stopped.into_iter().find_map(|axis| axis.error).map_or(Ok(()), Err)
+}

@@ -1,0 +1,365 @@
+//! The axis interface of an axis of a gateway.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use polepair_client::message::{AxisInfo, ParameterInput, SetWatchdog, WriteParameters};
+use polepair_client::{GatewayError, Lease, PendingOperation};
+use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::Argument;
+use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::time::Instant;
+use polepair_core::units::Unit;
+use polepair_link::clock;
+
+use super::convert::{
+    active_fault, argument_unit, axis_facts, axis_state, command_arguments, parameter_description,
+    parameter_reading, signal_reading, watchdog_report,
+};
+use super::server::{REPLY_MAX, STOP_MAX, Server, SlotGuard};
+use super::{RemoteRequest, SampleRows, stop_axes};
+use crate::amount::Amount;
+use crate::axis::DeviceDetail;
+use crate::error::Error;
+use crate::interface::{
+    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, ParameterDescription,
+    ReadValue, Reply, SignalReading, WatchdogReport, WriteValue, not_on_gateway,
+};
+
+/// The highest rate at which a gateway sends a signal.
+const HZ_MAX: f64 = 1000.0;
+
+/// An axis of a gateway. Clones are the same axis and share its lease.
+#[derive(Clone, Debug)]
+pub struct RemoteAxis {
+    server: Arc<Server>,
+    info: Arc<AxisInfo>,
+}
+
+impl RemoteAxis {
+    pub(super) fn new(server: Arc<Server>, info: AxisInfo) -> Self {
+        Self { server, info: Arc::new(info) }
+    }
+
+    /// The gateway's description of the axis.
+    #[must_use]
+    pub fn info(&self) -> &AxisInfo {
+        &self.info
+    }
+
+    /// The gateway's client.
+    #[must_use]
+    pub fn gateway(&self) -> &polepair_client::Gateway {
+        self.server.gateway()
+    }
+
+    /// Whether its parameters are known without a request.
+    #[must_use]
+    pub fn has_parameters(&self) -> bool {
+        self.server.has_parameters(self.info.id)
+    }
+
+    /// Subscribes to signals, a row each `period` seconds, or as often as the gateway sends them.
+    ///
+    /// # Errors
+    /// `E213` without a signal, or for one that the drive does not report; `E217` for an invalid period.
+    pub fn subscribe(&self, signals: &[Signal], period: f64) -> Result<SampleRows, Error> {
+        if signals.is_empty() {
+            return Err(Error::usage("E213", "no signal is named", "name what to watch"));
+        }
+        if !(period.is_finite() && period >= 0.0) {
+            let hint = "give seconds, or 0 for as often as possible";
+            return Err(Error::usage("E217", format!("a period of {period} s"), hint));
+        }
+        let (axis, hz) = (self.info.id, (1.0 / period).min(HZ_MAX));
+        let live = self.server.live_connection()?;
+        let streams =
+            signals.iter().map(|signal| live.subscribe(axis, Some(signal.name()), None, hz));
+        Ok(SampleRows::new(streams.collect::<Result<_, _>>()?))
+    }
+
+    /// Starts `stop` or `disable` by the lease of this program, so that nobody else's motion is stopped. `None`
+    /// if this program did not arm the axis.
+    ///
+    /// # Errors
+    /// `gateway.lease` if the lease has ended.
+    pub fn start_by_lease(&self, verb: Verb) -> Result<Option<AxisRequest>, Error> {
+        let Some(lease) = self.server.armed_lease(self.info.id) else { return Ok(None) };
+        lease.check()?;
+        let started = lease.start(verb.name(), command_arguments(&Command::new(verb)))?;
+        Ok(Some(RemoteRequest::command(started).into()))
+    }
+
+    fn slot(&self) -> SlotGuard {
+        self.server.lock_slot(self.info.id)
+    }
+
+    fn has_verb(&self, verb: Verb) -> bool {
+        self.info.verbs.iter().any(|info| info.verb == verb.name())
+    }
+
+    /// Starts a verb: by the lease if the axis is armed; one that moves nothing needs no lease before.
+    fn start_verb(&self, command: &Command) -> Result<PendingOperation, GatewayError> {
+        let (verb, id) = (command.verb, self.info.id);
+        let Some(info) = self.info.verbs.iter().find(|info| info.verb == verb.name()) else {
+            let what =
+                format!("{}: {} has no `{}`", self.info.label, self.info.profile, verb.name());
+            let known = self.info.verbs.iter().map(|info| &*info.verb);
+            let known: Vec<_> = known.filter(|verb| !["arm", "disarm"].contains(verb)).collect();
+            return Err(
+                GatewayError::new("E218", what).hint(format!("it has {}", known.join(", ")))
+            );
+        };
+        if command.raw {
+            let what = format!("{}: a gateway takes values with units", self.info.label);
+            return Err(GatewayError::new("E257", what).hint("give the value with its unit"));
+        }
+        let (lease, arguments) = (self.server.armed_lease(id), command_arguments(command));
+        if matches!(verb, Verb::Stop | Verb::QuickStop) {
+            return match lease.filter(|lease| lease.check().is_ok()) {
+                Some(lease) => lease.start(verb.name(), arguments),
+                None => {
+                    let server = Arc::clone(&self.server);
+                    // The stop comes first, then the check whether it was this axis.
+                    Ok(self.server.gateway().spawn(move |gateway| {
+                        stop_axes(gateway, vec![id]).and_then(|()| server.check_same_drives())
+                    }))
+                }
+            };
+        }
+        if let Some(lease) = lease {
+            lease.check()?;
+            return lease.start(verb.name(), arguments);
+        }
+        // Whoever waits for another client's motion does not take the axis from it.
+        if info.moves || verb == Verb::Reached {
+            let what = format!("{}: {}: the axis is not armed", self.info.label, verb.name());
+            let hint = "arm it first: motion needs an armed axis";
+            return Err(GatewayError::new("E219", what).hint(hint));
+        }
+        let server = Arc::clone(&self.server);
+        let run = move |lease: &Lease| lease.run(verb.name(), arguments, REPLY_MAX);
+        Ok(self.server.gateway().spawn(move |_| server.with_lease(id, run)))
+    }
+
+    /// The raw and the scaled reading of a signal's source is the gateway's; here is only the list.
+    fn read_signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
+        let words: Vec<_> = signals.iter().map(|signal| signal.name()).collect();
+        let read = self.gateway().signals(self.info.id, &words)?;
+        Ok(read.iter().filter_map(signal_reading).collect())
+    }
+}
+
+impl AxisInterface for RemoteAxis {
+    fn facts(&self) -> AxisFacts {
+        axis_facts(&self.info)
+    }
+
+    fn remote(&self) -> Option<&RemoteAxis> {
+        Some(self)
+    }
+
+    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
+        argument_unit(&self.info, verb, which)
+    }
+
+    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        let unit = self.unit_of(verb, which);
+        if unit.is_none() && self.has_verb(verb) {
+            let word = crate::profile::argument_word(which);
+            let (label, profile) = (&self.info.label, &self.info.profile);
+            let what = format!("{label}: {}: {profile} takes no {word} with it", verb.name());
+            return Err(Error::usage("E218", what, "leave it out"));
+        }
+        amount.in_si(unit)
+    }
+
+    fn signal_unit(&self, signal: Signal) -> String {
+        let known = self.info.signals.iter().find(|known| known.signal == signal.name());
+        known.map_or_else(String::new, |known| known.unit.clone())
+    }
+
+    fn parameters(&self) -> Result<Vec<ParameterDescription>, Error> {
+        Ok(self.server.parameters(self.info.id)?.iter().map(parameter_description).collect())
+    }
+
+    fn find(&self, name: &str) -> Result<ParameterId, Error> {
+        Ok(self.server.find_parameter(self.info.id, name)?)
+    }
+
+    fn start_read(&self, id: ParameterId) -> Result<AxisRequest, Error> {
+        let (axis, name) = (self.info.id, self.server.parameter_name(self.info.id, id)?);
+        let read = self.gateway().spawn(move |gateway| gateway.parameter(axis, &name));
+        Ok(RemoteRequest::read(read).into())
+    }
+
+    fn start_write(
+        &self,
+        id: ParameterId,
+        value: &WriteValue,
+        store: bool,
+    ) -> Result<AxisRequest, Error> {
+        let (axis, name) = (self.info.id, self.server.parameter_name(self.info.id, id)?);
+        let (input, raw) = match value {
+            WriteValue::Amount(Amount::Number(number)) => (ParameterInput::Number(*number), false),
+            WriteValue::Amount(Amount::Text(text)) => (ParameterInput::Text(text.clone()), false),
+            // A whole number that a double does not hold is sent as text.
+            WriteValue::Raw(raw) if raw.unsigned_abs() <= 1 << 53 => {
+                (ParameterInput::Number(*raw as f64), true)
+            }
+            WriteValue::Raw(raw) => (ParameterInput::Text(raw.to_string()), true),
+        };
+        let values = [(name, input)].into();
+        let write = WriteParameters { values, keep: store, dry_run: false, raw, epoch: 0 };
+        let server = Arc::clone(&self.server);
+        let written = self.gateway().spawn(move |gateway| {
+            server.with_lease(axis, |lease| {
+                let write = WriteParameters { epoch: lease.epoch(), ..write };
+                gateway.write_parameters(axis, &write).map(drop)
+            })
+        });
+        Ok(RemoteRequest::command(written).into())
+    }
+
+    fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
+        match reply {
+            Reply::Reading(reading) => Ok(reading),
+            Reply::Raw(_) => {
+                let name = self.server.parameter_name(self.info.id, id)?;
+                Ok(parameter_reading(self.gateway().parameter(self.info.id, &name)?))
+            }
+        }
+    }
+
+    fn read_data(&self, id: ParameterId) -> Result<Vec<u8>, Error> {
+        let name = self.server.parameter_name(self.info.id, id)?;
+        let read = self.gateway().parameter(self.info.id, &name)?;
+        match read.kind.as_str() {
+            "text" => Ok(read.text.into_bytes()),
+            "bytes" => {
+                let bytes = read.text.split_whitespace();
+                let bytes = bytes.map(|digits| u8::from_str_radix(digits, 16));
+                let invalid =
+                    |_| Error::usage("E257", "the gateway's bytes are not hexadecimal", "");
+                bytes.collect::<Result<_, _>>().map_err(invalid)
+            }
+            _ => Err(Error::usage("E213", format!("`{}` is a number", read.name), "get it")),
+        }
+    }
+
+    fn write_data(&self, _id: ParameterId, _data: &[u8]) -> Result<(), Error> {
+        Err(not_on_gateway("writing text and bytes"))
+    }
+
+    fn start_raw(&self, text: &str) -> Result<AxisRequest, Error> {
+        let (server, axis, text) = (Arc::clone(&self.server), self.info.id, text.to_owned());
+        let send = move |lease: &Lease| lease.raw(&text);
+        let sent = self.gateway().spawn(move |_| server.with_lease(axis, send));
+        Ok(RemoteRequest::number(sent).into())
+    }
+
+    fn start(&self, command: Command) -> Result<AxisRequest, Error> {
+        Ok(RemoteRequest::command(self.start_verb(&command)?).into())
+    }
+
+    fn arm(&self) -> Result<(), Error> {
+        Ok(self.slot().arm()?)
+    }
+
+    fn disarm(&self) -> Result<(), Error> {
+        Ok(self.slot().disarm()?)
+    }
+
+    fn is_armed(&self) -> bool {
+        self.server.armed_lease(self.info.id).is_some_and(|lease| lease.check().is_ok())
+    }
+
+    fn stop(&self) -> Result<(), Error> {
+        if !self.has_verb(Verb::Stop) {
+            return Ok(stop_axes(self.gateway(), vec![self.info.id])?);
+        }
+        let mut pending = self.start_verb(&Command::new(Verb::Stop))?;
+        match pending.wait(clock::scale_timeout(STOP_MAX))? {
+            Some(()) => Ok(()),
+            None => Err(self.late_error("stop")),
+        }
+    }
+
+    fn release(&self) -> Result<(), Error> {
+        let Some(lease) = self.server.armed_lease(self.info.id) else { return Ok(()) };
+        let run = |verb: Verb, within: Duration| -> Result<(), Error> {
+            if !self.has_verb(verb) {
+                return Ok(());
+            }
+            let arguments = command_arguments(&Command::new(verb));
+            Ok(lease.run(verb.name(), arguments, clock::scale_timeout(within))?)
+        };
+        let stopped = run(Verb::Stop, STOP_MAX);
+        let disabled = run(Verb::Disable, REPLY_MAX);
+        let disarmed = self.disarm();
+        stopped.and(disabled).and(disarmed)
+    }
+
+    fn state(&self) -> Result<AxisSnapshot, Error> {
+        Ok(axis_state(self.gateway().axis_state(self.info.id)?))
+    }
+
+    fn signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
+        if signals.is_empty() {
+            return Ok(Vec::new());
+        }
+        let read = self.read_signals(signals)?;
+        let reading = |signal: &Signal| {
+            let found = read.iter().find(|reading| reading.signal == *signal).copied();
+            found.ok_or_else(|| {
+                Error::from(GatewayError::new(
+                    "E213",
+                    format!("{}: the gateway sent no {}", self.info.label, signal.name()),
+                ))
+            })
+        };
+        signals.iter().map(reading).collect()
+    }
+
+    fn faults(&self) -> Result<Vec<FaultReport>, Error> {
+        if self.info.signals.iter().any(|known| known.signal == Signal::Fault.name()) {
+            self.read_signals(&[Signal::Fault])?;
+        }
+        let state = self.gateway().axis_state(self.info.id)?;
+        Ok(state.faults.into_iter().map(active_fault).collect())
+    }
+
+    fn device_details(&self) -> Result<Vec<DeviceDetail>, Error> {
+        let details = self.gateway().device(self.info.id)?.into_iter();
+        Ok(details.map(|item| DeviceDetail { name: item.name.into(), text: item.text }).collect())
+    }
+
+    fn watchdog(&self) -> Result<WatchdogReport, Error> {
+        Ok(watchdog_report(self.gateway().watchdog(self.info.id)?))
+    }
+
+    fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogReport, Error> {
+        let (axis, after_ms) = (self.info.id, after.map(|after| after.as_secs_f64() * 1e3));
+        let set = self.server.with_lease(axis, |lease| {
+            let wanted = SetWatchdog { after_ms, epoch: lease.epoch() };
+            self.gateway().set_watchdog(axis, &wanted)
+        });
+        Ok(watchdog_report(set?))
+    }
+
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn sleep(&self, span: Duration) {
+        clock::sleep_until(clock::now() + span);
+    }
+}
+
+impl RemoteAxis {
+    fn late_error(&self, verb: &str) -> Error {
+        let what = format!("{}: {verb} did not end in time", self.info.label);
+        let late = GatewayError { executed: None, ..GatewayError::new("E101", what) };
+        Error::from(late.hint("if the motor still turns, cut its supply"))
+    }
+}
