@@ -44,6 +44,7 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>, version: &str) -> u
         Ok(false) => {}
         Err(error) => return print_usage(&error),
     }
+    let words = remote::rewrite_gateway_url(words);
     let arguments = match cmd::CommandLine::parse(words, version) {
         Ok(arguments) => arguments,
         Err(error) => return print_usage(&error),

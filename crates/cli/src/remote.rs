@@ -5,9 +5,11 @@
 
 mod motion;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Arg, Args, Command};
+use polepair::interface::is_gateway;
 use polepair::url::AxisNumber;
 pub use polepair_client::ALL;
 use polepair_client::message::{AxisInfo, BenchView, LinkState, LinkView};
@@ -73,6 +75,37 @@ Without AXES, the server stops all axes and locks motion. Release it on the serv
 const SCAN_HELP: &str = "\
 Without --look, the command lists the server's axes. With --look, the server scans the links of AXES, by
 reads only, if no client controls an axis there. Ctrl-C ends the scan.";
+
+/// Rewrites a gateway's address in the place of URL as `--server`: `spin ws://HOST#1` is
+/// `spin --server ws://HOST 1`. A name in `polepair.toml` may stand for such an address.
+pub fn rewrite_gateway_url(mut words: Vec<OsString>) -> Vec<OsString> {
+    let text = |word: &OsString| word.to_str().map(str::to_owned);
+    let is_server = |word: &OsString| {
+        text(word).is_some_and(|word| word == "--server" || word.starts_with("--server="))
+    };
+    let verb = words.iter().skip(1).filter_map(text).find(|word| !word.starts_with('-'));
+    if verb.as_deref() == Some("serve") || words.iter().any(is_server) {
+        return words;
+    }
+    let expanded = |word: &OsString| {
+        let word = text(word)?;
+        let url = match word.starts_with('@') {
+            true => polepair::config::Config::discover().expand(&word).ok()?,
+            false => word,
+        };
+        is_gateway(&url).then_some(url)
+    };
+    let found = words.iter().enumerate().skip(1).find_map(|(at, word)| Some((at, expanded(word)?)));
+    let Some((at, url)) = found else { return words };
+    let (address, axes) = url.split_once('#').unwrap_or((&url, ALL));
+    let (address, query) = address.split_once('?').unwrap_or((address, ""));
+    words[at] = axes.into();
+    let keys = query.split('&').filter(|pair| !pair.is_empty()).map(|pair| format!("--{pair}"));
+    let options = ["--server".to_owned(), address.to_owned()].into_iter().chain(keys);
+    // Options of the program may stand before the verb.
+    words.splice(1..1, options.map(OsString::from));
+    words
+}
 
 /// Options for a running server.
 #[derive(Args, Debug, Default)]
@@ -338,4 +371,30 @@ pub fn format_signal(axis: &AxisInfo, signal: &str, value: f64, si: &str) -> Str
 pub fn format_value(value: f64, unit: &str) -> String {
     let number = value::format_number(value);
     if unit.is_empty() { number } else { format!("{number} {unit}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{OsString, rewrite_gateway_url};
+
+    #[test]
+    fn a_gateways_address_is_a_server_and_its_axes() {
+        let rewritten = |line: &str| {
+            let words = rewrite_gateway_url(line.split(' ').map(OsString::from).collect());
+            words.iter().map(|word| word.to_str().unwrap()).collect::<Vec<_>>().join(" ")
+        };
+        for (line, expected) in [
+            ("p spin ws://h:7365#1,x 60rpm", "p --server ws://h:7365 spin 1,x 60rpm"),
+            ("p -q stop https://h:1", "p --server https://h:1 -q stop all"),
+            (
+                "p get ws://h?token-file=/t&certificate=ab#2 all",
+                "p --server ws://h --token-file=/t --certificate=ab get 2 all",
+            ),
+            ("p spin --server ws://h 1 60rpm", "p spin --server ws://h 1 60rpm"),
+            ("p serve sim:tmcl --origin https://h", "p serve sim:tmcl --origin https://h"),
+            ("p get sim:tmcl all", "p get sim:tmcl all"),
+        ] {
+            assert_eq!(rewritten(line), expected);
+        }
+    }
 }

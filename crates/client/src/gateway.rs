@@ -301,6 +301,11 @@ impl Gateway {
         self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/raw"), request))
     }
 
+    /// Runs a call that blocks on a thread of its own, and returns at once.
+    pub fn spawn_blocking(&self, call: impl FnOnce() + Send + 'static) {
+        self.0.handle.spawn_blocking(call);
+    }
+
     /// Has something of this done by a thread of its own, and returns without waiting for it.
     pub fn spawn<T: Send + 'static>(
         &self,

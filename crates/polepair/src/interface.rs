@@ -40,7 +40,7 @@ use polepair_core::units::Unit;
 
 pub use armed::Armed;
 pub use facts::{AxisFacts, ParameterDescription, WatchdogKind};
-pub use link::{Link, connect};
+pub use link::{Link, connect, is_gateway};
 pub use reading::{AxisSnapshot, FaultReport, ReadValue, SignalReading, WatchdogReport};
 pub use request::{AxisRequest, Reply, WriteValue};
 
@@ -246,12 +246,12 @@ impl Axis {
         self.interface.local()
     }
 
-    /// The same, or the one error that says that a gateway does not offer `what`.
+    /// The same, or the one error that says that a gateway does not offer `what`, with what to try instead.
     ///
     /// # Errors
     /// [`Error::Usage`] `E257`.
-    pub fn require_local(&self, what: &str) -> Result<&LocalAxis, Error> {
-        self.local().ok_or_else(|| not_on_gateway(what))
+    pub fn require_local(&self, what: &str, hint: &str) -> Result<&LocalAxis, Error> {
+        self.local().ok_or_else(|| not_on_gateway(what, hint))
     }
 
     /// The axis of a gateway. `None` for one whose wire this program opened.
@@ -682,7 +682,10 @@ impl Axis {
 }
 
 /// The error for what only a program with the wire itself can do.
-pub(crate) fn not_on_gateway(what: &str) -> Error {
-    let what = format!("a gateway does not offer {what}");
-    Error::usage("E257", what, "open the link in this program; end the gateway first")
+pub(crate) fn not_on_gateway(what: &str, hint: &str) -> Error {
+    let hint = match hint {
+        "" => "open the link in this program; end the gateway first",
+        hint => hint,
+    };
+    Error::usage("E257", format!("a gateway does not offer {what}"), hint)
 }

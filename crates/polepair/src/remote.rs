@@ -20,13 +20,15 @@ mod server;
 use std::sync::Arc;
 
 use polepair_client::message::StopRequest;
-use polepair_client::{Gateway, PendingOperation, select_axes};
+use polepair_client::select_axes;
 
 pub use axis::RemoteAxis;
-pub(crate) use options::open;
+pub use options::{find_gateway, open};
 pub use polepair_client::message::{AxisInfo, GatewayError};
+pub use polepair_client::{Gateway, GatewayOptions};
 pub use request::RemoteRequest;
-pub use rows::SampleRows;
+pub use rows::{SampleRow, SampleRows};
+pub use server::LeaseGuard;
 use server::Server;
 
 use crate::error::Error;
@@ -90,14 +92,6 @@ impl RemoteLink {
     /// The first error, after every axis was tried.
     pub fn stop_armed(&self) -> Result<(), Error> {
         Ok(self.server.stop_armed()?)
-    }
-
-    /// Runs a blocking call on a thread of the gateway's client, and returns at once.
-    pub fn spawn<T: Send + 'static>(
-        &self,
-        call: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
-    ) -> PendingOperation<T> {
-        self.gateway().spawn(move |_| call())
     }
 }
 

@@ -3,19 +3,28 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use polepair::{Amount, LocalAxis as Inner, RunningRequest, faults, start_together};
+use polepair::interface::{
+    AxisRequest, FaultReport, ParameterDescription, Reply, WatchdogKind, WriteValue,
+};
+use polepair::{Amount, Axis as Inner, Error, start_together};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
-use polepair_core::profile::{self, Access, ParameterId, Signal, Watchdog};
+use polepair_core::profile::{ParameterId, Signal};
 use pyo3::prelude::*;
 use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
+use crate::blocking::{Blocking, wait_sliced};
 use crate::errors::{to_py_error, usage_error};
 use crate::events::PyEvents;
 use crate::guard;
 use crate::process_local::ProcessLocal;
-use crate::request::{PyRequest, WAIT_SLICE};
-use crate::served;
+use crate::request::{PyReading, PyRequest, WAIT_SLICE};
+use crate::watch::PyWatch;
+
+/// What to try with a gateway instead of bytes.
+const TEXT_HINT: &str = "send it as text of the protocol";
+/// What to try with a gateway instead of events.
+const EVENTS_HINT: &str = "watch signals, or read `state()` and `faults()` again";
 
 /// An axis of a link.
 #[pyclass(frozen, name = "Axis", module = "polepair._polepair")]
@@ -58,25 +67,25 @@ pub struct PyParameter {
     pub section: Cow<'static, str>,
 }
 
-impl From<&'static profile::Parameter> for PyParameter {
-    fn from(parameter: &'static profile::Parameter) -> Self {
+impl From<ParameterDescription> for PyParameter {
+    fn from(described: ParameterDescription) -> Self {
+        let ParameterDescription { name, symbol, about, unit, raw_range, raw_default, .. } =
+            described;
+        let ParameterDescription { readable, writable, persistence, moves, words, section, .. } =
+            described;
         Self {
-            name: parameter.name.into(),
-            symbol: parameter.symbol.into(),
-            about: parameter.about.into(),
-            unit: parameter.unit.symbol().into(),
-            raw_range: (parameter.min, parameter.max),
-            raw_default: parameter.default,
-            readable: parameter.access != Access::Write,
-            writable: parameter.access != Access::Read,
-            persistence: parameter.persistence.name().into(),
-            moves: parameter.moves,
-            words: parameter
-                .values
-                .iter()
-                .map(|(raw, word)| (*raw, Cow::Borrowed(*word)))
-                .collect(),
-            section: parameter.section.into(),
+            name,
+            symbol,
+            about,
+            unit,
+            raw_range,
+            raw_default,
+            readable,
+            writable,
+            persistence,
+            moves,
+            words,
+            section,
         }
     }
 }
@@ -109,12 +118,60 @@ pub enum RawPayload {
 }
 
 impl RawPayload {
-    fn start(&self, axis: &Inner, id: Option<u32>) -> Result<RunningRequest, polepair::Error> {
+    fn start(&self, axis: &Inner, id: Option<u32>) -> Result<AxisRequest, Error> {
         match self {
-            Self::Text(text) => axis.start_raw(text),
-            Self::Bytes(bytes) => axis.start_raw_bytes(bytes, id),
+            Self::Text(text) if id.is_none() => axis.interface().start_raw(text),
+            Self::Text(text) => axis
+                .require_local("CAN identifiers of requests", TEXT_HINT)?
+                .start_raw(text)
+                .map(Into::into),
+            Self::Bytes(bytes) => axis
+                .require_local("bytes as requests", TEXT_HINT)?
+                .start_raw_bytes(bytes, id)
+                .map(Into::into),
         }
     }
+}
+
+/// A value to be written: a raw number, or what [`PyAxis::raw_of`] made of an amount.
+#[derive(FromPyObject, Debug)]
+pub enum WriteInput {
+    /// An amount that the gateway converts.
+    Amount(Py<PyWriteAmount>),
+    /// A raw number.
+    Raw(i64),
+}
+
+/// An amount that is converted where the drive's scale is known.
+#[pyclass(frozen, name = "WriteAmount", module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct PyWriteAmount(Amount);
+
+impl WriteInput {
+    fn into_value(self) -> WriteValue {
+        match self {
+            Self::Amount(amount) => WriteValue::Amount(amount.get().0.clone()),
+            Self::Raw(raw) => WriteValue::Raw(raw),
+        }
+    }
+}
+
+/// A raw number, or a gateway's reading.
+#[derive(FromPyObject, Debug)]
+pub enum ReadInput {
+    /// A gateway's reading.
+    Reading(Py<PyReading>),
+    /// A raw number.
+    Raw(i64),
+}
+
+/// What [`PyAxis::raw_of`] returns.
+#[derive(IntoPyObject)]
+pub enum WriteOutput {
+    /// A raw number.
+    Raw(i64),
+    /// An amount that the gateway converts.
+    Amount(PyWriteAmount),
 }
 
 impl PyAxis {
@@ -137,95 +194,125 @@ impl PyAxis {
     }
 
     #[getter]
-    fn label(&self) -> String {
+    fn label(&self) -> &str {
         self.0.label()
     }
 
     #[getter]
-    fn protocol(&self) -> &'static str {
-        self.0.protocol()
+    fn protocol(&self) -> &str {
+        &self.0.facts().protocol
+    }
+
+    /// Whether it belongs to a gateway.
+    #[getter]
+    fn is_remote(&self) -> bool {
+        self.0.remote().is_some()
     }
 
     /// The product's name and full title.
     #[getter]
-    fn product(&self) -> (&'static str, &'static str) {
-        (self.0.profile().name, self.0.profile().title)
+    fn product(&self) -> (&str, &str) {
+        (&self.0.facts().profile, &self.0.facts().title)
     }
 
     /// What to check before and after the first motion.
     #[getter]
-    fn caution(&self) -> &'static str {
-        self.0.profile().caution
+    fn caution(&self) -> &str {
+        &self.0.facts().caution
     }
 
-    /// What the drive does when nobody talks to it: `none`, `fixed` with its seconds, `configurable` by
-    /// a parameter, or `heartbeat` with the parameter that says whose, where this link sends one.
+    /// What the drive does when its host is silent: `none`, `fixed` with its seconds, `configurable` by a
+    /// parameter, or `heartbeat` with the parameter that states whose, if this link sends one.
     #[getter]
-    fn watchdog(&self) -> (&'static str, Option<f64>, Option<&'static str>) {
-        let name = || {
-            let id = self.0.watchdog_parameter();
-            id.and_then(|id| self.0.parameter(id)).map(|parameter| parameter.name)
-        };
-        match self.0.profile().watchdog {
-            Watchdog::None => ("none", None, None),
-            Watchdog::Fixed { after_ms } => ("fixed", Some(f64::from(after_ms) / 1e3), None),
-            Watchdog::Configurable { .. } => ("configurable", None, name()),
-            Watchdog::Heartbeat { .. } => {
-                ("heartbeat", None, if self.0.heartbeat().is_some() { name() } else { None })
-            }
+    fn watchdog(&self) -> (&'static str, Option<f64>, Option<&str>) {
+        match &self.0.facts().watchdog {
+            WatchdogKind::None => ("none", None, None),
+            WatchdogKind::Fixed(after) => ("fixed", Some(*after), None),
+            WatchdogKind::Configurable(parameter) => ("configurable", None, Some(parameter)),
+            WatchdogKind::Heartbeat(parameter) => ("heartbeat", None, parameter.as_deref()),
         }
     }
 
-    /// Has the drive stop by itself after so many seconds of silence. Gives how it was set before, as
-    /// names and raw values; nothing for what it does not tell.
-    fn set_watchdog(&self, py: Python<'_>, seconds: f64) -> PyResult<Vec<(&'static str, i64)>> {
+    /// Has the drive stop by itself after so many seconds of silence. Returns the earlier setting as names and
+    /// raw values; nothing if it cannot be read.
+    fn set_watchdog(&self, py: Python<'_>, seconds: f64) -> PyResult<Vec<(String, i64)>> {
         let after = Duration::try_from_secs_f64(seconds)
             .map_err(|_| usage_error(py, "E216", &format!("{seconds} s is no time"), "say 0.5"))?;
-        self.run_detached(py, |axis| {
-            let before = axis.watchdog_setting()?.unwrap_or_default();
+        self.call(py, move |axis| {
+            let before = match axis.local() {
+                Some(local) => {
+                    let name = |id| local.parameter(id).map(|its| its.name.to_owned());
+                    let setting = local.watchdog_setting()?.unwrap_or_default().into_iter();
+                    setting.filter_map(|(id, raw)| Some((name(id)?, raw))).collect()
+                }
+                None => match axis.watchdog()?.parameter {
+                    Some(name) => axis.get_raw(&name).map(|raw| (name, raw)).into_iter().collect(),
+                    None => Vec::new(),
+                },
+            };
             axis.set_watchdog(Some(after))?;
-            let name = |id| axis.parameter(id).map(|parameter| parameter.name);
-            Ok(before.into_iter().filter_map(|(id, raw)| Some((name(id)?, raw))).collect())
+            Ok(before)
         })
     }
 
-    /// Whether its parameters are known without asking: always.
+    /// Whether its parameters are known without a request.
     #[getter]
     fn is_known(&self) -> bool {
-        true
+        self.0.remote().is_none_or(|remote| remote.has_parameters())
     }
 
-    /// Begins `stop` or `disable` of what this program armed: on a link of one's own it has.
+    /// Starts `stop` or `disable` of what this program armed; `None` if it armed nothing.
     fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<PyRequest>> {
-        self.start(py, verb, None, None, None, None, None, None).map(Some)
+        if self.0.remote().is_none() {
+            return self.start(py, verb, None, None, None, None, None, None).map(Some);
+        }
+        let verb = parse_verb(py, verb)?;
+        let started = self.detach(py, |axis| match axis.remote() {
+            Some(remote) => remote.start_by_lease(verb),
+            None => Ok(None),
+        });
+        Ok(started?.map(PyRequest::new))
     }
 
     /// Every parameter.
-    fn parameters(&self) -> Vec<PyParameter> {
-        self.0.params().iter().map(PyParameter::from).collect()
+    fn parameters(&self, py: Python<'_>) -> PyResult<Vec<PyParameter>> {
+        let described = self.call(py, Inner::parameters)?;
+        Ok(described.into_iter().map(PyParameter::from).collect())
     }
 
     /// Whether there is a parameter of that name.
-    fn has(&self, name: &str) -> bool {
-        self.0.find(name).is_ok()
+    fn has(&self, py: Python<'_>, name: &str) -> PyResult<bool> {
+        let name = name.to_owned();
+        self.call(py, move |axis| match axis.local() {
+            Some(local) => Ok(local.find(&name).is_ok()),
+            None => Ok(axis.parameters()?.iter().any(|its| its.is_called(&name))),
+        })
     }
 
     /// The number of the parameter of that name, or at that address.
     fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
-        self.inner(py)?.find(name).map(|id| id.0).map_err(|error| to_py_error(py, &error))
+        let name = name.to_owned();
+        self.call(py, move |axis| axis.find(&name).map(|id| id.0))
     }
 
-    /// Begins to read a parameter.
+    /// Starts to read a parameter.
     fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<PyRequest> {
-        self.start_request(py, |axis| axis.start_read(ParameterId(id)))
+        self.start_request(py, |axis| axis.interface().start_read(ParameterId(id)))
     }
 
-    /// Begins to write a parameter.
-    fn start_write(&self, py: Python<'_>, id: u16, raw: i64, keep: bool) -> PyResult<PyRequest> {
-        self.start_request(py, |axis| axis.start_write(ParameterId(id), raw, keep))
+    /// Starts to write a parameter.
+    fn start_write(
+        &self,
+        py: Python<'_>,
+        id: u16,
+        raw: WriteInput,
+        keep: bool,
+    ) -> PyResult<PyRequest> {
+        let value = raw.into_value();
+        self.start_request(py, |axis| axis.interface().start_write(ParameterId(id), &value, keep))
     }
 
-    /// Begins a request in the protocol's own text or bytes, on CAN with their identifier.
+    /// Starts a request in the protocol's own text or bytes, on CAN with their identifier.
     #[pyo3(signature = (said, id=None))]
     fn start_raw(&self, py: Python<'_>, said: RawPayload, id: Option<u32>) -> PyResult<PyRequest> {
         self.start_request(py, |axis| said.start(axis, id))
@@ -233,48 +320,58 @@ impl PyAxis {
 
     /// Reads a parameter by name, raw.
     fn read_raw(&self, py: Python<'_>, name: &str) -> PyResult<i64> {
-        self.run_request(py, |axis| axis.start_read(axis.find(name)?))
+        let reply = self.run_request(py, |axis| axis.interface().start_read(axis.find(name)?))?;
+        reply.raw(name).map_err(|error| to_py_error(py, &error))
     }
 
     /// Writes a parameter by name, raw.
     fn write_raw(&self, py: Python<'_>, name: &str, raw: i64) -> PyResult<()> {
-        self.run_request(py, |axis| axis.start_write(axis.find(name)?, raw, false)).map(drop)
+        let write = |axis: &Inner| {
+            axis.interface().start_write(axis.find(name)?, &WriteValue::Raw(raw), false)
+        };
+        self.run_request(py, write).map(drop)
     }
 
-    /// Sends a request in the protocol's own text or bytes, and waits for the answer.
+    /// Sends a request in the protocol's own text or bytes, and waits for the reply.
     #[pyo3(signature = (said, id=None))]
     fn raw(&self, py: Python<'_>, said: RawPayload, id: Option<u32>) -> PyResult<i64> {
-        self.run_request(py, |axis| said.start(axis, id))
+        let reply = self.run_request(py, |axis| said.start(axis, id))?;
+        reply.raw("the reply").map_err(|error| to_py_error(py, &error))
     }
 
-    /// The raw value of an amount; may read what its scale depends on.
-    fn raw_of(&self, py: Python<'_>, id: u16, amount: PyAmount) -> PyResult<i64> {
+    /// The raw value of an amount; may read what its scale depends on. A gateway converts it when it writes.
+    fn raw_of(&self, py: Python<'_>, id: u16, amount: PyAmount) -> PyResult<WriteOutput> {
         let amount = Amount::from(amount);
-        self.run_detached(py, |axis| axis.raw_of(ParameterId(id), &amount))
+        if self.0.local().is_none() {
+            return Ok(WriteOutput::Amount(PyWriteAmount(amount)));
+        }
+        let raw = self.detach(py, |axis| {
+            axis.require_local("raw values", "")?.raw_of(ParameterId(id), &amount)
+        });
+        raw.map(WriteOutput::Raw)
     }
 
-    /// A raw value as value, unit, word and text; may read what its scale depends on.
-    fn value(
-        &self,
-        py: Python<'_>,
-        id: u16,
-        raw: i64,
-    ) -> PyResult<(f64, &'static str, Option<&'static str>, String)> {
-        let value = self.run_detached(py, |axis| axis.value(ParameterId(id), raw))?;
-        Ok((value.value, value.unit.symbol(), value.word, value.to_string()))
+    /// A reading as value, unit, word and text; may read what its scale depends on.
+    fn value(&self, py: Python<'_>, id: u16, read: ReadInput) -> PyResult<ValueTuple> {
+        let reply = match read {
+            ReadInput::Reading(reading) => Reply::Reading(reading.get().0.clone()),
+            ReadInput::Raw(raw) => Reply::Raw(raw),
+        };
+        let read = self.detach(py, |axis| axis.interface().reading(ParameterId(id), reply))?;
+        Ok((read.value, read.unit, read.word, read.text))
     }
 
     /// Reads text or bytes of a parameter, whatever its length.
     fn read_data(&self, py: Python<'_>, id: u16) -> PyResult<Vec<u8>> {
-        self.run_detached(py, |axis| axis.read_data(ParameterId(id), true, &mut |_| {}))
+        self.call(py, move |axis| axis.interface().read_data(ParameterId(id)))
     }
 
     /// Writes all bytes of a parameter of any length.
     fn write_data(&self, py: Python<'_>, id: u16, data: PyBackedBytes) -> PyResult<()> {
-        self.run_detached(py, |axis| axis.write_data(ParameterId(id), &data, &mut |_| {}))
+        self.detach(py, |axis| axis.interface().write_data(ParameterId(id), &data))
     }
 
-    /// Begins a verb. Arguments are SI numbers or text with a unit.
+    /// Starts a verb. Arguments are SI numbers or text with a unit.
     #[pyo3(signature = (
         verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None,
         deceleration=None
@@ -307,108 +404,113 @@ impl PyAxis {
         Ok([target, velocity, acceleration, torque][at].unwrap_or_default())
     }
 
-    /// Lets motion commands through, or no longer. What is armed is stopped when the process ends.
-    /// `Unsupported` E220 for an axis that is armed already.
+    /// Lets motion commands through, or no longer. What is armed on a wire of this program is stopped when the
+    /// process ends. `Unsupported` E220 for an axis that is armed already.
     fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
-        if armed {
-            self.run_detached(py, Inner::arm_exclusively)?;
-            guard::register_armed(py, self.inner(py)?);
-            return Ok(());
+        let axis = self.inner(py)?;
+        if let Some(remote) = axis.remote() {
+            // Whoever is interrupted and disarms comes after what was begun here.
+            let lock = wait_sliced(py, None, |slice| Ok(remote.lock_lease_within(slice)))?;
+            let Some(lease) = lock else { return Ok(()) };
+            let change = move || if armed { lease.arm() } else { lease.disarm() };
+            return Blocking::start(remote.gateway(), change).wait(py);
         }
-        self.run_detached(py, |axis| {
-            axis.arm(false);
-            guard::unregister_armed(axis);
-            Ok(())
-        })
+        self.detach(py, |axis| if armed { axis.arm() } else { axis.disarm() })?;
+        if let Some(local) = axis.local() {
+            match armed {
+                true => guard::register_armed(py, local),
+                false => py.detach(|| guard::unregister_armed(local)),
+            }
+        }
+        Ok(())
     }
 
-    /// Whether motion commands are let through.
+    /// Whether motion commands of this program are let through.
     #[getter]
     fn is_armed(&self, py: Python<'_>) -> PyResult<bool> {
-        self.run_detached(py, |axis| Ok(axis.state().armed))
+        self.detach(py, |axis| Ok(axis.is_armed()))
     }
 
     /// Listens to what happens to this axis and its link from now on.
     fn events(&self, py: Python<'_>) -> PyResult<PyEvents> {
-        let events = self.run_detached(py, Inner::events)?;
-        Ok(PyEvents::new(events, vec![self.0.in_own_process(py)?.clone()]))
+        let events = self.detach(py, |axis| axis.require_local("events", EVENTS_HINT)?.events())?;
+        let axes = self.inner(py)?.local().cloned().into_iter().collect();
+        Ok(PyEvents::new(events, axes))
     }
 
     /// Reads how what the drive sends by itself is laid out, as far as it is not known.
     fn learn(&self, py: Python<'_>) -> PyResult<()> {
-        self.run_detached(py, Inner::read_event_layout)
+        self.detach(py, |axis| axis.require_local("events", EVENTS_HINT)?.read_event_layout())
     }
 
-    /// Verbs that this drive has a plan for.
+    /// Verbs of this drive.
     fn verbs(&self) -> Vec<&'static str> {
-        self.0.profile().plans.iter().map(|plan| plan.verb.name()).collect()
+        self.0.facts().verbs.iter().map(|verb| verb.name()).collect()
     }
 
-    /// Signals that this drive tells, with their units.
-    fn signals(&self) -> Vec<(&'static str, &'static str)> {
-        let unit = |source: &profile::SignalSource| {
-            let parameter = self.0.parameter(source.parameter);
-            parameter.filter(|_| source.equals.is_none()).map_or("", |p| p.unit.symbol())
+    /// Signals that this drive reports, with the units of its parameters; those of a gateway in SI.
+    fn signals(&self) -> Vec<(&'static str, String)> {
+        let unit = |signal: Signal| {
+            let Some(local) = self.0.local() else { return self.0.signal_unit(signal) };
+            let source = local.profile().signal(signal).filter(|source| source.equals.is_none());
+            let parameter = source.and_then(|source| local.parameter(source.parameter));
+            parameter.map_or_else(String::new, |its| its.unit.symbol().to_owned())
         };
-        self.0.profile().signals.iter().map(|s| (s.signal.name(), unit(s))).collect()
+        self.0.facts().signals.iter().map(|signal| (signal.name(), unit(*signal))).collect()
     }
 
     /// The units in which signals are read, SI as people write it; empty for none.
-    fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<&'static str>> {
+    fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<String>> {
         let unit = |name: &String| Ok(self.0.signal_unit(parse_signal(py, name)?));
         names.iter().map(unit).collect()
     }
 
     /// Reads signals now, in SI.
     fn read_signals(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<f64>> {
-        let known = |name: &String| parse_signal(py, name);
-        let signals: Vec<Signal> = names.iter().map(known).collect::<PyResult<_>>()?;
-        let readings = self.run_detached(py, |axis| axis.signals(&signals))?;
+        let signals = parse_signals(py, &names)?;
+        let readings = self.call(py, move |axis| axis.signals(&signals))?;
         Ok(readings.into_iter().map(|reading| reading.value).collect())
     }
 
-    /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
+    /// Active faults: code, text, cause, remedy, and whether the drive continues.
     fn faults(&self, py: Python<'_>) -> PyResult<Vec<FaultTuple>> {
-        let code = self.run_detached(py, |axis| match axis.provides_signal(Signal::Fault)? {
-            true => Ok(axis.signals(&[Signal::Fault])?[0].raw),
-            false => Ok(0),
-        })?;
-        let code = u32::try_from(code).unwrap_or_default();
-        Ok(faults(self.0.profile(), code).into_iter().map(fault_tuple).collect())
+        Ok(self.call(py, Inner::faults)?.into_iter().map(fault_tuple).collect())
     }
 
-    /// What is known without asking.
+    /// What is known without a request to the drive.
     fn state(&self, py: Python<'_>) -> PyResult<AxisStateTuple> {
-        self.run_detached(py, |axis| {
-            let (state, now) = (axis.state(), axis.connection().now());
-            let flag = |signal| {
-                let known = axis.profile().signal(signal).and(state.reading(signal).at);
-                known.map(|_| state.reading(signal).raw != 0)
-            };
-            let moving = axis.moving(&state);
-            let readings = axis.profile().signals.iter().filter_map(|source| {
-                let reading = state.reading(source.signal);
-                let age = now.since(reading.at?).as_secs_f64();
-                Some((source.signal.name().to_owned(), reading.value, age))
-            });
-            let (mode, enabled) = (axis.mode(&state), flag(Signal::Enabled));
-            Ok((mode, enabled, state.armed, moving, readings.collect(), None))
-        })
+        let state = self.call(py, Inner::state)?;
+        let reading = |its: polepair::interface::SignalReading| {
+            (its.signal.name().to_owned(), its.value, its.age.as_secs_f64())
+        };
+        let readings = state.signals.into_iter().map(reading).collect();
+        Ok((state.mode, state.enabled, state.armed, state.moving, readings, state.owner))
     }
 
-    /// Seconds on the link's own clock.
+    /// Watches signals of a gateway's axis, a row each `period` seconds, or as often as it sends them.
+    fn watch(&self, py: Python<'_>, names: Vec<String>, period: f64) -> PyResult<PyWatch> {
+        let signals = parse_signals(py, &names)?;
+        let Some(remote) = self.inner(py)?.remote().cloned() else {
+            return Err(usage_error(py, "E257", "only a gateway has subscriptions", "use read()"));
+        };
+        let gateway = remote.gateway().clone();
+        let subscribe = move || remote.subscribe(&signals, period).map(PyWatch::new);
+        Blocking::start(&gateway, subscribe).wait(py)
+    }
+
+    /// Seconds on the link's clock.
     #[getter]
     fn now(&self, py: Python<'_>) -> PyResult<f64> {
-        let now = self.run_detached(py, |axis| Ok(axis.connection().now()))?;
+        let now = self.detach(py, |axis| Ok(axis.now()))?;
         Ok(now.since(polepair_core::time::Instant::ZERO).as_secs_f64())
     }
 
-    /// Waits on the link's own clock: in virtual time it is over at once.
+    /// Waits on the link's clock: in virtual time it is over at once.
     fn sleep(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         let mut left = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
         while left > Duration::ZERO {
             let slice = left.min(WAIT_SLICE);
-            self.run_detached(py, |axis| {
+            self.detach(py, |axis| {
                 axis.sleep(slice);
                 Ok(())
             })?;
@@ -419,65 +521,81 @@ impl PyAxis {
     }
 }
 
+/// Value, unit, word, text.
+type ValueTuple = (f64, Cow<'static, str>, Option<Cow<'static, str>>, String);
+
 /// Mode, powered, armed, moving; signals with values and their age in seconds; who commands it.
 pub type AxisStateTuple =
     (Option<String>, Option<bool>, bool, Option<bool>, Vec<(String, f64, f64)>, Option<String>);
 
 /// A move of one axis: verb, target, velocity, acceleration.
 type SyncedMove<'py> =
-    (Bound<'py, PyAny>, String, Option<PyAmount>, Option<PyAmount>, Option<PyAmount>);
+    (Bound<'py, PyAxis>, String, Option<PyAmount>, Option<PyAmount>, Option<PyAmount>);
 
 /// Starts moves of several axes of one wire at one signal on the bus.
 #[pyfunction]
 pub fn begin_together(py: Python<'_>, moves: Vec<SyncedMove<'_>>) -> PyResult<()> {
     let moves = moves.into_iter().map(|(axis, verb, target, velocity, acceleration)| {
-        let Ok(axis) = axis.cast::<PyAxis>() else {
-            let hint = "sync=False starts one after the other; or open the link in this program";
-            return Err(served::unsupported_error(py, "a start at one signal", hint));
-        };
         let axis = axis.get();
+        let hint = "sync=False starts one after the other; or open the link in this program";
+        let local = axis.inner(py)?.require_local("a start at one signal", hint);
+        let local = local.map_err(|error| to_py_error(py, &error))?.clone();
         let command =
             axis.parse_command(py, &verb, [target, velocity, acceleration, None, None, None])?;
-        Ok((axis.0.in_own_process(py)?.clone(), command))
+        Ok((local, command))
     });
     let moves = ProcessLocal::from(moves.collect::<PyResult<Vec<_>>>()?);
     py.detach(|| start_together(&moves)).map_err(|error| to_py_error(py, &error))
 }
 
 /// Code, name, text, cause, remedy, and whether it is a warning only.
-pub type FaultTuple = (u32, &'static str, &'static str, &'static str, &'static str, bool);
+pub type FaultTuple =
+    (u32, Cow<'static, str>, Cow<'static, str>, Cow<'static, str>, Cow<'static, str>, bool);
 
 /// A fault as a caller has it.
-pub fn fault_tuple(of: &profile::Fault) -> FaultTuple {
-    let warning = of.severity != profile::Severity::Fault;
-    (of.code, of.name, of.text, of.cause, of.remedy, warning)
+pub fn fault_tuple(fault: FaultReport) -> FaultTuple {
+    let FaultReport { code, name, text, cause, remedy, is_warning } = fault;
+    (code, name, text, cause, remedy, is_warning)
 }
 
 impl PyAxis {
-    /// Does what may block, while other threads go on.
-    fn run_detached<T: Send>(
+    /// Runs what ends soon, while other threads continue.
+    fn detach<T: Send>(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Inner) -> Result<T, polepair::Error>,
+        call: impl Send + FnOnce(&Inner) -> Result<T, Error>,
     ) -> PyResult<T> {
-        let axis = self.0.in_own_process(py)?;
-        py.detach(|| what(axis)).map_err(|error| to_py_error(py, &error))
+        let axis = self.inner(py)?;
+        py.detach(|| call(axis)).map_err(|error| to_py_error(py, &error))
     }
 
-    /// Begins a request and waits for its end, in one turn where that comes soon.
+    /// Runs a call that may wait for a gateway, while other threads continue and Ctrl-C is looked for.
+    fn call<T: Send + 'static>(
+        &self,
+        py: Python<'_>,
+        call: impl Send + FnOnce(&Inner) -> Result<T, Error> + 'static,
+    ) -> PyResult<T> {
+        let axis = self.inner(py)?.clone();
+        let Some(gateway) = axis.remote().map(|remote| remote.gateway().clone()) else {
+            return self.detach(py, call);
+        };
+        Blocking::start(&gateway, move || call(&axis)).wait(py)
+    }
+
+    /// Starts a request and waits for its end, in one turn if that comes soon.
     fn run_request(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Inner) -> Result<RunningRequest, polepair::Error>,
-    ) -> PyResult<i64> {
-        let started = self.run_detached(py, |axis| {
-            let mut running = what(axis)?;
-            Ok(match running.wait(WAIT_SLICE)? {
-                Some(raw) => Ok(raw),
-                None => Err(running),
+        start: impl Send + FnOnce(&Inner) -> Result<AxisRequest, Error>,
+    ) -> PyResult<Reply> {
+        let started = self.detach(py, |axis| {
+            let mut request = start(axis)?;
+            Ok(match request.wait(WAIT_SLICE)? {
+                Some(reply) => Ok(reply),
+                None => Err(request),
             })
         })?;
-        started.or_else(|running| Ok(PyRequest::new(running).result(py, None)?.unwrap_or_default()))
+        started.or_else(|request| PyRequest::new(request).finish(py))
     }
 
     /// A verb with what was given for it: target, velocity, acceleration, torque, jerk time,
@@ -488,10 +606,7 @@ impl PyAxis {
         verb: &str,
         given: [Option<PyAmount>; 6],
     ) -> PyResult<Command> {
-        let verb = Verb::ALL
-            .into_iter()
-            .find(|known| known.name() == verb)
-            .ok_or_else(|| usage_error(py, "E217", &format!("there is no verb `{verb}`"), ""))?;
+        let verb = parse_verb(py, verb)?;
         let argument = |which, given: Option<PyAmount>| {
             let amount = given.map(Amount::from);
             let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
@@ -512,10 +627,15 @@ impl PyAxis {
     fn start_request(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Inner) -> Result<RunningRequest, polepair::Error>,
+        start: impl Send + FnOnce(&Inner) -> Result<AxisRequest, Error>,
     ) -> PyResult<PyRequest> {
-        self.run_detached(py, what).map(PyRequest::new)
+        self.detach(py, start).map(PyRequest::new)
     }
+}
+
+fn parse_verb(py: Python<'_>, verb: &str) -> PyResult<Verb> {
+    let known = Verb::ALL.into_iter().find(|known| known.name() == verb);
+    known.ok_or_else(|| usage_error(py, "E217", &format!("there is no verb `{verb}`"), ""))
 }
 
 /// Whether that is the name of a signal, which not every drive has.
@@ -536,4 +656,8 @@ pub fn parse_signal(py: Python<'_>, name: &str) -> PyResult<Signal> {
         let what = format!("there is no signal `{name}`");
         usage_error(py, "E213", &what, &format!("signals are {}", all.join(", ")))
     })
+}
+
+fn parse_signals(py: Python<'_>, names: &[String]) -> PyResult<Vec<Signal>> {
+    names.iter().map(|name| parse_signal(py, name)).collect()
 }

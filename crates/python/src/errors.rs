@@ -1,7 +1,6 @@
 //! Converts errors of the library to the exceptions of the Python part.
 
 use polepair::Error;
-use polepair_client::GatewayError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
@@ -22,14 +21,6 @@ pub fn to_py_error(py: Python<'_>, error: &Error) -> PyErr {
 pub fn to_py_error_with(py: Python<'_>, error: &Error, what: &str) -> PyErr {
     let made = exception_class(py, error.exception().name())
         .and_then(|class| class.call1((what, error.code(), error.executed(), error.hint())));
-    made.map_or_else(|error| error, PyErr::from_value)
-}
-
-/// The exception for what a server refused, or what became of it: the same as for a link of one's own.
-pub fn refused_to_py_error(py: Python<'_>, refused: &GatewayError) -> PyErr {
-    let made = exception_class(py, refused.exception().name()).and_then(|class| {
-        class.call1((refused.sentence(), &*refused.code, refused.executed, &*refused.hint))
-    });
     made.map_or_else(|error| error, PyErr::from_value)
 }
 

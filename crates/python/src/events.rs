@@ -53,8 +53,14 @@ impl PyEvents {
 
     fn event_tuple(&self, event: &Event) -> EventTuple {
         let none = (String::new(), f64::NAN, 0, "", None);
-        let of_fault = |code: u32, of: Option<&profile::Fault>| {
-            (String::new(), f64::NAN, i64::from(code), "", of.map(fault_tuple))
+        let of_fault = |code: u32, of: Option<&'static profile::Fault>| {
+            (
+                String::new(),
+                f64::NAN,
+                i64::from(code),
+                "",
+                of.map(|fault| fault_tuple(fault.into())),
+            )
         };
         let (sort, (name, value, raw, unit, fault)) = match &event.kind {
             EventKind::Signal { signal, reading } => {

@@ -73,7 +73,7 @@ pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<CodeTu
     };
     speakers.dedup_by_key(|profile| profile.family);
     let found = speakers.iter().flat_map(|profile| {
-        faults(profile, code).into_iter().map(|found| (profile.name, fault_tuple(found)))
+        faults(profile, code).into_iter().map(|found| (profile.name, fault_tuple(found.into())))
     });
     Ok((dissector.code_meaning(code), found.collect()))
 }

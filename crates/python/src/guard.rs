@@ -87,7 +87,10 @@ pub fn stop_link(link: &polepair::LocalLink) -> Result<(), polepair::Error> {
 #[pyfunction]
 #[pyo3(name = "stop_owed")]
 pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult<()> {
-    let axes = axes.iter().map(|axis| axis.get().inner(py).cloned());
+    let axes = axes.iter().map(|axis| {
+        let local = axis.get().inner(py)?.require_local("stops of this program", "");
+        local.cloned().map_err(|error| to_py_error(py, &error))
+    });
     let axes: Vec<LocalAxis> = axes.collect::<PyResult<_>>()?;
     let mut interrupts = Vec::new();
     let again = |_: &LocalAxis, _: &Error| {

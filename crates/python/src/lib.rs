@@ -11,6 +11,7 @@
 #![deny(unsafe_code)]
 
 mod axis;
+mod blocking;
 mod bus;
 mod capture;
 mod codec;
@@ -26,8 +27,8 @@ mod lss;
 mod process_local;
 mod python_link;
 mod request;
-mod served;
 mod simulation;
+mod watch;
 mod wiretrace;
 
 use mimalloc::MiMalloc;
@@ -49,12 +50,9 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<events::PyEvents>()?;
     module.add_class::<bus::CanWire>()?;
     module.add_class::<lss::PyLssMaster>()?;
-    module.add_class::<served::ServedLink>()?;
-    module.add_class::<served::ServedAxis>()?;
-    module.add_class::<served::ServedRequest>()?;
-    module.add_class::<served::ServedRead>()?;
-    module.add_class::<served::ServedAmount>()?;
-    module.add_class::<served::ServedWatch>()?;
+    module.add_class::<request::PyReading>()?;
+    module.add_class::<axis::PyWriteAmount>()?;
+    module.add_class::<watch::PyWatch>()?;
     module.add_class::<simulation::PySimulation>()?;
     module.add_class::<simulation::Truth>()?;
     module.add_class::<capture::Decoder>()?;
@@ -65,7 +63,6 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<layout::Layout>()?;
     module.add_function(wrap_pyfunction!(link::connect, module)?)?;
     module.add_function(wrap_pyfunction!(link::connect_over, module)?)?;
-    module.add_function(wrap_pyfunction!(served::join, module)?)?;
     module.add_function(wrap_pyfunction!(link::scan, module)?)?;
     module.add_function(wrap_pyfunction!(link::profiles, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::rack_of_word, module)?)?;

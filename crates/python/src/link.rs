@@ -4,13 +4,15 @@ use std::ffi::CString;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use polepair::{Connector, LocalLink as Inner, scan as library};
+use polepair::remote::{GatewayOptions, RemoteLink, find_gateway};
+use polepair::{Connector, Error, Link as Inner, LocalLink, scan as library};
 use polepair_core::medium::MediumKind;
 use polepair_link::Connection;
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
 use crate::axis::PyAxis;
+use crate::blocking::Blocking;
 use crate::errors::to_py_error;
 use crate::events::PyEvents;
 use crate::guard;
@@ -27,20 +29,47 @@ pub struct PyLink {
     trace: Option<WireTrace>,
 }
 
-/// Opens a link by its connection string; with `trace` it keeps what went over its wires last.
+/// Opens a link by its connection string, or connects to a gateway; with `trace` it keeps the last units on its
+/// wires.
 #[pyfunction]
-#[pyo3(signature = (url, profile=None, trace=false))]
+#[pyo3(signature = (
+    url, profile=None, trace=false, token_file=None, certificate=None, client_cert=None,
+    client_key=None
+))]
+#[expect(clippy::too_many_arguments, reason = "they are what a caller may state")]
 pub fn connect(
     py: Python<'_>,
-    url: &str,
+    url: String,
     profile: Option<PathBuf>,
     trace: bool,
+    token_file: Option<PathBuf>,
+    certificate: Option<String>,
+    client_cert: Option<PathBuf>,
+    client_key: Option<PathBuf>,
 ) -> PyResult<PyLink> {
+    if polepair::interface::is_gateway(&url) {
+        let options = GatewayOptions {
+            token_file,
+            certificate,
+            client_cert,
+            client_key,
+            ..GatewayOptions::default()
+        };
+        let found = py.detach(|| {
+            let (gateway, axes) = find_gateway(&url, options)?;
+            Ok((gateway, axes.map(str::to_owned)))
+        });
+        let (gateway, axes) = found.map_err(|error: Error| to_py_error(py, &error))?;
+        let its = gateway.clone();
+        let open = move || RemoteLink::open(its, axes.as_deref()).map(Inner::from);
+        let link = Blocking::start(&gateway, open).wait(py)?;
+        return Ok(PyLink { inner: link.into(), trace: None });
+    }
     let trace = trace.then(WireTrace::default);
     let connector = build_connector(py, profile)?;
     let opened = py.detach(|| match trace.clone() {
-        Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect_local(url),
-        None => connector.connect_local(url),
+        Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect(&url),
+        None => connector.connect(&url),
     });
     let opened = opened.map_err(|error| to_py_error(py, &error))?;
     Ok(PyLink { inner: opened.into(), trace })
@@ -65,7 +94,7 @@ pub fn connect_over(
     let connector = build_connector(py, profile)?;
     let opened = py.detach(|| connector.connect_over(link, protocol, &axes, query));
     let opened = opened.map_err(|error| to_py_error(py, &error))?;
-    Ok(PyLink { inner: opened.into(), trace: None })
+    Ok(PyLink { inner: Inner::from(opened).into(), trace: None })
 }
 
 /// Asks who is on a link, and gives address, product, title, firmware and clash of each; only reads
@@ -157,7 +186,13 @@ impl PyLink {
     /// What it was opened by.
     #[getter]
     fn url(&self) -> String {
-        self.inner.url().to_string()
+        self.inner.url()
+    }
+
+    /// Whether it belongs to a gateway.
+    #[getter]
+    fn is_remote(&self) -> bool {
+        self.inner.remote().is_some()
     }
 
     /// Every axis, in order.
@@ -174,7 +209,7 @@ impl PyLink {
             .map_err(|error| to_py_error(py, &error))
     }
 
-    /// The axis that a rack file calls so.
+    /// The axis with that name; on a gateway also `LINK#NUMBER`.
     fn named(&self, py: Python<'_>, name: &str) -> PyResult<PyAxis> {
         self.inner
             .in_own_process(py)?
@@ -186,12 +221,17 @@ impl PyLink {
     /// Stops every axis; the first error, after every one was tried.
     fn stop_all(&self, py: Python<'_>) -> PyResult<()> {
         let link = self.inner.in_own_process(py)?;
+        if let Some(remote) = link.remote().cloned() {
+            let gateway = remote.gateway().clone();
+            return Blocking::start(&gateway, move || remote.stop_all()).wait(py);
+        }
         py.detach(|| link.stop_all()).map_err(|error| to_py_error(py, &error))
     }
 
     /// Listens to what happens on every wire and axis from now on.
     fn events(&self, py: Python<'_>) -> PyResult<PyEvents> {
-        let link = self.inner.in_own_process(py)?;
+        let link =
+            self.local(py, "events", "watch signals, or read `state()` and `faults()` again")?;
         let events = py.detach(|| link.events()).map_err(|error| to_py_error(py, &error))?;
         Ok(PyEvents::new(events, link.axes().to_vec()))
     }
@@ -199,13 +239,15 @@ impl PyLink {
     /// The simulation behind it, if it is one.
     #[getter]
     fn simulation(&self, py: Python<'_>) -> PyResult<Option<PySimulation>> {
-        Ok(self.inner.in_own_process(py)?.simulation().cloned().map(PySimulation::from))
+        let hint = "change its simulated drives on its page, or open `sim:` in this program";
+        let link = self.local(py, "its simulation", hint)?;
+        Ok(link.simulation().cloned().map(PySimulation::from))
     }
 
-    /// What its wires noticed and could not hand on: of each its name, units that nobody took in
-    /// time, what was none, errors that the controller reported, units that were not sent.
+    /// Losses of its wires: of each its name, units that nobody took in time, malformed units, errors that the
+    /// controller reported, units that were not sent.
     fn losses(&self, py: Python<'_>) -> PyResult<Vec<LossesTuple>> {
-        let link = self.inner.in_own_process(py)?;
+        let link = self.local(py, "losses of wires", "its page counts what each link lost")?;
         Ok(py.detach(|| {
             let mut seen: Vec<&Connection> = Vec::new();
             for axis in link.axes() {
@@ -224,7 +266,12 @@ impl PyLink {
     /// Stops, disables and disarms what this program armed of it, and raises what went wrong.
     fn stop_armed(&self, py: Python<'_>) -> PyResult<()> {
         let link = self.inner.in_own_process(py)?.clone();
-        py.detach(|| guard::stop_link(&link)).map_err(|error| to_py_error(py, &error))
+        let stopped = py.detach(|| match (link.local(), link.remote()) {
+            (Some(local), _) => guard::stop_link(local),
+            (None, Some(remote)) => remote.stop_armed(),
+            (None, None) => Ok(()),
+        });
+        stopped.map_err(|error| to_py_error(py, &error))
     }
 
     /// Closes it at once, though Python still holds axes of it.
@@ -234,8 +281,18 @@ impl PyLink {
         Ok(())
     }
 
-    /// The last units on its wires, as the lines of a capture; `None` unless it was asked for.
-    fn trace(&self) -> Option<Vec<String>> {
-        self.trace.as_ref().map(WireTrace::lines)
+    /// The last units on its wires, as the lines of a capture; `None` unless it was opened with `trace`.
+    fn trace(&self, py: Python<'_>) -> PyResult<Option<Vec<String>>> {
+        let hint = "its page shows frames; or open the link in this program, trace=True";
+        self.local(py, "frames", hint)?;
+        Ok(self.trace.as_ref().map(WireTrace::lines))
+    }
+}
+
+impl PyLink {
+    /// The link, if this program opened its wires.
+    fn local(&self, py: Python<'_>, what: &str, hint: &str) -> PyResult<&LocalLink> {
+        let link = self.inner.in_own_process(py)?;
+        link.require_local(what, hint).map_err(|error| to_py_error(py, &error))
     }
 }

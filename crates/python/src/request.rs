@@ -1,60 +1,82 @@
 //! A request that is being executed: awaited by a thread or an event loop.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Wake, Waker};
 use std::time::Duration;
 
-use polepair::RunningRequest;
+use polepair::interface::{AxisRequest, ReadValue, Reply};
 use pyo3::prelude::*;
 
-use crate::errors::to_py_error;
+use crate::blocking::wait_sliced;
+use crate::errors::{to_py_error, usage_error};
 use crate::process_local::ProcessLocal;
 
-/// How long a wait goes on before it looks whether Ctrl-C was pressed.
+/// How long a wait continues before it looks whether Ctrl-C was pressed.
 pub const WAIT_SLICE: Duration = Duration::from_millis(50);
 
-/// A request under way. Dropped before its end, it goes on by itself.
+/// A request that is being executed. Dropped before its end, it continues.
 #[pyclass(frozen, name = "Request", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct PyRequest(ProcessLocal<Mutex<RunningRequest>>);
+pub struct PyRequest(ProcessLocal<Mutex<AxisRequest>>);
+
+/// A parameter as a gateway read it.
+#[pyclass(frozen, name = "Reading", module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct PyReading(pub ReadValue);
+
+/// The result of a request.
+#[derive(IntoPyObject)]
+pub enum Output {
+    /// A raw number.
+    Raw(i64),
+    /// A gateway's reading.
+    Reading(PyReading),
+}
+
+#[pymethods]
+impl PyReading {
+    /// The raw number.
+    fn __index__(&self, py: Python<'_>) -> PyResult<i64> {
+        self.0.require_raw("the parameter").map_err(|error| to_py_error(py, &error))
+    }
+}
 
 impl PyRequest {
-    pub fn new(running: RunningRequest) -> Self {
-        Self(Mutex::new(running).into())
+    pub fn new(request: AxisRequest) -> Self {
+        Self(Mutex::new(request).into())
+    }
+
+    /// Waits for the end, however long that takes.
+    pub fn finish(&self, py: Python<'_>) -> PyResult<Reply> {
+        let ended = wait_sliced(py, None, |slice| self.lock().wait(slice))?;
+        ended.ok_or_else(|| usage_error(py, "E299", "the request had no result", ""))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, AxisRequest> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 #[pymethods]
 impl PyRequest {
-    /// Waits for the end, at most `timeout` seconds, and gives the last value that was read;
-    /// `None` when it goes on.
+    /// Waits for the end, at most `timeout` seconds, and returns the last value that was read; `None` if it
+    /// continues.
     #[pyo3(signature = (timeout=None))]
-    pub fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<i64>> {
+    fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<Output>> {
         self.0.in_own_process(py)?;
-        let mut left = timeout.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::ZERO));
-        loop {
-            let slice = left.map_or(WAIT_SLICE, |left| left.min(WAIT_SLICE));
-            let ended = py.detach(|| self.lock().wait(slice)).map_err(|e| to_py_error(py, &e))?;
-            left = left.map(|left| left - slice);
-            if ended.is_some() || left == Some(Duration::ZERO) {
-                return Ok(ended);
-            }
-            py.check_signals()?;
-        }
+        let ended = wait_sliced(py, timeout, |slice| self.lock().wait(slice))?;
+        Ok(ended.map(|reply| match reply {
+            Reply::Raw(raw) => Output::Raw(raw),
+            Reply::Reading(reading) => Output::Reading(PyReading(reading)),
+        }))
     }
 
-    /// Calls `wake` from some thread once the request has ended; true when it has already.
+    /// Calls `wake` from some thread once the request has ended; true if it has already.
     #[pyo3(name = "tell")]
     fn wake_when_done(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
         self.0.in_own_process(py)?;
         let waker = Waker::from(Arc::new(WakeCallback(wake)));
         Ok(py.detach(|| self.lock().poll_or_wake(&waker)))
-    }
-}
-
-impl PyRequest {
-    fn lock(&self) -> std::sync::MutexGuard<'_, RunningRequest> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -152,7 +152,7 @@ fn what_a_gateway_does_not_offer_is_one_error() {
     let axis = &link.axes()[0];
     assert!(axis.local().is_none() && axis.remote().is_some() && link.local().is_none());
     for error in [
-        axis.require_local("streams").map(drop).unwrap_err(),
+        axis.require_local("streams", "").map(drop).unwrap_err(),
         link.events().map(drop).unwrap_err(),
         axis.interface().write_data(axis.find("max current").unwrap(), b"a").unwrap_err(),
     ] {

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use polepair_core::axis::Verb;
-use polepair_core::profile::{Access, AxisKind, Parameter, Signal};
+use polepair_core::profile::{Access, AxisKind, Parameter, Signal, same_name};
 
 /// What is known of an axis without a request.
 #[derive(Clone, PartialEq, Debug)]
@@ -76,6 +76,14 @@ pub struct ParameterDescription {
     pub words: Vec<(i64, Cow<'static, str>)>,
     /// The part of the manual that it belongs to.
     pub section: Cow<'static, str>,
+}
+
+impl ParameterDescription {
+    /// Whether this is its name or its symbol, as users type it.
+    #[must_use]
+    pub fn is_called(&self, name: &str) -> bool {
+        same_name(&self.name, name) || same_name(&self.symbol, name)
+    }
 }
 
 impl From<&Parameter> for ParameterDescription {

@@ -25,6 +25,12 @@ pub fn connect(url: &str) -> Result<Link, Error> {
     Connector::discover().connect(url)
 }
 
+/// Whether a connection string is a gateway's address.
+#[must_use]
+pub fn is_gateway(url: &str) -> bool {
+    GATEWAY_SCHEMES.iter().any(|scheme| url.starts_with(scheme))
+}
+
 impl Connector {
     /// Opens a link: a wire, simulated drives, or a running gateway.
     ///
@@ -32,11 +38,11 @@ impl Connector {
     /// As [`connect`].
     pub fn connect(&self, text: &str) -> Result<Link, Error> {
         let url = self.config.expand(text)?;
-        if !GATEWAY_SCHEMES.iter().any(|scheme| url.starts_with(scheme)) {
+        if !is_gateway(&url) {
             return self.connect_local(text).map(Link::from);
         }
         #[cfg(feature = "remote")]
-        return remote::open(&url).map(Link::from);
+        return remote::open(&url, Default::default()).map(Link::from);
         #[cfg(not(feature = "remote"))]
         Err(Error::usage(
             "E210",
@@ -164,12 +170,12 @@ impl Link {
         }
     }
 
-    /// The same, or the one error that says that a gateway does not offer `what`.
+    /// The same, or the one error that says that a gateway does not offer `what`, with what to try instead.
     ///
     /// # Errors
     /// [`Error::Usage`] `E257`.
-    pub fn require_local(&self, what: &str) -> Result<&LocalLink, Error> {
-        self.local().ok_or_else(|| not_on_gateway(what))
+    pub fn require_local(&self, what: &str, hint: &str) -> Result<&LocalLink, Error> {
+        self.local().ok_or_else(|| not_on_gateway(what, hint))
     }
 
     /// The link of a gateway. `None` for one that this program opened.
@@ -193,7 +199,7 @@ impl Link {
     /// # Errors
     /// `E257` on a gateway; others by source.
     pub fn events(&self) -> Result<Events, Error> {
-        self.require_local("events")?.events()
+        self.require_local("events", "watch signals, or read states and faults")?.events()
     }
 
     /// Waits on the link's clock; in virtual time it returns at once.

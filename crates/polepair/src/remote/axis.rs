@@ -16,7 +16,7 @@ use super::convert::{
     active_fault, argument_unit, axis_facts, axis_state, command_arguments, parameter_description,
     parameter_reading, signal_reading, watchdog_report,
 };
-use super::server::{REPLY_MAX, STOP_MAX, Server, SlotGuard};
+use super::server::{LeaseGuard, REPLY_MAX, STOP_MAX, Server};
 use super::{RemoteRequest, SampleRows, stop_axes};
 use crate::amount::Amount;
 use crate::axis::DeviceDetail;
@@ -90,7 +90,13 @@ impl RemoteAxis {
         Ok(Some(RemoteRequest::command(started).into()))
     }
 
-    fn slot(&self) -> SlotGuard {
+    /// Waits until no other thread acquires or releases the lease of this axis, at most so long.
+    #[must_use]
+    pub fn lock_lease_within(&self, within: Duration) -> Option<LeaseGuard> {
+        self.server.lock_slot_within(self.info.id, within)
+    }
+
+    fn slot(&self) -> LeaseGuard {
         self.server.lock_slot(self.info.id)
     }
 
@@ -248,7 +254,7 @@ impl AxisInterface for RemoteAxis {
     }
 
     fn write_data(&self, _id: ParameterId, _data: &[u8]) -> Result<(), Error> {
-        Err(not_on_gateway("writing text and bytes"))
+        Err(not_on_gateway("writing text and bytes", ""))
     }
 
     fn start_raw(&self, text: &str) -> Result<AxisRequest, Error> {
@@ -263,11 +269,11 @@ impl AxisInterface for RemoteAxis {
     }
 
     fn arm(&self) -> Result<(), Error> {
-        Ok(self.slot().arm()?)
+        self.slot().arm()
     }
 
     fn disarm(&self) -> Result<(), Error> {
-        Ok(self.slot().disarm()?)
+        self.slot().disarm()
     }
 
     fn is_armed(&self) -> bool {

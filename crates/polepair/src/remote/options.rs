@@ -8,17 +8,29 @@ use crate::error::Error;
 /// Keys of the connection string: how the client authenticates itself and the gateway.
 const KEYS: [&str; 4] = ["token-file", "certificate", "client-cert", "client-key"];
 
-/// Opens a gateway by its connection string.
-pub(crate) fn open(url: &str) -> Result<RemoteLink, Error> {
-    let (options, axes) = parse(url)?;
-    RemoteLink::open(Gateway::new(&options)?, axes)
+/// Opens a gateway by its connection string, whose keys replace those of `options`.
+///
+/// # Errors
+/// [`Error::Usage`] `E210` for an unknown key; as [`RemoteLink::open`].
+pub fn open(url: &str, options: GatewayOptions) -> Result<RemoteLink, Error> {
+    let (gateway, axes) = find_gateway(url, options)?;
+    RemoteLink::open(gateway, axes)
+}
+
+/// The gateway and the axes that a connection string names. Nothing is sent.
+///
+/// # Errors
+/// [`Error::Usage`] `E210` for an unknown key; [`Error::Gateway`] for an unusable token or certificate.
+pub fn find_gateway(url: &str, options: GatewayOptions) -> Result<(Gateway, Option<&str>), Error> {
+    let (options, axes) = parse(url, options)?;
+    Ok((Gateway::new(&options)?, axes))
 }
 
 /// The options and the axes in a connection string.
-fn parse(url: &str) -> Result<(GatewayOptions, Option<&str>), Error> {
+fn parse(url: &str, mut options: GatewayOptions) -> Result<(GatewayOptions, Option<&str>), Error> {
     let (rest, axes) = url.split_once('#').map_or((url, None), |(rest, axes)| (rest, Some(axes)));
     let (address, query) = rest.split_once('?').unwrap_or((rest, ""));
-    let mut options = GatewayOptions { url: address.to_owned(), ..GatewayOptions::default() };
+    options.url = address.to_owned();
     for pair in query.split('&').filter(|pair| !pair.is_empty()) {
         let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
         let place = match key {
@@ -45,12 +57,13 @@ mod tests {
     #[test]
     fn a_gateways_address_has_keys_and_axes() {
         let url = "wss://host:7365?token-file=/run/token&certificate=ab12#x,2#1";
-        let (options, axes) = super::parse(url).expect("known keys");
+        let (options, axes) = super::parse(url, Default::default()).expect("known keys");
         assert_eq!(options.url, "wss://host:7365");
         assert_eq!(options.token_file.as_deref(), Some(std::path::Path::new("/run/token")));
         assert_eq!(options.certificate.as_deref(), Some("ab12"));
         assert_eq!(axes, Some("x,2#1"));
-        let error = super::parse("ws://host:7365?tokenfile=a").expect_err("unknown");
+        let error =
+            super::parse("ws://host:7365?tokenfile=a", Default::default()).expect_err("unknown");
         assert_eq!(error.code(), "E210");
     }
 }

@@ -7,6 +7,8 @@ use polepair_client::message::{AxisInfo, BenchView, CommandArguments, ParameterI
 use polepair_client::{Gateway, GatewayError, Lease, LiveConnection};
 use polepair_core::profile::{ParameterId, same_name};
 
+use crate::error::Error;
+
 /// Time limit of a verb that ends with the drive's reply.
 pub(super) const REPLY_MAX: Duration = Duration::from_secs(10);
 /// Time limit of a stop: the gateway repeats it for 10 s.
@@ -36,13 +38,13 @@ struct LeaseState {
     armed: bool,
     /// Writes that use the lease now.
     users: usize,
-    /// A [`SlotGuard`] exists.
+    /// A [`LeaseGuard`] exists.
     locked: bool,
 }
 
 /// The right to acquire, arm and release the lease of an axis. Reading the lease, and stops, do not wait for it.
 #[derive(Debug)]
-pub(super) struct SlotGuard {
+pub struct LeaseGuard {
     server: Arc<Server>,
     axis: u16,
 }
@@ -168,16 +170,16 @@ impl Server {
     }
 
     /// Waits until no other thread changes the lease of an axis, at most so long.
-    pub fn lock_slot_within(self: &Arc<Self>, axis: u16, within: Duration) -> Option<SlotGuard> {
+    pub fn lock_slot_within(self: &Arc<Self>, axis: u16, within: Duration) -> Option<LeaseGuard> {
         let changed = &self.slots[usize::from(axis)].1;
         let waited = changed.wait_timeout_while(self.slot(axis), within, |state| state.locked);
         let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        let guard = || SlotGuard { server: Arc::clone(self), axis };
+        let guard = || LeaseGuard { server: Arc::clone(self), axis };
         (!std::mem::replace(&mut state.locked, true)).then(guard)
     }
 
     /// The same without a time limit.
-    pub fn lock_slot(self: &Arc<Self>, axis: u16) -> SlotGuard {
+    pub fn lock_slot(self: &Arc<Self>, axis: u16) -> LeaseGuard {
         loop {
             if let Some(guard) = self.lock_slot_within(axis, REPLY_MAX) {
                 return guard;
@@ -228,12 +230,28 @@ impl Server {
                 false => Ok(()),
             };
             drop(lease);
-            ended.and(disabled).and(self.lock_slot(id).disarm())
+            ended.and(disabled).and(self.lock_slot(id).disarm_and_release())
         })
     }
 }
 
-impl SlotGuard {
+impl LeaseGuard {
+    /// Acquires the lease and arms the axis.
+    ///
+    /// # Errors
+    /// As [`AxisInterface::arm`](crate::AxisInterface::arm).
+    pub fn arm(&self) -> Result<(), Error> {
+        Ok(self.acquire_and_arm()?)
+    }
+
+    /// Disarms the axis and releases its lease.
+    ///
+    /// # Errors
+    /// [`Error::Gateway`] if the gateway does not answer.
+    pub fn disarm(&self) -> Result<(), Error> {
+        Ok(self.disarm_and_release()?)
+    }
+
     /// The lease that this program holds, or a new one, for a write.
     fn borrow_lease(&self) -> Result<Arc<Lease>, GatewayError> {
         let held = self.server.slot(self.axis).lease.clone();
@@ -252,7 +270,7 @@ impl SlotGuard {
 
     /// Acquires the lease and arms the axis. If that fails for an axis that was armed here before, it stays
     /// marked as armed: whoever armed it is told, and stops nobody else's motion.
-    pub fn arm(&self) -> Result<(), GatewayError> {
+    pub(super) fn acquire_and_arm(&self) -> Result<(), GatewayError> {
         let held = self.server.slot(self.axis).lease.clone();
         let held = held.filter(|lease| lease.check().is_ok());
         if held.is_some() && self.server.armed_lease(self.axis).is_some() {
@@ -278,7 +296,7 @@ impl SlotGuard {
     }
 
     /// Disarms the axis and releases its lease.
-    pub fn disarm(&self) -> Result<(), GatewayError> {
+    pub(super) fn disarm_and_release(&self) -> Result<(), GatewayError> {
         let mut state = self.server.slot(self.axis);
         if !std::mem::take(&mut state.armed) {
             return Ok(());
@@ -305,7 +323,7 @@ impl SlotGuard {
     }
 }
 
-impl Drop for SlotGuard {
+impl Drop for LeaseGuard {
     fn drop(&mut self) {
         self.server.slot(self.axis).locked = false;
         self.server.slots[usize::from(self.axis)].1.notify_all();

@@ -28,7 +28,7 @@ STOPS = ("stop", "quick-stop")
 ANSWER = 0.05
 """Time limit of a server for the reply whether a move has arrived, in seconds."""
 
-Asked: TypeAlias = list[native.Request | native.ServedRequest]
+Asked: TypeAlias = list[native.Request]
 """An open request whether a move has arrived."""
 
 Settings: TypeAlias = list[tuple[str, int]]
@@ -50,7 +50,7 @@ class AxisSteps:
 
     __slots__ = ("_native",)
 
-    def __init__(self, axis: native.Axis | native.ServedAxis) -> None:
+    def __init__(self, axis: native.Axis) -> None:
         self._native = axis
 
     @property
@@ -123,7 +123,7 @@ class AxisSteps:
 
     def _begin(
         self, verb: str, **arguments: float | str | None
-    ) -> Steps[native.Request | native.ServedRequest]:
+    ) -> Steps[native.Request]:
         order = (
             "target",
             "velocity",
@@ -138,7 +138,7 @@ class AxisSteps:
 
     def _begin_own(
         self, verb: str
-    ) -> Steps[native.Request | native.ServedRequest | None]:
+    ) -> Steps[native.Request | None]:
         """Starts `stop` or `disable` of axes armed here; None if there are none."""
         return (yield Urgent(self._native.start_own, verb))  # type: ignore[no-any-return]
 
@@ -251,7 +251,7 @@ class AxisSteps:
 
     def _done(self, asked: Asked) -> Steps[bool]:
         """Whether it has arrived."""
-        return self._arrived(asked, ANSWER if isinstance(self._native, native.ServedAxis) else 0.0)
+        return self._arrived(asked, ANSWER if self._native.is_remote else 0.0)
 
     def _arrive(self, timeout: float = TIMEOUT, asked: Asked | None = None) -> Steps[None]:
         """Waits until the last move has arrived. Errors: `PolepairError` E101 after the time limit."""
@@ -458,20 +458,14 @@ class AxisSteps:
             if kind == "heartbeat":
                 hint = f"add heartbeat=100 to the connection: its drive watches a heartbeat; or {hint}"
             raise Unsupported(what, "E218", False, hint)
-        if isinstance(self._native, native.Axis):
-            return (yield Whole(self._native.set_watchdog, seconds))  # type: ignore[no-any-return]
-        at = yield from self._find(parameter)
-        info = self._native.parameters()[at]
-        before = [(parameter, (yield from self._get_raw(parameter)))] if info.readable else []
-        yield from self._set(parameter, f"{seconds!r} s")
-        return before
+        return (yield Whole(self._native.set_watchdog, seconds))  # type: ignore[no-any-return]
 
     def _stop_own(self) -> Steps[bool]:
         """Stops axes armed here. Returns False if another client has the lease now.
 
         On a local link, a lost stop is repeated for ten seconds. A server repeats its stops itself.
         """
-        if isinstance(self._native, native.Axis):
+        if not self._native.is_remote:
             yield Urgent(native.stop_owed, [self._native])
             return True
         begun = yield from self._begin_own("stop")

@@ -118,7 +118,7 @@ class GroupSteps(Generic[A]):
         failed: BaseException | None = None
         # The others were not armed here, or are ours no more: that has stopped them.
         ours = self.axes[: len(before)]
-        own = [axis._native for axis in ours if isinstance(axis._native, native.Axis)]
+        own = [axis._native for axis in ours if not axis._native.is_remote]
         try:
             if own:
                 yield Urgent(native.stop_owed, own)

@@ -32,16 +32,15 @@ def opened(
     certificate: str | PathLike[str] | None,
     client_cert: str | PathLike[str] | None,
     client_key: str | PathLike[str] | None,
-) -> native.Link | native.ServedLink:
+) -> native.Link:
     """Opens a link, or connects to the server of a URL."""
     if url.startswith(SERVERS):
         if profile is not None or trace:
             raise TypeError("profile and trace are for who opens a link; a server has its own")
-        pinned = None if certificate is None else str(certificate)
-        return native.join(url, token_file, pinned, client_cert, client_key)
-    if any(one is not None for one in (token_file, certificate, client_cert, client_key)):
+    elif any(one is not None for one in (token_file, certificate, client_cert, client_key)):
         raise TypeError(f"tokens and certificates are for a server's URL: {', '.join(SERVERS)}")
-    return native.connect(url, profile, trace)
+    pinned = None if certificate is None else str(certificate)
+    return native.connect(url, profile, trace, token_file, pinned, client_cert, client_key)
 
 
 class LinkOf(Generic[A]):
@@ -49,13 +48,13 @@ class LinkOf(Generic[A]):
 
     __slots__ = ("_axes", "_listening", "_native", "_process")
 
-    def __init__(self, link: native.Link | native.ServedLink) -> None:
+    def __init__(self, link: native.Link) -> None:
         self._listening: list[Callable[[], Events | AsyncEvents | None]] = []
         self._process = os.getpid()
-        self._native: native.Link | native.ServedLink | None = link
+        self._native: native.Link | None = link
         self._axes = [self._axis(axis) for axis in link.axes()]
 
-    def _axis(self, axis: native.Axis | native.ServedAxis) -> A:
+    def _axis(self, axis: native.Axis) -> A:
         raise NotImplementedError
 
     @property
@@ -126,12 +125,12 @@ class LinkOf(Generic[A]):
             for one in self._listening:
                 if (events := one()) is not None:
                     events.close()
-            if isinstance(link, native.Link):
+            if link is not None:
                 link.close()
             self._native = None
             self._axes = []
 
-    def _open(self) -> native.Link | native.ServedLink:
+    def _open(self) -> native.Link:
         if self._native is None:
             raise ValueError("this link is closed")
         return self._native

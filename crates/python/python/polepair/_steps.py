@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Generator
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from ._polepair import Events, Request, ServedRequest, ServedWatch
+from ._polepair import Events, Request, SampleStream
 from .errors import NoReply
 
 P = ParamSpec("P")
@@ -52,7 +52,7 @@ class Wait:
 
     def __init__(
         self,
-        request: Request | ServedRequest | Events | ServedWatch,
+        request: Request | Events | SampleStream,
         timeout: float | None = None,
     ) -> None:
         self.request = request
@@ -60,7 +60,7 @@ class Wait:
 
 
 def next_row(
-    stream: ServedWatch, label: str, within: float | None = None
+    stream: SampleStream, label: str, within: float | None = None
 ) -> Steps[tuple[float, list[float]] | None]:
     """The next row of what a server sends; None when it did not come within so many seconds.
 

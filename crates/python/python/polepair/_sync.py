@@ -130,7 +130,7 @@ class Axis(AxisSteps):
 
         A server sends them by itself; `lost` of the result counts missing samples.
         """
-        if isinstance(self._native, native.ServedAxis):
+        if self._native.is_remote:
             stream = self._native.watch(list(signals), period)
             return Watch(_told(stream, self.label, signals, seconds), stream)
         return Watch(self._polled(signals, period, seconds))
@@ -157,7 +157,7 @@ class Watch(Iterator[Row]):
     __slots__ = ("_rows", "_stream")
 
     def __init__(
-        self, rows: Generator[Row, None, None], stream: native.ServedWatch | None = None
+        self, rows: Generator[Row, None, None], stream: native.SampleStream | None = None
     ) -> None:
         self._rows = rows
         self._stream = stream
@@ -177,7 +177,7 @@ class Watch(Iterator[Row]):
 
 
 def _told(
-    stream: native.ServedWatch, label: str, signals: tuple[str, ...], seconds: float | None
+    stream: native.SampleStream, label: str, signals: tuple[str, ...], seconds: float | None
 ) -> Generator[Row, None, None]:
     began: float | None = None
     since = time.monotonic()
@@ -383,7 +383,7 @@ class Link(LinkOf[Axis]):
 
     __slots__ = ()
 
-    def _axis(self, axis: native.Axis | native.ServedAxis) -> Axis:
+    def _axis(self, axis: native.Axis) -> Axis:
         return Axis(axis)
 
     def group(self, *which: int | str) -> Group:

@@ -175,7 +175,7 @@ class Axis(AxisSteps):
     __slots__ = ("_turns",)
 
     def __init__(
-        self, axis: native.Axis | native.ServedAxis, turns: asyncio.Semaphore
+        self, axis: native.Axis, turns: asyncio.Semaphore
     ) -> None:
         super().__init__(axis)
         self._turns = turns
@@ -274,13 +274,13 @@ class Axis(AxisSteps):
 
         A server sends them by itself; `lost` of the result counts missing samples.
         """
-        if isinstance(self._native, native.ServedAxis):
+        if self._native.is_remote:
             return Watch(self._told(self._native, signals, period))
         return Watch(self._polled(signals, period))
 
     async def _told(
-        self, axis: native.ServedAxis, signals: tuple[str, ...], period: float
-    ) -> AsyncGenerator[Row | native.ServedWatch, None]:
+        self, axis: native.Axis, signals: tuple[str, ...], period: float
+    ) -> AsyncGenerator[Row | native.SampleStream, None]:
         loop = asyncio.get_running_loop()
         stream = await loop.run_in_executor(None, axis.watch, list(signals), period)
         yield stream
@@ -308,13 +308,13 @@ class Watch(AsyncIterator[Row]):
 
     __slots__ = ("_rows", "_stream")
 
-    def __init__(self, rows: AsyncGenerator[Row | native.ServedWatch, None]) -> None:
+    def __init__(self, rows: AsyncGenerator[Row | native.SampleStream, None]) -> None:
         self._rows = rows
-        self._stream: native.ServedWatch | None = None
+        self._stream: native.SampleStream | None = None
 
     async def __anext__(self) -> Row:
         row = await anext(self._rows)
-        if isinstance(row, native.ServedWatch):
+        if isinstance(row, native.SampleStream):
             self._stream = row
             return await self.__anext__()
         return row
@@ -499,11 +499,11 @@ class Link(LinkOf[Axis]):
 
     __slots__ = ("_turns",)
 
-    def __init__(self, link: native.Link | native.ServedLink) -> None:
+    def __init__(self, link: native.Link) -> None:
         self._turns = asyncio.Semaphore(TURNS)
         super().__init__(link)
 
-    def _axis(self, axis: native.Axis | native.ServedAxis) -> Axis:
+    def _axis(self, axis: native.Axis) -> Axis:
         return Axis(axis, self._turns)
 
     def group(self, *which: int | str) -> Group:
@@ -554,11 +554,11 @@ class Link(LinkOf[Axis]):
 
 
 def _known(
-    open_it: Callable[[], native.Link | native.ServedLink],
-) -> native.Link | native.ServedLink:
+    open_it: Callable[[], native.Link],
+) -> native.Link:
     """Opens a link, and has a server tell its parameters: in the loop nothing asks for them."""
     link = open_it()
-    if isinstance(link, native.ServedLink):
+    if link.is_remote:
         for axis in link.axes():
             axis.parameters()
     return link
@@ -569,7 +569,7 @@ class Opening:
 
     __slots__ = ("_link", "_open_it")
 
-    def __init__(self, open_it: Callable[[], native.Link | native.ServedLink]) -> None:
+    def __init__(self, open_it: Callable[[], native.Link]) -> None:
         self._open_it = open_it
         self._link: Link | None = None
 
