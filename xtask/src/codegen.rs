@@ -70,6 +70,7 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
     for (name, text) in crate::command_pages::pages() {
         files.insert(root.join("docs/reference/command-line").join(name), text);
     }
+    files.insert(root.join("docs/reference/connection-keys.md"), crate::key_pages::page());
     files.insert(root.join("docs/protocols/tml-language.md"), crate::language::language_page());
     Ok(files)
 }

@@ -5,6 +5,7 @@ mod catalogue_pages;
 mod codegen;
 mod command_pages;
 mod gateway;
+mod key_pages;
 mod language;
 mod links;
 mod man;

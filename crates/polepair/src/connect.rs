@@ -34,7 +34,7 @@ use crate::toml_file::{FileError, FileLocation};
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::{AnyLink, OpenWire, SentCounter, SharedLink};
 pub(crate) use line_config::{AnyBorrowedLink, LineConfig};
-use options::{random_seed, rate_key, serial_line, wire_options, wire_standard};
+use options::{random_seed, rate_key, serial_line, wire_options};
 pub use parts::LinkPart;
 use polepair_core::medium::{Can, CanLine, MediumKind, Stream};
 use polepair_core::mux::Mux;
@@ -115,10 +115,11 @@ impl Connector {
         if !words.contains(',') {
             return Ok(vec![Url::parse_with(&text, self.is_for_stop)?]);
         }
-        let words = words.split(',').map(str::trim);
-        words
-            .map(|word| Url::parse_with(&format!("{word}{link}{rest}"), self.is_for_stop))
-            .collect()
+        let words: Vec<&str> = words.split(',').map(str::trim).collect();
+        let url = |word: &&str| {
+            Url::parse_among(&format!("{word}{link}{rest}"), &words, self.is_for_stop)
+        };
+        words.iter().map(url).collect()
     }
 
     /// Opens the link of several protocols, once.
@@ -325,7 +326,7 @@ fn build_simulation(url: &Url, mut description: RackDescription) -> Result<Simul
     if let Some(word) = url.key("timing") {
         description.set_timing(word)?;
     }
-    if let Some(standard) = wire_standard(url)? {
+    if let Some(standard) = url.stated_options()?.standard {
         description.set_standard(standard);
     }
     if url.key("echo").is_some() {
@@ -333,7 +334,7 @@ fn build_simulation(url: &Url, mut description: RackDescription) -> Result<Simul
     }
     // What is behind a rack's file is the file's to say.
     let own = if matches!(url.target, LinkTarget::Sim { .. }) {
-        url.simulation_keys()
+        url.family_options()
     } else {
         Vec::new()
     };

@@ -7,7 +7,7 @@ use polepair_core::axis::AnyLane;
 use polepair_core::lane::{BoxedDriver, Lane};
 use polepair_core::medium::{CanLine, Frame, Medium, MediumKind};
 use polepair_core::profile::Profile;
-use polepair_core::proto::{self, GROUP, HostOptions, Protocol};
+use polepair_core::proto::{self, GROUP, HostOptions, OptionKey, Protocol};
 use polepair_core::station::Host;
 use polepair_sim::rack::RackWire;
 use polepair_sim::serial_line::SerialWireConfig;
@@ -41,6 +41,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) host: Option<u32>,
     /// Its frames are characters of ASCII.
     pub(crate) is_ascii: bool,
+    /// Its keys of connection strings, beside those of every link.
+    pub(crate) keys: &'static [OptionKey],
     /// The baud or bit rate from the factory.
     pub(crate) baud: u32,
     /// What an axis is called when nothing else is known.
@@ -230,6 +232,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             broadcast: P::BROADCAST_ADDRESS,
             host: P::HOST_ADDRESS,
             is_ascii: P::IS_ASCII,
+            keys: P::KEYS,
             baud: P::DEFAULT_RATE,
             generic: P::generic_profile(),
             uses_identifier: P::uses_can_id,

@@ -12,9 +12,12 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod keys;
+
 use crate::error::Error;
 use crate::registry;
 use crate::spelling;
+pub use keys::{link_keys, protocol_keys, rack_keys, simulation_keys};
 use polepair_core::medium::MediumKind;
 pub use polepair_core::proto::AxisNumber;
 use polepair_core::proto::{GROUP, SUB_AXIS, with_sub_axis};
@@ -28,36 +31,6 @@ pub const AXES_MAX: usize = 256;
 const KEYS_MAX: usize = 32;
 
 const LINK_KINDS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
-const SERIAL_KEYS: [&str; 16] = [
-    "profile", "setup", "timeout", "timing", "gap", "host", "echo", "parity", "stop", "bits",
-    "wire", "ack", "pause", "relay", "through", "steps",
-];
-const CAN_KEYS: [&str; 9] =
-    ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat", "steps"];
-const SIM_KEYS: [&str; 18] = [
-    "timing",
-    "axes",
-    "seed",
-    "time",
-    "profile",
-    "eds",
-    "timeout",
-    "gap",
-    "host",
-    "echo",
-    "baud",
-    "bitrate",
-    "wire",
-    "ack",
-    "pause",
-    "relay",
-    "through",
-    "heartbeat",
-];
-/// Options of simulated families that are spelled nearly as one of these.
-const FAMILY_KEYS: [&str; 1] = ["ends"];
-const RACK_KEYS: [&str; 5] = ["link", "profile", "timeout", "seed", "time"];
-
 /// A connection string, taken apart.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Url {
@@ -153,15 +126,6 @@ impl LinkTarget {
             _ => Some(MediumKind::Can),
         }
     }
-
-    const fn known_keys(&self) -> &'static [&'static str] {
-        match self.medium() {
-            None if matches!(self, Self::Rack { .. }) => &RACK_KEYS,
-            None => &SIM_KEYS,
-            Some(MediumKind::Serial) => &SERIAL_KEYS,
-            Some(MediumKind::Can) => &CAN_KEYS,
-        }
-    }
 }
 
 impl Url {
@@ -231,11 +195,29 @@ impl FromStr for Url {
 impl Url {
     /// As it is parsed; for those who stop motors an axis that is `repeated` is one.
     pub(crate) fn parse_with(text: &str, repeated: bool) -> Result<Self, Error> {
+        let url = Self::parse_unchecked(text, repeated)?;
+        url.check_keys()?;
+        Ok(url)
+    }
+
+    /// As it is parsed for one of several protocols of a bus: keys of the others are theirs.
+    pub(crate) fn parse_among(
+        text: &str,
+        protocols: &[&str],
+        repeated: bool,
+    ) -> Result<Self, Error> {
+        let mut url = Self::parse_unchecked(text, repeated)?;
+        url.drop_keys_of(protocols);
+        url.check_keys()?;
+        Ok(url)
+    }
+
+    fn parse_unchecked(text: &str, repeated: bool) -> Result<Self, Error> {
         let (rest, fragment) = split_at_mark(text, '#');
         let (head, query) = split_at_mark(rest, '?');
         let keys = parse_keys(query.unwrap_or_default())?;
         let fragment = fragment.unwrap_or_default();
-        let url = match (head.strip_prefix("sim:"), head.strip_prefix("rack:")) {
+        Ok(match (head.strip_prefix("sim:"), head.strip_prefix("rack:")) {
             (None, None) => parse_wire(head, keys, parse_axes(fragment, repeated)?)?,
             (what, file) => {
                 let (names, numbers) = split_names(fragment);
@@ -246,9 +228,7 @@ impl Url {
                 };
                 Url { protocol: String::new(), target, keys, axes, names }
             }
-        };
-        url.check_keys()?;
-        Ok(url)
+        })
     }
 }
 
@@ -470,35 +450,6 @@ impl Url {
             };
             url_error(format!("`{}` is not used on {not}", self.protocol), hint)
         })
-    }
-
-    pub(crate) fn check_keys(&self) -> Result<(), Error> {
-        let sim = matches!(self.target, LinkTarget::Sim { .. });
-        let known = self.target.known_keys();
-        for (key, _) in &self.keys {
-            if known.contains(&key.as_str()) || sim && FAMILY_KEYS.contains(&key.as_str()) {
-                continue;
-            }
-            // What a simulated family knows beyond these is its own: it refuses the rest itself.
-            let near = spelling::nearest(key, known.iter().copied());
-            if sim && near.is_none() && !key.is_empty() {
-                continue;
-            }
-            let near = spelling::suggestion(key, known.iter().copied());
-            let elsewhere = SERIAL_KEYS.contains(&key.as_str()) || CAN_KEYS.contains(&key.as_str());
-            let what = match elsewhere {
-                true => format!("the key `{key}` is not supported on this type of link"),
-                false => format!("unknown key `{key}`{near}"),
-            };
-            return Err(url_error(what, &format!("keys are {}", known.join(", "))));
-        }
-        Ok(())
-    }
-
-    /// Keys that are for the simulated family alone.
-    pub(crate) fn simulation_keys(&self) -> Vec<(String, String)> {
-        let own = |(key, _): &&(String, String)| !SIM_KEYS.contains(&key.as_str());
-        self.keys.iter().filter(own).cloned().collect()
     }
 }
 

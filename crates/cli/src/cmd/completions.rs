@@ -16,6 +16,7 @@ use polepair::url::{LinkTarget, Url};
 use polepair::{Connector, simulate};
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::{Access, Profile};
+use polepair_core::proto::OptionKind;
 use polepair_link::PortKind;
 
 use crate::problem::{Exit, Result};
@@ -146,6 +147,9 @@ fn urls(word: &str) -> Vec<CompletionCandidate> {
         let names = axis_names(&connector, link);
         return names.iter().map(|name| candidate(format!("{before}{name}"), "")).collect();
     }
+    if let Some((link, query)) = word.split_once('?') {
+        return keys(&connector, link, query);
+    }
     let links = &connector.config.links;
     let mut found: Vec<_> =
         links.iter().map(|(name, url)| candidate(format!("@{name}"), url)).collect();
@@ -161,6 +165,28 @@ fn urls(word: &str) -> Vec<CompletionCandidate> {
         found.extend(names.iter().map(|name| candidate(format!("{name}+"), "")));
     }
     found
+}
+
+/// Keys that a link's connection string may have, and the words of a key that has words.
+fn keys(connector: &Connector, link: &str, query: &str) -> Vec<CompletionCandidate> {
+    let (before, last) = query
+        .rsplit_once('&')
+        .map_or(("", query), |(before, last)| (&query[..=before.len()], last));
+    let url = connector.config.expand(link).ok().and_then(|url| url.parse::<Url>().ok());
+    let known = url.map(|url| url.known_keys()).unwrap_or_default();
+    let whole = |text: String, help| candidate(format!("{link}?{before}{text}"), help);
+    match last.split_once('=') {
+        None => known.iter().map(|key| whole(format!("{}=", key.name), key.help)).collect(),
+        Some((name, _)) => {
+            let words = known.iter().find(|key| key.name == name).map(|key| key.kind);
+            let words = match words {
+                Some(OptionKind::Word(words)) => words,
+                Some(OptionKind::Flag) => &["yes", "no"],
+                _ => &[],
+            };
+            words.iter().map(|word| whole(format!("{name}={word}"), "")).collect()
+        }
+    }
 }
 
 /// Where drives of a protocol may be: the ports of this computer, and the other ways.

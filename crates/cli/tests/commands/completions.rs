@@ -31,6 +31,11 @@ fn words_are_completed_by_what_there_is() {
     let rack = concat!("sim:", env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/cell.toml#");
     let axes = candidates(&["polepair", "move", &format!("{rack}x,")]);
     assert!(axes.contains(&format!("{rack}x,y")), "{axes:?}");
+    let keys = candidates(&["polepair", "get", "tml+serial:///dev/ttyUSB0?timeout=50&w"]);
+    assert_eq!(keys, ["tml+serial:///dev/ttyUSB0?timeout=50&wire="]);
+    let words = candidates(&["polepair", "get", "tml+serial:///dev/ttyUSB0?wire="]);
+    assert_eq!(words.len(), 2, "{words:?}");
+    assert!(candidates(&["polepair", "get", "modbus-rtu+tcp://10.0.0.5:502?he"]).is_empty());
     assert!(candidates(&["polepair", "params", "thruster-s"]) == ["thruster-servo"]);
     assert!(candidates(&["polepair", "encode", "tml"]).contains(&"tml".to_owned()));
 }

@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::registry::{self, ProtocolInfo};
 use crate::url::{LinkTarget, Url};
 use polepair_core::medium::{Parity, SerialLine, Stream};
-use polepair_core::proto::{self, HostOptions};
+use polepair_core::proto::HostOptions;
 use polepair_link::clock;
 use std::hash::{BuildHasher, RandomState};
 
@@ -14,31 +14,22 @@ const IN_DOUBT: Option<u32> = Some(0);
 const TCP_PAUSE_MS: u32 = 100;
 
 /// The host's settings that every kind of link has.
-pub(super) fn host_options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
-    let whole = |ms: f64| ms.ceil() as u32;
-    let timed = |us: f64| us.round() as u32;
-    let gap_us = match url.key("gap") {
-        Some("3.5c") => Some(HostOptions::GAP_CHARACTERS),
-        _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
-    };
+pub(super) fn host_options(
+    url: &Url,
+    protocol: &ProtocolInfo,
+    baud: u32,
+) -> Result<HostOptions, Error> {
     let is_virtual = url.key("time") == Some("virtual");
-    Ok(HostOptions {
-        standard: wire_standard(url)?,
-        reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
-        ack_timeout_ms: url.milliseconds("ack")?.map(whole),
-        heartbeat_ms: url.milliseconds("heartbeat")?.map(whole),
-        resync_pause_ms: url.milliseconds("pause")?.map(whole),
+    let mut options = HostOptions {
         // Nothing on a pty or TCP tells frames apart by silence.
-        gap_us: gap_us.or((baud == 0).then_some(0)),
+        gap_us: (baud == 0).then_some(0),
         untimed: !has_timing(url)?,
-        host_address: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
-        relay_axis: relay_axis(url)?,
-        relay_answers_only: answers_only(url)?,
-        scanning: false,
         timeout_scale: if is_virtual { 1 } else { clock::timeout_scale() },
         ..HostOptions::new(baud)
-    })
+    };
+    url.apply_keys(protocol, &mut options)?;
+    Ok(options)
 }
 
 /// The host's settings on a link of the operating system.
@@ -54,15 +45,18 @@ pub(super) fn wire_options(url: &Url, protocol: &ProtocolInfo) -> Result<HostOpt
         _ => (0, rate.unwrap_or(0)),
     };
     let options = match url.target {
-        LinkTarget::Tcp { .. } => host_options_on_network(url)?,
-        _ => host_options(url, baud)?,
+        LinkTarget::Tcp { .. } => host_options_on_network(url, protocol)?,
+        _ => host_options(url, protocol, baud)?,
     };
     Ok(HostOptions { bit_rate, probe_seed: IN_DOUBT, ..options })
 }
 
 /// The host's settings behind a serial server, real or simulated.
-pub(super) fn host_options_on_network(url: &Url) -> Result<HostOptions, Error> {
-    let options = host_options(url, 0)?;
+pub(super) fn host_options_on_network(
+    url: &Url,
+    protocol: &ProtocolInfo,
+) -> Result<HostOptions, Error> {
+    let options = host_options(url, protocol, 0)?;
     Ok(HostOptions { resync_pause_ms: options.resync_pause_ms.or(Some(TCP_PAUSE_MS)), ..options })
 }
 
@@ -73,42 +67,6 @@ pub(super) fn random_seed() -> u32 {
 
 pub(super) fn rate_key(url: &Url, key: &str) -> Result<Option<u32>, Error> {
     Ok(url.number(key)?.map(|rate| u32::try_from(rate).unwrap_or(u32::MAX)))
-}
-
-pub(super) fn wire_standard(url: &Url) -> Result<Option<proto::SerialStandard>, Error> {
-    match url.key("wire") {
-        None => Ok(None),
-        Some("rs232") => Ok(Some(proto::SerialStandard::Rs232)),
-        Some("rs485") => Ok(Some(proto::SerialStandard::Rs485)),
-        Some(other) => {
-            let what = format!("`wire={other}` is not `rs232` or `rs485`");
-            Err(Error::usage("E210", what, ""))
-        }
-    }
-}
-
-/// The axis ID of the drive that a host on RS-232 is wired to, where it reaches others through it.
-fn relay_axis(url: &Url) -> Result<Option<u32>, Error> {
-    match url.number("through")? {
-        None => Ok(None),
-        Some(id @ 1..=255) => Ok(Some(id as u32)),
-        Some(id) => {
-            let what = format!("`through={id}` is no axis ID");
-            Err(Error::usage("E210", what, "write the relay's axis ID, 1 to 255"))
-        }
-    }
-}
-
-/// Whether the bus behind a relay brings back nothing but answers to one axis.
-fn answers_only(url: &Url) -> Result<bool, Error> {
-    match url.key("relay") {
-        None | Some("tmlcan") => Ok(false),
-        Some("technocan") => Ok(true),
-        Some(other) => {
-            let what = format!("`relay={other}` is not `tmlcan` or `technocan`");
-            Err(Error::usage("E210", what, "it is the protocol of the relay on its CAN bus"))
-        }
-    }
 }
 
 /// Settings of the port: those of the protocol, unless the string has others.
@@ -180,7 +138,7 @@ mod tests {
     #[test]
     fn a_port_without_timing_is_no_clock_for_the_host() {
         let baud = |text: &str| {
-            let url: Url = format!("tmcl+serial:///dev/ttyS0?{text}").parse().unwrap();
+            let url: Url = format!("tmcl+serial:///dev/ttyS0?{text}").parse()?;
             let protocol =
                 registry::find_protocol("tmcl", polepair_core::medium::MediumKind::Serial).unwrap();
             wire_options(&url, &protocol).map(|options| (options.baud, options.untimed))
@@ -193,8 +151,9 @@ mod tests {
     #[test]
     fn a_gap_is_a_time_or_three_and_a_half_characters() {
         let gap = |text: &str| {
-            let url: Url = format!("modbus-rtu+serial:///dev/ttyS0?gap={text}").parse().unwrap();
-            host_options(&url, 115_200).map(|options| options.gap_us)
+            let url: Url = format!("modbus-rtu+serial:///dev/ttyS0?gap={text}").parse()?;
+            let protocol = url.protocol_info().unwrap();
+            host_options(&url, &protocol, 115_200).map(|options| options.gap_us)
         };
         assert_eq!(gap("3.5c").unwrap(), Some(HostOptions::GAP_CHARACTERS));
         assert_eq!(gap("2ms").unwrap(), Some(2_000));

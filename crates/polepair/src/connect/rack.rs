@@ -30,11 +30,11 @@ impl Connector {
         for (index, n) in host_links(simulation.description(), only).into_iter().enumerate() {
             let link = self.wrap_and_tap(index, simulation.open(n)?, Some(&simulation));
             let wire = simulation.description().rack.links[n].wire;
-            let options = |_: &ProtocolInfo, baud| match wire {
+            let options = |protocol: &ProtocolInfo, baud| match wire {
                 RackWire::Serial(SerialWireConfig { timing: Timing::Tcp, .. }) => {
-                    host_options_on_network(url)
+                    host_options_on_network(url, protocol)
                 }
-                _ => Ok(HostOptions { bit_rate: baud, ..host_options(url, baud)? }),
+                _ => Ok(HostOptions { bit_rate: baud, ..host_options(url, protocol, baud)? }),
             };
             let opened = self.open_rack_lines(url, simulation.description(), n, &link, &options)?;
             opened.iter().try_for_each(ProtocolLine::configure_port)?;
@@ -67,9 +67,11 @@ impl Connector {
             let Some(connect) = &wire.connect else {
                 return Err(missing_connect_error(&description, n));
             };
-            let locate =
-                |protocol: &ProtocolInfo| real_link_url(url, protocol, &connect.value, wire.baud);
             let protocols = description.protocols_on(n);
+            let names: Vec<&str> = protocols.iter().map(|protocol| protocol.name).collect();
+            let locate = |protocol: &ProtocolInfo| {
+                real_link_url(url, (protocol, &names), &connect.value, wire.baud)
+            };
             let Some(first) = protocols.first() else { continue };
             let opened = locate(first)?;
             let link = open(&opened, first, &wire_options(&opened, first)?)?;
@@ -164,11 +166,12 @@ pub(super) fn seed_of(url: &Url) -> Result<u64, Error> {
 /// The connection string of one protocol on a real link of a rack, with its rates.
 fn real_link_url(
     url: &Url,
-    protocol: &ProtocolInfo,
+    (protocol, others): (&ProtocolInfo, &[&str]),
     connect: &str,
     rate: u32,
 ) -> Result<Url, Error> {
-    let mut position: Url = format!("{}+{connect}", protocol.name).parse()?;
+    let position = format!("{}+{connect}", protocol.name);
+    let mut position = Url::parse_among(&position, others, false)?;
     if let LinkTarget::Serial { baud, .. } = &mut position.target {
         *baud = baud.or(Some(rate));
     }

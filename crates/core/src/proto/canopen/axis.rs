@@ -23,6 +23,7 @@ use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile, Severity, Signal};
+use crate::proto::options::{self, OptionKey, OptionKind};
 use crate::proto::{HostOptions, Protocol, drive_address, sub_axis, with_sub_axis};
 use crate::station::RequestClass;
 use crate::stream::cyclic::{self, SetpointKind};
@@ -461,6 +462,21 @@ const fn presence_of(state: NmtState) -> Option<Presence> {
     })
 }
 
+/// Period of the host's heartbeat.
+const HEARTBEAT: OptionKey = OptionKey::new(
+    "heartbeat",
+    OptionKind::Milliseconds,
+    "period of the host's heartbeat, which ends one second after the program's last request; drives that \
+     watch it (1016h) then stop",
+    |options, ms| options.heartbeat_ms = Some(ms),
+);
+/// The data sheet of the device.
+const DATA_SHEET: OptionKey = OptionKey::for_link(
+    "eds",
+    OptionKind::Text,
+    "data sheet of the device (EDS or DCF): its objects by name, and the verbs of CiA 402 if it is a drive",
+);
+
 /// CANopen in the registry.
 #[derive(Debug)]
 pub enum Canopen {}
@@ -477,6 +493,8 @@ impl Protocol for Canopen {
     const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     /// The TS's (manual, 3.2); many others have no fixed one.
     const DEFAULT_RATE: u32 = 500_000;
+    const KEYS: &[OptionKey] =
+        &[options::TIMEOUT, options::host_key(1, 127), HEARTBEAT, DATA_SHEET];
 
     fn generic_profile() -> &'static Profile {
         &GENERIC

@@ -19,6 +19,7 @@ pub mod wire;
 #[cfg(test)]
 mod tests;
 
+use super::options::{self, OptionKey};
 use super::{HostOptions, Protocol};
 use crate::axis::Driver;
 use crate::medium::Stream;
@@ -56,6 +57,7 @@ macro_rules! protocol {
             const BROADCAST_ADDRESS: Option<u32> = Some(wire::BROADCAST as u32);
             const IS_ASCII: bool = matches!(wire::WireFormat::$kind, wire::WireFormat::Ascii);
             const DEFAULT_RATE: u32 = 115_200;
+            const KEYS: &[OptionKey] = &[options::TIMEOUT, options::GAP];
 
             fn generic_profile() -> &'static Profile {
                 &axis::GENERIC

@@ -23,6 +23,7 @@ use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
 use crate::plan::Argument;
 use crate::profile::{AddressRole, Encoding, Parameter, ParameterId, Profile};
+use crate::proto::options::{self, OptionKey};
 use crate::proto::{HostOptions, Protocol};
 use crate::station::RequestClass;
 
@@ -343,6 +344,7 @@ impl Protocol for Thruster {
     const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
     // The manual does not state it; public drivers use this one. [I]
     const DEFAULT_RATE: u32 = 500_000;
+    const KEYS: &[OptionKey] = &[options::TIMEOUT];
 
     fn generic_profile() -> &'static Profile {
         &GENERIC

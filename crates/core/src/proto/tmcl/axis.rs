@@ -18,6 +18,7 @@ use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{AddressRole, Parameter, Profile, Signal};
 use crate::program::{InstructionLanguage as _, ProgramCommand};
+use crate::proto::options::{self, OptionKey, OptionKind};
 use crate::proto::{HostOptions, Protocol, drive_address, sub_axis, with_sub_axis};
 use crate::station::RequestClass;
 
@@ -270,6 +271,13 @@ fn wire_value(raw: i64) -> Result<i32, Unsupported> {
         .map_err(|_| Unsupported::BadArgument)
 }
 
+/// Full steps of a stepper motor.
+const STEPS: OptionKey = OptionKey::for_drive(
+    "steps",
+    OptionKind::Number(4, 10_000),
+    "full steps of a turn of a stepper motor [default: 200]; refused by a module with a setting for them",
+);
+
 /// TMCL on RS-232, RS-485, a pseudo-terminal or TCP.
 #[derive(Debug)]
 pub enum Tmcl {}
@@ -284,6 +292,7 @@ impl Protocol for Tmcl {
     const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 0..=255;
     const SUB_AXES: core::ops::RangeInclusive<u8> = MOTORS;
     const DEFAULT_RATE: u32 = 9600;
+    const KEYS: &[OptionKey] = &[options::TIMEOUT, options::GAP, options::host_key(0, 0xFF), STEPS];
 
     fn generic_profile() -> &'static Profile {
         &GENERIC
@@ -315,6 +324,7 @@ impl Protocol for TmclCan {
     const SUB_AXES: core::ops::RangeInclusive<u8> = MOTORS;
     const HOST_ADDRESS: Option<u32> = Some(super::wire::HOST as u32);
     const DEFAULT_RATE: u32 = 250_000;
+    const KEYS: &[OptionKey] = &[options::TIMEOUT, options::host_key(0, 0x7FF), STEPS];
 
     fn generic_profile() -> &'static Profile {
         &GENERIC

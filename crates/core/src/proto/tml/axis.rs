@@ -14,7 +14,7 @@ use super::program;
 use super::session::discovery_message;
 use super::technocan::MessageClass as Service;
 use super::wire::{IdCode, Instruction, Message, low_first};
-use super::{serial, technocan, tmlcan};
+use super::{keys, serial, technocan, tmlcan};
 use crate::axis::{DriveReport, Driver, ExecutionProof, REPORTS_MAX};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
@@ -22,7 +22,7 @@ use crate::medium::{Can, Frame, Stream};
 use crate::plan::{Compare, ParameterTest};
 use crate::profile::{Encoding, Parameter, ParameterAddress, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand, TransferStep};
-use crate::proto::{GROUP, HostOptions, Protocol};
+use crate::proto::{GROUP, HostOptions, OptionKey, Protocol};
 use crate::station::RequestClass;
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, RawPoint};
 
@@ -453,6 +453,7 @@ impl Protocol for Tml {
     const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
     const GROUPS: u8 = 8;
     const DEFAULT_RATE: u32 = 9600;
+    const KEYS: &[OptionKey] = keys::SERIAL;
 
     fn create_host(options: &HostOptions, axes: &[u32]) -> SerialHost {
         SerialHost::new(options, axes)
@@ -473,6 +474,7 @@ impl Protocol for TmlCan {
     const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     const GROUPS: u8 = 8;
     const DEFAULT_RATE: u32 = 500_000;
+    const KEYS: &[OptionKey] = keys::CAN;
 
     fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host {
         CanHost::new(options, axes)
@@ -505,6 +507,7 @@ impl Protocol for TechnoCan {
     const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     const GROUPS: u8 = 5;
     const DEFAULT_RATE: u32 = 500_000;
+    const KEYS: &[OptionKey] = keys::CAN;
 
     fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host {
         CanHost::new(options, axes)

@@ -13,6 +13,7 @@ pub mod generic;
 pub mod host;
 pub mod host_request;
 pub mod instruction;
+mod keys;
 pub mod online;
 pub mod program;
 pub mod relay;
