@@ -145,6 +145,7 @@ const HEAD: &str = "\
 
 IMPORTS
 
+#[rustfmt::skip]
 const P: Parameter = Parameter {
     name: \"\", symbol: \"\", about: \"\", space: 0, index: 0, encoding: Encoding::I32,
     unit: Unit::None, scale: Scale::ONE, min: 0, max: 0, default: None,
@@ -283,7 +284,7 @@ impl Emitter {
         });
         let _ = write!(
             self.text,
-            "/// {title}.\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
+            "/// {title}.\n#[rustfmt::skip]\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
              protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, motors: {}, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
              identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
@@ -308,7 +309,7 @@ impl Emitter {
         if rows.is_empty() {
             return "&[]".to_owned();
         }
-        let body = rows.join(",\n");
+        let body = rows.join(",\n    ");
         let key = format!("{what} {body}");
         if let Some(name) = self.tables.get(&key) {
             return format!("&{name}");
@@ -322,9 +323,9 @@ impl Emitter {
         });
         if let Some((base, rows)) = patched {
             self.lend(&base, kind, count);
-            let _ = write!(self.text, "{head}{rows};\n\n");
+            let _ = write!(self.text, "#[rustfmt::skip]\n{head}{rows};\n\n");
         } else {
-            let _ = write!(self.text, "{head}[\n{body},\n];\n\n");
+            let _ = write!(self.text, "#[rustfmt::skip]\n{head}[\n    {body},\n];\n\n");
             self.last_tables.insert(what.to_owned(), (name.clone(), rows.to_vec()));
         }
         self.tables.insert(key, name.clone());
@@ -334,7 +335,9 @@ impl Emitter {
     /// Makes a table's rows a constant, which others can begin with.
     fn lend(&mut self, table: &str, kind: &str, count: usize) {
         let head = format!("static {table}: [{kind}; {count}] = ");
-        let both = format!("{head}{table}_ROWS;\n\nconst {table}_ROWS: [{kind}; {count}] = ");
+        let both = format!(
+            "{head}{table}_ROWS;\n\n#[rustfmt::skip]\nconst {table}_ROWS: [{kind}; {count}] = "
+        );
         if !self.text.contains(&both) {
             self.text = self.text.replacen(&head, &both, 1);
         }
@@ -457,7 +460,11 @@ fn mask_literal(mask: i64) -> String {
 }
 
 fn plan_row(p: &Plan) -> String {
-    let steps = |steps: &[Step]| steps.iter().map(step_expr).collect::<Vec<_>>().join(", ");
+    let line = |step: &Step| format!("\n        {},", step_expr(step));
+    let steps = |steps: &[Step]| match steps {
+        [] => String::new(),
+        steps => steps.iter().map(line).collect::<String>() + "\n    ",
+    };
     format!(
         "Plan {{ verb: Verb::{:?}, source: {:?}, steps: &[{}], undo: &[{}] }}",
         p.verb,

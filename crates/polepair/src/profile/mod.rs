@@ -23,6 +23,7 @@
 //! # Ok::<(), polepair::FileError>(())
 //! ```
 
+mod blocks;
 mod catalogue;
 pub(crate) mod draft;
 mod memory_map;

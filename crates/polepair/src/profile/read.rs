@@ -4,7 +4,7 @@ use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal,
     DraftWatchdog,
 };
-use super::{memory_map, step};
+use super::{blocks, memory_map};
 use crate::spelling;
 use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
 use polepair_core::axis::Verb;
@@ -17,7 +17,7 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 24] = [
+const KEYS: [&str; 25] = [
     "name",
     "extends",
     "replace",
@@ -41,6 +41,7 @@ const KEYS: [&str; 24] = [
     "parameter",
     "fault",
     "signals",
+    "fragments",
     "plans",
 ];
 
@@ -673,6 +674,7 @@ fn read_signal_source(
 
 fn read_plans(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
     let names = Verb::ALL.map(Verb::name);
+    let fragments = blocks::read_fragments(node)?;
     let Some(table) = node.table("plans", &names)? else { return Ok(()) };
     for verb in Verb::ALL.into_iter().filter(|verb| table.has(verb.name())) {
         let keys = ["source", "steps", "undo"];
@@ -685,8 +687,8 @@ fn read_plans(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErr
             location: node.location(),
             verb,
             source: optional_text(&node, "source")?,
-            steps: steps.iter().map(step::parse).collect::<Result<_, _>>()?,
-            undo: node.texts("undo")?.iter().map(step::parse).collect::<Result<_, _>>()?,
+            steps: blocks::read_steps(&steps, &fragments)?,
+            undo: blocks::read_steps(&node.texts("undo")?, &fragments)?,
         };
         match draft.plans.iter_mut().find(|p| p.verb == verb) {
             Some(old) => *old = plan,

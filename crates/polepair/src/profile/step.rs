@@ -6,6 +6,7 @@
 //! require NAME in 1 14 else HINT          (one of these, 0 to 62)
 //! skip COUNT if NAME & 0x6F == 0x27       (steps behind this one)
 //! skip COUNT without NAME                 (where the drive refuses to tell it)
+//! if TEST … end   unless TEST … end   with NAME … end   use FRAGMENT       (`blocks`)
 //! no-fault NAME                 no-fault NAME & 0x1F
 //! until NAME & 0x80 == 0x80 within 60 s   until NAME within-magnitude 5 within 5 s
 //! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
@@ -24,9 +25,9 @@ use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, RampSpeed};
 /// The longest wait or limit that a step may have: a day, ms.
 pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
 
-const VERBS: [&str; 12] = [
+const VERBS: [&str; 17] = [
     "write", "ensure", "read", "copy", "require", "skip", "no-fault", "until", "await", "send",
-    "keep", "wait",
+    "keep", "wait", "if", "unless", "with", "end", "use",
 ];
 
 const ARGUMENTS: [(&str, Argument); 7] = [
@@ -94,6 +95,26 @@ pub(crate) fn parse(step: &Located<String>) -> Result<DraftStep, FileError> {
             Err(verb.error(format!("a step cannot begin with `{other}`{hint}")))
         }
     }
+}
+
+/// Reads the first line of a block as a skip of no steps yet: `if`, `unless` and `with`.
+pub(crate) fn parse_block_start(step: &Located<String>) -> Result<DraftStep, FileError> {
+    let whole = StepText { text: &step.value, location: step.location.shifted(1) }.trimmed();
+    let (verb, rest) = whole.split_at_mark(" ").unwrap_or((whole.clone(), whole.end()));
+    if verb.text == "with" {
+        return Ok(DraftStep::Without { read: rest.parameter_name()?, count: 0 });
+    }
+    let (read, mut test) = parse_condition(&rest)?;
+    if verb.text == "if" {
+        test.compare = match test.compare {
+            Compare::Equal => Compare::NotEqual,
+            Compare::NotEqual => Compare::Equal,
+            Compare::Within | Compare::Among => {
+                return Err(verb.error("`if` takes == and !=; write `unless` for the opposite"));
+            }
+        };
+    }
+    Ok(DraftStep::Skip { read, test, count: 0 })
 }
 
 /// A part of a step with its position.

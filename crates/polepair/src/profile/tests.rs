@@ -411,6 +411,48 @@ fn no_motion_is_offered_where_there_is_no_stop() {
 }
 
 #[test]
+fn blocks_and_fragments_are_skips() {
+    let profile = |plans: &str| {
+        let text = format!(
+            "name = \"drive\"\nprotocol = \"canopen\"\n\
+             [[parameter]]\nname = \"speed\"\nindex = 0x60FF\nmoves = true\n\
+             [[parameter]]\nname = \"state\"\nindex = 0x6041\naccess = \"r\"\n{plans}"
+        );
+        parse("drive.toml", &text)
+    };
+    let steps = |plans: &str| profile(plans).unwrap().plan(Verb::Stop).unwrap().steps;
+    let numbered = steps(
+        "[plans.stop]\nsteps = [\"skip 4 if state & 1 == 1\", \"skip 1 if state & 2 == 0\", \
+         \"write speed = 1\", \"skip 1 without speed\", \"write speed = 2\", \
+         \"write speed = 0\", \"until state & 4 == 4 within 1 s\"]",
+    );
+    let blocks = steps(
+        "[fragments]\nslow = [\"if state & 2 != 0\", \"write speed = 1\", \"end\", \
+         \"use slower\"]\nslower = [\"with speed\", \"write speed = 2\", \"end\"]\n\
+         [plans.stop]\nsteps = [\"unless state & 1 == 1\", \"use slow\", \"end\", \
+         \"write speed = 0\", \"until state & 4 == 4 within 1 s\"]",
+    );
+    assert_eq!(numbered, blocks);
+    for (plan, reason) in [
+        ("\"if state & 1 == 1\", \"write speed = 0\"", "a block has no `end`"),
+        ("\"write speed = 0\", \"end\"", "`end` without `if`"),
+        ("\"if state & 1 == 1\", \"end\", \"write speed = 0\"", "a block has 1 to 63 steps"),
+        ("\"use slwo\"", "there is no fragment `slwo`; did you mean `slow`?"),
+        ("\"use round\"", "the fragment `round` uses itself"),
+        ("\"if state within-magnitude 3\", \"end\"", "write `unless` for the opposite"),
+        ("\"unlike state & 1 == 1\"", "a step cannot begin with `unlike`"),
+    ] {
+        let text = format!(
+            "[fragments]\nslow = [\"write speed = 1\"]\nround = [\"use round\"]\n\
+             [plans.stop]\nsteps = [{plan}]"
+        );
+        let error = profile(&text).unwrap_err().to_string();
+        assert!(error.contains(reason), "{plan}: {error}");
+        assert!(error.starts_with("drive.toml:1"), "{plan}: {error}");
+    }
+}
+
+#[test]
 fn a_plan_loses_the_steps_that_need_what_is_missing() {
     let text = r#"
 name = "drive"
