@@ -50,7 +50,8 @@ pub use taps::AnyTap;
 pub(crate) use taps::SharedTap;
 use taps::{LinkWrapper, TapFactory};
 
-/// Opens a link with the configuration that is found from the working folder upward.
+/// Opens a wire or simulated drives with the configuration that is found from the working folder upward.
+/// [`connect`](fn@crate::connect) also opens a running gateway.
 ///
 /// # Errors
 /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened,
@@ -149,10 +150,10 @@ impl Connector {
         Ok((lines, simulation))
     }
 
-    /// Opens a link and finds out what is there.
+    /// Opens a wire or simulated drives, and identifies the drives.
     ///
     /// # Errors
-    /// As [`connect`].
+    /// As [`connect_local`].
     pub fn connect_local(&self, text: &str) -> Result<LocalLink, Error> {
         self.connect_with(text, true)
     }

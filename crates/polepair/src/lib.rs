@@ -2,7 +2,7 @@
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
-//! let link = polepair::connect_local("sim:tmcl?axes=2&time=virtual")?;
+//! let link = polepair::connect("sim:tmcl?axes=2&time=virtual")?;
 //! for axis in link.axes() {
 //!     println!("{}: {}", axis.label(), axis.facts().title);
 //! }

@@ -204,8 +204,8 @@ fn every_command_shown_is_of_the_grammar() {
                 wrong += &format!("{}: {command}\n{}\n", page.display(), ran.err);
             }
             let is_url = |w: &&&str| w.contains("://") || w.starts_with("sim:");
-            // Where a server is, is no connection string.
-            let is_server = |w: &&&str| w.starts_with("http");
+            // A server's address has another form.
+            let is_server = |w: &&&str| polepair::interface::is_gateway(w);
             for url in rest.iter().filter(is_url).filter(|w| !is_server(w)) {
                 // What a scan alone takes: several protocols of one bus.
                 let several = url.split('+').next().is_some_and(|words| words.contains(','));

@@ -19,7 +19,7 @@ impl Connector {
     /// ```
     ///
     /// # Errors
-    /// As [`connect`](super::connect).
+    /// As [`connect_local`](super::connect_local).
     pub fn connect_over(
         &self,
         link: AnyLink,

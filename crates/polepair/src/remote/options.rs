@@ -4,6 +4,7 @@ use polepair_client::{Gateway, GatewayOptions};
 
 use super::RemoteLink;
 use crate::error::Error;
+use crate::url::decode;
 
 /// Keys of the connection string: how the client authenticates itself and the gateway.
 const KEYS: [&str; 4] = ["token-file", "certificate", "client-cert", "client-key"];
@@ -33,12 +34,13 @@ fn parse(url: &str, mut options: GatewayOptions) -> Result<(GatewayOptions, Opti
     options.url = address.to_owned();
     for pair in query.split('&').filter(|pair| !pair.is_empty()) {
         let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
+        let value = decode(value)?;
         let place = match key {
             "token-file" => &mut options.token_file,
             "client-cert" => &mut options.client_cert,
             "client-key" => &mut options.client_key,
             "certificate" => {
-                options.certificate = Some(value.to_owned());
+                options.certificate = Some(value);
                 continue;
             }
             _ => {
@@ -56,10 +58,10 @@ fn parse(url: &str, mut options: GatewayOptions) -> Result<(GatewayOptions, Opti
 mod tests {
     #[test]
     fn a_gateways_address_has_keys_and_axes() {
-        let url = "wss://host:7365?token-file=/run/token&certificate=ab12#x,2#1";
+        let url = "wss://host:7365?token-file=/run/a%26b&certificate=ab12#x,2#1";
         let (options, axes) = super::parse(url, Default::default()).expect("known keys");
         assert_eq!(options.url, "wss://host:7365");
-        assert_eq!(options.token_file.as_deref(), Some(std::path::Path::new("/run/token")));
+        assert_eq!(options.token_file.as_deref(), Some(std::path::Path::new("/run/a&b")));
         assert_eq!(options.certificate.as_deref(), Some("ab12"));
         assert_eq!(axes, Some("x,2#1"));
         let error =

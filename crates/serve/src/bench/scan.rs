@@ -351,7 +351,7 @@ impl Bench {
     ///
     /// The reply is `gateway.missing` for what was not found, `gateway.look` for a drive that clashes
     /// with another, while somebody looks, and where there is no room; else as
-    /// [`polepair::Link::add_drives`]. No drive is taken in then.
+    /// [`polepair::LocalLink::add_drives`]. No drive is taken in then.
     pub fn add_drives(
         &self,
         link: u16,
