@@ -55,12 +55,12 @@ impl Connector {
 /// An open link and its axes. Dropping the last handle closes it.
 #[derive(Clone)]
 pub struct Link {
-    kind: Kind,
+    backend: LinkBackend,
     axes: Vec<Axis>,
 }
 
 #[derive(Clone)]
-enum Kind {
+enum LinkBackend {
     Local(Box<LocalLink>),
     #[cfg(feature = "remote")]
     Remote(RemoteLink),
@@ -75,7 +75,7 @@ impl fmt::Debug for Link {
 impl From<LocalLink> for Link {
     fn from(link: LocalLink) -> Self {
         let axes = link.axes().iter().cloned().map(Axis::from).collect();
-        Self { kind: Kind::Local(Box::new(link)), axes }
+        Self { backend: LinkBackend::Local(Box::new(link)), axes }
     }
 }
 
@@ -83,7 +83,7 @@ impl From<LocalLink> for Link {
 impl From<RemoteLink> for Link {
     fn from(link: RemoteLink) -> Self {
         let axes = link.axes().iter().cloned().map(Axis::from).collect();
-        Self { kind: Kind::Remote(link), axes }
+        Self { backend: LinkBackend::Remote(link), axes }
     }
 }
 
@@ -91,10 +91,10 @@ impl Link {
     /// What it was opened by: the connection string, or the gateway's address.
     #[must_use]
     pub fn url(&self) -> String {
-        match &self.kind {
-            Kind::Local(link) => link.url().to_string(),
+        match &self.backend {
+            LinkBackend::Local(link) => link.url().to_string(),
             #[cfg(feature = "remote")]
-            Kind::Remote(link) => link.gateway().url().to_owned(),
+            LinkBackend::Remote(link) => link.gateway().url().to_owned(),
         }
     }
 
@@ -109,10 +109,10 @@ impl Link {
     /// # Errors
     /// `E212` if there is none, or several links have that number.
     pub fn axis(&self, number: u32) -> Result<Axis, Error> {
-        match &self.kind {
-            Kind::Local(link) => link.axis(number).map(Axis::from),
+        match &self.backend {
+            LinkBackend::Local(link) => link.axis(number).map(Axis::from),
             #[cfg(feature = "remote")]
-            Kind::Remote(_) => self.axis_named(&crate::url::AxisNumber(number).to_string()),
+            LinkBackend::Remote(_) => self.axis_named(&crate::url::AxisNumber(number).to_string()),
         }
     }
 
@@ -121,10 +121,10 @@ impl Link {
     /// # Errors
     /// `E212` if there is none, or several.
     pub fn axis_named(&self, name: &str) -> Result<Axis, Error> {
-        match &self.kind {
-            Kind::Local(link) => link.axis_named(name).map(Axis::from),
+        match &self.backend {
+            LinkBackend::Local(link) => link.axis_named(name).map(Axis::from),
             #[cfg(feature = "remote")]
-            Kind::Remote(link) => {
+            LinkBackend::Remote(link) => {
                 let mut found = link.find_axes(name)?;
                 match (found.pop(), found.len()) {
                     (Some(axis), 0) => Ok(Axis::from(axis)),
@@ -143,30 +143,30 @@ impl Link {
     /// # Errors
     /// The first error, after every axis was tried.
     pub fn stop_all(&self) -> Result<(), Error> {
-        match &self.kind {
-            Kind::Local(link) => link.stop_all(),
+        match &self.backend {
+            LinkBackend::Local(link) => link.stop_all(),
             #[cfg(feature = "remote")]
-            Kind::Remote(link) => link.stop_all(),
+            LinkBackend::Remote(link) => link.stop_all(),
         }
     }
 
     /// Closes it at once, though axes of it are still held elsewhere. No axis on a wire of this program is
     /// stopped by this; a gateway stops what this program set in motion.
     pub fn close(self) {
-        match self.kind {
-            Kind::Local(link) => link.close(),
+        match self.backend {
+            LinkBackend::Local(link) => link.close(),
             #[cfg(feature = "remote")]
-            Kind::Remote(_) => {}
+            LinkBackend::Remote(_) => {}
         }
     }
 
     /// The link with all methods of a wire that this program opened. `None` for a gateway.
     #[must_use]
     pub fn local(&self) -> Option<&LocalLink> {
-        match &self.kind {
-            Kind::Local(link) => Some(link),
+        match &self.backend {
+            LinkBackend::Local(link) => Some(link),
             #[cfg(feature = "remote")]
-            Kind::Remote(_) => None,
+            LinkBackend::Remote(_) => None,
         }
     }
 
@@ -182,9 +182,9 @@ impl Link {
     #[cfg(feature = "remote")]
     #[must_use]
     pub fn remote(&self) -> Option<&RemoteLink> {
-        match &self.kind {
-            Kind::Local(_) => None,
-            Kind::Remote(link) => Some(link),
+        match &self.backend {
+            LinkBackend::Local(_) => None,
+            LinkBackend::Remote(link) => Some(link),
         }
     }
 
@@ -204,10 +204,10 @@ impl Link {
 
     /// Waits on the link's clock; in virtual time it returns at once.
     pub fn sleep(&self, span: Duration) {
-        match &self.kind {
-            Kind::Local(link) => link.sleep(span),
+        match &self.backend {
+            LinkBackend::Local(link) => link.sleep(span),
             #[cfg(feature = "remote")]
-            Kind::Remote(_) => {
+            LinkBackend::Remote(_) => {
                 polepair_link::clock::sleep_until(polepair_link::clock::now() + span)
             }
         }

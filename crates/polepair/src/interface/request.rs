@@ -45,10 +45,10 @@ impl Reply {
 /// A request that is being executed. Dropped before its end, it continues.
 #[derive(Debug)]
 #[must_use = "wait for it, or drop it to continue in the background"]
-pub struct AxisRequest(Kind);
+pub struct AxisRequest(RequestBackend);
 
 #[derive(Debug)]
-enum Kind {
+enum RequestBackend {
     Local(RunningRequest),
     #[cfg(feature = "remote")]
     Remote(RemoteRequest),
@@ -56,14 +56,14 @@ enum Kind {
 
 impl From<RunningRequest> for AxisRequest {
     fn from(request: RunningRequest) -> Self {
-        Self(Kind::Local(request))
+        Self(RequestBackend::Local(request))
     }
 }
 
 #[cfg(feature = "remote")]
 impl From<RemoteRequest> for AxisRequest {
     fn from(request: RemoteRequest) -> Self {
-        Self(Kind::Remote(request))
+        Self(RequestBackend::Remote(request))
     }
 }
 
@@ -74,9 +74,9 @@ impl AxisRequest {
     /// [`Error`] by source; [`Error::Interrupted`] after an interruption, and the request continues.
     pub fn finish(&mut self) -> Result<Reply, Error> {
         match &mut self.0 {
-            Kind::Local(request) => request.finish().map(Reply::Raw),
+            RequestBackend::Local(request) => request.finish().map(Reply::Raw),
             #[cfg(feature = "remote")]
-            Kind::Remote(request) => request.finish(),
+            RequestBackend::Remote(request) => request.finish(),
         }
     }
 
@@ -86,18 +86,18 @@ impl AxisRequest {
     /// As [`finish`](Self::finish).
     pub fn wait(&mut self, at_most: Duration) -> Result<Option<Reply>, Error> {
         match &mut self.0 {
-            Kind::Local(request) => Ok(request.wait(at_most)?.map(Reply::Raw)),
+            RequestBackend::Local(request) => Ok(request.wait(at_most)?.map(Reply::Raw)),
             #[cfg(feature = "remote")]
-            Kind::Remote(request) => request.wait(at_most),
+            RequestBackend::Remote(request) => request.wait(at_most),
         }
     }
 
     /// True if it has ended; else `waker` is woken when it ends.
     pub fn poll_or_wake(&mut self, waker: &Waker) -> bool {
         match &mut self.0 {
-            Kind::Local(request) => request.poll_or_wake(waker),
+            RequestBackend::Local(request) => request.poll_or_wake(waker),
             #[cfg(feature = "remote")]
-            Kind::Remote(request) => request.poll_or_wake(waker),
+            RequestBackend::Remote(request) => request.poll_or_wake(waker),
         }
     }
 }

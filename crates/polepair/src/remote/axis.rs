@@ -148,7 +148,7 @@ impl RemoteAxis {
         Ok(self.server.gateway().spawn(move |_| server.with_lease(id, run)))
     }
 
-    /// The raw and the scaled reading of a signal's source is the gateway's; here is only the list.
+    /// Has the gateway read signals now; one that this version does not know is left out.
     fn read_signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
         let words: Vec<_> = signals.iter().map(|signal| signal.name()).collect();
         let read = self.gateway().signals(self.info.id, &words)?;

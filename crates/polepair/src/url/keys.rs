@@ -131,7 +131,7 @@ impl LinkTarget {
 }
 
 impl Url {
-    /// The protocols whose keys this string may have, and whether they are all that it may have.
+    /// The protocols whose keys this string may have.
     fn protocols(&self) -> Vec<registry::ProtocolInfo> {
         match (&self.target, self.target.medium()) {
             (_, Some(medium)) => {
