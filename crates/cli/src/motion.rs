@@ -3,32 +3,32 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use polepair::LocalAxis;
-use polepair::axis::{STOP_RETRY_MAX, check_together, stop_with_retry};
+use polepair::axis::{STOP_RETRY_MAX, check_together};
+use polepair::interface::{AxisFacts, AxisRequest, MotionMonitor, start_each, stop_each};
+use polepair::{Axis, AxisInterface, Error, LocalAxis};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
-use polepair_core::profile::{Severity, Signal};
+use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
+use polepair_core::units::Unit;
 use polepair_link::clock;
 
 use crate::interrupt;
-use crate::outcome;
+use crate::outcome::{self, to_problem};
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read_signal, run_optional_verb};
+use crate::remote;
+use crate::session::{self, Session, read_signal};
 use crate::terminal::{self, print_note, print_warning};
 use crate::value;
 
 /// How often a held motion looks for Ctrl-C and its end.
 const POLL_MS: u32 = 25;
-/// How often it reads the drive.
+/// How often it shows readings.
 const READ_MS: u32 = 250;
-/// How far ahead a held motion on an axis with ends looks: reading and stopping take their time.
-const LOOKAHEAD: Duration = Duration::from_millis(150);
-/// Of the speed that was asked for: faster than this share it has turned, slower than that it stands.
-const TURNING_SHARE: f64 = 0.5;
-const STANDSTILL_SHARE: f64 = 0.02;
-/// A motor that is held in motion may stand for so long.
-const STANDSTILL_MAX: Duration = Duration::from_secs(1);
+/// How long a wait lasts before Ctrl-C is looked for.
+const POLL_INTERVAL: Duration = Duration::from_millis(25);
+/// Time limit of a verb that ends with the drive's reply.
+const VERB_MAX: Duration = Duration::from_secs(60);
 /// How long a stopping motor keeps its power: Ctrl-C ends a verb within a second.
 const STANDSTILL_WAIT_MAX: Duration = Duration::from_millis(800);
 /// How long a move may take unless the user says otherwise.
@@ -47,57 +47,69 @@ pub enum MotionMode {
 
 /// Reads an argument in its unit, or as the drive's own number.
 pub fn parse_argument(
-    axis: &LocalAxis,
+    axis: &Axis,
     verb: Verb,
     which: Argument,
     (text, raw): (&str, bool),
 ) -> Result<f64> {
     let Some(unit) = axis.unit_of(verb, which) else {
-        let option = match which {
-            Argument::Velocity => "--vel",
-            Argument::Acceleration => "--acc",
-            Argument::Deceleration => "--dec",
-            Argument::Torque => "--torque",
-            Argument::JerkTime => "--s-curve",
-            Argument::Period => "--period",
-            Argument::Target => "VALUE",
-        };
-        let name = axis.profile().name;
-        let what = match axis.profile().plan(verb) {
-            None if matches!(verb, Verb::CurveTo | Verb::CurveBy) => {
-                format!("{name} takes no --s-curve.")
-            }
-            None => format!("{name} has no `{}`.", command_word(verb)),
-            Some(_) => format!("{name} takes no {option} with this verb."),
-        };
-        let planned = axis.profile().plan(verb).is_some();
-        let missing = axis.missing_for(verb, planned.then_some(which));
-        let reason = match missing.is_empty() {
-            true => "Its profile has no steps for it.".to_owned(),
-            false => format!("The drive has no {missing}."),
-        };
-        let why = format!("{reason} {}", outcome::sent_so_far());
-        return Err(Problem::usage("E218", what).why(why));
+        return Err(unknown_argument(axis, verb, which));
     };
     if raw {
         let number = value::parse_whole(text).ok_or_else(|| {
             let what = format!("{text:?} is not a whole number.");
             Problem::usage("E217", what).why(outcome::sent_so_far())
         })?;
-        return axis.raw_argument(verb, which, number).map_err(outcome::to_problem);
+        let hint = "give the value with its unit";
+        let local = axis.require_local("--raw with motion", hint);
+        return local.and_then(|axis| axis.raw_argument(verb, which, number)).map_err(to_problem);
     }
-    let measure = polepair::quantity::parse(text).map_err(outcome::to_problem)?;
-    axis.check_scale(verb, which, text)
-        .map_err(|error| outcome::to_problem(error).why(outcome::sent_so_far()))?;
-    if measure.si != 0.0 {
-        axis.check_unit(verb, which, text).map_err(outcome::to_problem)?;
+    let measure = polepair::quantity::parse(text).map_err(to_problem)?;
+    let mut written = None;
+    if let Some(axis) = axis.local() {
+        axis.check_scale(verb, which, text)
+            .map_err(|error| to_problem(error).why(outcome::sent_so_far()))?;
+        if measure.si != 0.0 {
+            axis.check_unit(verb, which, text).map_err(to_problem)?;
+        }
+        written = axis.destination(verb, which).flatten();
+    } else if measure.quantity.is_none() && unit != Unit::Percent && measure.si != 0.0 {
+        return Err(Problem::usage("E217", format!("{text:?} has no unit."))
+            .why("The default unit of the drive is not known on a server.")
+            .hint(format!("{text}{}", remote::argument_unit(axis, which, unit).symbol())));
     }
     // Why a unit is not the drive's, its parameter's description says best.
-    let written = axis.destination(verb, which).flatten();
     measure.in_unit(unit).map_err(|wrong| {
         let about = written.map(|into| format!("It is written to {:?}: {}", into.name, into.about));
-        outcome::to_problem(wrong).why(about.unwrap_or_default())
+        to_problem(wrong).why(about.unwrap_or_default())
     })
+}
+
+/// The error for an argument that the verb, or a verb that the drive, does not have.
+fn unknown_argument(axis: &Axis, verb: Verb, which: Argument) -> Problem {
+    let option = match which {
+        Argument::Velocity => "--vel",
+        Argument::Acceleration => "--acc",
+        Argument::Deceleration => "--dec",
+        Argument::Torque => "--torque",
+        Argument::JerkTime => "--s-curve",
+        Argument::Period => "--period",
+        Argument::Target => "VALUE",
+    };
+    let (name, has_verb) = (&axis.facts().profile, axis.has_verb(verb));
+    let what = match has_verb {
+        false if matches!(verb, Verb::CurveTo | Verb::CurveBy) => {
+            format!("{name} takes no --s-curve.")
+        }
+        false => format!("{name} has no `{}`.", command_word(verb)),
+        true => format!("{name} takes no {option} with this verb."),
+    };
+    let missing = axis.local().map(|axis| axis.missing_for(verb, has_verb.then_some(which)));
+    let reason = match missing.filter(|missing| !missing.is_empty()) {
+        None => "Its profile has no steps for it.".to_owned(),
+        Some(missing) => format!("The drive has no {missing}."),
+    };
+    Problem::usage("E218", what).why(format!("{reason} {}", outcome::sent_so_far()))
 }
 
 /// The command that a verb of motion is said by.
@@ -109,66 +121,56 @@ pub const fn command_word(verb: Verb) -> &'static str {
     }
 }
 
-/// Says what to watch out for, once per product, before anything moves.
-pub fn print_caution(session: &Session) {
-    let mut reports: Vec<&str> = Vec::new();
-    for axis in session.axes() {
-        let profile = axis.profile();
-        if reports.contains(&profile.name) {
+/// Prints cautions, once per product, before anything moves.
+pub fn print_caution(axes: &[AxisFacts]) {
+    let mut printed: Vec<&str> = Vec::new();
+    for AxisFacts { profile, caution, watchdog_rule, .. } in axes {
+        if printed.contains(&&**profile) {
             continue;
         }
-        reports.push(profile.name);
-        if !profile.caution.is_empty() {
-            print_note(&format!("caution: {}: {}", profile.name, profile.caution));
+        printed.push(profile);
+        if !caution.is_empty() {
+            print_note(&format!("caution: {profile}: {caution}"));
         }
-        print_note(&format!("watchdog: {}", axis.watchdog_rule()));
+        print_note(&format!("watchdog: {watchdog_rule}"));
     }
 }
 
-/// Carries a motion out on every axis of the session, and stops what it started when it ends early.
-pub fn run_motion(
-    session: &Session,
-    commands: &[(LocalAxis, Command)],
-    then: MotionMode,
-) -> Result {
-    let check = |commands: &[(LocalAxis, Command)]| {
-        commands.iter().try_for_each(|(axis, command)| {
-            axis.rehearse(*command).map(drop).map_err(outcome::to_problem)
-        })
+/// Runs a motion on each axis, and stops what it started when it ends early.
+pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
+    let check = |commands: &[(Axis, Command)]| {
+        let check = |(axis, command): &(Axis, Command)| axis.interface().check_command(*command);
+        commands.iter().try_for_each(check).map_err(to_problem)
     };
-    execute_motion(session, commands, then, (check, start_each))
+    execute_motion(session, commands, then, (check, start_commands))
 }
 
 /// The same with moves that begin at one signal.
-pub fn run_together(
-    session: &Session,
-    commands: &[(LocalAxis, Command)],
-    then: MotionMode,
-) -> Result {
-    let check = |commands: &[_]| check_together(commands).map_err(outcome::to_problem);
-    let start = |commands: &[_], _| polepair::start_together(commands).map_err(outcome::to_problem);
+pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
+    let hint = "remove --sync: the moves then start one after the other";
+    let local = |(axis, command): &(Axis, Command)| {
+        Ok((axis.require_local("--sync", hint)?.clone(), *command))
+    };
+    let local = commands.iter().map(local).collect::<std::result::Result<Vec<_>, Error>>();
+    let local = local.map_err(to_problem)?;
+    let check = |_: &[_]| check_together(&local).map_err(to_problem);
+    let start = |_: &[_], _| polepair::start_together(&local).map_err(to_problem);
     execute_motion(session, commands, then, (check, start))
 }
 
 fn execute_motion(
     session: &Session,
-    commands: &[(LocalAxis, Command)],
+    commands: &[(Axis, Command)],
     then: MotionMode,
     (check, start): (
-        impl FnOnce(&[(LocalAxis, Command)]) -> Result<()>,
-        impl FnOnce(&[(LocalAxis, Command)], Instant) -> Result<()>,
+        impl FnOnce(&[(Axis, Command)]) -> Result<()>,
+        impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
     ),
 ) -> Result {
-    let watched = commands
-        .iter()
-        .find(|(axis, command)| axis.has_position_limits() && is_lasting(command.verb));
-    if let Some((axis, _)) = watched.filter(|_| then == MotionMode::Detach) {
-        let what = format!("{} has limits that would not be checked.", axis.label());
-        return Err(Problem::usage("E223", what)
-            .why("A speed or torque that keeps running would exceed its position limits.")
-            .hint("remove --detach, or give a target: polepair move"));
+    if then == MotionMode::Detach {
+        check_detach(session, commands)?;
     }
-    print_caution(session);
+    print_caution(&session.facts());
     session.listen_for_interrupts();
     let mut started_motion = StartedMotion::new(&session.arguments);
     let within = match then {
@@ -179,13 +181,13 @@ fn execute_motion(
     let deadline = session.now() + within;
     // What is refused is refused before anything has power.
     let ended = check(commands)
-        .and_then(|()| power_axes(commands, &mut started_motion))
+        .and_then(|()| started_motion.power_all(commands))
         .and_then(|()| {
             started_motion.mark_moved();
             start(commands, deadline)
         })
         .and_then(|()| match then {
-            MotionMode::Hold(seconds) => hold_motion(session, commands, seconds),
+            MotionMode::Hold(seconds) => hold_motion(commands, seconds),
             MotionMode::Arrive(_) => wait_arrival(commands, deadline),
             MotionMode::Detach => Ok(()),
         });
@@ -202,6 +204,29 @@ fn execute_motion(
     conclude(ended, started_motion.finish(arrived), quiet)
 }
 
+/// Refuses to leave a motion running that nothing would watch, or that its gateway stops.
+fn check_detach(session: &Session, commands: &[(Axis, Command)]) -> Result<()> {
+    if session.link.local().is_none() {
+        return Err(remote::unsupported_problem(
+            "--detach",
+            "Motion of a client is stopped when the client ends.",
+        ));
+    }
+    let has_limits = |axis: &Axis| axis.local().is_some_and(LocalAxis::has_position_limits);
+    let limited = commands.iter().find(|(axis, command)| {
+        matches!(command.verb, Verb::Velocity | Verb::Torque) && has_limits(axis)
+    });
+    match limited {
+        None => Ok(()),
+        Some((axis, _)) => {
+            let what = format!("{} has limits that would not be checked.", axis.label());
+            Err(Problem::usage("E223", what)
+                .why("A speed or torque that keeps running would exceed its position limits.")
+                .hint("remove --detach, or give a target: polepair move"))
+        }
+    }
+}
+
 /// What a verb tells that has ended a motion: why it ended, and what became of its stop.
 pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
     match (ended, stopped) {
@@ -213,33 +238,33 @@ pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
         (Err(problem), Err(stop)) if problem.exit == Exit::Interrupted => Err(stop),
         // Whatever was feared when it ended, the stop was acknowledged.
         (Err(problem), Ok(())) => Err(Problem { may_turn: false, ..problem }),
+        // The cause of both is one: the link is lost.
+        (Err(problem), Err(stop)) if problem.code == stop.code => {
+            let may_turn = problem.may_turn || stop.may_turn;
+            Err(Problem { may_turn, ..join_problems(problem, stop) })
+        }
         // Why it ended is told last; that it was not stopped is no less true.
         (Err(problem), Err(stop)) => {
             terminal::draw(&stop.render(terminal::colour_err()));
-            Err(problem)
+            Err(Problem { may_turn: problem.may_turn || stop.may_turn, ..problem })
         }
     }
 }
 
 /// Arms and powers an axis for a motion that ends by itself, and stops it at its end, whatever that
 /// was.
-pub fn run_powered(
-    session: &Session,
-    axis: &LocalAxis,
-    motion: impl FnOnce() -> Result<()>,
-) -> Result {
-    let mut started_motion = StartedMotion::new(&session.arguments);
-    let ended = started_motion.power(axis, true, None).and_then(|()| {
-        started_motion.mark_moved();
-        motion()
-    });
+pub fn run_powered(arguments: &str, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
+    let mut started_motion = StartedMotion::new(arguments);
+    let ended = started_motion
+        .arm(axis)
+        .and_then(|()| run_optional_verb(axis, Verb::Enable))
+        .and_then(|()| {
+            started_motion.started.iter_mut().for_each(|one| one.enabled_here = true);
+            started_motion.mark_moved();
+            motion()
+        });
     let quiet = started_motion.stopped_text();
     conclude(ended, started_motion.finish(false), quiet)
-}
-
-/// Whether a motion goes on until it is stopped.
-const fn is_lasting(verb: Verb) -> bool {
-    matches!(verb, Verb::Velocity | Verb::Torque)
 }
 
 /// Axes that this verb powers and sets in motion. Whatever ends it stops them, a panic too.
@@ -250,7 +275,7 @@ struct StartedMotion {
 
 /// An axis that this verb set in motion.
 struct StartedAxis {
-    axis: LocalAxis,
+    axis: Axis,
     /// It was not powered before.
     enabled_here: bool,
     /// A motion was asked for, whether it was heard or not.
@@ -262,16 +287,23 @@ impl StartedMotion {
         Self { started: Vec::new(), _holding: interrupt::hold_motion(url) }
     }
 
-    /// Arms an axis, and powers it in the mode of the verb that follows.
-    fn power(&mut self, axis: &LocalAxis, powers: bool, verb: Option<Verb>) -> Result<()> {
-        axis.arm(true);
-        self.started.push(StartedAxis { axis: axis.clone(), enabled_here: powers, moved: false });
-        if !powers {
-            return Ok(());
+    fn arm(&mut self, axis: &Axis) -> Result<()> {
+        axis.arm().map_err(to_problem)?;
+        self.started.push(StartedAxis { axis: axis.clone(), enabled_here: false, moved: false });
+        Ok(())
+    }
+
+    /// Arms all axes, and powers each in the mode of its command, before any of them moves.
+    fn power_all(&mut self, commands: &[(Axis, Command)]) -> Result<()> {
+        commands.iter().try_for_each(|(axis, _)| self.arm(axis))?;
+        for (one, (axis, command)) in self.started.iter_mut().zip(commands) {
+            if !session::is_enabled(axis)? {
+                one.enabled_here = true;
+                axis.interface().prepare_mode(command.verb).map_err(to_problem)?;
+                run_optional_verb(axis, Verb::Enable)?;
+            }
         }
-        let prepared = verb.map_or(Ok(()), |verb| axis.prepare_mode(verb));
-        prepared.map_err(outcome::to_problem)?;
-        run_optional_verb(axis, Verb::Enable).map(drop)
+        Ok(())
     }
 
     /// A motion is asked for.
@@ -306,31 +338,44 @@ impl Drop for StartedMotion {
     }
 }
 
-/// Powers every axis, before any of them moves.
-fn power_axes(commands: &[(LocalAxis, Command)], started_motion: &mut StartedMotion) -> Result<()> {
-    for (axis, command) in commands {
-        let enabled = read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
-        started_motion.power(axis, !enabled, Some(command.verb))?;
-    }
-    Ok(())
+/// Starts all of them back to back, and waits until each verb has ended.
+fn start_commands(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
+    let started = start_each(commands).map_err(to_problem)?;
+    let mut started = started.into_iter().zip(commands);
+    started.try_for_each(|(mut request, (axis, command))| {
+        wait_request(axis, command.verb, &mut request, deadline)
+    })
 }
 
-/// Starts all of them back to back.
-fn start_each(commands: &[(LocalAxis, Command)], deadline: Instant) -> Result<()> {
-    // Each is on its way before the first is waited for; one that is refused ends all.
-    let ready = commands.iter().map(|(axis, command)| axis.prepare(*command));
-    let ready: Vec<_> =
-        ready.collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)?;
-    let started = ready.iter().map(polepair::axis::PreparedCommand::start);
-    let started_at: Vec<_> =
-        started.collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)?;
-    for (mut running, (axis, command)) in started_at.into_iter().zip(commands) {
-        let left = deadline.since(axis.connection().now());
-        if running.wait(left).map_err(outcome::to_problem)?.is_none() {
-            return Err(late_problem(&axis.label(), command.verb).hint("increase --timeout"));
+/// Waits for the end of a request, Ctrl-C or the deadline.
+fn wait_request(
+    axis: &Axis,
+    verb: Verb,
+    request: &mut AxisRequest,
+    deadline: Instant,
+) -> Result<()> {
+    loop {
+        if interrupt::was_interrupted() {
+            return Err(Problem::interrupted());
         }
+        let left = deadline.since(axis.now());
+        if request.wait(left.min(POLL_INTERVAL)).map_err(to_problem)?.is_some() {
+            return Ok(());
+        }
+        if axis.now() >= deadline {
+            return Err(late_problem(axis.label(), verb).hint("increase --timeout"));
+        }
+        axis.interface().check_control().map_err(to_problem)?;
     }
-    Ok(())
+}
+
+/// Runs a verb without arguments if the drive has it.
+pub fn run_optional_verb(axis: &Axis, verb: Verb) -> Result<()> {
+    if !axis.has_verb(verb) {
+        return Ok(());
+    }
+    let mut request = axis.start(Command::new(verb)).map_err(to_problem)?;
+    wait_request(axis, verb, &mut request, axis.now() + VERB_MAX)
 }
 
 /// What a verb waited for did not come.
@@ -340,92 +385,16 @@ pub fn late_problem(label: &str, verb: Verb) -> Problem {
 }
 
 /// Waits, and shows what the drive does where a person looks.
-pub fn hold_motion(
-    session: &Session,
-    commands: &[(LocalAxis, Command)],
-    seconds: Option<f64>,
-) -> Result<()> {
-    let mut next = session.now();
+pub fn hold_motion(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+    let Some((clock, _)) = commands.first() else { return Ok(()) };
     let mut live = LiveLine::new();
-    let mut held: Vec<_> =
-        commands.iter().map(|(axis, c)| HoldCheck::new(axis.label(), c)).collect();
-    let pause = |until: Instant| session.link.sleep(until.since(session.now()));
-    hold_while(seconds, (&|| session.now(), &pause), |now| {
-        for (axis, _) in commands {
-            if let Some(why) =
-                axis.predict_limit_violation(LOOKAHEAD).map_err(outcome::to_problem)?
-            {
-                return Err(Problem::new(Exit::Negative, "E105", outcome::to_sentence(&why))
-                    .hint("use a shorter time: --for; `polepair move` ends by itself"));
-            }
-        }
-        if now >= next {
-            next = now.plus_ms(READ_MS);
-            for ((axis, _), held) in commands.iter().zip(&mut held) {
-                check_fault(axis)?;
-                let enabled = read_signal(axis, Signal::Enabled)?.map(|read| read.raw != 0);
-                let velocity = match held.needs_velocity() {
-                    true => read_signal(axis, Signal::Velocity)?,
-                    false => None,
-                };
-                held.check(now, enabled, velocity.map(|read| read.value * read.unit.si_factor()))?;
-            }
-            live.show(commands)?;
-        }
-        Ok(())
+    let monitor = |(axis, command): &(Axis, Command)| MotionMonitor::new(axis, command);
+    let mut monitors: Vec<_> = commands.iter().map(monitor).collect();
+    let pause = |until: Instant| clock.sleep(until.since(clock.now()));
+    hold_while(seconds, (&|| clock.now(), &pause), |now| {
+        monitors.iter_mut().try_for_each(MotionMonitor::check).map_err(to_problem)?;
+        live.show(now, commands)
     })
-}
-
-/// What tells of a motor that is held in motion whether it still is: another program, an input or the drive
-/// itself may have ended that.
-pub struct HoldCheck {
-    label: String,
-    /// The speed that was asked for, rad/s or m/s.
-    velocity: Option<f64>,
-    was_enabled: bool,
-    has_turned: bool,
-    stands_since: Option<Instant>,
-}
-
-impl HoldCheck {
-    pub fn new(label: String, command: &Command) -> Self {
-        let velocity = command.velocity.filter(|si| command.verb == Verb::Velocity && *si != 0.0);
-        Self { label, velocity, was_enabled: false, has_turned: false, stands_since: None }
-    }
-
-    /// Whether its speed tells something.
-    pub fn needs_velocity(&self) -> bool {
-        self.velocity.is_some()
-    }
-
-    /// Takes what was read: whether it has power, and its speed in SI. `E102` when it has none any more, and
-    /// when it stands though it turned before.
-    pub fn check(&mut self, now: Instant, enabled: Option<bool>, si: Option<f64>) -> Result<()> {
-        let ended =
-            |what: &str, why: &str| {
-                Err(Problem::new(Exit::Negative, "E102", format!("{} {what}.", self.label))
-                .why(why)
-                .hint("`polepair info URL` shows its state; check whether another master controls \
-                 it"))
-            };
-        self.was_enabled |= enabled == Some(true);
-        if self.was_enabled && enabled == Some(false) {
-            return ended(
-                "has lost its power during the motion",
-                "Another program, an input or the drive itself switched it off.",
-            );
-        }
-        let (Some(requested), Some(si)) = (self.velocity, si) else { return Ok(()) };
-        self.has_turned |= si.abs() > requested.abs() * TURNING_SHARE;
-        let stands = self.has_turned && si.abs() < requested.abs() * STANDSTILL_SHARE;
-        self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
-        match self.stands_since {
-            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => {
-                ended("stopped during the motion", "Another program stopped it, or it is blocked.")
-            }
-            _ => Ok(()),
-        }
-    }
 }
 
 /// The clock that is waited on: what it shows, and who waits until an instant of it.
@@ -457,33 +426,34 @@ pub fn hold_while(
 
 /// Ends with the drive's fault, if it has one that stops it.
 pub fn check_fault(axis: &LocalAxis) -> Result<()> {
-    let Some(value) = read_signal(axis, Signal::Fault)? else { return Ok(()) };
-    let code = u32::try_from(value.raw).unwrap_or(0);
-    let faults = outcome::faults(axis.profile(), code);
-    let Some(fault) = faults.iter().find(|fault| fault.severity == Severity::Fault) else {
-        return Ok(());
-    };
-    let what = format!("{} reports a fault: {} ({})", axis.label(), fault.text, fault.name);
-    Err(Problem::new(Exit::DriveFault, "E801", outcome::to_sentence(&what))
-        .why(fault.cause)
-        .hint_if(Some(fault.remedy).filter(|remedy| !remedy.is_empty())))
+    let faults = AxisInterface::faults(axis).map_err(to_problem)?;
+    match faults.iter().find(|fault| !fault.is_warning) {
+        None => Ok(()),
+        Some(fault) => Err(to_problem(fault.to_error(&axis.label()))),
+    }
 }
 
 /// Waits until the drives say that they have arrived.
-fn wait_arrival(commands: &[(LocalAxis, Command)], deadline: Instant) -> Result<()> {
+fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     for (axis, command) in commands {
         // Homing ends when the reference is found.
         if command.verb == Verb::Home {
             continue;
         }
-        if axis.profile().plan(Verb::Reached).is_none() {
+        if !axis.has_verb(Verb::Reached) {
             print_note(&format!(
                 "{} does not report its arrival; the motion was started",
                 axis.label()
             ));
             continue;
         }
-        axis.wait(deadline.since(axis.connection().now())).map_err(outcome::to_problem)?;
+        match axis.local() {
+            Some(axis) => axis.wait(deadline.since(axis.connection().now())).map_err(to_problem)?,
+            None => {
+                let mut request = axis.start(Command::new(Verb::Reached)).map_err(to_problem)?;
+                wait_request(axis, command.verb, &mut request, deadline)?;
+            }
+        }
     }
     Ok(())
 }
@@ -496,18 +466,42 @@ fn stop_started(started: &[StartedAxis], arrived: bool) -> Result<()> {
     let mut ended = Ok(());
     for one @ StartedAxis { axis, enabled_here, .. } in started {
         let stopped = stopped.next().unwrap_or(Ok(()));
+        // An axis that this program no longer controls is left to its gateway.
+        let is_ours = axis.interface().check_control().is_ok();
         // Also after a stop that failed: a motor without power at least does not drive.
-        let off = if *enabled_here { run_optional_verb(axis, Verb::Disable) } else { Ok(None) };
-        axis.arm(false);
-        let is_off = *enabled_here && off.is_ok();
+        let is_switched = *enabled_here && is_ours;
+        let off = if is_switched { switch_off(axis) } else { Ok(()) };
+        let disarmed = if is_ours { axis.disarm().map_err(to_problem) } else { Ok(()) };
+        let is_off = is_switched && off.is_ok();
         if stopped.is_err() && !is_off {
             print_warning(&format!("{} may {}: cut its supply", axis.label(), one.risk_text()));
         } else if off.is_err() {
             print_warning(&format!("{} may still be powered", axis.label()));
         }
-        ended = ended.and(stopped).and(off.map(drop));
+        ended = match (ended, stopped.and(off).and(disarmed)) {
+            (Err(first), Err(second)) => Err(join_problems(first, second)),
+            (first, second) => first.and(second),
+        };
     }
     ended
+}
+
+/// Removes power. Ctrl-C does not end it.
+fn switch_off(axis: &Axis) -> Result<()> {
+    match axis.has_verb(Verb::Disable) {
+        true => axis.disable().map_err(to_problem),
+        false => Ok(()),
+    }
+}
+
+/// The first of two problems, with the advice of both.
+fn join_problems(mut first: Problem, second: Problem) -> Problem {
+    for hint in second.hints {
+        if !first.hints.contains(&hint) {
+            first.hints.push(hint);
+        }
+    }
+    first
 }
 
 impl StartedAxis {
@@ -519,14 +513,17 @@ impl StartedAxis {
 
 /// Stops axes.
 fn stop_started_axes(started: &[&StartedAxis]) -> Vec<Result<()>> {
-    let axes: Vec<LocalAxis> = started.iter().map(|one| one.axis.clone()).collect();
+    let axes: Vec<Axis> = started.iter().map(|one| one.axis.clone()).collect();
     let mut stop_retry_notice = StopRetryNotice::new();
-    let ended = stop_with_retry(&axes, STOP_RETRY_MAX, |axis, _| {
+    let ended = stop_each(&axes, |axis, _| {
         let one = started.iter().find(|one| one.axis.number() == axis.number());
-        stop_retry_notice.report_retry(axis, one.map_or("still turn", |one| one.risk_text()))
+        let risk = one.map_or("still turn", |one| one.risk_text());
+        stop_retry_notice.report_retry(axis.label(), risk)
     });
-    let reports =
-        axes.iter().zip(ended).map(|(axis, ended)| stop_retry_notice.report_end(axis, ended));
+    let reports = axes
+        .iter()
+        .zip(ended)
+        .map(|(axis, ended)| stop_retry_notice.report_end(axis.label(), ended));
     reports.collect()
 }
 
@@ -543,30 +540,25 @@ impl StopRetryNotice {
     }
 
     /// Says once of an axis that its stop is said again; false when somebody wants this to end.
-    pub fn report_retry(&mut self, axis: &LocalAxis, may: &str) -> bool {
-        let label = axis.label();
-        if !self.reported.contains(&label) {
+    pub fn report_retry(&mut self, label: &str, may: &str) -> bool {
+        if !self.reported.iter().any(|reported| reported == label) {
             print_warning(&format!(
                 "{label} may {may}: cut its supply. Its stop was not confirmed, and is repeated \
                  for \
                  {} s",
                 STOP_RETRY_MAX.as_secs()
             ));
-            self.reported.push(label);
+            self.reported.push(label.to_owned());
         }
         interrupt::count() < self.interrupt_limit
     }
 
     /// Says of an axis that its stop was confirmed after all.
-    pub fn report_end(
-        &self,
-        axis: &LocalAxis,
-        ended: std::result::Result<(), polepair::Error>,
-    ) -> Result<()> {
-        if ended.is_ok() && self.reported.contains(&axis.label()) {
-            print_note(&format!("{} is stopped", axis.label()));
+    pub fn report_end(&self, label: &str, ended: std::result::Result<(), Error>) -> Result<()> {
+        if ended.is_ok() && self.reported.iter().any(|reported| reported == label) {
+            print_note(&format!("{label} is stopped"));
         }
-        ended.map_err(outcome::to_problem)
+        ended.map_err(to_problem)
     }
 }
 
@@ -586,24 +578,27 @@ pub fn wait_standstill(axis: &LocalAxis) -> Result<()> {
 /// One line on a terminal, drawn again and again.
 struct LiveLine {
     shown: bool,
+    next: Instant,
 }
 
 impl LiveLine {
     fn new() -> Self {
         use std::io::IsTerminal as _;
-        Self { shown: std::io::stderr().is_terminal() && terminal::colour_err() }
+        let shown = std::io::stderr().is_terminal() && terminal::colour_err();
+        Self { shown, next: Instant::ZERO }
     }
 
-    fn show(&mut self, commands: &[(LocalAxis, Command)]) -> Result<()> {
-        if !self.shown {
+    fn show(&mut self, now: Instant, commands: &[(Axis, Command)]) -> Result<()> {
+        if !self.shown || now < self.next {
             return Ok(());
         }
+        self.next = now.plus_ms(READ_MS);
         let mut line = String::new();
         for (axis, _) in commands {
             let _ = write!(line, "{}", axis.label());
             for wanted in [Signal::Velocity, Signal::Position, Signal::Current] {
-                if let Some(value) = read_signal(axis, wanted)? {
-                    let _ = write!(line, "  {} {value}", wanted.name());
+                if let Some(text) = session::signal_text(axis, wanted)? {
+                    let _ = write!(line, "  {} {text}", wanted.name());
                 }
             }
             line.push_str("   ");

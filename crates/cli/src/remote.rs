@@ -3,26 +3,23 @@
 //! Verbs have the same words and output formats. Axes of the server replace the URL: numbers, names,
 //! `LINK#NUMBER`, or `all`. Values need a unit, because the default unit of a drive is not known here.
 
-mod motion;
-
 use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Arg, Args, Command};
 use polepair::interface::is_gateway;
+use polepair::remote::RemoteLink;
 use polepair::url::AxisNumber;
+use polepair::{Axis, Error};
 pub use polepair_client::ALL;
 use polepair_client::message::{AxisInfo, BenchView, LinkState, LinkView};
 use polepair_client::{Gateway, GatewayError, GatewayOptions, select_axes};
+use polepair_core::plan::Argument;
+use polepair_core::profile::Signal;
 use polepair_core::units::Unit;
 use polepair_link::clock;
 
-pub use motion::{
-    ANSWER_MAX, MotionOrder, fresh_state, fresh_text, parse_argument, read_fresh, run_motion,
-    silent_problem,
-};
-
-use crate::outcome::to_sentence;
+use crate::outcome::{self, to_sentence};
 use crate::problem::{Problem, Result};
 use crate::target::DriveArgs;
 use crate::value;
@@ -200,9 +197,29 @@ impl ServerArgs {
         }
     }
 
+    /// Refuses to show the frames of a server.
+    pub fn refuse_dry_run(&self) -> Result<()> {
+        match self.is_given() {
+            false => Ok(()),
+            true => Err(unsupported_problem(
+                "--dry-run",
+                "Only the program that opened the link can show frames.",
+            )),
+        }
+    }
+
     /// Joins it, and hears what it has.
     pub fn open(self) -> Result<RemoteSession> {
         RemoteSession::new(self.gateway()?)
+    }
+
+    /// Joins it, and selects axes of it.
+    pub fn link(self, words: &str) -> Result<RemoteLink> {
+        let gateway = self.gateway()?;
+        RemoteLink::open(gateway, Some(words)).map_err(|error| match error {
+            Error::Gateway { .. } => refusal_problem(hint_unresponsive(error.into())),
+            other => outcome::to_problem(other),
+        })
     }
 
     /// Joins it without asking anything.
@@ -320,26 +337,6 @@ pub fn unsupported_problem(what: &str, why: &str) -> Problem {
     Problem::usage("E257", format!("{what} is not supported on a server.")).why(why)
 }
 
-/// Frames are the server's own affair.
-pub fn refuse_dry_run(dry_run: bool) -> Result<()> {
-    match dry_run {
-        false => Ok(()),
-        true => Err(unsupported_problem(
-            "--dry-run",
-            "Only the program that opened the link can \
-         show frames.",
-        )),
-    }
-}
-
-/// The drive's own numbers are for who opens a link.
-pub fn refuse_raw(raw: bool) -> Result<()> {
-    match raw {
-        false => Ok(()),
-        true => Err(unsupported_problem("--raw with motion", "A server needs values with units.")),
-    }
-}
-
 /// A verb that is for links, or for files.
 pub fn no_such_verb(verb: &str) -> Problem {
     let known: Vec<&str> = SERVER_VERBS.iter().map(|(verb, _)| *verb).collect();
@@ -357,6 +354,28 @@ pub fn signal_unit(axis: &AxisInfo, signal: &str, si: &str) -> Option<Unit> {
     let source = profile.signals.iter().find(|source| source.signal.name() == signal)?;
     let unit = profile.parameter(source.parameter)?.unit;
     (source.equals.is_none() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)
+}
+
+/// A signal of a server's axis, as people read it.
+pub fn signal_text(axis: &Axis, signal: Signal, value: f64) -> String {
+    let unit = axis.signal_unit(signal);
+    match axis.remote() {
+        Some(axis) => format_signal(axis.info(), signal.name(), value, &unit),
+        None => format_value(value, &unit),
+    }
+}
+
+/// The unit in which people read what an argument sets.
+pub fn argument_unit(axis: &Axis, which: Argument, unit: Unit) -> Unit {
+    let signal = match which {
+        Argument::Target => Signal::Position,
+        Argument::Velocity => Signal::Velocity,
+        Argument::Torque => Signal::Torque,
+        _ => return unit,
+    };
+    let si = unit.si_symbol();
+    let known = axis.remote().and_then(|axis| signal_unit(axis.info(), signal.name(), si));
+    known.unwrap_or(unit)
 }
 
 /// A signal's value, which a server tells in SI, as people read it.

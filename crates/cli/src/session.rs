@@ -1,23 +1,87 @@
 //! An open link for the verbs: interruptible, with errors as texts.
 
+use polepair::interface::AxisFacts;
+use polepair::remote::RemoteLink;
 use polepair::url::AxisNumber;
-use polepair::{LocalAxis, LocalLink, Value};
+use polepair::url::shell_word;
+use polepair::{Axis, AxisInterface, Link, LocalAxis, LocalLink, Value};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
 use crate::outcome;
 use crate::problem::Result;
+use crate::remote;
 use crate::terminal::print_note;
 
-/// A link, and how the user named it.
+/// A link, of this program or of a server, and how the user named it.
 pub struct Session {
+    pub link: Link,
+    /// What names it to another verb.
+    pub arguments: String,
+    local: Option<LocalSession>,
+}
+
+impl From<LocalSession> for Session {
+    fn from(session: LocalSession) -> Self {
+        let (link, arguments) = (session.link.clone().into(), session.arguments.clone());
+        Self { link, arguments, local: Some(session) }
+    }
+}
+
+impl Session {
+    /// The axes of a server.
+    pub fn of_server(link: RemoteLink, words: &str) -> Self {
+        let address = format!("{}#{words}", link.gateway().url());
+        let arguments = shell_word(&address).into_owned();
+        Self { link: link.into(), arguments, local: None }
+    }
+
+    /// Makes Ctrl-C end what waits.
+    pub fn listen_for_interrupts(&self) {
+        match &self.local {
+            Some(session) => session.listen_for_interrupts(),
+            // Waits for a server end by themselves.
+            None => crate::interrupt::listen(|| {}),
+        }
+    }
+
+    /// The present time of the link: a simulation has a clock of its own.
+    pub fn now(&self) -> Instant {
+        self.axes().first().map_or(Instant::ZERO, Axis::now)
+    }
+
+    /// Every axis.
+    pub fn axes(&self) -> &[Axis] {
+        self.link.axes()
+    }
+
+    /// What is known of each axis without a request.
+    pub fn facts(&self) -> Vec<AxisFacts> {
+        self.axes().iter().map(|axis| axis.facts().clone()).collect()
+    }
+
+    /// `#1 ` before what concerns an axis, where there are several.
+    pub fn axis_prefix(&self, axis: &Axis) -> String {
+        let links = self.link.remote().map_or(1, |link| link.bench().links.len());
+        let link = axis.remote().filter(|_| links > 1).map(|axis| axis.info().link);
+        match (self.axes().len(), axis.name(), link) {
+            (0 | 1, ..) => String::new(),
+            (_, "", Some(link)) => format!("{link}#{} ", AxisNumber(axis.number())),
+            (_, "", None) => format!("#{} ", AxisNumber(axis.number())),
+            (_, name, _) => format!("{name} "),
+        }
+    }
+}
+
+/// A link of this program, and how the user named it.
+pub struct LocalSession {
     pub link: LocalLink,
     /// What names it to another verb: its URL, and the profile's file where one was given.
     pub arguments: String,
 }
 
-impl Session {
+impl LocalSession {
     /// Makes Ctrl-C end what waits.
     pub fn listen_for_interrupts(&self) {
         let interrupters = self.link.interrupters();
@@ -36,6 +100,11 @@ impl Session {
         self.link.axes()
     }
 
+    /// What is known of each axis without a request.
+    pub fn facts(&self) -> Vec<AxisFacts> {
+        self.axes().iter().map(AxisInterface::facts).collect()
+    }
+
     /// `#1 ` before what concerns an axis, where there are several.
     pub fn axis_prefix(&self, axis: &LocalAxis) -> String {
         match (self.axes().len(), axis.name()) {
@@ -46,7 +115,7 @@ impl Session {
     }
 }
 
-impl Drop for Session {
+impl Drop for LocalSession {
     /// What went to a drive's permanent memory is never silent.
     fn drop(&mut self) {
         for axis in self.link.axes() {
@@ -82,6 +151,33 @@ pub fn run_optional_verb(axis: &LocalAxis, wanted: Verb) -> Result<Option<i64>> 
         None => Ok(None),
         Some(_) => run_verb(axis, wanted).map(Some),
     }
+}
+
+/// Whether the motor has power, as far as the drive reports it.
+pub fn is_enabled(axis: &Axis) -> Result<bool> {
+    match axis.local() {
+        Some(axis) => Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0)),
+        None => Ok(read_remote(axis, Signal::Enabled)?.is_some_and(|value| value != 0.0)),
+    }
+}
+
+/// A signal as it is now, as people read it.
+pub fn signal_text(axis: &Axis, signal: Signal) -> Result<Option<String>> {
+    match axis.local() {
+        Some(axis) => Ok(read_signal(axis, signal)?.map(|value| value.to_string())),
+        None => {
+            Ok(read_remote(axis, signal)?.map(|value| remote::signal_text(axis, signal, value)))
+        }
+    }
+}
+
+/// A signal that a server reads now, in SI.
+fn read_remote(axis: &Axis, signal: Signal) -> Result<Option<f64>> {
+    if !axis.has_signal(signal) {
+        return Ok(None);
+    }
+    let read = axis.signals(&[signal]).map_err(outcome::to_problem)?;
+    Ok(read.first().map(|reading| reading.value).filter(|value| !value.is_nan()))
 }
 
 /// Reads a signal, if the drive has it. Flags are 0 or 1, without a unit.

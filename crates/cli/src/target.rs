@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
 use polepair::url::{LinkTarget::Rack, shell_word};
-use polepair::{Connector, LocalAxis, LocalLink};
+use polepair::{Axis, Connector, LocalAxis, LocalLink};
 use polepair_capture::{CaptureDecoder, Rules, Timestamp, text};
 use polepair_core::axis::{Command, RehearsalAction, Verb};
 use polepair_core::explain::Direction as Said;
@@ -20,8 +20,8 @@ use polepair_link::tap::{Tap, TapDirection};
 use crate::cmd::warn_ignored_file;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote;
-use crate::session::Session;
+use crate::remote::{self, ServerArgs};
+use crate::session::{LocalSession, Session};
 use crate::tap_queue::{QueueTap, TapQueue};
 use crate::terminal::{self, DataOutput, print_note, print_warning};
 use crate::trace::{self, FrameTrace};
@@ -72,12 +72,23 @@ impl DriveArgs {
     }
 
     /// Opens the link and finds out what is there.
-    pub fn open(&self) -> Result<Session> {
+    pub fn open(&self) -> Result<LocalSession> {
         self.open_url(&self.url)
     }
 
+    /// Opens the link, or joins the server that is named.
+    pub fn connect(&self, server: ServerArgs) -> Result<Session> {
+        match server.is_given() {
+            false => self.open().map(Session::from),
+            true => {
+                let words = self.remote_axes()?;
+                Ok(Session::of_server(server.link(words)?, words))
+            }
+        }
+    }
+
     /// The same with the axes that answer; those that do not come beside it, each with what is wrong.
-    pub fn open_present(&self) -> Result<(Session, Vec<Problem>)> {
+    pub fn open_present(&self) -> Result<(LocalSession, Vec<Problem>)> {
         let connector = self.connector()?;
         let (link, absent) = connector.connect_present(&self.url).map_err(outcome::to_problem)?;
         warn_ignored_files(&connector);
@@ -98,7 +109,7 @@ impl DriveArgs {
     }
 
     /// Opens the link; a queue gets a copy of what passes on it.
-    pub fn open_with_queue(&self, queue: &TapQueue) -> Result<Session> {
+    pub fn open_with_queue(&self, queue: &TapQueue) -> Result<LocalSession> {
         self.open_with(&self.build_connector(Some(queue))?, &self.url)
     }
 
@@ -145,10 +156,10 @@ impl DriveArgs {
     }
 
     /// Prints the frames of a motion as its verb sends them: it powers the axis first.
-    pub fn rehearse_motion(&self, command: impl Fn(&LocalAxis) -> Result<Command>) -> Result {
+    pub fn rehearse_motion(&self, command: impl Fn(&Axis) -> Result<Command>) -> Result {
         self.rehearse_all(|axis| {
             let enable = axis.profile().plan(Verb::Enable).map(|_| Command::new(Verb::Enable));
-            let command = command(axis)?;
+            let command = command(&Axis::from(axis.clone()))?;
             if let Some((id, mode)) = axis.mode_for(command.verb) {
                 let name = axis.parameter(id).map_or("?", |parameter| parameter.name);
                 print_note(&format!(
@@ -184,18 +195,18 @@ impl DriveArgs {
         let _ = self.naming.set(axes.iter().map(drive).collect());
     }
 
-    fn open_url(&self, url: &str) -> Result<Session> {
+    fn open_url(&self, url: &str) -> Result<LocalSession> {
         self.open_with(&self.connector()?, url)
     }
 
     /// Opens a link as a connector does: for who opens several, one trace has the frames of all.
-    pub fn open_with(&self, connector: &Connector, url: &str) -> Result<Session> {
+    pub fn open_with(&self, connector: &Connector, url: &str) -> Result<LocalSession> {
         let link = connector.connect_local(url).map_err(outcome::to_problem)?;
         warn_ignored_files(connector);
         self.build_session(link, url)
     }
 
-    fn build_session(&self, link: LocalLink, url: &str) -> Result<Session> {
+    fn build_session(&self, link: LocalLink, url: &str) -> Result<LocalSession> {
         if link.axes().is_empty() {
             return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
         }
@@ -205,7 +216,7 @@ impl DriveArgs {
             ));
         }
         self.name_frames(link.axes());
-        Ok(Session {
+        Ok(LocalSession {
             link,
             arguments: format!("{}{}", shell_word(&self.url), self.profiles.as_arguments()),
         })

@@ -54,6 +54,12 @@ impl Lease {
         self.live.cache().check(self.axis, self.epoch)
     }
 
+    /// The connection by which it is renewed.
+    #[must_use]
+    pub const fn live(&self) -> &LiveConnection {
+        &self.live
+    }
+
     /// The last state of the axis from the server; `None` before the first.
     #[must_use]
     pub fn state(&self) -> Option<AxisState> {

@@ -138,6 +138,19 @@ pub enum Error {
         /// What the bindings raise.
         exception: Exception,
     },
+    /// A motion ended before it was stopped: a fault, a motor that stopped or lost its power, a position limit.
+    MotionEnded {
+        /// Stable code.
+        code: &'static str,
+        /// What was read, in a sentence without full stop.
+        what: String,
+        /// What causes it, in a sentence; may be empty.
+        why: String,
+        /// What to try; empty when there is nothing to add.
+        hint: String,
+        /// The exit code.
+        exit: Exit,
+    },
     /// The wait was interrupted; the request continues.
     Interrupted {
         /// What was waited for.
@@ -175,6 +188,13 @@ impl Error {
             )),
             Self::Gateway { executed, exit, exception, .. } => {
                 of(*exit, *exception, "gateway", *executed)
+            }
+            Self::MotionEnded { code, exit, .. } => {
+                let exception = match exit {
+                    Exit::DriveFault => Exception::DriveFault,
+                    _ => Exception::PolepairError,
+                };
+                of(*exit, exception, code, Some(true))
             }
             Self::Interrupted { .. } => {
                 of(Exit::Interrupted, Exception::PolepairError, "E130", None)
@@ -232,7 +252,7 @@ impl Error {
 
     /// The same for a stop without confirmed standstill.
     pub(crate) fn with_unseen_motor(mut self) -> Self {
-        if let Self::Failed { may_turn, .. } = &mut self {
+        if let Self::Failed { may_turn, .. } | Self::Gateway { may_turn, .. } = &mut self {
             *may_turn = true;
         }
         self
@@ -262,7 +282,9 @@ impl Error {
     #[must_use]
     pub fn sentence(&self) -> String {
         match self {
-            Self::Usage { what, .. } | Self::Unsupported { what, .. } => what.clone(),
+            Self::Usage { what, .. }
+            | Self::Unsupported { what, .. }
+            | Self::MotionEnded { what, .. } => what.clone(),
             Self::File(error) => error.to_string(),
             Self::Link(error) => error.to_string(),
             Self::Failed { what, execution, .. } if execution.is_empty() => what.clone(),
@@ -281,6 +303,7 @@ impl Error {
             Self::Usage { hint, .. }
             | Self::Unsupported { hint, .. }
             | Self::Failed { hint, .. }
+            | Self::MotionEnded { hint, .. }
             | Self::Gateway { hint, .. } => hint,
             Self::Link(error) => error.hint(),
             Self::File(_) | Self::Interrupted { .. } => "",

@@ -12,6 +12,7 @@
 
 mod axis;
 mod convert;
+mod motion;
 mod options;
 mod request;
 mod rows;
@@ -19,7 +20,7 @@ mod server;
 
 use std::sync::Arc;
 
-use polepair_client::message::StopRequest;
+use polepair_client::message::{BenchView, StopRequest};
 use polepair_client::select_axes;
 
 pub use axis::RemoteAxis;
@@ -59,6 +60,12 @@ impl RemoteLink {
     #[must_use]
     pub fn gateway(&self) -> &Gateway {
         self.server.gateway()
+    }
+
+    /// What the gateway has: links and axes, as it described them when this link was opened.
+    #[must_use]
+    pub fn bench(&self) -> &BenchView {
+        self.server.bench()
     }
 
     /// Its axes, in the gateway's order.

@@ -14,7 +14,7 @@ use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::progress::Progress;
-use crate::session::{Session, read_signal};
+use crate::session::{LocalSession, read_signal};
 use crate::target::{DriveArgs, OutputFormat};
 use crate::terminal::{self, DataOutput, TextTable, colour_out, print_note, print_warning};
 
@@ -268,7 +268,7 @@ impl ConfigApply {
 
     fn write_changes(
         &self,
-        session: &Session,
+        session: &LocalSession,
         file: &Settings,
         plan: &[(&LocalAxis, Vec<SettingChange>)],
     ) -> Result {
@@ -337,7 +337,7 @@ fn load_settings(file: &Path) -> Result<Settings> {
 
 /// What differs from the file at one axis.
 fn changes_from(
-    session: &Session,
+    session: &LocalSession,
     axis: &LocalAxis,
     file: &Settings,
 ) -> Result<Vec<SettingChange>> {
@@ -366,7 +366,7 @@ fn parameter_names<'a>(
 }
 
 fn changes_table(
-    session: &Session,
+    session: &LocalSession,
     axis: &LocalAxis,
     changes: &[SettingChange],
     heads: [&str; 2],

@@ -13,7 +13,7 @@ use crate::interrupt;
 use crate::motion::StopRetryNotice;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::Session;
+use crate::session::LocalSession;
 use crate::terminal::{DataOutput, colour_out, draw, print_warning};
 
 /// Checks a link step by step, from the cable to the drive, and suggests what to try.
@@ -90,7 +90,7 @@ impl Doctor {
             return Err(Problem::usage("E217", "a watchdog that is off cannot be tested."));
         }
         let link = connector.connect_local(url).map_err(outcome::to_problem)?;
-        let session = Session { link, arguments: shell_word(url).into_owned() };
+        let session = LocalSession { link, arguments: shell_word(url).into_owned() };
         self.ask_consent(&session)?;
         session.listen_for_interrupts();
         let words = &session.arguments;
@@ -119,7 +119,7 @@ impl Doctor {
     }
 
     /// A motor turns only if somebody agrees.
-    fn ask_consent(&self, session: &Session) -> Result<()> {
+    fn ask_consent(&self, session: &LocalSession) -> Result<()> {
         if self.yes {
             return Ok(());
         }
@@ -187,7 +187,7 @@ impl ProofObserver for ProofPrinter<'_> {
 
     fn retry_stop(&mut self, axis: &LocalAxis, turns: bool) -> bool {
         let may = if turns { "still turn" } else { "still be powered" };
-        self.stop_retry.get_or_insert_with(StopRetryNotice::new).report_retry(axis, may)
+        self.stop_retry.get_or_insert_with(StopRetryNotice::new).report_retry(&axis.label(), may)
     }
 }
 
@@ -196,12 +196,12 @@ impl ProofPrinter<'_> {
     fn proof_problem(
         &mut self,
         axis: &LocalAxis,
-        session: &Session,
+        session: &LocalSession,
         unproven: ProofError,
     ) -> Problem {
         let ProofError { error, moved, may_turn } = unproven;
         if let (false, Some(stop_retry_notice)) = (may_turn, &mut self.stop_retry) {
-            let _ = stop_retry_notice.report_end(axis, Ok(()));
+            let _ = stop_retry_notice.report_end(&axis.label(), Ok(()));
         }
         if !may_turn && matches!(*error, Error::Interrupted { .. }) {
             print_warning(match moved {

@@ -16,7 +16,7 @@ use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::remote::{self, RemoteSession};
-use crate::session::Session;
+use crate::session::LocalSession;
 use crate::target::{DriveArgs, OutputFormat};
 use crate::terminal::{DataOutput, csv_line, print_note, print_warning};
 
@@ -97,7 +97,7 @@ impl Get {
     }
 
     /// Saves the bytes of one parameter, block by block where the drive can.
-    fn save_data(&self, session: &Session, file: &Path) -> Result {
+    fn save_data(&self, session: &LocalSession, file: &Path) -> Result {
         let ([axis], [name]) = (session.axes(), &self.names[..]) else {
             let what = "-o saves one parameter of one axis.";
             return Err(Problem::usage("E242", what).hint("polepair get URL#1 0x1F50:1 -o FILE"));
@@ -116,7 +116,7 @@ impl Get {
 
     fn print_value(
         &self,
-        session: &Session,
+        session: &LocalSession,
         (axis, number): (&LocalAxis, u32),
         id: ParameterId,
         read: &ParameterValue,

@@ -1,15 +1,16 @@
 //! `polepair info URL`
 
 use clap::Args;
-use polepair::LocalAxis;
-use polepair::doctor::{ABSENT_TEXT, is_absent_error, read_watchdog};
-use polepair_client::message::{AxisInfo, AxisState, DeviceDetailView, SignalValue};
+use polepair::axis::DeviceDetail;
+use polepair::doctor::{ABSENT_TEXT, is_absent_error};
+use polepair::{AxisInterface, LocalAxis};
+use polepair_client::message::{AxisInfo, AxisState, SignalValue};
 use polepair_core::profile::{Severity, Signal};
 
-use crate::cmd::watchdog;
+use crate::cmd::watchdog::watchdog_text;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
+use crate::remote::{self, ServerArgs};
 use crate::session::read_signal;
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, TextTable, print_note, print_warning};
@@ -65,32 +66,35 @@ fn missing_result(mut failed: Vec<Problem>, shown: usize) -> Result {
 
 impl Info {
     /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+    pub fn run_on_server(self, join: ServerArgs) -> Result {
         let mut out = DataOutput::stdout();
-        let axes = server.axes_of(&self.target)?;
+        let server = join.link(self.target.remote_axes()?)?;
         let (mut failed, mut shown) = (Vec::new(), 0);
-        for axis in &axes {
-            let state = remote::fresh_state(server, axis)?;
-            let silent = remote::silent_problem(axis, &state);
+        for axis in server.axes() {
+            let state = axis.fresh_state().map_err(outcome::to_problem)?;
+            let silent = axis.silent_error(&state);
             // A drive that says nothing is not asked for more.
             let watchdog = match silent {
-                Some(_) => axis.watchdog.clone(),
-                None => remote_watchdog(server, axis),
+                Some(_) => axis.info().watchdog.clone(),
+                None => axis
+                    .watchdog()
+                    .map_or_else(|_| axis.info().watchdog.clone(), |report| watchdog_text(&report)),
             };
             let details = match silent {
                 Some(_) => Vec::new(),
-                None => server.gateway.device(axis.id).unwrap_or_default(),
+                None => axis.device_details().unwrap_or_default(),
             };
-            let text = remote_text(axis, &state, &details, watchdog);
+            let text = remote_text(axis.info(), &state, &details, watchdog);
             out.buffer().extend_from_slice(text.as_bytes());
             match silent {
-                Some(problem) => failed.push(problem),
+                Some(error) => failed.push(outcome::to_problem(error)),
                 None => shown += 1,
             }
         }
         out.flush()?;
-        let links = server.bench.links.iter();
-        for link in links.filter(|link| axes.iter().any(|axis| axis.link == link.id)) {
+        let links = server.bench().links.iter();
+        let is_shown = |link: u16| server.axes().iter().any(|axis| axis.info().link == link);
+        for link in links.filter(|link| is_shown(link.id)) {
             remote::link_troubles(link).iter().for_each(|line| print_note(line));
         }
         match failed.len() {
@@ -112,7 +116,7 @@ const OLD_MS: f64 = 1500.0;
 fn remote_text(
     axis: &AxisInfo,
     state: &AxisState,
-    details: &[DeviceDetailView],
+    details: &[DeviceDetail],
     watchdog: String,
 ) -> String {
     let mut table = TextTable::default();
@@ -166,17 +170,6 @@ fn age_note(read: &SignalValue) -> String {
     }
 }
 
-/// How the drive's own watchdog is set, as a server reads it; the rule alone where it cannot.
-fn remote_watchdog(server: &RemoteSession, axis: &AxisInfo) -> String {
-    match server.gateway.watchdog(axis.id) {
-        Ok(watchdog) => match watchdog.parameter {
-            Some(name) => format!("{} (`{name}`)", watchdog.text),
-            None => watchdog.text,
-        },
-        Err(_) => axis.watchdog.clone(),
-    }
-}
-
 fn axis_text(axis: &LocalAxis) -> Result<String> {
     let profile = axis.profile();
     let mut table = TextTable::default();
@@ -199,7 +192,8 @@ fn axis_text(axis: &LocalAxis) -> Result<String> {
     for (kind, text) in axis.describe_units().map_err(outcome::to_problem)? {
         row(&format!("{kind} unit"), text);
     }
-    row("watchdog", watchdog_text(axis)?);
+    let watchdog = AxisInterface::watchdog(axis).map_err(outcome::to_problem)?;
+    row("watchdog", watchdog_text(&watchdog));
     let faults = match faults_text(axis) {
         Ok(faults) => {
             if faults.is_empty() {
@@ -223,12 +217,6 @@ fn absent_text(axis: &LocalAxis, wanted: Signal, problem: Problem) -> Result<Str
         Err(error) if is_absent_error(axis, &error) => Ok(ABSENT_TEXT.to_owned()),
         _ => Err(problem),
     }
-}
-
-/// What the drive does when its host falls silent, and whether that is on now.
-fn watchdog_text(axis: &LocalAxis) -> Result<String> {
-    let state = read_watchdog(axis).map_err(outcome::to_problem)?;
-    Ok(watchdog::watchdog_text(axis, state))
 }
 
 /// A signal's value in words or in its unit.

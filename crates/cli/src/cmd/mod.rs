@@ -194,41 +194,35 @@ pub enum CommandVerb {
 
 /// Runs a verb, on a server if `--server` is given.
 pub fn run(arguments: CommandLine) -> Result {
-    if arguments.quiet {
+    let CommandLine { quiet, join, verb, word } = arguments;
+    if quiet {
         terminal::be_quiet();
     }
-    arguments.join.check()?;
-    if arguments.join.is_given() { run_on_server(arguments) } else { run_locally(arguments.verb) }
-}
-
-fn run_on_server(CommandLine { join, verb, word, .. }: CommandLine) -> Result {
+    join.check()?;
+    let on_server = join.is_given();
     match verb {
-        CommandVerb::Scan(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Info(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Get(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Set(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Send(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Enable(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Disable(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Stop(verb) => verb.run_on_server(join),
-        CommandVerb::Dismiss(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Release(verb) => verb.run_on_server(join),
-        CommandVerb::Clear(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Act(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Spin(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Move(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Torque(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Home(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Jog(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Watch(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Watchdog(verb) => verb.run_on_server(&join.open()?),
-        CommandVerb::Monitor(verb) => verb.run_on_server(&join.open()?),
-        _ => Err(remote::no_such_verb(&word)),
-    }
-}
-
-fn run_locally(verb: CommandVerb) -> Result {
-    match verb {
+        CommandVerb::Enable(verb) => verb.run(join),
+        CommandVerb::Disable(verb) => verb.run(join),
+        CommandVerb::Clear(verb) => verb.run(join),
+        CommandVerb::Spin(verb) => verb.run(join),
+        CommandVerb::Move(verb) => verb.run(join),
+        CommandVerb::Torque(verb) => verb.run(join),
+        CommandVerb::Home(verb) => verb.run(join),
+        CommandVerb::Jog(verb) => verb.run(join),
+        CommandVerb::Watchdog(verb) => verb.run(join),
+        // A server has its own way to do these.
+        CommandVerb::Scan(verb) if on_server => verb.run_on_server(&join.open()?),
+        CommandVerb::Info(verb) if on_server => verb.run_on_server(join),
+        CommandVerb::Get(verb) if on_server => verb.run_on_server(&join.open()?),
+        CommandVerb::Set(verb) if on_server => verb.run_on_server(&join.open()?),
+        CommandVerb::Send(verb) if on_server => verb.run_on_server(&join.open()?),
+        CommandVerb::Stop(verb) if on_server => verb.run_on_server(join),
+        CommandVerb::Dismiss(verb) if on_server => verb.run_on_server(&join.open()?),
+        CommandVerb::Release(verb) if on_server => verb.run_on_server(join),
+        CommandVerb::Act(verb) if on_server => verb.run_on_server(&join.open()?),
+        CommandVerb::Watch(verb) if on_server => verb.run_on_server(&join.open()?),
+        CommandVerb::Monitor(verb) if on_server => verb.run_on_server(&join.open()?),
+        _ if on_server => Err(remote::no_such_verb(&word)),
         CommandVerb::Decode(verb) => verb.run(),
         CommandVerb::Summary(verb) => verb.run(),
         CommandVerb::Diff(verb) => verb.run(),
@@ -243,22 +237,13 @@ fn run_locally(verb: CommandVerb) -> Result {
         CommandVerb::Set(verb) => verb.run(),
         CommandVerb::Send(verb) => verb.run(),
         CommandVerb::Config(verb) => verb.run(),
-        CommandVerb::Enable(verb) => verb.run(),
-        CommandVerb::Disable(verb) => verb.run(),
         CommandVerb::Stop(verb) => verb.run(),
         CommandVerb::Dismiss(verb) => verb.run(),
         CommandVerb::Release(verb) => verb.run(),
-        CommandVerb::Clear(verb) => verb.run(),
-        CommandVerb::Spin(verb) => verb.run(),
-        CommandVerb::Move(verb) => verb.run(),
-        CommandVerb::Torque(verb) => verb.run(),
-        CommandVerb::Home(verb) => verb.run(),
-        CommandVerb::Jog(verb) => verb.run(),
         CommandVerb::Stream(verb) => verb.run(),
         CommandVerb::Program(verb) => verb.run(),
         CommandVerb::Sync(verb) => verb.run(),
         CommandVerb::Watch(verb) => verb.run(),
-        CommandVerb::Watchdog(verb) => verb.run(),
         CommandVerb::Monitor(verb) => verb.run(),
         CommandVerb::Record(verb) => verb.run(),
         CommandVerb::Replay(verb) => verb.run(),

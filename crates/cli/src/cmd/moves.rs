@@ -3,17 +3,15 @@
 use std::time::Duration;
 
 use clap::Args;
-use polepair::LocalAxis;
-use polepair_client::message::{AxisInfo, CommandArguments};
+use polepair::Axis;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 
-use crate::cmd::info;
 use crate::motion::{self, MotionMode, parse_argument};
 use crate::problem::Result;
-use crate::remote::{self, MotionOrder, RemoteSession};
-use crate::session::Session;
+use crate::remote::ServerArgs;
+use crate::session::{Session, signal_text};
 use crate::target::DriveArgs;
 use crate::terminal::DataOutput;
 use crate::value;
@@ -171,119 +169,57 @@ pub struct Home {
 }
 
 impl Spin {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
         let raw = self.lasting.raw;
-        let command = |axis: &LocalAxis| {
-            let mut command = Command { raw, ..Command::new(Verb::Velocity) };
-            command.velocity =
-                Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (&self.speed, raw))?);
-            command.acceleration =
-                optional_argument(axis, Verb::Velocity, Argument::Acceleration, (&self.acc, raw))?;
-            command.deceleration =
-                optional_argument(axis, Verb::Velocity, Argument::Deceleration, (&self.dec, raw))?;
-            Ok(command)
-        };
-        run_lasting(&self.target, &self.lasting, command)
-    }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        run_lasting_remote(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
-            let velocity =
-                Some(remote::parse_argument(axis, Verb::Velocity, "velocity", &self.speed)?);
-            let acceleration = remote_argument(axis, Verb::Velocity, "acceleration", &self.acc)?;
-            let deceleration = remote_argument(axis, Verb::Velocity, "deceleration", &self.dec)?;
-            Ok(CommandArguments {
-                velocity,
-                acceleration,
-                deceleration,
-                ..CommandArguments::default()
+        run_lasting(&self.target, server, &self.lasting, |axis| {
+            let argument = Arguments { axis, verb: Verb::Velocity, raw };
+            Ok(Command {
+                velocity: Some(argument.parse(Argument::Velocity, &self.speed)?),
+                acceleration: argument.parse_if(Argument::Acceleration, &self.acc)?,
+                deceleration: argument.parse_if(Argument::Deceleration, &self.dec)?,
+                raw,
+                ..Command::new(Verb::Velocity)
             })
         })
     }
 }
 
 impl Jog {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
         let (speed, raw) = (self.speed.as_deref().unwrap_or(JOG_SPEED), self.lasting.raw);
-        let command = |axis: &LocalAxis| {
-            let mut command = Command { raw, ..Command::new(Verb::Velocity) };
-            command.velocity =
-                Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (speed, raw))?);
-            Ok(command)
-        };
-        run_lasting(&self.target, &self.lasting, command)
-    }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        let speed = self.speed.as_deref().unwrap_or(JOG_SPEED);
-        run_lasting_remote(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
-            let velocity = Some(remote::parse_argument(axis, Verb::Velocity, "velocity", speed)?);
-            Ok(CommandArguments { velocity, ..CommandArguments::default() })
+        run_lasting(&self.target, server, &self.lasting, |axis| {
+            let argument = Arguments { axis, verb: Verb::Velocity, raw };
+            let velocity = Some(argument.parse(Argument::Velocity, speed)?);
+            Ok(Command { velocity, raw, ..Command::new(Verb::Velocity) })
         })
     }
 }
 
 impl Torque {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
         let raw = self.lasting.raw;
-        let command = |axis: &LocalAxis| {
-            let mut command = Command { raw, ..Command::new(Verb::Torque) };
-            command.torque =
-                Some(parse_argument(axis, Verb::Torque, Argument::Torque, (&self.torque, raw))?);
-            Ok(command)
-        };
-        run_lasting(&self.target, &self.lasting, command)
-    }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        run_lasting_remote(server, &self.target, &self.lasting, Verb::Torque, |axis| {
-            let torque = Some(remote::parse_argument(axis, Verb::Torque, "torque", &self.torque)?);
-            Ok(CommandArguments { torque, ..CommandArguments::default() })
+        run_lasting(&self.target, server, &self.lasting, |axis| {
+            let argument = Arguments { axis, verb: Verb::Torque, raw };
+            let torque = Some(argument.parse(Argument::Torque, &self.torque)?);
+            Ok(Command { torque, raw, ..Command::new(Verb::Torque) })
         })
     }
 }
 
 impl Move {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
         let (verb, raw) = (self.verb(), self.arriving.raw);
-        let command = |axis: &LocalAxis| {
-            let mut command = Command { raw, ..Command::new(verb) };
-            command.target =
-                Some(parse_argument(axis, verb, Argument::Target, (&self.position, raw))?);
-            command.velocity = optional_argument(axis, verb, Argument::Velocity, (&self.vel, raw))?;
-            command.acceleration =
-                optional_argument(axis, verb, Argument::Acceleration, (&self.acc, raw))?;
-            command.deceleration =
-                optional_argument(axis, verb, Argument::Deceleration, (&self.dec, raw))?;
-            command.jerk_time =
-                optional_argument(axis, verb, Argument::JerkTime, (&self.s_curve, raw))?;
-            Ok(command)
-        };
         let run = if self.sync { motion::run_together } else { motion::run_motion };
-        run_arriving(&self.target, &self.arriving, run, command)
-    }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        if self.sync {
-            return Err(remote::unsupported_problem(
-                "--sync",
-                "It starts moves one after the \
-             other.",
-            ));
-        }
-        let verb = self.verb();
-        run_arriving_remote(server, &self.target, &self.arriving, verb, |axis| {
-            Ok(CommandArguments {
-                target: Some(remote::parse_argument(axis, verb, "target", &self.position)?),
-                velocity: remote_argument(axis, verb, "velocity", &self.vel)?,
-                acceleration: remote_argument(axis, verb, "acceleration", &self.acc)?,
-                deceleration: remote_argument(axis, verb, "deceleration", &self.dec)?,
-                jerk_time: remote_argument(axis, verb, "jerk_time", &self.s_curve)?,
-                ..CommandArguments::default()
+        run_arriving(&self.target, server, &self.arriving, run, |axis| {
+            let argument = Arguments { axis, verb, raw };
+            Ok(Command {
+                target: Some(argument.parse(Argument::Target, &self.position)?),
+                velocity: argument.parse_if(Argument::Velocity, &self.vel)?,
+                acceleration: argument.parse_if(Argument::Acceleration, &self.acc)?,
+                deceleration: argument.parse_if(Argument::Deceleration, &self.dec)?,
+                jerk_time: argument.parse_if(Argument::JerkTime, &self.s_curve)?,
+                raw,
+                ..Command::new(verb)
             })
         })
     }
@@ -300,44 +236,44 @@ impl Move {
 }
 
 impl Home {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
         let raw = self.arriving.raw;
-        let command = |axis: &LocalAxis| {
-            let mut command = Command { raw, ..Command::new(Verb::Home) };
-            command.velocity =
-                optional_argument(axis, Verb::Home, Argument::Velocity, (&self.vel, raw))?;
-            Ok(command)
-        };
-        run_arriving(&self.target, &self.arriving, motion::run_motion, command)
-    }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        run_arriving_remote(server, &self.target, &self.arriving, Verb::Home, |axis| {
-            let velocity = remote_argument(axis, Verb::Home, "velocity", &self.vel)?;
-            Ok(CommandArguments { velocity, ..CommandArguments::default() })
+        run_arriving(&self.target, server, &self.arriving, motion::run_motion, |axis| {
+            let argument = Arguments { axis, verb: Verb::Home, raw };
+            let velocity = argument.parse_if(Argument::Velocity, &self.vel)?;
+            Ok(Command { velocity, raw, ..Command::new(Verb::Home) })
         })
     }
 }
 
-fn optional_argument(
-    axis: &LocalAxis,
+/// Reads the arguments of a verb on an axis.
+struct Arguments<'a> {
+    axis: &'a Axis,
     verb: Verb,
-    which: Argument,
-    (text, raw): (&Option<String>, bool),
-) -> Result<Option<f64>> {
-    text.as_deref().map(|text| parse_argument(axis, verb, which, (text, raw))).transpose()
+    raw: bool,
+}
+
+impl Arguments<'_> {
+    fn parse(&self, which: Argument, text: &str) -> Result<f64> {
+        parse_argument(self.axis, self.verb, which, (text, self.raw))
+    }
+
+    fn parse_if(&self, which: Argument, text: &Option<String>) -> Result<Option<f64>> {
+        text.as_deref().map(|text| self.parse(which, text)).transpose()
+    }
 }
 
 fn run_lasting(
     target: &DriveArgs,
+    server: ServerArgs,
     how: &HoldArgs,
-    command: impl Fn(&LocalAxis) -> Result<Command>,
+    command: impl Fn(&Axis) -> Result<Command>,
 ) -> Result {
     if how.dry_run {
+        server.refuse_dry_run()?;
         return target.rehearse_motion(command);
     }
-    let session = target.open()?;
+    let session = target.connect(server)?;
     let commands = commands_for_each(session.axes(), command)?;
     let then = if how.detach { MotionMode::Detach } else { MotionMode::Hold(how.seconds) };
     motion::run_motion(&session, &commands, then)
@@ -345,14 +281,16 @@ fn run_lasting(
 
 fn run_arriving(
     target: &DriveArgs,
+    server: ServerArgs,
     how: &ArrivalArgs,
-    run: fn(&Session, &[(LocalAxis, Command)], MotionMode) -> Result,
-    command: impl Fn(&LocalAxis) -> Result<Command>,
+    run: fn(&Session, &[(Axis, Command)], MotionMode) -> Result,
+    command: impl Fn(&Axis) -> Result<Command>,
 ) -> Result {
     if how.dry_run {
+        server.refuse_dry_run()?;
         return target.rehearse_motion(command);
     }
-    let session = target.open()?;
+    let session = target.connect(server)?;
     let mut commands = commands_for_each(session.axes(), command)?;
     if let Some(timeout) = how.timeout.and_then(|s| Duration::try_from_secs_f64(s).ok()) {
         commands.iter_mut().for_each(|(_, command)| *command = command.limited(timeout));
@@ -362,7 +300,7 @@ fn run_arriving(
     if then != MotionMode::Detach {
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
-            if let Some(position) = info::signal_text(axis, Signal::Position)? {
+            if let Some(position) = signal_text(axis, Signal::Position)? {
                 out.write_line(&format!("{}position = {position}", session.axis_prefix(axis)));
             }
         }
@@ -371,75 +309,14 @@ fn run_arriving(
     Ok(exit)
 }
 
+/// The command of each axis: all of them are read before the first axis moves.
 fn commands_for_each(
-    axes: &[LocalAxis],
-    command: impl Fn(&LocalAxis) -> Result<Command>,
-) -> Result<Vec<(LocalAxis, Command)>> {
-    let one = |axis: &LocalAxis| match axes.len() {
+    axes: &[Axis],
+    command: impl Fn(&Axis) -> Result<Command>,
+) -> Result<Vec<(Axis, Command)>> {
+    let one = |axis: &Axis| match axes.len() {
         1 => command(axis),
-        _ => command(axis).map_err(|problem| problem.about(&axis.label())),
+        _ => command(axis).map_err(|problem| problem.about(axis.label())),
     };
     axes.iter().map(|axis| one(axis).map(|command| (axis.clone(), command))).collect()
-}
-
-fn remote_argument(
-    axis: &AxisInfo,
-    verb: Verb,
-    name: &str,
-    text: &Option<String>,
-) -> Result<Option<f64>> {
-    text.as_deref().map(|text| remote::parse_argument(axis, verb, name, text)).transpose()
-}
-
-fn run_lasting_remote(
-    server: &RemoteSession,
-    target: &DriveArgs,
-    how: &HoldArgs,
-    verb: Verb,
-    arguments: impl Fn(&AxisInfo) -> Result<CommandArguments>,
-) -> Result {
-    remote::refuse_dry_run(how.dry_run)?;
-    remote::refuse_raw(how.raw)?;
-    let then = if how.detach { MotionMode::Detach } else { MotionMode::Hold(how.seconds) };
-    remote::run_motion(server, &remote_orders(server, target, verb, arguments)?, then)
-}
-
-fn run_arriving_remote(
-    server: &RemoteSession,
-    target: &DriveArgs,
-    how: &ArrivalArgs,
-    verb: Verb,
-    arguments: impl Fn(&AxisInfo) -> Result<CommandArguments>,
-) -> Result {
-    remote::refuse_dry_run(how.dry_run)?;
-    remote::refuse_raw(how.raw)?;
-    let then = if how.detach { MotionMode::Detach } else { MotionMode::Arrive(how.timeout) };
-    let motions = remote_orders(server, target, verb, arguments)?;
-    let exit = remote::run_motion(server, &motions, then)?;
-    let axes: Vec<AxisInfo> = motions.into_iter().map(|motion| motion.axis).collect();
-    let mut out = DataOutput::stdout();
-    for axis in &axes {
-        if let Some(position) = remote::fresh_text(server, axis, Signal::Position)? {
-            out.write_line(&format!("{}position = {position}", server.axis_prefix(&axes, axis)));
-        }
-    }
-    out.flush()?;
-    Ok(exit)
-}
-
-/// What each axis is to do: all of it is read before the first is told.
-fn remote_orders(
-    server: &RemoteSession,
-    target: &DriveArgs,
-    verb: Verb,
-    arguments: impl Fn(&AxisInfo) -> Result<CommandArguments>,
-) -> Result<Vec<MotionOrder>> {
-    let axes = server.axes_of(target)?;
-    let alone = axes.len() == 1;
-    let all = axes.into_iter().map(|axis| {
-        let arguments = arguments(&axis);
-        let arguments = if alone { arguments } else { arguments.map_err(|p| p.about(&axis.label)) };
-        Ok(MotionOrder { verb, arguments: arguments?, axis })
-    });
-    all.collect()
 }

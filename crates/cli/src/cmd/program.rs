@@ -7,7 +7,7 @@ mod run;
 use clap::{Args, Subcommand};
 
 use crate::problem::{Problem, Result};
-use crate::session::Session;
+use crate::session::LocalSession;
 use polepair::LocalAxis;
 
 /// Assembles, loads and runs programs in the memory of a drive.
@@ -57,7 +57,7 @@ impl ProgramArgs {
 }
 
 /// The axis, where a program is one drive's.
-fn single_axis(session: &Session) -> Result<&LocalAxis> {
+fn single_axis(session: &LocalSession) -> Result<&LocalAxis> {
     match session.axes() {
         [axis] => Ok(axis),
         _ => Err(Problem::usage("E210", "A program is for one axis.")
@@ -66,7 +66,7 @@ fn single_axis(session: &Session) -> Result<&LocalAxis> {
 }
 
 /// The same where a program is a module's, whose motors are several axes: the first of them.
-fn module_axis(session: &Session) -> Result<&LocalAxis> {
+fn module_axis(session: &LocalSession) -> Result<&LocalAxis> {
     use polepair_core::proto::drive_address;
     let mut modules = session.axes().iter().map(|axis| drive_address(axis.number()));
     match (modules.next(), session.axes()) {

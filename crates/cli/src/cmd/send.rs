@@ -10,7 +10,7 @@ use polepair_link::tap::TapDirection;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
-use crate::session::Session;
+use crate::session::LocalSession;
 use crate::tap_queue::{TapQueue, UnitBuf};
 use crate::target::{DriveArgs, UnitRef, describe_step};
 use crate::terminal::{DataOutput, print_note, print_warning};
@@ -110,7 +110,7 @@ impl Send {
     }
 
     /// Checks every text before the first is sent; with `--dry-run` their frames are printed.
-    fn check(&self, session: &Session, axis: &LocalAxis, out: &mut DataOutput) -> Result<()> {
+    fn check(&self, session: &LocalSession, axis: &LocalAxis, out: &mut DataOutput) -> Result<()> {
         for text in &self.texts {
             let rehearsed = axis.rehearse_raw(text).map_err(outcome::to_problem)?;
             if self.dry_run {
@@ -147,7 +147,7 @@ impl Send {
     }
 
     /// What was started goes on behind the end of this program.
-    fn note_motion(&self, session: &Session, axis: &LocalAxis) {
+    fn note_motion(&self, session: &LocalSession, axis: &LocalAxis) {
         let may_move =
             |text: &String| axis.rehearse_raw(text).is_ok_and(|rehearsed| rehearsed.needs_arming);
         if self.texts.iter().any(may_move) {

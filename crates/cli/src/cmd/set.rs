@@ -15,7 +15,7 @@ use crate::cmd::get::find_parameter;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
-use crate::session::{Session, read_parameter};
+use crate::session::{LocalSession, read_parameter};
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note};
 use crate::value;
@@ -189,7 +189,7 @@ impl Set {
 
     fn write_one(
         &self,
-        session: &Session,
+        session: &LocalSession,
         axis: &LocalAxis,
         id: ParameterId,
         raw: i64,

@@ -84,7 +84,9 @@ impl StopCommand {
 impl StopCommand {
     /// The same by a server: it stops whoever commands the axes.
     pub fn run_on_server(self, join: ServerArgs) -> Result {
-        remote::refuse_dry_run(self.dry_run)?;
+        if self.dry_run {
+            join.refuse_dry_run()?;
+        }
         if self.quick {
             return Err(remote::unsupported_problem(
                 "--quick",

@@ -12,7 +12,7 @@ use polepair_core::stream::{PathKind, Point};
 use crate::motion::{self, print_caution};
 use crate::outcome;
 use crate::problem::{Problem, Result};
-use crate::session::Session;
+use crate::session::LocalSession;
 use crate::target::DriveArgs;
 use crate::terminal::print_note;
 use crate::value;
@@ -86,13 +86,18 @@ impl StreamCommand {
     }
 
     /// Along a drive's own buffer.
-    fn stream_buffered(&self, session: &Session, points: Vec<Point>, lines: &[usize]) -> Result {
+    fn stream_buffered(
+        &self,
+        session: &LocalSession,
+        points: Vec<Point>,
+        lines: &[usize],
+    ) -> Result {
         let [axis] = session.axes() else {
             return Err(Problem::usage("E210", "A path is for one axis.")
                 .why("Name it in the connection string: URL#1.")
                 .hint("drives with cyclic modes take several: --period 2ms"));
         };
-        print_caution(session);
+        print_caution(&session.facts());
         session.listen_for_interrupts();
         let kind = if self.pt { PathKind::Pt } else { PathKind::Pvt };
         axis.check_path(kind, &points).map_err(outcome::to_problem)?;
@@ -102,7 +107,7 @@ impl StreamCommand {
                 "{name}:{n} has {time} s; where the slow loop is 1 ms a time is 0.001 to 0.511 s"
             )
         });
-        motion::run_powered(session, axis, || {
+        motion::run_powered(&session.arguments, &axis.clone().into(), || {
             let streamed = axis.stream(kind, points).map_err(|error| match error {
                 Error::Interrupted { .. } => Problem::interrupted(),
                 other if other.code() == "E222" => outcome::to_problem(other).hint_if(late),

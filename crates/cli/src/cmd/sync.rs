@@ -14,7 +14,7 @@ use polepair_link::clock;
 use crate::motion::parse_argument;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read_signal, run_verb};
+use crate::session::{LocalSession, read_signal, run_verb};
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value::format_number;
@@ -102,14 +102,19 @@ impl Sync {
         if !is_master || self.stop {
             return Ok(Command::new(Verb::WithholdTime));
         }
-        let period = parse_argument(axis, Verb::GiveTime, Argument::Period, (&self.period, false))?;
+        let period = parse_argument(
+            &axis.clone().into(),
+            Verb::GiveTime,
+            Argument::Period,
+            (&self.period, false),
+        )?;
         if period <= 0.0 {
             return Err(Problem::usage("E217", "--period is more than 0; --stop ends it."));
         }
         Ok(Command { period: Some(period), ..Command::new(Verb::GiveTime) })
     }
 
-    fn find_master<'a>(&self, session: &'a Session) -> Result<&'a LocalAxis> {
+    fn find_master<'a>(&self, session: &'a LocalSession) -> Result<&'a LocalAxis> {
         let mut axes = session.axes().iter();
         let found = axes.find(|axis| self.master.is_none_or(|master| master == axis.number()));
         found.ok_or_else(|| {
@@ -119,7 +124,7 @@ impl Sync {
 }
 
 /// Prints how far each axis is off the master; true when one is too far.
-fn print_offsets(session: &Session, master: &LocalAxis) -> Result<bool> {
+fn print_offsets(session: &LocalSession, master: &LocalAxis) -> Result<bool> {
     let (mut out, mut apart) = (DataOutput::stdout(), false);
     for axis in session.axes().iter().filter(|axis| axis.number() != master.number()) {
         let (offset, open) = measure_offset(master, axis)?;

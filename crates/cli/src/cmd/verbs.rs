@@ -3,16 +3,15 @@
 use std::time::Duration;
 
 use clap::Args;
-use polepair::LocalAxis;
-use polepair_client::message::{AxisInfo, CommandArguments};
+use polepair::Axis;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 
 use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
-use crate::session::read_signal;
+use crate::remote::ServerArgs;
+use crate::session::{self, Session};
 use crate::target::DriveArgs;
 use crate::terminal::{print_note, print_warning};
 
@@ -62,98 +61,58 @@ pub struct Clear {
 }
 
 impl Enable {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
         if self.dry_run {
+            server.refuse_dry_run()?;
             return self.target.rehearse(|_| Ok(Command::new(Verb::Enable)));
         }
-        let session = self.target.open()?;
+        let session = self.target.connect(server)?;
         session.listen_for_interrupts();
-        motion::print_caution(&session);
+        motion::print_caution(&session.facts());
         for axis in session.axes() {
-            axis.arm(true);
+            axis.arm().map_err(outcome::to_problem)?;
             switch_power(axis, Verb::Enable)?;
+            // The drive keeps its power.
+            if axis.local().is_none() {
+                axis.disarm().map_err(outcome::to_problem)?;
+            }
             print_note(&format!("{} {POWERED}", axis.label()));
         }
         Ok(Exit::Ok)
     }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        run_remote_verbs(server, &self.target, &["arm", Verb::Enable.name()], self.dry_run, |_| {
-            Ok(POWERED)
-        })
-    }
 }
 
 impl Disable {
-    pub fn run(self) -> Result {
-        run_simple(&self.target.for_stop(), Verb::Disable, self.dry_run, power_off_text)
-    }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        let seen = |axis: &AxisInfo| {
-            for _ in 0..POLLS_MAX {
-                match remote::read_fresh(server, axis, Signal::Enabled)?.and_then(|read| read.value)
-                {
-                    Some(0.0) => return Ok(UNPOWERED),
-                    Some(_) => {}
-                    None => return Ok(SWITCHED_OFF),
-                }
-            }
-            Err(still_powered_problem(&axis.label))
-        };
-        run_remote_verbs(server, &self.target, &[Verb::Disable.name()], self.dry_run, seen)
+    pub fn run(self, server: ServerArgs) -> Result {
+        run_simple(&self.target.for_stop(), server, Verb::Disable, self.dry_run, power_off_text)
     }
 }
 
 impl Clear {
-    pub fn run(self) -> Result {
-        run_simple(&self.target, Verb::Clear, self.dry_run, |_| Ok(CLEARED.to_owned()))
+    pub fn run(self, server: ServerArgs) -> Result {
+        run_simple(&self.target, server, Verb::Clear, self.dry_run, |_| Ok(CLEARED.to_owned()))
     }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        run_remote_verbs(server, &self.target, &[Verb::Clear.name()], self.dry_run, |_| Ok(CLEARED))
-    }
-}
-
-/// Has a server say verbs to axes, under a lease for as long.
-fn run_remote_verbs(
-    server: &RemoteSession,
-    target: &DriveArgs,
-    verbs: &[&str],
-    dry: bool,
-    done: impl Fn(&AxisInfo) -> Result<&'static str>,
-) -> Result {
-    remote::refuse_dry_run(dry)?;
-    let live = server.gateway.live().map_err(remote::refusal_problem)?;
-    for axis in server.axes_of(target)? {
-        let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
-        for verb in verbs {
-            let result = lease.run(verb, CommandArguments::default(), remote::ANSWER_MAX);
-            result.map_err(remote::refusal_problem)?;
-        }
-        lease.release().map_err(remote::refusal_problem)?;
-        print_note(&format!("{} {}", axis.label, done(&axis)?));
-    }
-    Ok(Exit::Ok)
 }
 
 fn run_simple(
     target: &DriveArgs,
+    server: ServerArgs,
     wanted: Verb,
     dry_run: bool,
-    done: impl Fn(&LocalAxis) -> Result<String>,
+    done: impl Fn(&Axis) -> Result<String>,
 ) -> Result {
     if dry_run {
+        server.refuse_dry_run()?;
         return target.rehearse(|_| Ok(Command::new(wanted)));
     }
     const CUT: &str = "cut the power if a motor turns";
     // One that does not answer leaves no other with power.
     let (session, absent) = match wanted {
-        Verb::Disable => target.open_present().map_err(|problem| problem.hint(CUT))?,
-        _ => (target.open()?, Vec::new()),
+        Verb::Disable if !server.is_given() => {
+            let (session, absent) = target.open_present().map_err(|problem| problem.hint(CUT))?;
+            (Session::from(session), absent)
+        }
+        _ => (target.connect(server)?, Vec::new()),
     };
     session.listen_for_interrupts();
     let mut ended = Ok(());
@@ -178,23 +137,26 @@ fn run_simple(
 }
 
 /// What is seen of a motor that was switched off: that it has power no more, and whether it turns.
-fn power_off_text(axis: &LocalAxis) -> Result<String> {
-    let read = |wanted: Signal| read_signal(axis, wanted).ok().flatten();
+fn power_off_text(axis: &Axis) -> Result<String> {
+    let read = |wanted: Signal| match axis.has_signal(wanted) {
+        true => axis.signals(&[wanted]).ok().and_then(|read| read.first().map(|one| one.value)),
+        false => None,
+    };
     let mut powered = read(Signal::Enabled);
     for _ in 0..POLLS_MAX {
-        if powered.is_none_or(|powered| powered.raw == 0) {
+        if powered.is_none_or(|powered| powered == 0.0) {
             break;
         }
         axis.sleep(POLL_INTERVAL);
         powered = read(Signal::Enabled);
     }
-    let velocity = read(Signal::Velocity);
-    if powered.is_some_and(|powered| powered.raw != 0) {
-        return Err(still_powered_problem(&axis.label()));
+    if powered.is_some_and(|powered| powered != 0.0) {
+        return Err(still_powered_problem(axis.label()));
     }
+    let velocity = session::signal_text(axis, Signal::Velocity).ok().flatten();
     let off = if powered.is_some() { UNPOWERED } else { SWITCHED_OFF };
     Ok(match velocity {
-        Some(velocity) if axis.is_turning() == Some(true) => {
+        Some(velocity) if is_turning(axis) => {
             format!(
                 "{SWITCHED_OFF}, and it still turns, {velocity}: it coasts, or an external force \
                  drives it"
@@ -202,6 +164,14 @@ fn power_off_text(axis: &LocalAxis) -> Result<String> {
         }
         _ => off.to_owned(),
     })
+}
+
+/// Whether the motor turns, by what was read of it last.
+fn is_turning(axis: &Axis) -> bool {
+    match axis.local() {
+        Some(axis) => axis.is_turning() == Some(true),
+        None => axis.state().is_ok_and(|state| state.moving == Some(true)),
+    }
 }
 
 /// It took the command and says that its motor has power.
@@ -214,7 +184,7 @@ fn still_powered_problem(label: &str) -> Problem {
 
 /// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
 /// none.
-fn switch_power(axis: &LocalAxis, wanted: Verb) -> Result<()> {
+fn switch_power(axis: &Axis, wanted: Verb) -> Result<()> {
     let ended = axis.run(Command::new(wanted));
     if let Err(error) = &ended {
         let label = axis.label();
@@ -226,5 +196,5 @@ fn switch_power(axis: &LocalAxis, wanted: Verb) -> Result<()> {
             _ => {}
         }
     }
-    ended.map(drop).map_err(outcome::to_problem)
+    ended.map_err(outcome::to_problem)
 }

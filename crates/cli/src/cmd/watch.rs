@@ -19,7 +19,7 @@ use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
-use crate::session::{Session, read_parameter, read_signal as signal_of};
+use crate::session::{LocalSession, read_parameter, read_signal as signal_of};
 use crate::target::DriveArgs;
 use crate::terminal::{self, DataOutput};
 use crate::value;
@@ -198,7 +198,7 @@ impl WatchCommand {
         }
     }
 
-    fn local_columns(&self, session: &Session) -> Result<Vec<WatchColumn>> {
+    fn local_columns(&self, session: &LocalSession) -> Result<Vec<WatchColumn>> {
         let mut columns = Vec::new();
         for axis in session.axes() {
             for name in self.signal_names() {
@@ -294,7 +294,7 @@ fn normalize_name(name: &str) -> String {
     name.to_ascii_lowercase().replace(['-', '_'], " ")
 }
 
-fn local_column(session: &Session, axis: &LocalAxis, name: &str) -> Result<WatchColumn> {
+fn local_column(session: &LocalSession, axis: &LocalAxis, name: &str) -> Result<WatchColumn> {
     let signal = Signal::ALL.into_iter().find(|signal| signal.name() == normalize_name(name));
     let source = signal.and_then(|signal| Some((signal, axis.profile().signal(signal)?)));
     let (id, flag) = match source {

@@ -3,15 +3,12 @@
 use std::time::Duration;
 
 use clap::Args;
-use polepair::LocalAxis;
-use polepair::axis::WatchdogState;
-use polepair::doctor::{ABSENT_TEXT, read_watchdog};
-use polepair_client::message::{SetWatchdog, WatchdogView};
-use polepair_core::profile::Watchdog as Kind;
+use polepair::interface::{WatchdogKind, WatchdogReport};
+use polepair::{Axis, LocalAxis};
 
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
+use crate::remote::ServerArgs;
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value;
@@ -36,73 +33,49 @@ pub struct WatchdogCommand {
 }
 
 impl WatchdogCommand {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
         let wanted = self.time.as_deref().map(parse_time).transpose()?;
-        let session = self.target.open()?;
+        let session = self.target.connect(server)?;
         session.listen_for_interrupts();
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
-            let state = match wanted {
-                None => read_watchdog(axis),
-                Some(_) if axis.watchdog_parameter().is_none() => {
-                    return Err(no_watchdog_problem(&axis.label(), &axis.watchdog_rule()));
+            let mut report = axis.watchdog().map_err(outcome::to_problem)?;
+            if let Some(after) = wanted {
+                if report.parameter.is_none() {
+                    return Err(no_watchdog_problem(axis.label(), &report.text));
                 }
-                // Not told apart from a wrong value by its refusal alone.
-                Some(_) if read_watchdog(axis) == Ok(WatchdogState::None) => {
-                    return Err(no_watchdog_problem(
-                        &axis.label(),
-                        &WatchdogState::None.to_string(),
-                    ));
+                // Whoever switches it off needs no heartbeat.
+                let is_moot = after.is_none() && has_heartbeat(axis);
+                if !report.caution.is_empty() && !is_moot {
+                    print_note(&format!("{}: {}", axis.label(), report.caution));
                 }
-                Some(after) => {
-                    if let Some(caution) = axis.watchdog_caution(after.is_none()) {
-                        print_note(&format!("{}: {caution}", axis.label()));
-                    }
-                    axis.set_watchdog(after)
-                }
-            };
-            let state = state.map_err(outcome::to_problem)?;
-            out.write_line(&format!("{}: {}", axis.label(), watchdog_text(axis, state)));
-            if let (WatchdogState::On(after), Some(period)) = (state, axis.heartbeat())
-                && matches!(axis.profile().watchdog, Kind::Heartbeat { .. })
-                && after <= period
-            {
-                print_warning(&format!(
-                    "warning: {}: its watchdog ends before the next heartbeat of this connection \
-                     ({} ms): the drive stops although this host is active",
-                    axis.label(),
-                    period.as_millis()
-                ));
+                report = axis.set_watchdog(after).map_err(outcome::to_problem)?;
             }
+            out.write_line(&format!("{}: {}", axis.label(), watchdog_text(&report)));
+            warn_short_watchdog(axis, &report);
         }
         out.flush()?;
         Ok(Exit::Ok)
     }
+}
 
-    /// By a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        let wanted = self.time.as_deref().map(parse_time).transpose()?;
-        let mut out = DataOutput::stdout();
-        for axis in server.axes_of(&self.target)? {
-            let watchdog = server.gateway.watchdog(axis.id).map_err(remote::refusal_problem)?;
-            let watchdog = match wanted {
-                None => watchdog,
-                Some(_) if watchdog.parameter.is_none() => {
-                    return Err(no_watchdog_problem(&axis.label, &watchdog.text));
-                }
-                Some(after) => {
-                    if !watchdog.caution.is_empty() {
-                        print_note(&format!("{}: {}", axis.label, watchdog.caution));
-                    }
-                    set_remote(server, axis.id, after)?
-                }
-            };
-            let parameter =
-                watchdog.parameter.map_or_else(String::new, |name| format!(" ({name})"));
-            out.write_line(&format!("{}: {}{parameter}", axis.label, watchdog.text));
-        }
-        out.flush()?;
-        Ok(Exit::Ok)
+fn has_heartbeat(axis: &Axis) -> bool {
+    matches!(axis.facts().watchdog, WatchdogKind::Heartbeat(_))
+}
+
+/// Warns of a watchdog that ends before the next heartbeat of this connection.
+fn warn_short_watchdog(axis: &Axis, report: &WatchdogReport) {
+    let period = axis.local().and_then(LocalAxis::heartbeat);
+    if let (Some(after), Some(period)) = (report.after, period)
+        && has_heartbeat(axis)
+        && after <= period
+    {
+        print_warning(&format!(
+            "warning: {}: its watchdog ends before the next heartbeat of this connection ({} ms): \
+             the drive stops although this host is active",
+            axis.label(),
+            period.as_millis()
+        ));
     }
 }
 
@@ -114,17 +87,6 @@ fn no_watchdog_problem(label: &str, does: &str) -> Problem {
             "install an emergency stop that works without a computer; for a speed, `--for TIME` \
          or a move",
         )
-}
-
-/// Sets it under a lease of its own.
-fn set_remote(server: &RemoteSession, axis: u16, after: Option<Duration>) -> Result<WatchdogView> {
-    let live = server.gateway.live().map_err(remote::refusal_problem)?;
-    let lease = live.acquire_lease(axis).map_err(remote::refusal_problem)?;
-    let after_ms = after.map(|after| after.as_secs_f64() * 1e3);
-    let set = SetWatchdog { after_ms, epoch: lease.epoch() };
-    let watchdog = server.gateway.set_watchdog(axis, &set).map_err(remote::refusal_problem)?;
-    lease.release().map_err(remote::refusal_problem)?;
-    Ok(watchdog)
 }
 
 /// A time with its unit; nothing for `off`.
@@ -142,16 +104,9 @@ pub fn parse_time(text: &str) -> Result<Option<Duration>> {
 }
 
 /// How a drive's watchdog is set, with the parameter that sets it.
-pub fn watchdog_text(axis: &LocalAxis, state: WatchdogState) -> String {
-    let id = axis.watchdog_parameter();
-    match (id.and_then(|id| axis.parameter(id)), state) {
-        (Some(parameter), WatchdogState::None) => {
-            let does = "the motor continues its last command";
-            format!("{ABSENT_TEXT} (`{}`): {does}", parameter.name)
-        }
-        (Some(parameter), _) => {
-            format!("{} (`{}`)", axis.describe_watchdog(state), parameter.name)
-        }
-        (None, _) => axis.describe_watchdog(state),
+pub fn watchdog_text(report: &WatchdogReport) -> String {
+    match &report.parameter {
+        Some(name) => format!("{} (`{name}`)", report.text),
+        None => report.text.clone(),
     }
 }

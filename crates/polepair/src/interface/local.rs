@@ -9,11 +9,13 @@ use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 
 use super::{
-    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, ParameterDescription,
-    ReadValue, Reply, SignalReading, WatchdogKind, WatchdogReport, WriteValue,
+    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, MotionState,
+    ParameterDescription, ReadValue, Reply, SignalReading, WatchdogKind, WatchdogReport,
+    WriteValue,
 };
 use crate::amount::Amount;
 use crate::axis::{DeviceDetail, LocalAxis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
+use crate::doctor::{ABSENT_TEXT, read_watchdog};
 use crate::error::Error;
 use crate::faults;
 
@@ -101,6 +103,25 @@ impl AxisInterface for LocalAxis {
         self.start(command).map(AxisRequest::from)
     }
 
+    fn check_command(&self, command: Command) -> Result<(), Error> {
+        self.rehearse(command).map(drop)
+    }
+
+    fn prepare_mode(&self, verb: Verb) -> Result<(), Error> {
+        self.prepare_mode(verb)
+    }
+
+    fn motion_state(&self, _since: Instant, velocity: bool) -> Result<MotionState, Error> {
+        let read = |signal| match self.provides_signal(signal)? {
+            true => Ok::<_, Error>(self.signals(&[signal])?.into_iter().next()),
+            false => Ok(None),
+        };
+        let fault = AxisInterface::faults(self)?.into_iter().find(|fault| !fault.is_warning);
+        let enabled = read(Signal::Enabled)?.map(|reading| reading.raw != 0);
+        let velocity = if velocity { read(Signal::Velocity)? } else { None };
+        Ok(MotionState { fault, enabled, velocity: velocity.map(|reading| reading.value) })
+    }
+
     fn arm(&self) -> Result<(), Error> {
         self.arm_exclusively()
     }
@@ -173,7 +194,7 @@ impl AxisInterface for LocalAxis {
     }
 
     fn watchdog(&self) -> Result<WatchdogReport, Error> {
-        Ok(self.report_watchdog(self.watchdog()?))
+        Ok(self.report_watchdog(read_watchdog(self)?))
     }
 
     fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogReport, Error> {
@@ -208,10 +229,19 @@ impl LocalAxis {
         }
     }
 
-    fn report_watchdog(&self, state: WatchdogState) -> WatchdogReport {
+    /// How the drive's watchdog is set, in words.
+    #[must_use]
+    pub fn report_watchdog(&self, state: WatchdogState) -> WatchdogReport {
         let parameter = self.watchdog_parameter().and_then(|id| self.parameter(id));
+        let (text, parameter) = match (parameter, state) {
+            (Some(parameter), WatchdogState::None) => {
+                let rule = "the motor continues its last command";
+                (format!("{ABSENT_TEXT} (`{}`): {rule}", parameter.name), None)
+            }
+            _ => (self.describe_watchdog(state), parameter),
+        };
         WatchdogReport {
-            text: self.describe_watchdog(state),
+            text,
             after: state.after(),
             parameter: parameter.map(|parameter| parameter.name.to_owned()),
             caution: self.watchdog_caution(false).unwrap_or_default(),

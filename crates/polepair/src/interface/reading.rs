@@ -7,7 +7,7 @@ use std::time::Duration;
 use polepair_core::profile::{Fault, Severity, Signal};
 
 use crate::amount::Value;
-use crate::error::Error;
+use crate::error::{Error, Exit};
 
 /// A parameter that was read.
 #[derive(Clone, PartialEq, Debug)]
@@ -110,6 +110,20 @@ pub struct FaultReport {
     pub is_warning: bool,
 }
 
+impl FaultReport {
+    /// The error for a motion that this fault has ended: `E801`.
+    #[must_use]
+    pub fn to_error(&self, label: &str) -> Error {
+        Error::MotionEnded {
+            code: "E801",
+            what: format!("{label} reports a fault: {} ({})", self.text, self.name),
+            why: self.cause.clone().into_owned(),
+            hint: self.remedy.clone().into_owned(),
+            exit: Exit::DriveFault,
+        }
+    }
+}
+
 impl From<&'static Fault> for FaultReport {
     fn from(fault: &'static Fault) -> Self {
         Self {
@@ -131,7 +145,7 @@ pub struct WatchdogReport {
     /// Time without a message of the host after which the drive stops. `None` if it does not stop, or does not
     /// report it.
     pub after: Option<Duration>,
-    /// The parameter that is written to set it. `None` for a drive without one.
+    /// The parameter that is written to set it. `None` for a drive without one, or whose firmware lacks it.
     pub parameter: Option<String>,
     /// What to know before it is set; may be empty.
     pub caution: String,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use polepair_client::message::{AxisInfo, ParameterInput, SetWatchdog, WriteParameters};
+use polepair_client::message::{AxisInfo, BenchView, ParameterInput, SetWatchdog, WriteParameters};
 use polepair_client::{GatewayError, Lease, PendingOperation};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
@@ -22,8 +22,9 @@ use crate::amount::Amount;
 use crate::axis::DeviceDetail;
 use crate::error::Error;
 use crate::interface::{
-    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, ParameterDescription,
-    ReadValue, Reply, SignalReading, WatchdogReport, WriteValue, not_on_gateway,
+    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, MotionState,
+    ParameterDescription, ReadValue, Reply, SignalReading, WatchdogReport, WriteValue,
+    not_on_gateway,
 };
 
 /// The highest rate at which a gateway sends a signal.
@@ -84,7 +85,7 @@ impl RemoteAxis {
     /// # Errors
     /// `gateway.lease` if the lease has ended.
     pub fn start_by_lease(&self, verb: Verb) -> Result<Option<AxisRequest>, Error> {
-        let Some(lease) = self.server.armed_lease(self.info.id) else { return Ok(None) };
+        let Some(lease) = self.armed_lease() else { return Ok(None) };
         lease.check()?;
         let started = lease.start(verb.name(), command_arguments(&Command::new(verb)))?;
         Ok(Some(RemoteRequest::command(started).into()))
@@ -96,18 +97,27 @@ impl RemoteAxis {
         self.server.lock_slot_within(self.info.id, within)
     }
 
+    pub(super) fn bench(&self) -> &BenchView {
+        self.server.bench()
+    }
+
+    /// The lease by which this program armed the axis, whether it is still valid or not.
+    pub(super) fn armed_lease(&self) -> Option<Arc<Lease>> {
+        self.server.armed_lease(self.info.id)
+    }
+
     fn slot(&self) -> LeaseGuard {
         self.server.lock_slot(self.info.id)
     }
 
-    fn has_verb(&self, verb: Verb) -> bool {
+    pub(super) fn has_verb(&self, verb: Verb) -> bool {
         self.info.verbs.iter().any(|info| info.verb == verb.name())
     }
 
-    /// Starts a verb: by the lease if the axis is armed; one that moves nothing needs no lease before.
-    fn start_verb(&self, command: &Command) -> Result<PendingOperation, GatewayError> {
-        let (verb, id) = (command.verb, self.info.id);
-        let Some(info) = self.info.verbs.iter().find(|info| info.verb == verb.name()) else {
+    /// Refuses a verb that the drive does not have, and raw values.
+    fn check_verb(&self, command: &Command) -> Result<(), GatewayError> {
+        let verb = command.verb;
+        if !self.has_verb(verb) {
             let what =
                 format!("{}: {} has no `{}`", self.info.label, self.info.profile, verb.name());
             let known = self.info.verbs.iter().map(|info| &*info.verb);
@@ -115,11 +125,18 @@ impl RemoteAxis {
             return Err(
                 GatewayError::new("E218", what).hint(format!("it has {}", known.join(", ")))
             );
-        };
+        }
         if command.raw {
             let what = format!("{}: a gateway takes values with units", self.info.label);
             return Err(GatewayError::new("E257", what).hint("give the value with its unit"));
         }
+        Ok(())
+    }
+
+    /// Starts a verb: by the lease if the axis is armed; one that moves nothing needs no lease before.
+    fn start_verb(&self, command: &Command) -> Result<PendingOperation, GatewayError> {
+        self.check_verb(command)?;
+        let (verb, id) = (command.verb, self.info.id);
         let (lease, arguments) = (self.server.armed_lease(id), command_arguments(command));
         if matches!(verb, Verb::Stop | Verb::QuickStop) {
             return match lease.filter(|lease| lease.check().is_ok()) {
@@ -138,7 +155,8 @@ impl RemoteAxis {
             return lease.start(verb.name(), arguments);
         }
         // Whoever waits for another client's motion does not take the axis from it.
-        if info.moves || verb == Verb::Reached {
+        let moves = self.info.verbs.iter().any(|info| info.verb == verb.name() && info.moves);
+        if moves || verb == Verb::Reached {
             let what = format!("{}: {}: the axis is not armed", self.info.label, verb.name());
             let hint = "arm it first: motion needs an armed axis";
             return Err(GatewayError::new("E219", what).hint(hint));
@@ -268,6 +286,18 @@ impl AxisInterface for RemoteAxis {
         Ok(RemoteRequest::command(self.start_verb(&command)?).into())
     }
 
+    fn check_command(&self, command: Command) -> Result<(), Error> {
+        Ok(self.check_verb(&command)?)
+    }
+
+    fn check_control(&self) -> Result<(), Error> {
+        self.check_lease()
+    }
+
+    fn motion_state(&self, since: Instant, _velocity: bool) -> Result<MotionState, Error> {
+        self.pushed_motion_state(since)
+    }
+
     fn arm(&self) -> Result<(), Error> {
         self.slot().arm()
     }
@@ -277,7 +307,7 @@ impl AxisInterface for RemoteAxis {
     }
 
     fn is_armed(&self) -> bool {
-        self.server.armed_lease(self.info.id).is_some_and(|lease| lease.check().is_ok())
+        self.armed_lease().is_some_and(|lease| lease.check().is_ok())
     }
 
     fn stop(&self) -> Result<(), Error> {
@@ -292,18 +322,18 @@ impl AxisInterface for RemoteAxis {
     }
 
     fn release(&self) -> Result<(), Error> {
-        let Some(lease) = self.server.armed_lease(self.info.id) else { return Ok(()) };
-        let run = |verb: Verb, within: Duration| -> Result<(), Error> {
-            if !self.has_verb(verb) {
-                return Ok(());
+        let Some(lease) = self.armed_lease() else { return Ok(()) };
+        let stopped = self.finish_stop(self.begin_stop());
+        let disabled = match self.has_verb(Verb::Disable) && lease.check().is_ok() {
+            true => {
+                let arguments = command_arguments(&Command::new(Verb::Disable));
+                let within = clock::scale_timeout(REPLY_MAX);
+                lease.run(Verb::Disable.name(), arguments, within).map_err(Error::from)
             }
-            let arguments = command_arguments(&Command::new(verb));
-            Ok(lease.run(verb.name(), arguments, clock::scale_timeout(within))?)
+            false => Ok(()),
         };
-        let stopped = run(Verb::Stop, STOP_MAX);
-        let disabled = run(Verb::Disable, REPLY_MAX);
-        let disarmed = self.disarm();
-        stopped.and(disabled).and(disarmed)
+        drop(lease);
+        stopped.and(disabled).and(self.disarm())
     }
 
     fn state(&self) -> Result<AxisSnapshot, Error> {
@@ -363,7 +393,7 @@ impl AxisInterface for RemoteAxis {
 }
 
 impl RemoteAxis {
-    fn late_error(&self, verb: &str) -> Error {
+    pub(super) fn late_error(&self, verb: &str) -> Error {
         let what = format!("{}: {verb} did not end in time", self.info.label);
         let late = GatewayError { executed: None, ..GatewayError::new("E101", what) };
         Error::from(late.hint("if the motor still turns, cut its supply"))

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use polepair::LocalAxis;
 use polepair::axis::WatchdogState;
+use polepair::doctor::read_watchdog;
 use serde_json::json;
 use tokio::sync::oneshot;
 
@@ -22,8 +23,9 @@ impl Bench {
         let (reply_sender, reply) = oneshot::channel();
         let result = self.find_axis(axis).map(|(link, index)| {
             let axis = link.wire.axes[index].1.clone();
-            link.request_worker
-                .submit_query(reply_sender, move || Ok(watchdog_view(&axis, axis.watchdog()?)));
+            link.request_worker.submit_query(reply_sender, move || {
+                Ok(watchdog_view(&axis, read_watchdog(&axis)?))
+            });
         });
         PendingReply::from_receiver(reply, result)
     }
@@ -77,7 +79,7 @@ fn parse_duration(ms: f64) -> Result<Duration, GatewayError> {
 }
 
 fn watchdog_view(axis: &LocalAxis, state: WatchdogState) -> WatchdogView {
-    let parameter = axis.watchdog_parameter().and_then(|id| axis.parameter(id));
+    let report = axis.report_watchdog(state);
     WatchdogView {
         rule: axis.watchdog_rule(),
         set: match state {
@@ -88,9 +90,9 @@ fn watchdog_view(axis: &LocalAxis, state: WatchdogState) -> WatchdogView {
             WatchdogState::NoReaction(_) => WatchdogMode::NoReaction,
             WatchdogState::Unknown => WatchdogMode::Untold,
         },
-        text: axis.describe_watchdog(state),
-        after_ms: state.after().map(|after| after.as_secs_f64() * 1e3),
-        parameter: parameter.map(|parameter| parameter.name.to_owned()),
-        caution: axis.watchdog_caution(false).unwrap_or_default(),
+        text: report.text,
+        after_ms: report.after.map(|after| after.as_secs_f64() * 1e3),
+        parameter: report.parameter,
+        caution: report.caution,
     }
 }

@@ -18,7 +18,7 @@ use super::monitored_axis::MonitoredAxis;
 use super::traffic::{TrafficLog, WireDecoding};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::Session;
+use crate::session::LocalSession;
 use crate::tap_queue::TapQueue;
 
 /// How long a link that was lost may take to come back.
@@ -38,7 +38,7 @@ pub struct Monitor {
     pub traffic: TrafficLog,
     /// Which axis is chosen.
     pub chosen: usize,
-    session: Option<Session>,
+    session: Option<LocalSession>,
     listener: Option<WireListener>,
     tap_queue: TapQueue,
     period: Duration,
@@ -62,7 +62,7 @@ impl Monitor {
             link.wires().iter().map(|wire| wire_decoding(wire, link.axes(), rules.as_ref()));
         let traffic = TrafficLog::new(link.wires(), protocols.collect(), false);
         let axes = link.axes().iter().cloned().map(MonitoredAxis::new).collect();
-        let session = Session { link, arguments: url.to_owned() };
+        let session = LocalSession { link, arguments: url.to_owned() };
         session.listen_for_interrupts();
         Ok(Self { axes, period, session: Some(session), ..Self::unconnected(url, traffic, taps) })
     }

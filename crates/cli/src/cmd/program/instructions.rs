@@ -18,7 +18,7 @@ use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
-use crate::session::Session;
+use crate::session::LocalSession;
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value;
@@ -75,7 +75,7 @@ fn write(program: &InstructionProgram, path: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-pub fn load(session: &Session, axis: &LocalAxis, path: &Path, dry_run: bool) -> Result {
+pub fn load(session: &LocalSession, axis: &LocalAxis, path: &Path, dry_run: bool) -> Result {
     let program = read(axis, path)?;
     let count = program.instructions().len();
     print_note(&format!(
@@ -108,7 +108,7 @@ pub fn load(session: &Session, axis: &LocalAxis, path: &Path, dry_run: bool) -> 
     Ok(Exit::Ok)
 }
 
-pub fn verify(session: &Session, axis: &LocalAxis, path: &Path) -> Result {
+pub fn verify(session: &LocalSession, axis: &LocalAxis, path: &Path) -> Result {
     let program = read(axis, path)?;
     session.listen_for_interrupts();
     axis.verify_instructions(&program).map_err(outcome::to_problem)?;
@@ -116,7 +116,7 @@ pub fn verify(session: &Session, axis: &LocalAxis, path: &Path) -> Result {
     Ok(Exit::Ok)
 }
 
-pub fn save(session: &Session, axis: &LocalAxis, path: &Path, count: Option<u16>) -> Result {
+pub fn save(session: &LocalSession, axis: &LocalAxis, path: &Path, count: Option<u16>) -> Result {
     session.listen_for_interrupts();
     let meter = Progress::of_count(0, "instructions");
     let show = |at: TransferProgress| meter.set_of(at.done, at.total);
@@ -189,13 +189,13 @@ impl Listing {
 
 /// Starts the program and waits until it ends, or for so long.
 pub fn run(
-    session: &Session,
+    session: &LocalSession,
     axis: &LocalAxis,
     start: ProgramStart<'_>,
     detach: bool,
     seconds: Option<f64>,
 ) -> Result {
-    motion::print_caution(session);
+    motion::print_caution(&session.facts());
     session.listen_for_interrupts();
     let listing = Listing::new(axis, start.source)?;
     let from = match (start.place, start.here) {
@@ -339,7 +339,7 @@ impl ProgramBreak {
 
 /// Goes through a program instruction by instruction.
 struct ProgramStepper<'a> {
-    session: &'a Session,
+    session: &'a LocalSession,
     axis: &'a LocalAxis,
     listing: Listing,
     within: Duration,
@@ -347,7 +347,7 @@ struct ProgramStepper<'a> {
 
 impl<'a> ProgramStepper<'a> {
     fn new(
-        session: &'a Session,
+        session: &'a LocalSession,
         axis: &'a LocalAxis,
         source: Option<&Path>,
         timeout: Option<f64>,
@@ -363,7 +363,7 @@ impl<'a> ProgramStepper<'a> {
     }
 
     fn run(&self, reset: bool, until: Option<u16>, count: Option<u32>, detach: bool) -> Result {
-        motion::print_caution(self.session);
+        motion::print_caution(&self.session.facts());
         let status = self.axis.program_status().map_err(outcome::to_problem)?;
         if status.running {
             return Err(Problem::new(Exit::Refused, "E602", "a program runs in the module.")
@@ -445,14 +445,14 @@ struct ModuleEnding<'a> {
 }
 
 impl<'a> ModuleEnding<'a> {
-    fn begin(session: &Session, axis: &'a LocalAxis) -> Result<Self> {
+    fn begin(session: &LocalSession, axis: &'a LocalAxis) -> Result<Self> {
         let powered = is_powered(axis)?;
         let holding = interrupt::hold_motion(&session.arguments);
         axis.arm(true);
         Ok(Self { axis, powered, _holding: holding })
     }
 
-    fn detach(self, session: &Session) {
+    fn detach(self, session: &LocalSession) {
         print_warning(&format!(
             "left as it is; to end the program and stop the motors: polepair program stop {}",
             session.arguments

@@ -16,7 +16,7 @@ use crate::interrupt;
 use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read_signal, run_optional_verb};
+use crate::session::{LocalSession, read_signal, run_optional_verb};
 use crate::target::DriveArgs;
 use crate::terminal::{print_note, print_warning};
 use crate::value;
@@ -145,13 +145,7 @@ impl ProgramRun {
             axis,
             self.detach,
             || axis.jump_to(start),
-            || {
-                motion::hold_motion(
-                    &session,
-                    &[(axis.clone(), Command::new(Verb::Reached))],
-                    seconds,
-                )
-            },
+            || motion::hold_motion(&[(axis.clone().into(), Command::new(Verb::Reached))], seconds),
         )
     }
 }
@@ -190,13 +184,13 @@ fn wait_routine(axis: &LocalAxis, end: Instant) -> Result<()> {
 
 /// Starts a program, waits, and ends what it does: also when waiting went wrong.
 fn run_program(
-    session: &Session,
+    session: &LocalSession,
     axis: &LocalAxis,
     detach: bool,
     start: impl FnOnce() -> std::result::Result<(), polepair::Error>,
     wait: impl FnOnce() -> Result<()>,
 ) -> Result {
-    motion::print_caution(session);
+    motion::print_caution(&session.facts());
     session.listen_for_interrupts();
     let powered = is_powered(axis)?;
     let _holding = interrupt::hold_motion(&session.arguments);
@@ -224,9 +218,9 @@ pub fn is_powered(axis: &LocalAxis) -> Result<bool> {
 pub fn end_program(axis: &LocalAxis, powered: bool) -> Result<()> {
     let mut stop_retry_notice = motion::StopRetryNotice::new();
     let ended = axis.abort_with_retry(STOP_RETRY_MAX, |axis, _| {
-        stop_retry_notice.report_retry(axis, "still turn")
+        stop_retry_notice.report_retry(&axis.label(), "still turn")
     });
-    let ended = stop_retry_notice.report_end(axis, ended);
+    let ended = stop_retry_notice.report_end(&axis.label(), ended);
     let rested = if ended.is_ok() { motion::wait_standstill(axis) } else { Ok(()) };
     let off = if powered { Ok(None) } else { run_optional_verb(axis, Verb::Disable) };
     if ended.is_err() && (powered || off.is_err()) {

@@ -6,7 +6,7 @@ use polepair_core::profile::{AddressRole, ParameterId};
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read_parameter};
+use crate::session::{LocalSession, read_parameter};
 use crate::target::DriveArgs as Drive;
 use crate::terminal::{DataOutput, print_note};
 
@@ -26,7 +26,7 @@ impl AddressChange {
     }
 
     /// Refuses what could not be read back: nothing was sent.
-    pub fn check(session: &Session, changes: &[Self]) -> Result<()> {
+    pub fn check(session: &LocalSession, changes: &[Self]) -> Result<()> {
         match (changes, session.axes().len()) {
             ([], _) | ([_], 1) => Ok(()),
             _ => Err(Problem::usage("E242", "One address of one drive at a time.")
@@ -39,7 +39,7 @@ impl AddressChange {
     pub fn apply(
         self,
         drive: &Drive,
-        session: Session,
+        session: LocalSession,
         keep: bool,
         out: &mut DataOutput,
     ) -> Result<()> {

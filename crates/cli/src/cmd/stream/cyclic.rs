@@ -11,7 +11,7 @@ use crate::interrupt;
 use crate::motion::{self, print_caution};
 use crate::outcome;
 use crate::problem::{Problem, Result};
-use crate::session::Session;
+use crate::session::LocalSession;
 use crate::target::DriveArgs;
 use crate::terminal::{self, print_note, print_warning};
 
@@ -52,13 +52,13 @@ pub fn run_cyclic(
     let session = target.open()?;
     let order = table.column_order(session.axes())?;
     let setpoints = table.resample(period, &order)?;
-    print_caution(&session);
+    print_caution(&session.facts());
     session.listen_for_interrupts();
     follow_setpoints(&session, setpoint, Duration::from_secs_f64(period), &setpoints)
 }
 
 fn follow_setpoints(
-    session: &Session,
+    session: &LocalSession,
     setpoint: SetpointKind,
     period: Duration,
     setpoints: &[f64],

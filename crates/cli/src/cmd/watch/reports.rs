@@ -11,12 +11,12 @@ use super::{FIRST_MAX, FRESH_MIN, FRESH_PERIODS, WatchColumn, WatchCommand, norm
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::Session;
+use crate::session::LocalSession;
 
 impl WatchCommand {
     /// Has the drives send the signals every `interval` seconds, where one is given, shows what they
     /// send, and has them send nothing more.
-    pub(super) fn print_reports(&self, session: &Session, interval: Option<f64>) -> Result {
+    pub(super) fn print_reports(&self, session: &LocalSession, interval: Option<f64>) -> Result {
         let signals = self.reported_signals(session.axes())?;
         let interval = interval.map(Duration::from_secs_f64);
         let mut started = Vec::new();
@@ -78,7 +78,7 @@ impl WatchCommand {
 
     fn print_reported(
         &self,
-        session: &Session,
+        session: &LocalSession,
         signals: &[Signal],
         interval: Option<Duration>,
     ) -> Result {
@@ -140,7 +140,7 @@ fn wait_for_report(
 
 /// The last value that came, where it is not older than `fresh`.
 fn reported_column(
-    session: &Session,
+    session: &LocalSession,
     axis: &LocalAxis,
     signal: Signal,
     fresh: Duration,

@@ -1,0 +1,220 @@
+//! A motion that a program started: checking it while it is held, and stopping it.
+
+use std::time::Duration;
+
+use polepair_core::axis::{Command, Verb};
+use polepair_core::time::Instant;
+use polepair_link::clock;
+
+use super::{Axis, AxisRequest, FaultReport};
+use crate::axis::{LocalAxis, PreparedCommand, STOP_RETRY_MAX, stop_with_retry};
+use crate::error::{Error, Exit};
+
+/// How often a monitor reads the motion.
+const READ_INTERVAL: Duration = Duration::from_millis(250);
+/// How far a monitor looks ahead on an axis with position limits: reading and stopping take time.
+const LOOKAHEAD: Duration = Duration::from_millis(150);
+/// The motor has turned once it was faster than this share of the commanded speed.
+const TURNING_SHARE: f64 = 0.5;
+/// The motor is at standstill if it is slower than this share of the commanded speed.
+const STANDSTILL_SHARE: f64 = 0.02;
+/// A motor that has turned may be at standstill for so long.
+const STANDSTILL_MAX: Duration = Duration::from_secs(1);
+
+/// What tells whether a motor still follows its command.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct MotionState {
+    /// The fault that stopped it.
+    pub fault: Option<FaultReport>,
+    /// The motor has power; `None` while that is not known.
+    pub enabled: Option<bool>,
+    /// rad/s, or m/s on a linear axis; `None` while it is not known.
+    pub velocity: Option<f64>,
+}
+
+/// Checks a motor that this program holds in motion: another client, an input, a fault or the drive itself may
+/// have ended the motion.
+///
+/// ```
+/// # use polepair_core::{axis::{Command, Verb}, drives};
+/// # if drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+/// use polepair::interface::MotionMonitor;
+/// use std::time::Duration;
+///
+/// let link = polepair::connect("sim:tmcl?time=virtual")?;
+/// let armed = link.axis(1)?.armed()?;
+/// let command = Command { velocity: Some(6.0), ..Command::new(Verb::Velocity) };
+/// armed.run(command)?;
+/// let mut monitor = MotionMonitor::new(&armed, &command);
+/// for _ in 0..40 {
+///     monitor.check()?; // an error says why the motion has ended
+///     link.sleep(Duration::from_millis(25));
+/// }
+/// armed.release()?;
+/// # }
+/// # Ok::<(), polepair::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct MotionMonitor {
+    axis: Axis,
+    /// The commanded speed, rad/s or m/s; `None` if the command has none.
+    velocity: Option<f64>,
+    started: Instant,
+    next_read: Instant,
+    was_enabled: bool,
+    has_turned: bool,
+    stands_since: Option<Instant>,
+}
+
+impl MotionMonitor {
+    /// A monitor of a command that was started just now.
+    #[must_use]
+    pub fn new(axis: &Axis, command: &Command) -> Self {
+        let velocity = command.velocity.filter(|si| command.verb == Verb::Velocity && *si != 0.0);
+        Self {
+            axis: axis.clone(),
+            velocity: velocity.filter(|_| !command.raw),
+            started: axis.now(),
+            next_read: axis.now(),
+            was_enabled: false,
+            has_turned: false,
+            stands_since: None,
+        }
+    }
+
+    /// Checks the motion. Call it every 25 ms; a drive on a wire of this program is read every 250 ms.
+    ///
+    /// # Errors
+    /// [`Error::MotionEnded`]: `E801` for a fault of the drive, `E102` if the motor lost its power or stopped,
+    /// `E105` if the axis is about to leave its position limits. [`Error::Gateway`] if a gateway has ended the
+    /// lease or is lost. Others by source. The motor may turn on: stop it.
+    pub fn check(&mut self) -> Result<(), Error> {
+        self.axis.interface().check_control()?;
+        if let Some(axis) = self.axis.local()
+            && let Some(what) = axis.predict_limit_violation(LOOKAHEAD)?
+        {
+            let hint = "use a shorter time: --for; `polepair move` ends by itself";
+            return Err(motion_ended("E105", what, "", hint));
+        }
+        let now = self.axis.now();
+        if now < self.next_read {
+            return Ok(());
+        }
+        self.next_read = now + READ_INTERVAL;
+        let state = self.axis.interface().motion_state(self.started, self.velocity.is_some())?;
+        self.judge(now, state)
+    }
+
+    fn judge(&mut self, now: Instant, state: MotionState) -> Result<(), Error> {
+        let label = self.axis.label();
+        if let Some(fault) = &state.fault {
+            return Err(fault.to_error(label));
+        }
+        let ended = |what: &str, why: &str| {
+            let hint =
+                "`polepair info URL` shows its state; check whether another master controls it";
+            Err(motion_ended("E102", format!("{label} {what}"), why, hint))
+        };
+        self.was_enabled |= state.enabled == Some(true);
+        if self.was_enabled && state.enabled == Some(false) {
+            return ended(
+                "has lost its power during the motion",
+                "Another program, an input or the drive itself switched it off.",
+            );
+        }
+        let (Some(commanded), Some(actual)) = (self.velocity, state.velocity) else {
+            return Ok(());
+        };
+        self.has_turned |= actual.abs() > commanded.abs() * TURNING_SHARE;
+        let stands = self.has_turned && actual.abs() < commanded.abs() * STANDSTILL_SHARE;
+        self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
+        match self.stands_since {
+            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => {
+                ended("stopped during the motion", "Another program stopped it, or it is blocked.")
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn motion_ended(code: &'static str, what: String, why: &str, hint: &str) -> Error {
+    let (why, hint) = (why.to_owned(), hint.to_owned());
+    Error::MotionEnded { code, what, why, hint, exit: Exit::Negative }
+}
+
+/// Starts a command on each axis, one directly after the other, and does not wait for their ends.
+///
+/// # Errors
+/// [`Error`] by source. Those before it are started: stop them.
+pub fn start_each(commands: &[(Axis, Command)]) -> Result<Vec<AxisRequest>, Error> {
+    // Values are converted for all axes before the first is started.
+    let prepare = |(axis, command): &(Axis, Command)| {
+        axis.local().map(|axis| axis.prepare(*command)).transpose()
+    };
+    let prepared: Vec<Option<PreparedCommand>> =
+        commands.iter().map(prepare).collect::<Result<_, _>>()?;
+    let start = |((axis, command), prepared): (&(Axis, Command), &Option<PreparedCommand>)| {
+        match prepared {
+            Some(prepared) => prepared.start().map(AxisRequest::from),
+            None => axis.start(*command),
+        }
+    };
+    commands.iter().zip(&prepared).map(start).collect()
+}
+
+/// Stops axes that this program armed: all stops are sent before the first is waited for. A stop on a wire of
+/// this program is repeated for [`STOP_RETRY_MAX`] without a reply; `again` is called before the first
+/// repetition of each, and ends the repetitions by `false`. A gateway repeats stops itself.
+///
+/// An axis whose lease has ended was stopped by its gateway; its standstill is waited for.
+#[must_use = "a motor whose stop failed may still turn"]
+pub fn stop_each(
+    axes: &[Axis],
+    mut again: impl FnMut(&Axis, &Error) -> bool,
+) -> Vec<Result<(), Error>> {
+    #[cfg(feature = "remote")]
+    let mut started: Vec<_> =
+        axes.iter().map(|axis| axis.remote().map(crate::remote::RemoteAxis::begin_stop)).collect();
+    let local: Vec<LocalAxis> = axes.iter().filter_map(Axis::local).cloned().collect();
+    let repeat = |axis: &LocalAxis, error: &Error| again(&Axis::from(axis.clone()), error);
+    let mut stopped = stop_with_retry(&local, STOP_RETRY_MAX, repeat).into_iter();
+    let finish = |(_index, axis): (usize, &Axis)| {
+        #[cfg(feature = "remote")]
+        if let (Some(axis), Some(started)) = (axis.remote(), started[_index].take()) {
+            return axis.finish_stop(started);
+        }
+        let _ = axis;
+        stopped.next().unwrap_or(Ok(()))
+    };
+    axes.iter().enumerate().map(finish).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A motor of a simulation.
+    fn monitor() -> Option<MotionMonitor> {
+        let has = polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl");
+        let link = has.then(|| crate::connect("sim:tmcl?time=virtual").expect("a simulation"))?;
+        let command = Command { velocity: Some(10.0), ..Command::new(Verb::Velocity) };
+        Some(MotionMonitor::new(&link.axis(1).expect("its axis"), &command))
+    }
+
+    #[test]
+    fn a_motor_that_stops_or_loses_its_power_ends_the_motion() {
+        let Some(mut monitor) = monitor() else { return };
+        let at = |seconds: u32| Instant::ZERO.plus_ms(seconds * 1000);
+        let turning =
+            |si: f64| MotionState { velocity: Some(si), enabled: Some(true), fault: None };
+        assert_eq!(monitor.judge(at(0), turning(0.0)), Ok(()), "it has not turned yet");
+        assert_eq!(monitor.judge(at(9), turning(9.0)), Ok(()));
+        assert_eq!(monitor.judge(at(10), turning(0.1)), Ok(()));
+        let error = monitor.judge(at(60), turning(0.1)).unwrap_err();
+        assert_eq!((error.code(), error.exit()), ("E102", Exit::Negative));
+        assert!(error.to_string().contains("stopped during the motion"), "{error}");
+        let off = MotionState { enabled: Some(false), ..MotionState::default() };
+        let error = monitor.judge(at(61), off).unwrap_err();
+        assert!(error.to_string().contains("has lost its power"), "{error}");
+    }
+}
