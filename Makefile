@@ -181,7 +181,7 @@ soak:
 
 ## bench: the codecs, the layers, the round trip beside the raw pty
 bench:
-	$(CARGO) bench --locked -p polepair-core -p polepair-link
+	$(CARGO) bench --locked -p polepair-core -p polepair-drives -p polepair-link
 
 clean:
 	$(CARGO) clean

@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use polepair_capture::{CaptureDecoder, DecodedFrame, ProtocolDetector, Rules};
 use polepair_core::axis::{Command, Verb};
-use polepair_core::drives;
 use polepair_core::error::WireError;
 use polepair_core::explain::{
     Context, Direction, EncodeOptions, ExplainSink, Field, FrameBoundary,
@@ -189,7 +188,7 @@ pub fn text(data: &[u8]) {
 fn pairs() -> Vec<(HostProtocol, &'static Profile)> {
     let serial = host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial);
     let with = |spoken: HostProtocol| {
-        let product = drives::profiles().iter().find(|p| p.protocol == spoken.profile);
+        let product = polepair_drives::profiles().iter().find(|p| p.protocol == spoken.profile);
         product.map(|profile| (spoken, *profile))
     };
     serial.filter_map(with).collect()
@@ -402,7 +401,7 @@ impl Spoke {
 /// request that was taken ends once, and nothing else ends.
 pub fn session(data: &[u8]) {
     let with = |spoken: HostProtocol| {
-        let product = drives::profiles().iter().find(|p| p.protocol == spoken.profile);
+        let product = polepair_drives::profiles().iter().find(|p| p.protocol == spoken.profile);
         product.map(|profile| (spoken, *profile))
     };
     let hosts: Vec<_> = host::protocols().into_iter().filter_map(with).collect();

@@ -6,8 +6,8 @@
 //! On a simulated drive it lets the supply sag; on a real one it reports what happens by itself.
 
 use polepair::error::{Error, Exit};
-use polepair_core::drives::bench::Act;
 use polepair_core::profile::Signal;
+use polepair_drives::bench::Act;
 use std::time::Duration;
 
 fn main() -> Result<(), Error> {

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use polepair_core::drives;
 use polepair_core::profile::Profile;
 
 const MARK: &str = "<!-- Made from the profiles by `cargo xtask codegen`. Do not edit. -->\n";
@@ -114,7 +113,7 @@ fn table_of_all(steppers: &[&'static Profile], brushless: &[&'static Profile]) -
             profile.motors.max(1)
         );
     };
-    drives::profiles().iter().for_each(|profile| add(profile, profile.name, "yes"));
+    polepair_drives::profiles().iter().for_each(|profile| add(profile, profile.name, "yes"));
     steppers.iter().for_each(|profile| add(profile, "trinamic-steppers", "yes"));
     brushless.iter().for_each(|profile| add(profile, "trinamic-brushless", "no"));
     text

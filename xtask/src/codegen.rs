@@ -1,4 +1,4 @@
-//! Profiles as Rust constants: `profiles/*.toml` → `crates/core/src/drives/<family>/profile.rs`.
+//! Profiles as Rust constants: `profiles/*.toml` → `crates/drives/src/<family>/profile.rs`.
 //!
 //! A profile whose family is its protocol's own word, and no folder of drives, is the generic one and
 //! lands beside the protocol instead. Generated files are committed and never edited.
@@ -62,7 +62,9 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
             let part = std::fs::read_to_string(part).unwrap_or_default();
             files.insert(page, crate::pages::drive_page(profile, &part));
         }
-        files.insert(path, format_source(&rust_source(&profiles))?);
+        let in_core = path.starts_with(root.join("crates/core"));
+        let core = if in_core { "crate" } else { "polepair_core" };
+        files.insert(path, format_source(&rust_source(&profiles, core))?);
     }
     for (name, text) in crate::catalogue_pages::pages() {
         files.insert(root.join("docs/drives").join(name), text);
@@ -85,11 +87,10 @@ fn profile_files(folder: &Path) -> CodegenResult<Vec<PathBuf>> {
 }
 
 fn destination(root: &Path, profile: &Profile) -> PathBuf {
-    let source = root.join("crates/core/src");
     let folder = profile.family.replace(['-', '.'], "_");
-    let drives = source.join("drives").join(&folder);
+    let drives = root.join("crates/drives/src").join(&folder);
     let generic = profile.family == profile.protocol && !drives.is_dir();
-    let folder = if generic { source.join("proto").join(folder) } else { drives };
+    let folder = if generic { root.join("crates/core/src/proto").join(folder) } else { drives };
     folder.join("profile.rs")
 }
 
@@ -114,8 +115,8 @@ fn format_source(text: &str) -> CodegenResult<String> {
     String::from_utf8(output.stdout).map_err(|e| e.to_string())
 }
 
-/// The profiles of one family as one Rust file.
-fn rust_source(profiles: &[&'static Profile]) -> String {
+/// The profiles of one family as one Rust file, which names the core crate by this word.
+fn rust_source(profiles: &[&'static Profile], core: &str) -> String {
     let mut file =
         Emitter { text: HEAD.to_owned(), tables: BTreeMap::new(), last_tables: BTreeMap::new() };
     let mut names = Vec::new();
@@ -134,7 +135,7 @@ fn rust_source(profiles: &[&'static Profile]) -> String {
         file.text = file.text.replacen("\n};\n\n", &format!("\n}};\n\n{MAPPED}"), 1);
     }
     let body = file.text.split_once("\n\n").map_or("", |(_, body)| body);
-    let imports = import_lines(body);
+    let imports = import_lines(body, core);
     file.text.replacen("IMPORTS", &imports, 1)
 }
 
@@ -179,7 +180,7 @@ const fn scaled(mut mapped: Parameter, unit: Unit, scale: Scale) -> Parameter {
 ";
 
 /// Only what the text uses: an unused import would be a warning.
-fn import_lines(body: &str) -> String {
+fn import_lines(body: &str, core: &str) -> String {
     let modules: [(&str, &[&str]); 4] = [
         ("axis", &["Verb"]),
         ("plan", &["Argument", "Compare", "Operand", "ParameterTest", "Plan", "RampSpeed", "Step"]),
@@ -211,7 +212,7 @@ fn import_lines(body: &str) -> String {
     for (module, names) in modules {
         let used: Vec<&str> = names.iter().copied().filter(|name| uses_name(body, name)).collect();
         if !used.is_empty() {
-            let _ = writeln!(lines, "use crate::{module}::{{{}}};", used.join(", "));
+            let _ = writeln!(lines, "use {core}::{module}::{{{}}};", used.join(", "));
         }
     }
     lines.trim_end().to_owned()
@@ -432,7 +433,7 @@ fn scale_expr(scale: Scale) -> String {
 /// Where a rule stands: `tmcm-velocity-pps` is `VELOCITY_PPS` of that family's units.
 fn rule_path(rule: &ScaleRule) -> String {
     let (family, name) = rule.name.split_once('-').unwrap_or((rule.name, ""));
-    format!("&crate::drives::{family}::units::{}", name.to_uppercase().replace('-', "_"))
+    format!("&crate::{family}::units::{}", name.to_uppercase().replace('-', "_"))
 }
 
 fn fault_row(f: &Fault) -> String {
@@ -554,7 +555,7 @@ mod tests {
         let file = root.join("profiles/some-drive.toml");
         let text = "name = \"some-drive\"\nfamily = \"some\"\nprotocol = \"tmcl\"\n";
         std::fs::write(&file, text).unwrap();
-        assert!(run(&root, true).unwrap_err().contains("drives/some/profile.rs"));
+        assert!(run(&root, true).unwrap_err().contains("drives/src/some/profile.rs"));
         run(&root, false).unwrap();
         run(&root, true).unwrap();
         std::fs::write(&file, format!("{text}title = \"Other\"\n")).unwrap();
@@ -566,7 +567,7 @@ mod tests {
     fn every_kind_of_entry_is_printed() {
         let text = include_str!("../tests/every_kind.toml");
         let profile = polepair::profile::parse("every_kind.toml", text).unwrap();
-        let rust = rust_source(&[profile]);
+        let rust = rust_source(&[profile], "crate");
         syn::parse_file(&rust).unwrap();
         for piece in [
             "pub static EVERY_KIND: Profile",

@@ -142,18 +142,27 @@ impl SourceLocation {
         Self { krate: krate.to_owned(), modules, is_test, is_root: source && root }
     }
 
-    fn in_core(&self) -> bool {
-        self.krate == "core"
+    /// The crates that build without an operating system.
+    fn is_bare(&self) -> bool {
+        matches!(self.krate.as_str(), "core" | "drives")
     }
 
     fn file_name(&self) -> &str {
         self.modules.last().map_or("", String::as_str)
     }
 
-    /// The protocol or family whose folder this is in.
-    fn folder_of(&self, list: &str) -> Option<&str> {
+    /// The protocol whose folder this is in.
+    fn protocol(&self) -> Option<&str> {
         match self.modules.as_slice() {
-            [first, folder, ..] if first == list => Some(folder),
+            [first, folder, ..] if self.krate == "core" && first == "proto" => Some(folder),
+            _ => None,
+        }
+    }
+
+    /// The family whose folder this is in.
+    fn family(&self) -> Option<&str> {
+        match self.modules.as_slice() {
+            [folder, _, ..] if self.krate == "drives" => Some(folder),
             _ => None,
         }
     }
@@ -188,12 +197,12 @@ impl RuleVisitor<'_> {
         let path = self.resolve_path(segments);
         let has = |word: &str| path.iter().any(|segment| segment == word);
         let first = path.first().map_or("", String::as_str);
-        if self.location.in_core() && first == "std" {
+        if self.location.is_bare() && first == "std" {
             self.report_at(span, "rule 1: core uses std");
         }
         let may_allocate =
             matches!(self.location.modules.first().map(String::as_str), Some("lane" | "mux"));
-        if self.location.in_core() && first == "alloc" && !may_allocate {
+        if self.location.is_bare() && first == "alloc" && !may_allocate {
             self.report_at(span, "rule 1: core allocates outside lane and mux");
         }
         self.check_layers(span, &path);
@@ -205,16 +214,15 @@ impl RuleVisitor<'_> {
     }
 
     fn check_layers(&mut self, span: proc_macro2::Span, path: &[String]) {
-        let has = |word: &str| path.iter().any(|segment| segment == word);
-        let own = |list: &str| self.location.folder_of(list).map(str::to_owned);
-        let (protocol, family) = (own("proto"), own("drives"));
+        let protocol = self.location.protocol().map(str::to_owned);
+        let family = self.location.family().map(str::to_owned);
         let file = self.location.file_name().to_owned();
         let inside = path.first().is_some_and(|first| first == "crate");
-        if !inside || !self.location.in_core() {
+        if !inside || !self.location.is_bare() {
             return;
         }
         if protocol.is_some() && WIRE_FILES.contains(&file.as_str()) {
-            for layer in ["host", "device", "session", "drives", "time", "station", "axis"] {
+            for layer in ["host", "device", "session", "time", "station", "axis"] {
                 if path.get(1).is_some_and(|p| p == layer)
                     || path.get(3).is_some_and(|p| p == layer)
                 {
@@ -229,9 +237,6 @@ impl RuleVisitor<'_> {
             self.report_at(span, "rule 3: the device knows the host");
         }
         if let Some(protocol) = protocol {
-            if has("drives") {
-                self.report_at(span, "rule 4: a protocol knows drives");
-            }
             let other = path.get(1).is_some_and(|p| p == "proto")
                 && path.get(2).is_some_and(|p| *p != protocol && self.names.protocols.contains(p));
             if other {
@@ -239,9 +244,8 @@ impl RuleVisitor<'_> {
             }
         }
         if let Some(family) = family {
-            let other = path.get(1).is_some_and(|p| p == "drives")
-                && path.get(2).is_some_and(|p| *p != family && self.names.families.contains(p));
-            if other {
+            let is_other = |word: &String| *word != family && self.names.families.contains(word);
+            if path.get(1).is_some_and(is_other) {
                 self.report_at(span, "rule 4: one family knows another");
             }
         }
@@ -349,7 +353,7 @@ impl<'ast> Visit<'ast> for RuleVisitor<'_> {
     }
 
     fn visit_item_extern_crate(&mut self, item: &'ast syn::ItemExternCrate) {
-        if self.location.in_core() && item.ident == "std" {
+        if self.location.is_bare() && item.ident == "std" {
             self.report_at(item.ident.span(), "rule 1: core uses std");
         }
     }

@@ -8,7 +8,6 @@ mod serial;
 use core::fmt;
 use std::sync::Arc;
 
-use polepair_core::drives;
 use polepair_core::error::WireError;
 use polepair_core::explain::{Context, Direction, RawFrame};
 use polepair_core::medium::Frame;
@@ -539,7 +538,7 @@ impl CaptureDecoder {
                 teller.explain(rules, frame, &context, conversation, &mut self.explanation);
             let rule = reported.or_else(|| claiming_rule(rules, session, frame))?;
             let (dissector, stated) = (rules[rule].dissector, stated_by(&rules[rule]));
-            let profile = stated.or_else(|| drives::assumed_profile(dissector));
+            let profile = stated.or_else(|| polepair_drives::assumed_profile(dissector));
             let left = teller.deferred_axis;
             let lane = FrameRoute {
                 dissector,

@@ -20,7 +20,6 @@
 extern crate alloc;
 
 pub mod axis;
-pub mod drives;
 pub mod error;
 pub mod explain;
 pub mod lane;

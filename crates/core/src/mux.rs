@@ -22,9 +22,6 @@ use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
 
-#[cfg(test)]
-mod tests;
-
 const DIFFERENT_WIRES: &str = "axes that follow one beat must be of one protocol, on one wire";
 
 /// A lane with its host and driver types erased.

@@ -24,7 +24,6 @@ mod bench {
     use std::sync::{Arc, Mutex};
     use std::time::{Duration, Instant as Clock};
 
-    use polepair_core::drives::syntron_ts::profile::SYNTRON_TS;
     use polepair_core::error::Outcome;
     use polepair_core::lane::Lane;
     use polepair_core::medium::{SerialLine, Stream};
@@ -34,6 +33,7 @@ mod bench {
     use polepair_core::proto::{HostOptions, Protocol};
     use polepair_core::station::AxisIndex;
     use polepair_core::time::Instant;
+    use polepair_drives::syntron_ts::profile::SYNTRON_TS;
     use polepair_link::pty::Pty;
     use polepair_link::{Connection, LinkIo, Mailbox, Received, clock, serial};
     use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};

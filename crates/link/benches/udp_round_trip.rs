@@ -26,9 +26,6 @@ mod bench {
     use std::process::{Child, Command, Stdio};
     use std::time::Instant as Clock;
 
-    use polepair_core::drives::cia402::device::Device;
-    use polepair_core::drives::cia402::drive::Drive;
-    use polepair_core::drives::cia402::profile::CIA402;
     use polepair_core::error::Outcome;
     use polepair_core::lane::Lane;
     use polepair_core::medium::{Can, Frame};
@@ -38,6 +35,9 @@ mod bench {
     use polepair_core::proto::{HostOptions, Protocol};
     use polepair_core::station::AxisIndex;
     use polepair_core::time::Instant;
+    use polepair_drives::cia402::device::Device;
+    use polepair_drives::cia402::drive::Drive;
+    use polepair_drives::cia402::profile::CIA402;
     use polepair_link::udp::{self, GROUP_IPV4, MulticastGroup, UdpLink};
     use polepair_link::{Connection, LinkIo, Received, ServeHandle, clock, serve};
 

@@ -1,7 +1,7 @@
 //! One axis: parameters by name with units, and motion.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use std::time::Duration;
 //! let link = polepair::connect_local("sim:tmcl?time=virtual")?;
 //! let axis = link.axis(1)?;

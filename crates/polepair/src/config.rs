@@ -141,7 +141,7 @@ impl Config {
 
     /// Every profile but those of the [catalogue](profile::catalogue), the user's own first.
     pub fn all_profiles(&self) -> impl Iterator<Item = &'static Profile> {
-        self.profiles.iter().chain(polepair_core::drives::profiles()).copied()
+        self.profiles.iter().chain(polepair_drives::profiles()).copied()
     }
 
     /// Expands `@` names to connection strings. Other texts are returned unchanged.

@@ -1,7 +1,7 @@
 //! Opens links and identifies their drives.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let link = polepair::connect_local("sim:tmcl?time=virtual")?;
 //! let axis = link.axis(1)?;
 //! println!("{}, {}", axis.profile().title, axis.identified());

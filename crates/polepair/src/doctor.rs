@@ -4,7 +4,7 @@
 //! turns a motor.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use polepair::doctor::{Grade, DoctorOptions, check_link};
 //! let connector = polepair::Connector::default();
 //! let mut checks = Vec::new();

@@ -1,7 +1,7 @@
 //! Events of a link: values that drives send by themselves, faults, restarts, a lost link.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use std::time::Duration;
 //! let link = polepair::connect_local("sim:tmcl?time=virtual")?;
 //! let events = link.events()?;

@@ -1,7 +1,7 @@
 //! One axis interface for every link: an axis on a wire of this program, and an axis of a running gateway.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let link = polepair::connect("sim:tmcl?time=virtual")?; // or "ws://127.0.0.1:7365"
 //! let axis = link.axis(1)?;
 //! println!("{}: {}", axis.label(), axis.get("max current")?);

@@ -1,7 +1,7 @@
 //! Controls motor drives of several makers, and simulates them.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let link = polepair::connect("sim:tmcl?axes=2&time=virtual")?;
 //! for axis in link.axes() {
 //!     println!("{}: {}", axis.label(), axis.facts().title);

@@ -1,7 +1,7 @@
 //! Listens to a link without sending.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let connector = polepair::Connector::default(); // `with_taps` gives it taps
 //! let listening = connector.listen("sim:tmcl+can")?;
 //! assert_eq!(listening.wires()[0].protocols, ["tmcl"]);

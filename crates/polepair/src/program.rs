@@ -292,7 +292,7 @@ mod tests {
     }
 
     fn source(origin: u16) -> AssemblyContext<'static> {
-        let profile = polepair_core::drives::profiles().iter().find(|p| p.protocol == "tml");
+        let profile = polepair_drives::profiles().iter().find(|p| p.protocol == "tml");
         AssemblyContext { language: language(), profile: profile.copied(), origin }
     }
 

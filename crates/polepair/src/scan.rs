@@ -1,7 +1,7 @@
 //! Finds drives, by reads only.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use polepair::scan::scan;
 //! let connector = polepair::Connector::default();
 //! let scan = scan(&connector, "sim:tmcl?axes=2&time=virtual", 1..=4, &mut |_| std::ops::ControlFlow::Continue(()))?;

@@ -2,7 +2,7 @@
 //!
 //! ```
 //! use polepair::simulate::{self, SimulationPace};
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let rack = simulate::rack_of_words(&["tmcl:1,2"], 7)?;
 //! let simulation = simulate::Simulation::new(&rack, 7, SimulationPace::Virtual)?;
 //! assert_eq!(simulation.links(), 1);
@@ -25,11 +25,11 @@ use crate::url::AxisNumber;
 use crate::wire::AnyLink;
 pub use act::{ACTS, ActKind, ActValue, act_of_value, parse_act, parse_act_value};
 pub use drive_line::{DriveLine, drive_lines};
-use polepair_core::drives::bench::{Act, BenchControl, GroundTruth};
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::proto::{self, drive_address, sub_axis};
 use polepair_core::time::Instant;
+use polepair_drives::bench::{Act, BenchControl, GroundTruth};
 use polepair_link::clock;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::SerialFaults;

@@ -5,7 +5,7 @@
 //! modules; then all are awaited together.
 //!
 //! ```
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use polepair::stop::StopOptions;
 //! let connector = polepair::Connector::default();
 //! let stopped =

@@ -8,7 +8,7 @@ use polepair_core::explain::{
     WireKind,
 };
 use polepair_core::medium::STREAM_UNIT_MAX;
-use polepair_core::{drives, proto};
+use polepair_core::proto;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyString, PyTuple};
@@ -58,7 +58,7 @@ impl Codec {
             Some("can") => WireKind::Can,
             Some(_) => return Err(PyValueError::new_err("via is serial, rs485 or can")),
         };
-        let profile = drives::usual_profile(dissector);
+        let profile = polepair_drives::usual_profile(dissector);
         let addressing =
             EncodeOptions { axis, groups: false, to_host: false, host, profile, wire: via };
         Ok(Self { dissector, addressing, cache: PyDict::new(py).unbind() })

@@ -4,7 +4,7 @@ use polepair::faults;
 use polepair_capture::{Explanation, RecordData, parse_log_line};
 use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::Profile;
-use polepair_core::{drives, proto};
+use polepair_core::proto;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -47,7 +47,7 @@ pub fn explain<'py>(
         FrameInput::Line(text) => parse_frame(py, &text)?,
     };
     let direction = to_drive.map(|to| if to { Direction::ToDrive } else { Direction::ToHost });
-    let profile = profile.or_else(|| drives::usual_profile(dissector));
+    let profile = profile.or_else(|| polepair_drives::usual_profile(dissector));
     let context = Context { direction, profile, id, extended, remote, ..Context::default() };
     let mut explained = Explanation::default();
     dissector.explain(&bytes, &context, &mut explained);
@@ -68,7 +68,7 @@ pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<CodeTu
         Some(profile) => vec![profile],
         None => {
             let speaks = |p: &&&Profile| dissector.name().starts_with(p.protocol);
-            drives::profiles().iter().filter(speaks).copied().collect()
+            polepair_drives::profiles().iter().filter(speaks).copied().collect()
         }
     };
     speakers.dedup_by_key(|profile| profile.family);
@@ -86,7 +86,8 @@ fn find_subject(
     if let Some(dissector) = proto::find_dissector(subject) {
         return Ok((dissector, None));
     }
-    let product = drives::profiles().iter().find(|p| p.name == subject || p.family == subject);
+    let product =
+        polepair_drives::profiles().iter().find(|p| p.name == subject || p.family == subject);
     let product = product.copied().or_else(|| polepair::profile::find_shipped(subject));
     let speaks = |p: &&'static Profile| {
         let mut all = proto::dissectors().iter().copied();

@@ -9,7 +9,7 @@
 //! use polepair_serve::bench::{Bench, BenchOptions};
 //! use polepair_serve::message::LeaseAction;
 //! use std::time::Duration;
-//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default())?;
 //! let mut lease = bench.request_lease(0, &"ann".into(), LeaseAction::Take, 0);
 //! bench.advance_time(Duration::from_millis(1));
@@ -57,9 +57,9 @@ use std::time::Duration;
 use polepair::Connector;
 use polepair::simulate::Simulation;
 use polepair_core::axis::{Command, Verb};
-use polepair_core::drives::bench::GroundTruth;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
+use polepair_drives::bench::GroundTruth;
 use serde_json::json;
 use tokio::sync::{broadcast, oneshot};
 

@@ -3,7 +3,6 @@
 //!
 //! `cargo run --release -p polepair-sim --example paths [SECONDS]`
 
-use polepair_core::drives;
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::proto::tml::online::{OnlineMessage, PvtPoint};
 use polepair_core::proto::tml::technocan;
@@ -25,7 +24,8 @@ fn main() {
     let seconds: u32 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(20);
     let mut world = World::new(1);
     let bus = world.add_can(CanLine { bit_rate: 1_000_000 });
-    let Some(profile) = drives::profiles().iter().find(|p| p.name == "technosoft-f514l") else {
+    let Some(profile) = polepair_drives::profiles().iter().find(|p| p.name == "technosoft-f514l")
+    else {
         return;
     };
     let drives: Vec<_> = (1..=AXES)

@@ -5,7 +5,6 @@
 
 use polepair_core::axis::Command;
 use polepair_core::axis::Verb;
-use polepair_core::drives;
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
@@ -51,7 +50,7 @@ fn add_host_and_drive(
     product: &str,
 ) -> Option<(NodeId, ParameterId)> {
     let host_protocol = host::protocols().into_iter().find(|p| p.name == protocol)?;
-    let profile = drives::profiles().iter().copied().find(|p| p.name == product)?;
+    let profile = polepair_drives::profiles().iter().copied().find(|p| p.name == product)?;
     let wire = world.add_serial(SerialWireConfig { baud: Some(BAUD), ..SerialWireConfig::RS232 });
     let mut spec = RackDrive::new(profile, protocol);
     spec.address = Some(host_protocol.first_address);

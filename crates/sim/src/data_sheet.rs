@@ -10,11 +10,11 @@ mod tests;
 
 pub use device::DataSheetDevice;
 
-use polepair_core::drives::cia402::objects::{DICTIONARY, Objects};
 use polepair_core::proto::canopen::device::is_protocol_object;
 use polepair_core::proto::canopen::od::{
     DefaultValue, Dictionary, ObjectAccess, ObjectEntry, PROTOCOL_TAG, ValueType,
 };
+use polepair_drives::cia402::objects::{DICTIONARY, Objects};
 
 /// Entries of a sheet at most.
 pub const ENTRIES_MAX: usize = 32_000;
@@ -120,7 +120,7 @@ impl DataSheet {
             let offset = axis * AXIS_STEP;
             let turn = number((INCREMENTS.0 + offset, INCREMENTS.1));
             let turn = turn.and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0);
-            let turn = turn.unwrap_or(polepair_core::drives::cia402::objects::INCREMENTS as u32);
+            let turn = turn.unwrap_or(polepair_drives::cia402::objects::INCREMENTS as u32);
             let its = |entry: &ObjectEntry| entry.tag / AXIS_TAGS == axis;
             let values = listed.iter().zip(&entries).filter(|(_, entry)| its(entry));
             let values =

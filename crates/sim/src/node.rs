@@ -4,11 +4,11 @@
 //! [`Station`] on one medium; a node has one station for each of its ports.
 
 use polepair_core::axis::{AnyLane, Axes};
-use polepair_core::drives::SimulatedDevice;
-use polepair_core::drives::bench::{Act, BenchControl};
 use polepair_core::medium::{Can, Stream};
 use polepair_core::station::{Station, Timed};
 use polepair_core::time::{Instant, earliest};
+use polepair_drives::SimulatedDevice;
+use polepair_drives::bench::{Act, BenchControl};
 
 /// What a world holds: an object with ports.
 pub trait SimNode: Timed + Send {

@@ -1,14 +1,14 @@
 //! Builds simulated drives on links from a description.
 //!
 //! The description is plain data, made by the crate that reads rack files. A family of drives is added in
-//! `drives::visit_families`.
+//! `polepair_drives::visit_families`.
 
-use polepair_core::drives::bench::Act;
-use polepair_core::drives::{self, DeviceOptions, Family};
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 use polepair_core::time::Instant;
+use polepair_drives::bench::Act;
+use polepair_drives::{self, DeviceOptions, Family};
 use std::sync::Arc;
 
 use crate::data_sheet::{self, DataSheet};
@@ -281,7 +281,7 @@ impl RackDrive {
             extra: &extra,
         };
         let mut maker = RackDeviceBuilder { profile: self.profile, options, built: None };
-        drives::visit_families(&mut maker);
+        polepair_drives::visit_families(&mut maker);
         maker.built.unwrap_or(Err(RackError::NoSuchDrive { profile: self.profile.name }))
     }
 
@@ -362,7 +362,7 @@ struct RackDeviceBuilder<'a> {
     built: Option<Result<Box<dyn SimNode>, RackError>>,
 }
 
-impl drives::FamilyVisitor for RackDeviceBuilder<'_> {
+impl polepair_drives::FamilyVisitor for RackDeviceBuilder<'_> {
     fn visit_family<F: Family>(&mut self) {
         if F::NAME != self.profile.family || self.built.is_some() {
             return;

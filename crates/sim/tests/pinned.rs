@@ -6,14 +6,13 @@
 //! A program of its own: it alone is built for release as well.
 
 use polepair_core::axis::{Axes, Command, Verb};
-use polepair_core::drives;
-use polepair_core::drives::bench::GroundTruth;
 use polepair_core::error::Outcome;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::ParameterId;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
+use polepair_drives::bench::GroundTruth;
 use polepair_sim::can_bus::{CanFaults, InjectedCanFaults};
 use polepair_sim::fault::{InjectedSerialFaults, SerialFaults};
 use polepair_sim::host;
@@ -72,7 +71,8 @@ struct WorldPart {
 
 impl WorldPart {
     fn new(world: &mut World, protocol: &str, product: &str, set: SerialWireConfig) -> Self {
-        let profile = drives::profiles().iter().find(|p| p.name == product).expect(product);
+        let profile =
+            polepair_drives::profiles().iter().find(|p| p.name == product).expect(product);
         let host_protocol =
             host::protocols().into_iter().find(|p| p.name == protocol).expect(protocol);
         let wire = world.add_serial(set);
@@ -94,7 +94,8 @@ impl WorldPart {
         (word, product, address): (&str, &str, u32),
         options: &[(&str, &str)],
     ) -> Self {
-        let profile = drives::profiles().iter().find(|p| p.name == product).expect(product);
+        let profile =
+            polepair_drives::profiles().iter().find(|p| p.name == product).expect(product);
         let mut spec = RackDrive::new(profile, word);
         spec.address = Some(address);
         spec.extra =

@@ -5,8 +5,8 @@ mod tests;
 
 use std::time::Duration;
 
-use polepair_core::drives::bench::GroundTruth;
 use polepair_core::time::Instant;
+use polepair_drives::bench::GroundTruth;
 use polepair_serve::message::StopClass;
 
 use crate::drives::DriveKind;

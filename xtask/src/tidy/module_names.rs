@@ -11,10 +11,9 @@ pub(crate) struct ModuleNames {
 
 impl ModuleNames {
     pub(crate) fn load(root: &Path) -> Self {
-        let source = root.join("crates/core/src");
         Self {
-            protocols: folders(&source.join("proto")),
-            families: folders(&source.join("drives")),
+            protocols: folders(&root.join("crates/core/src/proto")),
+            families: folders(&root.join("crates/drives/src")),
         }
     }
 

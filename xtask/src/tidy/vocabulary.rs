@@ -39,7 +39,7 @@ impl Vocabulary {
         if location.is_test || generated {
             return;
         }
-        let specific = path.contains("/proto/") || path.contains("/drives/");
+        let specific = path.contains("/proto/") || path.starts_with("crates/drives/");
         NameVisitor { vocabulary: self, path, specific, in_trait_impl: false }.visit_file(&file);
     }
 

@@ -1,7 +1,6 @@
 //! Selects the protocol of a CAN frame by the rules, and caches it for identifiers whose frames all have
 //! the same protocol.
 
-use polepair_core::drives;
 use polepair_core::error::WireError;
 use polepair_core::explain::{Context, Direction, Dissector, RawFrame};
 use polepair_core::medium::Frame;
@@ -203,7 +202,7 @@ impl RuleExplainer {
         let context = Context {
             request: request.map(|request| request.bytes),
             request_id: request.and_then(|request| request.id),
-            profile: stated.or_else(|| drives::assumed_profile(rule.dissector)),
+            profile: stated.or_else(|| polepair_drives::assumed_profile(rule.dissector)),
             profile_assumed: stated.is_none(),
             ..*context
         };

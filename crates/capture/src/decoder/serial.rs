@@ -1,6 +1,5 @@
 //! Decodes bytes of serial lines: cuts them into frames, and finds echoes and requests of other hosts.
 
-use polepair_core::drives;
 use polepair_core::error::WireError;
 use polepair_core::explain::{Context, ConversationContext, Direction, Dissector, RawFrame};
 
@@ -98,7 +97,7 @@ impl CaptureDecoder {
         let answered = rule.filter(|_| reply && !echo);
         let request = answered.and_then(|rule| conversation.find_request(rule.dissector, &raw));
         let stated = rule.and_then(|rule| self.profiles.for_frame(rule.dissector, &raw, speaker));
-        let usual = || drives::assumed_profile(rule?.dissector);
+        let usual = || polepair_drives::assumed_profile(rule?.dissector);
         let profile = stated.or_else(usual);
         let context = Context {
             direction: speaker,

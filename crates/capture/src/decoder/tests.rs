@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use polepair_core::drives::cia402::profile::CIA402;
+use polepair_drives::cia402::profile::CIA402;
 
 use crate::text::{FrameTextWriter, NoticeLevel, TextStyle};
 use crate::{CaptureDecoder, DecodedFrame, FrameBatch, FrameRun, Rules, jsonl};

@@ -11,10 +11,10 @@ use clap::Args;
 use polepair::simulate::{self, DriveLine};
 use polepair::{Connector, LocalAxis, LocalLink};
 use polepair_capture::{CaptureDecoder, Rules, text};
-use polepair_core::drives::bench::Act;
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
+use polepair_drives::bench::Act;
 use polepair_link::serve::ServeThread;
 use polepair_link::tap::{Tap, TapDirection};
 use polepair_link::{ServeHandle, clock, pty::Pty};
@@ -441,7 +441,7 @@ mod tests {
     fn every_drive_of_the_scene_has_the_plans_it_plays() {
         for part in &DEMO_DRIVES {
             let name = part.drive.split(':').next().unwrap_or("");
-            let profile = polepair_core::drives::profiles().iter().find(|p| p.name == name);
+            let profile = polepair_drives::profiles().iter().find(|p| p.name == name);
             let profile = profile.expect("a profile");
             for verb in [Verb::Enable, Verb::Home, Verb::MoveBy, Verb::Velocity, Verb::Stop] {
                 assert!(profile.plan(verb).is_some(), "{name}: {}", verb.name());

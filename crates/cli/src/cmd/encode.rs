@@ -6,7 +6,7 @@ use polepair_core::explain::{
     Context, Direction, Dissector, EncodeError, EncodeOptions, EncodedFrame, RawFrame, TextError,
     WireKind,
 };
-use polepair_core::{drives, proto};
+use polepair_core::proto;
 
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::{DataOutput, print_warning};
@@ -103,7 +103,8 @@ impl Encode {
             return Err(Problem::usage("E245", format!("{} has no {what}.", dissector.name())));
         }
         let axis = self.axis.map(|axis| axis.id);
-        let profile = self.named_by.profile()?.or_else(|| drives::usual_profile(dissector));
+        let profile =
+            self.named_by.profile()?.or_else(|| polepair_drives::usual_profile(dissector));
         let addressing =
             EncodeOptions { axis, groups, to_host, host: self.host, profile, wire: via };
         let mut out = DataOutput::stdout();

@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use polepair_capture::{Explanation, ExplanationField, ExplanationValue, parse_log_line};
 use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::{Fault, Profile, Severity};
-use polepair_core::{drives, proto};
+use polepair_core::proto;
 
 use crate::outcome::faults;
 use crate::problem::{self, Exit, Problem, Result};
@@ -110,7 +110,7 @@ impl ExplainSubject {
             return Ok(Self::Protocol(dissector));
         }
         let known = |profile: &&&Profile| profile.name == name || profile.family == name;
-        let profile = drives::profiles().iter().find(known).copied();
+        let profile = polepair_drives::profiles().iter().find(known).copied();
         let profile = profile.or_else(|| polepair::profile::find_shipped(name));
         profile.map(Self::Drive).ok_or_else(|| problem::no_such_protocol(name))
     }
@@ -118,7 +118,7 @@ impl ExplainSubject {
     /// The profile that has the names.
     fn naming_profile(&self) -> Option<&'static Profile> {
         match self {
-            Self::Protocol(dissector) => drives::usual_profile(*dissector),
+            Self::Protocol(dissector) => polepair_drives::usual_profile(*dissector),
             Self::Drive(profile) => Some(profile),
         }
     }
@@ -140,7 +140,8 @@ impl ExplainSubject {
             Self::Drive(profile) => vec![profile],
             Self::Protocol(dissector) => {
                 let speaks = |p: &&&Profile| dissector.name().starts_with(p.protocol);
-                let mut profiles: Vec<_> = drives::profiles().iter().filter(speaks).collect();
+                let mut profiles: Vec<_> =
+                    polepair_drives::profiles().iter().filter(speaks).collect();
                 profiles.dedup_by_key(|profile| profile.family);
                 profiles.into_iter().copied().collect()
             }

@@ -7,9 +7,9 @@ use std::time::Duration;
 use polepair::simulate::Simulation;
 use polepair::wire::AnyLink;
 use polepair::{Connector, LocalAxis};
-use polepair_core::drives::bench::GroundTruth;
 use polepair_core::medium::Medium;
 use polepair_core::time::Instant;
+use polepair_drives::bench::GroundTruth;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
 
 /// After so long a wire that comes back is well: less than a stop is said again for.

@@ -65,6 +65,3 @@ impl Effect {
         }
     }
 }
-
-#[cfg(test)]
-mod tests;

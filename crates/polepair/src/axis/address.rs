@@ -4,7 +4,6 @@ use super::LocalAxis;
 use crate::error::Error;
 use crate::profile::generic_profile;
 use crate::spelling;
-use polepair_core::drives;
 use polepair_core::error::Unsupported;
 use polepair_core::explain::{Dissector, TextError};
 use polepair_core::profile::{
@@ -142,7 +141,7 @@ fn new_description(
     dissector: &dyn Dissector,
     address: &ParameterAddress,
 ) -> Parameter {
-    let shipped = || drives::profiles().iter().copied();
+    let shipped = || polepair_drives::profiles().iter().copied();
     let generic = generic_profile(dissector.name());
     let standards = dissector
         .standard_profiles()

@@ -6,7 +6,6 @@ use crate::error::Error;
 use crate::profile::argument_word;
 use crate::{mounting, quantity};
 use polepair_core::axis::Verb;
-use polepair_core::drives;
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{AxisKind, Parameter, Profile};
 use polepair_core::units::Unit;
@@ -87,7 +86,7 @@ impl LocalAxis {
     #[must_use]
     pub fn missing_for(&self, verb: Verb, which: Option<Argument>) -> String {
         let of_family = |profile: &&&Profile| profile.name == self.profile.family;
-        let family = drives::profiles().iter().find(of_family);
+        let family = polepair_drives::profiles().iter().find(of_family);
         let Some((family, plan)) = family.and_then(|family| Some((family, family.plan(verb)?)))
         else {
             return String::new();

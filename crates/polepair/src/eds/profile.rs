@@ -60,7 +60,7 @@ fn base_profile(eds: &Eds) -> Option<&'static Profile> {
     let is_drive = kind & 0xFFFF == 402 || (kind == 0 && eds.object(0x6040).is_some());
     let name = if is_drive { BASE_PROFILES.1 } else { BASE_PROFILES.0 };
     let generic = crate::registry::protocols().into_iter().map(|protocol| protocol.generic);
-    let mut all = polepair_core::drives::profiles().iter().copied().chain(generic);
+    let mut all = polepair_drives::profiles().iter().copied().chain(generic);
     all.find(|profile| profile.name == name)
 }
 

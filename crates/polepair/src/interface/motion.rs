@@ -37,7 +37,7 @@ pub struct MotionState {
 ///
 /// ```
 /// # use polepair_core::{axis::{Command, Verb}, drives};
-/// # if drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+/// # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 /// use polepair::interface::MotionMonitor;
 /// use std::time::Duration;
 ///
@@ -195,7 +195,7 @@ mod tests {
 
     /// A motor of a simulation.
     fn monitor() -> Option<MotionMonitor> {
-        let has = polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl");
+        let has = polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl");
         let link = has.then(|| crate::connect("sim:tmcl?time=virtual").expect("a simulation"))?;
         let command = Command { velocity: Some(10.0), ..Command::new(Verb::Velocity) };
         Some(MotionMonitor::new(&link.axis(1).expect("its axis"), &command))

@@ -3,7 +3,6 @@
 //! The files are in `profiles/trinamic`. `cargo xtask pytrinamic` makes them.
 
 use super::parse;
-use polepair_core::drives;
 use polepair_core::profile::Profile;
 
 /// A module of the catalogue.
@@ -35,7 +34,7 @@ static MODULES: &[Listed] = modules![
     1617 1630 1633 1636 1637 1638 1640 1670 1690 2611 3110 3216 3312 3351 6212 6214
 ];
 
-/// Modules that have a profile beside those of [`polepair_core::drives::profiles`].
+/// Modules that have a profile beside those of [`polepair_drives::profiles`].
 ///
 /// ```
 /// let module = polepair::profile::catalogue().iter().find(|module| module.name == "tmcm-1160").unwrap();
@@ -74,13 +73,13 @@ impl Listed {
 /// ```
 #[must_use]
 pub fn find_shipped(name: &str) -> Option<&'static Profile> {
-    let built_in = drives::profiles().iter().find(|profile| profile.name == name);
+    let built_in = polepair_drives::profiles().iter().find(|profile| profile.name == name);
     built_in.copied().or_else(|| find_listed(name).map(Listed::profile))
 }
 
 /// Every profile that comes with this library: those that are compiled in, then the catalogue's.
 pub fn shipped_profiles() -> impl Iterator<Item = &'static Profile> {
-    drives::profiles().iter().copied().chain(MODULES.iter().map(Listed::profile))
+    polepair_drives::profiles().iter().copied().chain(MODULES.iter().map(Listed::profile))
 }
 
 /// The module of that name.

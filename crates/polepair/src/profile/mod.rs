@@ -147,7 +147,7 @@ impl BaseProfiles {
         if let Some(path) = self.base_file(&name.value) {
             return self.read_draft(&path.display().to_string(), &read_text(&path)?, depth);
         }
-        let known = polepair_core::drives::profiles();
+        let known = polepair_drives::profiles();
         if let Some(profile) = known.iter().find(|profile| profile.name == name.value) {
             return Ok(Draft::from_profile(profile));
         }

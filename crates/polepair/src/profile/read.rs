@@ -8,11 +8,11 @@ use super::{blocks, memory_map};
 use crate::spelling;
 use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
 use polepair_core::axis::Verb;
-use polepair_core::drives::scale_rules;
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, Persistence, ScaleRule, Severity, Signal,
 };
 use polepair_core::units::Unit;
+use polepair_drives::scale_rules;
 
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;

@@ -81,8 +81,7 @@ fn most_similar_profile(entries: &[memory_map::MapEntry<'_>]) -> Option<&'static
         let same = |p: &&Parameter| places.contains(&(fold(p.symbol), p.index));
         profile.parameters.iter().filter(same).count()
     };
-    let memories =
-        polepair_core::drives::profiles().iter().filter(|p| p.protocol == MEMORY_PROTOCOL);
+    let memories = polepair_drives::profiles().iter().filter(|p| p.protocol == MEMORY_PROTOCOL);
     // Of equals the first: maps share most of their names.
     let best = memories.rev().max_by_key(common).copied()?;
     (common(&&best) > 0).then_some(best)
@@ -131,7 +130,7 @@ pub fn write_setup(profile: &Profile, path: &Path) -> Result<(), FileError> {
 mod tests {
     use super::{ARCHIVE_MAX, name_from_path, write_setup};
     use crate::profile::load;
-    use polepair_core::drives::profiles;
+    use polepair_drives::profiles;
     use std::io::Write;
     use std::path::{Path, PathBuf};
     use zip::write::SimpleFileOptions;

@@ -36,7 +36,7 @@ fn family_plan(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
         draft.plans.iter().filter(|plan| profile.plan(plan.verb).is_some()).count()
     };
     let mut products: Vec<&'static Profile> =
-        polepair_core::drives::profiles().iter().copied().filter(family).collect();
+        polepair_drives::profiles().iter().copied().filter(family).collect();
     products.sort_by_key(|profile| std::cmp::Reverse(alike(profile)));
     let there = AvailableParameters::from_draft(draft);
     products.into_iter().chain(generic).find_map(|profile| {

@@ -267,7 +267,7 @@ fn a_file_extends_another_file_of_its_folder() {
 
 #[test]
 fn a_shipped_profile_can_be_extended() {
-    for profile in polepair_core::drives::profiles() {
+    for profile in polepair_drives::profiles() {
         let text = format!("name = \"mine\"\nextends = \"{}\"\n", profile.name);
         let mine = parse("mine.toml", &text).unwrap();
         assert_eq!(mine.parameters.len(), profile.parameters.len());
@@ -354,7 +354,7 @@ fn a_bad_map_names_its_line() {
 
 #[test]
 fn both_firmwares_of_technosoft_have_every_verb_and_reading() {
-    let shipped = polepair_core::drives::profiles().iter().filter(|p| p.family == "technosoft");
+    let shipped = polepair_drives::profiles().iter().filter(|p| p.family == "technosoft");
     let counts: Vec<_> =
         shipped.map(|p| (p.plans.len(), p.signals.len(), p.faults.len())).collect();
     assert_eq!(counts.len(), 2);
@@ -404,7 +404,7 @@ fn no_motion_is_offered_where_there_is_no_stop() {
     let text = GOOD.split("[plans.stop]").next().unwrap();
     let profile = parse("good.toml", text).unwrap();
     assert!(profile.plan(Verb::Velocity).is_none() && profile.plan(Verb::Stop).is_none());
-    for profile in polepair_core::drives::profiles() {
+    for profile in polepair_drives::profiles() {
         let moves = profile.plans.iter().any(|plan| plan.verb.needs_arming());
         assert!(!moves || profile.plan(Verb::Stop).is_some(), "{}", profile.name);
     }

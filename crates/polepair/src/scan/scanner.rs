@@ -28,7 +28,7 @@ const MISADDRESSED_MIN: usize = 2;
 /// for one address at most; and where `broken` says that somebody cannot wait, for one question.
 ///
 /// ```
-/// # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+/// # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 /// use polepair::scan::DriveScanner;
 /// let connector = polepair::Connector::default();
 /// let link = connector.connect_local("sim:tmcl?axes=3&time=virtual#1")?;

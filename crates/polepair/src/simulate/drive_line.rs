@@ -2,10 +2,10 @@
 
 use super::RackDescription;
 use crate::error::Error;
-use polepair_core::drives::bench::{Act, BenchControl};
 use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
+use polepair_drives::bench::{Act, BenchControl};
 use polepair_link::{LinkIo, LinkWaker, ServeThread};
 use polepair_sim::fault::SerialFaults;
 use polepair_sim::rack::RackWire;

@@ -1,8 +1,8 @@
 //! The host's end of a simulated wire as a link. All ends share one world.
 
-use polepair_core::drives::bench::BenchControl;
 use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use polepair_core::time::Instant;
+use polepair_drives::bench::BenchControl;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received, clock};
 use polepair_sim::world::{EndId, NodeId, WireId, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -21,7 +21,7 @@ pub fn words() -> Vec<String> {
 fn usual_words() -> Vec<String> {
     let protocols = registry::protocols();
     let protocols = protocols.iter().map(registry::ProtocolInfo::unique_word);
-    let products = polepair_core::drives::profiles().iter().map(|profile| profile.name.to_owned());
+    let products = polepair_drives::profiles().iter().map(|profile| profile.name.to_owned());
     protocols.chain(products).collect()
 }
 
@@ -48,7 +48,7 @@ fn find_product(
     name: &str,
     medium: Option<MediumKind>,
 ) -> Option<(&'static Profile, registry::ProtocolInfo)> {
-    let profiles = polepair_core::drives::profiles();
+    let profiles = polepair_drives::profiles();
     let mut names = registry::protocols();
     names.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
     let of_protocol = names.iter().find(|protocol| protocol.name == name).and_then(|protocol| {

@@ -6,8 +6,8 @@ use polepair::simulate::SimulatedMotor;
 use polepair::stop::{self, StopOptions};
 use polepair::url::AxisNumber;
 use polepair::{Connector, connect_local};
-use polepair_core::drives::bench::Act;
 use polepair_core::profile::Signal;
+use polepair_drives::bench::Act;
 use std::f64::consts::TAU;
 use std::time::Duration;
 

@@ -88,7 +88,7 @@ fn each_drive_does_in_silence_what_the_table_says() {
 fn every_family_on_every_medium_has_a_line() {
     let lines = lines();
     let mut left: Vec<&str> = Vec::new();
-    for profile in polepair_core::drives::profiles() {
+    for profile in polepair_drives::profiles() {
         let moves = profile.plans.iter().any(|plan| plan.verb.needs_arming());
         let reported =
             lines.iter().any(|line| open(line).axes()[0].profile().family == profile.family);

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use polepair::axis::{STOP_RETRY_MAX, StopProgress, StopSequence, stop_with_retry};
 use polepair::{Error, LocalLink, connect_local};
-use polepair_core::drives::bench::Act;
+use polepair_drives::bench::Act;
 
 /// Drives whose stop waits for nothing that is measured.
 const BLIND: [&str; 3] =

@@ -8,7 +8,6 @@ use polepair::simulate::Simulation;
 use polepair::wire::OpenWire;
 use polepair::{Connector, Error, LocalAxis};
 use polepair_capture::{CaptureDecoder, Rules};
-use polepair_core::drives;
 use polepair_core::medium::MediumKind;
 use polepair_core::proto::drive_address;
 use polepair_link::Cause;
@@ -199,7 +198,7 @@ fn is_transient(error: &Error) -> bool {
 fn rack() -> Vec<String> {
     let mut families: Vec<&str> = Vec::new();
     let mut urls = Vec::new();
-    for profile in drives::profiles() {
+    for profile in polepair_drives::profiles() {
         if !families.contains(&profile.family) {
             families.push(profile.family);
             urls.push(format!("sim:{}", profile.name));

@@ -1,10 +1,6 @@
 //! The device: its end of the bus, its objects, and the drive, if any.
 
 use super::{AXIS_TAGS, DataSheet, DataSheetAxis, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
-use polepair_core::drives;
-use polepair_core::drives::bench::{Act, BenchControl, GroundTruth};
-use polepair_core::drives::cia402::drive::Drive;
-use polepair_core::drives::cia402::objects::stored;
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::proto::canopen::device::{CanEndpoint, Firmware, Quirks, SettingsGroup};
 use polepair_core::proto::canopen::emcy::Emergency;
@@ -13,6 +9,9 @@ use polepair_core::proto::canopen::od::Dictionary;
 use polepair_core::proto::canopen::sdo::AbortCode;
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::{Instant, earliest};
+use polepair_drives::bench::{Act, BenchControl, GroundTruth};
+use polepair_drives::cia402::drive::Drive;
+use polepair_drives::cia402::objects::stored;
 use std::sync::Arc;
 
 /// Bytes that one object takes at most.
@@ -311,7 +310,7 @@ impl Timed for DataSheetDevice {
     }
 }
 
-impl drives::SimulatedDevice for DataSheetDevice {
+impl polepair_drives::SimulatedDevice for DataSheetDevice {
     fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         Some(self)
     }

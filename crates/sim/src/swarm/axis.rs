@@ -4,11 +4,11 @@
 mod tests;
 
 use polepair_core::axis::{Command, Verb};
-use polepair_core::drives::bench::GroundTruth;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{AxisKind, Encoding, ParameterId, Profile, Signal};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
+use polepair_drives::bench::GroundTruth;
 
 use super::inert::InertParameter;
 use super::observer::{MotionObserver, MotionViolation};

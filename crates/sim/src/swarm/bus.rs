@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 
-use polepair_core::drives;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
@@ -92,7 +91,8 @@ impl Scenario {
     }
 
     fn draw_drives(&mut self, wire: WireId, random: &mut Random) -> Vec<PlannedDrive> {
-        let speaks = |p: &HostProtocol| drives::profiles().iter().any(|d| d.protocol == p.profile);
+        let speaks =
+            |p: &HostProtocol| polepair_drives::profiles().iter().any(|d| d.protocol == p.profile);
         let protocols = host::protocols().into_iter();
         let names: Vec<_> =
             protocols.filter(|p| p.medium == MediumKind::Can && speaks(p)).collect();
@@ -102,7 +102,8 @@ impl Scenario {
         for n in 0..random.between(1, DRIVES_MAX) as u32 {
             let host_protocol = random.pick(&names);
             let speaks = |p: &&Profile| p.protocol == host_protocol.profile;
-            let products: Vec<_> = drives::profiles().iter().copied().filter(speaks).collect();
+            let products: Vec<_> =
+                polepair_drives::profiles().iter().copied().filter(speaks).collect();
             let mut spec = RackDrive::new(random.pick(&products), host_protocol.name);
             // Odd steps leave room for what hosts have between the drives.
             (spec.address, spec.seed) =

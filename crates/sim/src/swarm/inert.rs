@@ -8,13 +8,13 @@ use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock};
 
 use polepair_core::axis::{Axes, Command, Verb};
-use polepair_core::drives::bench::Act;
 use polepair_core::error::Outcome;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::plan::{Compare, Step};
 use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
 use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
+use polepair_drives::bench::Act;
 
 use crate::host::{self, HostProtocol};
 use crate::rack::RackDrive;

@@ -5,9 +5,9 @@
 #[cfg(test)]
 mod tests;
 
-use polepair_core::drives::bench::{GroundTruth, ServoBounds};
 use polepair_core::plant::TICK_S;
 use polepair_core::time::Instant;
+use polepair_drives::bench::{GroundTruth, ServoBounds};
 
 /// The loops of a drive may overshoot a speed by this share of the step to it, and by so many rad/s. A PI
 /// loop that is critically damped overshoots a step by e⁻² of it (`Gains::tuned`): its answer to a step is

@@ -1,13 +1,12 @@
 //! The world of one seed: its content, its faults and their times.
 
-use polepair_core::drives;
-use polepair_core::drives::bench::Act;
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
 use polepair_core::proto::tml::host::REPLY_TIMEOUT_MS;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
+use polepair_drives::bench::Act;
 
 use super::axis::SwarmAxis;
 use super::host_user::HostUser;
@@ -292,8 +291,11 @@ impl Scenario {
     }
 
     fn add_link(&mut self, protocol: &HostProtocol, random: &mut Random) {
-        let products: Vec<_> =
-            drives::profiles().iter().copied().filter(|p| p.protocol == protocol.profile).collect();
+        let products: Vec<_> = polepair_drives::profiles()
+            .iter()
+            .copied()
+            .filter(|p| p.protocol == protocol.profile)
+            .collect();
         if products.is_empty() {
             return;
         }

@@ -7,7 +7,6 @@
 use std::collections::HashSet;
 
 use polepair_core::axis::{Command, Verb};
-use polepair_core::drives::{self, bench::GroundTruth};
 use polepair_core::error::Outcome;
 use polepair_core::explain::{Context, Direction, Dissector, ExplainSink, Field, FrameBoundary};
 use polepair_core::medium::{MediumKind, STREAM_UNIT_MAX};
@@ -15,6 +14,7 @@ use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::proto::{self, HostOptions};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
+use polepair_drives::{self, bench::GroundTruth};
 use polepair_sim::host::{self, HostProtocol};
 use polepair_sim::node::SimNode;
 use polepair_sim::rack::RackDrive;
@@ -279,7 +279,8 @@ fn pairs() -> Vec<(HostProtocol, &'static dyn Dissector, &'static Profile)> {
     let mut all = Vec::new();
     for protocol in host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial) {
         let dissector = proto::find_dissector(protocol.name).expect("every host has a dissector");
-        let products = drives::profiles().iter().filter(|p| p.protocol == protocol.profile);
+        let products =
+            polepair_drives::profiles().iter().filter(|p| p.protocol == protocol.profile);
         all.extend(products.map(|profile| (protocol, dissector, *profile)));
     }
     all

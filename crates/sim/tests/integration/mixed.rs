@@ -6,7 +6,6 @@
 //! takes an hour.
 
 use polepair_core::axis::{Axes, Command, Verb};
-use polepair_core::drives;
 use polepair_core::error::{Outcome, Unsupported};
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::profile::{Profile, Signal};
@@ -39,7 +38,7 @@ const PORT: u8 = 4;
 const STARBOARD: u8 = 5;
 
 fn profile(name: &str) -> &'static Profile {
-    drives::profiles().iter().find(|profile| profile.name == name).unwrap()
+    polepair_drives::profiles().iter().find(|profile| profile.name == name).unwrap()
 }
 
 /// What the protocol, the product and the number of each axis are.
@@ -336,7 +335,7 @@ impl Bus {
         }
     }
 
-    fn truth(&mut self, axis: u8) -> drives::bench::GroundTruth {
+    fn truth(&mut self, axis: u8) -> polepair_drives::bench::GroundTruth {
         let drive = self.drives[usize::from(axis)];
         self.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now))
     }

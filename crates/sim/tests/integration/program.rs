@@ -1,9 +1,6 @@
 //! Programs on their way into drives, in virtual time: on every wire, and with what goes wrong on it.
 
 use polepair_core::axis::{Axes, Command, ProgramEnd, Verb};
-use polepair_core::drives::bench::{Act, GroundTruth};
-use polepair_core::drives::technosoft::{Device, Technosoft};
-use polepair_core::drives::{DeviceOptions, Family};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::lane::{MemoryBlock, TransferKind};
 use polepair_core::medium::{CanLine, MediumKind};
@@ -13,6 +10,9 @@ use polepair_core::proto::tml::program::TmlLanguage;
 use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
+use polepair_drives::bench::{Act, GroundTruth};
+use polepair_drives::technosoft::{Device, Technosoft};
+use polepair_drives::{DeviceOptions, Family};
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::SerialFaults;
 use polepair_sim::host;

@@ -1,14 +1,14 @@
 //! Drives that speak at 9600 again, and a host that has its line's rate back.
 
 use polepair_core::axis::Axes;
-use polepair_core::drives::bench::Act;
-use polepair_core::drives::technosoft::{Device, Technosoft};
-use polepair_core::drives::{DeviceOptions, Family};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::MediumKind;
 use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
+use polepair_drives::bench::Act;
+use polepair_drives::technosoft::{Device, Technosoft};
+use polepair_drives::{DeviceOptions, Family};
 use polepair_sim::host;
 use polepair_sim::node::{DriveNode, SERIAL_PORT};
 use polepair_sim::serial_line::SerialWireConfig;

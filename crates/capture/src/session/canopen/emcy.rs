@@ -1,6 +1,5 @@
 //! Emergencies: active faults of a node, and emergencies that come too fast.
 
-use polepair_core::drives;
 use polepair_core::profile::{Fault as Known, Profile};
 use polepair_core::proto::canopen::emcy::{Emergency, class_text};
 use polepair_core::proto::canopen::explain::meanings;
@@ -52,7 +51,8 @@ impl FaultText {
     pub fn lookup(code: u32, short: bool, profile: Option<&'static Profile>) -> Self {
         let own = meanings::canopen_profile(profile);
         let inferred = short && own.is_none();
-        let usual = || drives::profiles().iter().copied().find(|known| known.name == SHORT_FORM);
+        let usual =
+            || polepair_drives::profiles().iter().copied().find(|known| known.name == SHORT_FORM);
         let book = if inferred { usual() } else { own };
         let known = book.and_then(|book| book.faults.iter().find(|fault| fault.code == code));
         match known {

@@ -4,7 +4,6 @@
 use core::fmt;
 use std::sync::Arc;
 
-use polepair_core::drives;
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::cob::Cob;
 use polepair_core::proto::canopen::explain::{default_mapping, meanings};
@@ -259,7 +258,7 @@ fn default_value(profile: Option<&'static Profile>, object: ObjectIndex) -> Opti
 
 /// Whether a profile is of a product and not of the device that a data sheet describes.
 fn is_built_in(profile: &'static Profile) -> bool {
-    drives::profiles().iter().any(|known| core::ptr::eq(*known, profile))
+    polepair_drives::profiles().iter().any(|known| core::ptr::eq(*known, profile))
 }
 
 /// The PDOs of a link.

@@ -211,8 +211,8 @@ impl fmt::Write for RemarkText<'_> {
 
 #[cfg(test)]
 mod tests {
-    use polepair_core::drives::cia402::profile::CIA402;
-    use polepair_core::drives::syntron_ts::profile::SYNTRON_TS_CANOPEN;
+    use polepair_drives::cia402::profile::CIA402;
+    use polepair_drives::syntron_ts::profile::SYNTRON_TS_CANOPEN;
 
     use super::{ObjectIndex, RemarkText, ValueText, meanings};
 

@@ -1,7 +1,6 @@
 //! Identifies the drive of a node by a value in the capture: object 1018h for a data sheet, or a register
 //! for a built-in profile.
 
-use polepair_core::drives;
 use polepair_core::profile::{Identity, IdentityQuery, Profile};
 use polepair_core::proto::canopen::explain::meanings;
 use polepair_core::proto::canopen::sdo::ObjectIndex;
@@ -58,7 +57,7 @@ impl NodeProduct {
         raw: i64,
         stated: Option<&'static Profile>,
     ) -> Option<(Self, InternedName)> {
-        let built_in = drives::profiles().iter().copied();
+        let built_in = polepair_drives::profiles().iter().copied();
         let says =
             |profile: &&'static Profile| matches_identity(profile, object, raw) == Some(true);
         if let Some(found) = stated.into_iter().chain(built_in).find(says) {

@@ -421,7 +421,7 @@ fn tml(online: &OnlineMessage, to: IdCode) -> Vec<u8> {
 
 fn encode_text(text: &str, axis: u32) -> Vec<u8> {
     let mut out = [0; 20];
-    let profile = polepair_core::drives::usual_profile(&SERIAL);
+    let profile = polepair_drives::usual_profile(&SERIAL);
     let addressing = EncodeOptions { axis: Some(axis), profile, ..EncodeOptions::default() };
     let encoded = SERIAL.encode(text, &addressing, &mut out).expect("TML");
     out[..encoded.len].to_vec()
@@ -503,7 +503,7 @@ fn planted_in_tml() {
 
 #[test]
 fn variables_of_tml_have_names_and_faults_words() {
-    let profile = polepair_core::drives::usual_profile(&SERIAL).expect("a profile");
+    let profile = polepair_drives::usual_profile(&SERIAL).expect("a profile");
     let mer = profile.parameters.iter().find(|p| p.symbol == "MER").expect("MER").index;
     let short = |value| {
         let cell = Cell::short(mer);

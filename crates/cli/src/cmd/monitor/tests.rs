@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use polepair::axis::{StopProgress, StopSequence};
 use polepair::{Connector, simulate};
-use polepair_core::drives::bench::Act;
 use polepair_core::profile::Signal;
+use polepair_drives::bench::Act;
 use polepair_link::{ServeThread, pty::Pty};
 use ratatui_core::backend::TestBackend;
 use ratatui_core::buffer::Buffer;

@@ -7,7 +7,7 @@ use polepair::LocalAxis;
 use polepair::program::{AssemblyContext, Program, is_software};
 use polepair_core::profile::Profile;
 use polepair_core::program::{MemoryKind, ProgramLanguage, TransferProgress, checksum};
-use polepair_core::{drives, proto};
+use polepair_core::proto;
 
 use super::{instructions, module_axis, parse_address};
 use crate::outcome;
@@ -142,7 +142,7 @@ impl Assemble {
         let speaks = |name: &str| named.is_none_or(|profile| profile.protocol == name);
         let found = proto::dissectors().iter().find_map(|dissector| {
             let language = dissector.program_language().filter(|_| speaks(dissector.language()))?;
-            Some((language, named.or_else(|| drives::usual_profile(*dissector))))
+            Some((language, named.or_else(|| polepair_drives::usual_profile(*dissector))))
         });
         found.ok_or_else(|| Problem::usage("E218", "This drive takes no programs."))
     }

@@ -1,7 +1,6 @@
 //! Selects the frames of a capture that are sent, their wire, and their effect on the drive.
 
 use polepair_capture::{CAN_FD, DecodedFrame, FrameFilter};
-use polepair_core::drives;
 use polepair_core::explain::{
     ConversationContext, Direction, Dissector, Effect, FrameRole, Impact, RawFrame,
     ReplyExpectation,
@@ -186,7 +185,7 @@ impl FrameSelector {
             // A usual drive's table warns of what it knows; it vouches for no other drive.
             None => dissector
                 .effect(raw, None)
-                .combine(dissector.effect(raw, drives::assumed_profile(dissector))),
+                .combine(dissector.effect(raw, polepair_drives::assumed_profile(dissector))),
         }
     }
 }

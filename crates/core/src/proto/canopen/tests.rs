@@ -2,5 +2,4 @@
 
 mod axis;
 mod codec;
-mod explain;
 mod host;

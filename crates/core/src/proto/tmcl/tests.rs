@@ -3,7 +3,6 @@
 extern crate std;
 
 mod doubt;
-mod effect;
 mod garbage;
 mod heard;
 mod motors;

@@ -1,11 +1,9 @@
 //! What the wire carries, and how.
 
 mod codec;
-mod explain;
 mod garbage;
 mod online;
 mod pair;
-mod program;
 
 use super::wire::{IdCode, Instruction, low_first};
 

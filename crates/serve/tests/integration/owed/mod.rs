@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use polepair::simulate::{self, DriveLine};
-use polepair_core::drives::bench::GroundTruth;
 use polepair_core::medium::Stream;
+use polepair_drives::bench::GroundTruth;
 use polepair_link::tcp::TcpServer;
 use polepair_link::{ServeThread, clock};
 use polepair_serve::bench::{

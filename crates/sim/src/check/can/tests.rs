@@ -1,6 +1,5 @@
 //! What the checker of a bus excuses.
 
-use polepair_core::drives;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::ParameterId;
 use polepair_core::proto::HostOptions;
@@ -20,7 +19,8 @@ const BIT_RATE: u32 = 500_000;
 /// question's, and a second copy within that shifts it by two.
 #[test]
 fn copies_within_what_copies_have_shifted_are_copies_too() {
-    let profile = drives::profiles().iter().find(|p| p.name == "tmcm-171").expect("a module");
+    let profile =
+        polepair_drives::profiles().iter().find(|p| p.name == "tmcm-171").expect("a module");
     let mut world = World::new(5);
     let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
     let mut spec = RackDrive::new(profile, "tmcl");

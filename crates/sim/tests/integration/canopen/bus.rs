@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use polepair_core::drives::bench;
+use polepair_drives::bench;
 use polepair_sim::node::{CAN_PORT, SimNode};
 
 use super::*;

@@ -15,8 +15,6 @@ mod ts;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use polepair_core::axis::{Axes, Command, Verb};
-use polepair_core::drives::bench::{Act, GroundTruth};
-use polepair_core::drives::{cia402, syntron_ts};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Can, CanLine, Frame, MediumKind};
 use polepair_core::profile::{Profile, Signal};
@@ -28,6 +26,8 @@ use polepair_core::station::{
     AxisIndex, Counters, EventSubject, Host as _, LineEvent, RequestClass, Station, Ticket, Timed,
 };
 use polepair_core::time::Instant;
+use polepair_drives::bench::{Act, GroundTruth};
+use polepair_drives::{cia402, syntron_ts};
 use polepair_sim::host;
 use polepair_sim::node::CanStationNode;
 use polepair_sim::rack::RackDrive;

@@ -2,9 +2,9 @@
 //! lists for synchronisation), and what never is.
 
 use polepair_core::axis::{Command, Verb};
-use polepair_core::drives::bench::Act;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::proto::HostOptions;
+use polepair_drives::bench::Act;
 use polepair_sim::random::Ppm;
 
 use super::Bench;

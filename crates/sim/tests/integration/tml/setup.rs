@@ -1,10 +1,10 @@
 //! What the manual says of set-up, relay and addresses, seen on the wire.
 
-use polepair_core::drives::bench::Act;
 use polepair_core::error::Outcome;
 use polepair_core::medium::Frame;
 use polepair_core::proto::GROUP;
 use polepair_core::proto::tml::tmlcan;
+use polepair_drives::bench::Act;
 use polepair_sim::world::ReceptionData;
 
 use super::{Bench, done};

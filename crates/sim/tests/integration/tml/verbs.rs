@@ -2,10 +2,10 @@
 
 use super::{BIT_RATE, Bench, done, hint};
 use polepair_core::axis::{Command, Verb};
-use polepair_core::drives::bench::Act;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::proto::HostOptions;
 use polepair_core::station::AxisIndex;
+use polepair_drives::bench::Act;
 
 /// Radians of a count, at 2,000 counts a turn.
 const COUNT: f64 = core::f64::consts::TAU / 2000.0;

@@ -1,6 +1,5 @@
 //! Layer setting, and which drive a node says that it is.
 
-use polepair_core::drives;
 use polepair_core::proto::canopen::lss::{self, IdentityNumber};
 
 use super::*;
@@ -75,7 +74,7 @@ fn a_setting_that_is_not_answered_or_refused_or_answered_twice_is_told() {
 
 #[test]
 fn a_node_that_says_which_drive_it_is_has_its_names() {
-    let find = |name| drives::profiles().iter().find(|profile| profile.name == name);
+    let find = |name| polepair_drives::profiles().iter().find(|profile| profile.name == name);
     let title = find("syntron-ts-canopen").expect("built in").title;
     let mut bus = CanopenLog::default();
     bus.read(ObjectIndex::new(0x203F, 0), 9870, 2).read(ObjectIndex::new(0x2000, 0), 20, 2);

@@ -27,7 +27,6 @@ const VECTORS: &str = include_str!("../../../../../../vectors/canopen.json");
 pub struct Vector {
     pub name: String,
     pub kind: String,
-    pub meaning: String,
     pub frame: Frame,
 }
 
@@ -41,7 +40,7 @@ pub fn vectors() -> Vec<Vector> {
         let mut frame = Frame::standard(id, &bytes);
         frame.len = v["dlc"].as_u64().unwrap() as u8;
         frame.remote = v["rtr"].as_bool().unwrap_or(false);
-        Vector { name: text("name"), kind: text("kind"), meaning: text("meaning"), frame }
+        Vector { name: text("name"), kind: text("kind"), frame }
     };
     json.as_array().unwrap().iter().map(vector).collect()
 }

@@ -1,7 +1,7 @@
 //! The language itself: text to instructions and back, from one table with a row an instruction.
 //!
 //! ```
-//! use polepair_core::drives::technosoft::profile::TECHNOSOFT_F514L;
+//! use polepair_drives::technosoft::profile::TECHNOSOFT_F514L;
 //! use polepair_core::proto::tml::instruction::{LanguageScope, assemble, disassemble};
 //!
 //! let scope = LanguageScope { profile: Some(&TECHNOSOFT_F514L), ..LanguageScope::default() };
@@ -21,8 +21,6 @@ mod form;
 mod reader;
 mod registers;
 mod table;
-#[cfg(test)]
-mod tests;
 mod variable;
 
 pub use assemble::assemble;

@@ -1,4 +1,0 @@
-//! One program for all tests of this crate from outside (BUILD-1).
-
-mod bare_metal;
-mod canopen_pair;

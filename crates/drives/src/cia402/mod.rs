@@ -1,0 +1,66 @@
+//! A simulated drive by the CiA 402 standard, with all modes and options. Only its two objects for transfer
+//! tests are its own.
+//!
+//! [`objects`] is the dictionary and the meaning of its values; [`shaft`] motor, loops and protections;
+//! [`units`] turns and rpm in the drive's numbers; [`drive`] connects them to the motion of
+//! [`proto::canopen`](polepair_core::proto::canopen::device::motion); [`faults`] error codes; [`transfer_objects`]
+//! objects of any length; [`device`] the bus.
+
+mod bench;
+pub mod device;
+pub mod drive;
+pub mod faults;
+pub mod objects;
+pub mod profile;
+pub mod transfer_objects;
+
+pub mod shaft;
+pub mod units;
+
+#[cfg(test)]
+mod tests;
+
+use crate::{DeviceOptions, Family};
+use polepair_core::profile::Profile;
+
+/// The family.
+#[derive(Debug)]
+pub enum Cia402 {}
+
+/// Bit rate from the factory, bit/s.
+const BIT_RATE: u32 = 500_000;
+
+impl Family for Cia402 {
+    const NAME: &'static str = "cia402";
+    type Device = device::Device;
+
+    fn profiles() -> &'static [&'static Profile] {
+        static ALL: [&Profile; 1] = [&profile::CIA402];
+        &ALL
+    }
+
+    fn create_device<'a>(
+        _profile: &'static Profile,
+        options: &DeviceOptions<'a>,
+    ) -> Result<Self::Device, &'a str> {
+        let mut node = match options.address {
+            None => 1,
+            Some(address) => {
+                u8::try_from(address).ok().filter(|n| (1..=127).contains(n)).ok_or("address")?
+            }
+        };
+        let mut serial = u32::from(node);
+        for (key, value) in options.extra {
+            match (*key, *value) {
+                ("serial", number) => serial = number.parse().map_err(|_| number)?,
+                // Without node-ID, to be given one by LSS.
+                ("node", "none") => node = 255,
+                // Whoever commands needs no address here.
+                ("host", _) => {}
+                ("node", value) => return Err(value),
+                (key, _) => return Err(key),
+            }
+        }
+        Ok(device::Device::new(drive::Drive::new(node, serial, BIT_RATE)))
+    }
+}

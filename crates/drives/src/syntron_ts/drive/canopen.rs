@@ -1,0 +1,362 @@
+//! CANopen mode (Fn_00 = 20): the registers as objects, and the motion of the drive profile (TS manual V2,
+//! chapter 3).
+
+use super::super::objects::{
+    COMPUTED_TAGS, CommandedObjects, DICTIONARY, DN_TAGS, Objects, STORED_TAGS, computed,
+    is_method, is_mode, stored,
+};
+use super::super::shaft::COUNTS_PER_TURN;
+use super::*;
+use polepair_core::plant::{Limits, Setpoint};
+use polepair_core::proto::canopen::device::Firmware;
+use polepair_core::proto::canopen::device::motion::{
+    self, MotionAxis, MotionEvent, MotionQuirks, modes,
+};
+use polepair_core::proto::canopen::emcy::Emergency;
+use polepair_core::proto::canopen::nmt::NmtState as Nmt;
+use polepair_core::proto::canopen::od::Dictionary;
+use polepair_core::proto::canopen::sdo::AbortCode;
+
+/// Set-points that wait behind the one that runs (§3.6.2).
+const QUEUED_POINTS: usize = 32;
+/// Bit 9 stays 0 and an alarm shows 0088h (§3.3); enabling takes 6, 7 and F in turn `[I]`; the
+/// recipe takes bit 4 back at once and homing goes on (§3.6.4).
+const MOTION_QUIRKS: MotionQuirks = MotionQuirks {
+    sets_remote_bit: false,
+    fault_warns: true,
+    enables_stepwise: true,
+    homing_by_edge: true,
+};
+
+/// States of which an emergency tells (chapter 4).
+const FORWARD_LIMIT: u16 = 0x8681;
+const REVERSE_LIMIT: u16 = 0x8682;
+const ARRIVED: u16 = 0x8683;
+
+/// What CANopen mode needs beside the registers.
+#[derive(Debug)]
+pub(super) struct CanopenNode {
+    axis: MotionAxis<QUEUED_POINTS>,
+    objects: Objects,
+    /// The alarm that was told last.
+    reported_alarm: Alarm,
+    arrival_pending: bool,
+    /// Limit switches as they were told last.
+    reported_limits: [bool; 2],
+}
+
+impl CanopenNode {
+    /// After power-on, with the shaft at `position`, rad.
+    pub(super) fn new(position: f64) -> Self {
+        let axis = MotionAxis::new(MOTION_QUIRKS, position);
+        Self {
+            axis,
+            objects: Objects::default(),
+            reported_alarm: Alarm::NONE,
+            arrival_pending: false,
+            reported_limits: [false; 2],
+        }
+    }
+
+    pub(super) const fn seeks_hard_stop(&self) -> bool {
+        self.axis.seeks_hard_stop()
+    }
+}
+
+impl DriveCore {
+    /// Calls a function with the state that a motion needs.
+    fn with_axis<R>(
+        &mut self,
+        act: impl FnOnce(
+            &mut MotionAxis<QUEUED_POINTS>,
+            &mut motion::MotionContext<'_, Shaft, CommandedObjects<'_>>,
+        ) -> R,
+    ) -> R {
+        let position = self.shaft.motor().position();
+        let closed = |purpose| self.lines.is_closed(purpose, position);
+        let settings = CommandedObjects {
+            objects: &self.canopen.objects,
+            registers: &self.registers,
+            homes_by_cia: self.options.homes_by_cia,
+        };
+        let mut scene = motion::MotionContext {
+            home: closed(InputPurpose::Home),
+            home_at: self.lines.home_at,
+            positive: closed(InputPurpose::ForwardLimit),
+            negative: closed(InputPurpose::ReverseLimit),
+            shaft: &mut self.shaft,
+            settings: &settings,
+        };
+        act(&mut self.canopen.axis, &mut scene)
+    }
+
+    /// One tick of CANopen mode, before the shaft's.
+    pub(super) fn tick_canopen(&mut self) {
+        let origin = self.canopen.axis.origin();
+        let event = self.with_axis(|axis, scene| axis.tick(scene));
+        if event == Some(MotionEvent::FollowingError) {
+            self.raise_alarm(Alarm::PE);
+        }
+        self.canopen.arrival_pending |= event == Some(MotionEvent::Arrived)
+            && self.canopen.axis.mode() == modes::PROFILE_POSITION;
+        if origin != self.canopen.axis.origin() {
+            self.motion.set_origin(self.canopen.axis.origin());
+        }
+    }
+
+    /// An alarm was raised, in whatever mode.
+    pub(super) fn fault_canopen(&mut self) {
+        self.with_axis(|axis, scene| axis.handle_fault(scene));
+    }
+
+    /// Another mode, or power-on: nothing is commanded.
+    pub(super) fn reset_canopen(&mut self) {
+        let mut node = CanopenNode::new(self.motion.origin());
+        (node.reported_alarm, node.reported_limits) =
+            (self.canopen.reported_alarm, self.canopen.reported_limits);
+        node.objects = core::mem::take(&mut self.canopen.objects);
+        node.objects.set(stored::CONTROL, 0);
+        self.canopen = node;
+        if self.alarm.is_some() {
+            self.fault_canopen();
+        }
+    }
+
+    fn write_controlword(&mut self, word: u16) {
+        if self.mode() != MODE_CANOPEN {
+            return;
+        }
+        let before = self.canopen.axis.state();
+        if !before.has_power() && !self.shaft.is_bus_ready() && word & 0x0F == 0x0F {
+            return self.raise_alarm(Alarm::DE);
+        }
+        if self.with_axis(|axis, scene| axis.handle_controlword(word, true, scene)) {
+            self.unrepeatable += 1;
+            self.starts += 1;
+        }
+        let after = self.canopen.axis.state();
+        self.starts += u64::from(!before.has_power() && after.has_power());
+        if before == motion::PowerState::Fault && after != before {
+            self.clear_alarm();
+        }
+    }
+
+    fn set_object(&mut self, tag: u16, value: i32) -> Result<(), AbortCode> {
+        let allowed = match tag {
+            stored::MODE => is_mode(value as i8),
+            stored::HOMING_METHOD => is_method(value as i8),
+            _ => true,
+        };
+        if !allowed {
+            return Err(AbortCode::VALUE);
+        }
+        self.canopen.objects.set(tag, value);
+        match tag {
+            stored::CONTROL => self.write_controlword(value as u16),
+            stored::TARGET_POSITION => {}
+            _ => self.with_axis(|axis, scene| axis.handle_object_change(scene)),
+        }
+        let turns = matches!(tag, stored::TARGET_VELOCITY | stored::TARGET_TORQUE | stored::MODE);
+        self.starts += u64::from(turns && self.canopen.axis.state().has_power());
+        Ok(())
+    }
+
+    fn object_value(&self, tag: u16) -> i64 {
+        let (node, shaft) = (&self.canopen, &self.shaft);
+        let origin = self.motion.origin();
+        let demand = || shaft.setpoint();
+        let increments = |position: f64| nearest((position - origin) / TAU * COUNTS_PER_TURN);
+        let pulses = |rad: f64| i64::from(node.objects.pulses(rad));
+        match tag {
+            computed::STATUS if self.mode() == MODE_CANOPEN => node.axis.status(true).into(),
+            computed::STATUS if self.alarm.is_some() => 0x88,
+            computed::STATUS => 0x50,
+            computed::MODE => node.axis.mode().into(),
+            computed::POSITION_DEMAND => pulses(demand().position - origin),
+            computed::POSITION => pulses(shaft.position() - origin),
+            computed::INCREMENTS => increments(shaft.position()),
+            computed::DEMAND_INCREMENTS => increments(demand().position),
+            computed::SENSOR_VELOCITY => nearest(shaft.rpm() * 10.0),
+            computed::VELOCITY_DEMAND => nearest(demand().velocity / TAU * 600.0),
+            computed::VELOCITY => nearest(shaft.rpm()),
+            computed::FOLLOWING_ERROR => pulses(demand().position - shaft.position()),
+            computed::ERROR_CODE => self.alarm.0.into(),
+            computed::TIME => (self.now.0 / 1000) as i64 & 0xFFFF_FFFF,
+            computed::TORQUE => nearest(shaft.load_share() * 1000.0),
+            _ => node.objects.value(tag).into(),
+        }
+    }
+
+    /// The emergency of a limit switch that has closed, in CANopen mode.
+    fn next_limit_emergency(&mut self) -> Option<u16> {
+        if self.mode() != MODE_CANOPEN {
+            return None;
+        }
+        let position = self.shaft.motor().position();
+        let ends = [
+            (InputPurpose::ForwardLimit, FORWARD_LIMIT),
+            (InputPurpose::ReverseLimit, REVERSE_LIMIT),
+        ];
+        ends.into_iter().enumerate().find_map(|(n, (purpose, code))| {
+            let is = self.lines.is_closed(purpose, position);
+            let was = core::mem::replace(&mut self.canopen.reported_limits[n], is);
+            (is && !was).then_some(code)
+        })
+    }
+}
+
+impl Firmware for Drive {
+    fn dictionary(&self) -> &'static Dictionary {
+        &DICTIONARY
+    }
+
+    fn node_id(&self) -> u8 {
+        self.core.registers.value(fn_registers::NODE) as u8
+    }
+
+    fn bit_rate(&self) -> u32 {
+        u32::from(self.core.registers.value(fn_registers::BIT_RATE)) * 1000
+    }
+
+    fn serial(&self) -> u32 {
+        self.core.options.address.into()
+    }
+
+    #[inline]
+    fn get(&mut self, tag: u16) -> u64 {
+        let core = &self.core;
+        match tag {
+            0..DN_TAGS => core.registers.value(tag).into(),
+            DN_TAGS..STORED_TAGS => core.dn_reading(tag - DN_TAGS).into(),
+            _ => core.object_value(tag).cast_unsigned(),
+        }
+    }
+
+    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
+        self.core.disturbed = true;
+        match tag {
+            0..DN_TAGS => self.write(tag, &[value as u16]).map_err(|refusal| match refusal {
+                RegisterError::Address => AbortCode::NO_OBJECT,
+                RegisterError::Value => AbortCode::VALUE,
+                RegisterError::Failure => AbortCode::LOCAL,
+            }),
+            STORED_TAGS..COMPUTED_TAGS => self.core.set_object(tag, value as i32),
+            _ => Err(AbortCode::READ_ONLY),
+        }
+    }
+
+    /// The manual lets no state of the network raise an alarm.
+    fn handle_nmt_state(&mut self, _now: Instant, _state: Nmt) {}
+
+    fn reset(&mut self, _now: Instant) {
+        self.power_cycle();
+    }
+
+    /// `[I]` ERR_Lo where the motor is powered through the bus.
+    fn handle_link_loss(&mut self, _now: Instant) {
+        if self.core.canopen.axis.state().has_power() {
+            self.raise_alarm(Alarm::LO);
+        }
+    }
+
+    fn error_register(&self) -> u8 {
+        if self.core.alarm.is_some() { 0x81 } else { 0 }
+    }
+
+    #[inline]
+    fn poll_emergency(&mut self) -> Option<Emergency> {
+        let core = &mut self.core;
+        let report_line = |code| Some(Emergency { code, ..Emergency::default() });
+        if core.canopen.reported_alarm != core.alarm {
+            core.canopen.reported_alarm = core.alarm;
+            return report_line(core.alarm.0);
+        }
+        if core::mem::take(&mut core.canopen.arrival_pending) {
+            return report_line(ARRIVED);
+        }
+        core.next_limit_emergency().and_then(report_line)
+    }
+
+    fn set_node_id(&mut self, node: u8) {
+        self.core.registers.set(fn_registers::NODE, node.into());
+    }
+
+    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
+        let kbit = (bit_rate / 1000) as u16;
+        let fits = self.core.check_value(fn_registers::BIT_RATE, kbit).is_ok();
+        if fits {
+            self.core.registers.set(fn_registers::BIT_RATE, kbit);
+        }
+        fits
+    }
+
+    fn store_link(&mut self) -> bool {
+        for number in [fn_registers::NODE, fn_registers::BIT_RATE] {
+            self.core.registers.store(number, self.core.registers.value(number));
+        }
+        true
+    }
+}
+
+impl motion::MotorControl for Shaft {
+    fn power_on(&mut self) {
+        Self::power_on(self);
+    }
+
+    fn power_off(&mut self) {
+        Self::power_off(self);
+    }
+
+    fn set_limits(&mut self, limits: Limits) {
+        Self::set_limits(self, limits);
+    }
+
+    fn set_velocity(&mut self, rad_per_s: f64) {
+        Self::set_velocity(self, rad_per_s);
+    }
+
+    fn move_to(&mut self, position: f64) {
+        Self::move_to(self, position);
+    }
+
+    fn apply_torque(&mut self, share: f64) {
+        Self::apply_torque(self, share);
+    }
+
+    /// The drive has no mode in which the host makes the way.
+    fn follow_setpoint(&mut self, setpoint: Setpoint) {
+        Self::move_to(self, setpoint.position);
+    }
+
+    fn hold_position(&mut self) {
+        Self::halt(self);
+    }
+
+    fn settle_position(&mut self) {
+        Self::settle_position(self);
+    }
+
+    fn setpoint(&self) -> Setpoint {
+        Self::setpoint(self)
+    }
+
+    fn has_arrived(&self) -> bool {
+        Self::has_arrived(self)
+    }
+
+    fn position(&self) -> f64 {
+        Self::position(self)
+    }
+
+    fn previous_position(&self) -> f64 {
+        Self::previous_position(self)
+    }
+
+    fn velocity(&self) -> f64 {
+        self.rpm() / 60.0 * TAU
+    }
+
+    fn is_torque_limited(&self) -> bool {
+        Self::is_torque_limited(self)
+    }
+}

@@ -1,0 +1,11 @@
+//! One program for all tests of this crate from outside (BUILD-1).
+
+mod bare_metal;
+mod canopen_explain;
+mod canopen_pair;
+mod effects;
+mod mux;
+mod tmcl_effect;
+mod tml_explain;
+mod tml_instructions;
+mod tml_program;
