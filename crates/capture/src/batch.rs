@@ -6,12 +6,13 @@ use std::sync::Arc;
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
-use crate::decoder::{DecodedFrame, FrameDefect};
+use crate::decoder::DecodedFrame;
+use crate::defect::FrameDefect;
 use crate::explanation::Explanation;
+use crate::line_layout::LineLayout;
 use crate::record::Record;
 use crate::session::SessionNotice;
 use crate::session::canopen::ProcessData;
-use crate::text::LineLayout;
 use crate::timestamp::Timestamp;
 
 /// Frames of one batch: what they take of memory stays bounded, whatever the capture holds.

@@ -5,23 +5,22 @@ mod repeat_cache;
 mod route;
 mod serial;
 
-use core::fmt;
 use std::sync::Arc;
 
-use polepair_core::error::WireError;
 use polepair_core::explain::{Context, Direction, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
 use crate::conversation::Conversation;
+use crate::defect::FrameDefect;
 use crate::explanation::{CAN_FD, ERROR_FRAME, Explanation};
 use crate::format::CaptureFormat;
+use crate::line_layout::LineLayout;
 use crate::read::{CaptureReader, ReadOptions, ReadStatistics};
 use crate::record::{ERROR_FLAG, Record, RecordData};
 use crate::rules::{Rule, Rules};
 use crate::session::{LinkSession, SessionNotice, error_frame_notice};
 use crate::stream::SerialFlow;
-use crate::text::LineLayout;
 use crate::timestamp::Timestamp;
 use repeat_cache::RepeatCache;
 pub(crate) use route::profile_speaks;
@@ -112,43 +111,6 @@ impl<'a> DecodedFrame<'a> {
             offset: record.offset,
             ..Self::empty(link, explained)
         }
-    }
-}
-
-/// What is wrong with a frame.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum FrameDefect {
-    /// It breaks its protocol.
-    Wire(WireError),
-    /// Its check fails.
-    BadCheck,
-    /// These bytes are no frame.
-    Stray(usize),
-}
-
-impl fmt::Display for FrameDefect {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Wire(error) => error.fmt(f),
-            Self::BadCheck => f.write_str("frame: its check fails"),
-            Self::Stray(count) => write!(f, "stray: {}", stray_text(*count)),
-        }
-    }
-}
-
-impl FrameDefect {
-    /// Whether a check over its bytes fails.
-    #[must_use]
-    pub const fn is_bad_check(self) -> bool {
-        matches!(self, Self::BadCheck | Self::Wire(WireError::Checksum { .. }))
-    }
-}
-
-/// Bytes that are no frame, in words.
-pub(crate) fn stray_text(count: usize) -> String {
-    match count {
-        1 => "1 byte that belongs to no frame".to_owned(),
-        _ => format!("{count} bytes that belong to no frame"),
     }
 }
 

@@ -14,6 +14,7 @@ mod candump;
 mod crtd;
 mod csv;
 mod decompress;
+mod detect;
 mod digits;
 mod jsonl;
 mod line_scan;
@@ -27,13 +28,12 @@ mod tcp;
 mod text;
 mod tool_log;
 mod trc;
+mod words;
 
 use core::fmt;
 
 use crate::format::{CaptureFormat, Compression, HEAD_MAX, UnsupportedFile};
 use crate::record::Record;
-pub(crate) use crtd::is_line as is_crtd_line;
-pub(crate) use csv::HEADERS as CSV_HEADERS;
 use decompress::Decompressor;
 pub use decompress::unpack_bounded;
 pub use line_scan::LineScan;

@@ -14,7 +14,7 @@ use polepair_core::explain::{Direction, Dissector, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
-use crate::decoder::FrameDefect;
+use crate::defect::FrameDefect;
 use crate::explanation::Explanation;
 use crate::record::CanErrorFrame;
 use crate::timestamp::Timestamp;

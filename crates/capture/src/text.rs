@@ -9,6 +9,7 @@ use polepair_core::explain::Direction;
 use crate::byte_changes::{ByteChanges, meaning_text};
 use crate::decoder::DecodedFrame;
 use crate::line_buffer::LineBuffer;
+use crate::line_layout::{LineLayout, protocol_word};
 use crate::number_text;
 use crate::session::{
     AnomalyNotice, ChangeNotice, ExchangeNotice, ExchangeOutcome, FaultNotice, SessionNotice,
@@ -52,28 +53,6 @@ pub struct FrameTextWriter {
     buffer: LineBuffer,
 }
 
-/// How far lines have come: the time they count from, and how wide their first columns are.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) struct LineLayout {
-    first: Option<Timestamp>,
-    link_width: usize,
-    protocol_width: usize,
-}
-
-impl LineLayout {
-    /// A frame's line follows.
-    pub fn include(&mut self, event: &DecodedFrame<'_>) {
-        self.first = self.first.or(event.time);
-        self.link_width = self.link_width.max(event.link.len());
-        self.protocol_width = self.protocol_width.max(protocol_word(event.protocol).len());
-    }
-}
-
-/// A protocol's name, or a question mark.
-fn protocol_word(protocol: Option<&'static str>) -> &'static str {
-    protocol.unwrap_or("?")
-}
-
 const OFF: &[u8] = b"\x1b[0m";
 const DIM: &str = "2";
 const RED: &str = "31";
@@ -91,7 +70,7 @@ impl FrameTextWriter {
     pub fn write(&mut self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
         out.reserve(LINE_ROOM);
         let start = out.len();
-        self.layout.include(event);
+        self.layout.include(event.time, event.link, event.protocol);
         self.write_time(event.time, out);
         let head = out.len();
         append_padded(event.link, self.layout.link_width, out);

@@ -14,8 +14,9 @@ use polepair_capture::{
 };
 use polepair_core::profile::Profile;
 
-use crate::cmd::{NamingArgs, capture_format};
+use crate::cmd::capture_format;
 use crate::problem::{self, Exit, Problem, Result};
+use crate::profile_args::NamingArgs;
 use crate::progress::Progress;
 use crate::terminal::{print_note, print_warning};
 

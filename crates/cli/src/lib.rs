@@ -12,6 +12,7 @@ mod interrupt;
 mod motion;
 mod outcome;
 mod problem;
+mod profile_args;
 mod progress;
 mod remote;
 mod session;

@@ -21,7 +21,6 @@ use polepair_link::clock;
 
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Problem, Result};
-use crate::target::DriveArgs;
 use crate::value;
 
 /// Verbs that a server carries out, and which axes they are about.
@@ -245,11 +244,6 @@ impl RemoteSession {
             bench.axes.iter_mut().for_each(label_with_link);
         }
         Ok(Self { gateway, bench })
-    }
-
-    /// The axes that are meant.
-    pub fn axes_of(&self, target: &DriveArgs) -> Result<Vec<AxisInfo>> {
-        self.axes_named(target.remote_axes()?)
     }
 
     /// The axes that words mean.

@@ -17,9 +17,9 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_link::tap::{Tap, TapDirection};
 
-use crate::cmd::warn_ignored_file;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::profile_args::warn_ignored_file;
 use crate::remote::{self, ServerArgs};
 use crate::session::{LocalSession, Session};
 use crate::tap_queue::{QueueTap, TapQueue};
@@ -39,7 +39,7 @@ pub struct DriveArgs {
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
     #[command(flatten)]
-    pub profiles: crate::cmd::ProfileFile,
+    pub profiles: crate::profile_args::ProfileFile,
     /// Profiles of the drives found so far, used to decode their frames.
     #[arg(skip)]
     naming: NamingProfiles,
@@ -140,7 +140,7 @@ impl DriveArgs {
             trace => trace?,
         };
         if self.verbose || trace.is_some() || queue.is_some() {
-            let name = link_name(&self.url);
+            let name = trace::link_name(&self.url);
             let protocols = connector.protocols(&self.url).map_err(outcome::to_problem)?;
             let shown =
                 self.verbose.then(|| FramePrinter::new(&protocols, name, self.naming.clone()));
@@ -279,13 +279,6 @@ fn explain_step(axis: &LocalAxis, step: &Rehearsal) -> String {
         None => decoder.decode_bytes(None, "link", by, &step.bytes, &mut |event| keep(event)),
     }
     text
-}
-
-/// The last part of the link's address, as captures name links.
-pub fn link_name(url: &str) -> String {
-    let link = url.split(['?', '#']).next().unwrap_or(url);
-    let name = link.rsplit('/').next().unwrap_or(link);
-    name.split(':').find(|part| !part.is_empty()).unwrap_or("link").to_owned()
 }
 
 /// What `-v` and `--trace` do with the frames, and who else gets them.

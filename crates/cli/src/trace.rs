@@ -7,7 +7,6 @@ use std::path::Path;
 use polepair_link::tap::TraceWriter;
 
 use crate::problem::{self, Result};
-use crate::target::link_name;
 use crate::terminal::print_warning;
 
 /// Frames as a capture that `polepair decode` reads.
@@ -65,4 +64,11 @@ impl Drop for TraceFile {
         // It was said, and nobody is left to be told.
         let _ = self.flush();
     }
+}
+
+/// The last part of the link's address, as captures name links.
+pub fn link_name(url: &str) -> String {
+    let link = url.split(['?', '#']).next().unwrap_or(url);
+    let name = link.rsplit('/').next().unwrap_or(link);
+    name.split(':').find(|part| !part.is_empty()).unwrap_or("link").to_owned()
 }

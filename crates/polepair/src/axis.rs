@@ -53,8 +53,7 @@ pub use watchdog::WatchdogState;
 
 use crate::amount::{Amount, ResolvedAmount, Value};
 use crate::error::Error;
-use crate::identify::Identification;
-use crate::interface::Armed;
+use crate::identification::Identification;
 use crate::mounting::ResolvedMounting;
 use crate::simulate::Simulation;
 use crate::url::AxisNumber;
@@ -340,15 +339,6 @@ impl LocalAxis {
                 hint: ALREADY_ARMED_HINT.to_owned(),
             }),
         }
-    }
-
-    /// Arms and enables the axis until the guard is dropped, which stops and disables it.
-    ///
-    /// # Errors
-    /// [`Error`] by blame; the axis is then disarmed again. `E220` when it is armed already: it then
-    /// stays so.
-    pub fn armed(&self) -> Result<Armed<Self>, Error> {
-        Armed::new(self)
     }
 
     /// Powers the motor. It holds its actual position. The axis must be armed.

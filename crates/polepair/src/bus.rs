@@ -1,8 +1,8 @@
 //! Checks that drives of several protocols can share a CAN bus: identifiers and bus load.
 
 use crate::registry::ProtocolInfo;
-use crate::url::AxisNumber;
 use polepair_core::medium::Frame;
+use polepair_core::proto::AxisNumber;
 use polepair_sim::can_bus::bits;
 
 /// The share of its bits that a bus may be planned for. Beyond it the frames of low priority wait
@@ -43,6 +43,28 @@ impl BusAddress {
     /// `canopen 2`.
     pub(crate) fn label(&self) -> String {
         format!("{} {}", self.protocol.name, AxisNumber(self.address))
+    }
+}
+
+impl ProtocolInfo {
+    /// The host's address on a bus with `others`: the default, or the last free one.
+    pub(crate) fn host_among(&self, drives: &[u32], others: &[BusAddress]) -> Option<u32> {
+        let usual = self.host?;
+        let entry = |address| BusAddress { protocol: self.clone(), address };
+        let free = |address: &u32| {
+            let meets = |other: &BusAddress| other.shared_identifier(&entry(*address)).is_some();
+            !drives.contains(address) && !others.iter().any(meets)
+        };
+        if free(&usual) {
+            return None;
+        }
+        // Better one that no drive of the others could have: their hosts hear those too.
+        let claimed = claimed_identifiers(others);
+        let quiet = |address: &u32| {
+            free(address) && !uses_claimed(&claimed, self.uses_identifier, *address)
+        };
+        let every = || self.byte_addresses().rev();
+        every().find(quiet).or_else(|| every().find(free))
     }
 }
 

@@ -24,11 +24,11 @@ use crate::axis::DeviceDetail;
 use crate::axis::{LocalAxis, stop_until_standstill};
 use crate::bus;
 use crate::config::Config;
+use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
-use crate::identify::Identification;
+use crate::identification::Identification;
 use crate::mounting::{Mounting, ResolvedMounting};
 use crate::registry::{self, ProtocolInfo};
-use crate::scan::DetectedDrive;
 use crate::simulate::{self, RackDescription, Simulation, SimulationPace};
 use crate::toml_file::{FileError, FileLocation};
 use crate::url::{AxisNumber, LinkTarget, Url};
@@ -46,8 +46,6 @@ use rack::{identify_expected, seed_of};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-pub use taps::AnyTap;
-pub(crate) use taps::SharedTap;
 use taps::{LinkWrapper, TapFactory};
 
 /// Opens a wire or simulated drives with the configuration that is found from the working folder upward.

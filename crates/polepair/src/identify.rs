@@ -4,6 +4,7 @@ use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::config::Config;
 use crate::connect::ProtocolLine;
 use crate::error::Error;
+use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use crate::profile::{Listed, find_answered};
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -11,7 +12,6 @@ use polepair_core::profile::{Access, Identity, IdentityQuery, ParameterId, Profi
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
 use polepair_link::{Connection, LinkError};
-use std::fmt;
 use std::time::Duration;
 
 /// How long one question may take, with all its repeats.
@@ -20,34 +20,6 @@ const QUERY_MAX: Duration = Duration::from_secs(5);
 pub(crate) const IDENTIFY_RETRY_MAX: Duration = Duration::from_secs(3);
 /// Products that are asked for at one address at most.
 const CANDIDATES_MAX: usize = 64;
-
-/// How an axis came to its profile.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Identification {
-    /// From the connection string; no request was sent.
-    Named,
-    /// From the drive's reply.
-    Queried {
-        /// Version of the firmware, if the reply contains it.
-        firmware: Option<String>,
-    },
-    /// A group: it cannot be asked and is taken for what the link's first axis is.
-    Group,
-    /// Something answers, and no profile that is known fits: the protocol's generic one serves.
-    Generic,
-}
-
-impl fmt::Display for Identification {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Named => f.write_str("named in the connection string"),
-            Self::Queried { firmware: Some(firmware) } => write!(f, "firmware {firmware}"),
-            Self::Queried { firmware: None } => f.write_str("from its reply"),
-            Self::Group => f.write_str("a group: the profile of the link's first axis is used"),
-            Self::Generic => f.write_str("unknown drive: the protocol's generic profile is used"),
-        }
-    }
-}
 
 /// Asks drives on one line what they are.
 pub(crate) struct Prober<'a> {

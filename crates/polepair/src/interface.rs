@@ -26,6 +26,8 @@ mod link;
 mod local;
 mod motion;
 mod reading;
+#[cfg(feature = "remote")]
+pub mod remote;
 mod request;
 
 use std::fmt;
@@ -41,9 +43,12 @@ pub use armed::Armed;
 pub use axis::Axis;
 pub use facts::{AxisFacts, ParameterDescription, WatchdogKind};
 pub use link::{Link, connect, is_gateway};
-pub use motion::{MotionMonitor, MotionState, start_each, stop_each};
-pub use reading::{AxisSnapshot, FaultReport, ReadValue, SignalReading, WatchdogReport};
-pub use request::{AxisRequest, Reply, WriteValue};
+pub use motion::{MotionMonitor, start_each, stop_each};
+pub use reading::{
+    AxisSnapshot, FaultReport, MotionState, ReadValue, Reply, SignalReading, WatchdogReport,
+    WriteValue,
+};
+pub use request::AxisRequest;
 
 use crate::amount::Amount;
 use crate::axis::{DeviceDetail, LocalAxis};
@@ -64,7 +69,7 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
 
     /// The axis, if it belongs to a gateway.
     #[cfg(feature = "remote")]
-    fn remote(&self) -> Option<&crate::remote::RemoteAxis> {
+    fn remote(&self) -> Option<&crate::interface::remote::RemoteAxis> {
         None
     }
 

@@ -1,12 +1,11 @@
 //! Finds protocols and families of the core by name and medium.
 
-use crate::bus::{self, BusAddress};
 use crate::error::Error;
-use crate::url::AxisNumber;
 use polepair_core::axis::AnyLane;
 use polepair_core::lane::{BoxedDriver, Lane};
 use polepair_core::medium::{CanLine, Frame, Medium, MediumKind};
 use polepair_core::profile::Profile;
+use polepair_core::proto::AxisNumber;
 use polepair_core::proto::{self, GROUP, HostOptions, OptionKey, Protocol};
 use polepair_core::station::Host;
 use polepair_sim::rack::RackWire;
@@ -72,26 +71,6 @@ impl ProtocolInfo {
         let usual = self.host?;
         let free = || self.byte_addresses().rev().find(|address| !drives.contains(address));
         drives.contains(&usual).then(free)?
-    }
-
-    /// The host's address on a bus with `others`: the default, or the last free one.
-    pub(crate) fn host_among(&self, drives: &[u32], others: &[BusAddress]) -> Option<u32> {
-        let usual = self.host?;
-        let entry = |address| BusAddress { protocol: self.clone(), address };
-        let free = |address: &u32| {
-            let meets = |other: &BusAddress| other.shared_identifier(&entry(*address)).is_some();
-            !drives.contains(address) && !others.iter().any(meets)
-        };
-        if free(&usual) {
-            return None;
-        }
-        // Better one that no drive of the others could have: their hosts hear those too.
-        let claimed = bus::claimed_identifiers(others);
-        let quiet = |address: &u32| {
-            free(address) && !bus::uses_claimed(&claimed, self.uses_identifier, *address)
-        };
-        let every = || self.byte_addresses().rev();
-        every().find(quiet).or_else(|| every().find(free))
     }
 
     /// Refuses an address that no drive can have, and groups that the protocol has not.

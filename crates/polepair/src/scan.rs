@@ -14,11 +14,12 @@ mod scanner;
 
 pub use scanner::{AxisAnswer, DriveScanner};
 
-use crate::axis::{DeviceDetail, LocalAxis};
+use crate::axis::LocalAxis;
 use crate::bus::{self, BusAddress};
 use crate::connect::{Connector, ProtocolLine};
+pub use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
-use crate::identify::Identification;
+use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use crate::registry::SenderDetector;
 use crate::url::{AxisNumber, LinkTarget, Url};
@@ -60,25 +61,6 @@ pub struct ScanReport {
     pub has_unconfigured: bool,
     /// Why the link went away before all were asked, if it did.
     pub link_error: Option<LinkError>,
-}
-
-/// A drive that answered.
-#[derive(Clone, Debug)]
-pub struct DetectedDrive {
-    /// Its address.
-    pub number: u32,
-    /// The word of the protocol that it answered to.
-    pub protocol: &'static str,
-    /// What it is, or the protocol's generic profile.
-    pub profile: &'static Profile,
-    /// Source of the identification, with the firmware if known.
-    pub identified: Identification,
-    /// Set when more came back than was asked for: two drives may have this address.
-    pub clash: Option<String>,
-    /// It answers whatever address is asked, as modules on USB do.
-    pub ignores_address: bool,
-    /// Device information: see [`LocalAxis::device_details`](crate::LocalAxis::device_details).
-    pub details: Vec<DeviceDetail>,
 }
 
 impl DetectedDrive {

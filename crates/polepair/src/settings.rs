@@ -18,7 +18,7 @@ use crate::amount::{Amount, Value};
 use crate::axis::{LocalAxis, PendingWrites};
 use crate::eds::Eds;
 use crate::error::Error;
-use crate::identify::Identification;
+use crate::identification::Identification;
 use crate::profile::read_text;
 use crate::toml_file::{FileError, FileLocation, Located, SourceText, TomlTable};
 use polepair_core::error::{Failure, Outcome};

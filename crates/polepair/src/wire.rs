@@ -1,6 +1,6 @@
 //! Links of either medium, for the layers above the protocols.
 
-use crate::connect::SharedTap;
+use crate::tap::SharedTap;
 use polepair_core::medium::{Can, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Losses, Received, Tap, TappedLink};

@@ -33,8 +33,11 @@ mod event_listener;
 mod frame_view;
 mod frames;
 mod journal_queue;
+mod journal_sink;
 mod late_links;
 mod lease;
+mod link_scan;
+mod lock;
 mod open;
 mod parameters;
 mod pending_stop;
@@ -42,10 +45,12 @@ mod poller;
 mod reply;
 mod request_worker;
 mod scan;
+mod scan_flag;
 mod signals;
 mod simulated_drive;
 mod state;
 mod telemetry;
+mod thread_error;
 mod threads;
 mod watchdog;
 mod wire;
@@ -73,10 +78,11 @@ use captures::Captures;
 use clock::{BenchClock, STEP};
 use command_history::CommandLookup;
 use command_worker::{CommandWorker, command_outcome};
-use context::{BenchContext, lock_unpoisoned};
+use context::BenchContext;
 use event_listener::DriveEventListener;
 use frames::{FrameTraffic, TrafficDecoder};
 use journal_queue::JournalWriter;
+use lock::lock_unpoisoned;
 use open::{BenchLink, OpenedBench};
 use pending_stop::StopCollector;
 use poller::AxisPoller;
@@ -87,8 +93,11 @@ use wire::{
 };
 
 pub use captures::CAPTURE_MAX;
-pub use context::{BenchEvent, JournalEntry, JournalSink, NullJournal};
+pub use context::BenchEvent;
 pub use frames::FrameSubscription;
+pub use journal_sink::JournalEntry;
+pub use journal_sink::JournalSink;
+pub use journal_sink::NullJournal;
 pub use lease::SessionName;
 pub use reply::PendingReply;
 pub(crate) use telemetry::ChannelRequest;
@@ -105,6 +114,9 @@ const REASON_MAX: usize = 10_000;
 const CLOSE_MAX: Duration = Duration::from_secs(12);
 /// How long it waits for the journal's disk.
 const WRITE_MAX: Duration = Duration::from_secs(5);
+
+/// Axes of a bench.
+pub(super) const AXES_MAX: usize = 256;
 
 /// How a bench is opened.
 pub struct BenchOptions {
@@ -225,7 +237,7 @@ impl Bench {
         let bench = Self(Arc::new(BenchInner {
             context: shared,
             links,
-            axes: AppendOnlyVec::new(open::AXES_MAX, axes),
+            axes: AppendOnlyVec::new(AXES_MAX, axes),
             join_lock: Mutex::default(),
             opened_at: opened,
             telemetry,

@@ -170,7 +170,7 @@ impl CaptureDecoder {
             (name, Some(protocol)),
             statement,
         );
-        self.layout.include(&event);
+        self.layout.include(event.time, event.link, event.protocol);
         batch.push_stored(&event);
         true
     }
@@ -178,18 +178,22 @@ impl CaptureDecoder {
 
 fn store_frame(
     event: &DecodedFrame<'_>,
-    head: &mut crate::text::LineLayout,
+    head: &mut crate::line_layout::LineLayout,
     batch: &mut FrameBatch,
     full: BatchCallback<'_>,
 ) {
-    head.include(event);
+    head.include(event.time, event.link, event.protocol);
     batch.push_stored(event);
     if batch.is_full() {
         flush_batch(*head, batch, full);
     }
 }
 
-fn flush_batch(head: crate::text::LineLayout, batch: &mut FrameBatch, full: BatchCallback<'_>) {
+fn flush_batch(
+    head: crate::line_layout::LineLayout,
+    batch: &mut FrameBatch,
+    full: BatchCallback<'_>,
+) {
     full(batch);
     batch.reset(head);
 }

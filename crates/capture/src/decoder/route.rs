@@ -6,8 +6,8 @@ use polepair_core::explain::{Context, Direction, Dissector, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
-use super::FrameDefect;
 use crate::conversation::Conversation;
+use crate::defect::FrameDefect;
 use crate::explanation::Explanation;
 use crate::record::{Record, STANDARD_MAX};
 use crate::rules::{Rule, RuleScope};

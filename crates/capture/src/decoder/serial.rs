@@ -3,7 +3,8 @@
 use polepair_core::error::WireError;
 use polepair_core::explain::{Context, ConversationContext, Direction, Dissector, RawFrame};
 
-use super::{CaptureDecoder, DIRECTIONS, DecodedFrame, FrameCallback, FrameDefect, LinkDecoder};
+use super::{CaptureDecoder, DIRECTIONS, DecodedFrame, FrameCallback, LinkDecoder};
+use crate::defect::FrameDefect;
 use crate::explanation::Explanation;
 use crate::record::Record;
 use crate::session::ObservedFrame;

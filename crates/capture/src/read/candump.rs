@@ -7,8 +7,7 @@ use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
 use super::ReadError;
-use super::serial_log::{parse_hex, parse_hex_digit};
-use super::text::split_word;
+use super::words::{parse_hex, parse_hex_digit, split_word};
 use crate::record::{CanErrorFrame, CanRecord, ERROR_FLAG, STANDARD_MAX, classic_frame};
 
 /// Bytes that a CAN FD frame may have.

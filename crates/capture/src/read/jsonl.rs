@@ -8,7 +8,7 @@ use serde_json::value::RawValue;
 
 use super::ReadError;
 use super::lines::{LineFormat, ParsedLine};
-use super::serial_log::parse_hex;
+use super::words::parse_hex;
 use crate::explanation::{ERROR_FRAME, REMOTE_REQUEST};
 use crate::record::{
     CanErrorFrame, CanRecord, ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame,

@@ -6,8 +6,8 @@ use polepair_core::medium::Frame;
 
 use super::digits::StampPrefix;
 use super::lines::{LINE_MAX, LineFormat, ParsedLine};
-use super::serial_log::HEX;
 use super::tool_log::{self, ToolLine, parse_tool_line};
+use super::words::{HEX, split_word};
 use super::{ReadError, candump, digits, serial_log};
 use crate::record::{CanRecord, Record, RecordData, STANDARD_MAX};
 use crate::timestamp::Timestamp;
@@ -349,13 +349,6 @@ fn parse_body(
         return Ok((serial_log::parse_data(rest, scratch)?, None));
     };
     Ok((direction, Some(can)))
-}
-
-/// The first word, and what follows it without the space between.
-pub(crate) fn split_word(text: &[u8]) -> (&[u8], &[u8]) {
-    let text = text.trim_ascii_start();
-    let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
-    (&text[..end], text[end..].trim_ascii_start())
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use polepair_core::explain::Direction;
 
 use super::candump;
-use super::serial_log::{self, parse_hex_digit};
+use super::words::{parse_hex, parse_hex_digit};
 use crate::date;
 use crate::record::{CanRecord, ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame};
 use crate::timestamp::Timestamp;
@@ -294,9 +294,7 @@ fn parse_bytes<'t>(text: &'t str, bytes: &mut Vec<u8>) -> Option<&'t str> {
         }
         match digits {
             [digit] if number.is_some() => bytes.push(parse_hex_digit(*digit).ok()?),
-            [_, ..] if digits.len().is_multiple_of(2) => {
-                serial_log::parse_hex(digits, bytes).ok()?
-            }
+            [_, ..] if digits.len().is_multiple_of(2) => parse_hex(digits, bytes).ok()?,
             _ => break,
         }
         rest = after.trim_start_matches(SEPARATORS);

@@ -18,7 +18,7 @@ use polepair_core::error::WireError;
 use polepair_core::explain::{ConversationContext, Direction, FrameRole, SequencePosition};
 
 use super::{AnomalyKind, AnomalyNotice, ObservedFrame, ProtocolTracker, Quality, SessionNotice};
-use crate::decoder::{FrameDefect, stray_text};
+use crate::defect::{FrameDefect, stray_text};
 use crate::explanation::Explanation;
 use crate::timestamp::Timestamp;
 use pairing::Pairing;

@@ -3,9 +3,10 @@
 
 use polepair_core::explain::Direction;
 
-use super::{BYTES_WIDTH, FrameTextWriter, LineLayout, NoticeLevel, append_padded, protocol_word};
+use super::{BYTES_WIDTH, FrameTextWriter, NoticeLevel, append_padded};
 use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
 use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
+use crate::line_layout::{LineLayout, protocol_word};
 use crate::session::canopen::{ProcessData, ProcessText};
 
 /// What is the same in all lines of a template.

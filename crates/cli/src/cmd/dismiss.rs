@@ -63,7 +63,7 @@ impl DismissCommand {
             return Ok(Exit::Ok);
         }
         let dismiss = DismissStop { reason, epoch: 0, note: self.note };
-        for axis in server.axes_of(&self.target)? {
+        for axis in server.axes_named(self.target.remote_axes()?)? {
             server.gateway.dismiss(axis.id, &dismiss).map_err(remote::refusal_problem)?;
             print_note(&format!("{} has no pending stop any more", axis.label));
         }

@@ -46,7 +46,7 @@ pub struct Doctor {
     #[arg(long, value_enum, default_value_t = CheckFormat::Text)]
     format: CheckFormat,
     #[command(flatten)]
-    profiles: super::ProfileFile,
+    profiles: crate::profile_args::ProfileFile,
 }
 
 /// Output formats of `doctor`.

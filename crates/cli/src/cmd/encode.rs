@@ -45,7 +45,7 @@ pub struct Encode {
     #[arg(long, value_name = "WIRE")]
     via: Option<String>,
     #[command(flatten)]
-    named_by: super::NamingArgs,
+    named_by: crate::profile_args::NamingArgs,
     /// Output format
     #[arg(long, value_enum, default_value_t = EncodeFormat::Text)]
     format: EncodeFormat,

@@ -77,7 +77,7 @@ impl Get {
 
     /// The same by a server.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        let axes = server.axes_of(&self.target)?;
+        let axes = server.axes_named(self.target.remote_axes()?)?;
         let mut out = DataOutput::stdout();
         if self.format == OutputFormat::Csv {
             out.write_line(&format!("axis,link,{CSV_HEADER}"));

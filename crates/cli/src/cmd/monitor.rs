@@ -66,7 +66,7 @@ pub struct MonitorOptions {
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     #[command(flatten)]
-    profiles: super::ProfileFile,
+    profiles: crate::profile_args::ProfileFile,
 }
 
 /// Output formats of `monitor`.

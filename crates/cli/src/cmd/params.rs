@@ -30,7 +30,7 @@ pub struct Params {
     #[arg(long, value_name = "FILE", requires = "family", conflicts_with = "name")]
     write_setup: Option<std::path::PathBuf>,
     #[command(flatten)]
-    profiles: super::ProfileFile,
+    profiles: crate::profile_args::ProfileFile,
 }
 
 impl Params {

@@ -1,5 +1,6 @@
 //! `polepair program assemble|load|verify|save|run|step|break|call|stop`
 
+mod ending;
 mod files;
 mod instructions;
 mod run;

@@ -65,7 +65,7 @@ pub struct RecordOptions {
     #[arg(long = "as", value_name = "PROTO[@ID],…", requires = "show")]
     rules: Option<String>,
     #[command(flatten)]
-    profiles: super::ProfileFile,
+    profiles: crate::profile_args::ProfileFile,
 }
 
 impl RecordOptions {

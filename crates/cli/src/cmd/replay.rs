@@ -123,7 +123,7 @@ impl ReplayOptions {
         let source = self.stated.source()?;
         let wanted = self.filter.as_deref().map(parse_filter).transpose()?;
         let trace = self.trace.as_deref().map(with_format).transpose()?;
-        let connector = super::discover_connector();
+        let connector = crate::profile_args::discover_connector();
         outcome::count_frames_of(&connector);
         let urls: Vec<&str> = self.urls.iter().chain(&self.to).map(String::as_str).collect();
         let (routes, rules) = self.routes(&connector, &urls)?;

@@ -144,7 +144,7 @@ impl ScanCommand {
         if self.look || self.take {
             return remote_scan::run_remote_scan(
                 server,
-                &server.axes_of(&self.target)?,
+                &server.axes_named(self.target.remote_axes()?)?,
                 self.ids,
                 self.format,
                 self.take,
@@ -155,7 +155,7 @@ impl ScanCommand {
             return Err(remote::unsupported_problem("--ids", why));
         }
         let mut out = DataOutput::stdout();
-        let axes = server.axes_of(&self.target)?;
+        let axes = server.axes_named(self.target.remote_axes()?)?;
         let clashes =
             |axis: &AxisInfo| server.bench.clashes.iter().any(|clash| clash.link == axis.link);
         match self.format {

@@ -89,7 +89,7 @@ impl Send {
             return Err(remote::unsupported_problem("--dry-run or --arm", why));
         }
         let live = server.gateway.live().map_err(remote::refusal_problem)?;
-        let axes = server.axes_of(&self.target)?;
+        let axes = server.axes_named(self.target.remote_axes()?)?;
         let mut out = DataOutput::stdout();
         for axis in &axes {
             let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;

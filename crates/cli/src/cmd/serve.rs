@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use polepair_serve::{GatewayServer, PORT, Scopes, ServerOptions, SetupError};
 
-use super::ProfileFile;
 use crate::outcome::to_sentence;
 use crate::problem::{Exit, Problem, Result};
+use crate::profile_args::ProfileFile;
 use crate::terminal::{DataOutput, print_note, print_warning};
 
 /// Opens links and serves them to browsers and programs until Ctrl-C.

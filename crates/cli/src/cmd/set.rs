@@ -67,7 +67,7 @@ impl Set {
             values.insert(name.to_owned(), ParameterInput::Text(value.to_owned()));
         }
         let live = server.gateway.live().map_err(remote::refusal_problem)?;
-        let axes = server.axes_of(&self.target)?;
+        let axes = server.axes_named(self.target.remote_axes()?)?;
         let mut out = DataOutput::stdout();
         for axis in &axes {
             let who = server.axis_prefix(&axes, axis);

@@ -109,7 +109,7 @@ impl WatchCommand {
                 "A server polls at its own rate.",
             ));
         }
-        let axes = server.axes_of(&self.target)?;
+        let axes = server.axes_named(self.target.remote_axes()?)?;
         let live = server.gateway.live().map_err(remote::refusal_problem)?;
         let mut columns = Vec::new();
         for axis in &axes {

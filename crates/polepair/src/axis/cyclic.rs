@@ -3,7 +3,7 @@
 //! Why: CANOPEN-10.
 
 use super::failure::RequestKind;
-use super::together::{require_plan, run_all};
+use super::together::{check_one_wire, require_plan, run_all};
 use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, stop_with_retry};
 use crate::error::Error;
 use polepair_core::axis::{Command, Verb};
@@ -330,19 +330,6 @@ impl LocalAxis {
         let shown = (si / unit.si_factor() * 1e3).round() / 1e3 + 0.0;
         format!("{shown} {}", unit.symbol()).trim_end().to_owned()
     }
-}
-
-/// Axes that obey one signal: one at least, on one connection.
-pub(super) fn check_one_wire<'a>(axes: impl Iterator<Item = &'a LocalAxis>) -> Result<(), Error> {
-    let axes: Vec<&LocalAxis> = axes.collect();
-    let Some(first) = axes.first() else {
-        return Err(Error::usage("E245", "there is no axis", "name one: URL#1"));
-    };
-    if axes.iter().all(|axis| axis.connection.is_same(&first.connection)) {
-        return Ok(());
-    }
-    let what = "axes that start on one signal must be on one wire";
-    Err(Error::usage("E245", what, "command the axes of each link separately"))
 }
 
 /// A period that the drive would round is another period.

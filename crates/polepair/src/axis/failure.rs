@@ -3,7 +3,7 @@
 use super::LocalAxis;
 use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
-use crate::identify::Identification;
+use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use polepair_core::axis::{UnmetWait, Verb};
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};

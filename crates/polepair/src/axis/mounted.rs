@@ -2,7 +2,7 @@
 
 use super::LocalAxis;
 use crate::error::Error;
-use crate::identify::Identification;
+use crate::identification::Identification;
 use crate::mounting::{ARGUMENTS, MotionRole, ResolvedMounting, destination, is_ramp_time};
 use crate::toml_file::{FileLocation, Located};
 use crate::url::AxisNumber;

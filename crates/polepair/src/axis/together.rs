@@ -55,7 +55,7 @@ pub fn check_together(moves: &[(LocalAxis, Command)]) -> Result<(), Error> {
 
 /// The commands that make each drive ready.
 fn prepare_commands(moves: &[(LocalAxis, Command)]) -> Result<Vec<(&LocalAxis, Command)>, Error> {
-    super::cyclic::check_one_wire(moves.iter().map(|(axis, _)| axis))?;
+    check_one_wire(moves.iter().map(|(axis, _)| axis))?;
     let prepared = moves.iter().map(|(axis, command)| {
         let verb = match command.verb {
             Verb::MoveTo => Verb::PrepareTo,
@@ -88,4 +88,17 @@ pub(super) fn run_all(commands: &[(&LocalAxis, Command)]) -> Result<(), Error> {
         .map(|started| started.and_then(|mut running| running.finish().map(drop)))
         .collect();
     ended.into_iter().collect()
+}
+
+/// Axes that obey one signal: one at least, on one connection.
+pub(super) fn check_one_wire<'a>(axes: impl Iterator<Item = &'a LocalAxis>) -> Result<(), Error> {
+    let axes: Vec<&LocalAxis> = axes.collect();
+    let Some(first) = axes.first() else {
+        return Err(Error::usage("E245", "there is no axis", "name one: URL#1"));
+    };
+    if axes.iter().all(|axis| axis.connection.is_same(&first.connection)) {
+        return Ok(());
+    }
+    let what = "axes that start on one signal must be on one wire";
+    Err(Error::usage("E245", what, "command the axes of each link separately"))
 }

@@ -2,7 +2,8 @@
 
 use super::{Connector, LocalLink, ProtocolLine, identify_expected};
 use crate::error::Error;
-use crate::identify::{IDENTIFY_RETRY_MAX, Identification, Prober};
+use crate::identification::Identification;
+use crate::identify::{IDENTIFY_RETRY_MAX, Prober};
 use crate::profile::profile_with_steps;
 use crate::url::{AxisNumber, Url};
 use polepair_core::profile::Profile;

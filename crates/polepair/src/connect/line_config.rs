@@ -3,11 +3,11 @@
 
 use super::{LocalLink, ProtocolLine, RackEntry};
 use crate::axis::LocalAxis;
+use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
-use crate::identify::Identification;
+use crate::identification::Identification;
 use crate::mounting::ResolvedMounting;
 use crate::registry::ProtocolInfo;
-use crate::scan::DetectedDrive;
 use crate::url::AxisNumber;
 use crate::wire::SharedLink;
 use polepair_core::medium::{Can, MediumKind, Stream};

@@ -3,7 +3,8 @@
 use super::options::{host_options, host_options_on_network, wire_options};
 use super::{Connector, ProtocolLine, RackEntry, build_simulation, open};
 use crate::error::Error;
-use crate::identify::{Identification, Prober};
+use crate::identification::Identification;
+use crate::identify::Prober;
 use crate::registry::ProtocolInfo;
 use crate::simulate::{self, RackDescription, Simulation};
 use crate::spelling;

@@ -2,25 +2,9 @@
 
 use super::Connector;
 use crate::simulate::Simulation;
+use crate::tap::{AnyTap, SharedTap};
 use crate::wire::{AnyLink, SharedLink};
-use polepair_core::medium::{Can, Frame, Stream};
-use polepair_core::time::Instant;
-use polepair_link::{Tap, TapDirection};
-use std::sync::{Arc, Mutex, PoisonError};
-
-/// What sees the units of any link: runs of bytes on serial lines, frames on CAN.
-pub trait AnyTap: Tap<Stream> + Tap<Can> {}
-
-impl<T: Tap<Stream> + Tap<Can>> AnyTap for T {}
-
-#[derive(Clone)]
-pub(crate) struct SharedTap(Arc<Mutex<dyn AnyTap>>);
-
-impl SharedTap {
-    pub(crate) fn new(tap: impl AnyTap + 'static) -> Self {
-        Self(Arc::new(Mutex::new(tap)))
-    }
-}
+use std::sync::Arc;
 
 /// What makes the tap of a wire, by its number.
 #[derive(Clone)]
@@ -31,20 +15,6 @@ pub(super) struct TapFactory(Arc<dyn Fn(usize) -> SharedTap + Send + Sync>);
 pub(super) struct LinkWrapper(Arc<WrapLinkFn>);
 
 type WrapLinkFn = dyn Fn(usize, AnyLink, Option<&Simulation>) -> AnyLink + Send + Sync;
-
-impl Tap<Stream> for SharedTap {
-    fn record_unit(&mut self, at: Instant, direction: TapDirection, unit: &[u8]) {
-        let mut tap = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        Tap::<Stream>::record_unit(&mut *tap, at, direction, unit);
-    }
-}
-
-impl Tap<Can> for SharedTap {
-    fn record_unit(&mut self, at: Instant, direction: TapDirection, unit: &Frame) {
-        let mut tap = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        Tap::<Can>::record_unit(&mut *tap, at, direction, unit);
-    }
-}
 
 impl std::fmt::Debug for TapFactory {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -36,6 +36,27 @@ pub struct Armed<A: ArmableAxis = Axis> {
     released: bool,
 }
 
+impl Axis {
+    /// Arms and enables the axis until the guard is dropped, which stops and disables it.
+    ///
+    /// # Errors
+    /// [`Error`] by source; the axis is then disarmed again. `E220` if it is armed already: it then stays so.
+    pub fn armed(&self) -> Result<Armed, Error> {
+        Armed::new(self)
+    }
+}
+
+impl LocalAxis {
+    /// Arms and enables the axis until the guard is dropped, which stops and disables it.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; the axis is then disarmed again. `E220` when it is armed already: it then
+    /// stays so.
+    pub fn armed(&self) -> Result<Armed<Self>, Error> {
+        Armed::new(self)
+    }
+}
+
 impl<A: ArmableAxis> Armed<A> {
     pub(crate) fn new(axis: &A) -> Result<Self, Error> {
         axis.interface().arm()?;

@@ -12,7 +12,7 @@ use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 
 use super::{
-    Armed, AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, ParameterDescription,
+    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, ParameterDescription,
     ReadValue, SignalReading, WatchdogReport, WriteValue, not_on_gateway,
 };
 use crate::amount::Amount;
@@ -63,7 +63,7 @@ impl Axis {
     /// The axis of a gateway. `None` for one whose wire this program opened.
     #[cfg(feature = "remote")]
     #[must_use]
-    pub fn remote(&self) -> Option<&crate::remote::RemoteAxis> {
+    pub fn remote(&self) -> Option<&crate::interface::remote::RemoteAxis> {
         self.interface.remote()
     }
 
@@ -227,14 +227,6 @@ impl Axis {
     #[must_use]
     pub fn is_armed(&self) -> bool {
         self.interface.is_armed()
-    }
-
-    /// Arms and enables the axis until the guard is dropped, which stops and disables it.
-    ///
-    /// # Errors
-    /// [`Error`] by source; the axis is then disarmed again. `E220` if it is armed already: it then stays so.
-    pub fn armed(&self) -> Result<Armed, Error> {
-        Armed::new(self)
     }
 
     /// Starts a verb, and does not wait for its end.

@@ -8,7 +8,7 @@ use crate::connect::{Connector, LocalLink};
 use crate::error::Error;
 use crate::events::Events;
 #[cfg(feature = "remote")]
-use crate::remote::{self, RemoteLink};
+use crate::interface::remote::{self, RemoteLink};
 use crate::simulate::Simulation;
 
 /// Schemes of a gateway's address.

@@ -6,7 +6,7 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
-use super::{Axis, AxisRequest, FaultReport};
+use super::{Axis, AxisRequest, MotionState};
 use crate::axis::{LocalAxis, PreparedCommand, STOP_RETRY_MAX, stop_with_retry};
 use crate::error::{Error, Exit};
 
@@ -20,17 +20,6 @@ const TURNING_SHARE: f64 = 0.5;
 const STANDSTILL_SHARE: f64 = 0.02;
 /// A motor that has turned may be at standstill for so long.
 const STANDSTILL_MAX: Duration = Duration::from_secs(1);
-
-/// What tells whether a motor still follows its command.
-#[derive(Clone, PartialEq, Debug, Default)]
-pub struct MotionState {
-    /// The fault that stopped it.
-    pub fault: Option<FaultReport>,
-    /// The motor has power; `None` while that is not known.
-    pub enabled: Option<bool>,
-    /// rad/s, or m/s on a linear axis; `None` while it is not known.
-    pub velocity: Option<f64>,
-}
 
 /// Checks a motor that this program holds in motion: another client, an input, a fault or the drive itself may
 /// have ended the motion.
@@ -173,8 +162,10 @@ pub fn stop_each(
     mut again: impl FnMut(&Axis, &Error) -> bool,
 ) -> Vec<Result<(), Error>> {
     #[cfg(feature = "remote")]
-    let mut started: Vec<_> =
-        axes.iter().map(|axis| axis.remote().map(crate::remote::RemoteAxis::begin_stop)).collect();
+    let mut started: Vec<_> = axes
+        .iter()
+        .map(|axis| axis.remote().map(crate::interface::remote::RemoteAxis::begin_stop))
+        .collect();
     let local: Vec<LocalAxis> = axes.iter().filter_map(Axis::local).cloned().collect();
     let repeat = |axis: &LocalAxis, error: &Error| again(&Axis::from(axis.clone()), error);
     let mut stopped = stop_with_retry(&local, STOP_RETRY_MAX, repeat).into_iter();

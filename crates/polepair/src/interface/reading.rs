@@ -1,4 +1,4 @@
-//! Values that were read from an axis.
+//! Values that are read from an axis, and written to it.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use polepair_core::profile::{Fault, Severity, Signal};
 
-use crate::amount::Value;
+use crate::amount::{Amount, Value};
 use crate::error::{Error, Exit};
 
 /// A parameter that was read.
@@ -53,7 +53,7 @@ impl From<Value> for ReadValue {
 }
 
 /// The error for a parameter that holds text or bytes.
-pub(super) fn not_a_number(name: &str) -> Error {
+fn not_a_number(name: &str) -> Error {
     Error::usage("E213", format!("`{name}` is no number"), "read it as text, or as bytes")
 }
 
@@ -149,4 +149,46 @@ pub struct WatchdogReport {
     pub parameter: Option<String>,
     /// What to know before it is set; may be empty.
     pub caution: String,
+}
+
+/// A value to be written.
+#[derive(Clone, PartialEq, Debug)]
+pub enum WriteValue {
+    /// A number in the parameter's unit, text with a unit, or a word.
+    Amount(Amount),
+    /// The drive's own number.
+    Raw(i64),
+}
+
+/// The reply to a request.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Reply {
+    /// The last raw value that was read; 0 for a request without a value.
+    Raw(i64),
+    /// A parameter as a gateway read it.
+    Reading(ReadValue),
+}
+
+impl Reply {
+    /// The raw value of the reply; `name` is for the error.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E213` if the parameter holds text or bytes.
+    pub fn raw(&self, name: &str) -> Result<i64, Error> {
+        match self {
+            Self::Raw(raw) => Ok(*raw),
+            Self::Reading(reading) => reading.raw.ok_or_else(|| not_a_number(name)),
+        }
+    }
+}
+
+/// What tells whether a motor still follows its command.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct MotionState {
+    /// The fault that stopped it.
+    pub fault: Option<FaultReport>,
+    /// The motor has power; `None` while that is not known.
+    pub enabled: Option<bool>,
+    /// rad/s, or m/s on a linear axis; `None` while it is not known.
+    pub velocity: Option<f64>,
 }

@@ -3,44 +3,11 @@
 use std::task::Waker;
 use std::time::Duration;
 
-use super::ReadValue;
-use super::reading::not_a_number;
-use crate::amount::Amount;
+use super::Reply;
 use crate::axis::RunningRequest;
 use crate::error::Error;
 #[cfg(feature = "remote")]
-use crate::remote::RemoteRequest;
-
-/// A value to be written.
-#[derive(Clone, PartialEq, Debug)]
-pub enum WriteValue {
-    /// A number in the parameter's unit, text with a unit, or a word.
-    Amount(Amount),
-    /// The drive's own number.
-    Raw(i64),
-}
-
-/// The reply to a request.
-#[derive(Clone, PartialEq, Debug)]
-pub enum Reply {
-    /// The last raw value that was read; 0 for a request without a value.
-    Raw(i64),
-    /// A parameter as a gateway read it.
-    Reading(ReadValue),
-}
-
-impl Reply {
-    /// The raw value of the reply; `name` is for the error.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] `E213` if the parameter holds text or bytes.
-    pub fn raw(&self, name: &str) -> Result<i64, Error> {
-        match self {
-            Self::Raw(raw) => Ok(*raw),
-            Self::Reading(reading) => reading.raw.ok_or_else(|| not_a_number(name)),
-        }
-    }
-}
+use crate::interface::remote::RemoteRequest;
 
 /// A request that is being executed. Dropped before its end, it continues.
 #[derive(Debug)]

@@ -12,6 +12,9 @@ use polepair_core::profile::{
 };
 use polepair_core::units::Unit;
 
+/// Parameters, faults, or repetitions of one, that a profile may have at most.
+pub(crate) const ENTRIES_MAX: usize = 4096;
+
 /// A parameter by its name, and where the file names it.
 pub(crate) type ParameterName = Located<String>;
 

@@ -3,9 +3,8 @@
 //! The map is complete for its firmware. Known parameters keep their texts and get its addresses and types.
 //! Other names get no text. Parameters that the map does not name do not exist.
 
-use super::draft::{Draft, DraftParameter};
+use super::draft::{Draft, DraftParameter, ENTRIES_MAX};
 use super::missing::remove_missing;
-use super::read::ENTRIES_MAX;
 use crate::spelling::fold;
 use crate::toml_file::{FileError, FileLocation, Located};
 use polepair_core::profile::{Access, Certainty, Encoding, Persistence};

@@ -2,7 +2,7 @@
 
 use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal,
-    DraftWatchdog,
+    DraftWatchdog, ENTRIES_MAX,
 };
 use super::{blocks, memory_map};
 use crate::spelling;
@@ -13,9 +13,6 @@ use polepair_core::profile::{
 };
 use polepair_core::units::Unit;
 use polepair_drives::scale_rules;
-
-/// Parameters, faults, or repetitions of one, that a profile may have at most.
-pub(crate) const ENTRIES_MAX: usize = 4096;
 
 const KEYS: [&str; 25] = [
     "name",

@@ -4,9 +4,10 @@
 //! Why: STOP-6.
 
 use crate::connect::ProtocolLine;
+use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
-use crate::identify::{Identification, ProbeResult, Prober};
-use crate::scan::DetectedDrive;
+use crate::identification::Identification;
+use crate::identify::{ProbeResult, Prober};
 use polepair_core::axis::Verb;
 use polepair_core::error::Outcome;
 use polepair_core::plan::{Operand, Step};

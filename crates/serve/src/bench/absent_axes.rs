@@ -11,8 +11,9 @@ use polepair_link::clock;
 use serde_json::json;
 use tokio::sync::oneshot;
 
-use super::context::{BenchEvent, SERVER};
-use super::threads::thread_error;
+use super::context::BenchEvent;
+use super::journal_sink::SERVER;
+use super::thread_error::thread_error;
 use super::wire::StopBatch;
 use super::{Bench, BenchInner};
 use crate::message::{GatewayError, JournalAction};

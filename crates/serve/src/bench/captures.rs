@@ -11,9 +11,9 @@ use polepair_capture::{
 };
 
 use super::Bench;
-use super::context::lock_unpoisoned;
 use super::frame_view::{explained_fields, frame_item};
 use super::frames::parse_filter;
+use super::lock::lock_unpoisoned;
 use crate::message::{CapturePage, ExplainedField, FrameItem, GatewayError, OpenedCapture};
 
 /// Captures that are kept; the oldest goes when there are more.

@@ -7,7 +7,7 @@ use std::collections::{HashMap, VecDeque};
 use polepair_core::time::Instant;
 use tokio::sync::oneshot;
 
-use super::wire::ReplySender;
+use super::reply::ReplySender;
 use crate::message::{CommandOutcome, GatewayError};
 
 /// Ids that are remembered.

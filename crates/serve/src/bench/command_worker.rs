@@ -21,15 +21,17 @@ use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::clock::BenchClock;
-use super::context::{BenchContext, BenchEvent, SERVER, lock_unpoisoned};
+use super::context::{BenchContext, BenchEvent};
+use super::journal_sink::SERVER;
 use super::lease::{EndedLease, LeaseHolder, LeaseSlot, SessionName};
+use super::lock::lock_unpoisoned;
 use super::pending_stop::{Airtime, PendingStop, REPLY_MAX};
+use super::reply::ReplySender;
 use super::request_worker::RequestWorker;
-use super::scan;
+use super::scan_flag::scan_error;
 use super::state::axis_state;
 use super::wire::{
-    BenchWire, CommandAction, LeaseRequest, QueuedCommand, ReplySender, WireRequest,
-    overtaken_error,
+    BenchWire, CommandAction, LeaseRequest, QueuedCommand, StopSender, WireRequest, overtaken_error,
 };
 use crate::message::{
     CommandOutcome, GatewayError, JournalAction, LeaseAction, LeaseGrant, LeaseView, OutcomeKind,
@@ -114,6 +116,19 @@ impl WorkerAxis {
 }
 
 impl CommandWorker {
+    /// Sends pending stops on the calling thread, unless the worker runs, or its last stop took long to write.
+    pub fn stop_sender(worker: &Arc<Mutex<Self>>) -> StopSender {
+        let worker = Arc::downgrade(worker);
+        Box::new(move || {
+            if let Some(worker) = worker.upgrade()
+                && let Ok(mut worker) = worker.try_lock()
+                && worker.can_send_fast()
+            {
+                worker.process_stops();
+            }
+        })
+    }
+
     /// For a link of that connection string.
     pub fn new(
         wire: Arc<BenchWire>,
@@ -387,7 +402,7 @@ impl CommandWorker {
             None => Ok(()),
             Some(watched) => {
                 let what = format!("{} is powered", watched.axis.label());
-                Err(scan::scan_error(what).hint("disable it first"))
+                Err(scan_error(what).hint("disable it first"))
             }
         }
     }

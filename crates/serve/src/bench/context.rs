@@ -1,7 +1,7 @@
 //! Shared state of all wires of a bench: motion lock, command history, journal, event receivers.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use polepair_core::time::Instant;
@@ -12,52 +12,17 @@ use super::BenchOptions;
 use super::clock::BenchClock;
 use super::command_history::CommandHistory;
 use super::journal_queue::JournalQueue;
+use super::journal_sink::SERVER;
 use super::lease::SessionName;
-use super::wire::{Continuation, ReplySender};
+use super::lock::lock_unpoisoned;
+use super::reply::Continuation;
+use super::reply::ReplySender;
 use crate::message::{
-    AxisStopReport, CommandOutcome, GatewayError, JournalAction, LeaseView, MotionLock, ScanView,
+    AxisStopReport, CommandOutcome, JournalAction, LeaseView, MotionLock, ScanView,
 };
 
 /// Things that happened and that a listener has not heard yet.
 const EVENTS_MAX: usize = 1024;
-/// Who did what nobody asked for.
-pub(super) const SERVER: &str = "server";
-
-/// Keeps what is done: see [`BenchOptions::journal`](super::BenchOptions::journal).
-///
-/// It is told before anything is sent, stops excepted: those go first. One thread calls it, which looks
-/// after nothing else, so it may wait for a disk.
-pub trait JournalSink: Send + Sync {
-    /// Takes a note, and returns once it is kept.
-    ///
-    /// # Errors
-    /// When it cannot be kept: what it announces is then not done, and a [`JournalAction::Missing`] counts what
-    /// was done.
-    fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError>;
-}
-
-/// What is about to be done, or was.
-#[derive(Debug)]
-pub struct JournalEntry<'a> {
-    /// The session; `server` for what nobody asked for.
-    pub who: &'a str,
-    /// What.
-    pub action: JournalAction,
-    /// The axis that it concerns.
-    pub axis: Option<u16>,
-    /// The rest.
-    pub detail: &'a Value,
-}
-
-/// A journal that keeps nothing, for benches that nobody else commands.
-#[derive(Debug)]
-pub struct NullJournal;
-
-impl JournalSink for NullJournal {
-    fn write_entry(&self, _note: JournalEntry<'_>) -> Result<(), GatewayError> {
-        Ok(())
-    }
-}
 
 /// Something that happened.
 #[derive(Clone, Debug)]
@@ -254,9 +219,4 @@ impl Drop for BenchContext {
     fn drop(&mut self) {
         self.journal.close();
     }
-}
-
-/// What is behind a lock, whatever became of who had it.
-pub(super) fn lock_unpoisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

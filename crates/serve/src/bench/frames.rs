@@ -13,8 +13,9 @@ use polepair_link::clock;
 use polepair_link::tap::{Tap, TapDirection};
 
 use super::Bench;
-use super::context::{BenchContext, lock_unpoisoned};
+use super::context::BenchContext;
 use super::frame_view::{explained_fields, frame_item};
+use super::lock::lock_unpoisoned;
 use super::wire::BenchWire;
 use crate::message::{ExplainedField, FrameItem, GatewayError};
 

@@ -15,9 +15,12 @@ use polepair_core::time::Instant;
 use serde_json::{Value, json};
 
 use super::clock::BenchClock;
-use super::context::{JournalEntry, JournalSink, SERVER, lock_unpoisoned};
+use super::journal_sink::JournalEntry;
+use super::journal_sink::JournalSink;
+use super::journal_sink::SERVER;
 use super::lease::SessionName;
-use super::wire::Continuation;
+use super::lock::lock_unpoisoned;
+use super::reply::Continuation;
 use crate::message::{GatewayError, JournalAction};
 
 /// Notes that wait, and about how many bytes of them. What is announced may take half of either, so that

@@ -10,11 +10,14 @@ use polepair_link::clock;
 use serde_json::json;
 use tokio::sync::oneshot;
 
+use super::AXES_MAX;
 use super::absent_axes;
-use super::context::{BenchEvent, SERVER, lock_unpoisoned};
-use super::open::{AXES_MAX, BenchLink, tapped_connector};
-use super::threads::thread_error;
-use super::wire::Continuation;
+use super::context::BenchEvent;
+use super::journal_sink::SERVER;
+use super::lock::lock_unpoisoned;
+use super::open::{BenchLink, tapped_connector};
+use super::reply::Continuation;
+use super::thread_error::thread_error;
 use super::{Bench, BenchInner, PendingReply, REASON_MAX, SessionName};
 use crate::message::{
     DismissAbsent, DismissReason, GatewayError, JournalAction, LinkView, UnreachedTarget,

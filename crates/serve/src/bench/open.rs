@@ -12,20 +12,17 @@ use polepair_core::medium::MediumKind;
 use polepair_core::proto::drive_address;
 use polepair_link::Cause;
 
-use super::AxisEntry;
 use super::clock::BenchClock;
-use super::context::lock_unpoisoned;
 use super::describe::axis_info;
 use super::frames::FrameTraffic;
+use super::link_scan::LinkScan;
+use super::lock::lock_unpoisoned;
 use super::request_worker::RequestWorker;
-use super::scan::LinkScan;
 use super::simulated_drive::SimulatedDrive;
-use super::threads::thread_error;
+use super::thread_error::thread_error;
 use super::wire::BenchWire;
+use super::{AXES_MAX, AxisEntry};
 use crate::message::{AbsentAxis, GatewayError, LinkCounter, LinkState, LinkView};
-
-/// Axes of a bench.
-pub(super) const AXES_MAX: usize = 256;
 
 /// A link of the bench: one wire, whatever its connection string opens besides.
 pub(super) struct BenchLink {

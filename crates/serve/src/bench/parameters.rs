@@ -13,9 +13,11 @@ use tokio::sync::oneshot;
 use super::context::BenchContext;
 use super::describe::parameter_info;
 use super::lease::SessionName;
+use super::reply::Continuation;
 use super::reply::PendingReply;
+use super::reply::ReplySender;
 use super::request_worker::RequestWorker;
-use super::wire::{BenchWire, Continuation, ReplySender, WireRequest};
+use super::wire::{BenchWire, WireRequest};
 use super::{Bench, BenchLink};
 use crate::message::{
     DeviceDetailView, GatewayError, JournalAction, ParameterChange, ParameterInfo, ParameterInput,

@@ -14,9 +14,9 @@ use polepair_core::time::Instant;
 use tokio::sync::oneshot;
 
 use super::clock::BenchClock;
-use super::context::lock_unpoisoned;
 use super::lease::SessionName;
-use super::wire::ReplySender;
+use super::lock::lock_unpoisoned;
+use super::reply::ReplySender;
 use crate::message::{
     AxisStopReport, GatewayError, PendingStopView, StopCause, StopClass, StopReport,
     UnreachedTarget,

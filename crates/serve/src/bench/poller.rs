@@ -226,7 +226,7 @@ impl AxisPoller {
             Err(error) => error.to_string(),
         };
         let (axes, since, report) = (vec![(self.current, 0)], self.context.now(), None);
-        let who = super::context::SERVER.into();
+        let who = super::journal_sink::SERVER.into();
         self.wire.submit_stop(StopBatch {
             axes,
             session: who,

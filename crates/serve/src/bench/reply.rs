@@ -4,10 +4,16 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-use tokio::sync::oneshot::Receiver;
 use tokio::sync::oneshot::error::TryRecvError;
+use tokio::sync::oneshot::{self, Receiver};
 
 use crate::message::GatewayError;
+
+/// What goes on when it is known whether it may. It must not wait.
+pub(super) type Continuation = Box<dyn FnOnce(Result<(), GatewayError>) + Send>;
+
+/// Tells what came of something.
+pub(super) type ReplySender<T> = oneshot::Sender<Result<T, GatewayError>>;
 
 /// What comes of something that was asked. Dropped, it goes on by itself.
 #[derive(Debug)]

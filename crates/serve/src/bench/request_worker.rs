@@ -7,10 +7,10 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
-use super::context::lock_unpoisoned;
-use super::wire::{
-    BenchWire, CommandAction, Continuation, QueuedCommand, ReplySender, WireRequest,
-};
+use super::lock::lock_unpoisoned;
+use super::reply::Continuation;
+use super::reply::ReplySender;
+use super::wire::{BenchWire, CommandAction, QueuedCommand, WireRequest};
 use crate::message::GatewayError;
 
 /// Jobs in the queue of one request worker.

@@ -3,23 +3,27 @@
 //!
 //! Why: GW-6, GW-7.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use polepair::LocalAxis;
 use polepair::axis::summarize_details;
 use polepair::scan::{DetectedDrive, DriveScanner, ScanAddresses, ScanProgress, ScanReport};
-use polepair::{Connector, LocalAxis};
 use polepair_core::time::Instant;
 use serde_json::json;
 use tokio::sync::oneshot;
 
-use super::clock::BenchClock;
-use super::context::{BenchContext, BenchEvent, SERVER, lock_unpoisoned};
+use super::AXES_MAX;
+use super::context::{BenchContext, BenchEvent};
 use super::describe::axis_info;
+use super::journal_sink::SERVER;
 use super::lease::SessionName;
-use super::open::{AXES_MAX, BenchLink};
+use super::link_scan::LinkScan;
+use super::lock::lock_unpoisoned;
+use super::open::BenchLink;
 use super::reply::PendingReply;
+use super::scan_flag::scan_error;
 use super::simulated_drive::SimulatedDrive;
 use super::wire::{BenchWire, WireRequest};
 use super::{AxisEntry, Bench};
@@ -30,118 +34,6 @@ use crate::message::{
 
 /// How often it is told how far a look is.
 const REPORT_INTERVAL: Duration = Duration::from_millis(100);
-
-/// Whether somebody looks for drives on a wire; whoever stops something there ends that first.
-#[derive(Default)]
-pub(super) struct ScanFlag {
-    active: AtomicBool,
-    cancelled: AtomicBool,
-}
-
-impl ScanFlag {
-    /// From now on: no axis of the wire is given to anybody until the end.
-    pub fn begin(&self) {
-        self.cancelled.store(false, Ordering::SeqCst);
-        self.active.store(true, Ordering::SeqCst);
-    }
-
-    pub fn end(&self) {
-        self.active.store(false, Ordering::SeqCst);
-    }
-
-    pub fn is_active(&self) -> bool {
-        self.active.load(Ordering::SeqCst)
-    }
-
-    /// Ends it as soon as what was asked last is answered, or is not.
-    pub fn cancel(&self) {
-        self.cancelled.store(true, Ordering::SeqCst);
-    }
-
-    pub fn is_cancelled(&self) -> bool {
-        self.cancelled.load(Ordering::SeqCst)
-    }
-}
-
-/// What is known of looks on one wire.
-pub(super) struct LinkScan {
-    link: u16,
-    connector: Connector,
-    /// What the connection string opened, with all that was taken in since, and which wire of that it
-    /// is; nothing before it was opened.
-    root: OnceLock<(Arc<Mutex<polepair::LocalLink>>, usize)>,
-    requested: Mutex<Option<ScanAddresses>>,
-    /// The look under way, or the last.
-    view: Mutex<Option<ScanView>>,
-    found: Mutex<Vec<DetectedDrive>>,
-}
-
-impl LinkScan {
-    pub fn new(link: u16, connector: Connector) -> Self {
-        let (requested, view, found) = (Mutex::default(), Mutex::default(), Mutex::default());
-        Self { link, connector, root: OnceLock::new(), requested, view, found }
-    }
-
-    /// Its link is open: the wire of that place.
-    pub fn set_opened(&self, root: &Arc<Mutex<polepair::LocalLink>>, index: usize) {
-        // Nobody opens a link twice.
-        let _ = self.root.set((Arc::clone(root), index));
-    }
-
-    /// What the connection string opened, and which wire of that it is.
-    pub fn root(&self) -> Result<(MutexGuard<'_, polepair::LocalLink>, usize), GatewayError> {
-        let (root, index) = self.root.get().ok_or_else(|| scan_error("the link is not open"))?;
-        Ok((lock_unpoisoned(root), *index))
-    }
-
-    /// With which names and profiles drives are looked for.
-    pub fn connector(&self) -> &Connector {
-        &self.connector
-    }
-
-    /// The last look.
-    pub fn last_view(&self) -> Option<ScanView> {
-        lock_unpoisoned(&self.view).clone()
-    }
-
-    /// Requests a scan from the poller.
-    fn begin(
-        &self,
-        shared: &BenchContext,
-        session: &SessionName,
-        numbers: ScanAddresses,
-    ) -> ScanView {
-        let view = ScanView {
-            link: self.link,
-            by: session.to_string(),
-            began_ms: BenchClock::wall_ms(shared.now()),
-            state: ScanState::UnderWay,
-            number: None,
-            done: 0,
-            of: 0,
-            found: Vec::new(),
-            axes: Vec::new(),
-            tried: Vec::new(),
-            unasked: 0,
-            has_unconfigured: false,
-            error: None,
-        };
-        lock_unpoisoned(&self.found).clear();
-        let mut scan_view = lock_unpoisoned(&self.view);
-        *scan_view = Some(view.clone());
-        *lock_unpoisoned(&self.requested) = Some(numbers);
-        shared.publish(BenchEvent::Scan(view.clone()));
-        view
-    }
-
-    /// Changes what is told, and tells it: in this order, whoever else does.
-    fn update_view(&self, shared: &BenchContext, change: impl FnOnce(&mut ScanView)) {
-        let mut scan_view = lock_unpoisoned(&self.view);
-        let Some(view) = scan_view.as_mut() else { return };
-        change(view);
-        shared.publish(BenchEvent::Scan(view.clone()));
-    }
-}
 
 /// What looks on one wire.
 pub(super) struct LinkScanner {
@@ -513,8 +405,4 @@ fn requested_addresses(request: &ScanRequest) -> Result<ScanAddresses, GatewayEr
              `last`",
         )),
     }
-}
-
-pub(super) fn scan_error(what: impl Into<String>) -> GatewayError {
-    GatewayError::new("gateway.look", what)
 }

@@ -11,9 +11,9 @@ use std::time::Duration;
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
+use super::AXES_MAX;
 use super::Bench;
-use super::context::lock_unpoisoned;
-use super::open::AXES_MAX;
+use super::lock::lock_unpoisoned;
 use crate::message::telemetry::Sample;
 use crate::message::{GatewayError, SampleSource as From};
 

@@ -5,12 +5,13 @@ use std::sync::{Arc, Mutex};
 use polepair::events::Events;
 
 use super::command_worker::CommandWorker;
-use super::context::lock_unpoisoned;
 use super::event_listener::DriveEventListener;
 use super::frames::TrafficDecoder;
 use super::journal_queue::JournalWriter;
+use super::lock::lock_unpoisoned;
 use super::open::BenchLink;
 use super::poller::AxisPoller;
+use super::thread_error::thread_error;
 use super::{Bench, BenchInner};
 use crate::message::GatewayError;
 
@@ -29,10 +30,10 @@ impl Bench {
         for link in &self.0.links {
             let (worker, axis_poller) =
                 (Arc::new(Mutex::new(self.new_command_worker(link))), self.new_poller(link));
-            let weak = Arc::downgrade(&worker);
+            let send_stops = CommandWorker::stop_sender(&worker);
             let started = named("command-worker").spawn(move || CommandWorker::run(&worker));
             let started = started.map_err(|error| thread_error(&error))?;
-            link.wire.set_worker(started.thread().clone(), weak);
+            link.wire.set_worker(started.thread().clone(), send_stops);
             threads.push(started);
             let watches = named("axis-poller").spawn(move || axis_poller.run());
             threads.push(watches.map_err(|error| thread_error(&error))?);
@@ -78,7 +79,7 @@ impl Bench {
         by_hand.journal_writer = Some(scribe);
         for link in &self.0.links {
             let worker = Arc::new(Mutex::new(self.new_command_worker(link)));
-            link.wire.set_worker(std::thread::current(), Arc::downgrade(&worker));
+            link.wire.set_worker(std::thread::current(), CommandWorker::stop_sender(&worker));
             by_hand.command_workers.push(worker);
         }
         drop(by_hand);
@@ -130,8 +131,4 @@ impl Bench {
             lost: 0,
         }
     }
-}
-
-pub(super) fn thread_error(error: &std::io::Error) -> GatewayError {
-    GatewayError::new("gateway.busy", format!("no thread can be started: {error}"))
 }

@@ -13,8 +13,9 @@ use tokio::sync::oneshot;
 use super::Bench;
 use super::lease::SessionName;
 use super::parameters::check_lease_held;
+use super::reply::Continuation;
 use super::reply::PendingReply;
-use super::wire::{Continuation, WireRequest};
+use super::wire::WireRequest;
 use crate::message::{GatewayError, JournalAction, SetWatchdog, WatchdogMode, WatchdogView};
 
 impl Bench {

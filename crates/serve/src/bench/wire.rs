@@ -2,22 +2,21 @@
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::Thread;
 
 use polepair::LocalAxis;
 use polepair::axis::PreparedCommand;
 use polepair_core::axis::Command;
 use polepair_core::time::Instant;
-use tokio::sync::oneshot;
 
+use super::AXES_MAX;
 use super::append_only_vec::AppendOnlyVec;
-use super::command_worker::CommandWorker;
-use super::context::lock_unpoisoned;
 use super::lease::SessionName;
-use super::open::AXES_MAX;
+use super::lock::lock_unpoisoned;
 use super::pending_stop::StopCollector;
-use super::scan::{self, ScanFlag};
+use super::reply::{Continuation, ReplySender};
+use super::scan_flag::{ScanFlag, scan_error};
 use super::state::axis_state;
 use crate::message::{
     CommandOutcome, DismissStop, GatewayError, LeaseGrant, LeaseView, PendingStopView,
@@ -27,6 +26,9 @@ use crate::message::{
 const REQUESTS_MAX: usize = 1024;
 /// Stops that wait for one wire; the axes of more are added to the last.
 const STOPS_MAX: usize = 64;
+
+/// Sends the pending stops of a wire on the calling thread, if its worker is not at work.
+pub(super) type StopSender = Box<dyn Fn() + Send + Sync>;
 
 /// A wire and its axes.
 pub(super) struct BenchWire {
@@ -39,7 +41,7 @@ pub(super) struct BenchWire {
     /// With their numbers in the order in which they were said.
     requests: Mutex<VecDeque<(u64, WireRequest)>>,
     stops: Mutex<VecDeque<StopBatch>>,
-    worker: OnceLock<(Thread, Weak<Mutex<CommandWorker>>)>,
+    worker: OnceLock<(Thread, StopSender)>,
     leases: Mutex<Vec<Option<LeaseView>>>,
     pending_stops: Mutex<Vec<Option<PendingStopView>>>,
     /// Axes whose drives were had to watch this host by nobody but the server.
@@ -73,12 +75,6 @@ pub(super) enum WireRequest {
     /// The journal did not keep that a lease was given.
     LeaseNotRecorded { axis: usize, epoch: u64 },
 }
-
-/// What goes on when it is known whether it may. It must not wait.
-pub(super) type Continuation = Box<dyn FnOnce(Result<(), GatewayError>) + Send>;
-
-/// Tells what came of something.
-pub(super) type ReplySender<T> = oneshot::Sender<Result<T, GatewayError>>;
 
 /// What is wanted of a lease.
 #[derive(Debug)]
@@ -232,9 +228,9 @@ impl BenchWire {
         self.time_origin.get().copied().unwrap_or(Instant::ZERO)
     }
 
-    /// Whose thread is called when there is something to do.
-    pub fn set_worker(&self, thread: Thread, weak: Weak<Mutex<CommandWorker>>) {
-        let _ = self.worker.set((thread, weak));
+    /// The thread that is woken for requests, and what sends pending stops if that thread is not at work.
+    pub fn set_worker(&self, thread: Thread, send_stops: StopSender) {
+        let _ = self.worker.set((thread, send_stops));
     }
 
     /// Gives an order.
@@ -302,7 +298,7 @@ impl BenchWire {
     /// Whether no axis of it is commanded, owed a stop, armed or turning: then nobody waits for what is
     /// asked of others there.
     pub fn check_at_rest(&self) -> Result<(), GatewayError> {
-        let refused = |what: String, hint: &str| Err(scan::scan_error(what).hint(hint));
+        let refused = |what: String, hint: &str| Err(scan_error(what).hint(hint));
         for (index, (id, axis)) in self.axes.iter().enumerate() {
             let (label, state) = (axis.label(), axis_state(*id, axis));
             if let Some(lease) = self.lease(index) {
@@ -344,12 +340,8 @@ impl BenchWire {
     /// Sends pending stops on this thread, because the worker's thread may take a while to wake.
     /// Where the worker is running, or the last stop took long to write, its own thread sends them.
     pub fn send_stops(&self) {
-        let worker = self.worker.get().and_then(|(_, weak)| weak.upgrade());
-        if let Some(worker) = worker
-            && let Ok(mut worker) = worker.try_lock()
-            && worker.can_send_fast()
-        {
-            worker.process_stops();
+        if let Some((_, send_stops)) = self.worker.get() {
+            send_stops();
         }
     }
 

@@ -108,7 +108,7 @@ pub struct Assemble {
     #[command(flatten)]
     place: ProgramLocation,
     #[command(flatten)]
-    profiles: crate::cmd::ProfileFile,
+    profiles: crate::profile_args::ProfileFile,
 }
 
 impl Assemble {

@@ -11,8 +11,8 @@ use polepair::{Error, LocalAxis};
 use polepair_core::program::TransferProgress;
 use polepair_core::time::Instant;
 
+use super::ending::{end_program, is_powered};
 use super::module_axis;
-use super::run::{end_program, is_powered};
 use crate::interrupt;
 use crate::motion;
 use crate::outcome;

@@ -5,18 +5,17 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::LocalAxis;
-use polepair::axis::STOP_RETRY_MAX;
 use polepair::program::Program;
 use polepair_core::axis::{Command, Verb};
-use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 
+use super::ending::{end_program, is_powered};
 use super::{instructions, module_axis, parse_address, single_axis};
 use crate::interrupt;
 use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{LocalSession, read_signal, run_optional_verb};
+use crate::session::LocalSession;
 use crate::target::DriveArgs;
 use crate::terminal::{print_note, print_warning};
 use crate::value;
@@ -207,26 +206,6 @@ fn run_program(
     let quiet = end_program(axis, powered);
     axis.arm(false);
     motion::conclude(ended, quiet, "the program was ended and the motor stopped")
-}
-
-/// Whether the motor has power, as far as the drive tells.
-pub fn is_powered(axis: &LocalAxis) -> Result<bool> {
-    Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0))
-}
-
-/// Ends the program and the motion, and takes the power off that was put on.
-pub fn end_program(axis: &LocalAxis, powered: bool) -> Result<()> {
-    let mut stop_retry_notice = motion::StopRetryNotice::new();
-    let ended = axis.abort_with_retry(STOP_RETRY_MAX, |axis, _| {
-        stop_retry_notice.report_retry(&axis.label(), "still turn")
-    });
-    let ended = stop_retry_notice.report_end(&axis.label(), ended);
-    let rested = if ended.is_ok() { motion::wait_standstill(axis) } else { Ok(()) };
-    let off = if powered { Ok(None) } else { run_optional_verb(axis, Verb::Disable) };
-    if ended.is_err() && (powered || off.is_err()) {
-        print_warning(&format!("{} may still turn: cut its supply", axis.label()));
-    }
-    ended.and(rested).and(off.map(drop))
 }
 
 impl ProgramStop {

@@ -50,7 +50,7 @@ impl CommandWorker {
             _ if closes => Err(unavailable_error(self.lost)),
             true => {
                 let what = "a scan of this link is running";
-                Err(scan::scan_error(what).hint("wait for the end of the scan, or cancel it"))
+                Err(scan_error(what).hint("wait for the end of the scan, or cancel it"))
             }
             false => self.context.journal.check_writable(now),
         };

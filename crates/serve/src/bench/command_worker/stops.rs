@@ -6,10 +6,12 @@ use polepair_core::time::Instant;
 use serde_json::json;
 
 use super::{CommandWorker, FAST_SEND_MAX, WorkerAxis};
-use crate::bench::context::{BenchEvent, SERVER};
+use crate::bench::context::BenchEvent;
+use crate::bench::journal_sink::SERVER;
 use crate::bench::lease::{EndedLease, SessionName};
 use crate::bench::pending_stop::{PendingStop, StopCollector, StopResolution};
-use crate::bench::wire::{Continuation, DismissRequest, QueuedCommand, StopBatch};
+use crate::bench::reply::Continuation;
+use crate::bench::wire::{DismissRequest, QueuedCommand, StopBatch};
 use crate::message::{
     AxisStopReport, DismissReason, GatewayError, JournalAction, StopCause, StopClass,
 };

@@ -16,7 +16,7 @@ fn test_wire(link: &polepair::LocalLink) -> (Arc<BenchWire>, Arc<Mutex<CommandWo
     let url = "sim:".to_owned();
     let command_worker =
         Arc::new(Mutex::new(CommandWorker::new(Arc::clone(&wire), worker, shared, url)));
-    wire.set_worker(std::thread::current(), Arc::downgrade(&command_worker));
+    wire.set_worker(std::thread::current(), CommandWorker::stop_sender(&command_worker));
     (wire, command_worker)
 }
 

@@ -1,0 +1,93 @@
+//! The scan of one wire: who asked for it, how far it is, and what it found.
+
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+
+use polepair::Connector;
+use polepair::scan::{DetectedDrive, ScanAddresses};
+
+use super::clock::BenchClock;
+use super::context::{BenchContext, BenchEvent};
+use super::lease::SessionName;
+use super::lock::lock_unpoisoned;
+use super::scan_flag::scan_error;
+use crate::message::{GatewayError, ScanState, ScanView};
+
+/// What is known of looks on one wire.
+pub(super) struct LinkScan {
+    pub link: u16,
+    pub connector: Connector,
+    /// What the connection string opened, with all that was taken in since, and which wire of that it
+    /// is; nothing before it was opened.
+    root: OnceLock<(Arc<Mutex<polepair::LocalLink>>, usize)>,
+    pub requested: Mutex<Option<ScanAddresses>>,
+    /// The look under way, or the last.
+    pub view: Mutex<Option<ScanView>>,
+    pub found: Mutex<Vec<DetectedDrive>>,
+}
+
+impl LinkScan {
+    pub fn new(link: u16, connector: Connector) -> Self {
+        let (requested, view, found) = (Mutex::default(), Mutex::default(), Mutex::default());
+        Self { link, connector, root: OnceLock::new(), requested, view, found }
+    }
+
+    /// Its link is open: the wire of that place.
+    pub fn set_opened(&self, root: &Arc<Mutex<polepair::LocalLink>>, index: usize) {
+        // Nobody opens a link twice.
+        let _ = self.root.set((Arc::clone(root), index));
+    }
+
+    /// What the connection string opened, and which wire of that it is.
+    pub fn root(&self) -> Result<(MutexGuard<'_, polepair::LocalLink>, usize), GatewayError> {
+        let (root, index) = self.root.get().ok_or_else(|| scan_error("the link is not open"))?;
+        Ok((lock_unpoisoned(root), *index))
+    }
+
+    /// With which names and profiles drives are looked for.
+    pub fn connector(&self) -> &Connector {
+        &self.connector
+    }
+
+    /// The last look.
+    pub fn last_view(&self) -> Option<ScanView> {
+        lock_unpoisoned(&self.view).clone()
+    }
+
+    /// Requests a scan from the poller.
+    pub fn begin(
+        &self,
+        shared: &BenchContext,
+        session: &SessionName,
+        numbers: ScanAddresses,
+    ) -> ScanView {
+        let view = ScanView {
+            link: self.link,
+            by: session.to_string(),
+            began_ms: BenchClock::wall_ms(shared.now()),
+            state: ScanState::UnderWay,
+            number: None,
+            done: 0,
+            of: 0,
+            found: Vec::new(),
+            axes: Vec::new(),
+            tried: Vec::new(),
+            unasked: 0,
+            has_unconfigured: false,
+            error: None,
+        };
+        lock_unpoisoned(&self.found).clear();
+        let mut scan_view = lock_unpoisoned(&self.view);
+        *scan_view = Some(view.clone());
+        *lock_unpoisoned(&self.requested) = Some(numbers);
+        shared.publish(BenchEvent::Scan(view.clone()));
+        view
+    }
+
+    /// Changes what is told, and tells it: in this order, whoever else does.
+    pub fn update_view(&self, shared: &BenchContext, change: impl FnOnce(&mut ScanView)) {
+        let mut scan_view = lock_unpoisoned(&self.view);
+        let Some(view) = scan_view.as_mut() else { return };
+        change(view);
+        shared.publish(BenchEvent::Scan(view.clone()));
+    }
+}
