@@ -20,7 +20,7 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check lints dependencies spelling build packages web page site interop package python wheel deb dist try-dist swarm soak bench clean
+.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program package python wheel deb dist try-dist swarm soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -42,6 +42,7 @@ test:
 	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
 	@$(STEP) "documentation" $(MAKE) site
 	@$(STEP) "page" $(MAKE) page
+	@$(STEP) "Windows" $(MAKE) windows-program
 	@$(STEP) "interop" $(MAKE) interop
 	@$(STEP) --table "python"
 	@$(MAKE) --no-print-directory python
@@ -103,8 +104,16 @@ site: package
 	$(CARGO) run --quiet --locked -p xtask -- links target/site
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
-interop: package
+interop: package windows-program
 	$(PYTEST) interop
+
+## windows: the program for Windows, tried under Wine against drives of this machine; needs mingw-w64 and Wine
+windows: package windows-program
+	$(PYTEST) interop/test_windows.py
+
+windows-program:
+	interop/install-debian-packages interop/windows/debian-packages.txt
+	@if interop/windows/ready; then $(CARGO) build -p polepair-cli --locked --quiet --profile $(PROFILE) --target x86_64-pc-windows-gnu; fi
 
 # Installed as `maturin develop` would, but from the workspace's build.
 package: $(VENV)/ready build

@@ -1,4 +1,5 @@
-//! The control socket of a running `polepair sim`, which runs acts on its drives.
+//! The control socket of a running `polepair sim`, which runs acts on its drives. On Windows it is a TCP port
+//! of this machine, and a file has its number.
 //!
 //! A request is one line with tab-separated fields: link, drive, act. The reply is `ok`, `elsewhere` (the
 //! simulation has no such link), or `error` with a reason.
@@ -9,10 +10,18 @@ use std::time::Duration;
 
 use polepair::simulate::{DriveLine, RackDescription, SimulatedMotor, parse_act};
 
+#[cfg(windows)]
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
 #[cfg(unix)]
 use std::os::unix::fs::{DirBuilderExt as _, FileTypeExt as _};
 #[cfg(unix)]
 use std::os::unix::net::{UnixListener, UnixStream};
+
+/// A connection to a control socket.
+#[cfg(unix)]
+type ControlStream = UnixStream;
+#[cfg(windows)]
+type ControlStream = TcpStream;
 
 /// Longest time that a request or its reply takes.
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -100,7 +109,6 @@ impl Drop for ControlServer {
     }
 }
 
-#[cfg(unix)]
 impl ControlServer {
     /// Listens at `path`, or at a place where `polepair act` finds it by the URL of a link.
     ///
@@ -111,11 +119,11 @@ impl ControlServer {
             Some(path) => path.to_owned(),
             None => {
                 let folder = socket_folder();
-                std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder)?;
+                create_folder(&folder)?;
                 folder.join(format!("sim-{}.sock", std::process::id()))
             }
         };
-        let listener = UnixListener::bind(&path)?;
+        let listener = listen_at(&path)?;
         std::thread::spawn(move || {
             for stream in listener.incoming().flatten() {
                 // One that breaks off got its answer or never asked.
@@ -127,7 +135,47 @@ impl ControlServer {
 }
 
 #[cfg(unix)]
-fn serve_request(stream: &UnixStream, drives: &ServedDrives) -> io::Result<()> {
+fn create_folder(folder: &Path) -> io::Result<()> {
+    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
+}
+
+/// A folder in the user's own, which others cannot read.
+#[cfg(windows)]
+fn create_folder(folder: &Path) -> io::Result<()> {
+    std::fs::create_dir_all(folder)
+}
+
+#[cfg(unix)]
+fn listen_at(path: &Path) -> io::Result<UnixListener> {
+    UnixListener::bind(path)
+}
+
+#[cfg(windows)]
+fn listen_at(path: &Path) -> io::Result<TcpListener> {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let mut file = std::fs::File::create_new(path)?;
+    writeln!(file, "{}", listener.local_addr()?.port())?;
+    Ok(listener)
+}
+
+#[cfg(unix)]
+fn connect_to(path: &Path) -> io::Result<UnixStream> {
+    UnixStream::connect(path)
+}
+
+#[cfg(windows)]
+fn connect_to(path: &Path) -> io::Result<TcpStream> {
+    let port = read_port(path).ok_or(io::ErrorKind::ConnectionRefused)?;
+    TcpStream::connect((Ipv4Addr::LOCALHOST, port))
+}
+
+/// The port in the file of a control socket.
+#[cfg(windows)]
+fn read_port(path: &Path) -> Option<u16> {
+    std::fs::read_to_string(path).ok()?.trim().parse().ok()
+}
+
+fn serve_request(stream: &ControlStream, drives: &ServedDrives) -> io::Result<()> {
     stream.set_read_timeout(Some(TIMEOUT))?;
     stream.set_write_timeout(Some(TIMEOUT))?;
     let mut request = String::new();
@@ -156,11 +204,16 @@ pub fn is_socket(target: &str) -> bool {
     std::fs::metadata(path).is_ok_and(|found| found.file_type().is_socket())
 }
 
+/// The same: the file has the number of a port.
+#[cfg(windows)]
+pub fn is_socket(target: &str) -> bool {
+    read_port(Path::new(target.split('#').next().unwrap_or(target))).is_some()
+}
+
 /// Has an act done to a drive of a simulation that runs on this machine.
 ///
 /// # Errors
 /// The system's, where the socket of a path cannot be reached.
-#[cfg(unix)]
 pub fn request_act(target: &str, act: &str) -> io::Result<ActReply> {
     let (place, drive) = target.split_once('#').unwrap_or((target, ""));
     if is_socket(place) {
@@ -184,9 +237,8 @@ pub fn request_act(target: &str, act: &str) -> io::Result<ActReply> {
     Ok(ActReply::NoSimulation)
 }
 
-#[cfg(unix)]
 fn ask(path: &Path, location: &str, drive: &str, act: &str) -> io::Result<ActReply> {
-    let mut stream = UnixStream::connect(path)?;
+    let mut stream = connect_to(path)?;
     stream.set_read_timeout(Some(TIMEOUT))?;
     stream.set_write_timeout(Some(TIMEOUT))?;
     stream.write_all(format!("{location}\t{drive}\t{act}\n").as_bytes())?;
@@ -198,26 +250,3 @@ fn ask(path: &Path, location: &str, drive: &str, act: &str) -> io::Result<ActRep
         _ => ActReply::NoSimulation,
     })
 }
-
-/// Other systems than Unix have no such sockets: there a server does it.
-#[cfg(not(unix))]
-mod elsewhere {
-    use super::{ActReply, ControlServer, Path, ServedDrives, io};
-
-    impl ControlServer {
-        pub fn start(_: Option<&Path>, _: ServedDrives) -> io::Result<Self> {
-            Err(io::ErrorKind::Unsupported.into())
-        }
-    }
-
-    pub fn is_socket(_: &str) -> bool {
-        false
-    }
-
-    pub fn request_act(_: &str, _: &str) -> io::Result<ActReply> {
-        Ok(ActReply::NoSimulation)
-    }
-}
-
-#[cfg(not(unix))]
-pub use elsewhere::{is_socket, request_act};

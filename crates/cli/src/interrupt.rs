@@ -137,11 +137,12 @@ mod system {
     pub const ENDING: &[i32] = &[0];
     pub const SUSPENDING: &[i32] = &[];
 
-    /// Hears Ctrl-C, Ctrl-Break and a console that closes.
+    /// Hears Ctrl-C, Ctrl-Break, a console that closes, log-off and shutdown.
     pub fn listen_for(signals: &[i32]) {
         if !signals.is_empty() {
-            // A second handler cannot be refused for a reason that the user could mend.
-            let _ = ctrlc::set_handler(|| super::handle_signal(true));
+            polepair_link::console::handle_console_events(|event| {
+                super::handle_signal(!event.ends_process());
+            });
         }
     }
 }

@@ -9,6 +9,7 @@ mod control;
 #[cfg(test)]
 mod every_frame;
 mod interrupt;
+mod local_wire;
 mod motion;
 mod outcome;
 mod problem;

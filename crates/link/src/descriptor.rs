@@ -1,11 +1,11 @@
 //! A file descriptor that is awaited together with a waker. Serial ports, pseudo-terminals and sockets use
 //! it.
 
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::time::Duration;
 
 use polepair_core::time::Instant;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{Nsecs, PollFd, PollFlags, Timespec, poll};
+use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
 
 use crate::clock;
@@ -64,10 +64,10 @@ impl Descriptor {
 
     pub(crate) fn send(&self, mut bytes: &[u8]) -> Result<(), LinkError> {
         while !bytes.is_empty() {
-            match rustix::io::write(&self.fd, bytes) {
+            match write_bytes(&self.fd, bytes) {
                 Ok(sent) => bytes = &bytes[sent..],
                 Err(Errno::INTR) => {}
-                Err(Errno::AGAIN) => self.wait_for_room(self.fd.as_fd())?,
+                Err(Errno::WOULDBLOCK) => self.wait_for_room(self.fd.as_fd())?,
                 Err(errno) => return Err(self.error(errno)),
             }
         }
@@ -131,7 +131,7 @@ impl Descriptor {
     /// `None` when there is nothing now.
     fn read(&self, buffer: &mut [u8]) -> Result<Option<Received>, LinkError> {
         loop {
-            return match rustix::io::read(&self.fd, &mut *buffer) {
+            return match read_bytes(&self.fd, &mut *buffer) {
                 // A port unplugged and a socket closed both read as an end, for ever.
                 Ok(0) => Err(LinkError::gone(&self.name)),
                 Ok(len) => {
@@ -139,7 +139,7 @@ impl Descriptor {
                     Ok(Some(Received::Bytes { len, at: clock::now() }))
                 }
                 Err(Errno::INTR) => continue,
-                Err(Errno::AGAIN) => {
+                Err(Errno::WOULDBLOCK) => {
                     self.note_drained(true);
                     Ok(None)
                 }
@@ -184,9 +184,31 @@ impl Descriptor {
     }
 }
 
+/// Reads what there is, without waiting.
+#[cfg(unix)]
+pub(crate) fn read_bytes(fd: &OwnedFd, buffer: &mut [u8]) -> Result<usize, Errno> {
+    rustix::io::read(fd, buffer)
+}
+
+/// Writes what there is room for, without waiting.
+#[cfg(unix)]
+pub(crate) fn write_bytes(fd: &OwnedFd, bytes: &[u8]) -> Result<usize, Errno> {
+    rustix::io::write(fd, bytes)
+}
+
+#[cfg(windows)]
+pub(crate) fn read_bytes(fd: &OwnedFd, buffer: &mut [u8]) -> Result<usize, Errno> {
+    rustix::net::recv(fd, buffer, rustix::net::RecvFlags::empty()).map(|(len, _)| len)
+}
+
+#[cfg(windows)]
+pub(crate) fn write_bytes(fd: &OwnedFd, bytes: &[u8]) -> Result<usize, Errno> {
+    rustix::net::send(fd, bytes, rustix::net::SendFlags::empty())
+}
+
 pub(crate) fn timespec(span: Duration) -> Timespec {
     Timespec {
         tv_sec: i64::try_from(span.as_secs()).unwrap_or(i64::MAX),
-        tv_nsec: span.subsec_nanos().into(),
+        tv_nsec: span.subsec_nanos() as Nsecs,
     }
 }

@@ -52,7 +52,6 @@ impl<'a> TextWriter<'a> {
     }
 
     /// `value` in decimal, in so many digits at least.
-    #[cfg(unix)]
     pub(crate) fn push_decimal(&mut self, value: u64, digits: u32) {
         let min = 10_u64.pow(digits.saturating_sub(1));
         let mut power = min.max(10_u64.pow(value.checked_ilog10().unwrap_or(0)));

@@ -2,20 +2,21 @@
 //! the other clients, not its own.
 
 use std::net::{SocketAddr, TcpListener};
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::time::Instant;
 use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
 
 use crate::clock;
-use crate::descriptor::timespec;
+use crate::descriptor::{read_bytes, timespec, write_bytes};
 use crate::error::LinkError;
 use crate::hex::TextWriter;
 use crate::inbox::Inbox;
 use crate::link::{LinkIo, Losses, Received};
+#[cfg(unix)]
 use crate::pty::Pty;
 use crate::waker::LinkWaker;
 
@@ -60,6 +61,7 @@ pub struct Hub<S> {
     name: String,
     listener: Option<TcpListener>,
     /// Kept: without it the name by which clients open it would be gone.
+    #[cfg(unix)]
     _pty: Option<Pty>,
     waker: LinkWaker,
     prototype: S,
@@ -90,6 +92,7 @@ impl<S: HubSession> Hub<S> {
     ///
     /// # Errors
     /// [`LinkError`] when the system has no descriptors left.
+    #[cfg(unix)]
     pub(crate) fn serve_pty(pty: Pty, prototype: S) -> Result<Self, LinkError> {
         let name = pty.path().to_owned();
         let fd = pty.clone_far_end().map_err(|error| LinkError::from_io(&name, &error))?;
@@ -118,6 +121,7 @@ impl<S: HubSession> Hub<S> {
         Ok(Self {
             name,
             listener: None,
+            #[cfg(unix)]
             _pty: None,
             waker: wake,
             prototype,
@@ -250,9 +254,9 @@ impl<S: HubSession> HubClient<S> {
 
     fn read(&mut self) {
         let fd = &self.fd;
-        match self.inbox.fill(clock::now(), |bytes| rustix::io::read(fd, bytes)) {
+        match self.inbox.fill(clock::now(), |bytes| read_bytes(fd, bytes)) {
             Ok(0) => self.disconnected = true,
-            Ok(_) | Err(Errno::AGAIN | Errno::INTR) => {}
+            Ok(_) | Err(Errno::WOULDBLOCK | Errno::INTR) => {}
             Err(_) => self.disconnected = true,
         }
     }
@@ -288,7 +292,7 @@ impl<S: HubSession> HubClient<S> {
 
     /// Number of bytes that the client's buffer took. A closed connection is detected by reading.
     fn write(&self, bytes: &[u8]) -> usize {
-        if bytes.is_empty() { 0 } else { rustix::io::write(&self.fd, bytes).unwrap_or(0) }
+        if bytes.is_empty() { 0 } else { write_bytes(&self.fd, bytes).unwrap_or(0) }
     }
 }
 

@@ -27,7 +27,6 @@ impl Inbox {
         Some(byte)
     }
 
-    #[cfg(unix)]
     pub(crate) const fn is_empty(&self) -> bool {
         self.start == self.end
     }
@@ -46,7 +45,6 @@ impl Inbox {
     }
 
     /// Likewise with a `read` of the caller's, which tells how many bytes it read.
-    #[cfg(unix)]
     pub(crate) fn fill<E>(
         &mut self,
         at: Instant,

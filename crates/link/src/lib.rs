@@ -25,13 +25,13 @@
 
 pub mod clock;
 pub mod connection;
-#[cfg(unix)]
+#[cfg(windows)]
+pub mod console;
 mod descriptor;
 #[cfg(target_os = "linux")]
 mod epoll_set;
 pub mod error;
 mod hex;
-#[cfg(unix)]
 pub mod hub;
 mod inbox;
 pub mod link;
@@ -47,9 +47,11 @@ pub mod socketcan;
 pub mod socketcand;
 #[cfg(target_os = "linux")]
 mod sys;
+#[cfg(windows)]
+#[path = "sys_windows.rs"]
+mod sys;
 pub mod tap;
 pub mod tcp;
-#[cfg(unix)]
 pub mod udp;
 pub mod waker;
 

@@ -16,14 +16,14 @@ use crate::tcp::TcpLink;
 use crate::waker::LinkWaker;
 
 pub mod codec;
-#[cfg(unix)]
 mod server;
 #[cfg(test)]
 mod tests;
 
 use codec::{AdapterReply, ErrorState, LINE_MAX, LineEnd, LineSplitter, StatusFlags};
 #[cfg(unix)]
-pub use server::{SlcanSession, listen, serve_pty};
+pub use server::serve_pty;
+pub use server::{SlcanSession, listen};
 
 /// How long an adapter may take to answer a command; some never do.
 const ANSWER_MS: u32 = 150;

@@ -16,13 +16,11 @@ use crate::tcp::TcpLink;
 use crate::waker::LinkWaker;
 
 pub mod codec;
-#[cfg(unix)]
 mod server;
 #[cfg(test)]
 mod tests;
 
 use codec::{ELEMENT_MAX, ElementEnd, ElementSplitter, ServerReply};
-#[cfg(unix)]
 pub use server::{SocketcandSession, listen};
 
 /// Default port of socketcand.

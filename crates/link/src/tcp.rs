@@ -12,11 +12,8 @@ use crate::error::{Cause, LinkError};
 use crate::link::{LinkIo, Received};
 use crate::waker::LinkWaker;
 
-#[cfg(unix)]
 mod listener;
-#[cfg(unix)]
 pub use listener::TcpServer;
-#[cfg(unix)]
 pub(crate) use {listener::listen, socket::keep_alive};
 
 /// How long connecting to one address may take.
@@ -99,7 +96,6 @@ fn resolve(address: &str) -> Result<Vec<SocketAddr>, LinkError> {
     Ok(found.take(ADDRESSES_MAX).collect())
 }
 
-#[cfg(unix)]
 mod socket {
     use super::{Duration, LinkError, TcpStream};
     use crate::descriptor::Descriptor;
@@ -147,52 +143,5 @@ mod socket {
         let _ = sockopt::set_tcp_keepcnt(stream, 5);
         #[cfg(target_os = "linux")]
         let _ = sockopt::set_tcp_user_timeout(stream, 10_000);
-    }
-}
-
-#[cfg(windows)]
-mod socket {
-    use super::{LinkError, TcpStream};
-    use crate::link::Received;
-    use crate::waker::{LinkWaker, SlicedWait};
-    use polepair_core::time::Instant;
-    use std::io::{Read, Write};
-
-    #[derive(Debug)]
-    pub(super) struct TcpSocket {
-        stream: TcpStream,
-        waker: LinkWaker,
-        name: String,
-    }
-
-    impl TcpSocket {
-        pub(super) fn new(stream: TcpStream, name: &str) -> Result<Self, LinkError> {
-            let waker = LinkWaker::new().map_err(|error| LinkError::from_io(name, &error))?;
-            Ok(Self { stream, waker, name: name.to_owned() })
-        }
-
-        pub(super) fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
-            (&self.stream).write_all(bytes).map_err(|e| LinkError::from_io(&self.name, &e))
-        }
-
-        /// A send waits by itself here.
-        pub(super) fn wait_writable(&self, _: Instant) -> Result<bool, LinkError> {
-            Ok(true)
-        }
-
-        pub(super) fn receive(
-            &self,
-            buffer: &mut [u8],
-            until: Instant,
-        ) -> Result<Received, LinkError> {
-            SlicedWait { waker: &self.waker, name: &self.name }.receive(until, |slice| {
-                self.stream.set_read_timeout(Some(slice))?;
-                (&self.stream).read(buffer)
-            })
-        }
-
-        pub(super) fn waker(&self) -> LinkWaker {
-            self.waker.clone()
-        }
     }
 }

@@ -5,12 +5,12 @@
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
-use std::os::fd::{AsFd, OwnedFd};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::time::Instant;
+use rustix::fd::{AsFd, OwnedFd};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvFlags, SocketAddrAny, SocketType, bind, recv, recvfrom, socket, sockopt,
@@ -129,7 +129,7 @@ pub fn open(group: MulticastGroup) -> Result<UdpLink, LinkError> {
 
 fn explain_error(name: &str, error: &io::Error) -> LinkError {
     match error.raw_os_error().map(Errno::from_raw_os_error) {
-        Some(Errno::NODEV | Errno::NETUNREACH) => {
+        Some(errno) if has_no_route(errno) => {
             let hint = "No network interface carries multicast to that group: `sudo ip route add \
                         239.0.0.0/8 dev eth0`, with the name of yours.";
             LinkError::new(name, Cause::Unreachable).with_hint(hint)
@@ -172,18 +172,38 @@ fn open_sender(group: MulticastGroup, by: Ipv4Addr) -> io::Result<UdpSocket> {
     Ok(sender)
 }
 
+/// The address that a receiver binds: that of the group. Windows takes none but its own.
+fn bound_address(group: IpAddr) -> IpAddr {
+    match group {
+        group if cfg!(unix) => group,
+        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    }
+}
+
+/// Whether no interface leads to a group.
+fn has_no_route(errno: Errno) -> bool {
+    #[cfg(unix)]
+    if errno == Errno::NODEV {
+        return true;
+    }
+    errno == Errno::NETUNREACH
+}
+
 /// Bound to the group's address, so that other groups on the same port are not received.
 fn open_receiver(group: MulticastGroup, by: Ipv4Addr) -> io::Result<OwnedFd> {
     let v4 = group.address.is_ipv4();
     let family = if v4 { AddressFamily::INET } else { AddressFamily::INET6 };
     let fd = socket(family, SocketType::DGRAM, None)?;
+    #[cfg(unix)]
     rustix::io::fcntl_setfd(&fd, rustix::io::FdFlags::CLOEXEC)?;
     rustix::io::ioctl_fionbio(&fd, true)?;
     sockopt::set_socket_reuseaddr(&fd, true)?;
     // Linux needs the former alone, the BSDs this one.
+    #[cfg(unix)]
     let _ = sockopt::set_socket_reuseport(&fd, true);
     let _ = sockopt::set_socket_recv_buffer_size(&fd, RECEIVE_BUFFER);
-    bind(&fd, &SocketAddr::new(group.address, group.port))?;
+    bind(&fd, &SocketAddr::new(bound_address(group.address), group.port))?;
     match group.address {
         IpAddr::V4(address) => sockopt::set_ip_add_membership(&fd, &address, &by)?,
         IpAddr::V6(address) => sockopt::set_ipv6_add_membership(&fd, &address, 0)?,
@@ -229,7 +249,7 @@ impl UdpLink {
         match taken {
             Ok((_, Some(from))) if self.is_own(&from) => Ok(None),
             Ok((len, _)) => Ok(Some((len, clock::now()))),
-            Err(Errno::AGAIN | Errno::INTR) => Ok(None),
+            Err(Errno::WOULDBLOCK | Errno::INTR) => Ok(None),
             Err(errno) => Err(self.descriptor.error(errno)),
         }
     }

@@ -7,7 +7,13 @@ use std::time::Duration;
 use polepair_core::time::Instant;
 
 #[cfg(unix)]
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use rustix::fd::OwnedFd;
+use rustix::fd::{AsFd, BorrowedFd};
+#[cfg(windows)]
+use std::net::UdpSocket;
+
+#[cfg(windows)]
+use crate::sys::WaitEvent;
 
 /// Makes one wait return: the one under way, or else the next. Cheap to clone and to use twice.
 #[derive(Clone, Debug)]
@@ -52,11 +58,16 @@ impl LinkWaker {
         true
     }
 
-    /// Readable after a wake-up.
-    #[cfg(unix)]
+    /// Readable after a wake-up: a descriptor, or a socket on Windows.
     #[must_use]
     pub fn as_fd(&self) -> BorrowedFd<'_> {
         self.0.read_end.as_fd()
+    }
+
+    /// Set after a wake-up.
+    #[cfg(windows)]
+    pub(crate) fn event(&self) -> &WaitEvent {
+        &self.0.event
     }
 }
 
@@ -65,25 +76,23 @@ struct WakeSignal {
     pending: AtomicBool,
     #[cfg(unix)]
     read_end: OwnedFd,
+    /// Connected to itself, because Windows waits for sockets with sockets alone.
+    #[cfg(windows)]
+    read_end: UdpSocket,
+    /// For what waits for events: serial ports.
+    #[cfg(windows)]
+    event: WaitEvent,
     /// The writing end where the system has pipes only.
     #[cfg(all(unix, not(target_os = "linux")))]
     write_end: OwnedFd,
 }
 
 impl WakeSignal {
-    #[cfg(unix)]
     fn sleep(&self, span: Option<Duration>) {
         use rustix::event::{PollFd, PollFlags, poll};
         let timeout = span.map(crate::descriptor::timespec);
         // A signal ends it early: the caller looks again.
         let _ = poll(&mut [PollFd::new(&self.read_end, PollFlags::IN)], timeout.as_ref());
-    }
-
-    /// In slices, where the system offers nothing that a waker could end.
-    #[cfg(not(unix))]
-    fn sleep(&self, span: Option<Duration>) {
-        let slice = Duration::from_millis(5);
-        std::thread::sleep(span.unwrap_or(slice).min(slice));
     }
 }
 
@@ -124,57 +133,26 @@ impl WakeSignal {
     }
 }
 
-#[cfg(not(unix))]
+#[cfg(windows)]
 impl WakeSignal {
-    #[allow(clippy::unnecessary_wraps, reason = "the other systems can fail here")]
     fn new() -> std::io::Result<Self> {
-        Ok(Self { pending: AtomicBool::new(false) })
+        let read_end = UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0))?;
+        read_end.connect(read_end.local_addr()?)?;
+        read_end.set_nonblocking(true)?;
+        Ok(Self { pending: AtomicBool::new(false), read_end, event: WaitEvent::new()? })
     }
 
-    fn signal(&self) {}
+    fn signal(&self) {
+        let _ = self.read_end.send(&[1]);
+        self.event.set();
+    }
 
     fn clear(&self) -> bool {
-        false
-    }
-}
-
-/// Waiting in slices, where the system offers nothing that a waker could end.
-#[cfg(windows)]
-pub(crate) struct SlicedWait<'a> {
-    pub(crate) waker: &'a LinkWaker,
-    pub(crate) name: &'a str,
-}
-
-#[cfg(windows)]
-impl SlicedWait<'_> {
-    /// Reads with `read(timeout)` until something comes, `until` has come or somebody wakes.
-    pub(crate) fn receive(
-        &self,
-        until: polepair_core::time::Instant,
-        mut read: impl FnMut(std::time::Duration) -> std::io::Result<usize>,
-    ) -> Result<crate::link::Received, crate::error::LinkError> {
-        use crate::clock;
-        use crate::error::LinkError;
-        use crate::link::Received;
-        use std::io::ErrorKind;
-        use std::time::Duration;
-        const SLICE_MAX: Duration = Duration::from_millis(10);
-        loop {
-            let left = until.since(clock::now());
-            match read(left.clamp(Duration::from_millis(1), SLICE_MAX)) {
-                Ok(0) => return Err(LinkError::gone(self.name)),
-                Ok(len) => return Ok(Received::Bytes { len, at: clock::now() }),
-                Err(error) => match error.kind() {
-                    ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
-                    _ => return Err(LinkError::from_io(self.name, &error)),
-                },
-            }
-            if self.waker.take_wakeup() {
-                return Ok(Received::Woken);
-            }
-            if left.is_zero() {
-                return Ok(Received::TimedOut);
-            }
+        self.event.reset();
+        let mut was_signalled = false;
+        while self.read_end.recv(&mut [0; 4]).is_ok() {
+            was_signalled = true;
         }
+        was_signalled
     }
 }

@@ -17,9 +17,10 @@ use polepair_core::time::Instant;
 use polepair_drives::bench::Act;
 use polepair_link::serve::ServeThread;
 use polepair_link::tap::{Tap, TapDirection};
-use polepair_link::{ServeHandle, clock, pty::Pty};
+use polepair_link::{ServeHandle, clock};
 
 use crate::cmd::info;
+use crate::local_wire;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::read_signal;
@@ -131,10 +132,11 @@ impl DemoRun {
         let Some(line) = lines.into_iter().next() else {
             return Err(Problem::usage("E244", "the demo's rack has no link."));
         };
-        let pty = Pty::open(None).map_err(|error| outcome::link_problem(&error))?;
-        let url = description.urls(0, &format!("serial://{}", pty.path())).remove(0);
+        let (wire, place) =
+            local_wire::open(None).map_err(|error| outcome::link_problem(&error))?;
+        let url = description.urls(0, &place).remove(0);
         let url = url.split('#').next().unwrap_or(&url).to_owned();
-        let served = line.clone().serve(Box::new(pty));
+        let served = line.clone().serve(wire);
         print_note(&format!("scanning {url}"));
         let frames = FrameLines::default();
         let connector = recording_connector(&url, &frames);

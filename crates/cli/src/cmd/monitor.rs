@@ -149,5 +149,5 @@ impl MonitorOptions {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests;

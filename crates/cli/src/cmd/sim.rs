@@ -12,9 +12,10 @@ use polepair_core::time::Instant;
 use polepair_link::serve::ServeThread;
 use polepair_link::udp::MulticastGroup;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
-use polepair_link::{pty::Pty, slcan, socketcand, tcp::TcpServer, udp};
+use polepair_link::{slcan, socketcand, tcp::TcpServer, udp};
 
 use crate::control::{ControlServer, ServedDrives};
+use crate::local_wire;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput, print_note};
@@ -22,9 +23,9 @@ use crate::terminal::{self, DataOutput, print_note};
 /// Simulates drives for any program, until Ctrl-C.
 ///
 /// The command prints `ready URL` for each link as soon as it can be used. The drives have factory
-/// settings. A serial link is a pseudo-terminal, or a TCP port with --tcp. A CAN bus is a UDP multicast
-/// group, or what --can, --socketcand or --udp selects. With --pty or --tcp it is a serial CAN adapter
-/// (slcan). If a protocol exists on serial lines and on CAN, write `tmcl+can` for CAN.
+/// settings. A serial link is a pseudo-terminal (on Windows a free TCP port), or a TCP port with --tcp. A CAN
+/// bus is a UDP multicast group, or what --can, --socketcand or --udp selects. With --pty or --tcp it is a
+/// serial CAN adapter (slcan). If a protocol exists on serial lines and on CAN, write `tmcl+can` for CAN.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -216,9 +217,7 @@ impl WireEnds {
             let location = format!("tcp://{}", server.address());
             return Ok((Box::new(server), location));
         }
-        let pty = Pty::open(pty.as_deref())?;
-        let location = format!("serial://{}", pty_path(&pty));
-        Ok((Box::new(pty), location))
+        local_wire::open(pty.as_deref())
     }
 
     fn open_can(&mut self, bus: CanLine) -> OpenedWire<Can> {
@@ -234,9 +233,7 @@ impl WireEnds {
             return Ok((Box::new(server), location));
         }
         if let Some(pty) = self.pty.pop_front() {
-            let pty = Pty::open(Some(&pty))?;
-            let location = format!("slcan://{}", pty_path(&pty));
-            return Ok((Box::new(slcan::serve_pty(pty, bus)?), location));
+            return serve_slcan_pty(&pty, bus);
         }
         if let Some(address) = self.tcp.pop_front() {
             let server = slcan::listen(&address, bus)?;
@@ -288,9 +285,16 @@ fn address_text(address: Option<SocketAddr>) -> String {
     address.map(|address| address.to_string()).unwrap_or_default()
 }
 
-fn pty_path(pty: &Pty) -> String {
-    let path = std::path::absolute(pty.path()).unwrap_or_else(|_| pty.path().into());
-    path.display().to_string()
+#[cfg(unix)]
+fn serve_slcan_pty(path: &Path, bus: CanLine) -> OpenedWire<Can> {
+    let pty = polepair_link::pty::Pty::open(Some(path))?;
+    let location = format!("slcan://{}", local_wire::pty_path(&pty));
+    Ok((Box::new(slcan::serve_pty(pty, bus)?), location))
+}
+
+#[cfg(windows)]
+fn serve_slcan_pty(path: &Path, _bus: CanLine) -> OpenedWire<Can> {
+    Err(local_wire::no_pty(path))
 }
 
 /// The wire as its drives see it where time passes faster for them.

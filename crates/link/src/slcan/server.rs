@@ -6,6 +6,7 @@ use polepair_core::time::Instant;
 use super::codec::{self, LINE_MAX, LineEnd, LineSplitter, StatusFlags};
 use crate::error::LinkError;
 use crate::hub::{Hub, HubSession, SessionAction, SessionOutput};
+#[cfg(unix)]
 use crate::pty::Pty;
 
 const DONE_BYTE: u8 = b'\r';
@@ -39,6 +40,7 @@ enum ChannelMode {
 ///
 /// # Errors
 /// [`LinkError`] when the system has no descriptors left.
+#[cfg(unix)]
 pub fn serve_pty(pty: Pty, line: CanLine) -> Result<Hub<SlcanSession>, LinkError> {
     Hub::serve_pty(pty, SlcanSession::new(line))
 }

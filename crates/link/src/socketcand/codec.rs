@@ -257,7 +257,6 @@ pub(crate) fn write_send(frame: &Frame, text: &mut TextWriter<'_>) -> bool {
 
 /// Writes that a frame was received at `wall_us`, microseconds since 1970; nothing for a remote
 /// frame, for which the protocol has no words.
-#[cfg(unix)]
 pub(crate) fn write_frame(frame: &Frame, wall_us: u64, text: &mut TextWriter<'_>) {
     if frame.remote {
         return;

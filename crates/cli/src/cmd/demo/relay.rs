@@ -6,9 +6,9 @@ use std::time::Duration;
 use polepair::simulate;
 use polepair::{Error, LocalAxis};
 use polepair_core::profile::Signal;
-use polepair_link::pty::Pty;
 
 use super::{FrameLines, recording_connector};
+use crate::local_wire;
 use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::session::read_signal;
@@ -48,9 +48,9 @@ pub(super) fn run_relay_scene() -> Result<Option<String>> {
     let Some(line) = lines.into_iter().next() else {
         return Err(Problem::usage("E244", "the demo's rack has no link."));
     };
-    let pty = Pty::open(None).map_err(|error| outcome::link_problem(&error))?;
-    let url = description.urls(0, &format!("serial://{}", pty.path())).remove(0);
-    let _served = line.serve(Box::new(pty));
+    let (wire, place) = local_wire::open(None).map_err(|error| outcome::link_problem(&error))?;
+    let url = description.urls(0, &place).remove(0);
+    let _served = line.serve(wire);
     print_note("== Two axes on CAN behind a relay ==");
     print_note(&format!("  opening {url}: axis 255 is the relay, 1 and 2 are on its bus"));
     let frames = FrameLines::default();

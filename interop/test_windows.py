@@ -1,0 +1,210 @@
+"""The program for Windows under Wine, against simulated drives of this machine over TCP, serial ports, slcan and
+socketcand. `make windows` builds it.
+
+Wine is not Windows: what passes here was tried under Wine alone.
+"""
+
+import os
+import shutil
+import subprocess
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from conftest import ROOT, TARGET, end, polepair, start, until
+
+PROGRAM = ROOT / "target" / "x86_64-pc-windows-gnu" / TARGET.name / "polepair.exe"
+SOURCES = Path(__file__).resolve().parent / "windows"
+PREFIX = ROOT / "target" / "wine"
+ENVIRONMENT = {
+    **os.environ, "WINEPREFIX": str(PREFIX), "WINEDEBUG": "-all", "POLEPAIR_TIMEOUT_SCALE": "3",
+}
+CAPTURE = "(1700000000.000000) can0 123#0102\n"
+
+pytestmark = pytest.mark.skipif(
+    not PROGRAM.exists() or shutil.which("wine") is None,
+    reason="there is no program for Windows, or no Wine: make windows",
+)
+
+
+def mingw(source, target, *options):
+    command = ["x86_64-w64-mingw32-gcc", "-O1", "-Wall", "-Wextra", "-o", str(target)]
+    subprocess.run([*command, str(SOURCES / source), *options], check=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Program and libraries in one folder, and a Wine of their own."""
+    folder = tmp_path_factory.mktemp("windows")
+    os.link(PROGRAM, folder / "polepair.exe") if os.stat(PROGRAM).st_dev == os.stat(
+        folder
+    ).st_dev else shutil.copy(PROGRAM, folder)
+    mingw("prng.c", folder / "bcryptprimitives.dll", "-shared", "-ladvapi32")
+    mingw("console.c", folder / "console.exe")
+    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    # It would keep the pipes of the first program that starts it.
+    subprocess.run(["wine", "wineboot", "-i"], env=ENVIRONMENT, check=True, timeout=300, **quiet)
+    yield folder
+    subprocess.run(["wineserver", "-k"], env=ENVIRONMENT, check=False, **quiet)
+
+
+@pytest.fixture(scope="module")
+def wine(folder):
+    """A function that runs the program."""
+
+    def run(*words, check=True):
+        done = subprocess.run(
+            ["wine", "polepair.exe", *words], cwd=folder, env=ENVIRONMENT, capture_output=True,
+            text=True, timeout=120, check=False, stdin=subprocess.DEVNULL,
+        )
+        if check:
+            assert done.returncode == 0, f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
+        return done
+
+    return run
+
+
+@pytest.fixture
+def served():
+    """A function that starts drives on this machine, and gives their URL."""
+    running = []
+
+    def drives(*words):
+        process, url = start(*words)
+        running.append(process)
+        return url
+
+    yield drives
+    for process in running:
+        end(process)
+
+
+@pytest.fixture
+def com_port(sim, tmp_path):
+    """A function that gives drives on a serial port of Wine's."""
+    numbers = iter(range(20, 60))
+
+    def port(words):
+        number = next(numbers)
+        link = PREFIX / "dosdevices" / f"com{number}"
+        link.unlink(missing_ok=True)
+        link.symlink_to(Path(sim(words)).resolve())
+        return f"COM{number}"
+
+    return port
+
+
+def speed(url):
+    text = polepair("get", url, "actual velocity", "--raw").stdout
+    return abs(int(text.rsplit("=", 1)[1]))
+
+
+def test_it_says_what_it_is_and_lists_ports(wine):
+    assert wine("--version").stdout.startswith("polepair ")
+    assert "COM" in wine("ports").stdout
+
+
+def test_a_simulated_drive_turns_in_the_program_itself(wine):
+    assert "Trinamic TMCM-171" in wine("info", "sim:tmcl").stdout
+    assert wine("move", "sim:tmcl", "90deg").stdout == "position = 90 deg\n"
+
+
+def test_tcp_slcan_and_socketcand_reach_drives(wine, served):
+    tcp = served("tmcl", "--tcp", "127.0.0.1:0")
+    assert wine("get", tcp, "max current").stdout == "max current = 10 A\n"
+    wine("spin", tcp, "300rpm", "--for", "500ms")
+    slcan = served("tmcl+can", "--tcp", "127.0.0.1:0")
+    assert wine("get", slcan, "max current").stdout == "max current = 10 A\n"
+    socketcand = served("canopen:5", "--socketcand", "127.0.0.1:0")
+    assert "vendor id" in wine("get", socketcand, "0x1018:1").stdout
+    assert wine("scan", tcp.split("#")[0]).stdout.count("tmcm-171") == 1
+
+
+def test_a_serial_port_reaches_tmcl_and_tml(wine, com_port):
+    tmcl = f"tmcl+serial://{com_port('tmcl')}#1"
+    assert wine("get", tmcl, "max current").stdout == "max current = 10 A\n"
+    wine("spin", tmcl, "300rpm", "--for", "500ms")
+    # A pseudo-terminal has no baud rate, which the program cannot know here.
+    tml = f"tml+serial://{com_port('tml')}?timing=off#1"
+    assert "Technosoft" in wine("info", tml).stdout
+    moved = wine("move", tml, "90deg", "--timeout", "60s").stdout
+    assert moved.endswith(" turn\n") and abs(float(moved.split()[2]) - 0.25) < 0.01, moved
+
+
+def test_a_port_that_is_missing_is_told_with_those_that_exist(wine):
+    done = wine("info", "tmcl+serial://COM99#1", check=False)
+    assert done.returncode == 3, done.stderr
+    assert "error[E311]" in done.stderr and "Ports that exist: COM" in done.stderr, done.stderr
+
+
+def test_a_drive_that_goes_away_ends_a_motion(wine, folder, served):
+    process, url = start("tmcl", "--tcp", "127.0.0.1:0")
+    spin = subprocess.Popen(
+        ["wine", "polepair.exe", "spin", url, "300rpm"], cwd=folder, env=ENVIRONMENT,
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )
+    # One client at a time: its own words say that the motor turns.
+    for line in spin.stderr:
+        if "running; Ctrl-C stops it" in line:
+            break
+    process.kill()
+    process.wait()
+    error = spin.stderr.read()
+    assert spin.wait(timeout=120) == 3, error
+    assert "The motor may still turn: cut its supply." in error, error
+
+
+@pytest.mark.parametrize("event", ["ctrl-c", "ctrl-break", "close", "logoff"])
+def test_every_signal_of_the_console_stops_the_motor(folder, served, event):
+    url = served("tmcl", "--tcp", "127.0.0.1:0")
+    spin = subprocess.Popen(
+        ["wine", "console.exe", event, f"polepair.exe spin {url} 300rpm"], cwd=folder,
+        env=ENVIRONMENT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    for line in spin.stderr:
+        if "running; Ctrl-C stops it" in line:
+            break
+    out, error = spin.communicate("\n", timeout=120)
+    assert out.startswith("ended with 130 "), out + error
+    assert "interrupted: the motion was stopped" in error, error
+    assert until(lambda: speed(url) < 2), speed(url)
+
+
+def test_a_simulation_serves_this_machine(folder):
+    sim = subprocess.Popen(
+        ["wine", "polepair.exe", "sim", "tmcl"], cwd=folder, env=ENVIRONMENT, text=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    )
+    url = sim.stdout.readline().split()[1]
+    assert url.startswith("tmcl+tcp://127.0.0.1:"), url
+    assert polepair("get", url, "max current").stdout == "max current = 10 A\n"
+    polepair("move", url, "90deg", "--timeout", "60s")
+    sim.terminate()
+    sim.wait(timeout=120)
+
+
+def test_captures_are_decoded(wine, folder):
+    (folder / "bus.log").write_text(CAPTURE)
+    assert "123" in wine("decode", "bus.log").stdout
+
+
+def test_the_server_answers_a_client_of_this_machine(folder):
+    server = subprocess.Popen(
+        ["wine", "polepair.exe", "serve", "sim:tmcl", "--bind", "127.0.0.1:0", "--state", "state"],
+        cwd=folder, env=ENVIRONMENT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    url = server.stdout.readline().split()[1].split("?")[0]
+    token = next(
+        line.split()[0] for line in (folder / "state" / "tokens").read_text().splitlines()
+        if line and not line.startswith("#")
+    )
+    request = urllib.request.Request(
+        f"{url.rstrip('/')}/api/v1/bench", headers={"Authorization": f"Bearer {token}"}
+    )
+    with urllib.request.urlopen(request, timeout=60) as reply:
+        assert b"tmcm-171" in reply.read()
+    server.terminate()
+    server.wait(timeout=120)
