@@ -110,7 +110,7 @@ def test_a_simulated_drive_turns_in_the_program_itself(wine):
     assert wine("move", "sim:tmcl", "90deg").stdout == "position = 90 deg\n"
 
 
-def test_tcp_slcan_and_socketcand_reach_drives(wine, served):
+def test_tcp_and_every_can_link_reach_drives(wine, served):
     tcp = served("tmcl", "--tcp", "127.0.0.1:0")
     assert wine("get", tcp, "max current").stdout == "max current = 10 A\n"
     wine("spin", tcp, "300rpm", "--for", "500ms")
@@ -118,7 +118,17 @@ def test_tcp_slcan_and_socketcand_reach_drives(wine, served):
     assert wine("get", slcan, "max current").stdout == "max current = 10 A\n"
     socketcand = served("canopen:5", "--socketcand", "127.0.0.1:0")
     assert "vendor id" in wine("get", socketcand, "0x1018:1").stdout
+    udp = served("canopen:5", "--udp", "239.74.163.2:43217")
+    assert "vendor id" in wine("get", udp, "0x1018:1").stdout
     assert wine("scan", tcp.split("#")[0]).stdout.count("tmcm-171") == 1
+
+
+def test_what_linux_alone_has_is_refused_with_what_to_use_instead(wine):
+    done = wine("info", "canopen+socketcan://can0#5", check=False)
+    assert done.returncode == 2 and "SocketCAN is a part of Linux" in done.stderr, done.stderr
+    assert "slcan" in done.stderr and "socketcand" in done.stderr, done.stderr
+    done = wine("sim", "tmcl", "--pty", "drive", check=False)
+    assert done.returncode != 0 and "--tcp" in done.stderr, done.stderr
 
 
 def test_a_serial_port_reaches_tmcl_and_tml(wine, com_port):

@@ -287,7 +287,6 @@ fn open(url: &Url, protocol: &ProtocolInfo, options: &HostOptions) -> Result<Any
         LinkTarget::Tcp { address } => {
             AnyLink::Serial(Box::new(polepair_link::tcp::TcpLink::connect(address)?))
         }
-        #[cfg(unix)]
         LinkTarget::Udp { group } => {
             AnyLink::Can(Box::new(polepair_link::udp::open(group.parse()?)?))
         }
@@ -306,12 +305,10 @@ fn open(url: &Url, protocol: &ProtocolInfo, options: &HostOptions) -> Result<Any
             AnyLink::Can(Box::new(polepair_link::socketcan::open(interface, bus)?))
         }
         _ => {
-            let what = format!("this operating system cannot open {url}");
-            return Err(Error::usage(
-                "E210",
-                what,
-                "slcan adapters and socketcand work everywhere",
-            ));
+            let what = format!("{url} cannot be opened: SocketCAN is a part of Linux");
+            let hint = "use an adapter with slcan firmware (`slcan://COM3`), or a bus that a Linux \
+                        machine shares by socketcand (`socketcand://HOST/can0`)";
+            return Err(Error::usage("E210", what, hint));
         }
     })
 }
