@@ -19,7 +19,7 @@ use crate::amount::Amount;
 use crate::axis::{DeviceDetail, LocalAxis};
 use crate::error::Error;
 
-/// One axis of a [`Link`]. Clones are the same axis; any thread may use it.
+/// One axis of a [`Link`](super::Link). Clones are the same axis; any thread may use it.
 #[derive(Clone, Debug)]
 pub struct Axis {
     interface: Arc<dyn AxisInterface>,

@@ -25,7 +25,7 @@ const STANDSTILL_MAX: Duration = Duration::from_secs(1);
 /// have ended the motion.
 ///
 /// ```
-/// # use polepair_core::{axis::{Command, Verb}, drives};
+/// # use polepair_core::axis::{Command, Verb};
 /// # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 /// use polepair::interface::MotionMonitor;
 /// use std::time::Duration;

@@ -1,15 +1,15 @@
 //! The language itself: text to instructions and back, from one table with a row an instruction.
 //!
 //! ```
-//! use polepair_drives::technosoft::profile::TECHNOSOFT_F514L;
 //! use polepair_core::proto::tml::instruction::{LanguageScope, assemble, disassemble};
 //!
-//! let scope = LanguageScope { profile: Some(&TECHNOSOFT_F514L), ..LanguageScope::default() };
-//! let move_to = assemble("cpos = -1000L;", &scope).unwrap();
-//! assert_eq!((move_to.opcode, move_to.data()), (0x249E, &[0xFC18, 0xFFFF][..]));
+//! // With a drive's profile, `scope` knows its variables too.
+//! let scope = LanguageScope::default();
+//! let stop = assemble("stop;", &scope).unwrap();
+//! assert_eq!((stop.opcode, stop.data()), (0x01C4, &[][..]));
 //! let mut text = String::new();
-//! disassemble(&move_to, &scope, &mut |piece| text.push_str(piece));
-//! assert_eq!(text, "CPOS = -1000");
+//! disassemble(&stop, &scope, &mut |piece| text.push_str(piece));
+//! assert_eq!(text, "STOP");
 //! ```
 //!
 //! Sources stand with each row; where only the pattern of neighbours or a single decompiler tells a
