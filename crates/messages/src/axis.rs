@@ -168,6 +168,9 @@ pub struct ParameterInfo {
     pub raw_default: Option<i64>,
     /// What a written value survives: `volatile`, `storable`, `always`, `unless-ram`.
     pub persistence: String,
+    /// `number`, `text` or `bytes`.
+    #[serde(default)]
+    pub kind: String,
 }
 
 /// An item of a drive's device information: `GET /api/v1/axes/{id}/device`.

@@ -122,6 +122,19 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// What reading them brings.
     fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error>;
 
+    /// Reads a parameter of any kind: a number in its unit, text, or bytes.
+    ///
+    /// # Errors
+    /// By source.
+    fn read(&self, id: ParameterId) -> Result<ReadValue, Error>;
+
+    /// Reads a parameter of each drive that the axis addresses, with the drive's number: one, or the members
+    /// of a group.
+    ///
+    /// # Errors
+    /// By source.
+    fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, ReadValue)>, Error>;
+
     /// Reads text without its final zeros, or all bytes, of a parameter of any length.
     ///
     /// # Errors

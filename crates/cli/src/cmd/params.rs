@@ -128,7 +128,7 @@ fn parameter_text(profile: &'static Profile, name: &str) -> Result<String> {
 }
 
 /// A name that the drive does not have.
-pub fn no_such_parameter(profile: &Profile, name: &str) -> Problem {
+fn no_such_parameter(profile: &Profile, name: &str) -> Problem {
     let names = profile.parameters.iter().flat_map(|p| [p.name, p.symbol]);
     let nearest = polepair_capture::nearest_word(name, names);
     Problem::usage("E205", format!("{} has no parameter {name:?}.", profile.name))

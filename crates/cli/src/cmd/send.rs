@@ -1,16 +1,16 @@
 //! `polepair send URL TEXT…`
 
 use clap::{Args, ValueEnum};
-use polepair::LocalAxis;
 use polepair::url::AxisNumber;
+use polepair::{Axis, LocalAxis};
 use polepair_capture::{CaptureDecoder, Rules, jsonl};
 use polepair_core::proto::drive_address;
 use polepair_link::tap::TapDirection;
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
-use crate::session::LocalSession;
+use crate::remote::{self, ServerArgs};
+use crate::session::Session;
 use crate::tap_queue::{TapQueue, UnitBuf};
 use crate::target::{DriveArgs, UnitRef, describe_step};
 use crate::terminal::{DataOutput, print_note, print_warning};
@@ -53,9 +53,16 @@ enum SendFormat {
 }
 
 impl Send {
-    pub fn run(self) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
+        if server.is_given() && (self.dry_run || self.arm) {
+            let why = "A server sends only requests that move no motor.";
+            return Err(remote::unsupported_problem("--dry-run or --arm", why));
+        }
         let replies = TapQueue::default();
-        let session = self.target.open_with_queue(&replies)?;
+        let session = match server.is_given() {
+            true => self.target.connect(server)?,
+            false => self.target.open_with_queue(&replies)?.into(),
+        };
         session.listen_for_interrupts();
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
@@ -67,56 +74,33 @@ impl Send {
             return Ok(Exit::Ok);
         }
         for axis in session.axes() {
-            axis.arm(self.arm);
+            axis.local().inspect(|axis| axis.arm(self.arm));
             for text in &self.texts {
                 drop(replies.drain());
                 let value = axis.raw(text);
-                let reply = explain_replies(axis, &replies);
+                let reply = axis.local().map(|axis| explain_replies(axis, &replies));
                 let value = value.map_err(outcome::to_problem)?;
-                self.print(axis, &session.axis_prefix(axis), text, value, &reply, &mut out);
+                self.print(&session, axis, text, value, reply.as_deref(), &mut out);
                 out.flush()?;
             }
-            axis.arm(false);
-            self.note_motion(&session, axis);
-        }
-        Ok(Exit::Ok)
-    }
-
-    /// The same by a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        if self.dry_run || self.arm {
-            let why = "A server sends only requests that move no motor.";
-            return Err(remote::unsupported_problem("--dry-run or --arm", why));
-        }
-        let live = server.gateway.live().map_err(remote::refusal_problem)?;
-        let axes = server.axes_named(self.target.remote_axes()?)?;
-        let mut out = DataOutput::stdout();
-        for axis in &axes {
-            let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
-            for text in &self.texts {
-                let value = lease.raw(text).map_err(remote::refusal_problem)?;
-                let who = server.axis_prefix(&axes, axis);
-                match self.format {
-                    SendFormat::Text => out.write_line(&format!("{who}{text}: {value}")),
-                    SendFormat::Jsonl => {
-                        write_json((axis.number, Some(axis.link)), text, value, "", &mut out);
-                    }
-                }
-                out.flush()?;
+            if let Some(axis) = axis.local() {
+                axis.arm(false);
+                self.note_motion(&session, axis);
             }
-            lease.release().map_err(remote::refusal_problem)?;
         }
         Ok(Exit::Ok)
     }
 
     /// Checks every text before the first is sent; with `--dry-run` their frames are printed.
-    fn check(&self, session: &LocalSession, axis: &LocalAxis, out: &mut DataOutput) -> Result<()> {
+    /// A server checks each when it is sent.
+    fn check(&self, session: &Session, axis: &Axis, out: &mut DataOutput) -> Result<()> {
+        let Some(local) = axis.local() else { return Ok(()) };
         for text in &self.texts {
-            let rehearsed = axis.rehearse_raw(text).map_err(outcome::to_problem)?;
+            let rehearsed = local.rehearse_raw(text).map_err(outcome::to_problem)?;
             if self.dry_run {
                 let who = session.axis_prefix(axis);
                 for frame in &rehearsed.frames {
-                    out.write_line(&format!("{who}{}", describe_step(axis, frame)));
+                    out.write_line(&format!("{who}{}", describe_step(local, frame)));
                 }
             } else if rehearsed.needs_arming && !self.arm {
                 let what = format!("{}: `{text}` may start the motor.", axis.label());
@@ -128,26 +112,32 @@ impl Send {
         Ok(())
     }
 
+    /// Prints a reply. A server sends its value alone, without the frames that explain it.
     fn print(
         &self,
-        axis: &LocalAxis,
-        who: &str,
+        session: &Session,
+        axis: &Axis,
         text: &str,
         value: i64,
-        reply: &str,
+        reply: Option<&str>,
         out: &mut DataOutput,
     ) {
-        match self.format {
-            SendFormat::Text if reply.is_empty() => {
+        let who = session.axis_prefix(axis);
+        match (self.format, reply) {
+            (SendFormat::Text, None) => out.write_line(&format!("{who}{text}: {value}")),
+            (SendFormat::Text, Some("")) => {
                 out.write_line(&format!("{who}{text}: sent; no reply"));
             }
-            SendFormat::Text => out.write_line(&format!("{who}{reply}")),
-            SendFormat::Jsonl => write_json((axis.number(), None), text, value, reply, out),
+            (SendFormat::Text, Some(reply)) => out.write_line(&format!("{who}{reply}")),
+            (SendFormat::Jsonl, reply) => {
+                let link = axis.remote().map(|axis| axis.info().link);
+                write_json((axis.number(), link), text, value, reply.unwrap_or(""), out);
+            }
         }
     }
 
     /// What was started goes on behind the end of this program.
-    fn note_motion(&self, session: &LocalSession, axis: &LocalAxis) {
+    fn note_motion(&self, session: &Session, axis: &LocalAxis) {
         let may_move =
             |text: &String| axis.rehearse_raw(text).is_ok_and(|rehearsed| rehearsed.needs_arming);
         if self.texts.iter().any(may_move) {

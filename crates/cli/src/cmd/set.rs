@@ -11,7 +11,6 @@ use polepair::{Amount, LocalAxis};
 use polepair_client::message::{ParameterChange, ParameterInput, WriteParameters};
 use polepair_core::profile::{Access, Parameter, ParameterId, Persistence};
 
-use crate::cmd::get::find_parameter;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
@@ -57,14 +56,19 @@ pub struct Set {
 impl Set {
     /// The same by a server: it checks all before it writes the first.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        if self.raw || self.arm {
-            let why = "A server accepts values with units, and nothing that may move the motor.";
-            return Err(remote::unsupported_problem("--raw or --arm", why));
+        if self.arm {
+            let why = "A server writes nothing that may move the motor.";
+            return Err(remote::unsupported_problem("--arm", why));
         }
         let mut values = BTreeMap::new();
         for setting in &self.settings {
             let (name, value) = split_assignment(setting)?;
-            values.insert(name.to_owned(), ParameterInput::Text(value.to_owned()));
+            let input = match self.raw {
+                // A server of an older version takes raw values as numbers alone.
+                true => ParameterInput::Number(parse_raw(value)? as f64),
+                false => ParameterInput::Text(value.to_owned()),
+            };
+            values.insert(name.to_owned(), input);
         }
         let live = server.gateway.live().map_err(remote::refusal_problem)?;
         let axes = server.axes_named(self.target.remote_axes()?)?;
@@ -72,7 +76,8 @@ impl Set {
         for axis in &axes {
             let who = server.axis_prefix(&axes, axis);
             let (values, dry_run) = (values.clone(), self.dry_run);
-            let write = WriteParameters { values, keep: self.store, dry_run, raw: false, epoch: 0 };
+            let write =
+                WriteParameters { values, keep: self.store, dry_run, raw: self.raw, epoch: 0 };
             if self.dry_run {
                 let plan = server
                     .gateway
@@ -91,7 +96,7 @@ impl Set {
                 server.gateway.write_parameters(axis.id, &write).map_err(remote::refusal_problem)?
             {
                 match reads(&change.name) {
-                    true => read_back(server, axis.id, &who, &change, &mut out)?,
+                    true => self.read_back(server, axis.id, &who, &change, &mut out)?,
                     false => out.write_line(&format!("{who}{}", written_text(&change))),
                 }
                 out.flush()?;
@@ -100,6 +105,32 @@ impl Set {
         }
         out.flush()?;
         Ok(Exit::Ok)
+    }
+
+    /// Reads back what a server wrote.
+    fn read_back(
+        &self,
+        server: &RemoteSession,
+        axis: u16,
+        who: &str,
+        change: &ParameterChange,
+        out: &mut DataOutput,
+    ) -> Result<()> {
+        let name = &change.name;
+        let read = server.gateway.parameter(axis, name).map_err(remote::refusal_problem)?;
+        let shown = |value| remote::format_value(value, &change.unit);
+        let now = read.value.map_or(read.text, shown);
+        let now = match read.raw.filter(|_| self.raw) {
+            Some(raw) => raw.to_string(),
+            None => read.word.unwrap_or(now),
+        };
+        out.write_line(&format!("{who}{name} = {now}"));
+        if read.value == Some(change.to) {
+            return Ok(());
+        }
+        let what = format!("{name:?} did not keep what was written.");
+        Err(Problem::new(Exit::Negative, "E111", what)
+            .why(format!("{} was written and accepted.", shown(change.to))))
     }
 
     pub fn run(self) -> Result {
@@ -113,7 +144,7 @@ impl Set {
             let (mut wanted, mut data_writes) = (Vec::new(), Vec::new());
             for setting in &self.settings {
                 let (name, value) = split_assignment(setting)?;
-                let id = find_parameter(axis, name)?;
+                let id = axis.find(name).map_err(outcome::to_problem)?;
                 match DataWrite::for_setting(axis, id, value)? {
                     Some(write) => data_writes.push(write),
                     None => wanted.push((id, value)),
@@ -171,10 +202,7 @@ impl Set {
     ) -> Result<i64> {
         let Some(parameter) = axis.parameter(id) else { return Ok(0) };
         if self.raw {
-            return value::parse_whole(text).ok_or_else(|| {
-                let what = format!("{text:?} is not a whole number.");
-                Problem::usage("E217", what).why(outcome::sent_so_far())
-            });
+            return parse_raw(text);
         }
         if let Some(raw) = parse_switch(parameter, text) {
             return Ok(raw);
@@ -258,32 +286,19 @@ fn written_text(change: &ParameterChange) -> String {
     format!("{} = {}", change.name, remote::format_value(change.to, &change.unit))
 }
 
-/// Reads back what a server wrote.
-fn read_back(
-    server: &RemoteSession,
-    axis: u16,
-    who: &str,
-    change: &ParameterChange,
-    out: &mut DataOutput,
-) -> Result<()> {
-    let name = &change.name;
-    let read = server.gateway.parameter(axis, name).map_err(remote::refusal_problem)?;
-    let shown = |value| remote::format_value(value, &change.unit);
-    let now = read.value.map_or(read.text, shown);
-    out.write_line(&format!("{who}{name} = {}", read.word.unwrap_or(now)));
-    if read.value == Some(change.to) {
-        return Ok(());
-    }
-    let what = format!("{name:?} did not keep what was written.");
-    Err(Problem::new(Exit::Negative, "E111", what)
-        .why(format!("{} was written and accepted.", shown(change.to))))
-}
-
 fn split_assignment(setting: &str) -> Result<(&str, &str)> {
     setting.split_once('=').map(|(name, value)| (name.trim(), value.trim())).ok_or_else(|| {
         Problem::usage("E242", format!("{setting:?} is not NAME=VALUE."))
             .why(outcome::sent_so_far())
             .hint(format!("polepair get URL {setting:?} reads it"))
+    })
+}
+
+/// A raw number, as on the wire.
+fn parse_raw(text: &str) -> Result<i64> {
+    value::parse_whole(text).ok_or_else(|| {
+        let what = format!("{text:?} is not a whole number.");
+        Problem::usage("E217", what).why(outcome::sent_so_far())
     })
 }
 

@@ -14,7 +14,6 @@ use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
-use crate::cmd::get::find_parameter;
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
@@ -299,7 +298,7 @@ fn local_column(session: &LocalSession, axis: &LocalAxis, name: &str) -> Result<
     let source = signal.and_then(|signal| Some((signal, axis.profile().signal(signal)?)));
     let (id, flag) = match source {
         Some((_, source)) => (source.parameter, source.equals.is_some()),
-        None => (find_parameter(axis, name)?, false),
+        None => (axis.find(name).map_err(outcome::to_problem)?, false),
     };
     // Reads what the unit depends on. What cannot be read shows with the first value.
     let _ = axis.value(id, 0);

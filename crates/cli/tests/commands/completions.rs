@@ -93,7 +93,7 @@ fn quiet_leaves_out_notes_and_nothing_else() {
     assert_eq!((all.code, &*all.out), (quiet.code, &*quiet.out));
     assert!(all.err.contains("caution") && quiet.err.is_empty(), "{}", quiet.err);
     let wrong = polepair(&["get", "sim:tmcl", "no such thing", "-q"]);
-    assert!(wrong.code == 2 && wrong.err.contains("error[E205]"), "{}", wrong.err);
+    assert!(wrong.code == 2 && wrong.err.contains("error[E213]"), "{}", wrong.err);
     let detached = polepair(&["spin", "sim:tmcl", "60rpm", "--detach", "-q"]);
     assert!(detached.err.contains("left running"), "{}", detached.err);
 }

@@ -81,6 +81,16 @@ impl Encoding {
         !matches!(self, Self::Text | Self::Bytes)
     }
 
+    /// The kind of its values in one word: `number`, `text` or `bytes`.
+    #[must_use]
+    pub const fn kind(self) -> &'static str {
+        match self {
+            Self::Text => "text",
+            Self::Bytes => "bytes",
+            _ => "number",
+        }
+    }
+
     /// Whether the low word comes first, where a value takes several registers.
     #[must_use]
     pub const fn is_low_first(self) -> bool {

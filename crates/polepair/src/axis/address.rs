@@ -38,14 +38,14 @@ impl LocalAxis {
         if let Some(id) = self.find_address(name)? {
             return Ok(id);
         }
-        let names = self.profile.parameters.iter().map(|p| p.name);
+        let names = self.profile.parameters.iter().flat_map(|p| [p.name, p.symbol]);
         let near = spelling::suggestion(name, names);
         let what = format!("{} has no parameter `{name}`{near}", self.profile.name);
         let example = self.address_example();
-        let hint = match example {
-            "" => "`polepair params` lists them".to_owned(),
-            _ => format!("`polepair params` lists them; one by number is `{example}`"),
-        };
+        let mut hint = format!("`polepair params {}` lists them", self.profile.name);
+        if !example.is_empty() {
+            hint += &format!("; `{example}` is an example of a number");
+        }
         Err(Error::usage("E213", what, hint))
     }
 
@@ -104,7 +104,7 @@ impl LocalAxis {
         known.or_else(|| self.connection.with_axes(|axes, _| axes.parameter(self.index, id)))
     }
 
-    pub(super) fn required_parameter(&self, id: ParameterId) -> Result<&'static Parameter, Error> {
+    pub(crate) fn required_parameter(&self, id: ParameterId) -> Result<&'static Parameter, Error> {
         self.parameter(id)
             .ok_or_else(|| self.unsupported_error("reading", Unsupported::NoSuchParameter))
     }

@@ -133,7 +133,15 @@ impl Axis {
         self.interface.find(name)
     }
 
-    /// Reads a parameter by name, in its unit.
+    /// Reads a parameter of any kind by name: a number in its unit, text, or bytes.
+    ///
+    /// # Errors
+    /// [`Error`] by source.
+    pub fn read(&self, name: &str) -> Result<ReadValue, Error> {
+        self.interface.read(self.find(name)?)
+    }
+
+    /// Reads a number by name, in its unit.
     ///
     /// # Errors
     /// [`Error`] by source; `E213` for text and bytes, which [`get_text`](Self::get_text) and

@@ -60,6 +60,8 @@ pub struct ParameterDescription {
     pub about: Cow<'static, str>,
     /// Its unit; empty for none.
     pub unit: Cow<'static, str>,
+    /// `number`, `text` or `bytes`.
+    pub kind: Cow<'static, str>,
     /// Least and greatest raw value.
     pub raw_range: (i64, i64),
     /// Raw value from the factory.
@@ -94,6 +96,7 @@ impl From<&Parameter> for ParameterDescription {
             symbol: parameter.symbol.into(),
             about: parameter.about.into(),
             unit: parameter.unit.symbol().into(),
+            kind: parameter.encoding.kind().into(),
             raw_range: (parameter.min, parameter.max),
             raw_default: parameter.default,
             readable: parameter.access != Access::Write,

@@ -14,10 +14,13 @@ use super::{
     WriteValue,
 };
 use crate::amount::Amount;
-use crate::axis::{DeviceDetail, LocalAxis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
+use crate::axis::{
+    DeviceDetail, LocalAxis, ParameterValue, STOP_RETRY_MAX, WatchdogState, stop_with_retry,
+};
 use crate::doctor::{ABSENT_TEXT, read_watchdog};
 use crate::error::Error;
 use crate::faults;
+use crate::url::AxisNumber;
 
 impl AxisInterface for LocalAxis {
     fn facts(&self) -> AxisFacts {
@@ -82,9 +85,29 @@ impl AxisInterface for LocalAxis {
 
     fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
         match reply {
-            Reply::Raw(raw) => self.value(id, raw).map(ReadValue::from),
+            Reply::Raw(raw) => {
+                let value = ParameterValue::Number(self.value(id, raw)?);
+                Ok(ReadValue::of(self.required_parameter(id)?, &value))
+            }
             Reply::Reading(reading) => Ok(reading),
         }
+    }
+
+    fn read(&self, id: ParameterId) -> Result<ReadValue, Error> {
+        let value = self.read_any(id)?;
+        Ok(ReadValue::of(self.required_parameter(id)?, &value))
+    }
+
+    fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, ReadValue)>, Error> {
+        if !AxisNumber(self.number()).is_group() {
+            return Ok(vec![(self.number(), AxisInterface::read(self, id)?)]);
+        }
+        let parameter = self.required_parameter(id)?;
+        let with_unit = |(number, raw)| {
+            let value = ParameterValue::Number(self.value(id, raw)?);
+            Ok((number, ReadValue::of(parameter, &value)))
+        };
+        self.read_each(id)?.into_iter().map(with_unit).collect()
     }
 
     fn read_data(&self, id: ParameterId) -> Result<Vec<u8>, Error> {

@@ -4,14 +4,19 @@ use std::borrow::Cow;
 use std::fmt;
 use std::time::Duration;
 
-use polepair_core::profile::{Fault, Severity, Signal};
+use polepair_core::profile::{Fault, Parameter, Severity, Signal};
 
-use crate::amount::{Amount, Value};
+use crate::amount::Amount;
+use crate::axis::ParameterValue;
 use crate::error::{Error, Exit};
 
-/// A parameter that was read.
+/// A parameter that was read: a number, text or bytes.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ReadValue {
+    /// The parameter's name.
+    pub name: Cow<'static, str>,
+    /// What the manual calls it: `AP 6`, `1018h:1`.
+    pub symbol: Cow<'static, str>,
     /// The raw value; `None` for text and bytes.
     pub raw: Option<i64>,
     /// In [`unit`](Self::unit); NaN if the scale is not known.
@@ -20,7 +25,7 @@ pub struct ReadValue {
     pub unit: Cow<'static, str>,
     /// The value's word, if it has one.
     pub word: Option<Cow<'static, str>>,
-    /// The value with its unit, with no more digits than the drive has.
+    /// The value with its unit, with no more digits than the drive has. Bytes are in hexadecimal.
     pub text: String,
 }
 
@@ -40,13 +45,17 @@ impl fmt::Display for ReadValue {
     }
 }
 
-impl From<Value> for ReadValue {
-    fn from(value: Value) -> Self {
+impl ReadValue {
+    /// The value of a parameter of a drive on a wire of this program.
+    pub(super) fn of(parameter: &Parameter, value: &ParameterValue) -> Self {
+        let number = value.number();
         Self {
-            raw: Some(value.raw),
-            value: value.value,
-            unit: value.unit.symbol().into(),
-            word: value.word.map(Cow::Borrowed),
+            name: parameter.name.into(),
+            symbol: parameter.symbol.into(),
+            raw: number.map(|number| number.raw),
+            value: number.map_or(f64::NAN, |number| number.value),
+            unit: number.map_or("", |number| number.unit.symbol()).into(),
+            word: number.and_then(|number| number.word).map(Cow::Borrowed),
             text: value.to_string(),
         }
     }

@@ -160,5 +160,6 @@ pub(super) fn parameter_info(
         raw_max: parameter.max,
         raw_default: parameter.default,
         persistence: parameter.persistence.name().to_owned(),
+        kind: parameter.encoding.kind().to_owned(),
     }
 }

@@ -155,6 +155,12 @@ fn read_axis_parameter(axis: &LocalAxis, name: &str) -> Result<ParameterReading,
     })
 }
 
+/// A raw value as text: a double does not hold every one.
+fn parse_raw_text(text: &str) -> Result<i64, GatewayError> {
+    let wrong = |_| GatewayError::new("E217", format!("{text:?} is not a whole number"));
+    text.trim().parse().map_err(wrong)
+}
+
 /// A raw value: no drive has one that a `f64` cannot hold.
 fn parse_raw_number(number: f64) -> Result<i64, GatewayError> {
     let is_whole = number.fract() == 0.0 && number.abs() <= 9e15;
@@ -237,6 +243,7 @@ impl ParameterWriter {
         }
         let raw = match given {
             ParameterInput::Number(number) if self.raw => parse_raw_number(*number)?,
+            ParameterInput::Text(text) if self.raw => parse_raw_text(text)?,
             ParameterInput::Number(number) => intended(&Amount::Number(*number))?,
             ParameterInput::Text(text) => intended(&Amount::Text(text.clone()))?,
         };

@@ -3,7 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use polepair_client::message::{AxisInfo, BenchView, ParameterInput, SetWatchdog, WriteParameters};
+use polepair_client::message::{
+    AxisInfo, BenchView, ParameterInput, ParameterReading as ReadingMessage, SetWatchdog,
+    WriteParameters,
+};
 use polepair_client::{GatewayError, Lease, PendingOperation};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
@@ -166,6 +169,12 @@ impl RemoteAxis {
         Ok(self.server.gateway().spawn(move |_| server.with_lease(id, run)))
     }
 
+    /// Has the gateway read a parameter.
+    fn request_reading(&self, id: ParameterId) -> Result<ReadingMessage, Error> {
+        let name = self.server.parameter_name(self.info.id, id)?;
+        Ok(self.gateway().parameter(self.info.id, &name)?)
+    }
+
     /// Has the gateway read signals now; one that this version does not know is left out.
     fn read_signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
         let words: Vec<_> = signals.iter().map(|signal| signal.name()).collect();
@@ -248,16 +257,20 @@ impl AxisInterface for RemoteAxis {
     fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
         match reply {
             Reply::Reading(reading) => Ok(reading),
-            Reply::Raw(_) => {
-                let name = self.server.parameter_name(self.info.id, id)?;
-                Ok(parameter_reading(self.gateway().parameter(self.info.id, &name)?))
-            }
+            Reply::Raw(_) => self.read(id),
         }
     }
 
+    fn read(&self, id: ParameterId) -> Result<ReadValue, Error> {
+        self.request_reading(id).map(parameter_reading)
+    }
+
+    fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, ReadValue)>, Error> {
+        Ok(vec![(self.info.number, self.read(id)?)])
+    }
+
     fn read_data(&self, id: ParameterId) -> Result<Vec<u8>, Error> {
-        let name = self.server.parameter_name(self.info.id, id)?;
-        let read = self.gateway().parameter(self.info.id, &name)?;
+        let read = self.request_reading(id)?;
         match read.kind.as_str() {
             "text" => Ok(read.text.into_bytes()),
             "bytes" => {

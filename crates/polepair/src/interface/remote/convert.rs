@@ -117,6 +117,7 @@ pub(super) fn parameter_description(info: &ParameterInfo) -> ParameterDescriptio
         symbol: owned(&info.symbol),
         about: owned(&info.about),
         unit: owned(&info.unit),
+        kind: owned(&info.kind),
         raw_range: (info.raw_min, info.raw_max),
         raw_default: info.raw_default,
         readable: info.readable,
@@ -130,6 +131,8 @@ pub(super) fn parameter_description(info: &ParameterInfo) -> ParameterDescriptio
 
 pub(super) fn parameter_reading(read: ReadingMessage) -> ReadValue {
     ReadValue {
+        name: read.name.into(),
+        symbol: read.symbol.into(),
         raw: read.raw,
         value: read.value.unwrap_or(f64::NAN),
         unit: read.unit.into(),
