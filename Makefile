@@ -20,7 +20,7 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program package python wheel deb dist try-dist swarm soak bench clean
+.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program windows-files package python wheel deb dist try-dist swarm soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -113,7 +113,13 @@ windows: package windows-program
 
 windows-program:
 	interop/install-debian-packages interop/windows/debian-packages.txt
-	@if interop/windows/ready; then $(CARGO) build -p polepair-cli --locked --quiet --profile $(PROFILE) --target x86_64-pc-windows-gnu; fi
+	@if interop/windows/ready; then $(MAKE) --no-print-directory windows-files; fi
+
+windows-files: $(VENV)/ready
+	$(CARGO) build -p polepair-cli -p polepair-python --locked --quiet --profile $(PROFILE) --target x86_64-pc-windows-gnu
+	rm -rf target/windows-wheel
+	$(VENV)/bin/maturin build --quiet --locked --profile $(PROFILE) --target x86_64-pc-windows-gnu \
+		--manifest-path crates/python/Cargo.toml --out target/windows-wheel
 
 # Installed as `maturin develop` would, but from the workspace's build.
 package: $(VENV)/ready build

@@ -1,5 +1,5 @@
-"""The program for Windows under Wine, against simulated drives of this machine over TCP, serial ports, slcan and
-socketcand. `make windows` builds it.
+"""The program and the Python package for Windows under Wine, against simulated drives of this machine over TCP, serial ports, slcan and
+socketcand. `make windows` builds them.
 
 Wine is not Windows: what passes here was tried under Wine alone.
 """
@@ -20,6 +20,7 @@ PREFIX = ROOT / "target" / "wine"
 ENVIRONMENT = {
     **os.environ, "WINEPREFIX": str(PREFIX), "WINEDEBUG": "-all", "POLEPAIR_TIMEOUT_SCALE": "3",
 }
+WHEELS = ROOT / "target" / "windows-wheel"
 CAPTURE = "(1700000000.000000) can0 123#0102\n"
 
 pytestmark = pytest.mark.skipif(
@@ -95,6 +96,36 @@ def com_port(sim, tmp_path):
     return port
 
 
+@pytest.fixture(scope="module")
+def python(folder):
+    """CPython for Windows with the package installed from its wheel: a function that gives its command line."""
+    home = PREFIX.parent / "windows-python"
+    fetched = subprocess.run(
+        [SOURCES / "python", home], capture_output=True, text=True, check=False, timeout=900
+    )
+    if fetched.returncode != 0:
+        pytest.skip(fetched.stderr.strip())
+    wheel = next(WHEELS.glob("polepair-*-win_amd64.whl"))
+    site = folder / "site"
+    run_python(home, "-m", "pip", "install", "--no-index", "--no-deps", "--target", str(site), str(wheel))
+    shutil.copy(folder / "bcryptprimitives.dll", home)
+
+    def command(*words):
+        return ["wine", str(home / "python.exe"), *words]
+
+    command.environment = {**ENVIRONMENT, "PYTHONPATH": f"Z:{site}"}
+    return command
+
+
+def run_python(home, *words):
+    # Python for Windows needs an input: Wine has no handle for /dev/null.
+    done = subprocess.run(
+        ["wine", str(home / "python.exe"), *words], env=ENVIRONMENT, input="", capture_output=True, text=True,
+        timeout=300, check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def speed(url):
     text = polepair("get", url, "actual velocity", "--raw").stdout
     return abs(int(text.rsplit("=", 1)[1]))
@@ -165,6 +196,25 @@ def test_a_drive_that_goes_away_ends_a_motion(wine, folder, served):
     assert "The motor may still turn: cut its supply." in error, error
 
 
+def test_a_usb_port_without_a_baud_rate_is_known_by_its_driver(wine, com_port):
+    """A drive behind it replies sooner than the baud rate allows."""
+    port = com_port("tml")
+    drive = f"tml+serial://{port}#1"
+    entry = [r"HKLM\HARDWARE\DEVICEMAP\SERIALCOMM", "/v", r"\Device\USBSER007", "/f"]
+
+    def reg(verb, *words, check=True):
+        subprocess.run(
+            ["wine", "reg", verb, *entry, *words], env=ENVIRONMENT, check=check, capture_output=True, timeout=120
+        )
+
+    reg("delete", check=False)
+    refused = wine("move", drive, "90deg", "--timeout", "60s", check=False)
+    assert refused.returncode != 0, refused.stdout
+    reg("add", "/d", port)
+    assert wine("move", drive, "90deg", "--timeout", "60s").stdout.endswith(" turn\n")
+    reg("delete")
+
+
 @pytest.mark.parametrize("event", ["ctrl-c", "ctrl-break", "close", "logoff"])
 def test_every_signal_of_the_console_stops_the_motor(folder, served, event):
     url = served("tmcl", "--tcp", "127.0.0.1:0")
@@ -218,3 +268,50 @@ def test_the_server_answers_a_client_of_this_machine(folder):
         assert b"tmcm-171" in reply.read()
     server.terminate()
     server.wait(timeout=120)
+
+
+HOLD = """
+import sys, time, polepair
+with polepair.connect(sys.argv[1]) as link:
+    axis = link.axes[0]
+    with axis.armed():
+        axis.spin("300 rpm")
+        print("running", flush=True)
+        while True:
+            time.sleep(0.1)
+"""
+
+
+def test_the_python_package_turns_a_motor(python, folder, served, com_port):
+    shutil.copy(ROOT / "examples" / "python" / "spin.py", folder)
+    serial = f"tmcl+serial://{com_port('tmcl')}#1"
+    for url in [served("tmcl", "--tcp", "127.0.0.1:0"), serial, "sim:tmcl"]:
+        done = subprocess.run(
+            python("spin.py", url, "120 rpm", "0.5"), cwd=folder, env=python.environment, input="", capture_output=True,
+            text=True, timeout=120, check=False,
+        )
+        assert done.returncode == 0 and "120.0 rpm" in done.stdout, done.stdout + done.stderr
+    version = subprocess.run(
+        python("-m", "polepair", "--version"), cwd=folder, env=python.environment, input="",
+        capture_output=True, text=True, timeout=120, check=False,
+    )
+    assert version.stdout.startswith("polepair "), version.stderr
+
+
+@pytest.mark.parametrize("event", ["ctrl-c", "ctrl-break", "close", "logoff"])
+def test_every_signal_of_the_console_stops_the_motor_of_a_python_program(python, folder, served, event):
+    url = served("tmcl", "--tcp", "127.0.0.1:0")
+    (folder / "hold.py").write_text(HOLD)
+    program = subprocess.list2cmdline(python("hold.py", url)[1:])
+    hold = subprocess.Popen(
+        ["wine", "console.exe", event, program], cwd=folder, env=python.environment, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )
+    try:
+        assert hold.stdout.readline() == "running\n"
+        out, error = hold.communicate("\n", timeout=120)
+    finally:
+        hold.kill()
+    assert out.startswith("ended with "), out + error
+    assert ("KeyboardInterrupt" in error) == (event == "ctrl-c"), error
+    assert until(lambda: speed(url) < 2), speed(url)

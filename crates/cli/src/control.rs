@@ -87,7 +87,8 @@ fn comparable(location: &str) -> String {
 /// The folder of control sockets of this user.
 fn socket_folder() -> PathBuf {
     let user = || {
-        let name = std::env::var_os("USER").unwrap_or_default();
+        let name = std::env::var_os(if cfg!(windows) { "USERNAME" } else { "USER" });
+        let name = name.unwrap_or_default();
         std::env::temp_dir().join(format!("polepair-{}", name.to_string_lossy()))
     };
     match std::env::var_os("XDG_RUNTIME_DIR").filter(|folder| Path::new(folder).is_dir()) {

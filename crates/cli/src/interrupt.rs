@@ -142,6 +142,7 @@ mod system {
         if !signals.is_empty() {
             polepair_link::console::handle_console_events(|event| {
                 super::handle_signal(!event.ends_process());
+                true
             });
         }
     }

@@ -34,7 +34,20 @@ pub fn colour_err() -> bool {
 
 fn colours_wanted() -> bool {
     let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
+    !set("NO_COLOR")
+        && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
+        && understands_escapes()
+}
+
+#[cfg(unix)]
+const fn understands_escapes() -> bool {
+    true
+}
+
+/// Has a console of Windows understand escape sequences; those before Windows 10 do not.
+#[cfg(windows)]
+fn understands_escapes() -> bool {
+    ratatui_crossterm::crossterm::ansi_support::supports_ansi()
 }
 
 /// Where data goes: stdout or a file.

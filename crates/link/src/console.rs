@@ -27,10 +27,12 @@ impl ConsoleEvent {
 
 /// Has `handler` called, on a thread of the system, for each such event from now on. The first handler stays.
 ///
-/// For an event that [ends the process](ConsoleEvent::ends_process), the thread does not return: it waits until
-/// the program has ended by itself, or the system ends it.
-pub fn handle_console_events(handler: fn(ConsoleEvent)) {
-    static HANDLER: std::sync::OnceLock<fn(ConsoleEvent)> = std::sync::OnceLock::new();
+/// The event goes to the next handler of the process if `handler` returns false; the last one is the system's,
+/// which ends the process. After true, the thread of an event that
+/// [ends the process](ConsoleEvent::ends_process) waits until the program has ended by itself, or the system
+/// ends it.
+pub fn handle_console_events(handler: fn(ConsoleEvent) -> bool) {
+    static HANDLER: std::sync::OnceLock<fn(ConsoleEvent) -> bool> = std::sync::OnceLock::new();
     let _ = HANDLER.set(handler);
     crate::sys::set_console_handler(|code| {
         let event = match code {
@@ -40,11 +42,10 @@ pub fn handle_console_events(handler: fn(ConsoleEvent)) {
             CTRL_LOGOFF_EVENT | CTRL_SHUTDOWN_EVENT => ConsoleEvent::LogOff,
             _ => return false,
         };
-        let Some(handler) = HANDLER.get() else { return false };
-        handler(event);
-        while event.ends_process() {
+        let is_handled = HANDLER.get().is_some_and(|handler| handler(event));
+        while is_handled && event.ends_process() {
             std::thread::park();
         }
-        true
+        is_handled
     });
 }

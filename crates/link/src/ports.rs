@@ -26,6 +26,8 @@ pub struct Port {
     pub stable_name: Option<String>,
     /// USB descriptor of the adapter.
     pub usb: Option<UsbInfo>,
+    /// Name of the driver, if the system reports it: `ftdi_sio` (Linux), `usbser` (Windows).
+    pub driver: Option<String>,
     /// Why it cannot be used now; nothing was opened to find out.
     pub error: Option<LinkError>,
 }
@@ -109,7 +111,7 @@ const WITHOUT_BAUD_RATE: [&str; 2] = ["cdc_acm", "usbser"];
 const PROGRAM: &str = "polepair";
 
 /// Whether the driver of the port at `path` is known to have no baud rate. False where the system does
-/// not report it (Windows), and for converters that emulate one.
+/// not report it, and for converters that emulate one.
 #[must_use]
 pub fn has_no_baud_rate(path: &str) -> bool {
     system::driver_name(path).is_some_and(|driver| WITHOUT_BAUD_RATE.contains(&&*driver))

@@ -119,6 +119,7 @@ pub(crate) fn port(interface: CanInterface) -> Port {
         kind: PortKind::Can { kind: interface.kind, bit_rate: interface.bit_rate },
         stable_name: None,
         usb: None,
+        driver: None,
         error: trouble,
     }
 }

@@ -233,7 +233,52 @@ mod system {
     }
 }
 
-#[cfg(not(unix))]
+#[cfg(windows)]
+mod system {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use polepair_link::console::{ConsoleEvent, handle_console_events};
+    use pyo3::prelude::*;
+
+    /// Nothing is armed: events do what they always do.
+    static IDLE: AtomicBool = AtomicBool::new(true);
+    /// The program has a handler of its own for Ctrl-Break.
+    static BREAK_IS_HANDLED: AtomicBool = AtomicBool::new(false);
+
+    pub fn set_idle(idle: bool) {
+        IDLE.store(idle, Ordering::SeqCst);
+    }
+
+    pub fn forked() {}
+
+    /// Stops what is armed when the console ends the process: by Ctrl-Break, a closed window, log-off or
+    /// shutdown. Ctrl-C is the interpreter's: `KeyboardInterrupt` ends the blocks, which stop their axes.
+    pub fn install_handlers(py: Python<'_>) {
+        set_idle(false);
+        BREAK_IS_HANDLED.store(has_break_handler(py).unwrap_or(false), Ordering::SeqCst);
+        handle_console_events(|event| {
+            let is_left_alone = match event {
+                ConsoleEvent::Interrupt => true,
+                ConsoleEvent::Break => BREAK_IS_HANDLED.load(Ordering::SeqCst),
+                ConsoleEvent::Close | ConsoleEvent::LogOff => false,
+            };
+            if !is_left_alone && !IDLE.load(Ordering::SeqCst) {
+                let _one = super::lock_shutdown();
+                super::stop_all_armed();
+            }
+            // The system ends the process.
+            false
+        });
+    }
+
+    fn has_break_handler(py: Python<'_>) -> PyResult<bool> {
+        let known = py.import("_signal")?;
+        let handler = known.call_method1("getsignal", (known.getattr("SIGBREAK")?,))?;
+        Ok(!handler.eq(known.getattr("SIG_DFL")?)?)
+    }
+}
+
+#[cfg(not(any(unix, windows)))]
 mod system {
     use pyo3::prelude::*;
 

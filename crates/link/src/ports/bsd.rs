@@ -39,5 +39,6 @@ fn port(path: String) -> Port {
     let error = access(&*path, Access::READ_OK | Access::WRITE_OK)
         .err()
         .map(|errno| LinkError::from_io(&path, &errno.into()));
-    Port { path, kind: PortKind::Bytes, stable_name: None, usb: None, error }
+    let driver = driver_name(&path);
+    Port { path, kind: PortKind::Bytes, stable_name: None, usb: None, driver, error }
 }

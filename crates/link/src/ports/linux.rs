@@ -83,6 +83,7 @@ fn port(class: &Path) -> Option<Port> {
         kind: PortKind::Bytes,
         stable_name: stable_name(&path),
         usb: usb(&device),
+        driver: driver_name_of(class),
         error: check_access(&path),
         path,
     })

@@ -4,9 +4,18 @@ pub(super) fn ports() -> Vec<Port> {
     serialport::available_ports().unwrap_or_default().into_iter().map(port).collect()
 }
 
-/// Not asked: the system tells it by its registry alone.
-pub(super) fn driver_name(_path: &str) -> Option<String> {
-    None
+/// Where drivers enter their ports: `\\Device\\USBSER000` is COM5.
+const PORT_MAP: &str = r"HARDWARE\DEVICEMAP\SERIALCOMM";
+
+/// The driver's name in the map of ports, without its number: `usbser`, `vcp` (FTDI), `serial`.
+pub(super) fn driver_name(path: &str) -> Option<String> {
+    let map = windows_registry::LOCAL_MACHINE.open(PORT_MAP).ok()?;
+    let named = |value: &windows_registry::Value| {
+        String::try_from(value.clone()).is_ok_and(|port| port.eq_ignore_ascii_case(path))
+    };
+    let (device, _) = map.values().ok()?.find(|(_, value)| named(value))?;
+    let name = device.rsplit('\\').next()?.trim_end_matches(|c: char| c.is_ascii_digit());
+    Some(name.to_ascii_lowercase())
 }
 
 fn port(found: serialport::SerialPortInfo) -> Port {
@@ -20,5 +29,7 @@ fn port(found: serialport::SerialPortInfo) -> Port {
         }),
         _ => None,
     };
-    Port { path: found.port_name, kind: PortKind::Bytes, stable_name: None, usb, error: None }
+    let driver = driver_name(&found.port_name);
+    let path = found.port_name;
+    Port { path, kind: PortKind::Bytes, stable_name: None, usb, driver, error: None }
 }
