@@ -73,6 +73,7 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
         files.insert(root.join("docs/reference/command-line").join(name), text);
     }
     files.insert(root.join("docs/reference/connection-keys.md"), crate::key_pages::page());
+    files.extend(crate::c_header::file(root)?);
     files.insert(root.join("docs/protocols/tml-language.md"), crate::language::language_page());
     Ok(files)
 }

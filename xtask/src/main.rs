@@ -1,6 +1,7 @@
 //! Tool drawer of the workspace: code generation, tidy checks, swarm and soak runs.
 #![forbid(unsafe_code)]
 
+mod c_header;
 mod catalogue_pages;
 mod codegen;
 mod command_pages;

@@ -1,0 +1,268 @@
+//! Requests that run while the program does something else: begin, poll or wait, close.
+#![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
+
+use std::ffi::c_char;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use polepair::interface::{AxisRequest, ReadValue, WriteValue};
+use polepair::{Amount, Axis};
+use polepair_core::profile::ParameterId;
+
+use crate::axis::pp_axis;
+use crate::error::{CallError, ErrorSlot, PP_OK, PP_PENDING, pp_error, pp_status};
+use crate::handle::{Handle, return_handle, run, take_back, with_handle};
+use crate::link::{check_open, copy_error, read_seconds};
+use crate::motion::{build_command, pp_motion, pp_verb};
+use crate::text::{read_text, write_bytes, write_value};
+
+/// A request that was begun.
+#[derive(Debug)]
+pub struct pp_request {
+    state: Mutex<RequestState>,
+    /// What a read request reads.
+    read: Option<(Axis, ParameterId)>,
+    closed: Arc<AtomicBool>,
+    errors: ErrorSlot,
+}
+
+#[derive(Debug)]
+enum RequestState {
+    Running(AxisRequest),
+    Done(Option<ReadValue>),
+    /// What every later poll returns.
+    Failed(pp_status),
+}
+
+impl Handle for pp_request {
+    fn errors(&self) -> &ErrorSlot {
+        &self.errors
+    }
+}
+
+impl pp_request {
+    fn lock(&self) -> MutexGuard<'_, RequestState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Goes on with it, at most so long.
+    fn wait(&self, at_most: Duration) -> pp_status {
+        let mut state = self.lock();
+        let RequestState::Running(request) = &mut *state else {
+            return if let RequestState::Failed(status) = *state { status } else { PP_OK };
+        };
+        let ended = check_open(&self.closed).and_then(|()| {
+            let Some(reply) = request.wait(at_most)? else { return Ok(None) };
+            let read = |(axis, id): &(Axis, ParameterId)| axis.interface().reading(*id, reply);
+            Ok(Some(self.read.as_ref().map(read).transpose()?))
+        });
+        match ended {
+            Ok(None) => PP_PENDING,
+            Ok(Some(read)) => {
+                *state = RequestState::Done(read);
+                PP_OK
+            }
+            Err(failure) => {
+                let status = self.errors.store(failure);
+                *state = RequestState::Failed(status);
+                status
+            }
+        }
+    }
+
+    /// What it has read.
+    fn reading(&self) -> Result<ReadValue, CallError> {
+        match &*self.lock() {
+            RequestState::Done(Some(read)) => Ok(read.clone()),
+            RequestState::Done(None) => {
+                Err(CallError::usage("this request reads nothing", "begin it by pp_axis_begin_get"))
+            }
+            _ => {
+                let hint = "poll or wait until PP_OK is returned";
+                Err(CallError::usage("the request has no result", hint))
+            }
+        }
+    }
+}
+
+unsafe fn begin(
+    axis: *const pp_axis,
+    out: *mut *mut pp_request,
+    start: impl FnOnce(&Axis) -> Result<(AxisRequest, Option<ParameterId>), CallError>,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        run(axis, |axis| {
+            write_value(out, std::ptr::null_mut())?;
+            let opened = axis.opened()?;
+            let (request, id) = start(opened)?;
+            let read = id.map(|id| (opened.clone(), id));
+            let (state, closed) = (Mutex::new(RequestState::Running(request)), axis.closed_flag());
+            return_handle(out, pp_request { state, read, closed, errors: ErrorSlot::default() });
+            Ok(())
+        })
+    }
+}
+
+/// Begins to read a parameter, and returns at once. As `pp_axis_get`.
+///
+/// Example:
+///     pp_request *request;
+///     pp_axis_begin_get(axis, "max current", PP_NTS, &request);
+///     while (pp_request_poll(request) == PP_PENDING)
+///         do_something_else();
+///     double value;
+///     pp_request_value(request, &value);
+///     pp_request_close(request);
+///
+/// # Safety
+/// `axis` is NULL or valid; `name` has `length` bytes; `request` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_axis_begin_get(
+    axis: *const pp_axis,
+    name: *const c_char,
+    length: usize,
+    request: *mut *mut pp_request,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        begin(axis, request, |axis| {
+            let id = axis.find(read_text(name, length)?)?;
+            Ok((axis.interface().start_read(id)?, Some(id)))
+        })
+    }
+}
+
+/// Begins to write a parameter, and returns at once. As `pp_axis_set_text`.
+///
+/// # Safety
+/// `axis` is NULL or valid; the texts have their lengths; `request` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_axis_begin_set_text(
+    axis: *const pp_axis,
+    name: *const c_char,
+    length: usize,
+    value: *const c_char,
+    value_length: usize,
+    store: i32,
+    request: *mut *mut pp_request,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        begin(axis, request, |axis| {
+            let id = axis.find(read_text(name, length)?)?;
+            let value = WriteValue::Amount(Amount::from(read_text(value, value_length)?));
+            Ok((axis.interface().start_write(id, &value, store != 0)?, None))
+        })
+    }
+}
+
+/// Begins a verb, and returns at once. As `pp_axis_run`; limits are checked before.
+///
+/// # Safety
+/// `axis` and `limits` are NULL or valid; `request` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_axis_begin(
+    axis: *const pp_axis,
+    verb: pp_verb,
+    target: f64,
+    limits: *const pp_motion,
+    request: *mut *mut pp_request,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        begin(axis, request, |axis| Ok((axis.start(build_command(verb, target, limits)?)?, None)))
+    }
+}
+
+/// Tells whether a request has ended: PP_PENDING if not, PP_OK if it is done, else why it failed.
+///
+/// # Safety
+/// `request` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_poll(request: *const pp_request) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { with_handle(request, |request| Ok(request.wait(Duration::ZERO))) }
+}
+
+/// Waits for the end of a request, at most so many seconds. As `pp_request_poll`.
+///
+/// # Safety
+/// `request` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_wait(request: *const pp_request, seconds: f64) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { with_handle(request, |request| Ok(request.wait(read_seconds(seconds)?))) }
+}
+
+/// What a request has read, in the unit of its parameter. PP_USAGE before its end.
+///
+/// # Safety
+/// `request` is NULL or valid; `value` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_value(
+    request: *const pp_request,
+    value: *mut f64,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { run(request, |request| write_value(value, request.reading()?.value)) }
+}
+
+/// What a request has read, as it is on the wire. PP_USAGE before its end.
+///
+/// # Safety
+/// `request` is NULL or valid; `value` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_raw(request: *const pp_request, value: *mut i64) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        run(request, |request| {
+            let read = request.reading()?;
+            write_value(value, read.require_raw(&read.name)?)
+        })
+    }
+}
+
+/// What a request has read, as people read it. PP_USAGE before its end. As `pp_link_url` for the buffer.
+///
+/// # Safety
+/// `request` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_text(
+    request: *const pp_request,
+    buffer: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        with_handle(request, |request| {
+            let text = request.reading()?.text;
+            Ok(write_bytes(text.as_bytes(), true, buffer.cast(), capacity, needed))
+        })
+    }
+}
+
+/// Copies the error of a request. PP_NOTHING if it has none.
+///
+/// # Safety
+/// `request` and `error` are NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_error(
+    request: *const pp_request,
+    error: *mut pp_error,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { copy_error(request, error) }
+}
+
+/// Closes a request. One that has not ended continues: a motion is ended by `pp_axis_stop`.
+///
+/// # Safety
+/// `request` is NULL or a handle that no other thread uses.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_close(request: *mut pp_request) {
+    // SAFETY: as promised by the caller.
+    drop(unsafe { take_back(request) });
+}

@@ -1,0 +1,151 @@
+//! Scans: which drives are on a wire.
+#![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
+
+use std::ffi::c_char;
+use std::ops::ControlFlow;
+
+use polepair::scan::{ScanReport, scan};
+
+use crate::error::{CallError, ErrorSlot, PP_OK, PP_USAGE, pp_error, pp_status};
+use crate::handle::{Handle, defect, return_handle, run, take_back};
+use crate::link::copy_error;
+use crate::text::{SizedStruct, copy_text, read_text, write_struct, write_value};
+
+/// What a scan has found.
+#[derive(Debug)]
+pub struct pp_scan {
+    found: Option<ScanReport>,
+    errors: ErrorSlot,
+}
+
+impl Handle for pp_scan {
+    fn errors(&self) -> &ErrorSlot {
+        &self.errors
+    }
+}
+
+/// A drive that a scan has found. Texts end with a zero byte.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct pp_found {
+    /// Size of this struct, set by the caller.
+    pub size: u32,
+    /// Its address on the wire.
+    pub number: u32,
+    /// The profile's word: "tmcm-170".
+    pub profile: [c_char; 64],
+    /// The product's full name.
+    pub title: [c_char; 128],
+    /// What it says of itself. May be empty.
+    pub identity: [c_char; 256],
+    /// What is wrong with its address: two drives share it. May be empty.
+    pub clash: [c_char; 256],
+}
+
+// SAFETY: size first, then plain numbers and bytes.
+unsafe impl SizedStruct for pp_found {}
+
+/// Scans a wire for drives, by reads only: addresses `first` to `last` of a connection string without `#`.
+///
+/// `*scan` is always set, except to NULL when a pointer is missing; close it by `pp_scan_close`. Blocks until every
+/// address was tried: `pp_scan_count` is 0 if nobody replied. Nothing moves.
+///
+/// # Safety
+/// `url` has `length` bytes; `scan` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_scan_open(
+    url: *const c_char,
+    length: usize,
+    first: u32,
+    last: u32,
+    scan: *mut *mut pp_scan,
+) -> pp_status {
+    if scan.is_null() {
+        return PP_USAGE;
+    }
+    let look = || {
+        // SAFETY: as promised by the caller.
+        let url = unsafe { read_text(url, length)? };
+        let connector = polepair::Connector::discover();
+        Ok::<_, CallError>(self::scan(&connector, url, first..=last, &mut |_| {
+            ControlFlow::Continue(())
+        })?)
+    };
+    let errors = ErrorSlot::default();
+    let looked = std::panic::catch_unwind(look).unwrap_or_else(|_| Err(defect()));
+    let (found, status) = match looked {
+        Ok(found) => (Some(found), PP_OK),
+        Err(failure) => (None, errors.store(failure)),
+    };
+    // SAFETY: as promised by the caller.
+    unsafe { return_handle(scan, pp_scan { found, errors }) };
+    status
+}
+
+/// The number of drives that were found.
+///
+/// # Safety
+/// `scan` is NULL or valid; `count` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_scan_count(scan: *const pp_scan, count: *mut usize) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        run(scan, |scan| {
+            write_value(count, scan.found.as_ref().map_or(0, |found| found.found.len()))
+        })
+    }
+}
+
+/// Tells of the drive at this place, from 0 on.
+///
+/// # Safety
+/// `scan` is NULL or valid; `found` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_scan_at(
+    scan: *const pp_scan,
+    index: usize,
+    found: *mut pp_found,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe {
+        run(scan, |scan| {
+            let drive = scan.found.as_ref().and_then(|all| all.found.get(index));
+            let missing = || CallError::usage("there is no such drive", "pp_scan_count");
+            let drive = drive.ok_or_else(missing)?;
+            let mut value = pp_found {
+                size: 0,
+                number: drive.number,
+                profile: [0; 64],
+                title: [0; 128],
+                identity: [0; 256],
+                clash: [0; 256],
+            };
+            copy_text(drive.profile.name, &mut value.profile);
+            copy_text(drive.profile.title, &mut value.title);
+            copy_text(&drive.identified.to_string(), &mut value.identity);
+            let clash = drive.clash.as_ref().map(ToString::to_string).unwrap_or_default();
+            copy_text(&clash, &mut value.clash);
+            write_struct(found, &value)
+        })
+    }
+}
+
+/// Copies the error of a scan. PP_NOTHING if it has none.
+///
+/// # Safety
+/// `scan` and `error` are NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_scan_error(scan: *const pp_scan, error: *mut pp_error) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { copy_error(scan, error) }
+}
+
+/// Closes a scan.
+///
+/// # Safety
+/// `scan` is NULL or a handle that no other thread uses.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_scan_close(scan: *mut pp_scan) {
+    // SAFETY: as promised by the caller.
+    drop(unsafe { take_back(scan) });
+}

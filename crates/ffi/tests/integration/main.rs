@@ -1,0 +1,3 @@
+//! One program for all tests of this crate from outside (BUILD-1).
+
+mod programs;
