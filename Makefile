@@ -153,9 +153,11 @@ deb: $(PAGE) $(VENV)/packaging
 	packaging/build program
 	packaging/build deb
 
-## dist: wheel, Debian package, archives for glibc and musl, list of parts (SBOM) and check sums, in dist/
+## dist: wheel, Debian package, archives for glibc, musl and Windows, list of parts (SBOM) and check sums, in dist/
 dist: wheel deb
 	packaging/build archive
+	interop/install-debian-packages interop/windows/debian-packages.txt
+	packaging/build windows
 	packaging/build sums
 
 ## try-dist: what is in dist/, installed in a fresh environment and in a fresh root, used and removed
