@@ -116,7 +116,7 @@ windows-program:
 	@if interop/windows/ready; then $(MAKE) --no-print-directory windows-files; fi
 
 windows-files: $(VENV)/ready
-	$(CARGO) build -p polepair-cli -p polepair-python --locked --quiet --profile $(PROFILE) --target x86_64-pc-windows-gnu
+	$(CARGO) build -p polepair-cli -p polepair-python -p polepair-ffi --locked --quiet --profile $(PROFILE) --target x86_64-pc-windows-gnu
 	rm -rf target/windows-wheel
 	$(VENV)/bin/maturin build --quiet --locked --profile $(PROFILE) --target x86_64-pc-windows-gnu \
 		--manifest-path crates/python/Cargo.toml --out target/windows-wheel

@@ -196,23 +196,21 @@ def test_a_drive_that_goes_away_ends_a_motion(wine, folder, served):
     assert "The motor may still turn: cut its supply." in error, error
 
 
-def test_a_usb_port_without_a_baud_rate_is_known_by_its_driver(wine, com_port):
-    """A drive behind it replies sooner than the baud rate allows."""
+def test_the_driver_of_a_port_is_listed(wine, com_port):
+    """Drives with a USB connector have `usbser`: it has no baud rate."""
     port = com_port("tml")
-    drive = f"tml+serial://{port}#1"
     entry = [r"HKLM\HARDWARE\DEVICEMAP\SERIALCOMM", "/v", r"\Device\USBSER007", "/f"]
 
-    def reg(verb, *words, check=True):
-        subprocess.run(
-            ["wine", "reg", verb, *entry, *words], env=ENVIRONMENT, check=check, capture_output=True, timeout=120
-        )
+    def reg(verb, *words):
+        quiet = {"capture_output": True, "check": False, "timeout": 120}
+        return subprocess.run(["wine", "reg", verb, *entry, *words], env=ENVIRONMENT, **quiet).returncode
 
-    reg("delete", check=False)
-    refused = wine("move", drive, "90deg", "--timeout", "60s", check=False)
-    assert refused.returncode != 0, refused.stdout
-    reg("add", "/d", port)
-    assert wine("move", drive, "90deg", "--timeout", "60s").stdout.endswith(" turn\n")
     reg("delete")
+    assert "usbser" not in wine("ports").stdout
+    assert reg("add", "/d", port) == 0
+    lines = wine("ports").stdout.splitlines()
+    assert any(line.startswith(f"{port} ") and "usbser" in line for line in lines), lines
+    assert reg("delete") == 0
 
 
 @pytest.mark.parametrize("event", ["ctrl-c", "ctrl-break", "close", "logoff"])
@@ -268,6 +266,27 @@ def test_the_server_answers_a_client_of_this_machine(folder):
         assert b"tmcm-171" in reply.read()
     server.terminate()
     server.wait(timeout=120)
+
+
+def test_programs_in_c_print_what_those_of_rust_print(folder):
+    """The library for Windows, called by programs that mingw-w64 has built."""
+    shutil.copy(PROGRAM.parent / "polepair_ffi.dll", folder)
+    for line in (ROOT / "examples" / "expected.txt").read_text().splitlines():
+        name, parts = line.split(": ", 1)
+        subprocess.run(
+            ["x86_64-w64-mingw32-gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-I",
+             ROOT / "crates" / "ffi" / "include", ROOT / "examples" / "c" / f"{name}.c",
+             "-o", folder / f"{name}.exe", folder / "polepair_ffi.dll"], check=True, timeout=120,
+        )
+        done = subprocess.run(
+            ["wine", f"{name}.exe"], cwd=folder, env=ENVIRONMENT, stdin=subprocess.DEVNULL, capture_output=True,
+            text=True, timeout=120, check=False,
+        )
+        assert done.returncode == 0, f"{name}: {done.stdout}{done.stderr}"
+        at = 0
+        for part in parts.split(" | "):
+            at = done.stdout.find(part, at)
+            assert at >= 0, f"{name} does not print {part}: {done.stdout}"
 
 
 HOLD = """

@@ -23,11 +23,12 @@ impl Ports {
                 .hint("plug it in and try again")
                 .hint("`polepair scan sim:tmcl` needs no adapter"));
         }
-        let mut table = TextTable::with_heads(&["port", "adapter", "serial", "use"]);
+        let mut table = TextTable::with_heads(&["port", "adapter", "driver", "serial", "use"]);
         for port in &found {
             table.add_row([
                 port.path.clone(),
                 adapter_text(port),
+                port.driver.clone().unwrap_or_default(),
                 serial_number(port),
                 usability_text(port),
             ]);
