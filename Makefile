@@ -20,7 +20,7 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program windows-files package python wheel deb dist try-dist swarm soak bench clean
+.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program windows-files macos package python wheel deb dist try-dist swarm soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -120,6 +120,12 @@ windows-files: $(VENV)/ready
 	rm -rf target/windows-wheel
 	$(VENV)/bin/maturin build --quiet --locked --profile $(PROFILE) --target x86_64-pc-windows-gnu \
 		--manifest-path crates/python/Cargo.toml --out target/windows-wheel
+
+## macos: the crates that need no linker, checked for macOS; nothing is run
+macos:
+	rustup target add x86_64-apple-darwin >/dev/null 2>&1 || true
+	$(CARGO) check --locked --quiet --target x86_64-apple-darwin \
+		-p polepair-core -p polepair-drives -p polepair-sim -p polepair-link -p polepair
 
 # Installed as `maturin develop` would, but from the workspace's build.
 package: $(VENV)/ready build

@@ -857,9 +857,9 @@ pp_status pp_link_lost_events(const struct pp_link *link, uint64_t *count);
  * Opens a link by its connection string, and finds out which drives are there.
  *
  * `url` is as on the command line: "tmcl+serial:///dev/ttyUSB0#1", "tml+serial://COM3#1", "sim:tmcl",
- * "ws://host:7365" (docs/reference/connection-strings.md). `*link` is always set, to NULL only in a child
- * process after `fork`: a link that could not be opened has its error, and is closed like any other. Nothing
- * moves.
+ * "ws://host:7365" (docs/reference/connection-strings.md). `*link` is set even if the link
+ * cannot be opened: the handle then keeps the error, and must be closed. It is NULL only in a child process after
+ * `fork`. Nothing moves.
  *
  * Returns PP_OK; PP_USAGE for a wrong connection string; PP_ADAPTER for a port that is missing or in use;
  * PP_NO_REPLY if a drive does not reply. Blocks until the drives have replied. Thread-safe.
@@ -874,7 +874,9 @@ pp_status pp_link_lost_events(const struct pp_link *link, uint64_t *count);
  *
  * Pointers: `url` has `length` bytes; `link` is valid.
  */
-pp_status pp_link_open(const char *url, size_t length, struct pp_link **link);
+pp_status pp_link_open(const char *url,
+                       size_t length,
+                       struct pp_link **link);
 
 /**
  * Closes a link: stops, disables and disarms every axis that this program armed by it, then closes the wire.
@@ -1264,8 +1266,8 @@ void pp_request_close(struct pp_request *request);
 /**
  * Scans a wire for drives, by reads only: addresses `first` to `last` of a connection string without `#`.
  *
- * `*scan` is always set, except to NULL when a pointer is missing; close it by `pp_scan_close`. Blocks until every
- * address was tried: `pp_scan_count` is 0 if nobody replied. Nothing moves.
+ * `*scan` is set even if the scan fails: the handle then keeps the error, and must be closed. Blocks until every
+ * address was tried; `pp_scan_count` is 0 if no drive replied. Nothing moves.
  *
  * Pointers: `url` has `length` bytes; `scan` is valid.
  */

@@ -67,9 +67,9 @@ pub(crate) unsafe fn copy_error<H: Handle>(handle: *const H, out: *mut pp_error)
 /// Opens a link by its connection string, and finds out which drives are there.
 ///
 /// `url` is as on the command line: "tmcl+serial:///dev/ttyUSB0#1", "tml+serial://COM3#1", "sim:tmcl",
-/// "ws://host:7365" (docs/reference/connection-strings.md). `*link` is always set, to NULL only in a child
-/// process after `fork`: a link that could not be opened has its error, and is closed like any other. Nothing
-/// moves.
+/// "ws://host:7365" (docs/reference/connection-strings.md). `*link` is set even if the link
+/// cannot be opened: the handle then keeps the error, and must be closed. It is NULL only in a child process after
+/// `fork`. Nothing moves.
 ///
 /// Returns PP_OK; PP_USAGE for a wrong connection string; PP_ADAPTER for a port that is missing or in use;
 /// PP_NO_REPLY if a drive does not reply. Blocks until the drives have replied. Thread-safe.

@@ -47,8 +47,8 @@ unsafe impl SizedStruct for pp_found {}
 
 /// Scans a wire for drives, by reads only: addresses `first` to `last` of a connection string without `#`.
 ///
-/// `*scan` is always set, except to NULL when a pointer is missing; close it by `pp_scan_close`. Blocks until every
-/// address was tried: `pp_scan_count` is 0 if nobody replied. Nothing moves.
+/// `*scan` is set even if the scan fails: the handle then keeps the error, and must be closed. Blocks until every
+/// address was tried; `pp_scan_count` is 0 if no drive replied. Nothing moves.
 ///
 /// # Safety
 /// `url` has `length` bytes; `scan` is valid.

@@ -116,7 +116,7 @@ impl Get {
                     true => session.axis_prefix(axis),
                     false => format!("#{number} "),
                 };
-                let raw = read.raw.filter(|_| self.raw).map(|raw| raw.to_string());
+                let raw = read.raw_text().filter(|_| self.raw);
                 out.write_line(&format!(
                     "{who}{} = {}",
                     read.name,
@@ -164,7 +164,7 @@ fn csv_row((number, link): (u32, Option<u16>), read: &ReadValue) -> String {
         Some(link) => format!("{},{link}", AxisNumber(number)),
         None => AxisNumber(number).to_string(),
     };
-    let raw = read.raw.map_or_else(String::new, |raw| raw.to_string());
+    let raw = read.raw_text().unwrap_or_default();
     let value = read.raw.map_or_else(|| read.text.clone(), |_| read.value.to_string());
     format!("{axis},{}", csv_line([&*read.name, &read.symbol, &raw, &value, &read.unit]))
 }
@@ -178,7 +178,7 @@ fn write_json((number, link): (u32, Option<u16>), read: &ReadValue, out: &mut Ve
     jsonl::write_string(out, &read.name);
     out.extend_from_slice(b",\"symbol\":");
     jsonl::write_string(out, &read.symbol);
-    let raw = read.raw.map_or_else(|| "null".to_owned(), |raw| raw.to_string());
+    let raw = read.raw_text().unwrap_or_else(|| "null".to_owned());
     out.extend_from_slice(format!(",\"raw\":{raw},\"value\":").as_bytes());
     match read.raw {
         Some(_) => jsonl::write_real(out, read.value),

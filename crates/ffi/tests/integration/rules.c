@@ -169,7 +169,7 @@ static void test_motion(void)
     pp_motion_init(&limits);
     limits.velocity = 20;
     EXPECT(pp_axis_run_text(axis, PP_MOVE_BY, "1 turn", PP_NTS, &limits) == PP_OK);
-    EXPECT(pp_axis_wait(axis, 1e-3) == PP_NO_REPLY || pp_axis_error(axis, &error) == PP_OK);
+    EXPECT(pp_axis_wait(axis, 1e-3) == PP_NEGATIVE);
     EXPECT(pp_axis_wait(axis, 60) == PP_OK);
     EXPECT(pp_axis_fault(axis, 0, &fault, &faults) == PP_OK && faults == 0);
     EXPECT(pp_simulation_act(link, 0, "supply=8", PP_NTS) == PP_OK);

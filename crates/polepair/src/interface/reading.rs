@@ -4,9 +4,9 @@ use std::borrow::Cow;
 use std::fmt;
 use std::time::Duration;
 
-use polepair_core::profile::{Fault, Parameter, Severity, Signal};
+use polepair_core::profile::{Encoding, Fault, Parameter, Severity, Signal};
 
-use crate::amount::Amount;
+use crate::amount::{Amount, format_raw};
 use crate::axis::ParameterValue;
 use crate::error::{Error, Exit};
 
@@ -17,8 +17,11 @@ pub struct ReadValue {
     pub name: Cow<'static, str>,
     /// What the manual calls it: `AP 6`, `1018h:1`.
     pub symbol: Cow<'static, str>,
-    /// The raw value; `None` for text and bytes.
+    /// The raw value; `None` for text and bytes. An unsigned one of 64 bits may be negative here:
+    /// [`raw_text`](Self::raw_text) has it as it is.
     pub raw: Option<i64>,
+    /// How the raw value lies on the wire; `None` on a gateway.
+    pub encoding: Option<Encoding>,
     /// In [`unit`](Self::unit); NaN if the scale is not known.
     pub value: f64,
     /// Symbol of the unit that the profile shows the value in; empty without one.
@@ -30,6 +33,13 @@ pub struct ReadValue {
 }
 
 impl ReadValue {
+    /// The raw value in decimal digits; `None` for text and bytes.
+    #[must_use]
+    pub fn raw_text(&self) -> Option<String> {
+        let raw = self.raw?;
+        Some(self.encoding.map_or_else(|| raw.to_string(), |encoding| format_raw(encoding, raw)))
+    }
+
     /// The raw value.
     ///
     /// # Errors
@@ -53,6 +63,7 @@ impl ReadValue {
             name: parameter.name.into(),
             symbol: parameter.symbol.into(),
             raw: number.map(|number| number.raw),
+            encoding: number.map(|number| number.encoding),
             value: number.map_or(f64::NAN, |number| number.value),
             unit: number.map_or("", |number| number.unit.symbol()).into(),
             word: number.and_then(|number| number.word).map(Cow::Borrowed),

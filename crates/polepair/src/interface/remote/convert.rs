@@ -134,6 +134,7 @@ pub(super) fn parameter_reading(read: ReadingMessage) -> ReadValue {
         name: read.name.into(),
         symbol: read.symbol.into(),
         raw: read.raw,
+        encoding: None,
         value: read.value.unwrap_or(f64::NAN),
         unit: read.unit.into(),
         word: read.word.map(Cow::Owned),
