@@ -55,9 +55,21 @@ pub fn file(root: &Path) -> CodegenResult<Option<(PathBuf, String)>> {
     Ok(Some((crate_folder.join("include/polepair.h"), plain_comments(&text))))
 }
 
-/// Comments without the headings that only rustdoc knows.
+/// Comments without what only rustdoc knows: the heading of safety, and the fences of examples.
 fn plain_comments(text: &str) -> String {
-    text.replace(" * # Safety\n *\n", " * Pointers: ")
-        .replace(" * # Safety\n", " * Pointers: ")
-        .replace("Pointers:  * ", "Pointers: ")
+    let text =
+        text.replace(" * # Safety\n", " * Pointers: ").replace("Pointers:  * ", "Pointers: ");
+    let (mut plain, mut is_example) = (String::new(), false);
+    for line in text.replace(" * Example:\n *\n", " * Example:\n").lines() {
+        match line.trim() {
+            "* ```c" => is_example = true,
+            "* ```" => is_example = false,
+            _ if is_example => plain += &line.replacen(" * ", " *     ", 1),
+            _ => plain += line,
+        }
+        if !line.trim().starts_with("* ```") {
+            plain.push('\n');
+        }
+    }
+    plain
 }

@@ -187,9 +187,12 @@ pub unsafe extern "C" fn pp_axis_set_time_limit(axis: *const pp_axis, seconds: f
 /// Tells what an axis is. Nothing is sent.
 ///
 /// Example:
-///     pp_axis_info info = { .size = sizeof info };
-///     pp_axis_get_info(axis, &info);
-///     puts(info.title);
+///
+/// ```c
+/// pp_axis_info info = { .size = sizeof info };
+/// pp_axis_get_info(axis, &info);
+/// puts(info.title);
+/// ```
 ///
 /// # Safety
 /// `axis` is NULL or valid; `info` is valid.

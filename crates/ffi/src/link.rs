@@ -75,12 +75,15 @@ pub(crate) unsafe fn copy_error<H: Handle>(handle: *const H, out: *mut pp_error)
 /// PP_NO_REPLY if a drive does not reply. Blocks until the drives have replied. Thread-safe.
 ///
 /// Example:
-///     pp_link *link;
-///     if (pp_link_open("sim:tmcl", PP_NTS, &link) != PP_OK) {
-///         pp_error error = { .size = sizeof error };
-///         pp_link_error(link, &error);
-///         fprintf(stderr, "%s. %s\n", error.message, error.hint);
-///     }
+///
+/// ```c
+/// pp_link *link;
+/// if (pp_link_open("sim:tmcl", PP_NTS, &link) != PP_OK) {
+///     pp_error error = { .size = sizeof error };
+///     pp_link_error(link, &error);
+///     fprintf(stderr, "%s. %s\n", error.message, error.hint);
+/// }
+/// ```
 ///
 /// # Safety
 /// `url` has `length` bytes; `link` is valid.

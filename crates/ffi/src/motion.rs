@@ -164,8 +164,11 @@ fn read_amount(axis: &Axis, verb: Verb, text: &str) -> Result<f64, CallError> {
 /// outside of its limits: nothing was sent. Thread-safe.
 ///
 /// Example:
-///     pp_axis_run(axis, PP_MOVE_TO, 1.5708, NULL);
-///     pp_axis_wait(axis, 10.0);
+///
+/// ```c
+/// pp_axis_run(axis, PP_MOVE_TO, 1.5708, NULL);
+/// pp_axis_wait(axis, 10.0);
+/// ```
 ///
 /// # Safety
 /// `axis` and `limits` are NULL or valid.

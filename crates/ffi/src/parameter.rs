@@ -20,9 +20,12 @@ use crate::text::{SizedStruct, copy_text, read_text, write_bytes, write_struct, 
 /// drive has replied. Thread-safe.
 ///
 /// Example:
-///     double current;
-///     if (pp_axis_get(axis, "max current", PP_NTS, &current) == PP_OK)
-///         printf("%g A\n", current);
+///
+/// ```c
+/// double current;
+/// if (pp_axis_get(axis, "max current", PP_NTS, &current) == PP_OK)
+///     printf("%g A\n", current);
+/// ```
 ///
 /// # Safety
 /// `axis` is NULL or valid; `name` has `length` bytes; `value` is valid.

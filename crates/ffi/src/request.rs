@@ -108,13 +108,16 @@ unsafe fn begin(
 /// Begins to read a parameter, and returns at once. As `pp_axis_get`.
 ///
 /// Example:
-///     pp_request *request;
-///     pp_axis_begin_get(axis, "max current", PP_NTS, &request);
-///     while (pp_request_poll(request) == PP_PENDING)
-///         do_something_else();
-///     double value;
-///     pp_request_value(request, &value);
-///     pp_request_close(request);
+///
+/// ```c
+/// pp_request *request;
+/// pp_axis_begin_get(axis, "max current", PP_NTS, &request);
+/// while (pp_request_poll(request) == PP_PENDING)
+///     do_something_else();
+/// double value;
+/// pp_request_value(request, &value);
+/// pp_request_close(request);
+/// ```
 ///
 /// # Safety
 /// `axis` is NULL or valid; `name` has `length` bytes; `request` is valid.

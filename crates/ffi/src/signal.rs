@@ -92,8 +92,11 @@ pub unsafe extern "C" fn pp_axis_has_signal(
 /// Reads a signal now. PP_USAGE with E213 if the drive does not report it. Blocks until the drive has replied.
 ///
 /// Example:
-///     double speed;
-///     pp_axis_read(axis, PP_SIGNAL_VELOCITY, &speed);
+///
+/// ```c
+/// double speed;
+/// pp_axis_read(axis, PP_SIGNAL_VELOCITY, &speed);
+/// ```
 ///
 /// # Safety
 /// `axis` is NULL or valid; `value` is valid.

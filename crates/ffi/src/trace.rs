@@ -46,13 +46,16 @@ impl Handle for pp_trace {
 /// wire is too slow for are left out, not interpolated. A server sends rows by itself.
 ///
 /// Example:
-///     pp_signal signals[] = { PP_SIGNAL_POSITION, PP_SIGNAL_VELOCITY };
-///     pp_trace *trace;
-///     pp_axis_trace(axis, signals, 2, 0.01, &trace);
-///     double time, row[2];
-///     while (pp_trace_read(trace, 1.0, &time, row) == PP_OK && time < 2.0)
-///         printf("%g %g %g\n", time, row[0], row[1]);
-///     pp_trace_close(trace);
+///
+/// ```c
+/// pp_signal signals[] = { PP_SIGNAL_POSITION, PP_SIGNAL_VELOCITY };
+/// pp_trace *trace;
+/// pp_axis_trace(axis, signals, 2, 0.01, &trace);
+/// double time, row[2];
+/// while (pp_trace_read(trace, 1.0, &time, row) == PP_OK && time < 2.0)
+///     printf("%g %g %g\n", time, row[0], row[1]);
+/// pp_trace_close(trace);
+/// ```
 ///
 /// # Safety
 /// `axis` is NULL or valid; `signals` has `count` elements; `trace` is valid.
