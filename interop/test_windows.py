@@ -145,6 +145,8 @@ def test_tcp_and_every_can_link_reach_drives(wine, served):
     tcp = served("tmcl", "--tcp", "127.0.0.1:0")
     assert wine("get", tcp, "max current").stdout == "max current = 10 A\n"
     wine("spin", tcp, "300rpm", "--for", "500ms")
+    tml = served("tml", "--tcp", "127.0.0.1:0")
+    assert wine("move", tml, "90deg", "--timeout", "60s").stdout.endswith(" turn\n")
     slcan = served("tmcl+can", "--tcp", "127.0.0.1:0")
     assert wine("get", slcan, "max current").stdout == "max current = 10 A\n"
     socketcand = served("canopen:5", "--socketcand", "127.0.0.1:0")
