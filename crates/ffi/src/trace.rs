@@ -31,7 +31,7 @@ enum TraceSource {
     /// A drive on a wire of this program is read.
     Polled { axis: Axis, signals: Vec<Signal>, period: Duration, began: Instant, next: Instant },
     /// A server sends rows.
-    Pushed(SampleRows),
+    Pushed { axis: Axis, rows: SampleRows },
 }
 
 impl Handle for pp_trace {
@@ -80,7 +80,8 @@ pub unsafe extern "C" fn pp_axis_trace(
             let period = read_seconds(period)?;
             let source = match opened.remote() {
                 Some(remote) => {
-                    TraceSource::Pushed(remote.subscribe(&signals, period.as_secs_f64())?)
+                    let rows = remote.subscribe(&signals, period.as_secs_f64())?;
+                    TraceSource::Pushed { axis: opened.clone(), rows }
                 }
                 None => {
                     let (axis, began) = (opened.clone(), opened.interface().now());
@@ -135,7 +136,18 @@ fn next_row(
     at_most: Duration,
 ) -> Result<Option<(f64, Vec<f64>)>, CallError> {
     match source {
-        TraceSource::Pushed(rows) => Ok(rows.wait(at_most).map_err(polepair::Error::from)?),
+        TraceSource::Pushed { axis, rows } => {
+            // A sample of one signal alone ends a wait without a row.
+            let (interface, mut left) = (axis.interface(), at_most);
+            let began = interface.now();
+            loop {
+                let row = rows.wait(left).map_err(polepair::Error::from)?;
+                if row.is_some() || left.is_zero() {
+                    return Ok(row);
+                }
+                left = at_most.saturating_sub(interface.now().since(began));
+            }
+        }
         TraceSource::Polled { axis, signals, period, began, next } => {
             let interface = axis.interface();
             let due = next.since(interface.now());
