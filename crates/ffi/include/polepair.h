@@ -1151,11 +1151,14 @@ pp_status pp_axis_set_bytes(const struct pp_axis *axis,
 
 /**
  * Sends a request in the protocol's own text, and returns the value in the reply: "GAP 6, 0", "?APOS",
- * "read 0x6041" (docs/reference/text.md). PP_USAGE for what may move the motor of an axis that is not armed.
+ * "read 0x6041" (`polepair encode --help`). PP_USAGE for what may move the motor of an axis that is not armed.
  *
  * Pointers: `axis` is NULL or valid; `text` has `length` bytes; `value` is NULL or valid.
  */
-pp_status pp_axis_send(const struct pp_axis *axis, const char *text, size_t length, int64_t *value);
+pp_status pp_axis_send(const struct pp_axis *axis,
+                       const char *text,
+                       size_t length,
+                       int64_t *value);
 
 /**
  * The number of parameters of an axis. A server is asked once.

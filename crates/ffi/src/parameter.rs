@@ -129,7 +129,7 @@ pub unsafe extern "C" fn pp_axis_set(
     value: f64,
 ) -> pp_status {
     // SAFETY: as promised by the caller.
-    unsafe { write(axis, name, length, |_| Ok(WriteValue::Amount(Amount::from(value))), 0) }
+    unsafe { write(axis, name, length, || Ok(WriteValue::Amount(Amount::from(value))), 0) }
 }
 
 /// Writes a raw value, as it is on the wire. As `pp_axis_set`; with `store` other than 0 the drive also keeps it
@@ -146,7 +146,7 @@ pub unsafe extern "C" fn pp_axis_set_raw(
     store: i32,
 ) -> pp_status {
     // SAFETY: as promised by the caller.
-    unsafe { write(axis, name, length, |_| Ok(WriteValue::Raw(value)), store) }
+    unsafe { write(axis, name, length, || Ok(WriteValue::Raw(value)), store) }
 }
 
 /// Writes a value with its unit, or one of the parameter's words: "1200 mA", "on". As `pp_axis_set_raw`.
@@ -164,7 +164,7 @@ pub unsafe extern "C" fn pp_axis_set_text(
 ) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe {
-        let amount = |()| Ok(WriteValue::Amount(Amount::from(read_text(value, value_length)?)));
+        let amount = || Ok(WriteValue::Amount(Amount::from(read_text(value, value_length)?)));
         write(axis, name, length, amount, store)
     }
 }
@@ -196,7 +196,7 @@ pub unsafe extern "C" fn pp_axis_set_bytes(
 }
 
 /// Sends a request in the protocol's own text, and returns the value in the reply: "GAP 6, 0", "?APOS",
-/// "read 0x6041" (docs/reference/text.md). PP_USAGE for what may move the motor of an axis that is not armed.
+/// "read 0x6041" (`polepair encode --help`). PP_USAGE for what may move the motor of an axis that is not armed.
 ///
 /// # Safety
 /// `axis` is NULL or valid; `text` has `length` bytes; `value` is NULL or valid.
@@ -333,14 +333,14 @@ unsafe fn write(
     axis: *const pp_axis,
     name: *const c_char,
     length: usize,
-    value: impl FnOnce(()) -> Result<WriteValue, CallError>,
+    value: impl FnOnce() -> Result<WriteValue, CallError>,
     store: i32,
 ) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe {
         with_handle(axis, |axis| {
             let (opened, id) = find(axis, read_text(name, length)?)?;
-            let request = opened.interface().start_write(id, &value(())?, store != 0)?;
+            let request = opened.interface().start_write(id, &value()?, store != 0)?;
             axis.finish(request)?;
             Ok(PP_OK)
         })

@@ -20,7 +20,7 @@ use crate::text::{read_text, write_bytes, write_value};
 /// A request that was begun.
 #[derive(Debug)]
 pub struct pp_request {
-    state: Mutex<RequestState>,
+    state: Mutex<RequestProgress>,
     /// What a read request reads.
     read: Option<(Axis, ParameterId)>,
     closed: Arc<AtomicBool>,
@@ -28,7 +28,7 @@ pub struct pp_request {
 }
 
 #[derive(Debug)]
-enum RequestState {
+enum RequestProgress {
     Running(AxisRequest),
     Done(Option<ReadValue>),
     /// What every later poll returns.
@@ -42,15 +42,15 @@ impl Handle for pp_request {
 }
 
 impl pp_request {
-    fn lock(&self) -> MutexGuard<'_, RequestState> {
+    fn lock(&self) -> MutexGuard<'_, RequestProgress> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Goes on with it, at most so long.
     fn wait(&self, at_most: Duration) -> pp_status {
         let mut state = self.lock();
-        let RequestState::Running(request) = &mut *state else {
-            return if let RequestState::Failed(status) = *state { status } else { PP_OK };
+        let RequestProgress::Running(request) = &mut *state else {
+            return if let RequestProgress::Failed(status) = *state { status } else { PP_OK };
         };
         let ended = check_open(&self.closed).and_then(|()| {
             let Some(reply) = request.wait(at_most)? else { return Ok(None) };
@@ -60,12 +60,12 @@ impl pp_request {
         match ended {
             Ok(None) => PP_PENDING,
             Ok(Some(read)) => {
-                *state = RequestState::Done(read);
+                *state = RequestProgress::Done(read);
                 PP_OK
             }
             Err(failure) => {
                 let status = self.errors.store(failure);
-                *state = RequestState::Failed(status);
+                *state = RequestProgress::Failed(status);
                 status
             }
         }
@@ -74,8 +74,8 @@ impl pp_request {
     /// What it has read.
     fn reading(&self) -> Result<ReadValue, CallError> {
         match &*self.lock() {
-            RequestState::Done(Some(read)) => Ok(read.clone()),
-            RequestState::Done(None) => {
+            RequestProgress::Done(Some(read)) => Ok(read.clone()),
+            RequestProgress::Done(None) => {
                 Err(CallError::usage("this request reads nothing", "begin it by pp_axis_begin_get"))
             }
             _ => {
@@ -98,7 +98,8 @@ unsafe fn begin(
             let opened = axis.opened()?;
             let (request, id) = start(opened)?;
             let read = id.map(|id| (opened.clone(), id));
-            let (state, closed) = (Mutex::new(RequestState::Running(request)), axis.closed_flag());
+            let (state, closed) =
+                (Mutex::new(RequestProgress::Running(request)), axis.closed_flag());
             return_handle(out, pp_request { state, read, closed, errors: ErrorSlot::default() });
             Ok(())
         })
