@@ -1,6 +1,8 @@
-//! How tests wait: for a condition, never for a duration. A wait that fails says what was waited for, what
-//! was seen instead, and how busy the machine was.
+//! What tests share: programs in C, and how to wait. Tests wait for a condition, never for a duration. A wait
+//! that fails says what was waited for, what was seen instead, and how busy the machine was.
 #![forbid(unsafe_code)]
+
+pub mod c_program;
 
 use std::time::{Duration, Instant};
 

@@ -1,33 +1,17 @@
 //! The binary interface is that of `abi/polepair.xml`: what a program was built with goes on working.
 
-use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
-use crate::programs::{is_there, library, root, run};
+use polepair_test_support::c_program::{is_there, root, run, test_folder};
 
-/// The functions of the header, without comments, as C declares them.
-fn declarations() -> Vec<String> {
-    let header = std::fs::read_to_string(root().join("crates/ffi/include/polepair.h"));
-    let mut text = header.expect("the header");
-    while let Some((before, rest)) = text.split_once("/*") {
-        let behind = rest.split_once("*/").expect("the end of a comment").1;
-        text = before.to_owned() + behind;
-    }
-    let functions = text.split_once("extern \"C\" {").expect("its functions").1;
-    let functions = functions.split_once("#ifdef __cplusplus").expect("their end").0;
-    let lines: Vec<&str> = functions.lines().filter(|line| !line.starts_with('#')).collect();
-    let functions = lines.join("\n");
-    let all = functions.split(';').map(str::trim);
-    all.filter(|declaration| declaration.contains('(')).map(str::to_owned).collect()
-}
+use crate::programs::LIBRARY;
 
 /// A library with the header's functions, whose debug information has their types.
 fn library_of_the_header() -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("abi");
-    std::fs::create_dir_all(&folder).expect("a folder");
+    let folder = test_folder("abi");
     let body = |declaration: &String| format!("{declaration} {{ __builtin_trap(); }}\n");
-    let source: String = declarations().iter().map(body).collect();
+    let source: String = LIBRARY.declarations().iter().map(body).collect();
     std::fs::write(folder.join("header.c"), format!("#include <polepair.h>\n{source}"))
         .expect("written");
     let library = folder.join("libheader.so");
@@ -42,19 +26,7 @@ fn library_of_the_header() -> PathBuf {
 
 #[test]
 fn the_library_exports_what_the_header_declares() {
-    let name = |declaration: &String| {
-        let before = declaration.split_once('(').expect("arguments").0;
-        before.rsplit([' ', '*']).next().unwrap_or("").to_owned()
-    };
-    let declared: BTreeSet<String> = declarations().iter().map(name).collect();
-    assert!(declared.len() > 70, "{declared:?}");
-    let listed = run(Command::new("nm")
-        .args(["-D", "--defined-only"])
-        .arg(library().join("libpolepair_ffi.so")));
-    let exported = listed.lines().filter_map(|line| line.rsplit(' ').next());
-    let exported: BTreeSet<String> =
-        exported.filter(|name| name.starts_with("pp_")).map(str::to_owned).collect();
-    assert_eq!(declared, exported);
+    LIBRARY.check_exports("pp_");
 }
 
 #[test]

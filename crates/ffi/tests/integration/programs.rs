@@ -1,70 +1,22 @@
 //! The programs in `examples/c` and those of other languages do what they say, on simulated drives, as far as
 //! their compilers are there.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
-const COMPILERS: [&str; 2] = ["gcc", "clang"];
-const STRICT: [&str; 5] = ["-O1", "-Wall", "-Wextra", "-pedantic", "-Werror"];
+use polepair_test_support::c_program::{
+    CLibrary, COMPILERS, is_there, library_folder, root, run, run_under_valgrind, test_folder,
+};
 
-pub fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-/// The folder of `libpolepair_ffi.so`, which cargo has built for this test: that of the test itself.
-pub fn library() -> PathBuf {
-    let test = std::env::current_exe().expect("this test");
-    test.parent().expect("its folder").to_owned()
-}
-
-pub fn is_there(program: &str) -> bool {
-    // The Pascal compiler knows no --version.
-    let asked = if program == "fpc" { "-iV" } else { "--version" };
-    Command::new(program).arg(asked).output().is_ok_and(|ran| ran.status.success())
-}
-
-/// Builds a program, and returns its path.
-fn build(compiler: &str, source: &Path, options: &[&str]) -> PathBuf {
-    let name = source.file_stem().expect("a name").to_string_lossy().into_owned();
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("c");
-    std::fs::create_dir_all(&folder).expect("a folder");
-    // Tests that run at the same time do not overwrite each other's.
-    let program = folder.join(format!("{name}-{compiler}{}", options.concat()));
-    let library = library();
-    let built = Command::new(compiler)
-        .args(STRICT)
-        .args(options)
-        .arg("-I")
-        .arg(root().join("crates/ffi/include"))
-        .arg(source)
-        .arg("-o")
-        .arg(&program)
-        .arg("-L")
-        .arg(&library)
-        .args(["-lpolepair_ffi", "-lm", "-lpthread"])
-        .arg(format!("-Wl,-rpath,{}", library.display()))
-        .output()
-        .expect("the compiler starts");
-    let said = String::from_utf8_lossy(&built.stderr);
-    assert!(built.status.success() && said.is_empty(), "{compiler} {name}: {said}");
-    program
-}
-
-pub fn run(command: &mut Command) -> String {
-    let ran = command.output().expect("the program starts");
-    let (text, failed) =
-        (String::from_utf8_lossy(&ran.stdout), String::from_utf8_lossy(&ran.stderr));
-    assert!(ran.status.success(), "{command:?}: {:?}\n{text}{failed}", ran.status);
-    text.into_owned()
-}
+pub const LIBRARY: CLibrary =
+    CLibrary { package: "ffi", header: "polepair.h", name: "polepair_ffi" };
 
 /// A folder with the library under the name by which it is installed.
 fn installed_library() -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("c/lib");
-    std::fs::create_dir_all(&folder).expect("a folder");
+    let folder = test_folder("c/lib");
     let link = folder.join("libpolepair.so");
     // Tests at the same time make the same link.
-    let _ = std::os::unix::fs::symlink(library().join("libpolepair_ffi.so"), link);
+    let _ = std::os::unix::fs::symlink(library_folder().join("libpolepair_ffi.so"), link);
     folder
 }
 
@@ -99,7 +51,7 @@ fn examples_in_c_print_what_those_of_rust_print() {
     for compiler in COMPILERS {
         try_examples("C", &[compiler], |name| {
             let source = root().join("examples/c").join(name).with_extension("c");
-            Command::new(build(compiler, &source, &["-std=c11"]))
+            Command::new(LIBRARY.build(compiler, &source, &["-std=c11"]))
         });
     }
 }
@@ -109,7 +61,7 @@ fn examples_in_cpp_print_what_those_of_rust_print() {
     for compiler in ["g++", "clang++"] {
         try_examples("C++", &[compiler], |name| {
             let source = root().join("examples/cpp").join(name).with_extension("cpp");
-            Command::new(build(compiler, &source, &["-std=c++17"]))
+            Command::new(LIBRARY.build(compiler, &source, &["-std=c++17"]))
         });
     }
 }
@@ -161,7 +113,7 @@ fn examples_with_ctypes_print_what_those_of_rust_print() {
 fn the_rules_of_the_interface_hold() {
     let source = root().join("crates/ffi/tests/integration/rules.c");
     for compiler in COMPILERS.into_iter().filter(|compiler| is_there(compiler)) {
-        let program = build(compiler, &source, &["-std=c11"]);
+        let program = LIBRARY.build(compiler, &source, &["-std=c11"]);
         assert_eq!(run(&mut Command::new(program)), "rules hold\n");
     }
 }
@@ -172,25 +124,13 @@ fn valgrind_finds_nothing() {
         eprintln!("skipped: valgrind is not installed");
         return;
     }
-    let program =
-        build("gcc", &root().join("crates/ffi/tests/integration/rules.c"), &["-std=c11", "-g"]);
-    let text = run(Command::new("valgrind")
-        .args(["--quiet", "--error-exitcode=9", "--leak-check=full"])
-        .args(["--errors-for-leak-kinds=definite"])
-        .arg(program)
-        .arg("quick"));
-    assert_eq!(text, "rules hold\n");
+    let source = root().join("crates/ffi/tests/integration/rules.c");
+    let program = LIBRARY.build("gcc", &source, &["-std=c11", "-g"]);
+    assert_eq!(run_under_valgrind(&program, &["quick"]), "rules hold\n");
 }
 
 /// The header as it is generated: `cargo xtask codegen` writes it.
 #[test]
 fn the_headers_are_c_and_cpp() {
-    let header = root().join("crates/ffi/include/polepair.h");
-    for (compiler, language) in [("gcc", "c"), ("g++", "c++"), ("clang", "c"), ("clang++", "c++")] {
-        if is_there(compiler) {
-            let mut command = Command::new(compiler);
-            command.args(["-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only", "-x"]);
-            run(command.arg(language).arg(&header));
-        }
-    }
+    LIBRARY.check_header();
 }

@@ -83,14 +83,14 @@ pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
     intern_profile(&BaseProfiles { folder: None }.read_draft(file, text, 0)?)
 }
 
-/// Reads a profile file, the set-up archive of a TML drive (`.t.zip`), or the data sheet of a CANopen
-/// device (`.eds`, `.dcf`). `extends` may name another
+/// Reads a profile file, the set-up of a TML drive (`.t.zip`, or a folder with `variables.cfg`), or the data
+/// sheet of a CANopen device (`.eds`, `.dcf`). `extends` may name another
 /// file of its folder, or a profile that is compiled in.
 ///
 /// # Errors
 /// [`FileError`], also for a file that cannot be read.
 pub fn load(path: &Path) -> Result<&'static Profile, FileError> {
-    if setup::is_archive(path) {
+    if setup::is_setup(path) {
         return intern_profile(&setup::draft_profile(path)?);
     }
     if crate::eds::is_eds_file(path) {

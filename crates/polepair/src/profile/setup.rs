@@ -1,5 +1,5 @@
-//! Set-up archives of TML drives, `NAME.t.zip`. `variables.cfg` lists the memory of the drive's firmware,
-//! with user variables.
+//! Set-ups of TML drives: archives, `NAME.t.zip`, or folders with the same files. `variables.cfg` lists the
+//! memory of the drive's firmware, with user variables.
 //!
 //! Texts, units, faults and steps come from the compiled-in profile with the most similar memory. Names
 //! that the archive lacks are not offered. `setup.cfg` has the values of the set-up table; its format is
@@ -26,12 +26,12 @@ const FILES_MAX: usize = 256;
 /// The longest list of variables, bytes unpacked.
 const VARIABLES_MAX: u64 = 1 << 20;
 
-/// Whether a file is an archive, by its name.
-pub(super) fn is_archive(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zip"))
+/// Whether a path is an archive, by its name, or a folder.
+pub(super) fn is_setup(path: &Path) -> bool {
+    path.is_dir() || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zip"))
 }
 
-/// Reads an archive.
+/// Reads an archive or a folder.
 pub(super) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     let file = path.display().to_string();
     let text = read_variables(path).map_err(|reason| FileError::for_file(&file, reason))?;
@@ -54,6 +54,10 @@ pub(super) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
 
 /// The text of `variables.cfg`; bytes that are no UTF-8 can only stand in comments.
 fn read_variables(path: &Path) -> Result<String, String> {
+    if path.is_dir() {
+        let bytes = read_limited(&path.join(VARIABLES), VARIABLES_MAX)?;
+        return Ok(String::from_utf8_lossy(&bytes).into_owned());
+    }
     let file = Cursor::new(read_limited(path, ARCHIVE_MAX)?);
     let mut archive = ZipArchive::new(file).map_err(|e| format!("no archive: {e}"))?;
     if archive.len() > FILES_MAX {

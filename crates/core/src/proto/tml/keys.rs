@@ -15,7 +15,7 @@ const ACK: OptionKey = OptionKey::new(
 const SETUP: OptionKey = OptionKey::for_link(
     "setup",
     OptionKind::Text,
-    "set-up archive of the drive (.t.zip), with the addresses of its firmware and the user's variables",
+    "set-up archive of the drive (.t.zip) or its folder, with the addresses of its firmware and the user's variables",
 );
 
 /// On CAN.

@@ -261,3 +261,15 @@ fn a_gear_slave_follows_its_master_by_the_ratio() {
     assert!((fixture.read_long(0x0228) + 2500).abs() <= 1, "{}", fixture.read_long(0x0228));
     assert_eq!(fixture.read(0x090F) & 1 << 12, 1 << 12, "in gear");
 }
+
+#[test]
+fn a_new_event_is_not_the_one_before() {
+    let mut fixture = DriveFixture::new();
+    fixture.axis_on();
+    fixture.send_instruction(0x700F, &[]); // !MC
+    fixture.wait(2);
+    assert_eq!(fixture.read(0x090E) >> 14 & 1, 1);
+    fixture.move_to(10_000);
+    fixture.send_instruction(0x700F, &[]);
+    assert_eq!(fixture.read(0x090E) >> 14 & 1, 0, "within the same tick");
+}
