@@ -173,6 +173,7 @@ try-dist: $(VENV)/packaging
 
 $(VENV)/ready: interop/requirements.txt interop/source-distributions.txt interop/debian-packages.txt
 	interop/install-debian-packages
+	interop/install-debian-packages interop/octave-packages.txt --no-install-recommends
 	python3 -m venv $(VENV)
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r interop/requirements.txt
 	$(PYTHON) -m pip download --quiet --disable-pip-version-check --no-deps --no-binary :all: \

@@ -150,6 +150,7 @@ namespace Polepair
         [DllImport(Library, CallingConvention = C)] internal static extern int pp_axis_run_text(IntPtr axis, Verb verb, byte[] target, UIntPtr length, IntPtr limits);
         [DllImport(Library, CallingConvention = C)] internal static extern int pp_axis_begin(IntPtr axis, Verb verb, double target, IntPtr limits, out IntPtr request);
         [DllImport(Library, CallingConvention = C)] internal static extern int pp_request_wait(IntPtr request, double seconds);
+        [DllImport(Library, CallingConvention = C)] internal static extern int pp_request_cancel(IntPtr request);
         [DllImport(Library, CallingConvention = C)] internal static extern int pp_request_error(IntPtr request, ref Error error);
         [DllImport(Library, CallingConvention = C)] internal static extern void pp_request_close(IntPtr request);
         [DllImport(Library, CallingConvention = C)] internal static extern int pp_scan_open(byte[] url, UIntPtr length, uint first, uint last, out IntPtr scan);
@@ -237,9 +238,13 @@ namespace Polepair
         internal Request(IntPtr handle) { this.handle = handle; }
 
         /// <summary>Waits at most so many seconds; false if it has not ended.</summary>
-        public bool Wait(double seconds)
+        public bool Wait(double seconds) => HasEnded(Native.pp_request_wait(handle, seconds));
+
+        /// <summary>Stops the axis of a motion, or ends a read; false if it has not ended.</summary>
+        public bool Cancel() => HasEnded(Native.pp_request_cancel(handle));
+
+        bool HasEnded(int status)
         {
-            int status = Native.pp_request_wait(handle, seconds);
             if (status == (int)Status.Pending)
                 return false;
             Native.Check(status, handle, Native.pp_request_error);

@@ -728,6 +728,17 @@ void pp_axis_close(struct pp_axis *axis);
 pp_status pp_axis_error(const struct pp_axis *axis, struct pp_error *error);
 
 /**
+ * Copies the last error of an axis handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+ * if no call has failed. As `pp_link_url` for the buffer.
+ *
+ * Pointers: `axis` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+ */
+pp_status pp_axis_error_text(const struct pp_axis *axis,
+                             char *buffer,
+                             size_t capacity,
+                             size_t *needed);
+
+/**
  * Limits how long calls on this handle wait for a drive. A call that reaches it returns PP_PENDING, and its
  * request continues: the drive may still execute it. 0 or less for no limit, which is so at first: requests end
  * by themselves after the time-outs of their protocol. Stopping is not limited.
@@ -897,6 +908,17 @@ pp_status pp_link_close(struct pp_link *link,
  * Pointers: `link` and `error` are NULL or valid.
  */
 pp_status pp_link_error(const struct pp_link *link, struct pp_error *error);
+
+/**
+ * Copies the last error of a link handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+ * if no call has failed. As `pp_link_url` for the buffer.
+ *
+ * Pointers: `link` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+ */
+pp_status pp_link_error_text(const struct pp_link *link,
+                             char *buffer,
+                             size_t capacity,
+                             size_t *needed);
 
 /**
  * The number of axes of a link.
@@ -1232,6 +1254,26 @@ pp_status pp_request_poll(const struct pp_request *request);
 pp_status pp_request_wait(const struct pp_request *request, double seconds);
 
 /**
+ * Cancels a request.
+ *
+ * A verb (`pp_axis_begin`): the axis is stopped, as by `pp_axis_stop`, and the request ends. A read ends at once, and
+ * `pp_request_poll` then returns PP_INTERRUPTED. A write cannot be cancelled: PP_USAGE, and it continues. For a
+ * request that has ended already, nothing is done.
+ *
+ * Returns PP_OK; PP_PENDING if the axis was stopped and the request has not ended within 10 s; the error of the stop.
+ * Thread-safe.
+ *
+ * Example:
+ *     pp_axis_begin(axis, PP_HOME, 0, NULL, &request);
+ *     if (pp_request_wait(request, 30.0) == PP_PENDING)
+ *         pp_request_cancel(request);
+ *     pp_request_close(request);
+ *
+ * Pointers: `request` is NULL or valid.
+ */
+pp_status pp_request_cancel(const struct pp_request *request);
+
+/**
  * What a request has read, in the unit of its parameter. PP_USAGE before its end.
  *
  * Pointers: `request` is NULL or valid; `value` is valid.
@@ -1258,6 +1300,17 @@ pp_status pp_request_text(const struct pp_request *request, char *buffer, size_t
  * Pointers: `request` and `error` are NULL or valid.
  */
 pp_status pp_request_error(const struct pp_request *request, struct pp_error *error);
+
+/**
+ * Copies the last error of a request handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+ * if no call has failed. As `pp_link_url` for the buffer.
+ *
+ * Pointers: `request` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+ */
+pp_status pp_request_error_text(const struct pp_request *request,
+                                char *buffer,
+                                size_t capacity,
+                                size_t *needed);
 
 /**
  * Closes a request. One that has not ended continues: a motion is ended by `pp_axis_stop`.
@@ -1300,6 +1353,17 @@ pp_status pp_scan_at(const struct pp_scan *scan, size_t index, struct pp_found *
  * Pointers: `scan` and `error` are NULL or valid.
  */
 pp_status pp_scan_error(const struct pp_scan *scan, struct pp_error *error);
+
+/**
+ * Copies the last error of a scan handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+ * if no call has failed. As `pp_link_url` for the buffer.
+ *
+ * Pointers: `scan` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+ */
+pp_status pp_scan_error_text(const struct pp_scan *scan,
+                             char *buffer,
+                             size_t capacity,
+                             size_t *needed);
 
 /**
  * Closes a scan.
@@ -1412,6 +1476,17 @@ pp_status pp_trace_read(const struct pp_trace *trace, double seconds, double *ti
  * Pointers: `trace` and `error` are NULL or valid.
  */
 pp_status pp_trace_error(const struct pp_trace *trace, struct pp_error *error);
+
+/**
+ * Copies the last error of a trace handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+ * if no call has failed. As `pp_link_url` for the buffer.
+ *
+ * Pointers: `trace` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+ */
+pp_status pp_trace_error_text(const struct pp_trace *trace,
+                              char *buffer,
+                              size_t capacity,
+                              size_t *needed);
 
 /**
  * Ends a trace.

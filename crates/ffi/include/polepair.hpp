@@ -111,6 +111,8 @@ public:
     bool poll() { return ended(pp_request_poll(handle_.get())); }
     // Waits at most so many seconds; false if it has not ended.
     bool wait(double seconds) { return ended(pp_request_wait(handle_.get(), seconds)); }
+    // Stops the axis of a motion, or ends a read; false if it has not ended.
+    bool cancel() { return ended(pp_request_cancel(handle_.get())); }
 
     double value() const
     {

@@ -12,7 +12,7 @@ use polepair_core::profile::AxisKind;
 
 use crate::error::{CallError, ErrorSlot, PP_OK, pp_error, pp_status};
 use crate::handle::{Handle, return_handle, run, take_back, with_handle};
-use crate::link::{check_open, copy_error, pp_link, read_seconds};
+use crate::link::{check_open, copy_error, copy_error_text, pp_link, read_seconds};
 use crate::text::{SizedStruct, copy_text, read_text, write_bytes, write_struct, write_value};
 
 /// One axis of a link: a motor. Several handles may stand for the same axis.
@@ -164,6 +164,22 @@ pub unsafe extern "C" fn pp_axis_close(axis: *mut pp_axis) {
 pub unsafe extern "C" fn pp_axis_error(axis: *const pp_axis, error: *mut pp_error) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe { copy_error(axis, error) }
+}
+
+/// Copies the last error of an axis handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+/// if no call has failed. As `pp_link_url` for the buffer.
+///
+/// # Safety
+/// `axis` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_axis_error_text(
+    axis: *const pp_axis,
+    buffer: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { copy_error_text(axis, buffer, capacity, needed) }
 }
 
 /// Limits how long calls on this handle wait for a drive. A call that reaches it returns PP_PENDING, and its

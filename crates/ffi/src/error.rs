@@ -134,6 +134,15 @@ impl ErrorSlot {
         status
     }
 
+    /// The last error as one text: `E216: message. Hint`.
+    pub fn text(&self) -> Option<String> {
+        let stored = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        stored.as_ref().map(|CallError { code, message, hint, .. }| match hint.is_empty() {
+            true => format!("{code}: {message}"),
+            false => format!("{code}: {message}. {hint}"),
+        })
+    }
+
     /// The last error for the caller.
     pub fn read(&self) -> Option<pp_error> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(CallError::to_error)

@@ -64,6 +64,23 @@ pub(crate) unsafe fn copy_error<H: Handle>(handle: *const H, out: *mut pp_error)
     }
 }
 
+/// Copies the last error of a handle as one text.
+///
+/// # Safety
+/// `handle` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+pub(crate) unsafe fn copy_error_text<H: Handle>(
+    handle: *const H,
+    buffer: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    let Some(handle) = (unsafe { handle.as_ref() }) else { return PP_USAGE };
+    let Some(text) = handle.errors().text() else { return PP_NOTHING };
+    // SAFETY: as promised by the caller.
+    unsafe { write_bytes(text.as_bytes(), true, buffer.cast(), capacity, needed) }
+}
+
 /// Opens a link by its connection string, and finds out which drives are there.
 ///
 /// `url` is as on the command line: "tmcl+serial:///dev/ttyUSB0#1", "tml+serial://COM3#1", "sim:tmcl",
@@ -169,6 +186,22 @@ fn release_armed(axes: &[Axis]) -> Result<(), Error> {
 pub unsafe extern "C" fn pp_link_error(link: *const pp_link, error: *mut pp_error) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe { copy_error(link, error) }
+}
+
+/// Copies the last error of a link handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+/// if no call has failed. As `pp_link_url` for the buffer.
+///
+/// # Safety
+/// `link` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_link_error_text(
+    link: *const pp_link,
+    buffer: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { copy_error_text(link, buffer, capacity, needed) }
 }
 
 /// The number of axes of a link.

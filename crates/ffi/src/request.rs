@@ -11,20 +11,30 @@ use polepair::{Amount, Axis};
 use polepair_core::profile::ParameterId;
 
 use crate::axis::pp_axis;
-use crate::error::{CallError, ErrorSlot, PP_OK, PP_PENDING, pp_error, pp_status};
+use crate::error::{CallError, ErrorSlot, PP_INTERRUPTED, PP_OK, PP_PENDING, pp_error, pp_status};
 use crate::handle::{Handle, return_handle, run, take_back, with_handle};
-use crate::link::{check_open, copy_error, read_seconds};
+use crate::link::{check_open, copy_error, copy_error_text, read_seconds};
 use crate::motion::{build_command, pp_motion, pp_verb};
 use crate::text::{read_text, write_bytes, write_value};
+
+/// How long a motion that was stopped may take to end as a request.
+const CANCEL_WAIT_MAX: Duration = Duration::from_secs(10);
 
 /// A request that was begun.
 #[derive(Debug)]
 pub struct pp_request {
     state: Mutex<RequestProgress>,
-    /// What a read request reads.
-    read: Option<(Axis, ParameterId)>,
+    axis: Axis,
+    purpose: RequestPurpose,
     closed: Arc<AtomicBool>,
     errors: ErrorSlot,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum RequestPurpose {
+    Read(ParameterId),
+    Write,
+    Motion,
 }
 
 #[derive(Debug)]
@@ -54,8 +64,8 @@ impl pp_request {
         };
         let ended = check_open(&self.closed).and_then(|()| {
             let Some(reply) = request.wait(at_most)? else { return Ok(None) };
-            let read = |(axis, id): &(Axis, ParameterId)| axis.interface().reading(*id, reply);
-            Ok(Some(self.read.as_ref().map(read).transpose()?))
+            let RequestPurpose::Read(id) = self.purpose else { return Ok(Some(None)) };
+            Ok(Some(Some(self.axis.interface().reading(id, reply)?)))
         });
         match ended {
             Ok(None) => PP_PENDING,
@@ -67,6 +77,32 @@ impl pp_request {
                 let status = self.errors.store(failure);
                 *state = RequestProgress::Failed(status);
                 status
+            }
+        }
+    }
+
+    /// Ends it before its time.
+    fn cancel(&self) -> Result<pp_status, CallError> {
+        if !matches!(*self.lock(), RequestProgress::Running(_)) {
+            return Ok(PP_OK);
+        }
+        match self.purpose {
+            RequestPurpose::Read(_) => {
+                let cancelled =
+                    CallError::new(PP_INTERRUPTED, "E130", "the request was cancelled", "");
+                *self.lock() = RequestProgress::Failed(self.errors.store(cancelled));
+                Ok(PP_OK)
+            }
+            RequestPurpose::Write => {
+                let hint = "wait for its end: the drive executes what it has received";
+                Err(CallError::usage("a write that was begun cannot be cancelled", hint))
+            }
+            RequestPurpose::Motion => {
+                check_open(&self.closed)?;
+                self.axis.stop()?;
+                // How the motion ended is the request's own result.
+                let status = self.wait(CANCEL_WAIT_MAX);
+                Ok(if status == PP_PENDING { PP_PENDING } else { PP_OK })
             }
         }
     }
@@ -89,18 +125,18 @@ impl pp_request {
 unsafe fn begin(
     axis: *const pp_axis,
     out: *mut *mut pp_request,
-    start: impl FnOnce(&Axis) -> Result<(AxisRequest, Option<ParameterId>), CallError>,
+    start: impl FnOnce(&Axis) -> Result<(AxisRequest, RequestPurpose), CallError>,
 ) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe {
         run(axis, |axis| {
             write_value(out, std::ptr::null_mut())?;
             let opened = axis.opened()?;
-            let (request, id) = start(opened)?;
-            let read = id.map(|id| (opened.clone(), id));
+            let (request, purpose) = start(opened)?;
             let (state, closed) =
                 (Mutex::new(RequestProgress::Running(request)), axis.closed_flag());
-            return_handle(out, pp_request { state, read, closed, errors: ErrorSlot::default() });
+            let (axis, errors) = (opened.clone(), ErrorSlot::default());
+            return_handle(out, pp_request { state, axis, purpose, closed, errors });
             Ok(())
         })
     }
@@ -133,7 +169,7 @@ pub unsafe extern "C" fn pp_axis_begin_get(
     unsafe {
         begin(axis, request, |axis| {
             let id = axis.find(read_text(name, length)?)?;
-            Ok((axis.interface().start_read(id)?, Some(id)))
+            Ok((axis.interface().start_read(id)?, RequestPurpose::Read(id)))
         })
     }
 }
@@ -157,7 +193,8 @@ pub unsafe extern "C" fn pp_axis_begin_set_text(
         begin(axis, request, |axis| {
             let id = axis.find(read_text(name, length)?)?;
             let value = WriteValue::Amount(Amount::from(read_text(value, value_length)?));
-            Ok((axis.interface().start_write(id, &value, store != 0)?, None))
+            let request = axis.interface().start_write(id, &value, store != 0)?;
+            Ok((request, RequestPurpose::Write))
         })
     }
 }
@@ -176,7 +213,9 @@ pub unsafe extern "C" fn pp_axis_begin(
 ) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe {
-        begin(axis, request, |axis| Ok((axis.start(build_command(verb, target, limits)?)?, None)))
+        begin(axis, request, |axis| {
+            Ok((axis.start(build_command(verb, target, limits)?)?, RequestPurpose::Motion))
+        })
     }
 }
 
@@ -198,6 +237,32 @@ pub unsafe extern "C" fn pp_request_poll(request: *const pp_request) -> pp_statu
 pub unsafe extern "C" fn pp_request_wait(request: *const pp_request, seconds: f64) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe { with_handle(request, |request| Ok(request.wait(read_seconds(seconds)?))) }
+}
+
+/// Cancels a request.
+///
+/// A verb (`pp_axis_begin`): the axis is stopped, as by `pp_axis_stop`, and the request ends. A read ends at once, and
+/// `pp_request_poll` then returns PP_INTERRUPTED. A write cannot be cancelled: PP_USAGE, and it continues. For a
+/// request that has ended already, nothing is done.
+///
+/// Returns PP_OK; PP_PENDING if the axis was stopped and the request has not ended within 10 s; the error of the stop.
+/// Thread-safe.
+///
+/// Example:
+///
+/// ```c
+/// pp_axis_begin(axis, PP_HOME, 0, NULL, &request);
+/// if (pp_request_wait(request, 30.0) == PP_PENDING)
+///     pp_request_cancel(request);
+/// pp_request_close(request);
+/// ```
+///
+/// # Safety
+/// `request` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_cancel(request: *const pp_request) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { with_handle(request, pp_request::cancel) }
 }
 
 /// What a request has read, in the unit of its parameter. PP_USAGE before its end.
@@ -259,6 +324,22 @@ pub unsafe extern "C" fn pp_request_error(
 ) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe { copy_error(request, error) }
+}
+
+/// Copies the last error of a request handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+/// if no call has failed. As `pp_link_url` for the buffer.
+///
+/// # Safety
+/// `request` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_request_error_text(
+    request: *const pp_request,
+    buffer: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { copy_error_text(request, buffer, capacity, needed) }
 }
 
 /// Closes a request. One that has not ended continues: a motion is ended by `pp_axis_stop`.

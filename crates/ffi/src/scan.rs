@@ -8,7 +8,7 @@ use polepair::scan::{ScanReport, scan};
 
 use crate::error::{CallError, ErrorSlot, PP_OK, PP_USAGE, pp_error, pp_status};
 use crate::handle::{Handle, defect, return_handle, run, take_back};
-use crate::link::copy_error;
+use crate::link::{copy_error, copy_error_text};
 use crate::text::{SizedStruct, copy_text, read_text, write_struct, write_value};
 
 /// What a scan has found.
@@ -138,6 +138,22 @@ pub unsafe extern "C" fn pp_scan_at(
 pub unsafe extern "C" fn pp_scan_error(scan: *const pp_scan, error: *mut pp_error) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe { copy_error(scan, error) }
+}
+
+/// Copies the last error of a scan handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+/// if no call has failed. As `pp_link_url` for the buffer.
+///
+/// # Safety
+/// `scan` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_scan_error_text(
+    scan: *const pp_scan,
+    buffer: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { copy_error_text(scan, buffer, capacity, needed) }
 }
 
 /// Closes a scan.

@@ -1,6 +1,7 @@
 //! Traces: signals again and again, with their times.
 #![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
 
+use std::ffi::c_char;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -13,7 +14,7 @@ use polepair_core::time::Instant;
 use crate::axis::pp_axis;
 use crate::error::{CallError, ErrorSlot, PP_NOTHING, PP_OK, pp_error, pp_status};
 use crate::handle::{Handle, return_handle, run, take_back, with_handle};
-use crate::link::{check_open, copy_error, read_seconds};
+use crate::link::{check_open, copy_error, copy_error_text, read_seconds};
 use crate::signal::{pp_signal, read_signals};
 use crate::text::write_value;
 
@@ -172,6 +173,22 @@ fn next_row(
 pub unsafe extern "C" fn pp_trace_error(trace: *const pp_trace, error: *mut pp_error) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe { copy_error(trace, error) }
+}
+
+/// Copies the last error of a trace handle as one text, for languages without structs: "E216: axis 1: …". PP_NOTHING
+/// if no call has failed. As `pp_link_url` for the buffer.
+///
+/// # Safety
+/// `trace` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pp_trace_error_text(
+    trace: *const pp_trace,
+    buffer: *mut c_char,
+    capacity: usize,
+    needed: *mut usize,
+) -> pp_status {
+    // SAFETY: as promised by the caller.
+    unsafe { copy_error_text(trace, buffer, capacity, needed) }
 }
 
 /// Ends a trace.

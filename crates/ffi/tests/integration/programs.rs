@@ -110,6 +110,31 @@ fn examples_with_ctypes_print_what_those_of_rust_print() {
 }
 
 #[test]
+fn examples_in_octave_print_what_those_of_rust_print() {
+    let folder = installed_library().with_file_name("octave");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    if is_there("mkoctfile") && is_there("octave") {
+        run(Command::new("mkoctfile")
+            .arg("--mex")
+            .arg(format!("-I{}", LIBRARY.include().display()))
+            .arg(root().join("bindings/octave/polepair.c"))
+            .arg("-o")
+            .arg(folder.join("polepair.mex"))
+            .arg(format!("-L{}", installed_library().display()))
+            .arg("-lpolepair")
+            .current_dir(&folder));
+    }
+    try_examples("Octave", &["octave", "mkoctfile"], |name| {
+        let mut octave = Command::new("octave");
+        octave
+            .args(["--no-gui", "--quiet", "--no-init-file", "--path"])
+            .arg(&folder)
+            .arg(root().join("examples/octave").join(name).with_extension("m"));
+        octave
+    });
+}
+
+#[test]
 fn the_rules_of_the_interface_hold() {
     let source = root().join("crates/ffi/tests/integration/rules.c");
     for compiler in COMPILERS.into_iter().filter(|compiler| is_there(compiler)) {

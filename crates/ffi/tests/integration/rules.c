@@ -211,7 +211,7 @@ static void test_requests(void)
     pp_axis *axis = open_axis(link);
     pp_request *request;
     pp_status status;
-    char text[32];
+    char text[512];
     double value;
     int64_t raw;
 
@@ -227,7 +227,23 @@ static void test_requests(void)
     EXPECT(pp_axis_begin_set_text(axis, "max current", PP_NTS, "2 A", PP_NTS, 0, &request) == PP_OK);
     EXPECT(pp_request_wait(request, 10) == PP_OK && pp_request_value(request, &value) == PP_USAGE);
     pp_request_close(request);
+    /* A read ends, a write goes on, a motion is stopped. */
+    EXPECT(pp_axis_begin_get(axis, "max current", PP_NTS, &request) == PP_OK);
+    EXPECT(pp_request_cancel(request) == PP_OK && pp_request_poll(request) == PP_INTERRUPTED);
+    pp_request_close(request);
+    EXPECT(pp_axis_begin_set_text(axis, "max current", PP_NTS, "10 A", PP_NTS, 0, &request) == PP_OK);
+    EXPECT(pp_request_cancel(request) == PP_USAGE && pp_request_wait(request, 10) == PP_OK);
+    EXPECT(pp_request_error_text(request, text, sizeof text, NULL) == PP_OK && strncmp(text, "E260: ", 6) == 0);
+    EXPECT(pp_request_cancel(request) == PP_OK);
+    pp_request_close(request);
+    EXPECT(pp_axis_arm(axis) == PP_OK && pp_axis_begin(axis, PP_HOME, 0, NULL, &request) == PP_OK);
+    EXPECT(pp_request_cancel(request) == PP_OK && pp_request_poll(request) != PP_PENDING);
+    EXPECT(pp_axis_read(axis, PP_SIGNAL_VELOCITY, &value) == PP_OK && value == 0);
+    pp_request_close(request);
+    EXPECT(pp_axis_disarm(axis) == PP_OK);
     EXPECT(pp_axis_begin(axis, PP_VELOCITY, 5, NULL, &request) == PP_USAGE);
+    EXPECT(pp_axis_error_text(axis, text, 4, NULL) == PP_BUFFER);
+    EXPECT(pp_axis_error_text(axis, text, sizeof text, NULL) == PP_OK && strncmp(text, "E219: ", 6) == 0);
     EXPECT(pp_axis_error(axis, &error) == PP_OK && strcmp(error.code, "E219") == 0);
     /* The link goes first. */
     EXPECT(pp_axis_begin_get(axis, "max current", PP_NTS, &request) == PP_OK);
