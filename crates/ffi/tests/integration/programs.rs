@@ -151,7 +151,7 @@ fn valgrind_finds_nothing() {
     }
     let source = root().join("crates/ffi/tests/integration/rules.c");
     let program = LIBRARY.build("gcc", &source, &["-std=c11", "-g"]);
-    assert_eq!(run_under_valgrind(&program, &["quick"]), "rules hold\n");
+    assert_eq!(run_under_valgrind(&program, &["20"]), "rules hold\n");
 }
 
 /// The header as it is generated: `cargo xtask codegen` writes it.
