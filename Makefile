@@ -20,7 +20,7 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program windows-files macos package python wheel deb dist try-dist swarm soak bench clean
+.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program windows-files macos package python wheel deb dist try-dist swarm threads soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -116,7 +116,8 @@ windows-program:
 	@if interop/windows/ready; then $(MAKE) --no-print-directory windows-files; fi
 
 windows-files: $(VENV)/ready
-	$(CARGO) build -p polepair-cli -p polepair-python -p polepair-ffi --locked --quiet --profile $(PROFILE) --target x86_64-pc-windows-gnu
+	$(CARGO) build -p polepair-cli -p polepair-python -p polepair-ffi -p polepair-tml-compat --locked --quiet \
+		--profile $(PROFILE) --target x86_64-pc-windows-gnu
 	rm -rf target/windows-wheel
 	$(VENV)/bin/maturin build --quiet --locked --profile $(PROFILE) --target x86_64-pc-windows-gnu \
 		--manifest-path crates/python/Cargo.toml --out target/windows-wheel
@@ -185,6 +186,18 @@ swarm:
 	$(CARGO) run --release --quiet --package xtask -- swarm --seeds $(or $(SEEDS),8000)
 	$(CARGO) run --release --quiet --package xtask -- swarm --on gateway --seeds $(or $(SEEDS),8000)
 
+THREADS := target/threads
+## threads: the C interface under ThreadSanitizer, with a standard library built for it: 8 threads, 100,000 rounds; needs clang and rust-src
+threads:
+	rustup component add rust-src >/dev/null 2>&1 || true
+	RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Zsanitizer=thread $(CARGO) build -Zbuild-std --target x86_64-unknown-linux-gnu \
+		--target-dir $(THREADS) --locked --quiet -p polepair-ffi
+	clang -g -O1 -fsanitize=thread -I crates/ffi/include -c crates/ffi/tests/integration/rules.c -o $(THREADS)/rules.o
+	g++ -o $(THREADS)/rules $(THREADS)/rules.o $(THREADS)/x86_64-unknown-linux-gnu/debug/libpolepair_ffi.a \
+		-Wl,--whole-archive $$(find $$(rustc --print sysroot) -name 'librustc*_rt.tsan.a') -Wl,--no-whole-archive \
+		-lm -lpthread -ldl -lgcc_s -lrt
+	$(THREADS)/rules $(or $(ROUNDS),12500)
+
 ## soak: the long forms of what `make test` samples
 soak:
 	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
@@ -201,6 +214,7 @@ soak:
 	$(CARGO) package --workspace --locked --quiet
 	$(MAKE) --no-print-directory dist try-dist
 	$(MAKE) --no-print-directory swarm SEEDS=100000
+	$(MAKE) --no-print-directory threads
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 
 ## bench: the codecs, the layers, the round trip beside the raw pty

@@ -291,6 +291,45 @@ def test_programs_in_c_print_what_those_of_rust_print(folder):
             assert at >= 0, f"{name} does not print {part}: {done.stdout}"
 
 
+TML_PROGRAM = """
+import ctypes, sys
+tml = ctypes.WinDLL("./TML_lib.dll")
+tml.TS_GetLastErrorText.restype = ctypes.c_char_p
+number = ctypes.c_double
+
+def check(done):
+    assert done, tml.TS_GetLastErrorText()
+
+check(tml.TS_OpenChannel(sys.argv[1].encode(), 0, 1, 115200) >= 0)
+check(tml.TS_SetupAxis(1, tml.TS_LoadSetup(b"setup.t.zip")))
+check(tml.TS_SelectAxis(1))
+check(tml.TS_DriveInitialisation())
+check(tml.TS_Power(1))
+status = ctypes.c_uint16()
+while not status.value & 1 << 15:
+    check(tml.TS_ReadStatus(3, ctypes.byref(status)))
+check(tml.TS_MoveRelative(-2000, number(20), number(0.5), 0, 1, 1))
+check(tml.TS_SetEventOnMotionComplete(1, 0))
+position = ctypes.c_long()
+check(tml.TS_GetLongVariable(b"TPOS", ctypes.byref(position)))
+check(tml.TS_Stop() and tml.TS_Power(0))
+tml.TS_CloseChannel(-1)
+print("at", position.value)
+"""
+
+
+def test_programs_for_tml_lib_move_a_motor(python, folder, com_port):
+    """TML_lib.dll, called by ctypes of a Python for Windows as programs call the vendor's."""
+    shutil.copy(PROGRAM.parent / "TML_lib.dll", folder)
+    polepair("params", "technosoft-f514l", "--write-setup", str(folder / "setup.t.zip"))
+    (folder / "tml.py").write_text(TML_PROGRAM)
+    done = subprocess.run(
+        python("tml.py", com_port("tml:1")), cwd=folder, env=ENVIRONMENT, input="",
+        capture_output=True, text=True, timeout=180, check=False,
+    )
+    assert done.stdout.strip() == "at -2000", done.stdout + done.stderr
+
+
 HOLD = """
 import sys, time, polepair
 with polepair.connect(sys.argv[1]) as link:

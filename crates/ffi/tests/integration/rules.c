@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -281,7 +282,7 @@ static void test_traces(void)
 static void count_event(const pp_event *event, void *user)
 {
     if (event->kind == PP_EVENT_ARMED || event->kind == PP_EVENT_DISARMED)
-        ++*(volatile int *)user;
+        ++*(atomic_int *)user;
 }
 
 static void test_events(void)
@@ -289,7 +290,7 @@ static void test_events(void)
     pp_event event = { .size = sizeof event };
     pp_link *link = open_link("sim:tmcl?time=virtual");
     pp_axis *axis = open_axis(link);
-    volatile int counted = 0;
+    atomic_int counted = 0;
     uint64_t lost;
     int i;
 
