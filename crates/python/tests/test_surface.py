@@ -13,7 +13,7 @@ from types import ModuleType
 
 MODULES = ("polepair", "polepair._polepair", "polepair.aio", "polepair.can", "polepair.captures",
            "polepair.columns", "polepair.errors", "polepair.events", "polepair.explained",
-           "polepair.lss", "polepair.quantity", "polepair.testing", "polepair.trace")
+           "polepair.fleet", "polepair.lss", "polepair.quantity", "polepair.testing", "polepair.trace")
 PROTOCOLS = {"__enter__", "__exit__", "__aenter__", "__aexit__", "__iter__", "__next__", "__len__",
              "__getitem__"}
 """Special methods that programs use by syntax."""
