@@ -136,7 +136,6 @@ fn verbs_print_the_same_on_a_link_and_on_a_server() {
         &["spin", "60furlong"],
         &["spin", "60rpm", "--dec", "5rpm/s"],
         &["move", "90deg", "--s-curve", "50ms"],
-        &["move", "90deg", "--timeout", "1ms"],
         &["get", "max current", "AP 6", "serial address"],
         &["get", "max current", "--raw"],
         &["set", "max current=1.2A"],
