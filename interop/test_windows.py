@@ -323,9 +323,10 @@ def test_programs_for_tml_lib_move_a_motor(python, folder, com_port):
     shutil.copy(PROGRAM.parent / "TML_lib.dll", folder)
     polepair("params", "technosoft-f514l", "--write-setup", str(folder / "setup.t.zip"))
     (folder / "tml.py").write_text(TML_PROGRAM)
+    device = f"tml+serial://{com_port('tml:1')}:115200?timing=off&through=1"
     done = subprocess.run(
-        python("tml.py", com_port("tml:1")), cwd=folder, env=ENVIRONMENT, input="",
-        capture_output=True, text=True, timeout=180, check=False,
+        python("tml.py", device), cwd=folder, env=ENVIRONMENT, input="", capture_output=True, text=True, timeout=180,
+        check=False,
     )
     assert done.stdout.strip() == "at -2000", done.stdout + done.stderr
 
