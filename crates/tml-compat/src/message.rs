@@ -25,12 +25,12 @@ static HANDLER: Mutex<Option<Handler>> = Mutex::new(None);
 
 /// Messages that wait for [`TS_CheckForUnrequestedDriveMessages`] at most; then the oldest go.
 const QUEUE_MAX: usize = 4096;
-/// The low ID of a master: bits 4 to 11 of MASTERID are its axis ID, bit 0 that it is a host.
+/// Bit 0 of MASTERID: the receiver is a host. Bits 4 to 11 are its axis ID.
 const HOST_BIT: u16 = 1;
 
 /// One value that a drive sent.
 #[derive(Clone, Copy, Debug)]
-struct Message {
+struct DriveMessage {
     axis: u8,
     address: u16,
     value: u32,
@@ -39,10 +39,10 @@ struct Message {
 
 /// The messages of a channel that were not handed over yet.
 #[derive(Clone, Debug, Default)]
-pub struct MessageQueue(Arc<Mutex<VecDeque<Message>>>);
+pub struct MessageQueue(Arc<Mutex<VecDeque<DriveMessage>>>);
 
 impl MessageQueue {
-    fn push(&self, message: Message) {
+    fn push(&self, message: DriveMessage) {
         let mut queue = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if queue.len() == QUEUE_MAX {
             queue.pop_front();
@@ -50,7 +50,7 @@ impl MessageQueue {
         queue.push_back(message);
     }
 
-    fn pop(&self) -> Option<Message> {
+    fn pop(&self) -> Option<DriveMessage> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
     }
 }
@@ -73,7 +73,7 @@ impl MessageTap {
         if let Some(OnlineMessage::TakeData2 { sender, address, long, value }) =
             OnlineMessage::parse(instruction)
         {
-            self.queue.push(Message { axis: sender, address, value, long });
+            self.queue.push(DriveMessage { axis: sender, address, value, long });
         }
     }
 }
@@ -145,7 +145,7 @@ pub extern "system" fn TS_CheckForUnrequestedDriveMessages() -> Bool {
                 "there is no handler: call TS_RegisterHandlerForUnrequestedDriveMessages first",
             )
         })?;
-        while let Some(Message { axis, address, value, long }) = queue.pop() {
+        while let Some(DriveMessage { axis, address, value, long }) = queue.pop() {
             let value = if long {
                 c_long::from(value.cast_signed())
             } else {
