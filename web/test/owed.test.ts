@@ -182,8 +182,12 @@ describe("a motor that is not seen standing", () => {
         server.send(said);
       });
     });
+    // The panel reads the watchdog when it is shown. A stop cancels a read that still waits, which the
+    // browser logs as an error.
+    const watchdog = v.page.waitForResponse((answer) => answer.url().endsWith("/watchdog"));
     await v.page.reload();
     await v.card(1).waitFor();
+    await watchdog;
     await owe();
     await list().getByRole("button", { name: "Dismiss the stop of tmcm-171 1" }).click();
     const form = list().getByRole("form");
