@@ -1,6 +1,7 @@
 //! The decoder: converts records to decoded frames.
 
 mod batching;
+mod detecting;
 mod repeat_cache;
 mod route;
 mod serial;
@@ -13,6 +14,7 @@ use polepair_core::profile::Profile;
 
 use crate::conversation::Conversation;
 use crate::defect::FrameDefect;
+use crate::detector::{LinkDetection, LookAhead};
 use crate::explanation::{CAN_FD, ERROR_FRAME, Explanation};
 use crate::format::CaptureFormat;
 use crate::line_layout::LineLayout;
@@ -22,6 +24,7 @@ use crate::rules::{Rule, Rules};
 use crate::session::{LinkSession, SessionNotice, error_frame_notice};
 use crate::stream::SerialFlow;
 use crate::timestamp::Timestamp;
+use detecting::CoveredIds;
 use repeat_cache::RepeatCache;
 pub(crate) use route::profile_speaks;
 use route::{FrameRoute, RouteTable, RuleExplainer, StatedProfiles, claiming_rule};
@@ -120,6 +123,11 @@ pub struct CaptureDecoder {
     rules: Rules,
     /// Rules came from weighing: a CAN frame that no protocol claims stays unexplained.
     detected: bool,
+    /// Detects while frames are decoded; `None` when all is detected or stated.
+    look_ahead: Option<LookAhead>,
+    detections: Vec<LinkDetection>,
+    /// Those before the first frame was decoded.
+    first_detections: Vec<LinkDetection>,
     profiles: StatedProfiles,
     echo_links: Vec<String>,
     links: Vec<LinkDecoder>,
@@ -156,6 +164,7 @@ struct LinkDecoder {
     /// The capture has a frame that its own side sent.
     has_sent: bool,
     rules: Vec<Rule>,
+    covered: CoveredIds,
     routes: RouteTable,
     repeats: RepeatCache,
     flows: [SerialFlow; 3],
@@ -172,6 +181,9 @@ impl CaptureDecoder {
         Self {
             rules,
             detected: false,
+            look_ahead: None,
+            detections: Vec::new(),
+            first_detections: Vec::new(),
             profiles: StatedProfiles::default(),
             echo_links: Vec::new(),
             links: Vec::new(),
@@ -443,6 +455,7 @@ impl CaptureDecoder {
         if let Some(at) = self.links.iter().position(|wire| *wire.name == *name) {
             return Some(at);
         }
+        self.detect_for(name, None);
         let echoes = self.echo_links.iter().any(|link| link == name);
         (self.links.len() < LINKS_MAX).then(|| {
             self.links.push(LinkDecoder {
@@ -450,6 +463,7 @@ impl CaptureDecoder {
                 last_time: Timestamp(0),
                 has_sent: false,
                 rules: self.rules.for_link(name),
+                covered: CoveredIds::default(),
                 routes: RouteTable::default(),
                 repeats: RepeatCache::default(),
                 flows: Default::default(),
@@ -468,6 +482,7 @@ impl CaptureDecoder {
         out: FrameCallback<'_>,
     ) {
         self.frame_count += 1;
+        self.detect_for_frame(at, frame);
         let LinkDecoder { name, rules, routes, repeats, conversation, session, .. } =
             &mut self.links[at];
         self.explanation.clear();
@@ -494,7 +509,7 @@ impl CaptureDecoder {
                 detected: judged,
                 tracks_sessions: follows,
                 deferred_axis: None,
-                rules_tried: 0,
+                rejected_by_content: false,
             };
             let reported =
                 teller.explain(rules, frame, &context, conversation, &mut self.explanation);
@@ -509,7 +524,7 @@ impl CaptureDecoder {
                 deferred_axis: left,
                 template: 0,
             };
-            let by_id = reported.is_some() && teller.rules_tried == 1;
+            let by_id = reported.is_some() && !teller.rejected_by_content;
             if left.is_some() && by_id {
                 routes.insert(frame, lane);
             } else if by_id

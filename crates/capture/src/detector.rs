@@ -4,26 +4,34 @@
 //!
 //! On CAN a protocol needs evidence: content that could have been wrong and is not. Identifiers alone are
 //! none, because every maker uses them.
+//!
+//! A detector weighs every record until the result is certain, and from then on a sample and the first
+//! frames of each new identifier.
+//!
+//! Why: DEC-15.
 
+mod ahead;
 mod evidence;
 mod pairs;
 mod sampler;
+mod score;
 #[cfg(test)]
 mod tests;
+mod verdict;
 
 use core::fmt;
-use std::collections::{BTreeMap, BTreeSet};
 
-use polepair_core::explain::{Dissector, RawFrame};
+use polepair_core::explain::Dissector;
+use polepair_core::medium::Frame;
 use polepair_core::proto;
 
-use crate::decoder::{CaptureDecoder, DecodedFrame};
-use crate::read::{CaptureReader as Source, ReadOptions};
+use crate::decoder::CaptureDecoder;
+use crate::read::{CaptureReader, ReadOptions};
 use crate::record::Record;
-use crate::rules::{Rule, RuleScope, Rules};
-use evidence::Evidence;
-use pairs::{PROOF_PAIRS, Pairs};
+pub(crate) use ahead::LookAhead;
 use sampler::RecordSampler;
+use score::CandidateProtocol;
+pub(crate) use verdict::Verdict;
 
 /// Share of bytes that a weak check (an 8-bit sum over nine bytes, tried at every offset) explains
 /// by chance: 9 in 256.
@@ -39,54 +47,29 @@ const SUPPORT_MIN: f64 = 0.75;
 const EXPLAINED_MIN: f64 = 0.5;
 /// Bits that a supporting CAN frame is worth: the chance that another one looks like it is 1 in 32.
 const EVIDENCE_BITS: u64 = 5;
+/// Confidence from which the result can be certain. Chance alone keeps it below 0.97.
+const CERTAIN_CONFIDENCE: f64 = 0.9;
+/// Bits of evidence that each protocol of a certain result has.
+const CERTAIN_BITS: u64 = 40;
 
 /// Axes of a link that are remembered: as many as a CAN bus can have with 11-bit identifiers.
 const AXES_MAX: usize = 127;
 /// Identifiers of a link that are remembered: as many as there are with 11 bits.
 const IDS_MAX: usize = 2048;
 
-/// Weighs a capture.
+/// Detects the protocols of a capture.
 #[derive(Debug)]
 pub struct ProtocolDetector {
-    reader: Source,
+    reader: CaptureReader,
     options: ReadOptions,
+    weighing: Weighing,
+}
+
+/// The protocols that are weighed, and how far that is.
+#[derive(Debug)]
+struct Weighing {
     candidates: Vec<CandidateProtocol>,
     sampler: RecordSampler,
-}
-
-/// What one dissector makes of a capture.
-struct CandidateProtocol {
-    dissector: &'static dyn Dissector,
-    decoder: CaptureDecoder,
-    scores: Vec<LinkScore>,
-}
-
-impl fmt::Debug for CandidateProtocol {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {:?}", self.dissector.name(), self.scores)
-    }
-}
-
-/// What one dissector made of one link.
-#[derive(Clone, Debug, Default)]
-struct LinkScore {
-    link: String,
-    /// CAN identifiers of whole frames, and true for those of 29 bits.
-    ids: BTreeSet<(u32, bool)>,
-    /// Axes with whole frames on identifiers that no other protocol uses.
-    proven_axes: BTreeSet<u32>,
-    /// Axes with whole frames on identifiers that others use too: frames and bytes.
-    shared_axes: BTreeMap<u32, (u64, u64)>,
-    /// Requests and answers on CAN.
-    pairs: Pairs,
-    /// Distinct CAN frames whose content supports the protocol, and those whose content it does not define.
-    evidence: Evidence,
-    is_can: bool,
-    frames: u64,
-    broken_frames: u64,
-    good_bytes: u64,
-    broken_bytes: u64,
-    stray_bytes: u64,
 }
 
 /// What a capture's link speaks, and how sure that is.
@@ -192,129 +175,53 @@ impl ProtocolDetector {
     #[must_use]
     pub fn with_read_options(options: ReadOptions) -> Self {
         let candidates = proto::dissectors().iter().copied().map(CandidateProtocol::new).collect();
-        Self {
-            reader: Source::new(options),
-            options,
-            candidates,
-            sampler: RecordSampler::default(),
-        }
+        let weighing = Weighing { candidates, sampler: RecordSampler::default() };
+        Self { reader: CaptureReader::new(options), options, weighing }
     }
 
     /// Takes a piece of the capture, cut anywhere.
     pub fn feed(&mut self, piece: &[u8]) {
-        let Self { reader, candidates, sampler, .. } = self;
-        reader.feed(piece, &mut |record| score_sampled(candidates, sampler, record));
+        let Self { reader, weighing, .. } = self;
+        reader.feed(piece, &mut |record| weighing.weigh(record));
     }
 
-    /// The verdicts, one a link, and a decoder that holds to them.
+    /// The results, one a link, and a decoder by them.
     #[must_use]
     pub fn decide(mut self) -> (Vec<LinkDetection>, CaptureDecoder) {
-        let Self { reader: source, candidates, sampler, .. } = &mut self;
-        source.finish(&mut |record| score_sampled(candidates, sampler, record));
-        for reader in candidates.iter_mut() {
-            let CandidateProtocol { decoder, scores, dissector } = reader;
-            decoder.finish(&mut |event| score_frame(*dissector, scores, event));
-        }
-        assign_proven(candidates);
-        candidates
-            .iter_mut()
-            .flat_map(|reader| &mut reader.scores)
-            .for_each(LinkScore::count_shared);
-        let links = self.candidates.first().map_or_else(Vec::new, |reader| {
-            reader.scores.iter().map(|tally| tally.link.clone()).collect()
-        });
-        let verdicts: Vec<LinkDetection> =
-            links.iter().map(|link| self.detect_link(link)).collect();
-        let rules = verdicts.iter().flat_map(|verdict| self.link_rules(verdict)).collect();
-        let echoing = verdicts.iter().filter(|verdict| self.has_echo(verdict));
-        let echoing = echoing.map(|verdict| verdict.link.clone()).collect();
-        (
-            verdicts,
-            CaptureDecoder::from_detection(Rules(rules), echoing).with_read_options(self.options),
-        )
+        self.finish();
+        let verdict = self.weighing.verdict();
+        let decoder = CaptureDecoder::from_detection(verdict.rules, verdict.echo_links);
+        (verdict.links, decoder.with_read_options(self.options))
     }
 
-    fn detect_link(&self, link: &str) -> LinkDetection {
-        let read =
-            self.candidates.iter().filter_map(|reader| Some((reader, reader.score_of(link)?)));
-        let mut ranked: Vec<(&CandidateProtocol, &LinkScore)> = read.collect();
-        let sampled = self.sampler.has_skipped(link);
-        let unknown = LinkDetection {
-            shared_axes: unresolved_axes(&ranked),
-            sampled,
-            ..LinkDetection::unknown(link)
-        };
-        ranked.retain(|(_, tally)| tally.has_support());
-        // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
-        ranked.sort_by(|(_, a), (_, b)| {
-            b.explained_share()
-                .total_cmp(&a.explained_share())
-                .then(a.broken_frames.cmp(&b.broken_frames))
-        });
-        let tied = resolve_tie(&mut ranked);
-        if !tied.is_empty() {
-            return LinkDetection { tied, ..unknown };
+    /// The capture ends.
+    fn finish(&mut self) {
+        let Self { reader, weighing, .. } = self;
+        reader.finish(&mut |record| weighing.weigh(record));
+        weighing.candidates.iter_mut().for_each(CandidateProtocol::finish);
+    }
+}
+
+impl Weighing {
+    /// Lets every protocol read a record that is weighed.
+    fn weigh(&mut self, record: &Record<'_>) {
+        if self.sampler.select(record) {
+            self.candidates.iter_mut().for_each(|candidate| candidate.score_record(record));
         }
-        let (protocols, rivals) = select_protocols(&ranked);
-        let Some((first, others)) = protocols.split_first() else { return unknown };
-        let rivals = rivals.iter().filter(|(_, tally)| tally.good_bytes > 0);
-        let runner_up = rivals
-            .map(|(reader, tally)| (reader.dissector.name(), tally.good_share()))
-            .max_by(|(_, a), (_, b)| a.total_cmp(b));
-        let rival = runner_up.map_or(0.0, |(_, share)| share).max(CHANCE_SHARE);
-        let sum =
-            |of: &dyn Fn(&LinkScore) -> u64| protocols.iter().map(|(_, tally)| of(tally)).sum();
-        let frames = sum(&|tally| tally.frames);
-        let share: f64 = protocols.iter().map(|(_, tally)| tally.explained_share()).sum();
-        let bits: u64 = protocols.iter().map(|(_, tally)| tally.evidence_bits()).sum();
-        let accident = 0.5f64.powi(bits.min(999) as i32);
-        // What explains only a part of a link may be an accident of the rest.
-        let whole = (share / EXPLAINED_MIN).min(1.0);
-        let won = protocols.iter().flat_map(|(reader, tally)| {
-            tally.proven_shared_axes().map(|axis| (reader.dissector, axis)).collect::<Vec<_>>()
-        });
-        LinkDetection {
-            protocol: Some(first.0.dissector),
-            secondary: others.iter().map(|(reader, _)| reader.dissector).collect(),
-            confidence: ((share - rival) / share).max(0.0) * (1.0 - accident) * whole,
-            frames,
-            broken_frames: sum(&|tally| tally.broken_frames),
-            stray_bytes: others.iter().fold(first.1.stray_bytes, |stray, (_, tally)| {
-                stray.saturating_sub(tally.good_bytes + tally.broken_bytes)
-            }),
-            runner_up,
-            proven_axes: won.collect(),
-            ..unknown
+        if self.sampler.is_checkpoint() {
+            let certain = self.verdict().is_certain();
+            self.sampler.end_window(certain);
         }
     }
 
-    /// The winner on its link; on CAN the others too, for identifiers that the winner leaves.
-    fn link_rules(&self, verdict: &LinkDetection) -> Vec<Rule> {
-        let link = &verdict.link;
-        let proven = verdict.proven_axes.iter().map(|(dissector, axis)| Rule {
-            dissector: *dissector,
-            scope: RuleScope::AxisOn(link.clone(), *axis),
-        });
-        let mut protocols: Vec<_> = verdict.protocol.iter().chain(&verdict.secondary).collect();
-        // An identifier that two claim goes to the one by whose rules fewer frames are broken.
-        protocols.sort_by_key(|dissector| self.count_broken(dissector.name(), link));
-        let rule = |dissector: &&'static dyn Dissector| Rule {
-            dissector: *dissector,
-            scope: RuleScope::Link(link.clone()),
-        };
-        proven.chain(protocols.into_iter().map(rule)).collect()
-    }
-
-    /// Frames of a link that a protocol calls broken.
-    fn count_broken(&self, name: &str, link: &str) -> u64 {
-        let reader = self.candidates.iter().find(|reader| reader.dissector.name() == name);
-        reader.and_then(|reader| reader.score_of(link)).map_or(0, |tally| tally.broken_frames)
-    }
-
-    fn has_echo(&self, verdict: &LinkDetection) -> bool {
-        let Some(protocol) = verdict.protocol else { return false };
-        let reader = self.candidates.iter().find(|r| r.dissector.name() == protocol.name());
-        reader.is_some_and(|reader| reader.decoder.echo_links().any(|link| link == verdict.link))
+    fn verdict(&self) -> Verdict {
+        let has_skipped = |link: &str| self.sampler.has_skipped(link);
+        let mut verdict = verdict::judge(&self.candidates, &has_skipped);
+        verdict.has_unclaimed = verdict
+            .links
+            .iter()
+            .any(|link| self.sampler.ids_of(&link.link).any(|frame| link.leaves_to_others(&frame)));
+        verdict
     }
 }
 
@@ -343,224 +250,26 @@ impl LinkDetection {
     }
 }
 
-impl CandidateProtocol {
-    fn new(dissector: &'static dyn Dissector) -> Self {
-        let rules = Rules(vec![Rule { dissector, scope: RuleScope::Anywhere }]);
-        Self { dissector, decoder: CaptureDecoder::for_detection(rules), scores: Vec::new() }
+impl LinkDetection {
+    /// The protocols by which its frames are explained.
+    fn protocols(&self) -> impl Iterator<Item = &'static dyn Dissector> {
+        let proven = self.proven_axes.iter().map(|(protocol, _)| *protocol);
+        self.protocol.into_iter().chain(self.secondary.iter().copied()).chain(proven)
     }
 
-    fn score_record(&mut self, record: &Record<'_>) {
-        let Self { decoder, scores, dissector } = self;
-        decoder.decode_record(record, &mut |event| score_frame(*dissector, scores, event));
+    /// Whether both are of one link and find the same protocols and axes on it.
+    pub(crate) fn has_same_protocols(&self, other: &Self) -> bool {
+        let names = |it: &Self| it.protocols().map(|each| each.name()).collect::<Vec<_>>();
+        let axes = |it: &Self| it.proven_axes.iter().map(|(_, axis)| *axis).collect::<Vec<_>>();
+        self.link == other.link
+            && names(self) == names(other)
+            && axes(self) == axes(other)
+            && (&self.tied, &self.shared_axes) == (&other.tied, &other.shared_axes)
     }
 
-    fn score_of(&self, link: &str) -> Option<&LinkScore> {
-        self.scores.iter().find(|tally| tally.link == link)
-    }
-}
-
-/// Lets every protocol read a record that is weighed.
-fn score_sampled(
-    readers: &mut [CandidateProtocol],
-    sample: &mut RecordSampler,
-    record: &Record<'_>,
-) {
-    if sample.select(record) {
-        readers.iter_mut().for_each(|reader| reader.score_record(record));
-    }
-}
-
-/// An axis that answers on shared identifiers is its protocol's, and so no other's.
-fn assign_proven(readers: &mut [CandidateProtocol]) {
-    for at in 0..readers.len() {
-        let proofs: Vec<(String, Vec<u32>)> = readers[at]
-            .scores
-            .iter()
-            .map(|tally| {
-                let paired =
-                    tally.pairs.proven_axes().filter(|axis| tally.shared_axes.contains_key(axis));
-                (tally.link.clone(), paired.collect())
-            })
-            .collect();
-        for (other, reader) in readers.iter_mut().enumerate() {
-            for tally in &mut reader.scores {
-                let proven = proofs.iter().filter(|(link, _)| *link == tally.link);
-                for axis in proven.flat_map(|(_, axes)| axes) {
-                    if other == at {
-                        tally.proven_axes.insert(*axis);
-                    } else if let Some((_, bytes)) = tally.shared_axes.remove(axis) {
-                        tally.stray_bytes += bytes;
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Of those on CAN that explain equally much, the one that finds answers to requests goes first. The
-/// names of all where none does, or several.
-fn resolve_tie(ranked: &mut [ScoredCandidate<'_>]) -> Vec<&'static str> {
-    let Some((_, first)) = ranked.first() else { return Vec::new() };
-    let (first, share) = (*first, first.explained_share());
-    let equal = |(_, tally): &ScoredCandidate<'_>| {
-        let meets = tally.ids.iter().any(|id| first.ids.contains(id));
-        let apart = first.is_proven_alongside(tally) && tally.is_proven_alongside(first);
-        meets && !apart && tally.good_bytes > 0 && share - tally.explained_share() < TIE_MARGIN
-    };
-    let tied = ranked.iter().take_while(|read| equal(read)).count();
-    if tied < 2 {
-        return Vec::new();
-    }
-    let pairs = |(_, tally): &ScoredCandidate<'_>| tally.pairs.found;
-    ranked[..tied].sort_by_key(|read| core::cmp::Reverse(pairs(read)));
-    let settled = pairs(&ranked[0]) >= PROOF_PAIRS && pairs(&ranked[1]) == 0;
-    let names = ranked[..tied].iter().map(|(reader, _)| reader.dissector.name());
-    if settled { Vec::new() } else { names.collect() }
-}
-
-/// The winner and those that explain CAN identifiers which it and each other leave; and the rest.
-fn select_protocols<'a>(
-    ranked: &[(&'a CandidateProtocol, &'a LinkScore)],
-) -> (Vec<ScoredCandidate<'a>>, Vec<ScoredCandidate<'a>>) {
-    let mut protocols: Vec<ScoredCandidate<'a>> = Vec::new();
-    let mut rivals = Vec::new();
-    for (reader, tally) in ranked {
-        let claimed = |(id, extended): &(u32, bool)| {
-            protocols.iter().any(|(other, _)| other.dissector.claims_id(*id, *extended))
-        };
-        // Identifiers that nobody else claims, and answers on them where others' are among those that
-        // it would claim; or axes that answers prove on identifiers that others claim.
-        let free = tally.ids.iter().filter(|id| !claimed(id)).count();
-        let own = free > 0 && (free == tally.ids.len() || tally.pairs.found >= PROOF_PAIRS);
-        let beside = own || tally.proven_shared_axes().next().is_some();
-        let holds = match protocols.is_empty() {
-            true => rivals.is_empty() && tally.is_more_than_chance(),
-            false => beside && tally.good_bytes > tally.broken_bytes,
-        };
-        if holds { &mut protocols } else { &mut rivals }.push((*reader, *tally));
-    }
-    (protocols, rivals)
-}
-
-/// What a reader made of a link.
-type ScoredCandidate<'a> = (&'a CandidateProtocol, &'a LinkScore);
-
-/// The axes that may be each protocol's by identifiers that several use, but those that one of them
-/// is proven to have.
-fn unresolved_axes(read: &[ScoredCandidate<'_>]) -> Vec<(&'static str, Vec<u32>)> {
-    let won: BTreeSet<u32> =
-        read.iter().flat_map(|(_, tally)| tally.proven_shared_axes()).collect();
-    let open = |tally: &LinkScore| -> Vec<u32> {
-        tally.shared_axes.keys().copied().filter(|axis| !won.contains(axis)).collect()
-    };
-    let named = read.iter().map(|(reader, tally)| (reader.dissector.name(), open(tally)));
-    named.filter(|(_, axes)| !axes.is_empty()).collect()
-}
-
-impl LinkScore {
-    /// Axes that share identifiers with other protocols and are this one's all the same.
-    fn proven_shared_axes(&self) -> impl Iterator<Item = u32> + '_ {
-        self.shared_axes.keys().copied().filter(|axis| self.proven_axes.contains(axis))
-    }
-
-    /// Answers prove it, and it has identifiers that the other has not.
-    fn is_proven_alongside(&self, other: &Self) -> bool {
-        self.pairs.found >= PROOF_PAIRS && !self.ids.is_subset(&other.ids)
-    }
-
-    /// Frames on shared identifiers are whole where their axis is proven, else nobody's.
-    fn count_shared(&mut self) {
-        for (axis, (frames, bytes)) in &self.shared_axes {
-            if self.proven_axes.contains(axis) {
-                self.frames += frames;
-                self.good_bytes += bytes;
-            } else {
-                self.stray_bytes += bytes;
-            }
-        }
-    }
-
-    /// Takes a frame that may be another protocol's.
-    fn add_shared_frame(&mut self, axis: Option<u32>, bytes: u64) {
-        let has_room = self.shared_axes.len() < AXES_MAX;
-        match axis.filter(|axis| has_room || self.shared_axes.contains_key(axis)) {
-            None => self.stray_bytes += bytes,
-            Some(axis) => {
-                let (frames, sum) = self.shared_axes.entry(axis).or_default();
-                (*frames, *sum) = (*frames + 1, *sum + bytes);
-            }
-        }
-    }
-
-    fn total_bytes(&self) -> u64 {
-        self.good_bytes + self.broken_bytes + self.stray_bytes
-    }
-
-    /// Whether frames that could have been wrong support the protocol. On serial lines all valid frames do.
-    fn has_support(&self) -> bool {
-        if !self.is_can || self.pairs.found >= PROOF_PAIRS {
-            return true;
-        }
-        let supporting = (self.evidence.supporting + self.pairs.found) as f64;
-        let against = (self.evidence.contradicting + self.broken_frames) as f64;
-        supporting > 0.0 && supporting >= SUPPORT_MIN * (supporting + against)
-    }
-
-    /// Bits of evidence for the protocol.
-    fn evidence_bits(&self) -> u64 {
-        match self.is_can {
-            false => 8 * self.frames,
-            true => EVIDENCE_BITS * (self.evidence.supporting + self.pairs.found),
-        }
-    }
-
-    /// Share of the bytes that are in frames whose check agrees.
-    fn good_share(&self) -> f64 {
-        self.good_bytes as f64 / self.total_bytes().max(1) as f64
-    }
-
-    /// Share of the bytes that are explained.
-    fn explained_share(&self) -> f64 {
-        let good = self.good_bytes as f64 + BROKEN_WEIGHT * self.broken_bytes as f64;
-        good / (self.total_bytes().max(1)) as f64
-    }
-
-    fn is_more_than_chance(&self) -> bool {
-        let enough_to_doubt = self.total_bytes() > 256;
-        self.explained_share() > if enough_to_doubt { CHANCE_SHARE } else { 0.0 }
-    }
-}
-
-fn score_frame(dissector: &dyn Dissector, tallies: &mut Vec<LinkScore>, event: &DecodedFrame<'_>) {
-    let at = tallies.iter().position(|tally| tally.link == event.link).unwrap_or_else(|| {
-        tallies.push(LinkScore { link: event.link.to_owned(), ..LinkScore::default() });
-        tallies.len() - 1
-    });
-    let tally = &mut tallies[at];
-    let bytes = event.bytes.len().max(1) as u64;
-    let id = event.id.map(|id| (id, event.extended));
-    tally.is_can |= id.is_some();
-    let shares = id.is_some_and(|(id, extended)| dissector.shares_id(id, extended));
-    if id.is_some() && event.protocol.is_some() && event.defect.is_none() {
-        tally.pairs.observe(dissector, event);
-        let raw = RawFrame { bytes: event.bytes, id: event.id, extended: event.extended };
-        tally.evidence.observe(dissector, &raw);
-    }
-    if event.protocol.is_none() || event.stray || (shares && event.defect.is_some()) {
-        tally.stray_bytes += bytes;
-    } else if event.defect.is_some() {
-        tally.broken_frames += 1;
-        tally.broken_bytes += bytes;
-    } else if shares {
-        tally.add_shared_frame(event.explanation.axis, bytes);
-    } else {
-        tally.frames += 1;
-        tally.good_bytes += bytes;
-        if tally.proven_axes.len() < AXES_MAX {
-            tally.proven_axes.extend(event.explanation.axis);
-        }
-        if tally.ids.len() < IDS_MAX {
-            tally.ids.extend(id);
-        }
+    /// Whether none of its protocols claims a frame, and another one does.
+    fn leaves_to_others(&self, frame: &Frame) -> bool {
+        let claims = |dissector: &'static dyn Dissector| score::claims_frame(dissector, frame);
+        !self.protocols().any(claims) && proto::dissectors().iter().copied().any(claims)
     }
 }

@@ -236,6 +236,14 @@ impl ExplainSink for Explanation {
         }
     }
 
+    fn wants_text(&self) -> bool {
+        self.detail == ExplanationDetail::Full
+    }
+
+    fn wants_values(&self) -> bool {
+        self.detail != ExplanationDetail::Kind
+    }
+
     fn error(&mut self, error: WireError) {
         self.error.get_or_insert(error);
     }

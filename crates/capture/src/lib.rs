@@ -7,7 +7,7 @@
 //!          └ session                    what its conversation tells: values, states, faults, oddities
 //!             ├ jsonl | text            one object, or one line, a frame
 //!             └ filter, summary, diff, plot   what a person asks of all of them
-//!   detector  which protocol a capture speaks, when nobody says
+//!   detector  which protocol a capture speaks, when nobody says; reads ahead of the decoder
 //! ```
 //!
 //! What a frame means by itself is known by the dissectors of [`polepair_core::proto`]; only

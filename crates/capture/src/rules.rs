@@ -18,6 +18,12 @@ impl core::fmt::Debug for Rule {
     }
 }
 
+impl PartialEq for Rule {
+    fn eq(&self, other: &Self) -> bool {
+        self.dissector.name() == other.dissector.name() && self.scope == other.scope
+    }
+}
+
 /// Where a rule holds.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RuleScope {
@@ -32,7 +38,7 @@ pub enum RuleScope {
 }
 
 /// Rules in the order in which they are tried. Without any, every protocol is possible.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, PartialEq, Debug, Default)]
 pub struct Rules(pub Vec<Rule>);
 
 /// Why rules could not be read.

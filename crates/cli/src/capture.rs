@@ -216,7 +216,7 @@ impl CaptureSource {
 
     fn judged_decoder(&self, judge: ProtocolDetector) -> CaptureDecoder {
         let (verdicts, decoder) = judge.decide();
-        verdicts.iter().for_each(print_verdict);
+        verdicts.iter().for_each(print_detection);
         self.apply_words(decoder.with_profile(self.profile))
     }
 
@@ -224,20 +224,20 @@ impl CaptureSource {
         if self.with_words { decoder } else { decoder.without_text() }
     }
 
-    /// A decoder for a file, which is read once first to detect its protocol where the user does not name it.
+    /// A decoder for a file. Where the user does not name the protocol, it is detected while the file is
+    /// decoded.
     fn decoder_for(&mut self, path: &Path) -> Result<CaptureDecoder> {
         if let Some(rules) = self.rules.take() {
             return Ok(self.build_decoder(rules));
         }
-        let mut judge = ProtocolDetector::with_read_options(self.options);
-        read_pieces(path, self.progress, &mut |piece| {
-            judge.feed(piece);
-            Ok(())
-        })?;
-        Ok(self.judged_decoder(judge))
+        let opened = File::open(path)
+            .and_then(|file| CaptureDecoder::detect(Box::new(file), self.options))
+            .map_err(|error| problem::file_problem(path, "read", &error))?;
+        opened.detections().iter().for_each(print_detection);
+        Ok(self.apply_words(opened.with_profile(self.profile)))
     }
 
-    /// Decodes a file: once to detect the protocol, once to explain it.
+    /// Decodes a file from its beginning to its end.
     fn decode_file(mut self, path: &Path, sink: &mut dyn EventSink) -> Result<CaptureDecoder> {
         let mut decoder = self.decoder_for(path)?;
         read_pieces(path, self.progress, &mut |piece| {
@@ -350,10 +350,10 @@ fn end_of_input(error: Option<std::io::Error>) -> Result<bool> {
     error.map_or(Ok(true), |error| Err(problem::file_problem(Path::new("stdin"), "read", &error)))
 }
 
-fn print_verdict(verdict: &LinkDetection) {
-    let doubt = verdict.protocol.is_some() && verdict.confidence < 0.5;
+fn print_detection(detected: &LinkDetection) {
+    let doubt = detected.protocol.is_some() && detected.confidence < 0.5;
     let advice = if doubt { " - a guess; --as PROTO states the protocol" } else { "" };
-    print_note(&format!("{verdict}{advice}"));
+    print_note(&format!("{detected}{advice}"));
 }
 
 /// The format that a capture is written in: as said, or as the file's name tells.
@@ -386,8 +386,9 @@ pub fn report_delta_times(statistics: &ReadStatistics) {
     }
 }
 
-/// Prints what was left out of a capture that was read.
+/// Prints what was detected on the way, and what was left out of a capture that was read.
 pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
+    decoder.later_detections().for_each(print_detection);
     report_delta_times(decoder.statistics());
     if decoder.untracked_records() > 0 {
         let links = "the capture has too many links; frames of the others are skipped";

@@ -107,9 +107,12 @@ pub trait ExplainSink {
     fn text(&mut self, piece: &str);
     /// Reports an error of the frame. Fields that were reported before remain valid.
     fn error(&mut self, error: WireError);
-    /// Whether text is wanted. If not, an explainer may leave out text and readings that are slow to make
-    /// (DEC-10).
+    /// Whether text is wanted. If not, an explainer may leave it out (DEC-10).
     fn wants_text(&self) -> bool {
+        true
+    }
+    /// Whether [values](Self::frame_value) are wanted. If not, an explainer may leave them out.
+    fn wants_values(&self) -> bool {
         true
     }
     /// Reports a value in the frame. [`axis`](Self::axis) names its axis.

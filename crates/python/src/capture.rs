@@ -11,8 +11,7 @@ use polepair::config::Config;
 use polepair_capture::parallel::{self, JOBS_MAX};
 use polepair_capture::session::SessionNotice;
 use polepair_capture::{
-    CaptureDecoder as Inner, CaptureFormat, DecodedFrame as Found, ExplanationValue,
-    ProtocolDetector, Rules,
+    CaptureDecoder as Inner, CaptureFormat, DecodedFrame as Found, ExplanationValue, Rules,
 };
 use polepair_columns::{
     BatchBuilder, BuiltBatches, CaptureOrigin, DictionaryMerger, TableKind, TablesBuilder,
@@ -36,7 +35,6 @@ const READ_SIZE: usize = 1 << 18;
 pub struct Decoder {
     options: DecodeOptions,
     state: Mutex<DecoderState>,
-    verdicts: Vec<String>,
 }
 
 /// What is to be decoded, and how.
@@ -105,7 +103,7 @@ impl PyFrame {
 
 #[pymethods]
 impl Decoder {
-    /// Opens a capture. Without rules the whole file is weighed first.
+    /// Opens a capture. Without rules it is read ahead until it is certain what is spoken.
     #[new]
     #[pyo3(signature = (path, rules=None, profile=None, format=None))]
     fn open(
@@ -121,16 +119,15 @@ impl Decoder {
         let decode_options = DecodeOptions { path, rules, profile, format };
         let opened =
             py.detach(|| Ok((decode_options.build_decoder()?, File::open(&decode_options.path)?)));
-        let ((verdicts, decoder), file) =
-            opened.map_err(|error| decode_options.read_error(error))?;
+        let (decoder, file) = opened.map_err(|error| decode_options.read_error(error))?;
         let reading = Mutex::new(DecoderState { decoder, file: Some(file) });
-        Ok(Self { options: decode_options, state: reading, verdicts })
+        Ok(Self { options: decode_options, state: reading })
     }
 
-    /// What each link speaks, and how sure that is; empty where rules said so.
+    /// What each link speaks, and how sure that is, by what was read so far; empty where rules said so.
     #[getter]
-    fn verdicts(&self) -> Vec<String> {
-        self.verdicts.clone()
+    fn verdicts(&self, py: Python<'_>) -> Vec<String> {
+        self.lock(py).decoder.detections().iter().map(ToString::to_string).collect()
     }
 
     /// Places that could not be read.
@@ -155,7 +152,7 @@ impl Decoder {
         };
         let wanted: Vec<TableKind> = names.iter().map(known).collect::<PyResult<_>>()?;
         let opened =
-            py.detach(|| Ok((self.options.build_decoder()?.1, File::open(&self.options.path)?)));
+            py.detach(|| Ok((self.options.build_decoder()?, File::open(&self.options.path)?)));
         let (inner, file) = opened.map_err(|error| self.options.read_error(error))?;
         let made = TableCollector::new(&self.options.path, &wanted);
         py.detach(|| made.decode(inner.without_text(), file))
@@ -189,25 +186,13 @@ impl Decoder {
 }
 
 impl DecodeOptions {
-    /// Who speaks, and a decoder that knows it.
-    fn build_decoder(&self) -> std::io::Result<(Vec<String>, Inner)> {
-        let (verdicts, inner) = match &self.rules {
-            Some(rules) => {
-                (Vec::new(), Inner::new(rules.clone()).with_read_options(self.format.into()))
-            }
-            None => {
-                let mut judge = ProtocolDetector::with_read_options(self.format.into());
-                let (mut file, mut buffer) = (File::open(&self.path)?, vec![0; READ_SIZE]);
-                loop {
-                    match file.read(&mut buffer)? {
-                        0 => break judge.decide(),
-                        count => judge.feed(&buffer[..count]),
-                    }
-                }
-            }
+    /// A decoder by the rules; without any it detects what is spoken.
+    fn build_decoder(&self) -> std::io::Result<Inner> {
+        let decoder = match &self.rules {
+            Some(rules) => Inner::new(rules.clone()).with_read_options(self.format.into()),
+            None => Inner::detect(Box::new(File::open(&self.path)?), self.format.into())?,
         };
-        let verdicts = verdicts.iter().map(ToString::to_string).collect();
-        Ok((verdicts, inner.with_profile(self.profile)))
+        Ok(decoder.with_profile(self.profile))
     }
 
     fn read_error(&self, error: std::io::Error) -> PyErr {

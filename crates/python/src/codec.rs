@@ -152,6 +152,10 @@ impl ExplainSink for FieldExtractor<'_, '_> {
         false
     }
 
+    fn wants_values(&self) -> bool {
+        false
+    }
+
     fn field(&mut self, field: Field<'_>) {
         if field.name == self.field {
             self.value = Some(field_to_python(self.py, field.value));

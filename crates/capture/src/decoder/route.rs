@@ -138,8 +138,8 @@ pub(super) struct RuleExplainer {
     pub tracks_sessions: bool,
     /// The axis of a frame that was left to its conversation to explain.
     pub deferred_axis: Option<u32>,
-    /// Rules that were tried: by the frame's identifier alone where it is one that leaves it.
-    pub rules_tried: usize,
+    /// A rule was left for what the frame says: other frames with its identifier may follow that rule.
+    pub rejected_by_content: bool,
 }
 
 impl RuleExplainer {
@@ -152,18 +152,30 @@ impl RuleExplainer {
         conversation: &mut Conversation,
         explained: &mut Explanation,
     ) -> Option<usize> {
-        let claims = |(_, rule): &(usize, &Rule)| match frame.remote {
-            true => rule.dissector.claims_remote(frame.id, frame.extended),
-            false => rule.dissector.claims_id(frame.id, frame.extended),
+        let detected = self.detected;
+        let claims = |(_, rule): &(usize, &Rule)| {
+            let claims = match frame.remote {
+                true => rule.dissector.claims_remote(frame.id, frame.extended),
+                false => rule.dissector.claims_id(frame.id, frame.extended),
+            };
+            // What was detected of an axis holds for identifiers that several protocols use; what was
+            // detected of a link, for the others.
+            let shared = || rule.dissector.shares_id(frame.id, frame.extended);
+            claims
+                && match rule.scope {
+                    RuleScope::AxisOn(..) => shared(),
+                    RuleScope::Link(_) => !(detected && shared()),
+                    _ => true,
+                }
         };
         for (at, rule) in rules.iter().enumerate().filter(claims) {
             self.apply_rule(rule, frame, context, conversation, explained);
             // What is said to everybody is said to each axis.
             let intended = |axis| explained.axis.is_none_or(|found| found == axis);
-            let shared = || rule.dissector.shares_id(frame.id, frame.extended);
             match rule.scope {
-                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) if !intended(axis) => {}
-                RuleScope::Link(_) if self.detected && shared() => {}
+                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) if !intended(axis) => {
+                    self.rejected_by_content |= self.deferred_axis.is_none();
+                }
                 _ => return Some(at),
             }
         }
@@ -186,17 +198,17 @@ impl RuleExplainer {
     ) {
         let raw = super::raw_frame(frame);
         explained.clear();
-        self.rules_tried += 1;
-        self.deferred_axis = rule
-            .dissector
-            .process_data_axis(&raw)
-            .filter(|_| self.tracks_sessions && !frame.remote);
+        let process_data_axis = rule.dissector.process_data_axis(&raw);
+        self.deferred_axis = process_data_axis.filter(|_| self.tracks_sessions && !frame.remote);
         if self.deferred_axis.is_some() {
             explained.axis = self.deferred_axis;
             return;
         }
         let asks = rule.dissector.is_request(&raw);
-        let request = if asks { None } else { conversation.find_request(rule.dissector, &raw) };
+        let request = match asks || process_data_axis.is_some() {
+            true => None,
+            false => conversation.find_request(rule.dissector, &raw),
+        };
         let speaks = |profile: &&Profile| profile_speaks(profile, rule.dissector);
         let stated = context.profile.filter(speaks);
         let context = Context {

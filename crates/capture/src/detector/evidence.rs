@@ -16,6 +16,12 @@ pub(super) struct Evidence {
 }
 
 impl Evidence {
+    /// The counts, without the frames that are remembered.
+    pub fn counts(&self) -> Self {
+        let Self { supporting, contradicting, .. } = *self;
+        Self { seen: HashSet::new(), supporting, contradicting }
+    }
+
     /// Takes a valid frame.
     pub fn observe(&mut self, dissector: &dyn Dissector, frame: &RawFrame<'_>) {
         let (Some(id), len @ 0..=8) = (frame.id, frame.bytes.len()) else { return };

@@ -2,9 +2,11 @@
 
 use std::collections::HashMap;
 
+use polepair_core::medium::Frame;
+
 use crate::record::{Record, RecordData};
 
-/// Records of a link that are weighed one by one.
+/// Records of a link that are weighed one by one at most, where nothing is certain.
 const FULL_RECORDS: u64 = 20_000;
 /// Records in a row that are weighed later on, so that frames in them are whole …
 const BLOCK_RECORDS: u64 = 256;
@@ -12,15 +14,33 @@ const BLOCK_RECORDS: u64 = 256;
 const BLOCK_PERIOD: u64 = 64;
 /// Frames of a CAN identifier that are weighed wherever they come.
 const FRAMES_PER_ID: u8 = 64;
+/// Records after which the result is first looked at, and after each new identifier or link. It is
+/// looked at again each time that twice as many have come.
+const WINDOW_RECORDS: u64 = 256;
 /// Identifiers that are counted one by one.
 const IDS_MAX: usize = 4096;
 /// Links that are counted one by one.
 const LINKS_MAX: usize = 256;
 
 /// Chooses records.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct RecordSampler {
     links: Vec<SampledLink>,
+    /// Records of all links.
+    records: u64,
+    /// The records in which something new came.
+    window: Window,
+    /// The result is certain for what came so far.
+    certain: bool,
+}
+
+/// Records since the first of some new identifiers or links.
+#[derive(Debug)]
+struct Window {
+    start: u64,
+    len: u64,
+    /// The record with the last new one.
+    last_new: u64,
 }
 
 #[derive(Debug, Default)]
@@ -31,55 +51,132 @@ struct SampledLink {
     ids: HashMap<u32, u8>,
 }
 
+/// The top bit is free in both kinds of identifier.
+const fn id_key(id: u32, extended: bool) -> u32 {
+    id | (extended as u32) << 31
+}
+
+impl Default for RecordSampler {
+    fn default() -> Self {
+        let window = Window { start: 0, len: WINDOW_RECORDS, last_new: 0 };
+        Self { links: Vec::new(), records: 0, window, certain: false }
+    }
+}
+
 impl RecordSampler {
     /// Whether a record is weighed.
     pub fn select(&mut self, record: &Record<'_>) -> bool {
+        self.records += 1;
         let at = self.links.iter().position(|link| link.name == record.link);
-        let at = at.unwrap_or_else(|| {
-            let link = SampledLink { name: record.link.to_owned(), ..SampledLink::default() };
-            self.links.push(link);
-            self.links.len() - 1
-        });
-        if at >= LINKS_MAX {
-            self.links.truncate(LINKS_MAX);
+        let at = match at {
+            Some(at) => at,
+            None if self.links.len() == LINKS_MAX => return false,
+            None => {
+                self.note_new();
+                let link = SampledLink { name: record.link.to_owned(), ..SampledLink::default() };
+                self.links.push(link);
+                self.links.len() - 1
+            }
+        };
+        let link = &mut self.links[at];
+        let frames_before = match &record.data {
+            RecordData::Frame(frame) => link.count_frame(id_key(frame.id, frame.extended)),
+            _ => None,
+        };
+        if frames_before == Some(0) {
+            self.note_new();
+        }
+        let fresh = frames_before.is_some_and(|count| count < FRAMES_PER_ID);
+        let accepted = self.links[at].select(fresh, self.certain);
+        self.links[at].skipped += u64::from(!accepted);
+        accepted
+    }
+
+    /// An identifier or a link comes for the first time.
+    fn note_new(&mut self) {
+        self.window.last_new = self.records;
+        if self.certain {
+            self.certain = false;
+            self.window.start = self.records;
+            self.window.len = WINDOW_RECORDS;
+        }
+    }
+
+    /// Whether the result is to be looked at: after records without anything new. What becomes of it
+    /// is [told](Self::end_window).
+    pub fn is_checkpoint(&mut self) -> bool {
+        let Window { start, len, last_new } = self.window;
+        if self.certain || self.records < start + len {
             return false;
         }
-        let link = &mut self.links[at];
-        let accepted = link.select(&record.data);
-        link.skipped += u64::from(!accepted);
-        accepted
+        let settled = last_new <= start + len / 2;
+        if !settled {
+            self.window.len *= 2;
+        }
+        settled
+    }
+
+    /// Ends the records after which the result was looked at.
+    pub const fn end_window(&mut self, certain: bool) {
+        self.certain = certain;
+        self.window.len *= 2;
+    }
+
+    /// Whether the result was certain for all that came so far.
+    pub const fn is_certain(&self) -> bool {
+        self.certain
     }
 
     /// True when records of a link were left out.
     pub fn has_skipped(&self, name: &str) -> bool {
-        self.links.iter().any(|link| link.name == name && link.skipped > 0)
+        self.link(name).is_some_and(|link| link.skipped > 0)
+    }
+
+    /// Whether a link came, and the identifier on it.
+    pub fn has_seen(&self, name: &str, frame: Option<&Frame>) -> bool {
+        let Some(link) = self.link(name) else { return self.links.len() == LINKS_MAX };
+        frame.is_none_or(|frame| {
+            link.ids.contains_key(&id_key(frame.id, frame.extended)) || link.ids.len() == IDS_MAX
+        })
+    }
+
+    /// A frame for each identifier of a link.
+    pub fn ids_of(&self, name: &str) -> impl Iterator<Item = Frame> {
+        const EXTENDED: u32 = id_key(0, true);
+        let frame = |key: &u32| Frame {
+            id: key & !EXTENDED,
+            extended: key & EXTENDED != 0,
+            ..Frame::default()
+        };
+        self.link(name).into_iter().flat_map(move |link| link.ids.keys().map(frame))
+    }
+
+    fn link(&self, name: &str) -> Option<&SampledLink> {
+        self.links.iter().find(|link| link.name == name)
     }
 }
 
 impl SampledLink {
-    fn select(&mut self, data: &RecordData<'_>) -> bool {
+    fn select(&mut self, fresh: bool, certain: bool) -> bool {
         let number = self.records;
         self.records += 1;
-        let fresh = match data {
-            // The top bit is free in both kinds of identifier.
-            RecordData::Frame(frame) => self.admit_id(frame.id | u32::from(frame.extended) << 31),
-            _ => false,
-        };
-        fresh || number < FULL_RECORDS || (number / BLOCK_RECORDS).is_multiple_of(BLOCK_PERIOD)
+        let first = number < FULL_RECORDS && !certain;
+        first || fresh || (number / BLOCK_RECORDS).is_multiple_of(BLOCK_PERIOD)
     }
 
-    fn admit_id(&mut self, id: u32) -> bool {
+    /// How many frames with the identifier came before; `None` where nobody counts them.
+    fn count_frame(&mut self, key: u32) -> Option<u8> {
         let has_room = self.ids.len() < IDS_MAX;
-        match self.ids.get_mut(&id) {
+        match self.ids.get_mut(&key) {
             Some(count) => {
-                *count = count.saturating_add(1);
-                *count <= FRAMES_PER_ID
+                let before = *count;
+                *count = before.saturating_add(1);
+                Some(before)
             }
-            None if has_room => {
-                self.ids.insert(id, 1);
-                true
-            }
-            None => false,
+            None => has_room.then(|| {
+                self.ids.insert(key, 1);
+                0
+            }),
         }
     }
 }

@@ -2,6 +2,9 @@
 //! detector names the protocol, or leaves it to a person; it names nobody else.
 
 use core::fmt::Write as _;
+use std::io::{Cursor, Read};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use polepair_core::medium::Frame;
 use polepair_core::proto::canopen::sdo;
@@ -13,6 +16,8 @@ use polepair_core::proto::tml::wire::{IdCode, Instruction, Message};
 use polepair_core::proto::tml::{technocan, tmlcan};
 
 use super::{LinkDetection, ProtocolDetector};
+use crate::decoder::CaptureDecoder;
+use crate::read::ReadOptions;
 
 /// Captures that are made.
 const SEEDS: u64 = 200;
@@ -197,6 +202,69 @@ fn unseen_captures_are_told_apart_or_left_undecided() {
 
 fn words(speakers: &[Speaker]) -> Vec<&'static str> {
     speakers.iter().map(|(word, _)| *word).collect()
+}
+
+/// Counts what is read.
+struct CountingReader {
+    log: Cursor<Vec<u8>>,
+    read: Arc<AtomicUsize>,
+}
+
+impl Read for CountingReader {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.log.read(buffer)?;
+        self.read.fetch_add(count, Ordering::Relaxed);
+        Ok(count)
+    }
+}
+
+/// The protocol of each frame.
+fn protocols(mut decoder: CaptureDecoder, log: &str) -> (Vec<&'static str>, CaptureDecoder) {
+    let mut protocols = Vec::new();
+    let mut add = |event: &crate::DecodedFrame<'_>| protocols.push(event.protocol.unwrap_or("?"));
+    log.as_bytes().chunks(50_000).for_each(|piece| decoder.feed(piece, &mut add));
+    decoder.finish(&mut add);
+    (protocols, decoder)
+}
+
+/// A capture in which the second speaker comes late: the decoder reads ahead once its identifiers come,
+/// and explains every frame as one that knew the whole capture.
+#[test]
+fn a_decoder_that_reads_ahead_explains_what_comes_late() {
+    let mut later = 0;
+    for (seed, speakers) in BUSES.iter().enumerate().cycle().take(3 * BUSES.len()).enumerate() {
+        let (seed, (_, speakers)) = (seed as u64, speakers);
+        let seed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let mut bus = GeneratedBus { seed, us: 1_700_000_000_000_000, log: String::new() };
+        (0..4000).for_each(|_| speakers[0].1(&mut bus));
+        let before = bus.log.lines().count();
+        for exchange in 0..300 {
+            speakers[exchange % speakers.len()].1(&mut bus);
+        }
+        let mut detector = ProtocolDetector::new();
+        detector.feed(bus.log.as_bytes());
+        let (whole, _) = protocols(detector.decide().1, &bus.log);
+
+        let read = Arc::<AtomicUsize>::default();
+        let log = Cursor::new(bus.log.clone().into_bytes());
+        let source = CountingReader { log, read: Arc::clone(&read) };
+        let decoder = CaptureDecoder::detect(Box::new(source), ReadOptions::default()).unwrap();
+        let read_first = read.load(Ordering::Relaxed);
+        let first = decoder.detections()[0].clone();
+        let (ahead, decoder) = protocols(decoder, &bus.log);
+        let place = whole.iter().zip(&ahead).position(|(whole, ahead)| whole != ahead);
+        assert_eq!(place, None, "seed {seed}: {first}, {:?}", decoder.detections());
+        assert_eq!(whole.len(), ahead.len());
+        if first.shared_axes.is_empty() && first.protocol.is_some() {
+            assert!(read_first < bus.log.len() / 2, "seed {seed}: {read_first} read for {first}");
+            assert!(first.to_string().contains("weighed"), "{first}");
+        }
+        if decoder.later_detections().next().is_some() {
+            later += 1;
+            assert!(ahead[before..].iter().any(|name| *name != ahead[0]), "seed {seed}");
+        }
+    }
+    assert!(later >= 3, "{later}");
 }
 
 /// The same bytes in the same order: a drive answers at once, mapped values that look alike do not.

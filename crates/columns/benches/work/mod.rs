@@ -89,7 +89,8 @@ pub fn log(frames: usize) -> String {
     log.text
 }
 
-fn decoder() -> CaptureDecoder {
+/// A decoder that is told the protocol.
+pub fn stated() -> CaptureDecoder {
     CaptureDecoder::new(Rules::parse("canopen").unwrap_or_default())
 }
 
@@ -107,10 +108,10 @@ pub fn parse(log: &str) -> u64 {
 }
 
 /// Builds columns in memory.
-pub fn columns(log: &str) -> usize {
+pub fn columns(log: &str, decoder: CaptureDecoder) -> usize {
     let origin = CaptureOrigin { source: "bench".to_owned(), file: "bench.log".to_owned() };
     let (mut tables, mut rows) = (TablesBuilder::new(&TableKind::ALL, &origin), 0);
-    let mut decoder = decoder().without_text();
+    let mut decoder = decoder.without_text();
     let mut flush = |tables: &mut TablesBuilder| {
         let flushed = tables.flush(&mut |_, batch| {
             rows += batch.num_rows();
@@ -133,10 +134,9 @@ pub fn columns(log: &str) -> usize {
 }
 
 /// Writes lines into memory.
-pub fn text(log: &str) -> usize {
+pub fn text(log: &str, mut decoder: CaptureDecoder) -> usize {
     let (mut lines, mut out, mut written) =
         (FrameTextWriter::new(TextStyle::default()), Vec::new(), 0);
-    let mut decoder = decoder();
     let mut batch = FrameBatch::default();
     for piece in log.as_bytes().chunks(PIECE) {
         decoder.decode_batch(piece, &mut batch, &mut |batch| lines.write_batch(batch, &mut out));
@@ -175,6 +175,6 @@ pub fn text_by(log: &str, jobs: usize) -> usize {
         pen.lines.clear();
         Ok(())
     };
-    assert_eq!(decode(&mut decoder(), &mut pens, fill, put), Ok(()));
+    assert_eq!(decode(&mut stated(), &mut pens, fill, put), Ok(()));
     written
 }

@@ -92,6 +92,10 @@ impl ExplainSink for FrameInspector {
         false
     }
 
+    fn wants_values(&self) -> bool {
+        false
+    }
+
     fn error(&mut self, error: WireError) {
         self.error.get_or_insert(error);
     }

@@ -36,7 +36,10 @@ class Capture:
 
     @property
     def verdicts(self) -> list[str]:
-        """Detected protocol of each link with its certainty; empty if `protocols` was given."""
+        """Detected protocol of each link with its certainty, by what was read so far.
+
+        Empty if `protocols` was given.
+        """
         return self._decoder.verdicts
 
     @property

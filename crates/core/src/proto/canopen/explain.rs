@@ -9,12 +9,11 @@ mod fields;
 mod kinds;
 pub mod meanings;
 mod names;
-
-use core::fmt::Write as _;
+mod remarks;
 
 use super::address;
 use super::cia402;
-use super::cob::Cob;
+use super::cob::{Cob, LSS_REPLY, LSS_REQUEST, SDO_REPLY, SDO_REQUEST};
 use super::lss;
 use super::nmt::{NmtCommand, NmtState};
 use super::sdo::{AbortCode, BLOCK_MAX, ExpeditedData, SdoReply, SdoRequest};
@@ -33,6 +32,7 @@ pub use fields::default_mapping;
 pub use kinds::lss_kind;
 use kinds::{cob_kind, message_kind};
 use meanings::SinkWriter;
+use remarks::write_meaning;
 
 /// The protocol in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -101,7 +101,9 @@ impl Dissector for CanopenDissector {
         match Statement::of(&frame, false) {
             Ok(statement) => explain_message(&statement, &frame, node.unwrap_or(0), context, sink),
             Err(error) => {
-                let _ = text::write(&Statement::Raw(frame), &|_| false, &mut SinkWriter(sink));
+                if sink.wants_text() {
+                    let _ = text::write(&Statement::Raw(frame), &|_| false, &mut SinkWriter(sink));
+                }
                 sink.error(error);
             }
         }
@@ -259,13 +261,13 @@ impl Dissector for CanopenDissector {
     }
 
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        match (frame.id.and_then(cob_of_id), request.id.and_then(cob_of_id)) {
-            (Some(Cob::SdoReply(from)), Some(Cob::SdoRequest(to))) if from == to => {
-                service_answers(frame.bytes, request.bytes)
-            }
-            (Some(Cob::LssReply), Some(Cob::LssRequest)) => lss_answers(frame.bytes, request.bytes),
-            _ => false,
+        // Most frames are process data, which this says with two comparisons.
+        let (Some(id), Some(asked)) = (frame.id, request.id) else { return false };
+        if matches!(id, 0x581..=0x5FF) && asked == id + u32::from(SDO_REQUEST - SDO_REPLY) {
+            return service_answers(frame.bytes, request.bytes);
         }
+        (id, asked) == (LSS_REPLY.into(), LSS_REQUEST.into())
+            && lss_answers(frame.bytes, request.bytes)
     }
 
     fn direction(&self, frame: &RawFrame<'_>, _: Option<RawFrame<'_>>) -> Option<Direction> {
@@ -344,16 +346,9 @@ fn explain_message(
     let profile = context.profile;
     sink.kind(message_kind(statement, frame));
     FieldWriter { frame, profile, sink }.emit_message(statement);
-    let signs = |object| meanings::is_signed(object, profile);
-    let again = statement.frame(node);
-    // Who asks for a state asks for whatever length.
-    let same = frame.remote || again.bytes() == frame.bytes();
-    let mut pieces = SinkWriter(sink);
-    let written = same && text::write(statement, &signs, &mut pieces).unwrap_or(false);
-    if !written {
-        let _ = text::write(&Statement::Raw(*frame), &signs, &mut pieces);
+    if sink.wants_text() {
+        write_meaning(statement, frame, node, context, sink);
     }
-    write_remark(statement, frame, context, sink);
     if let Some(error) = frame_error(statement, frame) {
         sink.error(error);
     }
@@ -495,157 +490,6 @@ fn warning_for(statement: &Statement) -> &'static str {
         }
         _ => "",
     }
-}
-
-/// What the language does not say, in parentheses.
-fn write_remark(
-    statement: &Statement,
-    frame: &Frame,
-    context: &Context<'_>,
-    sink: &mut dyn ExplainSink,
-) {
-    let mut out = RemarkWriter { sink, open: false };
-    let _ = write_remarks(statement, frame, context, &mut out);
-    if out.open {
-        sink.text(")");
-    }
-}
-
-/// Parentheses that open with the first piece.
-struct RemarkWriter<'a> {
-    sink: &'a mut dyn ExplainSink,
-    open: bool,
-}
-
-impl core::fmt::Write for RemarkWriter<'_> {
-    fn write_str(&mut self, piece: &str) -> core::fmt::Result {
-        if !self.open && !piece.is_empty() {
-            self.sink.text(" (");
-            self.open = true;
-        }
-        // A parenthesis would end the remark, a semicolon the instruction.
-        for (at, part) in piece.split(';').enumerate() {
-            self.sink.text(if at > 0 { "," } else { "" });
-            part.split(['(', ')']).for_each(|part| self.sink.text(part));
-        }
-        Ok(())
-    }
-}
-
-fn write_remarks(
-    statement: &Statement,
-    frame: &Frame,
-    context: &Context<'_>,
-    out: &mut RemarkWriter<'_>,
-) -> core::fmt::Result {
-    let profile = context.profile;
-    match *statement {
-        Statement::Request(SdoRequest::Write(object, short), _)
-        | Statement::Reply(SdoReply::Value(object, short), _) => {
-            meanings::write_value(
-                object,
-                meanings::decode_number(object, short.bits, short.len, profile),
-                profile,
-                out,
-            )?;
-            if matches!(short.len, 1..=3) && short.bits >> (8 * short.len) != 0 {
-                let len = meanings::value_len(object, short.bits, short.len, profile);
-                out.write_str(match len > short.len {
-                    true => "; the command's size is too small for it",
-                    false => "; the unused bytes are not zero",
-                })?;
-            }
-        }
-        Statement::Reply(SdoReply::Written(object, echo), _) => {
-            out.write_str(meanings::object_name(object, profile))?;
-            if echo != 0 {
-                out.write_str(if out.open { "; " } else { "" })?;
-                out.write_str("repeats the data, which the standard leaves zero")?;
-            }
-        }
-        Statement::Request(SdoRequest::Abort(_, abort), _)
-        | Statement::Reply(SdoReply::Abort(_, abort), _) => {
-            out.write_str(meanings::abort_text(abort))?;
-            let object = statement.object().unwrap_or_default();
-            let name = meanings::object_name(object, profile);
-            if !name.is_empty() {
-                write!(out, ": {name}")?;
-            }
-        }
-        Statement::Emergency(emergency, short) => {
-            write_emergency_remark(emergency.code, short, profile, out)?
-        }
-        Statement::Process { len, .. } => write_process_remark(frame, len, profile, out)?,
-        Statement::LssReply(
-            lss::LssReply::SetNode(error @ 1.., _)
-            | lss::LssReply::SetBitTiming(error @ 1.., _)
-            | lss::LssReply::Store(error @ 1.., _),
-        ) => write!(out, "refused, error {error}")?,
-        Statement::Lss(lss::LssRequest::SetBitTiming(0, index)) => {
-            match lss::KBIT_PER_S.get(usize::from(index)) {
-                Some(rate @ 1..) => write!(out, "{rate} kbit/s")?,
-                _ => out.write_str("no bit rate of the standard's table")?,
-            }
-        }
-        Statement::State(heartbeat) if heartbeat.toggle => out.write_str("answer to guarding")?,
-        Statement::Guard => out.write_str("asks for the state")?,
-        _ => {
-            let object =
-                statement.object().map_or("", |object| meanings::object_name(object, profile));
-            out.write_str(object)?;
-        }
-    }
-    if matches!(statement, Statement::Request(_, 7) | Statement::Reply(_, 7)) {
-        let join = if out.open { "; " } else { "" };
-        write!(out, "{join}7 of 8 bytes, which the standard ignores and the TS drive takes")?;
-    }
-    Ok(())
-}
-
-fn write_emergency_remark(
-    code: u16,
-    short: bool,
-    profile: Option<&'static Profile>,
-    out: &mut RemarkWriter<'_>,
-) -> core::fmt::Result {
-    let known = meanings::canopen_profile(profile)
-        .and_then(|p| p.faults.iter().find(|f| f.code == u32::from(code)));
-    match (known, meanings::panel_characters(code).filter(|_| short)) {
-        (Some(fault), _) => write!(out, "{}: {}", fault.name, fault.text.trim_end_matches('.')),
-        (None, Some([a, b])) => write!(out, "two bytes, as a TS drive that shows {a}{b}"),
-        (None, None) => out.write_str(emcy::class_text(code)),
-    }
-}
-
-/// Process data by the mapping that drives have from the factory, if their length is its.
-fn write_process_remark(
-    frame: &Frame,
-    len: u8,
-    profile: Option<&'static Profile>,
-    out: &mut RemarkWriter<'_>,
-) -> core::fmt::Result {
-    let cob = Cob::of(frame.id as u16);
-    let Some(map) = fields::default_mapping(cob, len) else {
-        let (object, number) = match cob {
-            Cob::Rpdo(number, _) => (0x1600, number),
-            Cob::Tpdo(number, _) => (0x1A00, number),
-            _ => return Ok(()),
-        };
-        return write!(out, "by its mapping, 0x{:04X}", object + u16::from(number) - 1);
-    };
-    out.write_str("if mapped as usual:")?;
-    let data = u64::from_le_bytes(frame.data);
-    let mut join = " ";
-    for (entry, field) in map.fields() {
-        let raw = match meanings::is_signed(entry.object, profile) {
-            true => field.signed(data),
-            false => field.unsigned(data).cast_signed(),
-        };
-        out.write_str(join)?;
-        meanings::write_value(entry.object, raw, profile, out)?;
-        join = "; ";
-    }
-    Ok(())
 }
 
 /// Shows a controlword's or statusword's bits.

@@ -337,7 +337,7 @@ fn explain_frame(
         };
         let request_bytes = request.filter(|(requested, _)| requested == unit).map(|(_, pdu)| pdu);
         let wrong = teller.explain_pdu(pdu, context.direction, request_bytes, sink);
-        if sink.wants_text() {
+        if sink.wants_values() {
             conversation::report_values(pdu, context, request_bytes, sink);
         }
         error = error.or(wrong.map(shift_error_offset));

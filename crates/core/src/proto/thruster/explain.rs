@@ -246,6 +246,9 @@ fn explain_request(bytes: &[u8], profile: Option<&'static Profile>, sink: &mut d
     if let Some(data) = request.data {
         emit_value(request.command, request.sub, data, readings, sink);
     }
+    if !sink.wants_text() {
+        return;
+    }
     text::write_request(&request, readings, &mut |piece| sink.text(piece));
     let remark = match rules::check(&request) {
         Err(rule) => rule,
@@ -310,6 +313,9 @@ fn explain_drive_message(
         DriveMessage::Headerless(bare) => explain_headerless(bare, sink),
     }
     conversation::report_message_values(&message, requested, profile, sink);
+    if !sink.wants_text() {
+        return;
+    }
     text::write_drive_message(&message, requested, readings, &mut |piece| sink.text(piece));
     if let DriveMessage::Reply(reply) = message
         && let Some(remark) = reply_remark(&reply, requested)

@@ -459,16 +459,18 @@ fn explain_request(request: &Request, at: u16, context: &Context<'_>, sink: &mut
     emit_byte(sink, "motor", at + 2, request.motor, "");
     let value = FieldValue::Int(request.value.into());
     sink.field(Field { name: "value", start: at + 3, end: at + 7, value, meaning: "" });
-    text::write(request, &mut |piece| sink.text(piece));
-    if !opcode.text().is_empty() {
-        sink.text(": ");
-        sink.text(opcode.text());
-    }
-    if !name.is_empty() {
-        sink.text(" \"");
-        sink.text(name);
-        sink.text("\"");
-        mark_assumed_profile(context, sink);
+    if sink.wants_text() {
+        text::write(request, &mut |piece| sink.text(piece));
+        if !opcode.text().is_empty() {
+            sink.text(": ");
+            sink.text(opcode.text());
+        }
+        if !name.is_empty() {
+            sink.text(" \"");
+            sink.text(name);
+            sink.text("\"");
+            mark_assumed_profile(context, sink);
+        }
     }
     conversation::report_request_values(request, context.profile, sink);
 }
@@ -498,6 +500,9 @@ fn explain_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn E
     let name = named.and_then(|request| parameter_of(&request, context.profile)).map(|p| p.name);
     if let Some(request) = named {
         conversation::report_reply_values(&request, reply, context.profile, sink);
+    }
+    if !sink.wants_text() {
+        return;
     }
     match (reply.status, name) {
         (Status::Ok, Some(name)) => {

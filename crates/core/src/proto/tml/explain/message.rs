@@ -32,7 +32,9 @@ pub(super) fn explain_message(
     if let Some((at, sum)) = say.frame.checksum {
         say.emit_field("checksum", (at, at + 1), FieldValue::Int(sum.into()));
     }
-    say.write_line(online.as_ref(), request);
+    if say.sink.wants_text() {
+        say.write_line(online.as_ref(), request);
+    }
 }
 
 /// Explains an ack, and of what.
@@ -47,6 +49,9 @@ pub(super) fn explain_ack(
     let Some(parsed) = request else { return sink.text("ack") };
     if let Some(to) = parsed.to.filter(|to| !to.group) {
         sink.axis(to.id.into());
+    }
+    if !sink.wants_text() {
+        return;
     }
     sink.text("ack of ");
     let mut say = MessageExplainer { frame: parsed, profile, sink };

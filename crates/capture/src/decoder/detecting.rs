@@ -1,0 +1,99 @@
+//! Detects the protocols of a capture while it is decoded.
+
+use std::io::Read;
+
+use polepair_core::medium::Frame;
+
+use super::CaptureDecoder;
+use crate::detector::{LinkDetection, LookAhead, ProtocolDetector};
+use crate::read::ReadOptions;
+use crate::record::STANDARD_MAX;
+
+/// Identifiers of 11 bits for which the detection holds.
+#[derive(Debug)]
+pub(super) struct CoveredIds([u64; (STANDARD_MAX as usize + 1) / 64]);
+
+impl Default for CoveredIds {
+    fn default() -> Self {
+        Self([0; _])
+    }
+}
+
+impl CoveredIds {
+    const fn contains(&self, frame: &Frame) -> bool {
+        !frame.extended
+            && frame.id <= STANDARD_MAX
+            && self.0[frame.id as usize / 64] & 1 << (frame.id % 64) != 0
+    }
+
+    const fn insert(&mut self, frame: &Frame) {
+        if !frame.extended && frame.id <= STANDARD_MAX {
+            self.0[frame.id as usize / 64] |= 1 << (frame.id % 64);
+        }
+    }
+}
+
+impl CaptureDecoder {
+    /// A decoder that detects the protocols itself. `source` is the capture from its beginning: it is
+    /// read ahead of what is fed, until the result is certain for the links and identifiers that have
+    /// come, and further when a new one comes.
+    ///
+    /// # Errors
+    /// The source cannot be read.
+    pub fn detect(source: Box<dyn Read + Send>, options: ReadOptions) -> std::io::Result<Self> {
+        let detector = ProtocolDetector::with_read_options(options);
+        let mut look_ahead = LookAhead::new(source, detector);
+        let verdict = look_ahead.read(None)?;
+        let decoder = Self::from_detection(verdict.rules, verdict.echo_links);
+        Ok(Self {
+            look_ahead: Some(look_ahead),
+            first_detections: verdict.links.clone(),
+            detections: verdict.links,
+            ..decoder.with_read_options(options)
+        })
+    }
+
+    /// What each link speaks, as far as it was [detected](Self::detect) by now.
+    #[must_use]
+    pub fn detections(&self) -> &[LinkDetection] {
+        &self.detections
+    }
+
+    /// Those of them that differ from what was detected before the first frame was decoded.
+    pub fn later_detections(&self) -> impl Iterator<Item = &LinkDetection> {
+        let is_first = |later: &LinkDetection| {
+            self.first_detections.iter().any(|first| first.has_same_protocols(later))
+        };
+        self.detections.iter().filter(move |later| !is_first(later))
+    }
+
+    /// Before a frame is decoded: detects further if its identifier is new.
+    #[inline]
+    pub(super) fn detect_for_frame(&mut self, at: usize, frame: &Frame) {
+        if self.look_ahead.is_none() || self.links[at].covered.contains(frame) {
+            return;
+        }
+        let name = std::sync::Arc::clone(&self.links[at].name);
+        self.detect_for(&name, Some(frame));
+        self.links[at].covered.insert(frame);
+    }
+
+    /// Detects further if a link, or the identifier of a frame on it, is new.
+    pub(super) fn detect_for(&mut self, link: &str, frame: Option<&Frame>) {
+        let Some(look_ahead) = &mut self.look_ahead else { return };
+        if look_ahead.covers(link, frame) {
+            return;
+        }
+        // What cannot be read ahead cannot be decoded either, which is told there.
+        let Ok(verdict) = look_ahead.read(Some((link, frame))) else { return };
+        (self.detections, self.echo_links) = (verdict.links, verdict.echo_links);
+        if self.rules == verdict.rules {
+            return;
+        }
+        self.rules = verdict.rules;
+        for wire in &mut self.links {
+            wire.rules = self.rules.for_link(&wire.name);
+        }
+        self.forget_routes();
+    }
+}

@@ -1,0 +1,64 @@
+//! Reads ahead of a decoder to detect what is spoken.
+
+use core::fmt;
+use std::io::Read;
+
+use polepair_core::medium::Frame;
+use polepair_core::proto;
+
+use super::{ProtocolDetector, Verdict, score};
+
+/// Bytes that are read at once.
+const PIECE_BYTES: u64 = 1 << 16;
+
+/// A detector that reads a capture by itself, as far as it has to.
+pub(crate) struct LookAhead {
+    /// The capture from its beginning.
+    source: Box<dyn Read + Send>,
+    detector: ProtocolDetector,
+    ended: bool,
+}
+
+impl fmt::Debug for LookAhead {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ended: {}, {:?}", self.ended, self.detector)
+    }
+}
+
+impl LookAhead {
+    pub fn new(source: Box<dyn Read + Send>, detector: ProtocolDetector) -> Self {
+        Self { source, detector, ended: false }
+    }
+
+    /// Reads until the result is certain, and `frame` of `link` has come; else to the end.
+    pub fn read(&mut self, met: Option<(&str, Option<&Frame>)>) -> std::io::Result<Verdict> {
+        let mut piece = Vec::with_capacity(PIECE_BYTES as usize);
+        while !self.ended {
+            let sampler = &self.detector.weighing.sampler;
+            let has_met = met.is_none_or(|(link, frame)| sampler.has_seen(link, frame));
+            if has_met && sampler.is_certain() {
+                break;
+            }
+            piece.clear();
+            (&mut self.source).take(PIECE_BYTES).read_to_end(&mut piece)?;
+            match piece.is_empty() {
+                true => {
+                    self.detector.finish();
+                    self.ended = true;
+                }
+                false => self.detector.feed(&piece),
+            }
+        }
+        Ok(self.detector.weighing.verdict())
+    }
+
+    /// Whether the result holds for a frame of a link too, or for a link without a frame.
+    pub fn covers(&self, link: &str, frame: Option<&Frame>) -> bool {
+        let is_claimed = |frame: &Frame| {
+            proto::dissectors().iter().any(|dissector| score::claims_frame(*dissector, frame))
+        };
+        self.ended
+            || self.detector.weighing.sampler.has_seen(link, frame)
+            || frame.is_some_and(|frame| !is_claimed(frame))
+    }
+}
