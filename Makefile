@@ -210,7 +210,7 @@ soak:
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	POLEPAIR_FRAMES=all POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
 	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
-	POLEPAIR_BLOCK_BYTES=2000000 POLEPAIR_WIRESHARK_FRAMES=1000000 $(MAKE) --no-print-directory interop BUILD=release
+	POLEPAIR_BLOCK_BYTES=2000000 POLEPAIR_WIRESHARK_FRAMES=1000000 POLEPAIR_FLEET_CAPTURES=200 $(MAKE) --no-print-directory interop BUILD=release
 	$(CARGO) package --workspace --locked --quiet
 	$(MAKE) --no-print-directory dist try-dist
 	$(MAKE) --no-print-directory swarm SEEDS=100000

@@ -151,7 +151,14 @@ impl StatedArgs {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
         let (profile, options) = (self.named_by.profile()?, ReadOptions::from(self.from));
-        Ok(CaptureSource { rules, profile, options, with_words: true, progress: false })
+        Ok(CaptureSource {
+            rules,
+            profile,
+            options,
+            with_words: true,
+            progress: false,
+            quiet: false,
+        })
     }
 }
 
@@ -163,12 +170,18 @@ pub struct CaptureSource {
     options: ReadOptions,
     with_words: bool,
     progress: bool,
+    quiet: bool,
 }
 
 impl CaptureSource {
     /// What frames say in words and fields is not wanted.
     pub fn without_words(self) -> Self {
         Self { with_words: false, ..self }
+    }
+
+    /// What is detected is not printed.
+    pub fn quiet(self) -> Self {
+        Self { quiet: true, ..self }
     }
 
     /// How far it is may be shown, where data go elsewhere.
@@ -233,7 +246,9 @@ impl CaptureSource {
         let opened = File::open(path)
             .and_then(|file| CaptureDecoder::detect(Box::new(file), self.options))
             .map_err(|error| problem::file_problem(path, "read", &error))?;
-        opened.detections().iter().for_each(print_detection);
+        if !self.quiet {
+            opened.detections().iter().for_each(print_detection);
+        }
         Ok(self.apply_words(opened.with_profile(self.profile)))
     }
 
@@ -351,9 +366,19 @@ fn end_of_input(error: Option<std::io::Error>) -> Result<bool> {
 }
 
 fn print_detection(detected: &LinkDetection) {
-    let doubt = detected.protocol.is_some() && detected.confidence < 0.5;
-    let advice = if doubt { " - a guess; --as PROTO states the protocol" } else { "" };
-    print_note(&format!("{detected}{advice}"));
+    print_note(&detection_text(detected));
+}
+
+/// What was detected, in a line.
+pub fn detection_text(detected: &LinkDetection) -> String {
+    let is_guess = detected.protocol.is_some() && is_doubtful(detected);
+    let advice = if is_guess { " - a guess; --as PROTO states the protocol" } else { "" };
+    format!("{detected}{advice}")
+}
+
+/// Whether a person should look at what was detected.
+pub fn is_doubtful(detected: &LinkDetection) -> bool {
+    detected.protocol.is_none() || detected.confidence < 0.5
 }
 
 /// The format that a capture is written in: as said, or as the file's name tells.
@@ -377,63 +402,99 @@ pub fn write_problem(path: &Path, error: &WriteError) -> Problem {
     }
 }
 
-/// Prints a note if the times of a capture are read as differences.
-pub fn report_delta_times(statistics: &ReadStatistics) {
-    if statistics.has_delta_times {
-        print_note(
-            "the times are differences to the line before; --times absolute reads them as they are",
-        );
+/// What is to be said of a capture beside its frames.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Remark {
+    /// How it was read.
+    Note(String),
+    /// What was left out of it, or is doubtful.
+    Warning(String),
+}
+
+impl Remark {
+    /// The text.
+    pub fn text(&self) -> &str {
+        match self {
+            Self::Note(text) | Self::Warning(text) => text,
+        }
+    }
+
+    fn print(&self) {
+        match self {
+            Self::Note(text) => print_note(text),
+            Self::Warning(text) => print_warning(text),
+        }
     }
 }
 
 /// Prints what was detected on the way, and what was left out of a capture that was read.
 pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
     decoder.later_detections().for_each(print_detection);
-    report_delta_times(decoder.statistics());
+    remarks(decoder).iter().for_each(Remark::print);
+    check_readable(decoder.statistics())
+}
+
+/// What was left out of a capture that was decoded, and what is doubtful.
+pub fn remarks(decoder: &CaptureDecoder) -> Vec<Remark> {
+    let mut remarks = Vec::new();
     if decoder.untracked_records() > 0 {
         let links = "the capture has too many links; frames of the others are skipped";
-        print_note(&format!("{} {links}", decoder.untracked_records()));
+        remarks.push(Remark::Note(format!("{} {links}", decoder.untracked_records())));
     }
     if let Some(reversal) = decoder.time_reversal() {
         let (link, before, after) = (&reversal.link, reversal.before, reversal.after);
-        print_warning(&format!(
+        remarks.push(Remark::Warning(format!(
             "{link}: the time goes back from {before} s to {after} s. Times after that are as in the \
              capture; --times delta reads differences"
-        ));
+        )));
     }
-    report_damage(decoder.statistics())
+    remarks.extend(read_remarks(decoder.statistics()));
+    remarks
 }
 
 /// Prints what was not read: damaged places, and objects of other kinds. A file without a single record is
 /// not a capture.
 pub fn report_damage(tally: &ReadStatistics) -> Result {
+    read_remarks(tally).iter().for_each(Remark::print);
+    check_readable(tally)
+}
+
+fn read_remarks(tally: &ReadStatistics) -> Vec<Remark> {
     const SHOWN: usize = 5;
-    if let Some(file) = tally.unsupported {
-        return Err(Problem::new(Exit::Corrupt, "E510", format!("this is {}.", file.name))
-            .why("Files of this kind are not read.")
-            .hint(file.hint));
+    let mut remarks = Vec::new();
+    if tally.unsupported.is_some() {
+        return remarks;
     }
     if tally.has_delta_times {
-        print_note(
-            "the times are differences to the line before; --times absolute reads them as they are",
-        );
+        let times =
+            "the times are differences to the line before; --times absolute reads them as they are";
+        remarks.push(Remark::Note(times.to_owned()));
     }
-    for (kind, count) in &tally.skipped {
-        print_note(&format!("skipped {kind}: {count}"));
-    }
+    let skipped = tally.skipped.iter();
+    remarks.extend(skipped.map(|(kind, count)| Remark::Note(format!("skipped {kind}: {count}"))));
     for damage in tally.damage.iter().take(SHOWN) {
         let what = match damage.position {
             CapturePosition::Line(_) => "the line",
             CapturePosition::Row(_) => "the row",
             CapturePosition::Byte(_) => "this part",
         };
-        print_warning(&format!("{damage}; {what} is left out"));
+        remarks.push(Remark::Warning(format!("{damage}; {what} is left out")));
     }
     if tally.damaged > SHOWN as u64 {
-        print_warning(&format!(
+        remarks.push(Remark::Warning(format!(
             "{} places could not be read, {} records were",
             tally.damaged, tally.records
-        ));
+        )));
+    }
+    remarks
+}
+
+/// A file of another kind is refused, and one without a single record.
+pub fn check_readable(tally: &ReadStatistics) -> Result {
+    if let Some(file) = tally.unsupported {
+        return Err(Problem::new(Exit::Corrupt, "E510", format!("this is {}.", file.name))
+            .why("Files of this kind are not read.")
+            .hint(file.hint));
     }
     if (tally.damaged > 0 || !tally.skipped.is_empty()) && tally.records == 0 {
         return Err(Problem::new(Exit::Corrupt, "E510", "this is not a capture.")

@@ -25,6 +25,7 @@ mod value;
 
 use std::ffi::OsString;
 
+pub use cmd::decode::dataset;
 pub use cmd::groups::{VERB_GROUPS, VerbGroup};
 
 /// The program's version.

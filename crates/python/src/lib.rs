@@ -17,6 +17,7 @@ mod capture;
 mod codec;
 mod columns;
 mod command;
+mod dataset;
 mod errors;
 mod events;
 mod explain;
@@ -72,6 +73,10 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(guard::stop_each, module)?)?;
     module.add_function(wrap_pyfunction!(guard::stop_armed, module)?)?;
     module.add_function(wrap_pyfunction!(command::run_command, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::is_capture_name, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::fingerprint, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::decode_inputs, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::decode_to_dataset, module)?)?;
     module.add_function(wrap_pyfunction!(explain::explain, module)?)?;
     module.add_function(wrap_pyfunction!(explain::explain_code, module)?)
 }

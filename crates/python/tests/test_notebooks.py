@@ -29,8 +29,8 @@ def pictures(cell: Any) -> int:
     return sum("image/png" in output.get("data", {}) for output in cell.get("outputs", []))
 
 
-def test_there_are_two() -> None:
-    assert [path.stem for path in NOTEBOOKS] == ["bring-up", "find-a-fault"]
+def test_there_are_three() -> None:
+    assert [path.stem for path in NOTEBOOKS] == ["bring-up", "find-a-fault", "many-machines"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

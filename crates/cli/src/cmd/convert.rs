@@ -9,9 +9,7 @@ use polepair_capture::{
     CaptureFormat, CaptureReader, CaptureWriter, Compression, ReadOptions, Record, WriteError,
 };
 
-use crate::capture::{
-    TimesArg, read_pieces, report_damage, report_delta_times, write_problem, written_format,
-};
+use crate::capture::{TimesArg, read_pieces, report_damage, write_problem, written_format};
 use crate::problem::{self, Exit, Result};
 use crate::terminal::{print_note, print_warning};
 
@@ -94,7 +92,6 @@ impl Convert {
         for (why, count) in unfit {
             print_warning(&format!("{count} records are skipped: {why}"));
         }
-        report_delta_times(reader.statistics());
         report_damage(reader.statistics())?;
         let lost: u64 = unfit.iter().map(|(_, count)| count).sum();
         let from = reader.format().map_or("nothing", CaptureFormat::name);

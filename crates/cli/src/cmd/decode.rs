@@ -2,6 +2,7 @@
 //! [--format text|jsonl|parquet|arrow] [--tables TABLE,…] [-o OUT]`
 
 mod columns;
+pub mod dataset;
 mod expect;
 mod filtered_sink;
 mod folder;
@@ -24,7 +25,7 @@ use filtered_sink::FilteredSink;
 use folder::FolderJob;
 use line_sink::LineSink;
 use plot_sink::PlotSink;
-use polepair_columns::{ColumnFormat, DatasetSite};
+use polepair_columns::{ColumnFormat, DatasetSite, TableKind};
 
 /// Decodes every frame of a capture and explains its fields.
 ///
@@ -198,9 +199,13 @@ impl Decode {
         }
         let site = DatasetSite { root: self.output_folder()?.to_owned(), name: self.site.clone() };
         let tables = columns::parse_tables(self.tables.as_deref())?;
+        self.folder_job(site, &tables).decode()
+    }
+
+    fn folder_job<'a>(&'a self, site: DatasetSite, tables: &'a [TableKind]) -> FolderJob<'a> {
         let (captures, stated) = (self.source.as_path(), &self.stated);
         let (recorder, jobs) = (self.gateway.as_str(), job_count(self.jobs));
-        FolderJob { captures, stated, site, recorder, tables: &tables, jobs }.decode()
+        FolderJob { captures, stated, site, recorder, tables, jobs }
     }
 
     /// Refuses for a folder what is asked of one capture.

@@ -34,7 +34,7 @@ pub const VERB_GROUPS: [VerbGroup; 6] = [
     },
     VerbGroup {
         heading: "Captures",
-        verbs: &["record", "decode", "summary", "diff", "convert", "replay"],
+        verbs: &["record", "decode", "summary", "diff", "convert", "replay", "fleet"],
     },
     VerbGroup {
         heading: "Simulate and serve",

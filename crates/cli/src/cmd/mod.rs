@@ -4,13 +4,14 @@ mod act;
 pub mod completions;
 mod config;
 mod convert;
-mod decode;
+pub mod decode;
 mod demo;
 mod diff;
 mod dismiss;
 mod doctor;
 mod encode;
 mod explain;
+mod fleet;
 mod get;
 pub mod groups;
 mod info;
@@ -163,6 +164,8 @@ pub enum CommandVerb {
     Watchdog(watchdog::WatchdogCommand),
     /// Show axes, faults and frames of a link live
     Monitor(monitor::MonitorOptions),
+    /// Decode captures of many machines and query them; needs the Python package
+    Fleet(fleet::Fleet),
     /// Record the frames of a link to a capture; sends nothing
     Record(record::RecordOptions),
     /// Send the recorded frames of a capture to a link or to simulated drives
@@ -221,6 +224,7 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Summary(verb) => verb.run(),
         CommandVerb::Diff(verb) => verb.run(),
         CommandVerb::Convert(verb) => verb.run(),
+        CommandVerb::Fleet(verb) => verb.run(),
         CommandVerb::Encode(verb) => verb.run(),
         CommandVerb::Explain(verb) => verb.run(),
         CommandVerb::Doctor(verb) => verb.run(),

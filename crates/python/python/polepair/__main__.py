@@ -16,6 +16,10 @@ def main() -> int:
     # The program stops motors itself on Ctrl-C. Where it was started with Ctrl-C ignored, it stays so.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.argv[1:2] == ["fleet"]:
+        from .fleet._command import main as fleet
+
+        return fleet(sys.argv[2:] or ["--help"])
     python = f"{platform.python_implementation()} {platform.python_version()}"
     return native.run_command(["polepair", *sys.argv[1:]], python)
 

@@ -11,7 +11,7 @@ use polepair_columns::{
     TablesBuilder,
 };
 
-use crate::capture::{CaptureSource, EventSink};
+use crate::capture::{CaptureSource, EventSink, check_readable};
 use crate::problem::{self, Exit, Problem, Result};
 
 /// Batches that wait to be written.
@@ -75,6 +75,8 @@ pub fn decode_into(
             decoder
         }
     };
+    // What is no capture is not called decoded.
+    check_readable(decoder.statistics())?;
     let provenance = Provenance {
         file: wanted.file.to_owned(),
         blake3: wanted.blake3.clone(),

@@ -8,13 +8,21 @@ use polepair_capture::CaptureFormat;
 use polepair_columns::{DatasetSite, DatasetWriter, DecodeRecord, TableKind};
 
 use super::columns::{self, ColumnsJob};
-use crate::capture::{CaptureArgs, report_left_out};
+use crate::capture::{self, CaptureArgs, Remark};
 use crate::problem::{self, Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::terminal::{colour_err, print_warning};
 
 /// Captures that are decoded at once at most: each holds row groups in memory.
 const WORKERS_MAX: usize = 4;
+
+/// What became of one capture.
+pub struct CaptureReport {
+    /// False where the data set had it already.
+    pub is_new: bool,
+    /// What was left out, and what is doubtful.
+    pub remarks: Vec<String>,
+}
 
 /// What becomes of a folder.
 pub struct FolderJob<'a> {
@@ -61,7 +69,8 @@ impl FolderJob<'_> {
             for _ in 0..workers {
                 scope.spawn(|| {
                     while let Some(path) = captures.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        let done = self.decode_one(path, jobs);
+                        let name = path.strip_prefix(self.captures).unwrap_or(path);
+                        let done = self.decode_one(path, &name.display().to_string(), jobs);
                         bar.suspend(|| count_result(&tally, path, done));
                         bar.add(1);
                     }
@@ -97,29 +106,44 @@ impl FolderJob<'_> {
         Ok(())
     }
 
-    /// Decodes one capture; false if it is there already.
-    fn decode_one(&self, path: &Path, jobs: usize) -> Result<bool> {
+    /// Decodes one capture, whose rows are called by `file`, on so many threads.
+    pub fn decode_one(&self, path: &Path, file: &str, jobs: usize) -> Result<CaptureReport> {
         let blake3 = columns::fingerprint(path)?;
-        let done = DecodeRecord::new(&self.site, &blake3, &self.stated.describe(), self.tables);
+        let done = self.record(&blake3);
         if done.exists(&self.site) {
-            return Ok(false);
+            return Ok(CaptureReport { is_new: false, remarks: Vec::new() });
         }
-        let file = path.strip_prefix(self.captures).unwrap_or(path).display().to_string();
         let profile = self.stated.profile_word();
         let (tables, recorder) = (self.tables, self.recorder);
-        let wanted = ColumnsJob { tables, recorder, file: &file, blake3, profile, jobs };
+        let wanted = ColumnsJob { tables, recorder, file, blake3, profile, jobs };
         let parts = Box::new(DatasetWriter::new(self.site.clone(), done, self.jobs));
-        let decoder =
-            columns::decode_into(self.stated.source()?, path, &self.site.root, parts, &wanted)?;
-        report_left_out(&decoder).map(|_| true)
+        let source = self.stated.source()?.quiet();
+        let decoder = columns::decode_into(source, path, &self.site.root, parts, &wanted)?;
+        let doubtful = decoder.detections().iter().filter(|found| capture::is_doubtful(found));
+        let left_out = capture::remarks(&decoder);
+        let remarks = doubtful
+            .map(capture::detection_text)
+            .chain(left_out.iter().map(Remark::text).map(str::to_owned))
+            .collect();
+        Ok(CaptureReport { is_new: true, remarks })
+    }
+
+    /// The note of a decoded capture, with all that its parts depend on.
+    pub fn record(&self, blake3: &str) -> DecodeRecord {
+        DecodeRecord::new(&self.site, blake3, &self.stated.describe(), self.tables)
     }
 }
 
-fn count_result(tally: &Mutex<FolderTally>, path: &Path, done: Result<bool>) {
+fn count_result(tally: &Mutex<FolderTally>, path: &Path, done: Result<CaptureReport>) {
     let mut tally = tally.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     match done {
-        Ok(true) => tally.decoded += 1,
-        Ok(false) => tally.already_decoded += 1,
+        Ok(CaptureReport { is_new: true, remarks }) => {
+            tally.decoded += 1;
+            for remark in remarks {
+                print_warning(&format!("{}: {remark}", path.display()));
+            }
+        }
+        Ok(_) => tally.already_decoded += 1,
         Err(problem) => {
             tally.unreadable += 1;
             print_warning(&format!("{}: left out", path.display()));

@@ -1,38 +1,21 @@
-"""Questions to a data set of many captures, by DuckDB; needs `polepair[fleet]`.
-
-    from polepair import fleet
-
-    with fleet.open("dataset") as data:                  # polepair decode captures -o dataset
-        print(data.ask("faults-by-week"))
-        print(data.sql("select axis, max(value) from signals where signal = 'Actual/Torque' group by all"))
-
-`python -m polepair.fleet ask dataset faults-by-week` and `… sql dataset "select …"` print the same. A data set may
-be a folder or a bucket (`s3://captures/dataset`, with a DuckDB connection that has the access).
-`docs/reference/columns.md` has the tables; `t` is a timestamp in UTC here.
-"""
+"""Questions to a data set of many captures, by DuckDB."""
 
 from __future__ import annotations
 
-import argparse
 import base64
-import csv
 import os
 import re
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .columns import TABLES, extra
-from .errors import Unsupported
+from ..columns import TABLES, extra
+from ..errors import Unsupported
 
 if TYPE_CHECKING:
     import duckdb
     import pandas
 
 __all__ = ["QUESTIONS", "Dataset", "Question", "open"]
-
-CSV_ROWS = 10_000
-"""Rows of CSV that are fetched at once."""
 
 SCHEMA = "polepair-columns/1"
 """The version of the tables that the questions are for."""
@@ -75,94 +58,97 @@ QUESTIONS = {
         Question(
             "faults-by-week",
             "Faults of each drive, week by week.",
-            """select site, bus, axis, time_bucket(interval 7 days, t) as week, name as fault, code,
+            """select site, source, bus, axis, time_bucket(interval 7 days, t) as week, name as fault, code,
                       count(*) as times, any_value(cause) as cause, any_value(remedy) as remedy
-               from events where event = 'fault' group by site, bus, axis, week, fault, code
-               order by week, site, bus, axis, times desc""",
+               from events where event = 'fault' group by site, source, bus, axis, week, fault, code
+               order by week, site, source, bus, axis, times desc""",
         ),
         Question(
             "restarts",
             "Drives that started again, with the times.",
-            """select site, bus, axis, count(*) as restarts, min(t) as first, max(t) as last
-               from events where event = 'state' and name = 'nmt' and text like '%boot-up' group by site, bus, axis
-               order by restarts desc, site, bus, axis""",
+            """select site, source, bus, axis, count(*) as restarts, min(t) as first, max(t) as last
+               from events where event = 'state' and name = 'nmt' and text like '%boot-up'
+               group by site, source, bus, axis order by restarts desc, site, source, bus, axis""",
         ),
         Question(
             "slowest-answers",
             "The twenty answers that took longest.",
-            """select site, bus, axis, op, rtt_us, outcome, retries, make_timestamp_ns(t_req_ns) as asked
+            """select site, source, bus, axis, op, rtt_us, outcome, retries, make_timestamp_ns(t_req_ns) as asked
                from transactions where rtt_us is not null order by rtt_us desc, t_req_ns limit 20""",
         ),
         Question(
             "answer-times",
             "How long each drive takes to answer, in microseconds.",
-            """select site, bus, axis, count(*) as answers, median(rtt_us)::bigint as median_us,
+            """select site, source, bus, axis, count(*) as answers, median(rtt_us)::bigint as median_us,
                       quantile_cont(rtt_us, 0.99)::bigint as p99_us, max(rtt_us) as longest_us
-               from transactions where rtt_us is not null group by site, bus, axis order by p99_us desc""",
+               from transactions where rtt_us is not null group by site, source, bus, axis
+               order by p99_us desc, site, source, bus, axis""",
         ),
         Question(
             "unanswered",
             "Requests that were not done, by drive and operation.",
-            """select site, bus, axis, op, outcome, count(*) as times
-               from transactions where outcome <> 'done' group by site, bus, axis, op, outcome
-               order by times desc, site, bus, axis, op""",
+            """select site, source, bus, axis, op, outcome, count(*) as times
+               from transactions where outcome <> 'done' group by site, source, bus, axis, op, outcome
+               order by times desc, site, source, bus, axis, op""",
         ),
         Question(
             "retries",
             "Requests that were sent again, day by day.",
-            """select site, bus, date, count(*) as requests, sum(retries)::bigint as retries,
+            """select site, source, bus, date, count(*) as requests, sum(retries)::bigint as retries,
                       round(100.0 * count(*) filter (retries > 0) / count(*), 2) as percent
-               from transactions group by site, bus, date having sum(retries) > 0 order by date, site, bus""",
+               from transactions group by site, source, bus, date having sum(retries) > 0
+               order by date, site, source, bus""",
         ),
         Question(
             "temperature-against-torque",
             "Each drive's temperature and torque, hour by hour.",
-            """select site, bus, axis, date_trunc('hour', t) as hour,
+            """select site, source, bus, axis, date_trunc('hour', t) as hour,
                       round(avg(value) filter (signal like 'Temp/%'), 2) as temperature,
                       round(avg(abs(value)) filter (signal = 'Actual/Torque'), 4) as torque,
                       round(max(abs(value)) filter (signal = 'Actual/Torque'), 4) as highest_torque
                from signals where quality = 0 and (signal like 'Temp/%' or signal = 'Actual/Torque')
-               group by site, bus, axis, hour order by site, bus, axis, hour""",
+               group by site, source, bus, axis, hour order by site, source, bus, axis, hour""",
         ),
         Question(
             "speeds",
             "Slowest, fastest and mean speed of each drive, in its unit.",
-            """select site, bus, axis, unit, round(min(value), 3) as slowest, round(max(value), 3) as fastest,
+            """select site, source, bus, axis, unit, round(min(value), 3) as slowest, round(max(value), 3) as fastest,
                       round(avg(abs(value)), 3) as mean, count(*) as readings
-               from signals where signal = 'Actual/Velocity' and quality = 0 group by site, bus, axis, unit
-               order by site, bus, axis""",
+               from signals where signal = 'Actual/Velocity' and quality = 0 group by site, source, bus, axis, unit
+               order by site, source, bus, axis""",
         ),
         Question(
             "bus-load",
             "Frames and bits of each CAN bus in its busiest second (stuff bits not counted).",
             """with seconds as (
-                   select site, bus, date_trunc('second', t) as second, count(*) as frames,
+                   select site, source, bus, date_trunc('second', t) as second, count(*) as frames,
                           sum(8 * octet_length(data) + if(flags & 1 = 1, 67, 47))::bigint as bits
                    from frames where can_id is not null and t is not null and flags & 4 = 0
-                   group by site, bus, second)
-               select site, bus, max(frames) as frames_a_second, max(bits) as bits_a_second,
+                   group by site, source, bus, second)
+               select site, source, bus, max(frames) as frames_a_second, max(bits) as bits_a_second,
                       round(max(bits) / 5000.0, 1) as percent_of_500k, arg_max(second, bits) as busiest
-               from seconds group by site, bus order by bits_a_second desc""",
+               from seconds group by site, source, bus order by bits_a_second desc""",
         ),
         Question(
             "broken-frames",
             "Frames whose check fails or that break their protocol, and error frames, day by day.",
-            """select site, bus, date, count(*) as frames, count(*) filter (flags & 32 <> 0) as check_fails,
+            """select site, source, bus, date, count(*) as frames, count(*) filter (flags & 32 <> 0) as check_fails,
                       count(*) filter (flags & 256 <> 0) as breaks_protocol, count(*) filter (flags & 4 <> 0) as errors
-               from frames group by site, bus, date having count(*) filter (flags & (32 + 256 + 4) <> 0) > 0
-               order by date, site, bus""",
+               from frames group by site, source, bus, date having count(*) filter (flags & (32 + 256 + 4) <> 0) > 0
+               order by date, site, source, bus""",
         ),
         Question(
             "odd",
             "What a healthy bus does not do.",
-            """select site, bus, axis, name, count(*) as times, any_value(text) as example
-               from events where event = 'odd' group by site, bus, axis, name order by times desc, site, bus, axis""",
+            """select site, source, bus, axis, name, count(*) as times, any_value(text) as example
+               from events where event = 'odd' group by site, source, bus, axis, name
+               order by times desc, site, source, bus, axis""",
         ),
         Question(
             "coverage",
             "Hours of each day for which a bus was recorded.",
-            """select site, bus, date, count(distinct date_trunc('hour', t)) as hours, count(*) as frames
-               from frames where t is not null group by site, bus, date order by site, bus, date""",
+            """select site, source, bus, date, count(distinct date_trunc('hour', t)) as hours, count(*) as frames
+               from frames where t is not null group by site, source, bus, date order by site, source, bus, date""",
         ),
     )
 }
@@ -254,51 +240,3 @@ def open(dataset: str | os.PathLike[str], *, connection: duckdb.DuckDBPyConnecti
             own.execute(f"create or replace temp table _{table} ({_COLUMNS[table]}{PARTITIONS})")
             own.execute(f"create or replace temp view {table} as select * from _{table}")
     return Dataset(root, own)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line: `python -m polepair.fleet`."""
-    parser = argparse.ArgumentParser(
-        prog="python -m polepair.fleet", description="Questions to a data set of many captures, by DuckDB."
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
-    ask = commands.add_parser("ask", help="answer one of the questions that `questions` lists")
-    ask.add_argument("dataset", help="folder or bucket that `polepair decode CAPTURES -o DATASET` has made")
-    ask.add_argument("question", choices=QUESTIONS, metavar="question", help=", ".join(QUESTIONS))
-    sql = commands.add_parser("sql", help="answer a query of your own over frames, signals, transactions and events")
-    sql.add_argument("dataset", help="folder or bucket of the data set")
-    sql.add_argument("query", help="a query in DuckDB's SQL")
-    for command in (ask, sql):
-        command.add_argument("--csv", action="store_true", help="print all rows as CSV instead of a table")
-    commands.add_parser("questions", help="list the questions")
-    given = parser.parse_args(arguments)
-    if given.command == "questions":
-        for question in QUESTIONS.values():
-            print(f"{question.name:28}{question.about}")
-        return 0
-    try:
-        with open(given.dataset) as data:
-            query = QUESTIONS[given.question].sql if given.command == "ask" else given.query
-            if given.csv:
-                _print_csv(data, query)
-            elif (answer := data.sql(query)) is not None:
-                print(answer)
-    except (OSError, ImportError, Unsupported) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except extra("duckdb", "polepair[fleet]").Error as error:
-        print(f"error: the query: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def _print_csv(data: Dataset, query: str) -> None:
-    cursor = data.connection.execute(query)
-    writer = csv.writer(sys.stdout)
-    writer.writerow([column[0] for column in cursor.description or []])
-    while rows := cursor.fetchmany(CSV_ROWS):
-        writer.writerows(rows)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

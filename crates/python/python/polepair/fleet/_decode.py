@@ -1,0 +1,418 @@
+"""Decodes many captures to one data set: on threads of this machine, or as tasks of a Ray cluster."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import posixpath
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+from .. import _polepair as native
+from ..columns import extra
+from ..errors import PolepairError, Unsupported
+
+__all__ = ["Capture", "Job", "Outcome", "Progress", "Report", "decode"]
+
+BATCH_BYTES = 64 << 20
+"""Bytes of captures that one task takes at most: a lost node costs what its tasks had done."""
+BATCH_CAPTURES = 200
+TASKS_PER_CORE = 4
+"""Tasks for each core where there are enough captures, so that all cores end at about the same time."""
+RAY_TASKS = 2_000
+"""Tasks that a Ray cluster is given at once."""
+RAY_RETRIES = 3
+"""How often Ray runs a task again whose node was lost."""
+DONE = "_done"
+"""The folder with a note for each decoded capture, named by its content."""
+SEEN = "_captures"
+"""The folder with a note for each file of a decoded capture, so that the file is not read again."""
+VERSION_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified", "last_modified", "updated")
+"""What file systems call the version of a file."""
+
+
+class Capture(NamedTuple):
+    """A file in the folder or bucket of captures."""
+
+    name: str
+    """Its path below the folder, with `/`."""
+    size: int
+    """Bytes."""
+    version: str
+    """Changes when the file does; empty where the file system does not say."""
+
+
+class Outcome(NamedTuple):
+    """What became of a capture."""
+
+    capture: Capture
+    state: Literal["decoded", "present", "failed"]
+    reason: str = ""
+    """Why it was not decoded."""
+    notes: tuple[str, ...] = ()
+    """What is uncertain or was left out: the protocol is a guess, lines are damaged."""
+    retry: bool = False
+    """Another attempt can succeed: a file could not be read or written."""
+    content: str = ""
+    """BLAKE3 of its bytes, where they were read."""
+
+
+class Progress(NamedTuple):
+    """How far a run is."""
+
+    captures: int
+    """Captures that are done, with those that failed."""
+    of_captures: int
+    size: int
+    """Their bytes."""
+    of_size: int
+    failed: int
+
+
+class Report(NamedTuple):
+    """What became of all captures."""
+
+    decoded: int
+    present: int
+    """Captures that the data set had before, decoded with the same options."""
+    failed: tuple[Outcome, ...]
+    """In the order of their names. The next run tries them again."""
+    notes: tuple[tuple[str, str], ...]
+    """Names of captures, and what is uncertain or was left out of each."""
+
+    def __str__(self) -> str:
+        return f"{self.decoded} decoded, {self.present} were decoded earlier, {len(self.failed)} failed"
+
+
+@dataclass(frozen=True)
+class Job:
+    """Where captures are, where their rows go, and how they are decoded. It can be pickled.
+
+    A cluster of another kind decodes with three calls: `captures` lists, `batches` makes tasks of the list, and
+    `decode` does one task, on whatever machine. A task may run twice, and on two machines at once: the parts of a
+    capture are named by its content, and the note that ends it is written last.
+    """
+
+    source: str
+    """Folder or bucket of captures, as fsspec reads it."""
+    out: str
+    """Folder or bucket of the data set."""
+    options: tuple[str, ...] = ()
+    """Options of `polepair decode`: `("--as", "canopen", "--site", "hall-2")`.
+
+    In the values of `--site` and `--gateway`, `{0}` is the first folder of a capture below the source, `{1}` the
+    second, `{folder}` all of them.
+    """
+    storage_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options for fsspec: keys, an endpoint."""
+
+    def captures(self) -> list[Capture]:
+        """The captures by name: files whose ending is a capture's, but for hidden ones and the data set itself."""
+        files, root = _file_system(self.source, self.storage_options)
+        if files.isfile(root):
+            return [_capture(posixpath.basename(root), files.info(root))]
+        own, out = _file_system(self.out, self.storage_options)
+        inside = f"{out}/" if own == files else None
+        found: list[Capture] = []
+        for path, info in files.find(root, detail=True).items():
+            name = path[len(root) :].lstrip("/")
+            hidden = any(part.startswith(".") for part in name.split("/"))
+            if not hidden and not (inside and path.startswith(inside)) and native.is_capture_name(name):
+                found.append(_capture(name, info))
+        if not found:
+            raise FileNotFoundError(
+                f"there is no capture in {self.source}: captures are recognised by the ending of their names "
+                "(log, pcap, blf and so on)"
+            )
+        return sorted(found)
+
+    def batches(self, captures: Iterable[Capture], cores: int = 1) -> list[list[Capture]]:
+        """Tasks of some captures each, for that many cores."""
+        ordered = sorted(captures)
+        tasks = TASKS_PER_CORE * cores
+        most_bytes = min(BATCH_BYTES, sum(capture.size for capture in ordered) // tasks)
+        most_captures = min(BATCH_CAPTURES, -(-len(ordered) // tasks))
+        batches: list[list[Capture]] = []
+        space, room = 0, 0
+        for capture in ordered:
+            if not batches or space < capture.size or not room:
+                batches.append([])
+                space, room = most_bytes, most_captures
+            batches[-1].append(capture)
+            space -= capture.size
+            room -= 1
+        return batches
+
+    def decode(self, captures: Sequence[Capture]) -> list[Outcome]:
+        """Decodes some captures and stores their rows. An exception of one does not end the others."""
+        outcomes: list[Outcome] = []
+        for capture in captures:
+            try:
+                outcomes.append(self._decode(capture))
+            except PolepairError as error:
+                hint = f" Try: {error.hint}" if error.hint else ""
+                outcomes.append(Outcome(capture, "failed", f"{error} ({error.code}){hint}"))
+            except Exception as error:  # file systems of fsspec have exceptions of their own
+                outcomes.append(Outcome(capture, "failed", f"{type(error).__name__}: {error}", retry=True))
+        return outcomes
+
+    def options_for(self, capture: Capture) -> list[str]:
+        """The options with the folders of a capture in them."""
+        folders = capture.name.split("/")[:-1]
+        words = list(self.options)
+        for at, word in enumerate(words):
+            if at and words[at - 1] in ("--site", "--gateway"):
+                try:
+                    words[at] = word.format(*folders, folder="/".join(folders))
+                except (IndexError, KeyError, ValueError) as error:
+                    hint = "{0} is the first folder below the source, {1} the second, {folder} all of them"
+                    raise Unsupported(
+                        f"`{word}` names a folder that {capture.name} does not have", "E250", False, hint
+                    ) from error
+        return words
+
+    def remaining(self, captures: Iterable[Capture]) -> list[Capture]:
+        """Those whose files, as listed, are not in the data set with these options."""
+        files, root = _file_system(self.out, self.storage_options)
+        folder = f"{root}/{SEEN}"
+        seen = {posixpath.basename(path) for path in files.find(folder)} if files.isdir(folder) else set()
+        return [capture for capture in captures if self._seen_name(capture) not in seen]
+
+    def _seen_name(self, capture: Capture) -> str:
+        """The name of its note in SEEN; empty where nobody knows whether the file changed."""
+        if not capture.version:
+            return ""
+        words = [capture.name, str(capture.size), capture.version, _inputs(tuple(self.options_for(capture)))]
+        return hashlib.blake2b("\n".join(words).encode(), digest_size=16).hexdigest()
+
+    def decode_again(self, capture: Capture) -> Outcome:
+        """Decodes a capture though the data set has it."""
+        return self._decode(capture, again=True)
+
+    def _decode(self, capture: Capture, again: bool = False) -> Outcome:
+        source, folder = _file_system(self.source, self.storage_options)
+        files, root = _file_system(self.out, self.storage_options)
+        with tempfile.TemporaryDirectory(prefix="polepair-") as scratch:
+            path = folder if source.isfile(folder) else f"{folder}/{capture.name}"
+            if not _is_local(source):
+                remote, path = path, os.path.join(scratch, posixpath.basename(capture.name))
+                source.get_file(remote, path)
+            blake3 = native.fingerprint(path)
+            note = f"{root}/{DONE}/{blake3}"
+            earlier = files.cat_file(note) if files.exists(note) else b""
+            made = os.path.join(scratch, "made")
+            if earlier and not again:
+                _write(os.path.join(made, DONE, blake3), earlier)
+            is_new, notes = native.decode_to_dataset(path, capture.name, made, self.options_for(capture))
+            if is_new:
+                parts = _parts(_read(os.path.join(made, DONE, blake3)))
+                for part in parts:
+                    _store(files, os.path.join(made, *part.split("/")), f"{root}/{part}")
+                for part in set(_parts(earlier)) - set(parts):
+                    files.rm_file(f"{root}/{part}")
+                _store(files, os.path.join(made, DONE, blake3), note)
+            if seen := self._seen_name(capture):
+                _write(os.path.join(scratch, "seen"), f"{capture.name}\n{blake3}\n".encode())
+                _store(files, os.path.join(scratch, "seen"), f"{root}/{SEEN}/{seen}")
+        return Outcome(capture, "decoded" if is_new else "present", notes=tuple(notes), content=blake3)
+
+
+def decode(
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    ray: str | None = None,
+    workers: int | None = None,
+    protocols: str | None = None,
+    profile: str | None = None,
+    format: str | None = None,
+    site: str | None = None,
+    gateway: str | None = None,
+    tables: Sequence[str] = (),
+    retries: int = 2,
+    storage_options: Mapping[str, Any] | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Report:
+    """Decodes a folder or bucket of captures to a partitioned data set of Parquet files.
+
+    Each capture's rows are in the data set exactly once. What it has already, decoded with the same options, is left
+    as it is; so the same call goes on after an interruption. A capture that fails is tried again `retries` times if
+    its files could not be read or written, and is named in the report.
+
+    `ray` is the address of a Ray cluster (`auto` for the one of this machine or job, `local` to start one here);
+    without it `workers` threads decode here (default: one for each core). On a cluster source and out have to be
+    reachable from each node. `protocols`, `profile`, `format`, `site`, `gateway` and `tables` are the options of
+    `polepair decode`; in site and gateway, `{0}` is the first folder of a capture below the source, `{1}` the second.
+    `storage_options` are fsspec's.
+
+    Errors: `FileNotFoundError` where there is no capture, `Unsupported` for options that do not hold.
+    """
+    words: list[str] = []
+    for option, value in (
+        ("--as", protocols),
+        ("--profile", profile),
+        ("--from", format),
+        ("--site", site),
+        ("--gateway", gateway),
+        ("--tables", ",".join(tables) or None),
+    ):
+        words += [] if value is None else [option, value]
+    native.decode_inputs(words)
+    job = Job(os.fspath(source), os.fspath(out), tuple(words), dict(storage_options or {}))
+    return _run(job, ray, workers or os.cpu_count() or 1, retries, progress)
+
+
+def _run(
+    job: Job, ray: str | None, workers: int, retries: int, progress: Callable[[Progress], None] | None
+) -> Report:
+    captures = job.captures()
+    outcomes: dict[str, Outcome] = {each.name: Outcome(each, "present") for each in captures}
+    left = job.remaining(captures)
+    done = set(outcomes) - {each.name for each in left}
+    of_size = sum(each.size for each in captures)
+
+    def tell() -> None:
+        if progress:
+            failed = sum(outcomes[name].state == "failed" for name in done)
+            size = sum(outcomes[name].capture.size for name in done)
+            progress(Progress(len(done), len(captures), size, of_size, failed))
+
+    tell()
+    cores, run = _on_threads(job, workers) if ray is None else _on_ray(job, ray)
+    for attempt in range(retries + 1):
+        # One that ends its worker must not take others with it again.
+        batches = job.batches(left, cores) if attempt == 0 else [[each] for each in left]
+        for batch in run(batches):
+            for outcome in batch:
+                outcomes[outcome.capture.name] = outcome
+                done.add(outcome.capture.name)
+            tell()
+        left = [each.capture for each in outcomes.values() if each.retry]
+        if not left:
+            break
+    _settle_copies(job, outcomes)
+    states = [each.state for each in outcomes.values()]
+    failed = tuple(sorted(each for each in outcomes.values() if each.state == "failed"))
+    notes = tuple((name, note) for name, each in sorted(outcomes.items()) for note in each.notes)
+    return Report(states.count("decoded"), states.count("present"), failed, notes)
+
+
+def _settle_copies(job: Job, outcomes: dict[str, Outcome]) -> None:
+    """Copies of one capture may have been decoded at once: its rows are called by the first name."""
+    copies: dict[str, list[Outcome]] = {}
+    for _, outcome in sorted(outcomes.items()):
+        if outcome.content:
+            copies.setdefault(outcome.content, []).append(outcome)
+    for first, *others in copies.values():
+        decoded = [other for other in others if other.state == "decoded"]
+        if decoded:
+            outcomes[first.capture.name] = job.decode_again(first.capture)
+        for other in decoded:
+            outcomes[other.capture.name] = other._replace(state="present", notes=())
+
+
+Runner = Callable[[list[list[Capture]]], Iterator[list[Outcome]]]
+"""Decodes batches, and gives what became of each as it ends."""
+
+
+def _lost(batch: Sequence[Capture], error: Exception) -> list[Outcome]:
+    reason = f"{type(error).__name__}: {error}".strip().splitlines()[0]
+    return [Outcome(capture, "failed", reason, retry=True) for capture in batch]
+
+
+def _on_threads(job: Job, workers: int) -> tuple[int, Runner]:
+    def run(batches: list[list[Capture]]) -> Iterator[list[Outcome]]:
+        pool = ThreadPoolExecutor(workers, thread_name_prefix="polepair-decode")
+        try:
+            for ended in as_completed([pool.submit(job.decode, batch) for batch in batches]):
+                yield ended.result()
+        finally:
+            # After Ctrl-C what is under way ends, and nothing else begins.
+            pool.shutdown(cancel_futures=True)
+
+    return workers, run
+
+
+def _on_ray(job: Job, address: str) -> tuple[int, Runner]:
+    ray = extra("ray", "ray")
+    if not ray.is_initialized():
+        ray.init(address=None if address == "local" else address, log_to_driver=False)
+    task = ray.remote(num_cpus=1, max_retries=RAY_RETRIES)(_decode_batch)
+
+    def run(batches: list[list[Capture]]) -> Iterator[list[Outcome]]:
+        waiting = list(reversed(batches))
+        pending: dict[Any, list[Capture]] = {}
+        try:
+            while waiting or pending:
+                while waiting and len(pending) < RAY_TASKS:
+                    batch = waiting.pop()
+                    pending[task.remote(job, batch)] = batch
+                ended, _ = ray.wait(list(pending), num_returns=1)
+                for each in ended:
+                    batch = pending.pop(each)
+                    try:
+                        yield ray.get(each)
+                    except ray.exceptions.RayError as error:
+                        yield _lost(batch, error)
+        finally:
+            for each in pending:
+                ray.cancel(each, force=True)
+
+    return int(ray.cluster_resources().get("CPU", 1)) or 1, run
+
+
+def _decode_batch(job: Job, batch: list[Capture]) -> list[Outcome]:
+    return job.decode(batch)
+
+
+def _file_system(url: str, options: Mapping[str, Any]) -> tuple[Any, str]:
+    """The file system of a URL or path, and the path in it."""
+    core = extra("fsspec.core", "polepair[fleet]")
+    files, root = core.url_to_fs(url, **(options if "://" in url else {}))
+    return files, str(root).rstrip("/")
+
+
+@functools.lru_cache(maxsize=4096)
+def _inputs(options: tuple[str, ...]) -> str:
+    return native.decode_inputs(list(options))
+
+
+def _is_local(files: Any) -> bool:
+    return "file" in ([files.protocol] if isinstance(files.protocol, str) else files.protocol)
+
+
+def _capture(name: str, info: Mapping[str, Any]) -> Capture:
+    versions = (str(info[key]) for key in VERSION_KEYS if info.get(key) is not None)
+    return Capture(name, int(info["size"] or 0), next(versions, ""))
+
+
+def _parts(note: bytes) -> list[str]:
+    """The parts that a note of DONE lists after its first line."""
+    return [part.replace("\\", "/") for part in note.decode().splitlines()[1:] if ".." not in part]
+
+
+def _read(path: str) -> bytes:
+    with open(path, "rb") as file:
+        return file.read()
+
+
+def _write(path: str, content: bytes) -> None:
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "wb") as file:
+        file.write(content)
+
+
+def _store(files: Any, local: str, target: str) -> None:
+    """Puts a file in its place in one step: readers see the old one or the whole new one."""
+    if not _is_local(files):
+        files.put_file(local, target)
+        return
+    folder, name = os.path.split(target)
+    os.makedirs(folder, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{name}.", delete=False) as temporary:
+        temporary.write(_read(local))
+    os.replace(temporary.name, target)
