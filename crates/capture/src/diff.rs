@@ -4,7 +4,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::session::InternedName;
-use crate::summary::{AxisKey, FrameKind, RequestSummary, Summary, ValueSummary, axis_label};
+use crate::summary::{
+    AxisKey, FrameKind, IndexedMap, RequestSummary, Summary, ValueSummary, axis_label,
+};
 use crate::text::{DurationText, NumberText};
 
 /// Frames of a kind, or requests, from which on rates and latencies are compared.
@@ -100,7 +102,7 @@ impl<'s> SummaryComparison<'s> {
         let key = |kind: &FrameKind| -> KindKey { (self.axis_key(kind.who), kind.kind, kind.id) };
         let maps = self.map_both(|s| s.kinds().into_iter().map(|k| (key(k), k)).collect());
         self.compare_maps(maps, |all, (who, kind, id), a, b| {
-            let missing = |map: &BTreeMap<AxisKey, crate::summary::AxisSummary>| {
+            let missing = |map: &IndexedMap<AxisKey, crate::summary::AxisSummary>| {
                 who.axis.is_some() && !map.keys().any(|known| all.axis_key(*known) == *who)
             };
             // Told already: the axis is missing.

@@ -6,6 +6,7 @@
 mod anomaly_log;
 mod axes;
 mod histogram;
+mod indexed_map;
 mod json;
 mod load;
 mod summary_text;
@@ -13,6 +14,7 @@ mod summary_text;
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
+use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate};
 use crate::decoder::DecodedFrame;
 use crate::session::{AnomalyKind, ExchangeOutcome, InternedName, SessionNotice, intern};
 use crate::timestamp::Timestamp;
@@ -20,6 +22,7 @@ use crate::timestamp::Timestamp;
 pub use anomaly_log::{AnomalyBurst, AnomalyLog};
 pub use axes::{AxisSummary, FaultSummary, RequestSummary, StateHistory, ValueSummary};
 pub use histogram::Histogram;
+pub use indexed_map::IndexedMap;
 pub use json::to_json;
 pub use load::BusLoad;
 pub use summary_text::{SummaryStyle, axis_label, render_text};
@@ -102,23 +105,25 @@ pub struct Summary {
     /// Frames that break their protocol, stray bytes counted as one each time.
     pub defective: u64,
     /// Links by name.
-    pub links: BTreeMap<InternedName, LinkSummary>,
+    pub links: IndexedMap<InternedName, LinkSummary>,
     /// Who was there.
-    pub axes: BTreeMap<AxisKey, AxisSummary>,
+    pub axes: IndexedMap<AxisKey, AxisSummary>,
     /// Frames by kind.
-    kinds: HashMap<u64, FrameKind>,
+    kinds: Vec<FrameKind>,
+    /// Numbers of kinds, by the hash of what tells them apart.
+    kind_numbers: HashMap<u64, usize>,
     /// Requests by what was asked of whom.
-    pub requests: BTreeMap<(AxisKey, InternedName), RequestSummary>,
+    pub requests: IndexedMap<(AxisKey, InternedName), RequestSummary>,
     /// Values by name.
-    pub values: BTreeMap<(AxisKey, InternedName), ValueSummary>,
+    pub values: IndexedMap<(AxisKey, InternedName), ValueSummary>,
     /// Faults by code.
-    pub faults: BTreeMap<(AxisKey, u32), FaultSummary>,
+    pub faults: IndexedMap<(AxisKey, u32), FaultSummary>,
     /// What was odd.
     pub anomalies: AnomalyLog,
     /// Notices that found no place: there were more different things than are told apart.
     pub dropped: u64,
-    /// The link that the last frame came on.
-    current_link: InternedName,
+    /// The link that the last frame came on, and its number.
+    current_link: (InternedName, usize),
 }
 
 /// Where a notice was told.
@@ -130,37 +135,143 @@ struct NoticeOrigin {
     time: Option<Timestamp>,
 }
 
+/// Where a frame counts.
+#[derive(Clone, Copy, Debug)]
+struct FramePlace {
+    link: usize,
+    axis: Option<usize>,
+    kind: Option<usize>,
+}
+
+/// Where the frames of a template count.
+#[derive(Debug)]
+struct TemplatePlace {
+    frame: FramePlace,
+    protocol: InternedName,
+    frames: u64,
+    /// Of each value of process data; `None` where there is no room for it.
+    values: Vec<Option<usize>>,
+}
+
 impl Summary {
     /// Takes a frame, and what its conversation tells.
     pub fn add_frame(&mut self, event: &DecodedFrame<'_>) {
-        self.frames += 1;
+        let place = self.place_frame(event);
         self.defective += u64::from(event.defect.is_some());
-        if let Some(time) = event.time {
-            let (first, last) = self.span.get_or_insert((time, time));
-            (*first, *last) = ((*first).min(time), (*last).max(time));
-        }
-        if self.current_link != event.link {
-            self.current_link = intern(event.link);
-        }
-        let link = self.links.entry(self.current_link).or_default();
-        link.frames += 1;
-        link.bytes += event.bytes.len() as u64;
+        let (protocol, link) = (event.protocol, self.links.value_mut(place.link));
         link.can |= event.id.is_some();
-        link.load.add_frame(event);
-        *link.protocols.entry(event.protocol.unwrap_or("?")).or_default() += 1;
-        let protocol = event.protocol.unwrap_or("");
+        *link.protocols.entry(protocol.unwrap_or("?")).or_default() += 1;
+        let (bytes, bits) = (event.bytes.len(), load::frame_bits(event));
+        self.count_frame(place, event.time, bytes, (bits, event.id.is_some()));
+        let (protocol, link) = (protocol.unwrap_or(""), self.current_link.0);
+        let origin = NoticeOrigin { link, protocol, number: event.number, time: event.time };
+        event.notices.iter().for_each(|notice| self.add_notice(notice, origin));
+    }
+
+    /// Takes the frames of a batch, as [`add_frame`](Self::add_frame) does one by one.
+    pub fn add_batch(&mut self, batch: &FrameBatch) {
+        let mut places: Vec<Option<TemplatePlace>> = Vec::new();
+        places.resize_with(batch.templates().len(), || None);
+        for run in batch.runs() {
+            match run {
+                FrameRun::Compact(frames) => {
+                    for frame in frames {
+                        let number = usize::from(frame.template);
+                        let template = &batch.templates()[number];
+                        let place = &mut places[number];
+                        let place =
+                            place.get_or_insert_with(|| self.place_template(template, frame));
+                        self.add_compact(template, frame, place);
+                    }
+                }
+                FrameRun::Stored(at) => batch.with_stored(at, |event| self.add_frame(event)),
+            }
+        }
+        for place in places.into_iter().flatten() {
+            let link = self.links.value_mut(place.frame.link);
+            link.can = true;
+            *link.protocols.entry(place.protocol).or_default() += place.frames;
+        }
+    }
+
+    /// Where the frames of a template count; it is the same for all of them.
+    fn place_template(&mut self, template: &FrameTemplate, frame: &CompactFrame) -> TemplatePlace {
+        let mut place = FramePlace { link: 0, axis: None, kind: None };
+        template.expand(frame, &mut |event| place = self.place_frame(event));
+        let (link, protocol) = (self.current_link.0, template.protocol);
+        let mut values = Vec::new();
+        if let Some(process) = template.process_data() {
+            let who = AxisKey { link, protocol, axis: Some(process.axis()) };
+            let mapped = process.mapping().mapped_values().iter();
+            values.extend(mapped.map(|mapped| self.values.number((who, mapped.name), VALUES_MAX)));
+        }
+        TemplatePlace { frame: place, protocol, frames: 0, values }
+    }
+
+    fn add_compact(
+        &mut self,
+        template: &FrameTemplate,
+        frame: &CompactFrame,
+        place: &mut TemplatePlace,
+    ) {
+        place.frames += 1;
+        let (bits, bytes) = (load::compact_bits(template, frame), template.len.into());
+        self.count_frame(place.frame, Some(frame.time), bytes, (bits, true));
+        let Some(process) = template.process_data() else { return };
+        let (quality, mut at) = (process.quality(), 0);
+        process.mapping().for_each_signal(frame.data, |mapped, exact, value| {
+            match place.values[at] {
+                Some(number) => {
+                    let values = self.values.value_mut(number);
+                    values.add(value, Some(exact), mapped.unit, quality);
+                }
+                None => self.dropped += 1,
+            }
+            at += 1;
+        });
+    }
+
+    /// Where a frame counts. Its link is the current one from now on.
+    fn place_frame(&mut self, event: &DecodedFrame<'_>) -> FramePlace {
+        if self.current_link.0 != event.link || self.links.is_empty() {
+            let name = intern(event.link);
+            self.current_link = (name, self.links.number(name, usize::MAX).unwrap_or_default());
+        }
+        let (link, number) = self.current_link;
         // What stands where an address should be in a damaged serial frame is nobody.
         let damaged = event.id.is_none() && event.defect.is_some();
         let axis = event.explanation.axis.filter(|_| !damaged);
-        let who = AxisKey { link: self.current_link, protocol, axis };
-        self.count_frame(who, event);
-        let origin = NoticeOrigin {
-            link: self.current_link,
-            protocol,
-            number: event.number,
-            time: event.time,
-        };
-        event.notices.iter().for_each(|notice| self.add_notice(notice, origin));
+        let who = AxisKey { link, protocol: event.protocol.unwrap_or(""), axis };
+        let axis = axis.and_then(|_| self.axes.number(who, AXES_MAX));
+        FramePlace { link: number, axis, kind: self.kind_number(who, event) }
+    }
+
+    #[inline]
+    fn count_frame(
+        &mut self,
+        place: FramePlace,
+        time: Option<Timestamp>,
+        bytes: usize,
+        (bits, is_can): (u64, bool),
+    ) {
+        self.frames += 1;
+        if let Some(time) = time {
+            let (first, last) = self.span.get_or_insert((time, time));
+            (*first, *last) = ((*first).min(time), (*last).max(time));
+        }
+        let link = self.links.value_mut(place.link);
+        link.frames += 1;
+        link.bytes += bytes as u64;
+        link.load.add_frame(time, bits, is_can);
+        if let Some(axis) = place.axis {
+            self.axes.value_mut(axis).add_frame(time);
+        }
+        let Some(kind) = place.kind.map(|kind| &mut self.kinds[kind]) else { return };
+        kind.count += 1;
+        if let (Some(last), Some(time)) = (kind.last, time) {
+            kind.gaps.add(time.since(last));
+        }
+        kind.last = time.or(kind.last);
     }
 
     /// Takes what conversations leave open, which is no frame.
@@ -173,7 +284,7 @@ impl Summary {
     /// Kinds of frames, in order.
     #[must_use]
     pub fn kinds(&self) -> Vec<&FrameKind> {
-        let mut kinds: Vec<&FrameKind> = self.kinds.values().collect();
+        let mut kinds: Vec<&FrameKind> = self.kinds.iter().collect();
         kinds.sort_by_key(|kind| (kind.who, kind.id, kind.kind));
         kinds
     }
@@ -190,31 +301,27 @@ impl Summary {
         self.span.map_or(0, |(first, last)| last.since(first))
     }
 
-    fn count_frame(&mut self, who: AxisKey, event: &DecodedFrame<'_>) {
-        if who.axis.is_some() && (self.axes.len() < AXES_MAX || self.axes.contains_key(&who)) {
-            self.axes.entry(who).or_default().add_frame(event);
-        }
+    fn kind_number(&mut self, who: AxisKey, event: &DecodedFrame<'_>) -> Option<usize> {
         let mut key = DefaultHasher::new();
         let direction = event.direction.map(|direction| direction as u8);
         (who.link, event.id, event.extended, direction, who.axis).hash(&mut key);
         event.explanation.kind.hash(&mut key);
-        let (key, full) = (key.finish(), self.kinds.len() == KINDS_MAX);
-        if full && !self.kinds.contains_key(&key) {
-            return;
+        let key = key.finish();
+        if let Some(number) = self.kind_numbers.get(&key) {
+            return Some(*number);
         }
-        let kind = self.kinds.entry(key).or_insert_with(|| FrameKind {
-            who,
-            kind: intern(&event.explanation.kind),
-            id: event.id.map(|id| (id, event.extended)),
-            count: 0,
-            gaps: Histogram::default(),
-            last: None,
-        });
-        kind.count += 1;
-        if let (Some(last), Some(time)) = (kind.last, event.time) {
-            kind.gaps.add(time.since(last));
-        }
-        kind.last = event.time.or(kind.last);
+        (self.kinds.len() < KINDS_MAX).then(|| {
+            self.kinds.push(FrameKind {
+                who,
+                kind: intern(&event.explanation.kind),
+                id: event.id.map(|id| (id, event.extended)),
+                count: 0,
+                gaps: Histogram::default(),
+                last: None,
+            });
+            self.kind_numbers.insert(key, self.kinds.len() - 1);
+            self.kinds.len() - 1
+        })
     }
 
     fn add_notice(&mut self, notice: &SessionNotice, origin: NoticeOrigin) {
@@ -222,23 +329,23 @@ impl Summary {
         let who = AxisKey { link, protocol, axis: notice.axis() };
         match notice {
             SessionNotice::Signal(signal) => {
-                let values = bounded_entry(&mut self.values, (who, signal.name), VALUES_MAX);
+                let values = self.values.entry((who, signal.name), VALUES_MAX);
                 let Some(values) = values else { return self.dropped += 1 };
-                values.add(signal);
+                values.add(signal.value, signal.exact, signal.unit, signal.quality);
             }
             SessionNotice::Exchange(exchange) => {
-                let requests = bounded_entry(&mut self.requests, (who, exchange.op), REQUESTS_MAX);
+                let requests = self.requests.entry((who, exchange.op), REQUESTS_MAX);
                 let Some(requests) = requests else { return self.dropped += 1 };
                 requests.add(exchange, number);
             }
             SessionNotice::Change(change) => {
-                let Some(axis) = bounded_entry(&mut self.axes, who, AXES_MAX) else {
+                let Some(axis) = self.axes.entry(who, AXES_MAX) else {
                     return self.dropped += 1;
                 };
                 axis.add_change(change, time);
             }
             SessionNotice::Fault(fault) => {
-                let seen = bounded_entry(&mut self.faults, (who, fault.code), FAULTS_MAX);
+                let seen = self.faults.entry((who, fault.code), FAULTS_MAX);
                 let Some(seen) = seen else { return self.dropped += 1 };
                 seen.add(fault, number, time);
                 if !fault.gone {
@@ -260,16 +367,6 @@ impl Summary {
         let NoticeOrigin { number, time, .. } = origin;
         self.anomalies.add(AnomalyBurst { kind, who, number, time, last: time, count: 1, text });
     }
-}
-
-/// The entry of a key, unless there is no room for another.
-fn bounded_entry<K: Ord, V: Default>(
-    map: &mut BTreeMap<K, V>,
-    key: K,
-    max: usize,
-) -> Option<&mut V> {
-    let full = map.len() >= max && !map.contains_key(&key);
-    (!full).then(|| map.entry(key).or_default())
 }
 
 /// All ways in which a request ends, the good one first.

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use polepair_capture::summary::Summary;
-use polepair_capture::{CaptureDecoder, ReadOptions};
+use polepair_capture::{CaptureDecoder, FrameBatch, ReadOptions};
 use work::{columns, log, parse, stated, text, text_by};
 
 const FRAMES: usize = 100_000;
@@ -27,9 +27,13 @@ fn detecting(log: &Arc<[u8]>) -> CaptureDecoder {
 /// Summarises a log.
 fn summary(log: &str, decoder: CaptureDecoder) -> u64 {
     let (mut summary, mut decoder) = (Summary::default(), decoder.without_text());
-    let add = &mut |event: &polepair_capture::DecodedFrame<'_>| summary.add_frame(event);
-    log.as_bytes().chunks(PIECE).for_each(|piece| decoder.feed(piece, add));
-    decoder.finish(add);
+    let mut batch = FrameBatch::default();
+    for piece in log.as_bytes().chunks(PIECE) {
+        decoder.decode_batch(piece, &mut batch, &mut |batch| summary.add_batch(batch));
+        summary.add_batch(&batch);
+    }
+    decoder.finish_batch(&mut batch, &mut |batch| summary.add_batch(batch));
+    summary.add_batch(&batch);
     summary.frames
 }
 

@@ -138,8 +138,7 @@ impl ProtocolTracker for CanopenTracker {
         if self.is_from_master(service) {
             self.last_command = observed.time.max(self.last_command);
         }
-        if observed.deferred && !matches!(service, Service::Pdo(_)) && !explanation.is_values_only()
-        {
+        if observed.deferred && !matches!(service, Service::Pdo(_)) {
             annotate::explain_as_default(bytes, observed.raw.id, self.profile, explanation);
         }
         match service {

@@ -1,9 +1,8 @@
 //! Activity of one axis: states, requests, values, faults.
 
 use super::{Histogram, OUTCOMES};
-use crate::decoder::DecodedFrame;
 use crate::session::{
-    ChangeNotice, ExchangeNotice, ExchangeOutcome, FaultNotice, InternedName, Quality, SignalNotice,
+    ChangeNotice, ExchangeNotice, ExchangeOutcome, FaultNotice, InternedName, Quality,
 };
 use crate::timestamp::Timestamp;
 
@@ -39,9 +38,9 @@ pub struct StateHistory {
 }
 
 impl AxisSummary {
-    pub(super) fn add_frame(&mut self, event: &DecodedFrame<'_>) {
+    pub(super) fn add_frame(&mut self, time: Option<Timestamp>) {
         self.frames += 1;
-        if let Some(time) = event.time {
+        if let Some(time) = time {
             self.span.get_or_insert((time, time)).1 = time;
         }
     }
@@ -154,12 +153,18 @@ pub struct ValueSummary {
 }
 
 impl ValueSummary {
-    pub(super) fn add(&mut self, signal: &SignalNotice) {
+    pub(super) fn add(
+        &mut self,
+        value: f64,
+        exact: Option<i64>,
+        unit: InternedName,
+        quality: Quality,
+    ) {
         self.count += 1;
-        let (min, max) = self.range.unwrap_or((signal.value, signal.value));
-        self.range = Some((min.min(signal.value), max.max(signal.value)));
-        (self.last, self.exact, self.unit) = (signal.value, signal.exact, signal.unit);
-        self.quality = self.quality.max(Some(signal.quality));
+        let (min, max) = self.range.unwrap_or((value, value));
+        self.range = Some((min.min(value), max.max(value)));
+        (self.last, self.exact, self.unit) = (value, exact, unit);
+        self.quality = self.quality.max(Some(quality));
     }
 }
 

@@ -2,6 +2,7 @@
 
 use polepair_core::medium::{Frame, bits};
 
+use crate::batch::{CompactFrame, FrameTemplate};
 use crate::decoder::DecodedFrame;
 use crate::timestamp::Timestamp;
 
@@ -33,15 +34,12 @@ pub struct BusLoad {
 }
 
 impl BusLoad {
-    /// Takes a frame.
-    pub fn add_frame(&mut self, event: &DecodedFrame<'_>) {
-        let bits = match event.id {
-            None => event.bytes.len() as u64 * BITS_PER_BYTE,
-            Some(id) => frame_bits(event, id),
-        };
+    /// Takes a frame of so many bits.
+    #[inline]
+    pub(super) fn add_frame(&mut self, time: Option<Timestamp>, bits: u64, is_can: bool) {
         self.bits += bits;
-        let Some(time) = event.time else { return };
-        if event.id.is_some() {
+        let Some(time) = time else { return };
+        if is_can {
             self.compare_rates(time, bits);
         }
         let (since, sum) = self.window.get_or_insert((time, 0));
@@ -56,11 +54,13 @@ impl BusLoad {
     fn compare_rates(&mut self, time: Timestamp, bits: u64) {
         let Some(last) = self.last.replace(time) else { return };
         self.frames += 1;
-        let gap = time.since(last).max(1) as f64;
+        // Bits that a rate of 1 Gbit/s has room for, and as many as one below each rate needs.
+        let (gap, min) = (time.since(last).max(1) as f64, bits as f64 * 1e9);
+        let (early, late) = (min * 0.96, min * 1.04);
         for (at, rate) in RATES.into_iter().enumerate() {
-            let min = bits as f64 * 1e9 / f64::from(rate);
-            self.above_rate[at] += u64::from(gap < min * 0.96);
-            self.at_rate[at] += u64::from((0.96..1.04).contains(&(gap / min)));
+            let passed = gap * f64::from(rate);
+            self.above_rate[at] += u64::from(passed < early);
+            self.at_rate[at] += u64::from(passed >= early && passed < late);
         }
     }
 
@@ -86,7 +86,9 @@ impl BusLoad {
     }
 }
 
-fn frame_bits(event: &DecodedFrame<'_>, id: u32) -> u64 {
+/// Bits that a frame takes on its wire.
+pub(super) fn frame_bits(event: &DecodedFrame<'_>) -> u64 {
+    let Some(id) = event.id else { return event.bytes.len() as u64 * BITS_PER_BYTE };
     let DecodedFrame { bytes, extended, remote, .. } = *event;
     let mut data = [0; 8];
     // A longer frame is one of CAN FD, whose data go at a rate of their own: not counted.
@@ -94,4 +96,11 @@ fn frame_bits(event: &DecodedFrame<'_>, id: u32) -> u64 {
     data[..len].copy_from_slice(&bytes[..len]);
     let id = id & 0x1FFF_FFFF;
     bits::wire_bits(&Frame { id, extended, remote, len: len as u8, data }).into()
+}
+
+/// The same of a frame that changes nothing.
+pub(super) fn compact_bits(template: &FrameTemplate, frame: &CompactFrame) -> u64 {
+    let FrameTemplate { id, len, .. } = *template;
+    let data = frame.data.to_le_bytes();
+    bits::wire_bits(&Frame { id, extended: false, remote: false, len, data }).into()
 }

@@ -97,7 +97,7 @@ impl SummaryWriter {
     fn write_links(&mut self, summary: &Summary, manner: &SummaryStyle) {
         let seconds = summary.length_ns() as f64 / 1e9;
         let mut rows = vec![row(["links", "frames", "per s", "load", "peak", "bit rate", ""])];
-        for (name, link) in &summary.links {
+        for (name, link) in summary.links.iter() {
             let rate = manner.rate(name, link);
             let mean = link.load.bits() as f64 / seconds.max(1e-9);
             let share = |bits: f64| match rate {
@@ -131,7 +131,7 @@ impl SummaryWriter {
         let widest = summary.axes.keys().map(|who| axis_label(*who).chars().count()).max();
         let Some(width) = widest else { return };
         self.write_heading(&format!("{:<1$}  {2:>8}", "who", width + 2, "frames"));
-        for (who, axis) in &summary.axes {
+        for (who, axis) in summary.axes.iter() {
             let (steady, changing): (Vec<_>, Vec<_>) =
                 axis.states.iter().partition(|(_, states)| states.count <= 1);
             let mut parts = product_text(summary, *who, manner.product(*who, axis));
@@ -218,7 +218,7 @@ impl SummaryWriter {
             return;
         }
         self.write_heading("faults");
-        for ((who, code), fault) in &summary.faults {
+        for ((who, code), fault) in summary.faults.iter() {
             let (number, time) = fault.first.unwrap_or_default();
             let at = self.position_text(summary, time, number);
             let times =

@@ -1,5 +1,7 @@
 //! Summaries of made captures.
 
+use core::fmt::Write as _;
+
 use super::summary_text::{SummaryStyle, render_text};
 use super::{AxisKey, BusLoad, Summary, json};
 use crate::fixtures::{BEGIN_NS, FixtureCapture, anomaly, change, exchange, fault, signal};
@@ -120,7 +122,6 @@ fn memory_is_bounded_by_what_differs() {
 
 /// Frames back to back at a bit rate: so many of eight bytes, then silence.
 fn bus(rate: u64, frames: u64) -> BusLoad {
-    use std::fmt::Write as _;
     let (mut load, mut time, mut capture) = (BusLoad::default(), BEGIN_NS, String::new());
     for n in 0..frames {
         let data = n.wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -136,8 +137,9 @@ fn bus(rate: u64, frames: u64) -> BusLoad {
         let (seconds, us) = (time / 1_000_000_000, time % 1_000_000_000 / 1000);
         let _ = writeln!(capture, "({seconds}.{us:06}) can0 181#{data:016X}");
     }
-    CaptureDecoder::new(Rules::default())
-        .feed(capture.as_bytes(), &mut |event| load.add_frame(event));
+    CaptureDecoder::new(Rules::default()).feed(capture.as_bytes(), &mut |event| {
+        load.add_frame(event.time, super::load::frame_bits(event), true);
+    });
     load
 }
 
@@ -160,8 +162,90 @@ fn the_load_has_a_mean_and_a_peak() {
         let frames = if (500..600).contains(&ms) { 10 } else { 1 };
         (0..frames).for_each(|n| made.next_frame(ms * 1000 + n * 100, (2, "TPDO1"), &[], take));
     }
-    let load = &summary.links["can0"].load;
+    let load = &summary.links[&"can0"].load;
     let each = load.bits() as f64 / 1900.0;
     let peak = load.peak_per_s(summary.length_ns());
     assert!((peak - each * 10_000.0).abs() < each * 200.0, "{peak}");
+}
+
+/// Two nodes whose mappings stand at the head, process data that change states or nothing, reads of
+/// objects, heartbeats, a lost answer, an emergency.
+fn canopen_log() -> String {
+    let (mut log, mut us) = (String::new(), 1_700_000_000_000_000_u64);
+    let mut line = |id: u32, data: &[u8]| {
+        us += 130 + u64::from(id % 7) + u64::from(data.iter().fold(0_u8, |sum, byte| sum ^ byte));
+        let _ = write!(log, "({}.{:06}) can{} {id:03X}#", us / 1_000_000, us % 1_000_000, id % 2);
+        data.iter().for_each(|byte| _ = write!(log, "{byte:02X}"));
+        log.push('\n');
+    };
+    for node in [2, 4, 5] {
+        for (index, entries) in [
+            (0x1600_u16, &[0x6040_0010_u32, 0x607A_0020][..]),
+            (0x1A00, &[0x6041_0010, 0x6064_0020]),
+            (0x1A01, &[0x606C_0020, 0x6077_0010]),
+        ] {
+            let [low, high] = index.to_le_bytes();
+            let mut write = |sub: u8, raw: u32, command: u8| {
+                let [a, b, c, d] = raw.to_le_bytes();
+                line(0x600 + node, &[command, low, high, sub, a, b, c, d]);
+                line(0x580 + node, &[0x60, low, high, sub, 0, 0, 0, 0]);
+            };
+            write(0, 0, 0x2F);
+            (1..).zip(entries).for_each(|(sub, entry)| write(sub, *entry, 0x23));
+            write(0, entries.len() as u32, 0x2F);
+        }
+    }
+    for cycle in 0..400_u32 {
+        line(0x80, &[]);
+        for node in [2, 4, 5] {
+            let [a, b, c, d] = (cycle * 37 + node).to_le_bytes();
+            line(0x200 + node, &[0x0F, 0, a, b, c, d]);
+            line(0x180 + node, &[if cycle % 90 == 7 { 0x31 } else { 0x37 }, 0x16, a, b, c, d]);
+            line(0x280 + node, &[a, 0, 0, 0, b, 0]);
+            if cycle % 50 == node {
+                line(0x700 + node, &[5]);
+            }
+        }
+        line(0x602, &[0x40, 0x64, 0x60, 0, 0, 0, 0, 0]);
+        if cycle % 100 != 60 {
+            line(0x582, &[0x43, 0x64, 0x60, 0, cycle as u8, 2, 3, 4]);
+        }
+        if cycle == 222 {
+            line(0x84, &[0x10, 0x43, 8, 0, 0, 0, 0, 0]);
+        }
+    }
+    log
+}
+
+#[test]
+fn a_summary_of_batches_is_that_of_their_frames() {
+    let examples = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples");
+    let read = |path: std::path::PathBuf| std::fs::read_to_string(path).unwrap();
+    let files = std::fs::read_dir(examples).unwrap().map(|entry| entry.unwrap().path());
+    let logs = files.filter(|path| path.extension().is_some_and(|end| end == "log")).map(read);
+    let mut compact = 0;
+    for log in logs.chain([canopen_log()]) {
+        let decoder = || {
+            let source = std::io::Cursor::new(log.clone().into_bytes());
+            CaptureDecoder::detect(Box::new(source), crate::ReadOptions::default()).unwrap()
+        };
+        let (mut frames, mut one) = (Summary::default(), decoder());
+        let mut add = |event: &crate::DecodedFrame<'_>| frames.add_frame(event);
+        one.feed(log.as_bytes(), &mut add);
+        one.finish(&mut add);
+        let (mut batches, mut other) = (Summary::default(), decoder().without_text());
+        let mut batch = crate::FrameBatch::default();
+        for piece in log.as_bytes().chunks(30_000) {
+            other.decode_batch(piece, &mut batch, &mut |batch| batches.add_batch(batch));
+            let runs = batch.runs().filter(|run| matches!(run, crate::FrameRun::Compact(_)));
+            compact += runs.count();
+            batches.add_batch(&batch);
+        }
+        other.finish_batch(&mut batch, &mut |batch| batches.add_batch(batch));
+        batches.add_batch(&batch);
+        let style = SummaryStyle::default();
+        assert_eq!(json::to_json(&batches, &style), json::to_json(&frames, &style));
+        assert_eq!(render_text(&batches, &style), render_text(&frames, &style));
+    }
+    assert!(compact > 100, "{compact} runs of frames that change nothing");
 }

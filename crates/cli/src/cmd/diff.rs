@@ -7,7 +7,7 @@ use polepair_capture::diff::{Difference, diff};
 use polepair_capture::jsonl;
 use polepair_capture::summary::Summary;
 
-use super::summary::SummarySink;
+use super::summary::summarize;
 use crate::capture::{CaptureArgs, report_left_out};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput, TextTable, print_note};
@@ -79,9 +79,9 @@ impl DiffOptions {
     }
 
     fn summarize(&self, path: &Path) -> Result<Summary> {
-        let mut gathered = SummarySink::default();
-        report_left_out(&self.stated.source()?.decode(path, &mut gathered)?)?;
-        Ok(gathered.summary)
+        let (summary, decoder) = summarize(self.stated.source()?, path)?;
+        report_left_out(&decoder)?;
+        Ok(summary)
     }
 }
 

@@ -1,12 +1,13 @@
 //! `polepair summary FILE|- [--as PROTO[@ID],…] [--from FORMAT] [--format text|json]`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use polepair_capture::DecodedFrame;
+use polepair_capture::parallel::BatchConsumer;
 use polepair_capture::summary::{Summary, SummaryStyle, render_text, to_json};
+use polepair_capture::{CaptureDecoder, DecodedFrame, FrameBatch};
 
-use crate::capture::{CaptureArgs, EventSink, report_left_out};
+use crate::capture::{CaptureArgs, CaptureSource, EventSink, report_left_out};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput};
 
@@ -59,26 +60,41 @@ impl SummaryOptions {
             rates: self.bitrate.as_deref().map_or(Ok(Vec::new()), parse_rates)?,
             product: source.profile,
         };
-        let mut gathered = SummarySink::default();
-        let decoder = source.decode(&self.source, &mut gathered)?;
+        let (summary, decoder) = summarize(source, &self.source)?;
         report_left_out(&decoder)?;
         let mut out = DataOutput::to_path(self.out.as_deref())?;
         match self.format {
-            SummaryFormat::Text => {
-                out.buffer().extend(render_text(&gathered.summary, &manner).bytes())
-            }
-            SummaryFormat::Json => out.write_line(&to_json(&gathered.summary, &manner).to_string()),
+            SummaryFormat::Text => out.buffer().extend(render_text(&summary, &manner).bytes()),
+            SummaryFormat::Json => out.write_line(&to_json(&summary, &manner).to_string()),
         }
         out.flush()?;
-        Ok(if gathered.summary.is_clean() { Exit::Ok } else { Exit::Negative })
+        Ok(if summary.is_clean() { Exit::Ok } else { Exit::Negative })
     }
+}
+
+/// Summarises a capture.
+pub fn summarize(source: CaptureSource, path: &Path) -> Result<(Summary, CaptureDecoder)> {
+    let (source, mut sink) = (source.without_words(), SummarySink::default());
+    if path.as_os_str() == "-" {
+        let decoder = source.decode(path, &mut sink)?;
+        return Ok((sink.summary, decoder));
+    }
+    let sinks = core::slice::from_mut(&mut sink);
+    let mut decoder = source.decode_parallel(path, sinks, &mut |_| Ok(()))?;
+    decoder.finish_sessions(&mut |event| sink.handle_final(event));
+    Ok((sink.summary, decoder))
 }
 
 /// A summary that is being made.
 #[derive(Default)]
-pub struct SummarySink {
-    /// What was told so far.
-    pub summary: Summary,
+struct SummarySink {
+    summary: Summary,
+}
+
+impl BatchConsumer for SummarySink {
+    fn consume(&mut self, batch: &FrameBatch) {
+        self.summary.add_batch(batch);
+    }
 }
 
 impl EventSink for SummarySink {

@@ -138,7 +138,9 @@ pub(super) fn explain_process_data(
     explanation: &mut Explanation,
 ) {
     if explanation.is_values_only() {
-        (explanation.error, explanation.axis) = (None, Some(pdo.node.into()));
+        explanation.clear();
+        explanation.axis(pdo.node.into());
+        let _ = write!(explanation.kind, "{}", pdo.name());
         return;
     }
     explanation.clear();

@@ -184,7 +184,7 @@ impl Pdo {
     }
 
     fn new_process_data(&self, mapping: Option<Mapping>) -> Option<Arc<ProcessData>> {
-        Some(Arc::new(ProcessData::new(self.node, self.from_node, mapping?)))
+        Some(Arc::new(ProcessData::new(self.node, self.name(), mapping?)))
     }
 
     /// Its entries, of the capture where that has them, else as the profile says they are at first.
@@ -239,9 +239,9 @@ impl Pdo {
 }
 
 /// The name of a PDO.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct PdoName {
-    from_node: bool,
+    pub from_node: bool,
     number: u16,
 }
 

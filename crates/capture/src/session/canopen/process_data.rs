@@ -1,12 +1,14 @@
 //! Decoded frames of one PDO. They depend on their bytes only, so lines or columns can be written later, on
 //! another thread.
 
+use core::fmt::Write as _;
 use std::sync::Arc;
 
 use polepair_core::explain::ExplainSink as _;
 use polepair_core::profile::Profile;
 
 use super::mapping::{MappedValue, Mapping};
+use super::pdo::PdoName;
 use super::power::PowerMonitor;
 use super::process_text::ProcessText;
 use crate::explanation::Explanation;
@@ -16,6 +18,7 @@ use crate::session::{Quality, SessionNotice, SignalNotice};
 #[derive(Clone, Debug)]
 pub struct ProcessData {
     node: u8,
+    name: PdoName,
     mapping: Mapping,
     /// The node tells its states by values of it.
     from_node: bool,
@@ -25,10 +28,11 @@ pub struct ProcessData {
 }
 
 impl ProcessData {
-    pub(super) fn new(node: u8, from_node: bool, mapping: Mapping) -> Self {
+    pub(super) fn new(node: u8, name: PdoName, mapping: Mapping) -> Self {
+        let from_node = name.from_node;
         let watches = |mapped: &&MappedValue| from_node && mapped.tells_state();
         let state_values = mapping.mapped_values().iter().filter(watches).copied().collect();
-        Self { node, mapping, from_node, state_values, text: None }
+        Self { node, name, mapping, from_node, state_values, text: None }
     }
 
     /// Whose they are.
@@ -86,8 +90,9 @@ impl ProcessData {
     /// Says what bytes are.
     pub(crate) fn explain(&self, bytes: &[u8], explanation: &mut Explanation) {
         explanation.axis(self.axis());
-        if let Some(wording) = &self.text {
-            wording.explain(&self.mapping, bytes, explanation);
+        match &self.text {
+            Some(wording) => wording.explain(&self.mapping, bytes, explanation),
+            None => _ = write!(explanation.kind, "{}", self.name),
         }
     }
 
