@@ -23,7 +23,7 @@ pub fn arbitration_key(frame: &Frame) -> u64 {
 /// Bits from start of frame to the end of the interframe space, stuff bits counted (ISO 11898-1).
 #[must_use]
 pub fn wire_bits(frame: &Frame) -> u32 {
-    let (bits, count) = FrameBits::from_frame(frame);
+    let (bits, count) = bits_with_crc(frame);
     stuffed_len(bits, count) + TAIL_BITS + INTERFRAME_BITS
 }
 
@@ -53,7 +53,7 @@ const fn bits_before_crc(extended: bool, bytes: u32) -> u32 {
 /// Bits from start of frame to the first in which two frames differ.
 #[must_use]
 pub fn bits_until_difference(one: &Frame, other: &Frame) -> u32 {
-    let ((one, len), (other, _)) = (FrameBits::from_frame(one), FrameBits::from_frame(other));
+    let ((one, len), (other, _)) = (bits_with_crc(one), bits_with_crc(other));
     let same = (one ^ other).leading_zeros();
     stuffed_len(one, len.min(same + 1))
 }
@@ -74,46 +74,29 @@ fn stuffed_len(bits: u128, count: u32) -> u32 {
     }
 }
 
-/// The bits of a frame from its start to its CRC.
-#[derive(Default)]
-struct FrameBits {
-    bits: u128,
-    count: u32,
+/// The bits of a frame from its start to its CRC, the first on top, and how many there are.
+fn bits_with_crc(frame: &Frame) -> (u128, u32) {
+    let bytes = if frame.remote { 0 } else { frame.bytes().len() as u32 };
+    let data = u64::from_be_bytes(frame.data).unbounded_shr(64 - 8 * bytes);
+    let tail = u64::from(frame.remote) << 6 | u64::from(frame.len & 0xF);
+    let head = if frame.extended {
+        let (base, rest) = (u64::from(frame.id >> 18 & 0x7FF), u64::from(frame.id & 0x3_FFFF));
+        base << 27 | 0b11 << 25 | rest << 7 | tail
+    } else {
+        u64::from(frame.id & 0x7FF) << 7 | tail
+    };
+    let count = bits_before_crc(frame.extended, bytes);
+    let bits = u128::from(head) << (8 * bytes) | u128::from(data);
+    let bits = bits << CRC_BITS | u128::from(crc15(bits, count));
+    (bits << (128 - count - CRC_BITS), count + CRC_BITS)
 }
 
-impl FrameBits {
-    /// The first bit on top, and how many there are.
-    fn from_frame(frame: &Frame) -> (u128, u32) {
-        let mut bits = Self::default();
-        bits.push(0, 1);
-        if frame.extended {
-            bits.push(frame.id >> 18, 11);
-            bits.push(0b11, 2);
-            bits.push(frame.id, 18);
-        } else {
-            bits.push(frame.id, 11);
-        }
-        bits.push(u32::from(frame.remote), 1);
-        bits.push(0, 2);
-        bits.push(u32::from(frame.len), 4);
-        if !frame.remote {
-            frame.bytes().iter().for_each(|&byte| bits.push(u32::from(byte), 8));
-        }
-        bits.push(crc15(bits.bits).into(), 15);
-        (bits.bits << (128 - bits.count), bits.count)
-    }
-
-    fn push(&mut self, value: u32, width: u32) {
-        self.bits = self.bits << width | u128::from(value & ((1 << width) - 1));
-        self.count += width;
-    }
-}
-
-/// The CRC-15 of `bits`. Leading zeros do not count.
-fn crc15(bits: u128) -> u16 {
+/// The CRC-15 of the last `count` of `bits`.
+fn crc15(bits: u128, count: u32) -> u16 {
     let bytes = bits.to_be_bytes();
     let step = |crc: u16, byte: &u8| crc << 8 ^ CRC_TABLE[usize::from((crc >> 7) as u8 ^ byte)];
-    bytes.iter().fold(0, step) & 0x7FFF
+    // Leading zeros do not count.
+    bytes[16 - count.div_ceil(8) as usize..].iter().fold(0, step) & 0x7FFF
 }
 
 /// What a byte makes of the CRC.
