@@ -204,10 +204,10 @@ impl CaptureSource {
         Ok(decoder)
     }
 
-    /// Explains a capture, frame by frame. `-` is stdin, which is followed as it grows.
+    /// Explains a capture, frame by frame. A [stream](is_stream) is followed as it grows.
     pub fn decode(self, path: &Path, sink: &mut dyn EventSink) -> Result<CaptureDecoder> {
-        let mut decoder = match path.as_os_str() == "-" {
-            true => self.follow_stdin(sink)?,
+        let mut decoder = match is_stream(path) {
+            true => self.follow_stream(open_stream(path)?, sink)?,
             false => self.decode_file(path, sink)?,
         };
         decoder.finish(&mut |event| sink.handle_event(event));
@@ -262,12 +262,15 @@ impl CaptureSource {
         Ok(decoder)
     }
 
-    /// Decodes stdin, piece by piece as it comes.
-    fn follow_stdin(mut self, sink: &mut dyn EventSink) -> Result<CaptureDecoder> {
-        let source = FollowReader::new(stdin());
+    /// Decodes a stream, piece by piece as it comes.
+    fn follow_stream(
+        mut self,
+        source: FollowReader,
+        sink: &mut dyn EventSink,
+    ) -> Result<CaptureDecoder> {
         let (mut decoder, mut ended) = match self.rules.take() {
             Some(rules) => (self.build_decoder(rules), false),
-            None => self.gather_stdin(&source, sink)?,
+            None => self.gather_stream(&source, sink)?,
         };
         sink.flush(true)?;
         while !ended {
@@ -284,8 +287,8 @@ impl CaptureSource {
         Ok(decoder)
     }
 
-    /// Gathers stdin until it ends or pauses, detects its protocol, and explains what was gathered.
-    fn gather_stdin(
+    /// Gathers a stream until it ends or pauses, detects its protocol, and explains what was gathered.
+    fn gather_stream(
         &self,
         source: &FollowReader,
         sink: &mut dyn EventSink,
@@ -311,6 +314,20 @@ impl CaptureSource {
         decoder.feed(&gathered, &mut |event| sink.handle_event(event));
         Ok((decoder, ended))
     }
+}
+
+/// Whether a capture can be read once only: `-` is stdin, others are pipes and terminals.
+pub fn is_stream(path: &Path) -> bool {
+    let is_other = |it: std::fs::Metadata| !it.is_file() && !it.is_dir();
+    path.as_os_str() == "-" || std::fs::metadata(path).is_ok_and(is_other)
+}
+
+fn open_stream(path: &Path) -> Result<FollowReader> {
+    if path.as_os_str() == "-" {
+        return Ok(FollowReader::new(stdin()));
+    }
+    let file = File::open(path).map_err(|error| problem::file_problem(path, "read", &error))?;
+    Ok(FollowReader::new(file))
 }
 
 /// Threads that decode one capture: as many as asked for, else as there are cores.

@@ -16,7 +16,7 @@ use clap::{Args, ValueEnum};
 use polepair_capture::FrameFilter;
 use polepair_capture::text::{NoticeLevel, TextStyle};
 
-use crate::capture::{CaptureArgs, EventSink, job_count, report_left_out};
+use crate::capture::{CaptureArgs, EventSink, is_stream, job_count, report_left_out};
 use crate::problem::{Problem, Result};
 use crate::value;
 use columns::ColumnsJob;
@@ -155,8 +155,7 @@ impl Decode {
                 Expectation::read(path, self.within)?,
             );
         }
-        let of_file = self.source.as_os_str() != "-";
-        if filter.is_none() && self.plot.is_empty() && of_file {
+        if filter.is_none() && self.plot.is_empty() && !is_stream(&self.source) {
             let lines = self.open_lines(self.out.as_deref())?;
             return report_left_out(&lines.write_file(
                 source,

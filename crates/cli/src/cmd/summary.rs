@@ -7,7 +7,7 @@ use polepair_capture::parallel::BatchConsumer;
 use polepair_capture::summary::{Summary, SummaryStyle, render_text, to_json};
 use polepair_capture::{CaptureDecoder, DecodedFrame, FrameBatch};
 
-use crate::capture::{CaptureArgs, CaptureSource, EventSink, report_left_out};
+use crate::capture::{CaptureArgs, CaptureSource, EventSink, is_stream, report_left_out};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput};
 
@@ -75,7 +75,7 @@ impl SummaryOptions {
 /// Summarises a capture.
 pub fn summarize(source: CaptureSource, path: &Path) -> Result<(Summary, CaptureDecoder)> {
     let (source, mut sink) = (source.without_words(), SummarySink::default());
-    if path.as_os_str() == "-" {
+    if is_stream(path) {
         let decoder = source.decode(path, &mut sink)?;
         return Ok((sink.summary, decoder));
     }

@@ -35,6 +35,21 @@ fn an_echo_and_the_requests_of_others_are_requests() {
     assert!(!out.contains("echo") && !out.contains('!'), "{out}");
 }
 
+/// A pipe by its path, as `<(zcat capture.gz)` in a shell, is read once.
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_read_as_stdin_is() {
+    let capture = "(1.0) can0 601#4064600000000000\n(1.001) can0 581#4364600010000000\n\
+                   (2.0) can0 701#05\n";
+    for verb in ["decode", "summary"] {
+        for arguments in [&["--as", "canopen"][..], &[]] {
+            let by_path = read(&[&[verb, "/dev/stdin"], arguments].concat(), capture);
+            assert_eq!(by_path, read(&[&[verb, "-"], arguments].concat(), capture));
+            assert!(by_path.1.contains("can0") && by_path.0 == 0, "{by_path:?}");
+        }
+    }
+}
+
 /// C4: times that are differences, and times that go back.
 #[test]
 fn differences_of_times_are_added_up() {

@@ -11,7 +11,7 @@ use polepair_columns::{
     TablesBuilder,
 };
 
-use crate::capture::{CaptureSource, EventSink, check_readable};
+use crate::capture::{CaptureSource, EventSink, check_readable, is_stream};
 use crate::problem::{self, Exit, Problem, Result};
 
 /// Batches that wait to be written.
@@ -63,7 +63,7 @@ pub fn decode_into(
 ) -> Result<CaptureDecoder> {
     let mut columns = ColumnSink::new(keep, out, wanted);
     let source = source.without_words();
-    let decoder = match path.as_os_str() == "-" {
+    let decoder = match is_stream(path) {
         true => source.decode(path, &mut columns)?,
         false => {
             let mut builders: Vec<_> =
@@ -100,9 +100,9 @@ pub fn parse_tables(words: Option<&str>) -> Result<Vec<TableKind>> {
     words.split(',').map(named).collect()
 }
 
-/// The fingerprint of a capture; empty for stdin, which passes but once.
+/// The fingerprint of a capture; empty for a stream, which is read once only.
 pub fn fingerprint(path: &Path) -> Result<String> {
-    if path.as_os_str() == "-" {
+    if is_stream(path) {
         return Ok(String::new());
     }
     polepair_columns::fingerprint(path).map_err(|error| problem::file_problem(path, "read", &error))
