@@ -54,7 +54,7 @@ impl BusLoad {
     fn compare_rates(&mut self, time: Timestamp, bits: u64) {
         let Some(last) = self.last.replace(time) else { return };
         self.frames += 1;
-        // Bits that a rate of 1 Gbit/s has room for, and as many as one below each rate needs.
+        // A frame of so many bits ends `min` / rate ns after the one before it: both sides times the rate.
         let (gap, min) = (time.since(last).max(1) as f64, bits as f64 * 1e9);
         let (early, late) = (min * 0.96, min * 1.04);
         for (at, rate) in RATES.into_iter().enumerate() {
