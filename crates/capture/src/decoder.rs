@@ -131,6 +131,8 @@ pub struct CaptureDecoder {
     profiles: StatedProfiles,
     echo_links: Vec<String>,
     links: Vec<LinkDecoder>,
+    /// The link of the last frame of a batch.
+    last_link: usize,
     reader: CaptureReader,
     explanation: Explanation,
     notices: Vec<SessionNotice>,
@@ -187,6 +189,7 @@ impl CaptureDecoder {
             profiles: StatedProfiles::default(),
             echo_links: Vec::new(),
             links: Vec::new(),
+            last_link: 0,
             reader: CaptureReader::default(),
             explanation: Explanation::default(),
             notices: Vec::new(),
@@ -280,26 +283,25 @@ impl CaptureDecoder {
 
     /// Takes one record of a capture file.
     fn decode_read_record(&mut self, record: &Record<'_>, out: FrameCallback<'_>) {
-        let known = self.link_index(record.link).map(|at| self.with_trusted_direction(at, record));
-        self.decode_record(known.as_ref().unwrap_or(record), out);
+        let trusted =
+            self.link_index(record.link).is_none_or(|at| self.trusts_direction(at, record));
+        let direction = record.direction.filter(|_| trusted);
+        self.decode_record(&Record { direction, ..*record }, out);
     }
 
-    /// A record without a direction that proves nothing: a passive logger receives the frames of both
+    /// Whether the direction of a record proves who sent it: a passive logger receives the frames of both
     /// sides. Received CAN frames count as a drive's once the link has sent one itself.
     #[inline]
-    fn with_trusted_direction<'a>(&mut self, at: usize, record: &Record<'a>) -> Record<'a> {
+    fn trusts_direction(&mut self, at: usize, record: &Record<'_>) -> bool {
         let link = &mut self.links[at];
-        let untrusted = match record.direction {
+        match record.direction {
             Some(Direction::ToDrive) => {
                 link.has_sent = true;
-                false
+                true
             }
-            Some(Direction::ToHost) => {
-                !link.has_sent && !matches!(record.data, RecordData::Bytes(_))
-            }
-            None => false,
-        };
-        if untrusted { Record { direction: None, ..*record } } else { *record }
+            Some(Direction::ToHost) => link.has_sent || matches!(record.data, RecordData::Bytes(_)),
+            None => true,
+        }
     }
 
     /// Takes one record. Its direction, if it has one, is taken as known.

@@ -3,13 +3,15 @@
 
 use crate::number_text;
 
-/// Bytes of a page.
+/// Bytes of a page: a power of two.
 const BUFFER_BYTES: usize = 1 << 13;
 /// Bytes of a piece that are copied at once.
 const COPY_BYTES: usize = 32;
 const ZEROS: u64 = 0x3030_3030_3030_3030;
 /// Eight spaces.
 const SPACES: u64 = 0x2020_2020_2020_2020;
+/// Columns of eight bytes.
+const HEX_COLUMNS: usize = 24;
 
 /// Words that stand in many lines.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -30,6 +32,14 @@ impl TextPiece {
         piece
     }
 
+    /// This piece and one behind it.
+    pub fn joined(&self, next: &Self) -> Self {
+        let mut text = Vec::new();
+        self.append_to(&mut text);
+        next.append_to(&mut text);
+        Self::new(&text)
+    }
+
     /// How long it is.
     pub fn len(&self) -> usize {
         usize::from(self.len) + self.rest.len()
@@ -44,7 +54,11 @@ impl TextPiece {
 
 /// Bytes as digits with a space behind each: `01 0A FF `.
 #[derive(Clone, Copy)]
-pub(crate) struct HexColumns([u64; 3]);
+pub(crate) struct HexColumns {
+    digits: [u64; 3],
+    /// How many columns count.
+    columns: usize,
+}
 
 impl HexColumns {
     /// Of eight bytes, the first lowest, that are so many in truth.
@@ -52,13 +66,17 @@ impl HexColumns {
     pub fn new(data: u64, len: u8) -> Self {
         let bytes = data.to_le_bytes();
         let [a, b, c, d, e, f, g, h] = bytes.map(|byte| u64::from(DIGITS[usize::from(byte)]));
-        let all = [
+        let digits = [
             a | b << 24 | c << 48,
             c >> 16 | d << 8 | e << 32 | f << 56,
             f >> 8 | g << 16 | h << 40,
         ];
-        let masks = &MASKS[usize::from(len.min(8))];
-        Self([0, 1, 2].map(|at: usize| (all[at] & masks[at]) | (SPACES & !masks[at])))
+        Self { digits, columns: HEX_COLUMNS.min(3 * usize::from(len)) }
+    }
+
+    /// Columns without the last space.
+    pub const fn width(self) -> usize {
+        self.columns.saturating_sub(1)
     }
 }
 
@@ -74,26 +92,12 @@ static DIGITS: [u32; 256] = {
     all
 };
 
-/// Which characters of so many bytes there are.
-static MASKS: [[u64; 3]; 9] = {
-    let mut all = [[0; 3]; 9];
-    let mut len = 0;
-    while len <= 8 {
-        let mut at = 0;
-        while at < 3 * len {
-            all[len][at / 8] |= 0xFF << (8 * (at % 8));
-            at += 1;
-        }
-        len += 1;
-    }
-    all
-};
-
 /// Lines that are not yet where they belong.
 pub(crate) struct LineBuffer {
-    bytes: Box<[u8; BUFFER_BYTES]>,
+    /// A page, and what is copied beyond its end at most.
+    bytes: Box<[u8; BUFFER_BYTES + COPY_BYTES]>,
     position: usize,
-    /// The second that was written last, and its digits.
+    /// The second that was written last: when it begins, and its digits.
     last_second: (u64, u32),
 }
 
@@ -113,7 +117,7 @@ impl Clone for LineBuffer {
 impl Default for LineBuffer {
     fn default() -> Self {
         Self {
-            bytes: Box::new([0; BUFFER_BYTES]),
+            bytes: Box::new([0; BUFFER_BYTES + COPY_BYTES]),
             position: 0,
             last_second: (0, u32::from_le_bytes(*b"   0")),
         }
@@ -150,10 +154,10 @@ impl LineBuffer {
 
     #[inline]
     fn push_fixed<const N: usize>(&mut self, bytes: &[u8; N], len: usize) {
-        if let Some(space) = self.bytes.get_mut(self.position..).and_then(|it| it.first_chunk_mut())
-        {
-            *space = *bytes;
-        }
+        const { assert!(N <= COPY_BYTES) };
+        // A position is within the page: the mask saves the check.
+        let at = self.position & (BUFFER_BYTES - 1);
+        self.bytes[at..at + N].copy_from_slice(bytes);
         self.position += len;
     }
 
@@ -179,30 +183,31 @@ impl LineBuffer {
         self.position += rest.len();
     }
 
-    /// Appends bytes of 24 columns and a space, of which `len` count.
+    /// Appends bytes, and spaces up to a width of 32 at most.
     #[inline]
-    pub fn push_hex(&mut self, HexColumns([a, b, c]): HexColumns, len: usize) {
+    pub fn push_hex(&mut self, HexColumns { digits, columns }: HexColumns, width: usize) {
         let at = self.position;
-        self.push_word(a, 8);
-        self.push_word(b, 8);
-        self.push_word(c, 8);
-        self.push_word(SPACES, 8);
-        self.position = at + len;
+        digits.iter().for_each(|word| self.push_word(*word, 8));
+        self.position = at + columns;
+        self.push_fixed(&[b' '; COPY_BYTES], 0);
+        self.position = at + width;
     }
 
     /// Appends `  12.034567  `.
     #[inline]
     pub fn push_time(&mut self, ns: u64) {
-        let (second, us) = (ns / 1_000_000_000, ns % 1_000_000_000 / 1000);
-        if self.last_second.0 != second {
+        const SECOND: u64 = 1_000_000_000;
+        if ns.wrapping_sub(self.last_second.0) >= SECOND {
+            let second = ns / SECOND;
             let digits = eight_digits(second as u32) | ZEROS;
             let zeros = (eight_digits(second as u32).trailing_zeros() / 8).clamp(4, 7) - 4;
             let blank = (1_u64 << (8 * zeros)) - 1;
             let digits = (digits >> 32 & !blank) | (SPACES & blank);
-            self.last_second = (second, digits as u32);
+            self.last_second = (second * SECOND, digits as u32);
         }
+        let us = (ns - self.last_second.0) as u32 / 1000;
         self.push_word(u64::from(self.last_second.1) | u64::from(b'.') << 32, 5);
-        self.push_word((eight_digits(us as u32) | ZEROS) >> 16 | 0x2020 << 48, 8);
+        self.push_word((eight_digits(us) | ZEROS) >> 16 | 0x2020 << 48, 8);
     }
 
     /// Appends a number.

@@ -244,13 +244,19 @@ pub struct DurationText(pub u64);
 
 impl core::fmt::Display for DurationText {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let ns = self.0 as f64;
-        match self.0 {
-            0..1000 => write!(f, "{} ns", self.0),
-            1000..1_000_000 => write!(f, "{:.*} us", decimals(ns / 1e3), ns / 1e3),
-            1_000_000..1_000_000_000 => write!(f, "{:.*} ms", decimals(ns / 1e6), ns / 1e6),
-            _ => write!(f, "{:.*} s", decimals(ns / 1e9), ns / 1e9),
+        let (size, unit) = match self.0 {
+            0..1000 => (1, "ns"),
+            1000..1_000_000 => (1_000, "us"),
+            1_000_000..1_000_000_000 => (1_000_000, "ms"),
+            _ => (1_000_000_000, "s"),
+        };
+        let value = self.0 as f64 / size as f64;
+        let decimals = decimals(value);
+        // A whole number takes less time than a rounded one.
+        if size == 1 || (decimals == 0 && self.0.is_multiple_of(size)) {
+            return write!(f, "{} {unit}", self.0 / size);
         }
+        write!(f, "{value:.decimals$} {unit}")
     }
 }
 

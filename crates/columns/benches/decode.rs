@@ -11,30 +11,15 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use polepair_capture::summary::Summary;
-use polepair_capture::{CaptureDecoder, FrameBatch, ReadOptions};
-use work::{columns, log, parse, stated, text, text_by};
+use polepair_capture::{CaptureDecoder, ReadOptions};
+use work::{columns, log, parse, stated, summary, text};
 
 const FRAMES: usize = 100_000;
-const PIECE: usize = 1 << 18;
 
 /// A decoder that detects the protocol.
 fn detecting(log: &Arc<[u8]>) -> CaptureDecoder {
     let source = Box::new(Cursor::new(Arc::clone(log)));
     CaptureDecoder::detect(source, ReadOptions::default()).expect("memory can be read")
-}
-
-/// Summarises a log.
-fn summary(log: &str, decoder: CaptureDecoder) -> u64 {
-    let (mut summary, mut decoder) = (Summary::default(), decoder.without_text());
-    let mut batch = FrameBatch::default();
-    for piece in log.as_bytes().chunks(PIECE) {
-        decoder.decode_batch(piece, &mut batch, &mut |batch| summary.add_batch(batch));
-        summary.add_batch(&batch);
-    }
-    decoder.finish_batch(&mut batch, &mut |batch| summary.add_batch(batch));
-    summary.add_batch(&batch);
-    summary.frames
 }
 
 fn decode(c: &mut Criterion) {
@@ -45,11 +30,11 @@ fn decode(c: &mut Criterion) {
     group.throughput(Throughput::Elements(frames));
     group.sample_size(10).measurement_time(Duration::from_secs(3));
     group.bench_function("read", |b| b.iter(|| black_box(parse(black_box(&log)))));
-    type Decoded = fn(&str, CaptureDecoder) -> u64;
-    let outputs: [(&str, Decoded); 3] = [
-        ("columns", |log, decoder| columns(log, decoder) as u64),
-        ("text", |log, decoder| text(log, decoder) as u64),
-        ("summary", summary),
+    type Output = fn(&str, CaptureDecoder) -> usize;
+    let outputs: [(&str, Output); 3] = [
+        ("columns", |log, decoder| columns(log, decoder, 1)),
+        ("text", |log, decoder| text(log, decoder, 1)),
+        ("summary", |log, decoder| summary(log, decoder) as usize),
     ];
     for (name, output) in outputs {
         group.bench_function(name, |b| b.iter(|| output(black_box(&log), stated())));
@@ -57,10 +42,10 @@ fn decode(c: &mut Criterion) {
             b.iter(|| output(black_box(&log), detecting(&bytes)));
         });
     }
-    for jobs in [1, 2] {
-        let name = format!("text, threads: {jobs}");
-        group.bench_function(name, |b| b.iter(|| black_box(text_by(black_box(&log), jobs))));
-    }
+    group.bench_function("columns, two threads", |b| {
+        b.iter(|| columns(black_box(&log), stated(), 2))
+    });
+    group.bench_function("text, two threads", |b| b.iter(|| text(black_box(&log), stated(), 2)));
     group.finish();
 }
 

@@ -7,7 +7,7 @@ mod work;
 use std::hint::black_box;
 use std::time::Instant;
 
-use work::{columns, log, parse, stated, text, text_by};
+use work::{columns, log, parse, stated, summary, text};
 
 /// Frames of a short run, and of one that is worth several threads.
 const SHORT: usize = 4_000;
@@ -30,10 +30,13 @@ fn main() {
     }
     let (short, long) = (log(SHORT), log(LONG));
     best("read", &short, 400, parse);
-    best("text", &short, 400, |log| text(log, stated()) as u64);
-    best("columns", &short, 400, |log| columns(log, stated()) as u64);
+    best("text", &short, 400, |log| text(log, stated(), 1) as u64);
+    best("columns", &short, 400, |log| columns(log, stated(), 1) as u64);
+    best("summary", &short, 400, |log| summary(log, stated()));
     for jobs in [1, 2] {
         let name = format!("text, {jobs} threads");
-        best(&name, &long, 20, |log| text_by(log, jobs) as u64);
+        best(&name, &long, 20, |log| text(log, stated(), jobs) as u64);
+        let name = format!("columns, {jobs} threads");
+        best(&name, &long, 20, |log| columns(log, stated(), jobs) as u64);
     }
 }

@@ -105,6 +105,12 @@ impl<T: ArrowPrimitiveType> NumberColumn<T> {
         &mut self.values[before..]
     }
 
+    /// The last rows.
+    pub fn last_mut(&mut self, rows: usize) -> &mut [T::Native] {
+        let before = self.values.len() - rows;
+        &mut self.values[before..]
+    }
+
     fn note_all_validity(&mut self, is: bool, rows: usize) {
         if rows > 0 {
             self.note_validity(is);
@@ -365,6 +371,8 @@ pub(crate) fn to_micros(
     ns: &PrimitiveArray<arrow_array::types::Int64Type>,
 ) -> arrow_array::TimestampMicrosecondArray {
     let nulls: Option<NullBuffer> = arrow_array::Array::nulls(ns).cloned();
-    let micros: Vec<i64> = ns.values().iter().map(|ns| ns.div_euclid(1000)).collect();
+    // Times are not negative, and unsigned numbers take less time to divide.
+    let micros = ns.values().iter().map(|ns| (ns.cast_unsigned() / 1000).cast_signed());
+    let micros: Vec<i64> = micros.collect();
     arrow_array::TimestampMicrosecondArray::new(micros.into(), nulls).with_timezone("UTC")
 }

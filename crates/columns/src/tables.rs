@@ -79,7 +79,11 @@ impl TablesBuilder {
             let templates = self.signals.templates(batch.templates());
             let rows = |it| match it {
                 FrameRun::Compact(run) => templates.row_count(run),
-                FrameRun::Stored(_) => 1,
+                FrameRun::Stored(at) => {
+                    let mut rows = 0;
+                    batch.with_stored(at, |event| rows = signal_count(event.notices));
+                    rows
+                }
             };
             self.signals.reserve(batch.runs().map(rows).sum());
             templates
@@ -156,6 +160,10 @@ impl TablesBuilder {
         }
         Ok(())
     }
+}
+
+fn signal_count(notices: &[SessionNotice]) -> usize {
+    notices.iter().filter(|notice| matches!(notice, SessionNotice::Signal(_))).count()
 }
 
 /// The time of a row in nanoseconds.

@@ -77,8 +77,14 @@ impl CaptureDecoder {
     }
 
     /// Which link a record is of, where one before was.
+    #[inline]
     fn known_link(&self, record: &Record<'_>) -> Option<usize> {
-        self.links.iter().position(|wire| *wire.name == *record.link)
+        let is_link = |wire: &LinkDecoder| *wire.name == *record.link;
+        // Most frames are of the link of the frame before.
+        match self.links.get(self.last_link) {
+            Some(last) if is_link(last) => Some(self.last_link),
+            _ => self.links.iter().position(is_link),
+        }
     }
 
     /// Takes a record of that link, if one of it came before.
@@ -94,11 +100,14 @@ impl CaptureDecoder {
             return;
         }
         let wire = wire.or_else(|| self.link_index(record.link));
-        let trusted = wire.map(|at| {
+        let (undirected, mut record) = (&mut None, record);
+        if let Some(at) = wire {
+            self.last_link = at;
             self.check_time(at, record);
-            self.with_trusted_direction(at, record)
-        });
-        let record = trusted.as_ref().unwrap_or(record);
+            if !self.trusts_direction(at, record) {
+                record = undirected.insert(Record { direction: None, ..*record });
+            }
+        }
         if let RecordData::Frame(frame) = &record.data
             && let Some(at) = wire
             && (self.batch_process_data(at, record, frame, batch)

@@ -11,8 +11,9 @@ use polepair_core::medium::Frame;
 use super::route::FrameRoute;
 use crate::explanation::Explanation;
 
-/// Frames of a link that are remembered: a power of two.
-const SLOTS: usize = 1 << 9;
+/// Frames of a link that are remembered.
+const SLOTS: usize = 1 << SLOT_BITS;
+const SLOT_BITS: u32 = 9;
 
 /// What frames said that may come again, each where its bytes lead; one that takes the place of
 /// another is explained again.
@@ -85,5 +86,23 @@ fn slot_index((id, len, data, _): &RepeatKey) -> usize {
     /// 2 to the 64th by the golden ratio: near numbers become far ones.
     const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
     let mixed = u64::from_le_bytes(*data) ^ u64::from(*id) << 48 ^ u64::from(*len) << 60;
-    (mixed.wrapping_mul(SPREAD) >> 40) as usize & (SLOTS - 1)
+    // All bits of a factor reach the uppermost bits of the product, and no others.
+    (mixed.wrapping_mul(SPREAD) >> (u64::BITS - SLOT_BITS)) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::{SLOTS, slot_index};
+
+    /// The same request to each node of a bus, as hosts poll them.
+    #[test]
+    fn polled_nodes_have_slots_of_their_own() {
+        let request = [0x40, 0x64, 0x60, 0, 0, 0, 0, 0];
+        let slot = |node: u32| slot_index(&(0x600 + node, 8, request, None));
+        let slots: BTreeSet<usize> = (1..=32).map(slot).collect();
+        assert!(slots.len() >= 28, "{slots:?}");
+        assert!(slots.iter().all(|slot| *slot < SLOTS));
+    }
 }

@@ -34,17 +34,20 @@ pub(super) const fn parse_decimal(text: [u8; 8]) -> Option<u64> {
 /// Eight hexadecimal digits, the first the uppermost.
 #[inline]
 pub(super) const fn parse_hex(text: [u8; 8]) -> Option<u32> {
-    let text = u64::from_le_bytes(text);
-    let lower = (text & !HIGH) | SMALL;
-    let digits = in_range_mask(text & !HIGH, b'0', b'9') | in_range_mask(lower, b'a', b'f');
-    if digits & !text != HIGH {
-        return None;
-    }
+    let (bytes, other) = hex_bytes(u64::from_le_bytes(text));
+    if other == 0 { Some((bytes as u32).swap_bytes()) } else { None }
+}
+
+/// The four bytes that eight hexadecimal digits say, the first lowest; and of each character that is no such
+/// digit, the uppermost bit.
+#[inline]
+const fn hex_bytes(text: u64) -> (u64, u64) {
+    let decimal = in_range_mask(text & !HIGH, b'0', b'9');
+    let letter = in_range_mask((text & !HIGH) | SMALL, b'a', b'f');
     let nibbles = (text & LOW) + ((text >> 6) & ONES) * 9;
-    let bytes = nibbles.swap_bytes();
-    let bytes = (bytes | bytes >> 4) & 0x00FF_00FF_00FF_00FF;
+    let bytes = (nibbles << 4 | nibbles >> 8) & 0x00FF_00FF_00FF_00FF;
     let words = (bytes | bytes >> 8) & 0x0000_FFFF_0000_FFFF;
-    Some((words | words >> 16) as u32)
+    ((words | words >> 16) & 0xFFFF_FFFF, (!(decimal | letter) | text) & HIGH)
 }
 
 /// The first eight digits of a time stamp, and what they are in microseconds: the same for 100 s.
@@ -72,43 +75,25 @@ pub(super) fn parse_stamp(text: &[u8; 20], known: &mut StampPrefix) -> Option<u6
     Some(known.1 + parse_decimal([*a, *b, *m, *n, *o, *p, *q, *r])?)
 }
 
-/// Bytes as hexadecimal digits up to the end of their line, at most sixteen, as a number of which the
-/// first is the highest; and how many digits.
+/// Bytes as hexadecimal digits up to the end of their line, at most sixteen; and how many digits. Further
+/// bytes are zero.
 #[inline]
-pub(super) fn parse_hex_line(text: &[u8; 17]) -> Option<(u64, usize)> {
+pub(super) fn parse_hex_line(text: &[u8; 17]) -> Option<([u8; 8], usize)> {
     let (eights, [last]) = text.as_chunks::<8>() else { return None };
     let [first, second] = eights else { return None };
+    let (low, other) = hex_bytes(u64::from_le_bytes(*first));
+    let (high, beyond) = hex_bytes(u64::from_le_bytes(*second));
+    let data = low | high << 32;
     // Most frames have eight bytes.
-    if *last == b'\n'
-        && let (Some(high), Some(low)) = (parse_hex(*first), parse_hex(*second))
-    {
-        return Some((u64::from(high) << 32 | u64::from(low), 16));
+    if other | beyond == 0 {
+        return (*last == b'\n').then_some((data.to_le_bytes(), 16));
     }
-    let mut count = newline_index(*first);
-    if count == 8 {
-        count += newline_index(*second);
-    }
-    if !count.is_multiple_of(2) || (count == 16 && *last != b'\n') {
-        return None;
-    }
-    let high = parse_hex(pad_with_zeros(*first, count))?;
-    let low = parse_hex(pad_with_zeros(*second, count.saturating_sub(8)))?;
-    Some((u64::from(high) << 32 | u64::from(low), count))
-}
-
-/// Bytes in front of the first newline; eight if there is none.
-#[inline]
-const fn newline_index(text: [u8; 8]) -> usize {
-    let differs = u64::from_le_bytes(text) ^ (b'\n' as u64 * ONES);
-    let zero = differs.wrapping_sub(ONES) & !differs & HIGH;
-    (zero.trailing_zeros() / 8) as usize
-}
-
-/// The first `count` characters, then zeros.
-#[inline]
-const fn pad_with_zeros(text: [u8; 8], count: usize) -> [u8; 8] {
-    let mask = if count >= 8 { u64::MAX } else { (1 << (8 * count)) - 1 };
-    ((u64::from_le_bytes(text) & mask) | ((b'0' as u64 * ONES) & !mask)).to_le_bytes()
+    let count = match other {
+        0 => 8 + beyond.trailing_zeros() / 8,
+        _ => other.trailing_zeros() / 8,
+    };
+    let whole = count.is_multiple_of(2) && text[count as usize] == b'\n';
+    whole.then(|| ((data & !(u64::MAX << (4 * count))).to_le_bytes(), count as usize))
 }
 
 #[cfg(test)]
@@ -136,7 +121,7 @@ mod tests {
         let read = |text: &str| {
             let line = format!("{text}(1700000000.000500)");
             let line = line.as_bytes().first_chunk().expect("long enough");
-            parse_hex_line(line).map(|(data, count)| (data.to_be_bytes(), count))
+            parse_hex_line(line)
         };
         assert_eq!(read("\n"), Some(([0; 8], 0)));
         assert_eq!(read("aB01\n"), Some(([0xAB, 1, 0, 0, 0, 0, 0, 0], 4)));

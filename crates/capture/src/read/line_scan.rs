@@ -3,6 +3,7 @@
 
 use polepair_core::medium::Frame;
 
+use super::lines::UsualLine;
 use super::text::{LineContext, parse_usual_line};
 use crate::record::{Record, RecordData};
 
@@ -41,16 +42,15 @@ impl LineScan {
         let (mut number, mut changes) = (0, 0);
         while at < piece.len() {
             let rest = &piece[at..];
-            if let Some((record, len)) = parse_usual_line(rest, &mut before)
-                && let (Some(time), RecordData::Frame(frame)) = (record.time, record.data)
+            if let Some(UsualLine { time, frame, bytes }) = parse_usual_line(rest, &mut before)
                 && let Some(same) = match before.link_changes() == changes {
                     true => Some(number),
                     false => link_index(&mut self.links, before.link()),
                 }
             {
-                (number, changes, at) = (same, before.link_changes(), at + len);
+                (number, changes, at) = (same, before.link_changes(), at + bytes);
                 self.lines.push(ScannedLine {
-                    start: at - len,
+                    start: at - bytes,
                     end: at,
                     link: number as u8,
                     time,

@@ -1,7 +1,10 @@
 //! Formats with one line for each record.
 
+use polepair_core::medium::Frame;
+
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink};
-use crate::record::Record;
+use crate::record::{Record, RecordData};
+use crate::timestamp::Timestamp;
 
 /// Bytes that a line may have at most; a longer one is damaged.
 pub(crate) const LINE_MAX: usize = 1 << 16;
@@ -17,6 +20,15 @@ pub(super) enum ParsedLine<'a> {
     Skipped(&'static str),
 }
 
+/// A line with a CAN frame and its time, in the form that nearly all lines of a format have.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct UsualLine {
+    pub time: Timestamp,
+    pub frame: Frame,
+    /// How long it is, with its end.
+    pub bytes: usize,
+}
+
 impl<'a> From<Option<Record<'a>>> for ParsedLine<'a> {
     fn from(record: Option<Record<'a>>) -> Self {
         record.map_or(Self::Nothing, Self::Record)
@@ -28,11 +40,15 @@ pub(super) trait LineFormat: core::fmt::Debug + Send {
     /// Parses one line.
     fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError>;
 
-    /// What the line at the head of these bytes says and how long it is with its end, where it has
-    /// the form that nearly all have.
-    fn parse_usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
+    /// The line at the head of these bytes, where it has the form that nearly all have.
+    fn parse_usual(&mut self, bytes: &[u8]) -> Option<UsualLine> {
         let _ = bytes;
         None
+    }
+
+    /// The link of the last line of that form.
+    fn usual_link(&self) -> &str {
+        "-"
     }
 }
 
@@ -75,10 +91,16 @@ impl<L: LineFormat> FormatReader for LineReader<L> {
         loop {
             let rest = &bytes[used..];
             let usual = if self.skipping { None } else { self.format.parse_usual(rest) };
-            let len = if let Some((record, len)) = usual {
+            let len = if let Some(UsualLine { time, frame, bytes }) = usual {
                 self.line_number += 1;
-                taker.handle_record(&Record { offset: self.offset, ..record });
-                len
+                taker.handle_record(&Record {
+                    time: Some(time),
+                    link: self.format.usual_link(),
+                    direction: None,
+                    data: RecordData::Frame(frame),
+                    offset: self.offset,
+                });
+                bytes
             } else {
                 let Some(end) = memchr::memchr(b'\n', rest) else { break };
                 match core::mem::take(&mut self.skipping) {

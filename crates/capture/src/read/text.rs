@@ -5,7 +5,7 @@ use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
 use super::digits::StampPrefix;
-use super::lines::{LINE_MAX, LineFormat, ParsedLine};
+use super::lines::{LINE_MAX, LineFormat, ParsedLine, UsualLine};
 use super::tool_log::{self, ToolLine, parse_tool_line};
 use super::words::{HEX, split_word};
 use super::{ReadError, candump, digits, serial_log};
@@ -74,8 +74,12 @@ impl LineFormat for TextReader {
         }
     }
 
-    fn parse_usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
+    fn parse_usual(&mut self, bytes: &[u8]) -> Option<UsualLine> {
         parse_usual_line(bytes, &mut self.context)
+    }
+
+    fn usual_link(&self) -> &str {
+        self.context.link()
     }
 }
 
@@ -244,13 +248,10 @@ impl LineContext {
 }
 
 /// A line of candump's log in its usual form, `(1700000000.000500) can0 30B#5443000000000005`, at the
-/// head of `bytes`, and how long it is; `None` for all others. This is the way that millions of lines
-/// go.
+/// head of `bytes`; `None` for all others. Its link is that of `before` from then on. This is the way that
+/// millions of lines go.
 #[inline]
-pub(super) fn parse_usual_line<'a>(
-    bytes: &[u8],
-    before: &'a mut LineContext,
-) -> Option<(Record<'a>, usize)> {
+pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option<UsualLine> {
     let (stamp, rest) = bytes.split_first_chunk::<20>()?;
     let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
     if before.after_link(rest).is_none() {
@@ -270,11 +271,8 @@ pub(super) fn parse_usual_line<'a>(
     if id > limit {
         return None;
     }
-    let (data, len) = (data.to_be_bytes(), (count / 2) as u8);
-    let frame = Frame { id, extended, remote: false, len, data };
-    let whole = bytes.len() - text.len() + count + 1;
-    let (time, data) = (Some(time), RecordData::Frame(frame));
-    Some((Record { time, link: &before.link, direction: None, data, offset: 0 }, whole))
+    let frame = Frame { id, extended, remote: false, len: (count / 2) as u8, data };
+    Some(UsualLine { time, frame, bytes: bytes.len() - text.len() + count + 1 })
 }
 
 fn is_blank(c: char) -> bool {
@@ -353,7 +351,7 @@ fn parse_body(
 
 #[cfg(test)]
 mod tests {
-    use super::{LineContext, parse_log_line, parse_usual_line};
+    use super::{LineContext, Record, RecordData, parse_log_line, parse_usual_line};
 
     #[test]
     fn a_line_needs_no_time() {
@@ -387,13 +385,17 @@ mod tests {
             "(1700000000.000001) interfa 7ff#aAbB01",
         ] {
             let (mut scratch, bytes) = (Vec::new(), format!("{line}{NEXT}"));
-            let (quick, len) = parse_usual_line(bytes.as_bytes(), &mut before).expect(line);
-            assert_eq!(
-                Some(quick),
-                parse_log_line(line.as_bytes(), &mut scratch).expect(line),
-                "{line}"
-            );
-            assert_eq!(len, line.len() + 1);
+            let quick = parse_usual_line(bytes.as_bytes(), &mut before).expect(line);
+            let quick_record = Record {
+                time: Some(quick.time),
+                link: before.link(),
+                direction: None,
+                data: RecordData::Frame(quick.frame),
+                offset: 0,
+            };
+            let slow = parse_log_line(line.as_bytes(), &mut scratch).expect(line);
+            assert_eq!(Some(quick_record), slow, "{line}");
+            assert_eq!(quick.bytes, line.len() + 1);
         }
         for line in [
             "(1700000000.000500) can0 30B#R",
@@ -412,12 +414,9 @@ mod tests {
             "(1700000000.000500)  30B#11",
         ] {
             let bytes = format!("{line}{NEXT}");
-            assert_eq!(parse_usual_line(bytes.as_bytes(), &mut before), None, "{line}");
-            assert_eq!(
-                parse_usual_line(line.as_bytes(), &mut before),
-                None,
-                "{line}, which has no end"
-            );
+            assert!(parse_usual_line(bytes.as_bytes(), &mut before).is_none(), "{line}");
+            let unended = parse_usual_line(line.as_bytes(), &mut before);
+            assert!(unended.is_none(), "{line}, which has no end");
         }
     }
 }

@@ -28,9 +28,10 @@ pub struct BusLoad {
     peak: u64,
     last: Option<Timestamp>,
     frames: u64,
-    /// For each rate: frames as close behind each other as it allows, and closer ones.
+    /// For each rate: frames as close behind each other as it allows.
     at_rate: [u64; RATES.len()],
-    above_rate: [u64; RATES.len()],
+    /// Frames by how many rates, from the lowest on, do not allow them to be so close.
+    lower_rates: [u64; RATES.len() + 1],
 }
 
 impl BusLoad {
@@ -57,17 +58,24 @@ impl BusLoad {
         // A frame of so many bits ends `min` / rate ns after the one before it: both sides times the rate.
         let (gap, min) = (time.since(last).max(1) as f64, bits as f64 * 1e9);
         let (early, late) = (min * 0.96, min * 1.04);
-        for (at, rate) in RATES.into_iter().enumerate() {
-            let passed = gap * f64::from(rate);
-            self.above_rate[at] += u64::from(passed < early);
-            self.at_rate[at] += u64::from(passed >= early && passed < late);
+        // The lower rates do not allow so small a gap; rates differ by more than the tolerance.
+        let passed = RATES.map(|rate| gap * f64::from(rate));
+        let lower = passed.into_iter().map(|passed| usize::from(passed < early)).sum::<usize>();
+        self.lower_rates[lower] += 1;
+        if let Some(passed) = passed.get(lower) {
+            self.at_rate[lower] += u64::from(*passed < late);
         }
+    }
+
+    /// Frames that are closer behind each other than a rate allows.
+    fn above_rate(&self, at: usize) -> u64 {
+        self.lower_rates[at + 1..].iter().sum()
     }
 
     /// The bit rate of a CAN bus, by how close its frames came; `None` where that does not tell.
     #[must_use]
     pub fn estimated_bit_rate(&self) -> Option<u32> {
-        let at = (0..RATES.len()).find(|at| self.above_rate[*at] * CLOSER_SHARE <= self.frames)?;
+        let at = (0..RATES.len()).find(|at| self.above_rate(*at) * CLOSER_SHARE <= self.frames)?;
         let enough = self.at_rate[at] >= CLOSE_MIN.max(self.frames / CLOSE_SHARE);
         enough.then_some(RATES[at])
     }

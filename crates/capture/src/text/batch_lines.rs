@@ -7,7 +7,7 @@ use super::{BYTES_WIDTH, FrameTextWriter, NoticeLevel, append_padded};
 use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
 use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
 use crate::line_layout::{LineLayout, protocol_word};
-use crate::session::canopen::{ProcessData, ProcessText};
+use crate::session::canopen::ProcessText;
 
 /// What is the same in all lines of a template.
 struct LineTemplate<'a> {
@@ -22,7 +22,7 @@ struct LineTemplate<'a> {
 
 /// What stands behind the bytes.
 enum LineSuffix<'a> {
-    ProcessData(&'a ProcessData, &'a ProcessText),
+    ProcessData(&'a ProcessText),
     /// The same in all lines.
     Constant(TextPiece),
 }
@@ -30,7 +30,7 @@ enum LineSuffix<'a> {
 impl<'a> LineSuffix<'a> {
     fn new(template_content: &'a TemplateContent) -> Option<Self> {
         Some(match template_content {
-            TemplateContent::ProcessData(process) => Self::ProcessData(process, process.text()?),
+            TemplateContent::ProcessData(process) => Self::ProcessData(process.text()?),
             TemplateContent::Constant(explained) => {
                 let text = Some(&explained.text).filter(|text| !text.is_empty());
                 let text = text.unwrap_or(&explained.kind);
@@ -42,18 +42,16 @@ impl<'a> LineSuffix<'a> {
     /// Bytes that they take at most.
     fn len_max(&self) -> usize {
         match self {
-            Self::ProcessData(_, wording) => wording.len_max(),
+            Self::ProcessData(wording) => wording.len_max(),
             Self::Constant(piece) => piece.len(),
         }
     }
 
     /// Puts them and the line's end down; false where they have to be put together first.
     #[inline]
-    fn append(&self, data: u64, hex: (HexColumns, u8), page: &mut LineBuffer) -> bool {
+    fn append(&self, data: u64, hex: HexColumns, page: &mut LineBuffer) -> bool {
         match self {
-            Self::ProcessData(process, wording) => {
-                wording.append_line(process.mapping(), data, hex, page)
-            }
+            Self::ProcessData(wording) => wording.append_line(data, hex, page),
             Self::Constant(piece) => {
                 page.push_piece(piece);
                 true
@@ -150,7 +148,7 @@ impl<'a> LineTemplate<'a> {
         page.push_time(since);
         page.push_piece(&self.prefix);
         page.push_hex(hex, self.bytes_width);
-        let matches = self.suffix.append(plain.data, (hex, self.len), page);
+        let matches = self.suffix.append(plain.data, hex, page);
         if !matches {
             page.rewind(begin);
         }

@@ -3,9 +3,10 @@
 use std::fmt::Write as _;
 
 use polepair_capture::parallel::{BatchConsumer, decode};
-use polepair_capture::text::{FrameTextWriter, TextStyle};
+use polepair_capture::summary::Summary;
+use polepair_capture::text::FrameTextWriter;
 use polepair_capture::{CaptureDecoder, CaptureReader, FrameBatch, Rules};
-use polepair_columns::{CaptureOrigin, TableKind, TablesBuilder};
+use polepair_columns::{BatchBuilder, CaptureOrigin, TableKind, TablesBuilder};
 
 const PIECE: usize = 1 << 18;
 
@@ -107,74 +108,76 @@ pub fn parse(log: &str) -> u64 {
     bytes
 }
 
-/// Builds columns in memory.
-pub fn columns(log: &str, decoder: CaptureDecoder) -> usize {
-    let origin = CaptureOrigin { source: "bench".to_owned(), file: "bench.log".to_owned() };
-    let (mut tables, mut rows) = (TablesBuilder::new(&TableKind::ALL, &origin), 0);
-    let mut decoder = decoder.without_text();
-    let mut flush = |tables: &mut TablesBuilder| {
-        let flushed = tables.flush(&mut |_, batch| {
-            rows += batch.num_rows();
-            Ok(())
-        });
-        assert!(flushed.is_ok());
-    };
-    let mut batch = FrameBatch::default();
-    for piece in log.as_bytes().chunks(PIECE) {
-        decoder.decode_batch(piece, &mut batch, &mut |batch| tables.add_batch(batch));
-        tables.add_batch(&batch);
-        if tables.is_full() {
-            flush(&mut tables);
-        }
-    }
-    decoder.finish_batch(&mut batch, &mut |batch| tables.add_batch(batch));
-    tables.add_batch(&batch);
-    flush(&mut tables);
-    rows
-}
-
-/// Writes lines into memory.
-pub fn text(log: &str, mut decoder: CaptureDecoder) -> usize {
-    let (mut lines, mut out, mut written) =
-        (FrameTextWriter::new(TextStyle::default()), Vec::new(), 0);
-    let mut batch = FrameBatch::default();
-    for piece in log.as_bytes().chunks(PIECE) {
-        decoder.decode_batch(piece, &mut batch, &mut |batch| lines.write_batch(batch, &mut out));
-        lines.write_batch(&batch, &mut out);
-        written += out.len();
-        out.clear();
-    }
-    written
-}
-
-/// Lines for others to hand on.
-#[derive(Default)]
-struct Pen {
-    text: FrameTextWriter,
-    lines: Vec<u8>,
-}
-
-impl BatchConsumer for Pen {
-    fn consume(&mut self, batch: &FrameBatch) {
-        self.text.write_batch(batch, &mut self.lines);
-    }
-}
-
-/// Writes lines into memory, on several threads.
-pub fn text_by(log: &str, jobs: usize) -> usize {
-    let mut pens: Vec<Pen> = (0..jobs).map(|_| Pen::default()).collect();
-    let (mut rest, mut written) = (log.as_bytes(), 0);
+/// Decodes a log as the command line and Python do with a file, and hands on what was made.
+fn decode_log<M: BatchConsumer>(
+    log: &str,
+    mut decoder: CaptureDecoder,
+    makers: &mut [M],
+    put: &mut (dyn FnMut(&mut M) + Send),
+) {
+    let mut rest = log.as_bytes();
     let fill = &mut |piece: &mut Vec<u8>, max| {
         let (now, later) = rest.split_at(rest.len().min(max));
         piece.extend_from_slice(now);
         rest = later;
         Ok::<(), ()>(())
     };
-    let put = &mut |pen: &mut Pen| {
-        written += pen.lines.len();
-        pen.lines.clear();
+    let put = &mut |maker: &mut M| {
+        put(maker);
         Ok(())
     };
-    assert_eq!(decode(&mut stated(), &mut pens, fill, put), Ok(()));
+    assert_eq!(decode(&mut decoder, makers, fill, put), Ok(()));
+}
+
+/// Builds columns in memory.
+pub fn columns(log: &str, decoder: CaptureDecoder, jobs: usize) -> usize {
+    let origin = CaptureOrigin { source: "bench".to_owned(), file: "bench.log".to_owned() };
+    let builder = |_| BatchBuilder::new(TablesBuilder::new(&TableKind::ALL, &origin));
+    let (mut builders, mut rows): (Vec<BatchBuilder>, _) = ((0..jobs).map(builder).collect(), 0);
+    decode_log(log, decoder.without_text(), &mut builders, &mut |builder| {
+        let built = builder.take_built().expect("rows make a batch");
+        rows += built.iter().map(|(_, batch)| batch.num_rows()).sum::<usize>();
+    });
+    rows
+}
+
+/// Lines for others to hand on.
+#[derive(Default)]
+struct LineMaker {
+    text: FrameTextWriter,
+    lines: Vec<u8>,
+}
+
+impl BatchConsumer for LineMaker {
+    fn consume(&mut self, batch: &FrameBatch) {
+        self.text.write_batch(batch, &mut self.lines);
+    }
+}
+
+/// Writes lines into memory.
+pub fn text(log: &str, decoder: CaptureDecoder, jobs: usize) -> usize {
+    let mut makers: Vec<LineMaker> = (0..jobs).map(|_| LineMaker::default()).collect();
+    let mut written = 0;
+    decode_log(log, decoder, &mut makers, &mut |maker| {
+        written += maker.lines.len();
+        maker.lines.clear();
+    });
     written
+}
+
+/// Takes a summary.
+#[derive(Default)]
+struct SummaryMaker(Summary);
+
+impl BatchConsumer for SummaryMaker {
+    fn consume(&mut self, batch: &FrameBatch) {
+        self.0.add_batch(batch);
+    }
+}
+
+/// Summarises a log.
+pub fn summary(log: &str, decoder: CaptureDecoder) -> u64 {
+    let mut makers = [SummaryMaker::default()];
+    decode_log(log, decoder.without_text(), &mut makers, &mut |_| {});
+    makers[0].0.frames
 }

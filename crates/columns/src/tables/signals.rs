@@ -9,7 +9,7 @@ use polepair_capture::session::SignalNotice;
 use polepair_capture::session::canopen::MappedValue;
 use polepair_capture::{CompactFrame, FrameTemplate};
 
-use super::{CaptureOrigin, RowContext, common_value, sort_by_time, timestamp_ns, to_i64};
+use super::{CaptureOrigin, RowContext, sort_by_time, timestamp_ns, to_i64};
 use crate::column::{ConstantColumn, NumberColumn, WordColumn, to_micros};
 use crate::schema::TableKind;
 
@@ -30,11 +30,7 @@ pub(super) struct SignalRows {
 
 /// What the values of frames have in common that change nothing: words by their numbers.
 #[derive(Debug)]
-pub(super) struct SignalTemplates {
-    templates: Vec<SignalTemplate>,
-    /// On which link, where it is the same for all of them.
-    bus: Option<i32>,
-}
+pub(super) struct SignalTemplates(Vec<SignalTemplate>);
 
 /// What all values of a template have in common.
 #[derive(Debug)]
@@ -56,30 +52,12 @@ struct ValueTemplate {
 impl SignalTemplates {
     #[inline]
     fn get(&self, plain: &CompactFrame) -> &SignalTemplate {
-        &self.templates[usize::from(plain.template)]
+        &self.0[usize::from(plain.template)]
     }
 
     /// Values of frames.
     pub fn row_count(&self, run: &[CompactFrame]) -> usize {
         run.iter().map(|plain| self.get(plain).values.len()).sum()
-    }
-
-    /// Puts something down for each value of frames.
-    #[inline]
-    fn fill_rows<T>(
-        &self,
-        run: &[CompactFrame],
-        rows: &mut [T],
-        one: impl Fn(&CompactFrame, &SignalTemplate, &ValueTemplate) -> T,
-    ) {
-        let mut rows = rows.iter_mut();
-        for plain in run {
-            let voice = self.get(plain);
-            // Values first: where they end, no row is taken.
-            for (value, row) in voice.values.iter().zip(rows.by_ref()) {
-                *row = one(plain, voice, value);
-            }
-        }
     }
 }
 
@@ -115,50 +93,52 @@ impl SignalRows {
         quality.reserve(rows);
     }
 
-    /// The values of frames that change nothing, column by column.
+    /// The values of frames that change nothing.
     pub fn push_plain(&mut self, run: &[CompactFrame], templates: &SignalTemplates) {
         let rows = templates.row_count(run);
         let time = |plain: &CompactFrame| timestamp_ns(Some(plain.time));
         if run.iter().all(|plain| time(plain).is_some()) {
-            let times = self.t_ns.extend_default(rows);
-            templates.fill_rows(run, times, |plain, _, _| plain.time.0.cast_signed());
+            self.t_ns.extend_default(rows);
         } else {
             let all = run.iter().flat_map(|plain| {
                 core::iter::repeat_n(time(plain), templates.get(plain).values.len())
             });
             all.for_each(|time| self.t_ns.push_option(time));
         }
-        match templates.bus {
-            Some(bus) => self.bus.keys().repeat(Some(bus), rows),
-            None => {
-                templates
-                    .fill_rows(run, self.bus.keys().extend_default(rows), |_, voice, _| voice.bus)
+        let words = self.bus.keys().extend_default(rows).iter_mut();
+        let words = words.zip(self.signal.keys().extend_default(rows));
+        let words = words.zip(self.unit.keys().extend_default(rows));
+        let numbers = self.exact.extend_default(rows).iter_mut();
+        let numbers = numbers.zip(self.value.extend_default(rows));
+        let origins = self.t_ns.last_mut(rows).iter_mut();
+        let origins = origins.zip(self.axis.extend_default(rows));
+        let origins = origins.zip(self.quality.extend_default(rows));
+        let origins = origins.zip(self.frame.extend_default(rows));
+        let mut rows_left = words.zip(numbers).zip(origins);
+        for plain in run {
+            let template = templates.get(plain);
+            let (time, number) = (time(plain).unwrap_or_default(), to_i64(plain.number));
+            // Values first: where they end, no row is taken.
+            for (ValueTemplate { position, signal, unit }, row) in
+                template.values.iter().zip(rows_left.by_ref())
+            {
+                let ((words, numbers), origins) = row;
+                let whole = position.exact(plain.data);
+                let ((bus, signal_key), unit_key) = words;
+                (*bus, *signal_key, *unit_key) = (template.bus, *signal, *unit);
+                let (exact, value) = numbers;
+                (*exact, *value) = (whole, position.value(whole));
+                let (((t_ns, axis), quality), frame) = origins;
+                (*t_ns, *axis, *quality) = (time, template.axis, template.quality);
+                *frame = number;
             }
         }
-        templates.fill_rows(run, self.axis.extend_default(rows), |_, voice, _| voice.axis);
-        templates
-            .fill_rows(run, self.signal.keys().extend_default(rows), |_, _, value| value.signal);
-        let exact = self.exact.extend_default(rows);
-        templates.fill_rows(run, exact, |plain, _, value| value.position.exact(plain.data));
-        templates.fill_rows(
-            run,
-            self.value.extend_default(rows),
-            |plain, _, ValueTemplate { position, .. }| position.value(position.exact(plain.data)),
-        );
-        templates.fill_rows(run, self.unit.keys().extend_default(rows), |_, _, value| value.unit);
-        templates.fill_rows(run, self.quality.extend_default(rows), |_, voice, _| voice.quality);
         self.request.repeat(None, rows);
-        templates
-            .fill_rows(run, self.frame.extend_default(rows), |plain, _, _| to_i64(plain.number));
     }
 
     /// What values of these templates have in common.
     pub fn templates(&mut self, voices: &[FrameTemplate]) -> SignalTemplates {
-        let voices: Vec<SignalTemplate> = voices.iter().map(|voice| self.template(voice)).collect();
-        SignalTemplates {
-            bus: common_value(voices.iter().map(|voice| voice.bus)),
-            templates: voices,
-        }
+        SignalTemplates(voices.iter().map(|voice| self.template(voice)).collect())
     }
 
     fn template(&mut self, voice: &FrameTemplate) -> SignalTemplate {

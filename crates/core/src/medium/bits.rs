@@ -53,28 +53,56 @@ const fn bits_before_crc(extended: bool, bytes: u32) -> u32 {
 /// Bits from start of frame to the first in which two frames differ.
 #[must_use]
 pub fn bits_until_difference(one: &Frame, other: &Frame) -> u32 {
-    let ((one, len), (other, _)) = (bits_with_crc(one), bits_with_crc(other));
-    let same = (one ^ other).leading_zeros();
-    stuffed_len(one, len.min(same + 1))
+    let ((one, len), (other, other_len)) = (bits_with_crc(one), bits_with_crc(other));
+    let same = (one << (128 - len)) ^ (other << (128 - other_len));
+    let count = len.min(same.leading_zeros() + 1);
+    stuffed_len(one >> (len - count), count)
 }
 
-/// Length of the first `count` of `bits` with stuff bits: one opposite bit after five equal ones. Each
-/// bit is first compared with the one before it; four agreements in a row are five equal bits, and the
-/// inserted bit inverts the value that the next bit is compared with.
+/// Length of the last `count` of `bits` with stuff bits: one opposite bit after five equal ones. The bits
+/// begin with a dominant one.
 fn stuffed_len(bits: u128, count: u32) -> u32 {
-    let mut same = !(bits ^ bits >> 1) & u128::MAX >> 1;
-    let mut total = count;
-    loop {
-        let fifth = (same & same >> 1 & same >> 2 & same >> 3).leading_zeros();
-        if fifth >= count {
-            return total;
-        }
-        total += 1;
-        same = (same << fifth << 1 ^ 1 << 127) >> fifth >> 1;
+    /// Bits of which no two neighbours are equal, the last recessive: in front of the frame, they add
+    /// nothing.
+    const ALTERNATING: u128 = u128::MAX / 3;
+    let bytes = (bits | ALTERNATING.unbounded_shl(count)).to_be_bytes();
+    let (mut run, mut total) = (RECESSIVE, count);
+    for byte in &bytes[16 - count.div_ceil(8) as usize..] {
+        let step = STUFFING[usize::from(run & 7)][usize::from(*byte)];
+        total += u32::from(step >> 3);
+        run = step;
     }
+    total
 }
 
-/// The bits of a frame from its start to its CRC, the first on top, and how many there are.
+/// One recessive bit behind a dominant one, as a row of [`STUFFING`].
+const RECESSIVE: u8 = 4;
+
+/// What a byte does: the row for the next byte in the lowest three bits, and stuff bits in those above. A
+/// row is the value of the last bit (4 if recessive) and how many equal ones stand before it.
+static STUFFING: [[u8; 256]; 8] = {
+    let mut table = [[0; 256]; 8];
+    let mut entry = 0;
+    while entry < 8 * 256 {
+        let (row, byte) = (entry / 256, entry % 256);
+        let (mut level, mut equal, mut stuffed) = (row / 4, row % 4, 0);
+        let mut bit = 8;
+        while bit > 0 {
+            bit -= 1;
+            let next = byte >> bit & 1;
+            equal = if next == level { equal + 1 } else { 0 };
+            level = next;
+            if equal == 4 {
+                (level, equal, stuffed) = (1 - level, 0, stuffed + 1);
+            }
+        }
+        table[row][byte] = (stuffed << 3 | level << 2 | equal) as u8;
+        entry += 1;
+    }
+    table
+};
+
+/// The bits of a frame from its start to its CRC, the last lowest, and how many there are.
 fn bits_with_crc(frame: &Frame) -> (u128, u32) {
     let bytes = if frame.remote { 0 } else { frame.bytes().len() as u32 };
     let data = u64::from_be_bytes(frame.data).unbounded_shr(64 - 8 * bytes);
@@ -87,30 +115,30 @@ fn bits_with_crc(frame: &Frame) -> (u128, u32) {
     };
     let count = bits_before_crc(frame.extended, bytes);
     let bits = u128::from(head) << (8 * bytes) | u128::from(data);
-    let bits = bits << CRC_BITS | u128::from(crc15(bits, count));
-    (bits << (128 - count - CRC_BITS), count + CRC_BITS)
+    (bits << CRC_BITS | u128::from(crc15(bits, count)), count + CRC_BITS)
 }
 
-/// The CRC-15 of the last `count` of `bits`.
+/// The CRC-15 of the last `count` of `bits`; leading zeros do not count.
 fn crc15(bits: u128, count: u32) -> u16 {
-    let bytes = bits.to_be_bytes();
-    let step = |crc: u16, byte: &u8| crc << 8 ^ CRC_TABLE[usize::from((crc >> 7) as u8 ^ byte)];
-    // Leading zeros do not count.
-    bytes[16 - count.div_ceil(8) as usize..].iter().fold(0, step) & 0x7FFF
+    let bytes = bits.to_le_bytes();
+    let shares = bytes.iter().zip(&CRC_SHARES).take(count.div_ceil(8) as usize);
+    shares.fold(0, |crc, (byte, share)| crc ^ share[usize::from(*byte)])
 }
 
-/// What a byte makes of the CRC.
-static CRC_TABLE: [u16; 256] = {
-    let mut table = [0; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        let (mut crc, mut bit) = ((byte as u16) << 7, 0);
+/// What a byte adds to the CRC, by how many bytes stand behind it.
+static CRC_SHARES: [[u16; 256]; 16] = {
+    let mut shares = [[0; 256]; 16];
+    let mut entry = 0;
+    while entry < 16 * 256 {
+        let (behind, byte) = (entry / 256, entry % 256);
+        let (mut crc, mut bit) =
+            if behind == 0 { ((byte as u16) << 7, 0) } else { (shares[behind - 1][byte], 0) };
         while bit < 8 {
             crc = crc << 1 ^ if crc & 0x4000 == 0 { 0 } else { 0x4599 };
             bit += 1;
         }
-        table[byte] = crc & 0x7FFF;
-        byte += 1;
+        shares[behind][byte] = crc & 0x7FFF;
+        entry += 1;
     }
-    table
+    shares
 };

@@ -21,12 +21,37 @@ pub struct Mapping {
     quality: Quality,
 }
 
-/// One value: where it lies, and what it is.
+/// Where a number lies in eight bytes.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct MappedValue {
+pub(super) struct NumberBits {
     left_shift: u8,
     right_shift: u8,
     signed: bool,
+}
+
+impl NumberBits {
+    /// A number of that field.
+    pub const fn new(field: BitField, signed: bool) -> Self {
+        Self {
+            left_shift: BITS_MAX - field.start - field.bits,
+            right_shift: BITS_MAX - field.bits,
+            signed,
+        }
+    }
+
+    /// The number that eight bytes, the first lowest, hold there.
+    #[inline]
+    pub const fn extract(self, data: u64) -> i64 {
+        let top = data << (self.left_shift & 63);
+        let rest = self.right_shift & 63;
+        if self.signed { top.cast_signed() >> rest } else { (top >> rest).cast_signed() }
+    }
+}
+
+/// One value: where it lies, and what it is.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct MappedValue {
+    pub(super) bits: NumberBits,
     /// How the number lies in the bits, where it is a floating-point one.
     real: Option<Encoding>,
     is_flag: bool,
@@ -46,9 +71,7 @@ impl MappedValue {
     fn new(field: BitField, object: ObjectIndex, meaning: &ObjectMeaning) -> Self {
         let ObjectMeaning { name, unit, factor, signed, real, mask, equals } = *meaning;
         Self {
-            left_shift: BITS_MAX - field.start - field.bits,
-            right_shift: BITS_MAX - field.bits,
-            signed,
+            bits: NumberBits::new(field, signed),
             real,
             is_flag: equals.is_some(),
             tells_state: equals.is_none() && is_state_object(object),
@@ -75,10 +98,7 @@ impl MappedValue {
     #[inline]
     #[must_use]
     pub const fn exact(&self, data: u64) -> i64 {
-        let top = data << (self.left_shift & 63);
-        let rest = self.right_shift & 63;
-        let raw = if self.signed { top.cast_signed() >> rest } else { (top >> rest).cast_signed() };
-        let masked = raw & self.mask;
+        let masked = self.bits.extract(data) & self.mask;
         if self.is_flag { (masked == self.equals) as i64 } else { masked }
     }
 

@@ -64,11 +64,11 @@ impl ProcessData {
         name: impl FnOnce() -> String,
         profile: Option<&'static Profile>,
     ) {
-        let known = |wording: &ProcessText| wording.has_text(&this.mapping, data);
+        let known = |wording: &ProcessText| wording.has_text(data);
         if !this.text.as_ref().is_some_and(known) {
             let Self { mapping, text, .. } = Arc::make_mut(this);
             let wording = text.get_or_insert_with(|| ProcessText::new(name(), mapping, profile));
-            wording.learn_text(mapping, data);
+            wording.learn_text(data);
         }
     }
 
@@ -79,7 +79,7 @@ impl ProcessData {
 
     /// Nothing changes by these values: neither a state nor the words that are known.
     pub(super) fn is_unchanged(&self, data: u64, power: &mut PowerMonitor) -> bool {
-        let known = self.text.as_ref().is_none_or(|words| words.has_text(&self.mapping, data));
+        let known = self.text.as_ref().is_none_or(|words| words.has_text(data));
         known
             && self
                 .state_values
@@ -91,7 +91,7 @@ impl ProcessData {
     pub(crate) fn explain(&self, bytes: &[u8], explanation: &mut Explanation) {
         explanation.axis(self.axis());
         match &self.text {
-            Some(wording) => wording.explain(&self.mapping, bytes, explanation),
+            Some(wording) => wording.explain(bytes, explanation),
             None => _ = write!(explanation.kind, "{}", self.name),
         }
     }

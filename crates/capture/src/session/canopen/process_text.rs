@@ -8,7 +8,7 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::explain::meanings;
 use polepair_core::proto::canopen::sdo::ObjectIndex;
 
-use super::mapping::Mapping;
+use super::mapping::{Mapping, NumberBits};
 use crate::explanation::Explanation;
 use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
 use crate::number_text;
@@ -22,6 +22,8 @@ pub(crate) struct ProcessText {
     /// `tpdo1`.
     prefix: TextPiece,
     values: Vec<ValueText>,
+    /// Which of them have other words for other numbers.
+    varying: Vec<usize>,
     /// What stands behind the last value.
     end: TextPiece,
     profile: Option<&'static Profile>,
@@ -35,13 +37,16 @@ const SUFFIXES_MAX: usize = 8;
 struct ValueText {
     object: ObjectIndex,
     name: InternedName,
+    bits: NumberBits,
     bytes: (u16, u16),
     /// What stands in front of the number, behind the bytes or the value before.
     label: TextPiece,
-    /// What stands behind it, by numbers that came; of one alone where it is steady.
+    /// What stands behind a number hangs on the number.
+    varies: bool,
+    /// What stands behind it, by numbers that came.
     suffixes: Vec<(i64, TextPiece)>,
-    /// The same stands behind all numbers.
-    constant_suffix: bool,
+    /// What stands behind all numbers, until it is part of what follows.
+    constant_suffix: Option<TextPiece>,
 }
 
 impl ProcessText {
@@ -51,33 +56,41 @@ impl ProcessText {
         let mut join = if good { " (" } else { " (if mapped as usual: " };
         let words = mapping.entry_values(0).map(|(entry, field, mapped_value, _)| {
             let (start, end) = (u16::from(field.start), u16::from(field.start + field.bits));
-            let bytes = (start / 8, end.div_ceil(8));
+            let place = (mapped_value.bits, (start / 8, end.div_ceil(8)));
             let join = core::mem::replace(&mut join, " | ");
-            ValueText::new(join, entry.object, mapped_value.name, bytes, profile)
+            ValueText::new(join, entry.object, mapped_value.name, place, profile)
         });
-        let values: Vec<ValueText> = words.collect();
+        let mut values: Vec<ValueText> = words.collect();
         // Where bits are mapped to nothing, that is said.
         let end = if values.is_empty() { format!("{join})") } else { ")".to_owned() };
         let (verb, end) = (name.to_lowercase(), TextPiece::new(end.as_bytes()));
-        Self { prefix: TextPiece::new(verb.as_bytes()), values, end, kind: name, profile }
+        // What stands behind all numbers of a value is one piece with what follows it.
+        let mut suffix = TextPiece::default();
+        for value in &mut values {
+            value.label = suffix.joined(&value.label);
+            suffix = value.constant_suffix.take().unwrap_or_default();
+        }
+        let end = suffix.joined(&end);
+        let varying = (0..values.len()).filter(|at| values[*at].varies).collect();
+        Self { prefix: TextPiece::new(verb.as_bytes()), values, varying, end, kind: name, profile }
     }
 
     /// Whether the words of each number that eight bytes hold are kept, or are not to be.
     #[inline]
-    pub fn has_text(&self, mapping: &Mapping, data: u64) -> bool {
-        let mut pairs = self.values.iter().zip(mapping.numbers());
-        pairs.all(|(word, mapped)| word.has_suffix(mapped.exact(data)))
+    pub fn has_text(&self, data: u64) -> bool {
+        let mut varying = self.varying.iter().map(|at| &self.values[*at]);
+        varying.all(|word| word.has_suffix(word.bits.extract(data)))
     }
 
     /// Keeps the words of each number that eight bytes hold.
-    pub fn learn_text(&mut self, mapping: &Mapping, data: u64) {
-        for (word, mapped) in self.values.iter_mut().zip(mapping.numbers()) {
-            word.learn_suffix(mapped.exact(data), self.profile);
+    pub fn learn_text(&mut self, data: u64) {
+        for word in &mut self.values {
+            word.learn_suffix(word.bits.extract(data), self.profile);
         }
     }
 
     /// Says what the bytes of a frame are.
-    pub fn explain(&self, mapping: &Mapping, bytes: &[u8], explanation: &mut Explanation) {
+    pub fn explain(&self, bytes: &[u8], explanation: &mut Explanation) {
         explanation.kind.push_str(&self.kind);
         explanation.field(field("data", (0, bytes.len() as u16), FieldValue::Words(bytes)));
         let mut text = core::mem::take(&mut explanation.text).into_bytes();
@@ -86,9 +99,9 @@ impl ProcessText {
             let [high, low] = number_text::hex_digits(*byte);
             text.extend_from_slice(&[b' ', high, low]);
         }
-        for (word, (.., raw)) in
-            self.values.iter().zip(mapping.entry_values(super::bytes_to_word(bytes)))
-        {
+        let data = super::bytes_to_word(bytes);
+        for word in &self.values {
+            let raw = word.bits.extract(data);
             word.append_to(raw, self.profile, &mut text);
             explanation.field(field(word.name, word.bytes, FieldValue::Int(raw)));
         }
@@ -108,22 +121,18 @@ impl ProcessText {
 
     /// Puts the same into a line, and its end; false where words are not kept.
     #[inline]
-    pub fn append_line(
-        &self,
-        mapping: &Mapping,
-        data: u64,
-        (hex, len): (HexColumns, u8),
-        page: &mut LineBuffer,
-    ) -> bool {
+    pub fn append_line(&self, data: u64, hex: HexColumns, page: &mut LineBuffer) -> bool {
         page.push_piece(&self.prefix);
         page.push_word(b' '.into(), 1);
-        page.push_hex(hex, (3 * usize::from(len)).saturating_sub(1));
-        for (word, mapped) in self.values.iter().zip(mapping.numbers()) {
-            let raw = mapped.exact(data);
-            let Some(behind) = word.suffix(raw) else { return false };
+        page.push_hex(hex, hex.width());
+        for word in &self.values {
+            let raw = word.bits.extract(data);
             page.push_piece(&word.label);
             page.push_signed(raw);
-            page.push_piece(behind);
+            if word.varies {
+                let Some(behind) = word.suffix(raw) else { return false };
+                page.push_piece(behind);
+            }
         }
         page.push_piece(&self.end);
         page.push_word(b'\n'.into(), 1);
@@ -140,10 +149,10 @@ impl ValueText {
         join: &str,
         object: ObjectIndex,
         name: InternedName,
-        bytes: (u16, u16),
+        (bits, bytes): (NumberBits, (u16, u16)),
         profile: Option<&'static Profile>,
     ) -> Self {
-        let steady = meanings::has_constant_meaning(object, profile);
+        let varies = !meanings::has_constant_meaning(object, profile);
         let mut label = join.to_owned();
         let mut clean = RemarkText(&mut label);
         if meanings::object_name(object, profile).is_empty() {
@@ -151,18 +160,14 @@ impl ValueText {
         }
         let _ = meanings::write_label(object, profile, &mut clean);
         let label = TextPiece::new(label.as_bytes());
-        let mut word =
-            Self { object, name, bytes, label, suffixes: Vec::new(), constant_suffix: steady };
-        if steady {
-            word.suffixes.push((0, word.suffix_for(0, profile)));
-        }
-        word
+        let constant_suffix = (!varies).then(|| Self::suffix_for(object, 0, profile));
+        Self { object, name, bits, bytes, label, varies, suffixes: Vec::new(), constant_suffix }
     }
 
     /// What stands behind a number.
-    fn suffix_for(&self, raw: i64, profile: Option<&'static Profile>) -> TextPiece {
+    fn suffix_for(object: ObjectIndex, raw: i64, profile: Option<&'static Profile>) -> TextPiece {
         let mut behind = String::new();
-        let _ = meanings::write_meaning(self.object, raw, profile, &mut RemarkText(&mut behind));
+        let _ = meanings::write_meaning(object, raw, profile, &mut RemarkText(&mut behind));
         TextPiece::new(behind.as_bytes())
     }
 
@@ -173,27 +178,27 @@ impl ValueText {
 
     #[inline]
     fn suffix(&self, raw: i64) -> Option<&TextPiece> {
-        let mut behind = self.suffixes.iter();
-        behind.find(|(of, _)| self.constant_suffix || *of == raw).map(|(_, words)| words)
+        self.suffixes.iter().find(|(of, _)| *of == raw).map(|(_, words)| words)
     }
 
     #[inline]
     fn has_suffix(&self, raw: i64) -> bool {
-        self.constant_suffix || self.suffixes.len() == SUFFIXES_MAX || self.suffix(raw).is_some()
+        !self.varies || self.suffixes.len() == SUFFIXES_MAX || self.suffix(raw).is_some()
     }
 
     fn learn_suffix(&mut self, raw: i64, profile: Option<&'static Profile>) {
         if !self.has_suffix(raw) {
-            self.suffixes.push((raw, self.suffix_for(raw, profile)));
+            self.suffixes.push((raw, Self::suffix_for(self.object, raw, profile)));
         }
     }
 
     fn append_to(&self, raw: i64, profile: Option<&'static Profile>, text: &mut Vec<u8>) {
         self.label.append_to(text);
         number_text::append_signed(raw, text);
-        match self.suffix(raw) {
-            Some(words) => words.append_to(text),
-            None => self.suffix_for(raw, profile).append_to(text),
+        match (self.varies, self.suffix(raw)) {
+            (false, _) => {}
+            (true, Some(words)) => words.append_to(text),
+            (true, None) => Self::suffix_for(self.object, raw, profile).append_to(text),
         }
     }
 }
@@ -214,7 +219,9 @@ mod tests {
     use polepair_drives::cia402::profile::CIA402;
     use polepair_drives::syntron_ts::profile::SYNTRON_TS_CANOPEN;
 
-    use super::{ObjectIndex, RemarkText, ValueText, meanings};
+    use polepair_core::proto::canopen::pdo::BitField;
+
+    use super::{NumberBits, ObjectIndex, RemarkText, ValueText, meanings};
 
     /// Every object of the standards and of two drives, with numbers one after the other.
     #[test]
@@ -224,13 +231,15 @@ mod tests {
         for profile in [None, Some(&CIA402), Some(&SYNTRON_TS_CANOPEN)] {
             let own = profile.map_or(&[][..], |profile| profile.parameters);
             let own = own.iter().map(|parameter| (parameter.index, parameter.space));
+            let bits = NumberBits::new(BitField { start: 0, bits: 32 }, true);
             for (index, sub) in standard.clone().chain(own) {
                 let object = ObjectIndex::new(index, sub);
-                let mut word = ValueText::new(" | ", object, "0x2000:1", (0, 4), profile);
+                let mut word = ValueText::new(" | ", object, "0x2000:1", (bits, (0, 4)), profile);
                 for raw in [0, 7, 7, -1, 0x1637, 0x000F, 0x6061_0008, i64::MAX, 0, -12345] {
                     let (mut text, mut plain) = (Vec::new(), " | ".to_owned());
                     word.learn_suffix(raw, profile);
                     word.append_to(raw, profile, &mut text);
+                    word.constant_suffix.iter().for_each(|suffix| suffix.append_to(&mut text));
                     if meanings::object_name(object, profile).is_empty() {
                         plain.push_str("0x2000:1 = ");
                     }
