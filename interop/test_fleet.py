@@ -141,6 +141,10 @@ def test_a_bucket_is_source_and_target(captures: Path, single: dict[str, str], b
     files.invalidate_cache()
     stored = {path[len(root) + 1 :]: files.cat_file(path) for path in files.find(root)}
     assert rows(digests(stored)) == rows(single)
+    query = "select 'files: ' || count(distinct file) as files from frames"
+    ask = [sys.executable, "-m", "polepair", "fleet", "sql", f"s3://{bucket}/dataset", query]
+    asked = subprocess.run(ask, capture_output=True, text=True, check=False, timeout=300)
+    assert f"files: {COUNT}" in asked.stdout, asked.stderr
     # What is there is not even read again.
     files.put_file(str(captures / "machine-0" / "0000.log"), f"{bucket}/captures/copy.log")
     again = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..columns import TABLES, extra
@@ -214,16 +214,25 @@ def _check_schema(connection: Any, pattern: str) -> None:
             )
 
 
-def open(dataset: str | os.PathLike[str], *, connection: duckdb.DuckDBPyConnection | None = None) -> Dataset:
+def open(
+    dataset: str | os.PathLike[str],
+    *,
+    connection: duckdb.DuckDBPyConnection | None = None,
+    storage_options: Mapping[str, Any] | None = None,
+) -> Dataset:
     """Opens a data set that `polepair decode CAPTURES -o DATASET` has made. Nothing of it is changed.
 
-    `connection` is a connection of your own, for instance with access to a bucket. Errors: `FileNotFoundError` where
-    there is no data set, `Unsupported` for tables of another version.
+    A data set in a bucket (`s3://plant/dataset`) is read by fsspec, with these `storage_options`. `connection` is a
+    connection of your own, which has to have that access itself. Errors: `FileNotFoundError` where there is no data
+    set, `Unsupported` for tables of another version.
     """
     root = os.fspath(dataset).rstrip("/\\") or os.sep
     own = connection
     if own is None:
         own = extra("duckdb", "polepair[fleet]").connect()
+        if "://" in root:
+            core = extra("fsspec.core", "polepair[fleet]")
+            own.register_filesystem(core.url_to_fs(root, **(storage_options or {}))[0])
     patterns = {table: f"{root}/{table}/**/*.parquet" for table in TABLES}
     present = {table: _has_parts(own, pattern) for table, pattern in patterns.items()}
     if not any(present.values()):
