@@ -12,15 +12,15 @@ PAGE_SOURCES := web/index.html web/package.json web/svelte.config.js web/vite.co
 BUILD ?= debug
 PROFILE := $(if $(filter debug,$(BUILD)),dev,$(BUILD))
 WORKSPACE := --workspace --locked --quiet --profile $(PROFILE)
-# Tests that start processes run two at a time, on any machine.
-PYTEST := POLEPAIR_BUILD=$(BUILD) $(CURDIR)/$(PYTHON) -m pytest -n 2 --dist loadfile
+# Tests that start processes run four at a time, on any machine: two keep a third of a core busy.
+PYTEST := POLEPAIR_BUILD=$(BUILD) $(CURDIR)/$(PYTHON) -m pytest -n 4 --dist loadfile
 # Runs a step of `make test` and says how long it took.
 STEP := .ci/step
 # The Python module, and where it is installed for tests.
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check lints dependencies spelling build packages web page site interop windows windows-program windows-files macos package python wheel deb dist try-dist swarm threads soak bench clean
+.PHONY: demo test waiting-steps computing-steps check lints dependencies spelling build packages web page site interop windows windows-program windows-files macos package python wheel deb dist try-dist swarm threads soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -37,15 +37,21 @@ test:
 	@$(STEP) "packages and lints" $(MAKE) -j2 --output-sync=target packages lints dependencies spelling
 	@$(STEP) "build" $(MAKE) build
 	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
-	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --test '[!c]*'
-	@$(STEP) "command line" env RUST_TEST_THREADS=2 $(CARGO) test $(WORKSPACE) --test commands
-	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
-	@$(STEP) "documentation" $(MAKE) site
+	@$(MAKE) --no-print-directory -j2 --output-sync=line waiting-steps computing-steps
 	@$(STEP) "page" $(MAKE) page
-	@$(STEP) "Windows" $(MAKE) windows-program
 	@$(STEP) "interop" $(MAKE) interop
 	@$(STEP) --table "python"
 	@$(MAKE) --no-print-directory python
+
+# Steps of `make test` that mostly wait, and steps that compute: they run side by side (BUILD-4).
+waiting-steps:
+	@$(STEP) "command line" env RUST_TEST_THREADS=4 $(CARGO) test $(WORKSPACE) --test commands
+	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --test '[!c]*'
+
+computing-steps:
+	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
+	@$(STEP) "documentation" $(MAKE) site
+	@$(STEP) "Windows" $(MAKE) windows-program
 
 ## check: format, lints, licences, spelling, unit tests (tidiness and generated files are among them), captures mutated for seconds
 check: lints dependencies spelling
@@ -143,7 +149,7 @@ python: package
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pyright --pythonpath $(CURDIR)/$(PYTHON)
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --allowlist stubtest-allowed.txt --ignore-unused-allowlist --mypy-config-file pyproject.toml
 	cd crates/python && $(PYTEST)
-	RUST_TEST_THREADS=2 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
+	RUST_TEST_THREADS=4 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
 
 # Tools that build what users install.
 $(VENV)/packaging: $(VENV)/ready packaging/requirements.txt packaging/tools.txt

@@ -1,6 +1,6 @@
 //! One program for all tests of this crate from outside (BUILD-1).
 //!
-//! A program of its own: its tests start processes, so they run two at a time (BUILD-3).
+//! A program of its own: its tests start processes, so they have a step of their own (BUILD-3).
 
 mod asking;
 mod broken;
