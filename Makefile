@@ -124,9 +124,7 @@ windows-program:
 windows-files: $(VENV)/ready
 	$(CARGO) build -p polepair-cli -p polepair-python -p polepair-ffi -p polepair-tml-compat --locked --quiet \
 		--profile $(PROFILE) --target x86_64-pc-windows-gnu
-	rm -rf target/windows-wheel
-	$(VENV)/bin/maturin build --quiet --locked --profile $(PROFILE) --target x86_64-pc-windows-gnu \
-		--manifest-path crates/python/Cargo.toml --out target/windows-wheel
+	interop/windows/wheel $(BUILD)
 
 ## macos: the crates that need no linker, checked for macOS; nothing is run
 macos:

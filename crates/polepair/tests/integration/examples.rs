@@ -51,9 +51,17 @@ fn the_picture_of_a_step_is_what_the_program_draws() {
 }
 
 /// Builds them; what cargo says of that. The whole workspace's, as tests are: this package alone would have
-/// other features, and everything below it be built anew.
+/// other features, and everything below it be built anew. So it would be with what cargo tells a test of its
+/// package: build scripts of `ring` run again whenever that changes.
 fn built() -> String {
-    let built = Command::new(env!("CARGO"))
+    let mut cargo = Command::new(env!("CARGO"));
+    for (name, _) in std::env::vars_os() {
+        let shown = name.to_string_lossy();
+        if shown.starts_with("CARGO_PKG_") || shown.starts_with("CARGO_MANIFEST_") {
+            cargo.env_remove(&name);
+        }
+    }
+    let built = cargo
         .args(["build", "--quiet", "--locked", "--workspace", "--examples"])
         .args(["--message-format", "json"])
         .current_dir(root())
