@@ -1,6 +1,6 @@
 """What a frame of a candump log costs in `polepair` and in the programs that people use instead, in one run.
 
-    python crates/columns/benches/peers.py [--polepair PATH] [--frames N] [--rounds N]
+    python crates/columns/benches/peers.py [--polepair PATH] [--log LOG] [--frames N] [--rounds N]
 
 Needs `polepair` as it is released, and the peers that are to be compared: can-utils, tshark, and in this Python
 python-can and cantools. One that is missing is left out. Each round runs all of them one after the other. A
@@ -35,7 +35,7 @@ for message in can.io.canutils.CanutilsLogReader(sys.argv[1]):
 
 @dataclass
 class Program:
-    """A command, in which `{log}` is the log, and the frames of the log that it gets."""
+    """A command, in which `{log}` is the log, which is its input as well; and the frames of the log that it gets."""
 
     name: str
     command: list[str]
@@ -57,7 +57,8 @@ def cpu_seconds(command: list[str], log: Path) -> float:
     """Processor time of a command and all that it starts."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     filled = [part.replace("{log}", str(log)) for part in command]
-    subprocess.run(filled, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+    with log.open("rb") as lines:
+        subprocess.run(filled, stdin=lines, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
@@ -87,7 +88,7 @@ def programs(polepair: str, frames: int, folder: Path) -> list[Program]:
         "polepair decode": ours.replace("{}", "decode --jobs 1"),
         "polepair decode, protocol detected": f"{shlex.quote(polepair)} decode --jobs 1 {{log}}",
         "polepair summary": ours.replace("{}", "summary"),
-        "can-utils log2long": "sh -c 'log2long < {log}'",
+        "can-utils log2long": "log2long",
         "can-utils log2asc": "log2asc -I {log} can0",
     }
     all_programs = [Program(name, shlex.split(line), frames) for name, line in fast.items()]
@@ -116,6 +117,8 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
+    if shutil.which(options.polepair) is None:
+        parser.error(f"there is no program {options.polepair}: build it with `cargo build --profile dist -p polepair-cli`")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         whole, part, one_line = folder / "whole.log", folder / "part.log", folder / "line.log"
