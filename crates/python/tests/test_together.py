@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 
 import can
 import polepair
@@ -59,6 +60,20 @@ def test_a_group_of_an_event_loop() -> None:
             return [(await axis.read("position"))["position"] for axis in both.axes]
 
     assert asyncio.run(main())[1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_virtual_time_stands_still_between_calls_of_an_event_loop() -> None:
+    async def main() -> None:
+        async with polepair.aio.connect("sim:cia402?time=virtual") as link:
+            axis = link.axis(1)
+            async with axis.armed():
+                await axis.move(0.5)
+                began = axis._native.now
+                # A thread of the library's looks every 5 ms whether it is needed.
+                time.sleep(0.1)
+                assert axis._native.now == began
+
+    asyncio.run(main())
 
 
 def test_a_frame_is_explained_byte_by_byte() -> None:

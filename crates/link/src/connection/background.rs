@@ -105,7 +105,8 @@ fn run_thread<M: Medium>(shared: &ConnectionInner<M>) {
         if state.link_error.is_some() && is_needed(&state) {
             state = run_wakers(shared, reopen_link(shared, state));
         }
-        if state.slots.has_wakers() {
+        // In virtual time, time would pass that nobody waits for.
+        if state.slots.has_wakers() && state.link.is_real_time() {
             linger_until = state.link.now().plus_ns(LINGER_NS);
         }
         if may_lead(&state, rounds_seen, linger_until) {
