@@ -20,7 +20,9 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test waiting-steps computing-steps check lints dependencies spelling build packages web page site interop windows windows-program windows-files macos package python wheel deb dist try-dist swarm threads soak bench clean
+.PHONY: demo test installing-steps checking-steps process-steps client-steps unit-step windows-step wine-step \
+	documentation-steps check lints dependencies spelling build packages web page-units page page-tests site site-pages interop windows windows-tests windows-program \
+	windows-files macos package python python-tests python-command wheel deb dist try-dist swarm threads soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -29,29 +31,44 @@ demo:
 	target/release/polepair demo $(if $(HEADLESS),--headless)
 	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/release/polepair serve --bind 127.0.0.1:0; fi
 
-# The command line's tests (`commands`) start processes; those of the other crates ([!c]*) contain both ends of
-# the wire, mostly wait, and get longer time-outs from here (docs/decisions/building.md, BUILD-3).
 ## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
 test:
 	@$(STEP) --begin
-	@$(STEP) "packages and lints" $(MAKE) -j2 --output-sync=target packages lints dependencies spelling
-	@$(STEP) "build" $(MAKE) build
+	@$(MAKE) --no-print-directory -j2 --output-sync=line installing-steps checking-steps
+	@$(STEP) "build" $(MAKE) package
+	@$(MAKE) --no-print-directory -j4 --output-sync=line process-steps client-steps documentation-steps wine-step
+	@$(STEP) --table
+
+# Steps of `make test` run side by side, so that both cores compute while tests wait (BUILD-4).
+installing-steps:
+	@$(STEP) "packages" $(MAKE) packages
+	@$(STEP) "page's unit tests" $(MAKE) page-units
+
+checking-steps:
+	@$(STEP) "lints" $(MAKE) lints
+	@$(STEP) "dependencies" $(MAKE) dependencies spelling
+
+# Tests that contain both ends of the wire get longer time-outs from here (BUILD-3).
+process-steps:
+	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --test '*'
+
+client-steps:
+	@$(STEP) "python" $(MAKE) python-tests python-command
+	@$(STEP) "interop" env $(PYTEST) interop --ignore interop/test_windows.py
+	@$(STEP) "page" $(MAKE) page-tests
+
+unit-step:
 	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
-	@$(MAKE) --no-print-directory -j2 --output-sync=line waiting-steps computing-steps
-	@$(STEP) "page" $(MAKE) page
-	@$(STEP) "interop" $(MAKE) interop
-	@$(STEP) --table "python"
-	@$(MAKE) --no-print-directory python
 
-# Steps of `make test` that mostly wait, and steps that compute: they run side by side (BUILD-4).
-waiting-steps:
-	@$(STEP) "command line" env RUST_TEST_THREADS=4 $(CARGO) test $(WORKSPACE) --test commands
-	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --test '[!c]*'
-
-computing-steps:
-	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
-	@$(STEP) "documentation" $(MAKE) site
+windows-step: unit-step
 	@$(STEP) "Windows" $(MAKE) windows-program
+
+wine-step: windows-step
+	@$(STEP) "tests under Wine" $(MAKE) windows-tests
+
+documentation-steps: windows-step
+	@$(STEP) "documentation" $(MAKE) site-pages
+	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
 
 ## check: format, lints, licences, spelling, unit tests (tidiness and generated files are among them), captures mutated for seconds
 check: lints dependencies spelling
@@ -82,8 +99,10 @@ packages: $(VENV)/ready
 
 ## web: the dashboard's page, checked, tried and built into crates/serve/page; needs Node.js
 web: $(PAGE)
-	cd web && npm run --silent check
-	cd web && npm run --silent unit -- --reporter=dot
+	$(MAKE) --no-print-directory page-units
+
+page-units:
+	@if web/ready; then cd web && npm run --silent check && npm run --silent unit -- --reporter=dot; fi
 
 $(PAGE): web/node_modules/.package-lock.json $(PAGE_SOURCES)
 	cd web && npm run --silent build -- --logLevel warn
@@ -97,10 +116,16 @@ page:
 	interop/install-debian-packages
 	@if web/ready; then $(MAKE) --no-print-directory web; fi
 	$(MAKE) --no-print-directory build
+	$(MAKE) --no-print-directory page-tests
+
+page-tests:
 	@if web/ready browser; then cd web && POLEPAIR_BUILD=$(BUILD) IMAGES=$(abspath $(IMAGES)) npm run --silent page -- $(TESTS); fi
 
 ## site: the documentation as web pages in target/site, with the interfaces of Rust and Python; all links checked
 site: package
+	$(MAKE) --no-print-directory site-pages
+
+site-pages:
 	packaging/install-tools mdbook
 	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
 	rm -rf target/site
@@ -115,6 +140,9 @@ interop: package windows-program
 
 ## windows: the program for Windows, tried under Wine against drives of this machine; needs mingw-w64 and Wine
 windows: package windows-program
+	$(MAKE) --no-print-directory windows-tests
+
+windows-tests:
 	$(PYTEST) interop/test_windows.py
 
 windows-program:
@@ -142,11 +170,17 @@ package: $(VENV)/ready build
 
 ## python: the package, built and tried: its surface, its types, its guide, examples and notebooks
 python: package
+	$(MAKE) --no-print-directory python-tests
+	$(MAKE) --no-print-directory python-command
+
+python-tests:
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy --strict --config-file pyproject.toml ../../examples/python/*.py
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pyright --pythonpath $(CURDIR)/$(PYTHON)
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --allowlist stubtest-allowed.txt --ignore-unused-allowlist --mypy-config-file pyproject.toml
 	cd crates/python && $(PYTEST)
+
+python-command:
 	RUST_TEST_THREADS=4 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
 
 # Tools that build what users install.
