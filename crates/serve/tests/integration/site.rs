@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use polepair::Connector;
 use polepair_serve::message::telemetry::{HEADER_LEN, SAMPLE_LEN};
 use polepair_serve::{GatewayServer, ServerOptions};
-use polepair_test_support::WAIT_MAX;
+use polepair_test_support::{WAIT_MAX, wait_for};
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
@@ -161,7 +161,11 @@ impl Site {
         let bench = self.server.as_ref().unwrap().bench();
         let snapshot = serde_json::to_value(bench.snapshot()).unwrap();
         let axes = (0..2).map(|id| {
-            let axis = bench.axis_state(id).unwrap();
+            // Whether it is powered counts as unknown while its last reading is old.
+            let axis = wait_for("a fresh reading", || {
+                let axis = bench.axis_state(id).unwrap();
+                if axis.enabled.is_some() { Ok(axis) } else { Err(format!("{axis:?}")) }
+            });
             serde_json::json!([axis.armed, axis.enabled, axis.lease, axis.faults])
         });
         serde_json::json!([snapshot["axes"], snapshot["lock"], axes.collect::<Vec<_>>()])
