@@ -46,7 +46,12 @@ def folder(tmp_path_factory):
     quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     # It would keep the pipes of the first program that starts it.
     subprocess.run(["wine", "wineboot", "-i"], env=ENVIRONMENT, check=True, timeout=300, **quiet)
+    # Wine forgets volatile keys of the registry, such as its ports, some seconds after its last program has ended.
+    open_program = subprocess.Popen(
+        ["wine", "cmd.exe"], env=ENVIRONMENT, **{**quiet, "stdin": subprocess.PIPE}
+    )
     yield folder
+    open_program.communicate()
     subprocess.run(["wineserver", "-k"], env=ENVIRONMENT, check=False, **quiet)
 
 

@@ -11,6 +11,12 @@ const STRICT: [&str; 5] = ["-O1", "-Wall", "-Wextra", "-pedantic", "-Werror"];
 
 const LIBRARY_PATH: &str = "LD_LIBRARY_PATH";
 
+const TIMEOUT_SCALE_VARIABLE: &str = "POLEPAIR_TIMEOUT_SCALE";
+/// The factor on time-outs of a program: the machine may be busy with other tests.
+const TIMEOUT_SCALE: &str = "10";
+/// The same for one under valgrind, which runs it about 50 times slower.
+const VALGRIND_TIMEOUT_SCALE: &str = "100";
+
 /// A library with its header.
 #[derive(Clone, Copy, Debug)]
 pub struct CLibrary {
@@ -65,6 +71,9 @@ pub fn run(command: &mut Command) -> String {
     // Cargo's own value would come before the folder that the program was linked with.
     if command.get_envs().all(|(name, _)| name != LIBRARY_PATH) {
         command.env_remove(LIBRARY_PATH);
+    }
+    if command.get_envs().all(|(name, _)| name != TIMEOUT_SCALE_VARIABLE) {
+        command.env(TIMEOUT_SCALE_VARIABLE, TIMEOUT_SCALE);
     }
     let ran = command.output().expect("the program starts");
     let (text, failed) =
@@ -172,6 +181,7 @@ impl CLibrary {
 #[must_use]
 pub fn run_under_valgrind(program: &Path, arguments: &[&str]) -> String {
     run(Command::new("valgrind")
+        .env(TIMEOUT_SCALE_VARIABLE, VALGRIND_TIMEOUT_SCALE)
         .args(["--quiet", "--error-exitcode=9", "--leak-check=full"])
         .args(["--errors-for-leak-kinds=definite"])
         .arg(program)
