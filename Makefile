@@ -21,7 +21,7 @@ MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
 .PHONY: demo test installing-steps checking-steps process-steps client-steps unit-step windows-step wine-step \
-	documentation-steps check lints dependencies spelling build packages web page-units page page-tests site site-pages interop windows windows-tests windows-program \
+	documentation-steps check quick-tests lints dependencies spelling build packages web page-units page page-tests site site-pages interop windows windows-tests windows-program \
 	windows-files macos package python python-tests python-command wheel deb dist try-dist swarm threads soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
@@ -71,7 +71,11 @@ documentation-steps: windows-step
 	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
 
 ## check: format, lints, licences, spelling, unit tests (tidiness and generated files are among them), captures mutated for seconds
-check: lints dependencies spelling
+check:
+	@$(MAKE) --no-print-directory -j2 --output-sync=target quick-tests lints dependencies spelling
+
+# They are built first, and run beside the lints.
+quick-tests:
 	$(CARGO) test $(WORKSPACE) --lib --bins --test readers
 
 lints:
@@ -132,7 +136,7 @@ site-pages:
 	MDBOOK_LOG=warn target/tools/bin/mdbook build docs
 	$(PYTHON) -m pdoc --output-directory target/site/api/python polepair '!polepair._polepair' '!polepair.__main__'
 	cp -r target/doc target/site/api/rust
-	$(CARGO) run --quiet --locked -p xtask -- links target/site
+	target/$(BUILD)/xtask links target/site
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package windows-program
