@@ -3,6 +3,7 @@
 use crate::spelling;
 use std::borrow::Cow;
 use std::io::Read as _;
+use std::iter;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -109,11 +110,14 @@ impl std::fmt::Display for FileLocation {
 pub(crate) struct SourceText<'a> {
     file: Arc<str>,
     text: &'a str,
+    /// The offset of each line's first byte.
+    line_starts: Vec<usize>,
 }
 
 impl<'a> SourceText<'a> {
     pub(crate) fn new(file: &str, text: &'a str) -> Self {
-        Self { file: file.into(), text }
+        let breaks = text.match_indices('\n').map(|(at, _)| at + 1);
+        Self { file: file.into(), text, line_starts: iter::once(0).chain(breaks).collect() }
     }
 
     /// Parses the text as TOML and gives its outermost table to `read`.
@@ -130,10 +134,9 @@ impl<'a> SourceText<'a> {
     }
 
     fn location_at(&self, offset: usize) -> FileLocation {
-        let before = self.text.get(..offset).unwrap_or(self.text);
-        let start = before.rfind('\n').map_or(0, |at| at + 1);
-        let line = before.bytes().filter(|&c| c == b'\n').count() + 1;
-        let column = before[start..].chars().count() + 1;
+        let offset = if self.text.is_char_boundary(offset) { offset } else { self.text.len() };
+        let line = self.line_starts.partition_point(|&start| start <= offset);
+        let column = self.text[self.line_starts[line - 1]..offset].chars().count() + 1;
         let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
         FileLocation { file: Arc::clone(&self.file), line: small(line), column: small(column) }
     }

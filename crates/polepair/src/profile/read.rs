@@ -13,6 +13,7 @@ use polepair_core::profile::{
 };
 use polepair_core::units::Unit;
 use polepair_drives::scale_rules;
+use std::collections::HashSet;
 
 const KEYS: [&str; 25] = [
     "name",
@@ -176,9 +177,7 @@ pub(crate) fn read_draft(
         if let Some(map) = node.text("map")? {
             memory_map::apply_map(&mut draft, &map)?;
         }
-        for name in node.texts("remove")? {
-            remove_parameter(&mut draft, &name)?;
-        }
+        remove_parameters(&mut draft, &node.texts("remove")?)?;
         file.read_parameters(&mut draft, &node)?;
         file.read_faults(&mut draft, &node)?;
         read_signals(&mut draft, &node)?;
@@ -359,17 +358,17 @@ fn clear_table(draft: &mut Draft, table: &Located<String>) -> Result<(), FileErr
     Ok(())
 }
 
-fn remove_parameter(draft: &mut Draft, name: &Located<String>) -> Result<(), FileError> {
-    let wanted = spelling::fold(&name.value);
-    let before = draft.parameters.len();
-    draft.parameters.retain(|p| spelling::fold(&p.name) != wanted);
-    if draft.parameters.len() == before {
-        let hint =
-            spelling::suggestion(&name.value, draft.parameters.iter().map(|p| p.name.as_str()));
-        return Err(name
-            .location
-            .error(format!("nothing called `{}` to remove{hint}", name.value)));
+fn remove_parameters(draft: &mut Draft, names: &[Located<String>]) -> Result<(), FileError> {
+    let folded = |p: &DraftParameter| spelling::fold(&p.name);
+    let mut remaining: HashSet<String> = draft.parameters.iter().map(folded).collect();
+    for Located { value, location } in names {
+        if !remaining.remove(&spelling::fold(value)) {
+            let others = draft.parameters.iter().filter(|p| remaining.contains(&folded(p)));
+            let hint = spelling::suggestion(value, others.map(|p| p.name.as_str()));
+            return Err(location.error(format!("nothing called `{value}` to remove{hint}")));
+        }
     }
+    draft.parameters.retain(|p| remaining.contains(&folded(p)));
     Ok(())
 }
 
@@ -402,18 +401,26 @@ struct ProfileReader {
     dialect: &'static Dialect,
 }
 
+/// Name and symbol of an entry as they are compared.
+fn folded_names(parameter: &DraftParameter) -> (String, String) {
+    (spelling::fold(&parameter.name), spelling::fold(&parameter.symbol))
+}
+
 impl ProfileReader {
     fn read_parameters(
         &self,
         draft: &mut Draft,
         node: &TomlTable<'_, '_>,
     ) -> Result<(), FileError> {
-        let inherited = draft.parameters.len();
+        let mut inherited: Vec<_> = draft.parameters.iter().map(folded_names).collect();
         for table in node.tables("parameter", &PARAMETER_KEYS)? {
             for parameter in self.read_repeated(&table)? {
-                let same = self.matches(&parameter);
-                match draft.parameters[..inherited].iter().position(same) {
-                    Some(at) => draft.parameters[at] = parameter,
+                let names = folded_names(&parameter);
+                match inherited.iter().position(|other| self.is_same(&names, other)) {
+                    Some(at) => {
+                        draft.parameters[at] = parameter;
+                        inherited[at] = names;
+                    }
                     None => draft.parameters.push(parameter),
                 }
             }
@@ -424,14 +431,10 @@ impl ProfileReader {
         Ok(())
     }
 
-    /// Whether another entry is this one: its name is, or in a memory the name that the map gives it.
-    fn matches(&self, parameter: &DraftParameter) -> impl Fn(&DraftParameter) -> bool + use<> {
-        let (name, symbol) = (spelling::fold(&parameter.name), spelling::fold(&parameter.symbol));
+    /// Whether two entries are one: their names are, or in a memory the names that the map gives them.
+    fn is_same(&self, one: &(String, String), other: &(String, String)) -> bool {
         let memory = self.dialect.protocol == MEMORY_PROTOCOL;
-        move |p| {
-            spelling::fold(&p.name) == name
-                || (memory && !symbol.is_empty() && spelling::fold(&p.symbol) == symbol)
-        }
+        one.0 == other.0 || (memory && !one.1.is_empty() && one.1 == other.1)
     }
 
     fn read_repeated(&self, table: &TomlTable<'_, '_>) -> Result<Vec<DraftParameter>, FileError> {
