@@ -39,8 +39,7 @@ pub fn run(root: &Path) -> Result<String, String> {
         let text =
             std::fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
         let path = display_path(root, &file);
-        broken.extend(check_file(&path, &text, &names));
-        vocabulary.add_file(&path, &text);
+        broken.extend(check_file(&path, &text, &names, &mut vocabulary));
     }
     broken.extend(docs::check(root));
     broken.extend(decisions::check(root));
@@ -72,8 +71,14 @@ fn rust_files(root: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// What one file breaks. `path` is relative to the workspace, with slashes.
-pub(crate) fn check_file(path: &str, text: &str, names: &ModuleNames) -> Vec<String> {
+/// What one file breaks; its names are added to the vocabulary. `path` is relative to the workspace, with
+/// slashes.
+pub(crate) fn check_file(
+    path: &str,
+    text: &str,
+    names: &ModuleNames,
+    vocabulary: &mut Vocabulary,
+) -> Vec<String> {
     let mut broken = Vec::new();
     if !text.starts_with("//! Generated") {
         check_size(path, text, &mut broken);
@@ -82,6 +87,7 @@ pub(crate) fn check_file(path: &str, text: &str, names: &ModuleNames) -> Vec<Str
         broken.push(format!("{path}: it does not parse"));
         return broken;
     };
+    vocabulary.add_file(path, text, &file);
     let source_location = SourceLocation::from_path(path);
     if source_location.is_root && !forbids_unsafe(&file) {
         broken.push(format!("{path}: rule 13: neither forbids nor denies unsafe code"));
