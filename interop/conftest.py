@@ -58,8 +58,8 @@ def sim(tmp_path):
 
 def polepair(*words, check=True, timeout=120, silence=False):
     """One run of the command line. Where it waits for somebody who is silent on purpose, `silence` has it
-    wait as long as it does for a user."""
-    scale = "1" if silence else os.environ["POLEPAIR_TIMEOUT_SCALE"]
+    wait twice as long as it does for a user."""
+    scale = "2" if silence else os.environ["POLEPAIR_TIMEOUT_SCALE"]
     done = subprocess.run(
         [POLEPAIR, *words], capture_output=True, text=True, timeout=timeout, check=False,
         env={**os.environ, "POLEPAIR_TIMEOUT_SCALE": scale},

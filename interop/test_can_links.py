@@ -40,7 +40,7 @@ def gateway():
 
     yield join
     for process in reversed(running):
-        told, _ = process.communicate(timeout=60)
+        told, _ = process.communicate(timeout=120)
         assert process.returncode == 0, told
         assert told.count("overrun: 0") == 2, told
 
@@ -79,7 +79,7 @@ def exchange(one, other, frames):
             assert same(frame, got), f"{frame} became {got}"
 
 
-def heard(bus, timeout=60):
+def heard(bus, timeout=120):
     """The next frame. python-can's udp_multicast hears itself: what it sent is passed over."""
     end = time.monotonic() + timeout
     sent = bus.__dict__.setdefault("echoes", [])

@@ -106,7 +106,7 @@ def test_homing(drive):
     drive.sdo[0x6098].raw = 20
     # The client may take a statusword from before the start for an interruption, and says so; homing
     # goes on whatever it says.
-    drive.homing(timeout=60)
+    drive.homing(timeout=120)
     assert until(drive.is_homed)
     # The home switch closes half a turn behind where the drive got power: that is zero now.
     drive.op_mode = "PROFILED POSITION"

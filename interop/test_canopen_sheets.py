@@ -241,7 +241,7 @@ def test_a_wrong_file_is_refused_with_its_reason(text, why, tmp_path):
     file = tmp_path / "wrong.eds"
     file.write_text(text)
     done = subprocess.run(
-        [POLEPAIR, "sim", "canopen:5", "--eds", str(file)], capture_output=True, text=True, timeout=60
+        [POLEPAIR, "sim", "canopen:5", "--eds", str(file)], capture_output=True, text=True, timeout=120
     )
     assert done.returncode and "wrong.eds" in done.stderr and why in done.stderr, done.stderr
 
@@ -251,6 +251,6 @@ def test_only_canopen_devices_have_sheets():
         [POLEPAIR, "sim", "tmcl:1", "--eds", str(SHEETS / "motor.eds")],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
     )
     assert done.returncode == 2 and "E213" in done.stderr, done.stderr

@@ -38,7 +38,7 @@ def known(kind):
 
 
 def run(*words, **options):
-    done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=60, **options)
+    done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=120, **options)
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout.decode()
 
@@ -114,10 +114,10 @@ def test_can_utils_read_and_write_as_we_do(tmp_path):
                 logger(message)
     theirs = tmp_path / "theirs.asc"
     with theirs.open("wb") as out:
-        subprocess.run(["log2asc", "-I", str(log), "can0"], stdout=out, check=True, timeout=60)
+        subprocess.run(["log2asc", "-I", str(log), "can0"], stdout=out, check=True, timeout=120)
     ours = tmp_path / "ours.asc"
     run("convert", str(log), str(ours))
-    back = subprocess.run(["asc2log", "-I", str(ours)], capture_output=True, check=True, timeout=60)
+    back = subprocess.run(["asc2log", "-I", str(ours)], capture_output=True, check=True, timeout=120)
 
     def frames(text):
         return [line.split()[2].upper() for line in text.splitlines()]
@@ -139,7 +139,7 @@ def test_tshark_reads_what_we_write(tmp_path):
         run("convert", str(log), str(path))
         words = ["-T", "fields", "-e", "can.id", "-e", "can.len", "-e", "frame.time_epoch"]
         shown = subprocess.run(
-            ["tshark", "-r", str(path), *words], capture_output=True, check=True, timeout=60
+            ["tshark", "-r", str(path), *words], capture_output=True, check=True, timeout=120
         )
         rows = [line.split("\t") for line in shown.stdout.decode().splitlines()]
         assert [int(row[0], 0) for row in rows] == [message.arbitration_id for message in sent]

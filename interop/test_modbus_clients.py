@@ -156,7 +156,7 @@ def test_mbpoll(sim):
 
     def run(*words):
         return subprocess.run(
-            [*common, *words], capture_output=True, text=True, timeout=60, check=False
+            [*common, *words], capture_output=True, text=True, timeout=120, check=False
         )
 
     wrote = run("-r", "51", path, "200")

@@ -95,7 +95,7 @@ def test_both_of_two_modules_with_one_address_are_stopped(wires):
     for module in twins:
         module.axes[0][3] = 700
     for url in (wire.url + "#5", wire.url):
-        stopped = polepair("stop", url, check=False, silence=True)
+        stopped = polepair("stop", url, check=False)
         # Nobody can see whether they stand.
         assert stopped.returncode == 5 and "may still turn" in stopped.stderr, stopped
         assert [module.axes[0][3] for module in twins] == [0, 0]

@@ -269,7 +269,7 @@ def test_the_server_answers_a_client_of_this_machine(folder):
     request = urllib.request.Request(
         f"{url.rstrip('/')}/api/v1/bench", headers={"Authorization": f"Bearer {token}"}
     )
-    with urllib.request.urlopen(request, timeout=60) as reply:
+    with urllib.request.urlopen(request, timeout=120) as reply:
         assert b"tmcm-171" in reply.read()
     server.terminate()
     server.wait(timeout=120)

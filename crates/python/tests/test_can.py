@@ -130,7 +130,7 @@ def test_a_bus_that_is_shut_down_keeps_nobody_waiting_for_ever(channel: str) -> 
     waits.start()
     time.sleep(0.05)
     bus.shutdown()
-    waits.join(timeout=60)
+    waits.join(timeout=120)
     assert told == ["this bus is shut down"]
     with pytest.raises(can.CanOperationError):
         bus.recv(0)

@@ -115,7 +115,7 @@ def test_a_function_hears_everything_even_after_it_raised() -> None:
                 native.arm(False)
                 states = []
                 while len(states) < 2:
-                    event = heard.get(timeout=60)
+                    event = heard.get(timeout=120)
                     if isinstance(event, ArmedChanged):
                         states.append(event.armed)
                 assert states == [True, False]
@@ -188,7 +188,7 @@ def test_ctrl_c_ends_a_loop_over_events() -> None:
     assert child.stdout.readline() == "listening\n"
     time.sleep(0.2)
     child.send_signal(signal.SIGINT)
-    _, said = child.communicate(timeout=60)
+    _, said = child.communicate(timeout=120)
     assert "KeyboardInterrupt" in said
 
 

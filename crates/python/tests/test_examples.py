@@ -50,7 +50,7 @@ def test_it_runs_on_a_real_port(name: str, tmp_path: Path) -> None:
         assert in_order(name).search(run(name, url))
     finally:
         simulator.terminate()
-        simulator.wait(timeout=60)
+        simulator.wait(timeout=120)
 
 
 def test_there_are_the_same_in_rust() -> None:

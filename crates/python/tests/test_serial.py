@@ -29,4 +29,4 @@ def test_a_port_of_pyserial_is_a_link(tmp_path: Path) -> None:
             assert axis.raw("GAP 6, 0") == 15
     finally:
         simulator.terminate()
-        simulator.wait(timeout=10)
+        simulator.wait(timeout=120)

@@ -143,7 +143,7 @@ def wire() -> Iterator[Wire]:
     host, _, port = line.split("//")[1].split("#")[0].split("?")[0].strip().rpartition(":")
     yield Wire((host, int(port)))
     simulator.terminate()
-    simulator.wait(timeout=30)
+    simulator.wait(timeout=120)
 
 
 @pytest.fixture
@@ -159,7 +159,7 @@ def url(tmp_path: Path) -> Iterator[str]:
     assert line.startswith("ready ")
     yield line.removeprefix("ready ").strip()
     simulator.terminate()
-    simulator.wait(timeout=30)
+    simulator.wait(timeout=120)
 
 
 def begun(program: str, url: str) -> subprocess.Popen[str]:
@@ -189,7 +189,7 @@ def test_a_signal_that_ends_the_process_stops_first(program: str, name: str, url
     number = signal.Signals[name]
     process = begun(program, url)
     process.send_signal(number)
-    process.communicate(timeout=60)
+    process.communicate(timeout=120)
     # It ends as it would without us.
     assert process.returncode == -number
     stands(url)
@@ -200,7 +200,7 @@ def test_a_signal_ends_the_process_as_ever_while_it_arms(after: float, url: str)
     process = begun(ARMING, url)
     time.sleep(after)
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60)
+    process.communicate(timeout=120)
     assert process.returncode == -signal.SIGTERM
     # It may not have been armed once: a module of this kind has its driver on from the beginning.
     with polepair.connect(url) as link:
@@ -226,7 +226,7 @@ def test_a_signal_while_a_block_ends_waits_for_its_stop(name: str, wire: Wire) -
     time.sleep(1.0)
     assert process.poll() is None, "its stop is owed"
     wire.silent.clear()
-    said, told = process.communicate(timeout=60)
+    said, told = process.communicate(timeout=120)
     assert "polepair: " not in told, told
     # Who went on behind the block's end was ended there.
     assert process.returncode == -signal.Signals[name] and said in ("", "ended\n")
@@ -235,7 +235,7 @@ def test_a_signal_while_a_block_ends_waits_for_its_stop(name: str, wire: Wire) -
 
 def test_a_link_that_is_closed_while_its_stop_is_owed_ends_that(wire: Wire) -> None:
     process = ends_on_a_silent_wire(CLOSED, wire)
-    _, told = process.communicate(timeout=60)
+    _, told = process.communicate(timeout=120)
     assert process.returncode == 1 and "may still turn" in told, told
 
 
@@ -246,7 +246,7 @@ def test_ctrl_z_stops_and_suspends(url: str) -> None:
     assert os.WIFSTOPPED(status)
     # It was stopped before, not by its end, which nothing tells it.
     process.kill()
-    process.communicate(timeout=60)
+    process.communicate(timeout=120)
     stands(url)
 
 
@@ -257,7 +257,7 @@ def test_what_is_resumed_after_ctrl_z_is_not_armed(url: str) -> None:
         _, status = os.waitpid(process.pid, os.WUNTRACED)
         assert os.WIFSTOPPED(status)
         process.send_signal(signal.SIGCONT)
-    said, _ = process.communicate("\n", timeout=60)
+    said, _ = process.communicate("\n", timeout=120)
     assert said == "Unsupported\n"
     stands(url)
 
@@ -305,13 +305,13 @@ def test_a_block_of_a_loop_stops_what_is_armed(awaited: bool, url: str) -> None:
 def test_ctrl_c_ends_the_block(program: str, url: str) -> None:
     process = begun(program, url)
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    process.communicate(timeout=120)
     stands(url)
 
 
 def test_daemon_threads_leave_no_motor_turning(url: str) -> None:
     process = begun(DAEMON, url)
-    process.communicate("\n", timeout=60)
+    process.communicate("\n", timeout=120)
     assert process.returncode == 0
     stands(url)
 

@@ -6,13 +6,11 @@
 
 use crate::run;
 
+use polepair_test_support::{Deadline, WAIT_MAX, machine_load};
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
-
-/// How long one block may take.
-const BLOCK_S: u64 = 30;
 
 struct Block {
     /// What stands behind the fence.
@@ -105,7 +103,8 @@ fn shell(block: &str, folder: &Path) -> Result<(), String> {
         .stderr(Stdio::piped())
         .spawn()
         .expect("sh starts");
-    for _ in 0..BLOCK_S * 50 {
+    let deadline = Deadline::new("the end of a block");
+    while !deadline.has_passed() {
         if child.try_wait().expect("a status").is_some() {
             let output = child.wait_with_output().expect("its output");
             let text = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -114,7 +113,8 @@ fn shell(block: &str, folder: &Path) -> Result<(), String> {
         std::thread::sleep(Duration::from_millis(20));
     }
     let _ = child.kill();
-    Err(format!("it does not end within {BLOCK_S} s"))
+    let _ = child.wait();
+    Err(format!("it does not end within {WAIT_MAX:?}; {}", machine_load()))
 }
 
 #[cfg(unix)]

@@ -184,7 +184,7 @@ fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
     });
     std::thread::sleep(Duration::from_millis(500));
     link.close();
-    let ended = ended.recv_timeout(Duration::from_secs(60)).expect("the wait ends");
+    let ended = ended.recv_timeout(Duration::from_secs(120)).expect("the wait ends");
     assert!(matches!(&ended[..], [Err(error)] if error.may_turn()), "{ended:?}");
 }
 

@@ -143,7 +143,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     assert_eq!((late.outcome, code(&late)), (OutcomeKind::NotDone, "gateway.journal"));
     assert_eq!(site.starts(), starts, "what was announced long ago is not done");
     // What waited is written, and motion is let again.
-    let end = Instant::now() + Duration::from_secs(60);
+    let end = Instant::now() + Duration::from_secs(120);
     site.epoch = loop {
         match site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait() {
             Ok(lease) => break lease.unwrap().epoch,
