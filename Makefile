@@ -20,9 +20,10 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test installing-steps checking-steps process-steps client-steps unit-step windows-step wine-step \
-	documentation-steps check quick-tests lints dependencies spelling build packages web page-units page page-tests site site-pages interop windows windows-tests windows-program \
-	windows-files macos package python python-tests python-command wheel deb dist try-dist swarm threads soak bench clean
+.PHONY: demo test installing-steps checking-steps process-steps client-steps unit-step page-step \
+	windows-step wine-step documentation-steps check quick-tests lints dependencies spelling build packages web \
+	page-units page page-tests site site-pages interop windows windows-tests windows-program windows-files macos \
+	package python python-tests python-command wheel deb dist try-dist swarm threads soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -36,7 +37,7 @@ test:
 	@$(STEP) --begin
 	@$(MAKE) --no-print-directory -j2 --output-sync=line installing-steps checking-steps
 	@$(STEP) "build" $(MAKE) package
-	@$(MAKE) --no-print-directory -j4 --output-sync=line process-steps client-steps documentation-steps wine-step
+	@$(MAKE) --no-print-directory -j5 --output-sync=line process-steps client-steps page-step documentation-steps wine-step
 	@$(STEP) --table
 
 # Steps of `make test` run side by side, so that both cores compute while tests wait (BUILD-4).
@@ -55,10 +56,12 @@ process-steps:
 client-steps:
 	@$(STEP) "python" $(MAKE) python-tests python-command
 	@$(STEP) "interop" env $(PYTEST) interop --ignore interop/test_windows.py
-	@$(STEP) "page" $(MAKE) page-tests
 
 unit-step:
 	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
+
+page-step: unit-step
+	@$(STEP) "page" $(MAKE) page-tests
 
 windows-step: unit-step
 	@$(STEP) "Windows" $(MAKE) windows-program
