@@ -50,13 +50,25 @@ async function ask<T>(path: string, request: RequestInit): Promise<T> {
     const late = problem instanceof DOMException && problem.name === "TimeoutError";
     throw new Problem(0, nobody(late ? UNANSWERED : "page.unreachable"));
   }
-  const body: unknown = await answer.json().catch(() => null);
-  if (answer.ok) return body as T;
+  const text = await answer.text().catch(() => null);
+  // The answer broke off or came too late: what was asked for may have been done.
+  if (answer.ok && text === null) throw new Problem(0, nobody(UNANSWERED));
+  const body = parse(text ?? "");
+  if (answer.ok && (body !== undefined || text === "")) return body as T;
   throw new Problem(answer.status, refusal(body) ?? unexpected(answer.status));
 }
 
+/** The value of a JSON text; `undefined` when it is none. */
+function parse(text: string): unknown {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return undefined;
+  }
+}
+
 function refusal(body: unknown): GatewayError | null {
-  const error = (body as { error?: Partial<GatewayError> } | null)?.error;
+  const error = (body as { error?: Partial<GatewayError> } | null | undefined)?.error;
   if (typeof error?.message !== "string") return null;
   const { code = "", message, hint = "", executed = null } = error;
   return { code, message, hint, executed };
