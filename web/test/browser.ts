@@ -150,7 +150,11 @@ export class Visitor {
     for (const end = Date.now() + WAIT_MS; Date.now() < end;) {
       await offered.or(jog).first().waitFor();
       if (await jog.count()) return;
-      await offered.first().click();
+      // It may have been pressed already, and be gone by now.
+      await offered
+        .first()
+        .click({ timeout: 1000 })
+        .catch(() => {});
       await this.page.waitForTimeout(300);
     }
     throw new Error("the axis does not get ready");

@@ -136,7 +136,8 @@ describe("the page with many axes", () => {
       await stopIsInSight(where);
       await pageHasItsPlace(where);
       const release = banner.locator("button.main");
-      await release.scrollIntoViewIfNeeded();
+      // The banner may be drawn anew meanwhile.
+      await release.evaluate((it) => it.scrollIntoView());
       expect(await release.isVisible(), where).toBe(true);
     });
     expect(await v.serious()).toEqual([]);
