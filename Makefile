@@ -250,7 +250,7 @@ soak:
 	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test integration mixed:: -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test integration telemetry:: -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 POLEPAIR_SPEED=1 $(MAKE) --no-print-directory page BUILD=release TESTS="scope page"
-	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_VIEWERS=100 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test commands gateway::load:: -- --nocapture
+	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_VIEWERS=100 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test commands gateway::load:: -- --ignored --nocapture
 	POLEPAIR_FRAMES=all $(CARGO) test --release --locked --quiet -p polepair-cli --lib every_frame
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	POLEPAIR_FRAMES=all POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
