@@ -51,14 +51,14 @@ checking-steps:
 
 # Tests that contain both ends of the wire get longer time-outs from here (BUILD-3).
 process-steps:
-	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --test '*'
+	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --no-fail-fast --test '*'
 
 client-steps:
 	@$(STEP) "python" $(MAKE) python-tests python-command
 	@$(STEP) "interop" env $(PYTEST) interop --ignore interop/test_windows.py
 
 unit-step:
-	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
+	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --no-fail-fast --lib --bins
 
 page-step: unit-step
 	@$(STEP) "page" $(MAKE) page-tests
