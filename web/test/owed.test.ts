@@ -78,7 +78,8 @@ describe("a motor that is not seen standing", () => {
     const count = (text: string) => Number(/sent (\d+)×/.exec(text)?.[1]);
     await v.until(
       () => list().innerText(),
-      (text) => count(text) > count(first) && /stop pending for [2-9] s/.test(text),
+      (text) =>
+        count(text) > count(first) && /stop pending for (\d+ min|[2-9] s|\d\d s)/.test(text),
     );
     const { since_ms } = (await debt()) ?? { since_ms: 0 };
     const at = new Date(since_ms).toLocaleTimeString("en-GB", { timeZone: "UTC" });

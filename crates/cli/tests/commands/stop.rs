@@ -11,9 +11,9 @@ use std::sync::mpsc;
 
 #[test]
 fn every_drive_is_told_as_soon_as_it_is_found() {
-    run::expect_silence();
     let sim = Served::new("tmcl:1,5");
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    run::expect_silence();
     let ran = polepair(&["stop", sim.link()]);
     let lines: Vec<&str> = ran.err.lines().collect();
     let reports = ["axis 1 is being stopped", "axis 5 is being stopped"];
@@ -71,9 +71,9 @@ fn everybody_is_told_at_once_where_the_protocol_can() {
 
 #[test]
 fn modbus_registers_are_broadcast_to_known_drives_alone() {
-    run::expect_silence();
     let sim = Served::new("modbus-rtu:1");
     ok(&["set", &sim.url, "control mode=1"]);
+    run::expect_silence();
     for (url, sent) in
         [(sim.link().to_owned(), false), (format!("{}?profile=syntron-ts", sim.link()), true)]
     {
@@ -109,9 +109,9 @@ fn propellers_are_found_and_stopped_without_their_numbers() {
 
 #[test]
 fn one_that_does_not_answer_keeps_no_other_turning() {
-    run::expect_silence();
     let sim = Served::new("tmcl:3");
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    run::expect_silence();
     let ran = polepair(&["stop", &format!("{}#1,3", sim.link())]);
     assert_eq!(ran.code, 7, "{}", ran.err);
     assert!(ran.err.contains("axis 3 is stopped\n"), "{}", ran.err);
@@ -254,9 +254,9 @@ fn what_came_where_nobody_answered_is_told() {
 
 #[test]
 fn one_that_does_not_answer_leaves_no_other_with_power() {
-    run::expect_silence();
     let sim = Served::new("tmcl:3");
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    run::expect_silence();
     let ran = polepair(&["disable", &format!("{}#1,3", sim.link())]);
     assert_eq!(ran.code, 7, "{}", ran.err);
     for text in ["axis 3 ", "error[E401]: axis 1 does not answer", "error[E704]: 1 of 2 axes"] {
@@ -409,10 +409,10 @@ fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
 /// Its own stop is told and seen as soon as it says what it is.
 #[test]
 fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
-    run::expect_silence();
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
     ok(&["set", &sim.url, "control mode=1"]);
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    run::expect_silence();
     let late = |received: &[u8], lost: &mut Vec<u8>| {
         lost.push(0);
         if lost.len() > 12 { received.to_vec() } else { Vec::new() }
@@ -427,10 +427,10 @@ fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
 /// that nobody knows.
 #[test]
 fn answers_to_other_questions_keep_no_motor_turning() {
-    run::expect_silence();
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
     ok(&["set", &sim.url, "control mode=1"]);
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    run::expect_silence();
     let shifted =
         |received: &[u8], stored: &mut Vec<u8>| std::mem::replace(stored, received.to_vec());
     let ran = polepair(&["stop", &lossy(&sim.url, shifted)]);
