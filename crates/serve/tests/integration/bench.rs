@@ -14,6 +14,7 @@ use polepair_serve::message::{
     CommandOutcome, CommandRequest, GatewayError, JournalAction, LeaseAction, OutcomeKind,
     ParameterInput, SetWatchdog, StopClass, StopRequest, WatchdogMode, WriteParameters,
 };
+use polepair_test_support::WAIT_MAX;
 
 /// A bench of simulated drives in virtual time, and a client.
 struct TestBench {
@@ -563,7 +564,7 @@ fn a_drive_that_answers_twice_looks_like_two_with_one_address_and_is_told() {
     };
     let alone = open("");
     let doubled = open("faults = { duplicate = 1.0 }");
-    let end = std::time::Instant::now() + Duration::from_secs(120);
+    let end = std::time::Instant::now() + WAIT_MAX;
     let clashes = loop {
         let clashes = doubled.snapshot().clashes;
         if !clashes.is_empty() || std::time::Instant::now() > end {

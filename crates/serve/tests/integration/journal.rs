@@ -11,6 +11,7 @@ use polepair_serve::message::{
     CommandArguments, CommandOutcome, CommandRequest, GatewayError, LeaseAction, OutcomeKind,
     StopClass, StopRequest,
 };
+use polepair_test_support::WAIT_MAX;
 use serde_json::Value;
 
 /// A journal's file on a disk that stalls when it is told to.
@@ -143,7 +144,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     assert_eq!((late.outcome, code(&late)), (OutcomeKind::NotDone, "gateway.journal"));
     assert_eq!(site.starts(), starts, "what was announced long ago is not done");
     // What waited is written, and motion is let again.
-    let end = Instant::now() + Duration::from_secs(120);
+    let end = Instant::now() + WAIT_MAX;
     site.epoch = loop {
         match site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait() {
             Ok(lease) => break lease.unwrap().epoch,

@@ -5,7 +5,7 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use polepair_serve::BODY_MAX;
-use polepair_test_support::Deadline;
+use polepair_test_support::{Deadline, WAIT_MAX};
 use serde_json::json;
 use tungstenite::protocol::frame::Frame;
 use tungstenite::protocol::frame::coding::{Data, OpCode};
@@ -41,7 +41,7 @@ fn t11_heads_are_bounded() {
 
 /// Whether it is closed: within 5 s, and what a busy machine adds.
 fn is_closed(mut stream: TcpStream) -> bool {
-    stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+    stream.set_read_timeout(Some(WAIT_MAX)).unwrap();
     stream.read_to_end(&mut Vec::new()).is_ok()
 }
 
