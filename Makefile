@@ -37,7 +37,7 @@ test:
 	@$(STEP) --begin
 	@$(MAKE) --no-print-directory -j2 --output-sync=line installing-steps checking-steps
 	@$(STEP) "build" $(MAKE) package
-	@$(MAKE) --no-print-directory -j5 --output-sync=line process-steps client-steps page-step documentation-steps wine-step
+	@$(MAKE) --no-print-directory -j4 --output-sync=line process-steps client-steps page-step documentation-steps wine-step
 	@$(STEP) --table
 
 # Steps of `make test` run side by side, so that both cores compute while tests wait (BUILD-4).

@@ -105,8 +105,9 @@ describe("a motor that is not seen standing", () => {
       const box = await v.page.locator("section.banners").boundingBox();
       expect((box?.height ?? height) / height, where).toBeLessThanOrEqual(0.4);
       const button = v.page.locator("section.banners form button").first();
-      await button.scrollIntoViewIfNeeded();
-      expect(await button.isVisible(), where).toBe(true);
+      // Playwright's own scrolling also waits until the element does not move.
+      await button.evaluate((it) => it.scrollIntoView({ block: "nearest" }));
+      await v.until(() => button.isVisible(), Boolean);
       await v.shot(`owed-${where}`);
       expect(await v.serious(), where).toEqual([]);
     });
@@ -118,7 +119,18 @@ describe("a motor that is not seen standing", () => {
     expect(await dismiss.isDisabled()).toBe(true);
     expect(await debt()).not.toBeNull();
     await form.getByLabel("Reason").selectOption("The drive was removed, or has no supply");
-    await form.getByLabel("Note").fill("sent in for repair");
+    const note = form.getByLabel("Note");
+    await note.fill("sent in for repair");
+    // Without the server there is nothing to dismiss; what was typed is kept.
+    await v.server.freeze();
+    await v.until(
+      () => banner().innerText(),
+      (text) => text.includes("No connection to the server"),
+    );
+    expect(await list().count()).toBe(0);
+    v.server.resume();
+    await note.waitFor();
+    expect(await note.inputValue()).toBe("sent in for repair");
     await dismiss.click();
     await list().waitFor({ state: "detached" });
     expect(await debt()).toBeNull();

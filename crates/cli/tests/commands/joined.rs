@@ -372,7 +372,7 @@ fn axes_and_frames_fill_a_screen_and_esc_stops_all() {
     screen.until("31.4 rad/s");
     screen.until("controlled by");
     let text = screen.text();
-    for wanted in ["STOP ALL: Esc", "0#3", "1#1", "position", " ms", "── frames", "q exit", "GAP"]
+    for wanted in ["STOP ALL: Esc", "0#3", "1#1", "position", "age", "── frames", "q exit", "GAP"]
     {
         assert!(text.contains(wanted), "no {wanted}:\n{text}");
     }
