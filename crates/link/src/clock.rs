@@ -53,7 +53,7 @@ pub fn timeout_scale() -> u32 {
     })
 }
 
-/// A time-out, scaled. Beyond ten seconds it does not grow: that is long enough for any machine.
+/// A time-out, scaled. Beyond thirty seconds it does not grow: that is long enough for any machine.
 #[must_use]
 pub fn scale_timeout(timeout: Duration) -> Duration {
     (timeout * timeout_scale()).min(SCALED_TIMEOUT_MAX).max(timeout)
@@ -69,7 +69,7 @@ pub fn scaled_ms(timeout_ms: u32) -> u32 {
 /// The environment variable that scales time-outs.
 pub const TIMEOUT_SCALE_VARIABLE: &str = "POLEPAIR_TIMEOUT_SCALE";
 const TIMEOUT_SCALE_MAX: u32 = 100;
-const SCALED_TIMEOUT_MAX: Duration = Duration::from_secs(10);
+const SCALED_TIMEOUT_MAX: Duration = Duration::from_secs(30);
 
 /// Where the monotonic and the wall clock stood together.
 struct ClockOrigin {

@@ -11,8 +11,11 @@ use std::thread::JoinHandle;
 
 use polepair_test_support::{Deadline, WAIT_MAX};
 
+/// The factor on all time-outs of a program that is expected to get its replies.
+const TIMEOUT_SCALE_MAX: u32 = 10;
+
 thread_local! {
-    static TIMEOUT_SCALE: Cell<u32> = const { Cell::new(10) };
+    static TIMEOUT_SCALE: Cell<u32> = const { Cell::new(TIMEOUT_SCALE_MAX) };
 }
 
 /// What programs under test are started with: they print plain text, and their time-outs are long enough
@@ -26,6 +29,14 @@ pub fn environment() -> [(&'static str, String); 2] {
 /// silent on purpose.
 pub fn expect_silence() {
     TIMEOUT_SCALE.set(2);
+}
+
+/// Runs programs that get their replies, also in a test that expects silence otherwise.
+pub fn expecting_replies<R>(run: impl FnOnce() -> R) -> R {
+    let scale = TIMEOUT_SCALE.replace(TIMEOUT_SCALE_MAX);
+    let result = run();
+    TIMEOUT_SCALE.set(scale);
+    result
 }
 
 /// What a run printed, and how it ended.
