@@ -18,6 +18,10 @@ const PAGE = process.env.PAGE;
 const SHOTS = process.env.SHOTS;
 /** Longer than anything takes that works, on a busy machine too. */
 export const WAIT_MS = 120_000;
+/** An action that a person can do at once. */
+export const BRIEF = { timeout: 10_000 };
+/** Looks in a row that see control or power offered, before it counts as lost. */
+const OFFERS_MAX = 20;
 /** A picture of the documentation is no larger. */
 const PICTURE_BYTES_MAX = 150_000;
 const COLOURS = "128";
@@ -129,13 +133,6 @@ export class Visitor {
     return Number(/(-?[\d.]+) rpm/.exec(text)?.[1] ?? Number.NaN);
   }
 
-  async turns(at: number): Promise<void> {
-    await this.until(
-      () => this.speed(at),
-      (speed) => speed > 20,
-    );
-  }
-
   async stands(at: number): Promise<void> {
     await this.until(
       () => this.speed(at),
@@ -143,12 +140,15 @@ export class Visitor {
     );
   }
 
+  /** What gives control or power, where it is not there. */
+  private get offered(): Locator {
+    return this.page.locator("button:enabled").filter({ hasText: /^(Take control|Enable)$/ });
+  }
+
   /** Has the axis and its motor powered, whatever became of an earlier lease meanwhile. */
   async ready(): Promise<void> {
     const jog = this.page.locator("button:enabled", { hasText: "+ ▶" });
-    const offered = this.page
-      .locator("button:enabled")
-      .filter({ hasText: /^(Take control|Enable)$/ });
+    const { offered } = this;
     for (const end = Date.now() + WAIT_MS; Date.now() < end;) {
       await offered.or(jog).first().waitFor();
       if (await jog.count()) return;
@@ -160,6 +160,52 @@ export class Visitor {
       await this.page.waitForTimeout(300);
     }
     throw new Error("the axis does not get ready");
+  }
+
+  /** Does something to the axis that needs control and power, until it shows. It is done again only where
+   * the page offers control or power anew: without a processor it is silent for longer than a lease lasts,
+   * and what was asked for ends with the lease. */
+  async withControl(act: () => Promise<unknown>, shows: () => Promise<boolean>): Promise<void> {
+    const end = Date.now() + WAIT_MS;
+    const spent = (): void => {
+      if (Date.now() > end) throw new Error(`nothing shows of ${act}; load ${loadavg().join(" ")}`);
+    };
+    for (;;) {
+      await this.ready();
+      // A button that is gone by now is not waited for.
+      await act().catch(() => {});
+      for (let offers = 0; offers < OFFERS_MAX;) {
+        if (await shows()) return;
+        spent();
+        await this.page.waitForTimeout(50);
+        offers = (await this.offered.count()) ? offers + 1 : 0;
+      }
+    }
+  }
+
+  /** Jogs until its speed shows; whoever calls it lets the button go. */
+  async jog(speed: () => Promise<number>): Promise<void> {
+    await this.withControl(
+      async () => {
+        await this.page.mouse.up();
+        await this.button("Hold to jog forwards").hover(BRIEF);
+        await this.page.mouse.down();
+      },
+      async () => (await speed()) > 20,
+    );
+  }
+
+  /** Has the first axis turn, in rpm. */
+  async spin(rpm: string): Promise<void> {
+    await this.withControl(
+      async () => {
+        await this.button("Speed").click(BRIEF);
+        const field = this.page.getByRole("form", { name: "Move" }).getByLabel("velocity, rpm");
+        await field.fill(rpm, BRIEF);
+        await this.button("Go").click(BRIEF);
+      },
+      async () => (await this.speed(0)) > 20,
+    );
   }
 
   /** Gives the lease back, and waits until the server says that nobody has it: what the page asks for

@@ -33,11 +33,7 @@ describe("a server that is gone", () => {
   };
 
   it("is told at once and large, with what may still turn and what to do instead", async () => {
-    await v.ready();
-    await v.button("Speed").click();
-    await v.page.getByRole("form", { name: "Move" }).getByLabel("velocity, rpm").fill("120");
-    await v.button("Go").click();
-    await v.turns(0);
+    await v.spin("120");
     await v.until(
       () => v.card(0).innerText(),
       (text) => text.includes("moving"),

@@ -1,7 +1,7 @@
 // Drives that the connection string does not name: looked for, taken in, moved.
 
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
-import { Visitor } from "./browser";
+import { BRIEF, Visitor } from "./browser";
 
 const LOOK_MS = 240_000;
 const AXE_MS = 240_000;
@@ -82,26 +82,25 @@ describe("looking for drives", () => {
     await v.page.getByRole("article").nth(2).waitFor();
     const card = v.page.getByRole("article").filter({ hasText: "tmcl #4" });
     await card.getByRole("button").first().click();
-    await v.ready();
-    await v.button("Hold to jog forwards").hover();
-    await v.page.mouse.down();
     const speed = async () => {
       const text = await card.getByRole("row", { name: "velocity" }).innerText();
-      return /(-?[\d.]+) rpm/.exec(text)?.[1] ?? "";
+      return Number(/(-?[\d.]+) rpm/.exec(text)?.[1] ?? Number.NaN);
     };
-    await v.until(speed, (text) => Number(text) > 20);
+    await v.jog(speed);
     await v.page.mouse.up();
-    await v.until(speed, (text) => Math.abs(Number(text)) < 1);
+    await v.until(speed, (rpm) => Math.abs(rpm) < 1);
   });
 
   it("names a drive that answers no longer", { timeout: LOOK_MS }, async () => {
     // A drive that is powered or armed, or that somebody commands, is not looked past. All of it ends
     // before anybody looks.
-    await v.button("Disable").click();
     const card = v.page.getByRole("article").filter({ hasText: "tmcl #4" });
-    await v.until(
-      () => card.innerText(),
-      (text) => /disabled/.test(text) && !/· armed/.test(text),
+    await v.withControl(
+      () => v.button("Disable").click(BRIEF),
+      async () => {
+        const text = await card.innerText();
+        return text.includes("disabled") && !text.includes("· armed");
+      },
     );
     await v.giveBack();
     await v.server.program.post("/simulation/0/1", { act: "supply", value: 0 });

@@ -61,11 +61,7 @@ async function release(): Promise<void> {
 describe("a motor that is not seen standing", () => {
   it("is told in red: since when, why, how far its stop came, how often, and its supply", async () => {
     await v.card(0).getByRole("button").first().click();
-    await v.ready();
-    await v.button("Speed").click();
-    await v.page.getByRole("form", { name: "Move" }).getByLabel("velocity, rpm").fill("300");
-    await v.button("Go").click();
-    await v.turns(0);
+    await v.spin("300");
     await owe();
     const title = banner().getByText("Standstill not confirmed: 1. Cut the supply of:");
     expect(await title.evaluate((it) => Number.parseFloat(getComputedStyle(it).fontSize))).toBe(17);

@@ -3,7 +3,7 @@
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
-import { Visitor, WIDE } from "./browser";
+import { BRIEF, Visitor, WIDE } from "./browser";
 import { ROOT } from "./server";
 
 let v: Visitor;
@@ -51,10 +51,7 @@ describe("the dashboard", () => {
 
   it("jogs a motor while a button is held, and stops it when it is let go", async () => {
     await v.tab("Log");
-    await v.ready();
-    await v.button("Hold to jog forwards").hover();
-    await v.page.mouse.down();
-    await v.turns(0);
+    await v.jog(() => v.speed(0));
     await v.page.waitForTimeout(1500);
     await v.picture("scope");
     await v.page.mouse.up();
@@ -62,16 +59,19 @@ describe("the dashboard", () => {
   });
 
   it("stops a jog by key when the key is let go, and when the page loses the focus", async () => {
-    await v.ready();
-    await v.button("Hold to jog forwards").focus();
-    await v.page.keyboard.down(" ");
-    await v.turns(0);
+    const jog = () =>
+      v.withControl(
+        async () => {
+          await v.page.keyboard.up(" ");
+          await v.button("Hold to jog forwards").focus();
+          await v.page.keyboard.down(" ");
+        },
+        async () => (await v.speed(0)) > 20,
+      );
+    await jog();
     await v.page.keyboard.up(" ");
     await v.stands(0);
-    await v.ready();
-    await v.button("Hold to jog forwards").focus();
-    await v.page.keyboard.down(" ");
-    await v.turns(0);
+    await jog();
     await v.page.evaluate(() => window.dispatchEvent(new Event("blur")));
     await v.stands(0);
     await v.page.keyboard.up(" ");
@@ -81,9 +81,10 @@ describe("the dashboard", () => {
     await v.tab("Tuning");
     const rows = v.page.getByRole("row", { name: /velocity .* → .* rpm/ });
     for (const count of [1, 2]) {
-      await v.ready();
-      await v.button("Step").click();
-      await rows.nth(count - 1).waitFor();
+      await v.withControl(
+        () => v.button("Step").click(BRIEF),
+        async () => (await rows.count()) >= count,
+      );
     }
     expect(await rows.nth(0).innerText()).toMatch(/\d ms/);
     const saved = v.page.waitForEvent("download");
@@ -111,11 +112,9 @@ describe("the dashboard", () => {
     expect(told).toMatch(/Remedy: \w/);
     await v.picture("fault");
     await v.act("supply", ["supply, V", "24"]);
-    await v.ready();
-    await v.button("Clear faults").click();
-    await v.until(
-      () => v.card(0).innerText(),
-      (text) => !text.includes("fault"),
+    await v.withControl(
+      () => v.button("Clear faults").click(BRIEF),
+      async () => !(await v.card(0).innerText()).includes("fault"),
     );
   });
 
@@ -235,11 +234,7 @@ describe("the dashboard", () => {
   });
 
   it("stops a motor that turns by the button", async () => {
-    await v.ready();
-    await v.button("Speed").click();
-    await v.page.getByRole("form", { name: "Move" }).getByLabel("velocity, rpm").fill("120");
-    await v.button("Go").click();
-    await v.turns(0);
+    await v.spin("120");
     await v.button(/STOP ALL/).click();
     await v.stands(0);
     await v.until(

@@ -73,7 +73,7 @@ impl Trace {
                 self.first_us = *t_us;
             } else {
                 let gap = t_us - self.last_us;
-                assert!((500..1500).contains(&gap), "{gap} us between two: one is missing");
+                assert!((100..1900).contains(&gap), "{gap} us between two: one is missing");
             }
             (self.last_us, self.count) = (*t_us, self.count + 1);
         }
