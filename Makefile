@@ -12,8 +12,8 @@ PAGE_SOURCES := web/index.html web/package.json web/svelte.config.js web/vite.co
 BUILD ?= debug
 PROFILE := $(if $(filter debug,$(BUILD)),dev,$(BUILD))
 WORKSPACE := --workspace --locked --quiet --profile $(PROFILE)
-# Tests that start processes run four at a time, on any machine: two keep a third of a core busy.
-PYTEST := POLEPAIR_BUILD=$(BUILD) $(CURDIR)/$(PYTHON) -m pytest -n 4 --dist loadfile
+# Tests that start processes run two at a time, on any machine (BUILD-3).
+PYTEST := POLEPAIR_BUILD=$(BUILD) $(CURDIR)/$(PYTHON) -m pytest -n 2 --dist loadfile
 # Runs a step of `make test` and says how long it took.
 STEP := .ci/step
 # The Python module, and where it is installed for tests.
@@ -51,7 +51,7 @@ checking-steps:
 
 # Tests that contain both ends of the wire get longer time-outs from here (BUILD-3).
 process-steps:
-	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --no-fail-fast --test '*'
+	@$(STEP) "integration tests" env RUST_TEST_THREADS=2 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --no-fail-fast --test '*'
 
 client-steps:
 	@$(STEP) "python" $(MAKE) python-tests python-command
@@ -188,7 +188,7 @@ python-tests:
 	cd crates/python && $(PYTEST)
 
 python-command:
-	RUST_TEST_THREADS=4 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
+	RUST_TEST_THREADS=2 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
 
 # Tools that build what users install.
 $(VENV)/packaging: $(VENV)/ready packaging/requirements.txt packaging/tools.txt
