@@ -65,7 +65,7 @@ export class Visitor {
   static async come(...links: string[]): Promise<Visitor> {
     const server = await Server.start(...links);
     try {
-      const executablePath = resolve(import.meta.dirname, "chromium");
+      const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
       const browser = await chromium.launch({
         executablePath,
         args: ["--no-sandbox"],
