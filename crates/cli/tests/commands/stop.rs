@@ -9,7 +9,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::sync::mpsc;
 
-/// Sets a drive up, or asks it; stops of other addresses wait for nobody.
+/// Sets a drive up or reads from it. It replies, so time-outs are long.
 fn ok(arguments: &[&str]) -> String {
     run::expecting_replies(|| run::ok(arguments))
 }

@@ -12,10 +12,10 @@ use std::thread::JoinHandle;
 use polepair_test_support::{Deadline, WAIT_MAX};
 
 /// The factor on all time-outs of a program that is expected to get its replies.
-const TIMEOUT_SCALE_MAX: u32 = 10;
+const REPLY_TIMEOUT_SCALE: u32 = 10;
 
 thread_local! {
-    static TIMEOUT_SCALE: Cell<u32> = const { Cell::new(TIMEOUT_SCALE_MAX) };
+    static TIMEOUT_SCALE: Cell<u32> = const { Cell::new(REPLY_TIMEOUT_SCALE) };
 }
 
 /// What programs under test are started with: they print plain text, and their time-outs are long enough
@@ -33,7 +33,7 @@ pub fn expect_silence() {
 
 /// Runs programs that get their replies, also in a test that expects silence otherwise.
 pub fn expecting_replies<R>(run: impl FnOnce() -> R) -> R {
-    let scale = TIMEOUT_SCALE.replace(TIMEOUT_SCALE_MAX);
+    let scale = TIMEOUT_SCALE.replace(REPLY_TIMEOUT_SCALE);
     let result = run();
     TIMEOUT_SCALE.set(scale);
     result
