@@ -151,13 +151,29 @@ afterAll(async () => {
 });
 afterEach(() => v.content());
 
+/** What the page says of a channel. */
+interface Row {
+  hz: number;
+  pushed: boolean;
+  lost: number;
+}
+
 /** What the page says of its channels: rate and losses. */
-async function rows(): Promise<{ hz: number; pushed: boolean; lost: number }[]> {
+async function rows(): Promise<Row[]> {
   const panel = v.page.getByRole("tabpanel", { name: "Scope" });
   const texts = await panel.locator("tbody tr").allInnerTexts();
   return texts.map((text) => {
     const [, hz = "", sign, lost = ""] = /([\d.]+) Hz ([↓↻])\s+(\d+)/.exec(text) ?? [];
     return { hz: Number(hz), pushed: sign === "↓", lost: Number(lost) };
+  });
+}
+
+/** Waits until a condition holds for all sixteen channels: on a busy machine no samples may come for a second. */
+async function untilEach(holds: (row: Row) => boolean): Promise<void> {
+  const all = async (): Promise<string> => JSON.stringify(await rows());
+  await v.until(all, (text) => {
+    const shown = JSON.parse(text) as Row[];
+    return shown.length === 16 && shown.every(holds);
   });
 }
 
@@ -169,11 +185,7 @@ describe("the scope with sixteen channels at 1 kHz", () => {
     // Anew: a page that is there already may just be writing its own view into the URL.
     await page.goto("about:blank");
     await page.goto(`${origin}/#ch=${CHANNELS.join(",")}&hz=1000&lower=log`);
-    const all = async (): Promise<string> => JSON.stringify(await rows());
-    await v.until(all, (text) => {
-      const told = JSON.parse(text) as Awaited<ReturnType<typeof rows>>;
-      return told.length === 16 && told.every((each) => each.pushed && each.hz > 0);
-    });
+    await untilEach(({ hz, pushed }) => pushed && hz > 0);
     await page.waitForTimeout(SETTLE_MS);
     const cdp = await page.context().newCDPSession(page);
     await cdp.send("Performance.enable", { timeDomain: "threadTicks" });
@@ -186,10 +198,8 @@ describe("the scope with sixteen channels at 1 kHz", () => {
     const grown = (await heap(cdp)) - before;
     console.log(`heap ${(before / 1e6).toFixed(1)} MB, ${(grown / 1e3).toFixed(0)} kB more`);
     expect(grown).toBeLessThan(HEAP_MAX);
-    for (const { hz, lost } of await rows()) {
-      expect(hz).toBeGreaterThan(0);
-      if (!lost) expect(Math.abs(hz - 1000)).toBeLessThan(50);
-    }
+    // Without lost samples, the rate is that at which the drives send.
+    await untilEach(({ hz, lost }) => (lost ? hz > 0 : Math.abs(hz - 1000) < 50));
   });
 
   it("draws each picture once", async () => {
