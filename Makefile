@@ -80,7 +80,7 @@ check:
 
 # They are built first, and run beside the lints.
 quick-tests:
-	$(CARGO) test $(WORKSPACE) --lib --bins --test readers
+	POLEPAIR_SEEDS=100 POLEPAIR_READER_SECONDS=0.5 $(CARGO) test $(WORKSPACE) --lib --bins --test readers
 
 lints:
 	$(CARGO) fmt --all --check

@@ -1,8 +1,8 @@
 //! Every reader, and all that is made of what it reads, on mutated files: no panic, no memory without
 //! bound, and every record accounted for.
 //!
-//! Each gets `POLEPAIR_READER_SECONDS` (1 unless said; `make soak` says 600), as many at once as there are
-//! processors.
+//! Each gets `POLEPAIR_READER_SECONDS` (default 1; 600 in `make soak`, 0.5 in `make check`), as many at
+//! once as there are processors.
 //!
 //! A program of its own: the most memory that the process ever had is measured.
 
@@ -56,8 +56,8 @@ fn every_reader_takes_whatever_comes() {
 }
 
 fn budget() -> Duration {
-    let output = std::env::var("POLEPAIR_READER_SECONDS").ok();
-    Duration::from_secs(output.and_then(|text| text.parse().ok()).unwrap_or(1))
+    let seconds = std::env::var("POLEPAIR_READER_SECONDS").ok();
+    Duration::from_secs_f64(seconds.and_then(|text| text.parse().ok()).unwrap_or(1.0))
 }
 
 /// The most memory that this process has had, where the system says so.

@@ -256,9 +256,15 @@ fn random_numbers_are_the_published_ones() {
     assert!((0..1000).all(|_| !random.chance(Ppm::NEVER) && random.chance(Ppm::ALWAYS)));
 }
 
-/// The swarm's seeds that every test run lives through; `cargo xtask swarm` goes on from there.
+/// The swarm's seeds that `make test` runs; `cargo xtask swarm` goes on from there.
 const SEEDS: u64 = 500;
 const CAN_SEEDS: u64 = 300;
+
+/// How many seeds to run: at most `POLEPAIR_SEEDS`, which `make check` sets.
+fn seeds(all: u64) -> u64 {
+    let most = std::env::var("POLEPAIR_SEEDS").ok().and_then(|text| text.parse().ok());
+    most.map_or(all, |most: u64| most.clamp(1, all))
+}
 
 /// Lives through so many seeds; what breaks an invariant is named with its seed.
 fn run_seeds(medium: MediumKind, seeds: u64) -> WorldReport {
@@ -275,17 +281,16 @@ fn run_seeds(medium: MediumKind, seeds: u64) -> WorldReport {
 
 #[test]
 fn seeded_worlds_keep_every_invariant() {
-    let total = run_seeds(MediumKind::Serial, SEEDS);
-    assert!(total.requests > 100 * SEEDS && total.injected.bytes > SEEDS, "{total:?}");
+    let seeds = seeds(SEEDS);
+    let total = run_seeds(MediumKind::Serial, seeds);
+    assert!(total.requests > 100 * seeds && total.injected.bytes > seeds, "{total:?}");
 }
 
 #[test]
 fn seeded_buses_keep_every_invariant() {
-    let total = run_seeds(MediumKind::Can, CAN_SEEDS);
-    assert!(
-        total.requests > 100 * CAN_SEEDS && total.injected_on_can.errors > CAN_SEEDS,
-        "{total:?}"
-    );
+    let seeds = seeds(CAN_SEEDS);
+    let total = run_seeds(MediumKind::Can, seeds);
+    assert!(total.requests > 100 * seeds && total.injected_on_can.errors > seeds, "{total:?}");
 }
 
 /// Seeds beyond those that once broke an invariant: a request cut short that was taken as whole, the

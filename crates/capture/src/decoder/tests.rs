@@ -147,7 +147,7 @@ fn decode_to_text(log: &str, rules: &str, bare: bool, way: DecodePath) -> String
 
 /// Logs on which nearly everything happens.
 fn logs() -> impl Iterator<Item = String> {
-    [1, 0x5EED, 0xFACE_FEED].into_iter().map(|seed| {
+    [0x5EED, 0xFACE_FEED].into_iter().map(|seed| {
         let mut bus = RandomLog { log: String::new(), us: 1_700_000_000_000_000, seed };
         (0..1500).for_each(|_| bus.step());
         bus.log
@@ -202,7 +202,7 @@ fn steady() -> String {
         bus.write(3, index, 2, entries[1]);
         bus.write(3, index, 0, 2);
     }
-    for _ in 0..20_000 {
+    for _ in 0..5_000 {
         let data = bus.random(u64::MAX).to_le_bytes();
         bus.frame(0x183, &[0x37, 0x16, data[0], data[1], data[2], data[3] & data[4]]);
         bus.frame(0x203, &data[..6]);
@@ -243,5 +243,5 @@ fn process_data_that_change_nothing_are_not_explained() {
     };
     decoder.decode_batch(steady().as_bytes(), &mut batch, count);
     count(&mut batch);
-    assert!(reported < 30 && plain > 39_990, "{reported} and {plain}");
+    assert!(reported < 30 && plain > 9_990, "{reported} and {plain}");
 }

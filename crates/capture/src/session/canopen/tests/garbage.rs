@@ -47,7 +47,7 @@ fn random_frame(dice: &mut SplitMix64) -> Frame {
 
 #[test]
 fn garbage_breaks_nothing() {
-    for seed in 0..20 {
+    for seed in 0..8 {
         let (mut dice, mut bus) = (SplitMix64(seed), CanopenLog::default());
         for _ in 0..5_000 {
             let next = random_frame(&mut dice);
