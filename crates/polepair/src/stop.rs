@@ -362,11 +362,11 @@ fn find_and_stop(
             _ => found.push(one),
         }
     }
-    let end = clock::now() + clock::scale_timeout(IDENTIFY_RETRY_MAX);
+    let end = line.link.deadline(IDENTIFY_RETRY_MAX);
     for (number, report, error) in unknown {
         let one = loop {
             let one = unidentified::reidentify(&prober, line, number)?;
-            if one.is_some() || clock::now() > end {
+            if one.is_some() || line.link.now() > end {
                 break one;
             }
         };

@@ -3,9 +3,10 @@
 use crate::tap::SharedTap;
 use polepair_core::medium::{Can, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
-use polepair_link::{LinkError, LinkIo, LinkWaker, Losses, Received, Tap, TappedLink};
+use polepair_link::{LinkError, LinkIo, LinkWaker, Losses, Received, Tap, TappedLink, clock};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// An opened link, whatever it carries.
 pub enum AnyLink {
@@ -117,6 +118,23 @@ impl SharedLink {
             Self::Serial(link) => link.describe(),
             Self::Can(link) => link.describe(),
         }
+    }
+
+    /// The present time of the link, which is not the system's where time is virtual.
+    pub(crate) fn now(&self) -> Instant {
+        match self {
+            Self::Serial(link) => link.now(),
+            Self::Can(link) => link.now(),
+        }
+    }
+
+    /// The end of a time-out that begins now; it is scaled in real time.
+    pub(crate) fn deadline(&self, timeout: Duration) -> Instant {
+        let is_real_time = match self {
+            Self::Serial(link) => link.is_real_time(),
+            Self::Can(link) => link.is_real_time(),
+        };
+        self.now() + if is_real_time { clock::scale_timeout(timeout) } else { timeout }
     }
 
     pub(crate) fn losses(&self) -> Losses {

@@ -8,7 +8,6 @@ use crate::profile::profile_with_steps;
 use crate::url::{AxisNumber, Url};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{drive_address, sub_axis};
-use polepair_link::clock;
 
 impl Connector {
     /// Opens a link as [`connect`](Self::connect), and leaves out the axes that do not answer, or are not
@@ -119,13 +118,11 @@ impl Connector {
         line: &ProtocolLine,
         number: u32,
     ) -> Result<(&'static Profile, Identification), Error> {
-        let (prober, end) = (
-            Prober::new(line, &self.config),
-            clock::now() + clock::scale_timeout(IDENTIFY_RETRY_MAX),
-        );
+        let prober = Prober::new(line, &self.config);
+        let end = line.link.deadline(IDENTIFY_RETRY_MAX);
         loop {
             match prober.identify(number) {
-                Err(Error::Failed { .. }) if self.is_for_stop && clock::now() < end => {}
+                Err(Error::Failed { .. }) if self.is_for_stop && line.link.now() < end => {}
                 Err(error) if self.is_for_stop => return Err(prober.with_profile_hint(error)),
                 result => return result,
             }
