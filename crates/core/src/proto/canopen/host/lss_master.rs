@@ -27,7 +27,7 @@ type FinishedTicket = (Ticket, Result<Answer, Failure>);
 
 #[derive(Debug)]
 pub struct LssMaster {
-    /// So long answers to one question of a scan are waited for.
+    /// How long a scan waits for replies to one question.
     silence_ns: u64,
     pending: Option<(Ticket, LssTask)>,
     unsent: bool,
@@ -47,11 +47,23 @@ enum LssTask {
 struct FastScan {
     found: [u32; 4],
     number_index: usize,
-    /// The bit in question; [`FAST_SCAN_BEGIN`] before the first. After the last one the number as a
-    /// whole is asked, with bit 0 again.
-    bit: u8,
-    asks_whole_number: bool,
+    question: ScanQuestion,
     answered: bool,
+}
+
+/// What one request of a scan asks.
+#[derive(Clone, Copy, Debug)]
+enum ScanQuestion {
+    /// Is there a node without node-ID?
+    Begin,
+    /// Is this bit of the number 0, after the bits found before it?
+    Bit(u8),
+    /// Is this the whole number? Without it, a late reply to a question about a bit would confirm a
+    /// number that no node has.
+    Confirm,
+    /// Is this the whole number? A node that replies compares the next number from now on, or is in LSS
+    /// configuration after the last one.
+    Next,
 }
 
 impl LssMaster {
@@ -78,8 +90,7 @@ impl LssMaster {
         let scan = FastScan {
             found: [0; 4],
             number_index: 0,
-            bit: FAST_SCAN_BEGIN,
-            asks_whole_number: false,
+            question: ScanQuestion::Begin,
             answered: false,
         };
         if request.is_none() {
@@ -186,43 +197,40 @@ impl LssMaster {
 
 impl FastScan {
     fn next_request(&self) -> LssRequest {
-        let (sub, next) = (
-            IdentityNumber::ALL[self.number_index],
-            IdentityNumber::ALL[(self.number_index + 1) % 4],
-        );
-        match self.bit {
-            FAST_SCAN_BEGIN => BEGIN_REQUEST,
-            bit => LssRequest::FastScan {
-                number: self.found[self.number_index],
-                bit,
-                sub,
-                next: if self.asks_whole_number { next } else { sub },
-            },
-        }
+        let sub = IdentityNumber::ALL[self.number_index];
+        let (bit, next) = match self.question {
+            ScanQuestion::Begin => return BEGIN_REQUEST,
+            ScanQuestion::Bit(bit) => (bit, sub),
+            ScanQuestion::Confirm => (0, sub),
+            ScanQuestion::Next => (0, IdentityNumber::ALL[(self.number_index + 1) % 4]),
+        };
+        LssRequest::FastScan { number: self.found[self.number_index], bit, sub, next }
     }
 
-    /// Next step after a time-out, or a reply before it.
+    /// Continues with the next question; the result once there is none.
     fn advance(&mut self) -> Option<Result<Answer, Failure>> {
-        match (self.bit, self.asks_whole_number) {
-            (FAST_SCAN_BEGIN, _) if self.answered => self.bit = 31,
-            // A number that nobody has as a whole: two devices answered for each other's bits.
-            (FAST_SCAN_BEGIN, _) => return Some(Err(Failure::Silent)),
-            (_, true) if !self.answered => return Some(Err(Failure::Misbehaved)),
-            (_, true) if self.number_index == 3 => return Some(Ok(Answer::Identity(self.found))),
-            (_, true) => {
-                (self.number_index, self.bit, self.asks_whole_number) =
-                    (self.number_index + 1, 31, false)
-            }
-            (bit, false) => {
-                if !self.answered {
+        self.question = match (self.question, self.answered) {
+            (ScanQuestion::Begin, true) => ScanQuestion::Bit(31),
+            (ScanQuestion::Begin, false) => return Some(Err(Failure::Silent)),
+            (ScanQuestion::Bit(bit), answered) => {
+                if !answered {
                     self.found[self.number_index] |= 1 << bit;
                 }
-                match bit {
-                    0 => self.asks_whole_number = true,
-                    bit => self.bit = bit - 1,
-                }
+                bit.checked_sub(1).map_or(ScanQuestion::Confirm, ScanQuestion::Bit)
             }
-        }
+            (ScanQuestion::Confirm, true) => ScanQuestion::Next,
+            (ScanQuestion::Next, true) if self.number_index == 3 => {
+                return Some(Ok(Answer::Identity(self.found)));
+            }
+            (ScanQuestion::Next, true) => {
+                self.number_index += 1;
+                ScanQuestion::Bit(31)
+            }
+            // No node has the whole number: two nodes replied for each other's bits, or one too late.
+            (ScanQuestion::Confirm | ScanQuestion::Next, false) => {
+                return Some(Err(Failure::Misbehaved));
+            }
+        };
         None
     }
 }

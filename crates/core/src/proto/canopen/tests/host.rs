@@ -447,6 +447,39 @@ fn a_fast_scan_finds_the_four_numbers() {
 }
 
 #[test]
+fn a_late_reply_to_a_fast_scan_confirms_no_number() {
+    let mut b = HostFixture::new();
+    let vendor = 0x55;
+    b.submit(1, HostRequest::FastScan);
+    let mut late = false;
+    let mut frame = Frame::default();
+    let failure = loop {
+        if b.host.poll_transmit(b.now, &mut frame).is_some() {
+            let lss::LssRequest::FastScan { number, bit, sub, .. } =
+                lss::LssRequest::parse(frame.bytes()).unwrap()
+            else {
+                panic!("{frame}")
+            };
+            assert_eq!(sub, lss::IdentityNumber::Vendor);
+            // The reply about bit 1 comes when the whole number is asked, two questions later.
+            let agrees = bit == 128 || number >> bit == vendor >> bit;
+            if agrees && bit == 1 {
+                late = true;
+            } else if agrees || late && number == vendor | 2 {
+                b.host.handle_input(b.now, &lss::LssReply::Identified.emit());
+                late &= number != vendor | 2;
+            }
+        }
+        b.wait(25);
+        if let Some((_, result)) = b.events().pop() {
+            break result;
+        }
+    };
+    assert!(!late, "the late reply was received");
+    assert_eq!(failure, Err(Failure::Misbehaved));
+}
+
+#[test]
 fn layer_setting_is_answered_or_done() {
     let mut b = HostFixture::new();
     b.submit(1, HostRequest::Lss(lss::LssRequest::SwitchGlobal(true)));
