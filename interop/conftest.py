@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+# A shell ignores Ctrl+C in programs that it starts in the background, and they pass that on to theirs.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 ROOT = Path(__file__).resolve().parent.parent
 TARGET = ROOT / "target" / os.environ.get("POLEPAIR_BUILD", "debug")
 POLEPAIR = TARGET / "polepair"

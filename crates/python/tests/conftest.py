@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 
 import polepair
@@ -11,6 +12,9 @@ import pytest
 # Long enough time-outs for a machine that is busy with other things; programs that tests start inherit it.
 # It holds for this whole process, and many tests wait for drives that are silent on purpose: no more than 3.
 os.environ.setdefault("POLEPAIR_TIMEOUT_SCALE", "3")
+# A shell ignores Ctrl+C in programs that it starts in the background, and they pass that on to theirs.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
