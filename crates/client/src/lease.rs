@@ -66,6 +66,13 @@ impl Lease {
         self.live.cache().state(self.axis)
     }
 
+    /// Whether the last state of the axis was sent after this lease began. An older one tells nothing of
+    /// what happened under it.
+    #[must_use]
+    pub fn has_current_state(&self) -> bool {
+        self.live.cache().has_state_since(self.axis, self.epoch)
+    }
+
     /// Sends a command, once, and returns without waiting for its result.
     ///
     /// # Errors

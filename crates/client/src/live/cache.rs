@@ -36,6 +36,8 @@ struct CachedState {
     leases: HashMap<u16, Result<u64, GatewayError>>,
     /// The last state of each axis, with its time.
     states: HashMap<u16, (AxisState, Instant)>,
+    /// The newest lease of each axis that a state has named, by its epoch.
+    newest_epochs: HashMap<u16, u64>,
     /// Links and axes by the server's last message.
     bench: (Vec<LinkView>, Vec<AxisInfo>),
     /// Axes whose link is lost, and why.
@@ -54,6 +56,7 @@ impl LiveCache {
             server: (server_ms, clock::now()),
             leases: HashMap::new(),
             states: HashMap::new(),
+            newest_epochs: HashMap::new(),
             bench: Default::default(),
             lost_links: HashMap::new(),
             stops: HashMap::new(),
@@ -93,7 +96,18 @@ impl LiveCache {
     }
 
     pub fn set_state(&self, state: AxisState) {
-        self.lock_state().states.insert(state.id, (state, clock::now()));
+        let mut cached = self.lock_state();
+        if let Some(lease) = &state.lease {
+            let newest = cached.newest_epochs.entry(state.id).or_default();
+            *newest = lease.epoch.max(*newest);
+        }
+        cached.states.insert(state.id, (state, clock::now()));
+    }
+
+    /// Whether the last state of an axis was sent after this lease began: a state has named it, or a later
+    /// one.
+    pub fn has_state_since(&self, axis: u16, epoch: u64) -> bool {
+        self.lock_state().newest_epochs.get(&axis).is_some_and(|newest| *newest >= epoch)
     }
 
     /// The last state of an axis with the present age of its values; `None` before the first.
@@ -307,6 +321,8 @@ impl SampleBuffer {
 
 #[cfg(test)]
 mod tests {
+    use polepair_messages::LeaseView;
+
     use super::*;
 
     #[test]
@@ -332,6 +348,30 @@ mod tests {
         assert!(
             buffer.last(Duration::MAX).is_some() && buffer.last(Duration::from_millis(1)).is_none()
         );
+    }
+
+    #[test]
+    fn a_state_from_before_a_lease_is_not_taken_for_its_end() {
+        let known = LiveCache::new("ann 1".into(), 0.0);
+        let lease = |epoch| LeaseView { epoch, owner: "ann 1".into(), expires_ms: 0.0 };
+        let state = |lease: Option<LeaseView>| AxisState {
+            id: 1,
+            mode: None,
+            enabled: Some(false),
+            armed: lease.is_some(),
+            moving: Some(false),
+            signals: Vec::new(),
+            faults: Vec::new(),
+            lease,
+            owed: None,
+            panel: None,
+        };
+        known.set_state(state(Some(lease(6))));
+        known.set_state(state(None));
+        assert!(known.has_state_since(1, 6) && !known.has_state_since(1, 7));
+        known.set_state(state(Some(lease(7))));
+        known.set_state(state(None));
+        assert!(known.has_state_since(1, 7) && !known.has_state_since(2, 7));
     }
 
     #[test]

@@ -176,7 +176,7 @@ impl RemoteAxis {
                 let stands =
                     state.lease.is_none() && state.owed.is_none() && state.moving != Some(true);
                 let is_new = newest_ms(&state) < waited.as_secs_f64() * 1e3;
-                let of_another = state.lease.is_some_and(|other| other.epoch != lease.epoch());
+                let of_another = state.lease.is_some_and(|other| other.epoch > lease.epoch());
                 of_another || stands && is_new
             });
             if is_over || is_last {
@@ -187,11 +187,12 @@ impl RemoteAxis {
     }
 }
 
-/// Whether the last that the gateway sent of the axis is that it stands, and no client commands it.
+/// Whether the gateway reported, after this lease began, that the axis stands and no client commands it.
 fn was_left_standing(lease: &Lease) -> bool {
-    lease.state().is_some_and(|state| {
-        state.lease.is_none() && state.owed.is_none() && state.moving == Some(false)
-    })
+    lease.has_current_state()
+        && lease.state().is_some_and(|state| {
+            state.lease.is_none() && state.owed.is_none() && state.moving == Some(false)
+        })
 }
 
 /// Whether nothing of the state was read lately.
