@@ -162,10 +162,7 @@ impl CommandWorker {
         let known = self.axes.len();
         for (index, (id, axis)) in self.wire.axes.iter().enumerate().skip(known) {
             let (slot, axis) = (LeaseSlot::after_epoch(last_epoch), axis.clone());
-            let before = self.context.has_inherited_stop(&self.url, axis.number());
-            let pending = before.then(|| {
-                PendingStop::new(StopCause::ServerBefore, SERVER.into(), self.context.now())
-            });
+            let pending = self.context.inherited_stop(&self.url, axis.number());
             self.wire.set_pending_stop(index, pending.as_ref().map(PendingStop::view));
             let unlinked = None;
             self.axes.push(WorkerAxis {

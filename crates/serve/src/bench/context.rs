@@ -15,10 +15,11 @@ use super::journal_queue::JournalQueue;
 use super::journal_sink::SERVER;
 use super::lease::SessionName;
 use super::lock::lock_unpoisoned;
+use super::pending_stop::PendingStop;
 use super::reply::Continuation;
 use super::reply::ReplySender;
 use crate::message::{
-    AxisStopReport, CommandOutcome, JournalAction, LeaseView, MotionLock, ScanView,
+    AxisStopReport, CommandOutcome, JournalAction, LeaseView, MotionLock, ScanView, StopCause,
 };
 
 /// Things that happened and that a listener has not heard yet.
@@ -99,6 +100,12 @@ impl BenchContext {
     /// Whether the server before this one owed that axis of a link a stop.
     pub fn has_inherited_stop(&self, url: &str, number: u32) -> bool {
         self.inherited_stops_on(url).contains(&number)
+    }
+
+    /// The pending stop that an axis of a link has from the server before this one, if it has one.
+    pub fn inherited_stop(&self, url: &str, number: u32) -> Option<PendingStop> {
+        self.has_inherited_stop(url, number)
+            .then(|| PendingStop::new(StopCause::ServerBefore, SERVER.into(), self.now()))
     }
 
     /// The numbers of those that it owed one on a link.

@@ -210,10 +210,16 @@ impl BenchWire {
         }
     }
 
-    /// One more axis, with its number among all of the bench. Tells its place.
-    pub fn add_axis(&self, id: u16, axis: LocalAxis) -> Option<usize> {
+    /// Adds an axis, with its number among all of the bench, and returns its place on this wire. Its
+    /// pending stop is shown from the first moment on, before the command worker sends it.
+    pub fn add_axis(
+        &self,
+        id: u16,
+        axis: LocalAxis,
+        pending_stop: Option<PendingStopView>,
+    ) -> Option<usize> {
         lock_unpoisoned(&self.leases).push(None);
-        lock_unpoisoned(&self.pending_stops).push(None);
+        lock_unpoisoned(&self.pending_stops).push(pending_stop);
         self.axes.push((id, axis))
     }
 
