@@ -65,7 +65,9 @@ impl Bench {
             return Ok(());
         }
         let stops = link.wire.stop_count();
-        let broken = || shared.is_closing() || link.wire.stop_count() != stops;
+        // An axis of the link may be commanded meanwhile: queries would delay its commands.
+        let broken =
+            || shared.is_closing() || link.wire.stop_count() != stops || !self.may_probe(n, number);
         let (root, index) = {
             let (root, index) = link.scan.root()?;
             (root.clone(), index)
@@ -77,7 +79,7 @@ impl Bench {
         }
         let found: Vec<_> = scanner.finish().found;
         let found: Vec<_> = found.into_iter().filter(|one| one.clash.is_none()).take(1).collect();
-        if found.is_empty() || shared.is_closing() {
+        if found.is_empty() || shared.is_closing() || !self.may_probe(n, number) {
             return Ok(());
         }
         let added = self.add_found_drives(n, &found)?;
