@@ -66,8 +66,8 @@ impl Lease {
         self.live.cache().state(self.axis)
     }
 
-    /// Whether the last state of the axis was sent after this lease began. An older one tells nothing of
-    /// what happened under it.
+    /// Whether the last state of the axis was sent after this lease began. An older state does not show
+    /// how the lease ended.
     #[must_use]
     pub fn has_current_state(&self) -> bool {
         self.live.cache().has_state_since(self.axis, self.epoch)

@@ -19,7 +19,7 @@ use polepair_serve::message::{
     GatewayError, JournalAction, LeaseAction, LinkState, OutcomeKind, PendingStopView, StopCause,
     StopClass, StopRequest,
 };
-use polepair_test_support::{WAIT_MAX, wait_until};
+use polepair_test_support::{WAIT_MAX, wait_for, wait_until};
 use proxy::{Mode, Proxy};
 use serde_json::Value;
 
@@ -145,7 +145,7 @@ impl Site {
         verbs.retain(|(verb, _)| info.verbs.iter().any(|known| known.verb == *verb));
         for (verb, velocity) in verbs {
             // A busy machine may reply too late, and a command is not repeated by the server.
-            wait_until(verb, || self.say(epoch, verb, velocity).is_ok());
+            wait_for(verb, || self.say(epoch, verb, velocity).map_err(|error| error.to_string()));
         }
         wait_until("it turns", || self.truth().velocity.abs() > 10.0);
         epoch
