@@ -173,7 +173,7 @@ package: $(VENV)/ready build
 	cp target/$(BUILD)/$(MODULE) crates/python/python/polepair/_polepair.abi3.so
 	cd crates/python && $(CURDIR)/$(VENV)/bin/maturin pep517 write-dist-info --metadata-directory $(SITE) \
 		>$(CURDIR)/target/maturin.log 2>&1 || { cat $(CURDIR)/target/maturin.log; false; }
-	echo $(CURDIR)/crates/python/python >$(SITE)/polepair.pth
+	printf '%s\n' $(CURDIR)/crates/python/python $(CURDIR)/crates/test-support/python >$(SITE)/polepair.pth
 	$(PYTHON) .ci/install-command polepair polepair.__main__:main
 
 ## python: the package, built and tried: its surface, its types, its guide, examples and notebooks

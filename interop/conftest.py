@@ -1,7 +1,6 @@
 """Starts our simulated drives for programs that other people wrote."""
 
 import os
-import select
 import shutil
 import signal
 import subprocess
@@ -9,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from polepair_test_support import MAX_WAIT, first_line, machine_load
 
 # A shell ignores Ctrl+C in programs that it starts in the background, and they pass that on to theirs.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -19,8 +19,6 @@ POLEPAIR = TARGET / "polepair"
 EXAMPLES = TARGET / "examples"
 # Long enough time-outs for a machine that is busy with other things; programs that tests start inherit it.
 os.environ.setdefault("POLEPAIR_TIMEOUT_SCALE", "10")
-# How long what should come may take, s: nobody waits so long unless something is wrong.
-PATIENCE = 120
 BUILD = Path(__file__).resolve().parent / "build"
 
 
@@ -29,17 +27,20 @@ def start(*words):
     process = subprocess.Popen(
         [POLEPAIR, "sim", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    ready, _, _ = select.select([process.stdout], [], [], PATIENCE)
-    line = process.stdout.readline() if ready else ""
+    try:
+        line = first_line(f"the ready line of `sim {' '.join(words)}`", process.stdout)
+    except AssertionError:
+        process.kill()
+        raise
     if not line.startswith("ready "):
         process.kill()
-        raise AssertionError(f"no ready line: {line!r} {process.communicate()[1]!r}")
+        raise AssertionError(f"no ready line: {line!r} {process.communicate()[1]!r}; {machine_load()}")
     return process, line.split()[1]
 
 
 def end(process):
     process.send_signal(signal.SIGTERM)
-    assert process.wait(timeout=PATIENCE) == 0, process.stderr.read()
+    assert process.wait(timeout=MAX_WAIT) == 0, process.stderr.read()
 
 
 @pytest.fixture
@@ -72,14 +73,13 @@ def polepair(*words, check=True, timeout=120, silence=False):
     return done
 
 
-def until(condition, seconds=PATIENCE, every=0.02):
-    """Waits for a condition, and says whether it came true: on a busy machine late, so only what is
-    to stay away is given less time."""
+def occurs_within(seconds, condition):
+    """Whether a condition becomes true within a duration: only for what may stay away, or must."""
     end_at = time.monotonic() + seconds
     while time.monotonic() < end_at:
         if condition():
             return True
-        time.sleep(every)
+        time.sleep(0.02)
     return False
 
 

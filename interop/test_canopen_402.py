@@ -5,8 +5,12 @@ import time
 import pytest
 from canopen.profiles.p402 import BaseNode402
 from canopen_objects import dictionary
-from conftest import until
+from polepair_test_support import wait_until
 from test_canopen_nodes import NODE, network
+
+# Bit 10 of the statusword (CiA 402-2).
+TARGET_REACHED = 0x400
+
 
 class PatientNode(BaseNode402):
     """The client as it is, but for its patience with a busy machine."""
@@ -42,14 +46,6 @@ def drive(request, tmp_path):
         yield node
 
 
-def reached(node):
-    return node.sdo[0x6041].raw & 0x400
-
-
-def at(node, target, within=20):
-    return abs(node.sdo[0x6064].raw - target) <= within
-
-
 def test_states_up_and_down(drive):
     assert drive.state == "SWITCH ON DISABLED"
     drive.state = "OPERATION ENABLED"
@@ -66,9 +62,13 @@ def test_profile_position(drive):
         drive.sdo[0x607A].raw = target * drive.turn
         drive.controlword = 0x0F
         drive.controlword = 0x1F | relative
-        assert until(lambda: drive.sdo[0x6041].raw & 0x1000), "acknowledged"
+        wait_until("the set-point is acknowledged", lambda: drive.sdo[0x6041].raw, lambda word: word & 0x1000)
         drive.controlword = 0x0F | relative
-        assert until(lambda: reached(drive) and at(drive, goal * drive.turn)), goal
+        wait_until(
+            f"the target {goal * drive.turn} is reached",
+            lambda: (drive.sdo[0x6041].raw, drive.sdo[0x6064].raw),
+            lambda seen: seen[0] & TARGET_REACHED and abs(seen[1] - goal * drive.turn) <= 20,
+        )
 
 
 def test_profile_velocity(drive):
@@ -76,9 +76,9 @@ def test_profile_velocity(drive):
     drive.state = "OPERATION ENABLED"
     for turns in [10, -5, 0]:
         drive.sdo[0x60FF].raw = turns * drive.turn_per_s
-        assert until(lambda: reached(drive))
+        wait_until("the target is reached", lambda: drive.sdo[0x6041].raw, lambda word: word & TARGET_REACHED)
         tolerance = 0.15 * max(abs(turns), 1)
-        assert until(lambda turns=turns, off=tolerance: abs(measured(drive) - turns) < off)
+        wait_until(f"the speed is {turns} turns/s", lambda: measured(drive), lambda now: abs(now - turns) < tolerance)
 
 
 def measured(node):
@@ -95,7 +95,7 @@ def test_profile_torque(drive):
     drive.state = "OPERATION ENABLED"
     drive.sdo[0x6071].raw = 100
     start = drive.sdo[0x6064].raw
-    assert until(lambda: drive.sdo[0x6064].raw > start + 2 * drive.turn)
+    wait_until("the motor turns twice", lambda: drive.sdo[0x6064].raw, lambda now: now > start + 2 * drive.turn)
     assert 50 <= drive.sdo[0x6077].raw <= 150 or drive.sdo[0x606C].raw > 0
     drive.sdo[0x6071].raw = 0
 
@@ -107,11 +107,11 @@ def test_homing(drive):
     # The client may take a statusword from before the start for an interruption, and says so; homing
     # goes on whatever it says.
     drive.homing(timeout=120)
-    assert until(drive.is_homed)
+    wait_until("homing has ended", drive.is_homed)
     # The home switch closes half a turn behind where the drive got power: that is zero now.
     drive.op_mode = "PROFILED POSITION"
     drive.state = "OPERATION ENABLED"
-    assert until(lambda: abs(drive.sdo[0x6064].raw) < drive.turn)
+    wait_until("the motor is near zero", lambda: drive.sdo[0x6064].raw, lambda now: abs(now) < drive.turn)
 
 
 def test_the_torque_recipe_as_printed_turns_nothing(drive):
@@ -119,4 +119,4 @@ def test_the_torque_recipe_as_printed_turns_nothing(drive):
     drive.sdo[0x6071].raw = 100
     drive.state = "OPERATION ENABLED"
     time.sleep(0.5)
-    assert at(drive, 0)
+    assert abs(drive.sdo[0x6064].raw) <= 20

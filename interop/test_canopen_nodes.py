@@ -9,7 +9,8 @@ import struct
 import canopen
 import pytest
 from canopen_objects import dictionary
-from conftest import end, polepair, start, until
+from conftest import end, polepair, start
+from polepair_test_support import wait_until
 
 GROUP = "239.74.163.2"
 NODE = 2
@@ -57,11 +58,11 @@ def test_states_boot_up_and_heartbeat(node):
     node.sdo[0x1017].raw = 50
     for state in ["OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "OPERATIONAL"]:
         node.nmt.state = state
-        assert until(lambda: node.nmt.wait_for_heartbeat(10) == state), state
+        wait_until(f"a heartbeat with {state}", lambda: node.nmt.wait_for_heartbeat(10), lambda now: now == state)
     heard = []
     node.nmt.add_heartbeat_callback(heard.append)
     node.nmt.send_command(0x81)
-    assert until(lambda: 0 in heard), heard
+    wait_until("the boot-up message", lambda: heard, lambda codes: 0 in codes)
     assert node.sdo[0x1017].raw == 0
 
 
@@ -138,7 +139,7 @@ def test_pdos_are_mapped_and_go_with_sync(node):
     assert node.sdo[0x60FF].raw == 0, "it waits for SYNC"
     for n in range(1, 11):
         node.network.sync.transmit()
-        assert until(lambda n=n: len(heard) == n), (n, heard)
+        wait_until(f"TPDO 2 follows SYNC {n}", lambda: heard, lambda rows: len(rows) == n)
     assert (node.sdo[0x60FF].raw, node.sdo[0x6071].raw) == (4321, -77)
     assert heard[-1][0] & 0x6F == 0x40
 
@@ -154,9 +155,9 @@ def test_a_change_is_told_by_itself(node):
 
     node.tpdo[1].add_callback(hear)
     node.nmt.state = "OPERATIONAL"
-    assert until(lambda: heard == [0x40]), heard
+    wait_until("TPDO 1 has the state 40h", lambda: heard, lambda states: states == [0x40])
     node.sdo[0x6040].raw = 6
-    assert until(lambda: heard == [0x40, 0x21]), heard
+    wait_until("TPDO 1 has the state 21h", lambda: heard, lambda states: states == [0x40, 0x21])
 
 
 def test_an_emergency_and_its_end(node):
@@ -165,12 +166,12 @@ def test_an_emergency_and_its_end(node):
     node.sdo[0x1016][1].raw = 127 << 16 | 100
     node.nmt.state = "OPERATIONAL"
     node.network.send_message(0x77F, b"\x05")
-    assert until(lambda: heard)
+    wait_until("an emergency message", lambda: heard)
     assert (heard[0].code, heard[0].register & 0x11) == (0x8130, 0x11)
     assert node.sdo[0x1003][1].raw == 0x8130
     node.network.send_message(0x77F, b"\x05")
     # The heartbeat stays away again after this one, and the next emergency follows.
-    assert until(lambda: 0 in [told.code for told in heard]), heard
+    wait_until("the end of the emergency", lambda: [message.code for message in heard], lambda codes: 0 in codes)
 
 
 def test_lss_gives_a_node_id(tmp_path):
@@ -185,7 +186,7 @@ def test_lss_gives_a_node_id(tmp_path):
         lss.send_switch_state_global(lss.WAITING_STATE)
         node = master.add_node(33, dictionary())
         master.send_message(0, struct.pack("BB", 0x82, 2))
-        assert until(lambda: answers(master, 33))
+        wait_until("node 33 replies", lambda: answers(master, 33))
         assert node.sdo[0x1018][4].raw == 2
         # Without a node-ID it is found by its numbers alone.
         lss.send_switch_state_global(lss.CONFIGURATION_STATE)
@@ -197,7 +198,7 @@ def test_lss_gives_a_node_id(tmp_path):
         lss.configure_node_id(5)
         lss.send_switch_state_global(lss.WAITING_STATE)
         master.add_node(5, dictionary())
-        assert until(lambda: answers(master, 5))
+        wait_until("node 5 replies", lambda: answers(master, 5))
 
 
 def answers(master, node):

@@ -9,7 +9,8 @@ import canopen
 import pytest
 from canopen.objectdictionary import ODVariable, datatypes
 from canopen.profiles.p402 import BaseNode402
-from conftest import POLEPAIR, until
+from conftest import POLEPAIR
+from polepair_test_support import wait_until
 from test_canopen_nodes import network
 
 SHEETS = Path(__file__).resolve().parent / "sheets"
@@ -167,13 +168,13 @@ def test_what_the_sheet_maps_is_alive(motor):
     for n in heard:
         motor.tpdo[n].add_callback(lambda pdo, n=n: heard[n].append([v.raw for v in pdo]))
     motor.nmt.state = "OPERATIONAL"
-    assert until(lambda: heard[1][:1] == [[0x0250]]), heard
+    wait_until("TPDO 1 has the statusword 0250h", lambda: heard[1], lambda rows: rows[:1] == [[0x0250]])
     motor.rpdo[1][0x6040].raw = 6
     motor.rpdo[1].transmit()
-    assert until(lambda: heard[1][-1] == [0x0231]), heard
+    wait_until("TPDO 1 has the statusword 0231h", lambda: heard[1], lambda rows: rows[-1] == [0x0231])
     motor.sdo[0x2004].raw = 77
     motor.network.sync.transmit()
-    assert until(lambda: heard[2] == [[0, 77]]), heard
+    wait_until("TPDO 2 follows SYNC", lambda: heard[2], lambda rows: rows == [[0, 77]])
     # What the factory maps can be mapped again, though its entry does not say so.
     motor.nmt.state = "PRE-OPERATIONAL"
     motor.tpdo[2].save()
@@ -187,9 +188,9 @@ def test_a_plain_node_keeps_and_tells(inputs):
     inputs.nmt.state = "OPERATIONAL"
     inputs.rpdo[1][0].raw, inputs.rpdo[1][1].raw = 0x5A, 0xA5
     inputs.rpdo[1].transmit()
-    assert until(lambda: inputs.sdo[0x6200][2].raw == 0xA5)
+    wait_until("RPDO 1 sets 6200h:2", lambda: inputs.sdo[0x6200][2].raw, lambda value: value == 0xA5)
     inputs.network.sync.transmit()
-    assert until(lambda: heard == [[0x5A, 0x81]]), heard
+    wait_until("TPDO 1 follows SYNC", lambda: heard, lambda rows: rows == [[0x5A, 0x81]])
     refused("no object", inputs, 0x6040, 0)
     refused("no object", inputs, 0x1008, 0)
 
@@ -203,11 +204,15 @@ def test_a_sheets_drive_is_driven_by_its_own_file(tmp_path):
         drive.sdo[0x607A].raw = 3 * 65_536
         drive.controlword = 0x0F
         drive.controlword = 0x1F
-        assert until(lambda: abs(drive.sdo[0x6064].raw - 3 * 65_536) < 200)
+        wait_until(
+            "the position is 3 turns", lambda: drive.sdo[0x6064].raw, lambda now: abs(now - 3 * 65_536) < 200
+        )
         drive.op_mode = "PROFILED VELOCITY"
         drive.controlword = 0x0F
         drive.sdo[0x60FF].raw = 5 * 65_536
-        assert until(lambda: abs(drive.sdo[0x606C].raw - 5 * 65_536) < 30_000)
+        wait_until(
+            "the speed is 5 turns/s", lambda: drive.sdo[0x606C].raw, lambda now: abs(now - 5 * 65_536) < 30_000
+        )
 
 
 def test_settings_are_stored_and_come_from_the_file_again(motor):
@@ -215,9 +220,9 @@ def test_settings_are_stored_and_come_from_the_file_again(motor):
     motor.sdo[0x1010][1].raw = 0x65766173
     time.sleep(0.2)  # flash is written
     motor.sdo[0x2001].raw = 3
-    assert until(lambda: reset(motor) == (7, 12_345))
+    wait_until("the stored settings return", lambda: reset(motor), lambda now: now == (7, 12_345))
     motor.sdo[0x1011][1].raw = 0x64616F6C
-    assert until(lambda: reset(motor) == (-5, 0))
+    wait_until("the settings of the file return", lambda: reset(motor), lambda now: now == (-5, 0))
 
 
 def reset(node):
@@ -225,7 +230,7 @@ def reset(node):
     beats = []
     node.nmt.add_heartbeat_callback(beats.append)
     node.nmt.send_command(0x81)
-    assert until(lambda: 0 in beats)
+    wait_until("the boot-up message", lambda: beats, lambda codes: 0 in codes)
     return node.sdo[0x2001].raw, node.sdo[0x6083].raw
 
 

@@ -7,7 +7,8 @@ import can
 import canopen
 import pytest
 from canopen_objects import dictionary
-from conftest import PATIENCE, until
+from conftest import occurs_within
+from polepair_test_support import MAX_WAIT, wait_until
 from test_canopen_nodes import NODE, network
 
 RACK = """[[link]]
@@ -67,7 +68,7 @@ def guarded(node, patience=1):
                 arbitration_id=0x700 + NODE, is_remote_frame=True, dlc=1, is_extended_id=False
             )
         )
-        until(lambda n=n: len(heard) == n, patience)
+        occurs_within(patience, lambda n=n: len(heard) == n)
     return heard
 
 
@@ -87,7 +88,7 @@ def test_switches_turn_each_service_on(tmp_path):
         assert selected(node) and node.network.lss.inquire_node_id() == NODE
         assert segmented(node) == REFUSED
     with drive(tmp_path, 'guarding = "1"') as node:
-        assert guarded(node, PATIENCE) == [b"\x7f", b"\xff"], "the toggle bit turns"
+        assert guarded(node, MAX_WAIT) == [b"\x7f", b"\xff"], "the toggle bit turns"
         assert segmented(node) == REFUSED
 
 
@@ -105,7 +106,7 @@ def test_pdos_are_mapped_after_the_start_without_the_invalid_bit(tmp_path):
         for sub, data in [(0, b"\0"), (1, b"\x20\0\xff\x60"), (0, b"\1")]:
             node.sdo.download(0x1602, sub, data)
         node.network.send_message(0x402, struct.pack("<i", 100))
-        assert until(lambda: node.sdo[0x60FF].raw == 100)
+        wait_until("the PDO sets 60FFh", lambda: node.sdo[0x60FF].raw, lambda value: value == 100)
 
 
 def test_fn_00_is_20_before_a_controlword_counts(tmp_path):
@@ -137,5 +138,5 @@ def test_node_id_and_bit_rate_are_parameters(tmp_path):
         heard = []
         other.nmt.add_heartbeat_callback(heard.append)
         node.nmt.send_command(0x81)
-        assert until(lambda: 0 in heard)
+        wait_until("the boot-up message", lambda: heard, lambda codes: 0 in codes)
         assert other.sdo[0x6041].raw == 0x50

@@ -9,7 +9,8 @@ import subprocess
 
 import can
 import pytest
-from conftest import PATIENCE, POLEPAIR, need, until
+from conftest import POLEPAIR, need
+from polepair_test_support import MAX_WAIT, wait_until
 
 GROUP = "239.74.163.2"
 BEGIN = 1_700_000_000
@@ -39,7 +40,7 @@ def lines(count=300, kinds=("data", "remote", "fd", "error")):
 
 
 def run(*words, stdin=None):
-    done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=PATIENCE, check=False,
+    done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=MAX_WAIT, check=False,
                           input=stdin)
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout.decode()
@@ -133,7 +134,7 @@ def test_tshark_and_editcap_agree_to_the_nanosecond(end, tmp_path):
     words = ["-T", "fields", "-e", "frame.time_epoch", "-e", "can.id", "-e", "can.len",
              "-e", "can.flags.rtr", "-e", "can.flags.err", "-e", "canfd.flags.brs"]
     shown = subprocess.run(["tshark", "-r", str(path), *words], capture_output=True, check=True,
-                           timeout=PATIENCE).stdout.decode()
+                           timeout=MAX_WAIT).stdout.decode()
     rows = [line.split("\t") for line in shown.splitlines()]
     expected = source.read_text().splitlines()
     assert [row[0] for row in rows] == stamps(expected)
@@ -147,7 +148,7 @@ def test_tshark_and_editcap_agree_to_the_nanosecond(end, tmp_path):
     # What Wireshark's own tool makes of it is read by us as it was.
     for form in ["pcapng", "nsecpcap"]:
         theirs = tmp_path / f"theirs.{form}"
-        subprocess.run(["editcap", "-F", form, str(path), str(theirs)], check=True, timeout=PATIENCE)
+        subprocess.run(["editcap", "-F", form, str(path), str(theirs)], check=True, timeout=MAX_WAIT)
         back = run("convert", str(theirs), "-", "--to", "log").splitlines()
         assert frames("\n".join(back)) == frames("\n".join(expected))
         assert stamps(back) == stamps(expected)
@@ -162,13 +163,13 @@ def test_can_utils_read_what_we_write_and_we_what_they_write(kinds, tmp_path):
     run("convert", str(source), str(ours))
     theirs = tmp_path / "theirs.asc"
     with theirs.open("wb") as out:
-        subprocess.run(["log2asc", "-I", str(ours), "can0"], stdout=out, check=True, timeout=PATIENCE)
+        subprocess.run(["log2asc", "-I", str(ours), "can0"], stdout=out, check=True, timeout=MAX_WAIT)
     expected = frames(source.read_text())
     assert frames(run("convert", str(theirs), "-", "--to", "log")) == expected
     mine = tmp_path / "ours.asc"
     run("convert", str(source), str(mine))
     back = subprocess.run(["asc2log", "-I", str(mine)], capture_output=True, check=True,
-                          timeout=PATIENCE).stdout.decode()
+                          timeout=MAX_WAIT).stdout.decode()
     assert frames(back) == expected
 
 
@@ -193,10 +194,10 @@ def test_a_recording_of_ours_is_read_by_the_others(tmp_path):
         with can.LogReader(str(exact)) as reader:
             for message in reader:
                 bus.send(message)
-    assert until(lambda: len(paths["log"].read_text().splitlines()) == 100)
+    wait_until("100 frames are in the file", lambda: paths["log"].read_text().count("\n"), lambda count: count == 100)
     for recorder in recorders:
         recorder.send_signal(signal.SIGINT)
-        assert " 0 dropped" in recorder.communicate(timeout=PATIENCE)[1]
+        assert " 0 dropped" in recorder.communicate(timeout=MAX_WAIT)[1]
     expected = frames(source.read_text())
     for form, path in paths.items():
         assert frames(run("convert", str(path), "-", "--to", "log")) == expected
@@ -204,5 +205,5 @@ def test_a_recording_of_ours_is_read_by_the_others(tmp_path):
             with can.LogReader(str(path)) as reader:
                 assert [said(message) for message in reader] == expected, form
     shown = subprocess.run(["tshark", "-r", str(paths["pcapng"])], capture_output=True, check=True,
-                           timeout=PATIENCE)
+                           timeout=MAX_WAIT)
     assert len(shown.stdout.splitlines()) == 100

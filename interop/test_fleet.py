@@ -10,13 +10,13 @@ import hashlib
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from moto.server import ThreadedMotoServer
 from polepair import fleet
+from polepair_test_support import wait_until
 from ray.cluster_utils import Cluster
 
 COUNT = int(os.environ.get("POLEPAIR_FLEET_CAPTURES", "40"))
@@ -100,9 +100,12 @@ def test_a_cluster_that_loses_a_node_makes_the_same_data_set(
     root = tmp_path / "dataset"
     report = fleet.decode(captures, root, ray="auto", progress=lose)
     assert lost_at and report.failed == (), report
-    end = time.monotonic() + 120
-    while len(alive := [node["NodeID"] for node in ray.nodes() if node["Alive"]]) > 2 and time.monotonic() < end:
-        time.sleep(0.2)
+    alive = wait_until(
+        "two nodes are alive",
+        lambda: [node["NodeID"] for node in ray.nodes() if node["Alive"]],
+        lambda nodes: len(nodes) <= 2,
+        interval=0.2,
+    )
     assert len(alive) == 2, "the head and one other"
     # A task may have stored captures before its node was lost; then they are there when it runs again.
     assert report.decoded + report.present == COUNT

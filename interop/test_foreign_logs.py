@@ -9,7 +9,8 @@ import subprocess
 import can
 import cantools.logreader
 import pytest
-from conftest import PATIENCE, POLEPAIR
+from conftest import POLEPAIR
+from polepair_test_support import MAX_WAIT
 
 BEGIN = 1_700_000_000
 # Half a unit of the last digit that the format has.
@@ -47,7 +48,7 @@ def facts(message):
 def ours(path, *words):
     """The frames that Polepair reads from a file, through the log format of can-utils."""
     done = subprocess.run([POLEPAIR, "convert", str(path), "-", "--to", "log", *words],
-                          capture_output=True, timeout=PATIENCE, check=False)
+                          capture_output=True, timeout=MAX_WAIT, check=False)
     assert done.returncode == 0, done.stderr.decode()
     found = []
     for line in done.stdout.decode().splitlines():

@@ -9,7 +9,8 @@ import subprocess
 import time
 import tty
 
-from conftest import PATIENCE, POLEPAIR, until
+from conftest import POLEPAIR, occurs_within
+from polepair_test_support import MAX_WAIT, wait_until
 
 GROUP = "239.74.163.2"
 BAUD, SECONDS = 921_600, 3
@@ -28,7 +29,7 @@ class Recorder:
     def ended(self):
         """How many it says were dropped; its exit code says the same."""
         self.process.send_signal(signal.SIGINT)
-        said = self.process.communicate(timeout=PATIENCE)[1]
+        said = self.process.communicate(timeout=MAX_WAIT)[1]
         dropped = int(re.search(r"(\d+) dropped", said)[1])
         assert self.process.returncode == (7 if dropped else 0), said
         return dropped
@@ -56,7 +57,7 @@ def test_a_serial_line_at_its_full_speed(tmp_path):
     def kept():
         return b"".join(bytes.fromhex(words) for words in words_of(path))
 
-    assert until(lambda: len(kept()) == len(sent)), (len(kept()), len(sent))
+    wait_until(f"{len(sent)} bytes are in the file", lambda: len(kept()), lambda count: count == len(sent))
     assert recorder.ended() == 0
     assert kept() == sent
     os.close(ear)
@@ -81,7 +82,7 @@ def test_a_bus_at_its_full_speed(tmp_path):
     def kept():
         return [words.split(" ")[0] for words in words_of(path)]
 
-    until(lambda: len(kept()) == count, seconds=2)
+    occurs_within(2, lambda: len(kept()) == count)
     dropped, found = recorder.ended(), kept()
     # A machine that is busy elsewhere may lose some: then it says how many.
     assert len(found) + dropped == count
@@ -90,5 +91,5 @@ def test_a_bus_at_its_full_speed(tmp_path):
 
 def polepair_replays(capture, link):
     words = ["replay", capture, link, "--as", "canopen", "--direction", "both", "--arm", "--detach"]
-    done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=PATIENCE, check=False)
+    done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=MAX_WAIT, check=False)
     assert done.returncode == 0, done.stderr.decode()

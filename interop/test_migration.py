@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import PATIENCE, ROOT, end, start
+from conftest import ROOT, end, start
+from polepair_test_support import MAX_WAIT
 
 PAGE = ROOT / "docs" / "guides" / "migration.md"
 GROUP, PORT = "239.74.163.2", 44_200 + os.getpid() % 1000
@@ -46,7 +47,7 @@ def run(tmp_path):
         file.write_text(program)
         try:
             done = subprocess.run(
-                [sys.executable, file], capture_output=True, text=True, timeout=PATIENCE, check=False
+                [sys.executable, file], capture_output=True, text=True, timeout=MAX_WAIT, check=False
             )
         finally:
             end(simulator)

@@ -4,7 +4,8 @@ import subprocess
 
 import minimalmodbus
 import pytest
-from conftest import compiled, need, until
+from conftest import compiled, need
+from polepair_test_support import wait_until
 from pymodbus import FramerType
 from pymodbus.client import ModbusSerialClient
 
@@ -62,6 +63,14 @@ def signed(word):
     return word - 0x10000 if word & 0x8000 else word
 
 
+def wait_for_speed(client, rpm):
+    wait_until(
+        f"the speed is {rpm} rpm",
+        lambda: signed(client.read(SPEED)[0]),
+        lambda speed: abs(speed - rpm) <= (3 if rpm else 2),
+    )
+
+
 def test_factory_values(client):
     assert client.read(CONTROL_MODE) == [2]
     assert client.read(0x3A) == [1]
@@ -76,11 +85,11 @@ def test_internal_speed(client):
     client.write(ENABLE, 0)
     client.write(INTERNAL_SPEED, 200)
     client.write(ENABLE, 1)
-    assert until(lambda: abs(signed(client.read(SPEED)[0]) - 200) <= 3)
+    wait_for_speed(client, 200)
     client.write(INTERNAL_SPEED, 0x10000 - 150)
-    assert until(lambda: abs(signed(client.read(SPEED)[0]) + 150) <= 3)
+    wait_for_speed(client, -150)
     client.write(ENABLE, 0)
-    assert until(lambda: abs(signed(client.read(SPEED)[0])) <= 2)
+    wait_for_speed(client, 0)
 
 
 def test_a_path_is_run(client):
@@ -98,7 +107,8 @@ def test_a_path_is_run(client):
     client.write(0x20C, 1)
     client.write(0x20C, 0)
     # The path is short: a busy machine may see no more of it than its end.
-    assert until(lambda: client.read(0x102E, 2) != before and client.read(BUSY) == [0])
+    wait_until("the position changes", lambda: client.read(0x102E, 2), lambda now: now != before)
+    wait_until("the drive is not busy", lambda: client.read(BUSY), lambda busy: busy == [0])
     assert client.read(ALARM) == [0]
 
 
@@ -114,7 +124,7 @@ def test_homing(client):
     client.write(ENABLE, 1)
     client.write(0x20D, 1)
     client.write(0x20D, 0)
-    assert until(lambda: client.read(BUSY) == [0])
+    wait_until("the drive is not busy", lambda: client.read(BUSY), lambda busy: busy == [0])
     assert client.read(ALARM) == [0]
 
 

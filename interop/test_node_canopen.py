@@ -7,7 +7,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import BUILD, PATIENCE, end, need, polepair, start
+from conftest import BUILD, end, need, polepair, start
+from polepair_test_support import MAX_WAIT
 from test_can_links import GROUP, free_port, gateway, socket  # noqa: F401
 
 HERE = Path(__file__).resolve().parent
@@ -44,7 +45,7 @@ def test_it_reads_and_writes_our_node(program):
             [*words, "client", host, port, str(NODE)],
             capture_output=True,
             text=True,
-            timeout=2 * PATIENCE,
+            timeout=2 * MAX_WAIT,
             env=environment,
         )
         assert done.returncode == 0, done.stderr
@@ -78,7 +79,7 @@ def test_our_host_reads_and_writes_its_node(program, gateway):  # noqa: F811
         assert "2748" in polepair("get", plain, "vendor id", "--raw").stdout
     finally:
         node.terminate()
-        node.wait(PATIENCE)
+        node.wait(MAX_WAIT)
 
 
 def test_our_lss_master_gives_its_device_a_node_id(program, gateway):  # noqa: F811
@@ -113,4 +114,4 @@ def test_our_lss_master_gives_its_device_a_node_id(program, gateway):  # noqa: F
         assert refused.returncode == 6 and "refused with error 1" in refused.stderr
     finally:
         device.terminate()
-        device.wait(PATIENCE)
+        device.wait(MAX_WAIT)

@@ -5,8 +5,9 @@ import time
 
 import pytest
 
-from conftest import polepair, until
+from conftest import polepair
 from odd_tmcl import Module, SerialLine, SlcanBus
+from polepair_test_support import wait_until
 
 MST, STOP_PROGRAM = 3, 128
 VALUES = ("target position", "actual position", "target velocity", "actual velocity")
@@ -76,14 +77,14 @@ def run_until(reports, exit_code, *words, after_each=lambda run: None):
 
     On a busy machine the reply of the second module can arrive after the host waited for it. The host
     then cannot see that two modules replied, or takes the reply for that to its next request."""
-    runs = []
 
     def run():
-        runs.append(polepair(*words, check=False))
-        after_each(runs[-1])
-        return runs[-1].returncode == exit_code and reports(runs[-1])
+        done = polepair(*words, check=False)
+        after_each(done)
+        return done
 
-    assert until(run), runs[-1]
+    expected = f"`{' '.join(words)}` ends with {exit_code} and reports as expected"
+    wait_until(expected, run, lambda done: done.returncode == exit_code and reports(done))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0003, 0.002, 0.005, 0.017, 0.04])

@@ -16,7 +16,8 @@ import tty
 import can
 import canopen
 import pytest
-from conftest import PATIENCE, POLEPAIR, end, start, until
+from conftest import POLEPAIR, end, start
+from polepair_test_support import MAX_WAIT, wait_until
 from pymodbus import FramerType
 from pymodbus.client import ModbusSerialClient
 from pytrinamic.connections import SerialTmclInterface
@@ -84,9 +85,9 @@ class Recorder:
 
     def holds(self, frames):
         """Waits until so many frames are in the file, and ends."""
-        assert until(lambda: len(frames_of(self.path)) >= frames)
+        wait_until(f"{frames} frames are in the file", lambda: len(frames_of(self.path)), lambda count: count >= frames)
         self.process.send_signal(signal.SIGINT)
-        said = self.process.communicate(timeout=PATIENCE)[1]
+        said = self.process.communicate(timeout=MAX_WAIT)[1]
         assert self.process.returncode == 0 and " 0 dropped" in said, said
 
 
@@ -113,7 +114,7 @@ class Frame:
 
 def frames_of(path):
     done = subprocess.run(
-        [POLEPAIR, "decode", str(path), "--format", "jsonl"], capture_output=True, timeout=PATIENCE,
+        [POLEPAIR, "decode", str(path), "--format", "jsonl"], capture_output=True, timeout=MAX_WAIT,
         check=False,
     )
     return [Frame(json.loads(line)) for line in done.stdout.splitlines()]
@@ -123,7 +124,7 @@ def summary(frames, path):
     """What `summary` tells of a capture, and whether its exit code says the same."""
     path.write_text("".join(frame.line() for frame in frames))
     words = [POLEPAIR, "summary", str(path), "--format", "json"]
-    done = subprocess.run(words, capture_output=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(words, capture_output=True, timeout=MAX_WAIT, check=False)
     told = json.loads(done.stdout)
     assert done.returncode == (0 if told["clean"] else 1), done.stderr
     return told

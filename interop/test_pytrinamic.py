@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from conftest import until
+from polepair_test_support import wait_until
 from pytrinamic.connections import SerialTmclInterface
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyStatusError
 
@@ -31,26 +31,34 @@ def test_version(drive):
     assert reply.value >> 16 in (170, 171)
 
 
+def wait_for_speed(drive, rpm):
+    wait_until(
+        f"the speed is {rpm} rpm",
+        lambda: drive.get_axis_parameter(SPEED, 0, signed=True),
+        lambda speed: abs(speed - rpm) <= (5 if rpm else 2),
+    )
+
+
 def test_rotates_both_ways_and_stops(drive):
     drive.set_axis_parameter(11, 0, 5000)
     drive.send(TMCLCommand.ROR, 0, 0, 350)
-    assert until(lambda: abs(drive.get_axis_parameter(SPEED, 0, signed=True) - 350) <= 5)
+    wait_for_speed(drive, 350)
     drive.send(TMCLCommand.ROL, 0, 0, 350)
-    assert until(lambda: abs(drive.get_axis_parameter(SPEED, 0, signed=True) + 350) <= 5)
+    wait_for_speed(drive, -350)
     drive.send(TMCLCommand.MST, 0, 0, 0)
-    assert until(lambda: abs(drive.get_axis_parameter(SPEED, 0, signed=True)) <= 2)
+    wait_for_speed(drive, 0)
 
 
 def test_moves_absolute_and_relative(drive):
     steps = drive.get_axis_parameter(STEPS, 0)
     drive.set_axis_parameter(4, 0, 2000)
     drive.send(TMCLCommand.MVP, 0, 0, 2 * steps)
-    assert until(lambda: drive.get_axis_parameter(FLAGS, 0) & POS_END)
+    wait_until("the flag POS_END is set", lambda: drive.get_axis_parameter(FLAGS, 0), lambda flags: flags & POS_END)
     assert abs(drive.get_axis_parameter(POSITION, 0, signed=True) - 2 * steps) <= 20
     reply = drive.send(TMCLCommand.MVP, 1, 0, -3 * steps)
     target = reply.value - 2**32 if reply.value >= 2**31 else reply.value
     assert abs(target - -steps) <= 20
-    assert until(lambda: drive.get_axis_parameter(FLAGS, 0) & POS_END)
+    wait_until("the flag POS_END is set", lambda: drive.get_axis_parameter(FLAGS, 0), lambda flags: flags & POS_END)
     assert abs(drive.get_axis_parameter(POSITION, 0, signed=True) - target) <= 20
 
 

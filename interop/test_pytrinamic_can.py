@@ -5,7 +5,8 @@ import time
 
 import can
 import pytest
-from conftest import end, polepair, start, until
+from conftest import end, polepair, start
+from polepair_test_support import wait_until
 from pytrinamic.connections import SlcanTmclInterface
 from pytrinamic.connections.can_tmcl_interface import CanTmclInterface
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyStatusError
@@ -63,14 +64,22 @@ def test_version(drive):
     assert reply.value >> 16 in (170, 171)
 
 
+def wait_for_speed(drive, rpm):
+    wait_until(
+        f"the speed is {rpm} rpm",
+        lambda: drive.get_axis_parameter(SPEED, 0, signed=True),
+        lambda speed: abs(speed - rpm) <= (5 if rpm else 2),
+    )
+
+
 def test_rotates_both_ways_and_stops(drive):
     drive.set_axis_parameter(11, 0, 5000)
     drive.send(TMCLCommand.ROR, 0, 0, 350)
-    assert until(lambda: abs(drive.get_axis_parameter(SPEED, 0, signed=True) - 350) <= 5)
+    wait_for_speed(drive, 350)
     drive.send(TMCLCommand.ROL, 0, 0, 350)
-    assert until(lambda: abs(drive.get_axis_parameter(SPEED, 0, signed=True) + 350) <= 5)
+    wait_for_speed(drive, -350)
     drive.send(TMCLCommand.MST, 0, 0, 0)
-    assert until(lambda: abs(drive.get_axis_parameter(SPEED, 0, signed=True)) <= 2)
+    wait_for_speed(drive, 0)
 
 
 def test_settings_and_refusals(drive):
@@ -102,11 +111,8 @@ def test_python_can_reads_and_writes_frames(udp):
             arbitration_id=1, data=bytes.fromhex("06 06 00 00 00 00 00"), is_extended_id=False
         )
         bus.send(request)
-        end_at = time.monotonic() + 60
-        replies = []
-        while not replies and time.monotonic() < end_at:
-            frame = bus.recv(0.2)
-            if frame is not None and frame.arbitration_id == 2:
-                replies.append(bytes(frame.data))
+        frame = wait_until(
+            "a reply to host 2", lambda: bus.recv(0.2), lambda frame: frame is not None and frame.arbitration_id == 2
+        )
         # Module 1, status 100, opcode 6, the factory's 100.
-        assert replies == [bytes.fromhex("01 64 06 00 00 00 64")]
+        assert bytes(frame.data) == bytes.fromhex("01 64 06 00 00 00 64")

@@ -7,7 +7,8 @@ import tarfile
 import time
 
 import pytest
-from conftest import end, polepair, start, until
+from conftest import end, polepair, start
+from polepair_test_support import wait_until
 from pytrinamic.connections import ConnectionManager
 from pytrinamic.modules import TMCM6110
 from pytrinamic.tmcl import TMCLCommand
@@ -63,6 +64,10 @@ def connect(served):
         interface.close()
 
 
+def wait_for_velocity(motor, velocity):
+    wait_until(f"the velocity is {velocity}", lambda: motor.actual_velocity, lambda now: now == velocity)
+
+
 def test_six_motors_turn_and_move_each_for_itself(connect):
     module = TMCM6110(connect("tmcm-6110"))
     for n, motor in enumerate(module.motors):
@@ -70,15 +75,15 @@ def test_six_motors_turn_and_move_each_for_itself(connect):
         motor.rotate(SPEED if n % 2 else -SPEED)
     for n, motor in enumerate(module.motors):
         wanted = SPEED if n % 2 else -SPEED
-        assert until(lambda motor=motor, wanted=wanted: motor.actual_velocity == wanted)
+        wait_for_velocity(motor, wanted)
         motor.stop()
-        assert until(lambda motor=motor: motor.actual_velocity == 0)
+        wait_for_velocity(motor, 0)
     for n, motor in enumerate(module.motors):
         motor.actual_position = 0
         motor.linear_ramp.max_velocity = 2000
         motor.move_to(2000 * (n - 3))
     for n, motor in enumerate(module.motors):
-        assert until(lambda motor=motor: motor.get_position_reached())
+        wait_until(f"motor {n} reports its position as reached", motor.get_position_reached)
         assert motor.actual_position == 2000 * (n - 3)
 
 
@@ -114,10 +119,10 @@ def test_stallguard_stops_the_motor_that_is_held(connect):
         motor.linear_ramp.max_acceleration = 2000
         motor.stallguard2.set_stop_velocity(500)
         motor.rotate(SPEED)
-        assert until(lambda motor=motor: motor.actual_velocity == SPEED)
+        wait_for_velocity(motor, SPEED)
     assert held.stallguard2.get_load_value() > 100
     polepair("act", f"{url}#1.3", "jam")
-    assert until(lambda: held.actual_velocity == 0)
+    wait_for_velocity(held, 0)
     assert held.get_axis_parameter(held.AP.ExtendedErrorFlags) & 1
     assert free.actual_velocity == SPEED
 
@@ -144,13 +149,13 @@ def test_a_program_that_one_host_stores_the_other_reads_and_runs(connect, tmp_pa
         "SAP 5, 0, 2000", "L1:", "ROR 0, 500", "WAIT TICKS, 0, 20", "ROL 0, 500", "WAIT TICKS, 0, 20", "JA L1",
     ]
     polepair("program", "run", f"{url}#1", "L1", "--source", str(text), "--detach")
-    assert until(lambda: motor.actual_velocity == 500)
-    assert until(lambda: motor.actual_velocity == -500)
+    wait_for_velocity(motor, 500)
+    wait_for_velocity(motor, -500)
     interface.send(TMCLCommand.STOP_APPLICATION, 0, 0, 0)
     motor.stop()
-    assert until(lambda: motor.actual_velocity == 0)
+    wait_for_velocity(motor, 0)
     text.write_text("// by the other host\nLoop: SGP 7, 2, 42\nSTOP\n")
     polepair("program", "load", f"{url}#1", str(text))
     interface.send(TMCLCommand.RUN_APPLICATION, 1, 0, 0)
-    assert until(lambda: interface.get_global_parameter(7, 2) == 42)
+    wait_until("the program sets GP 7", lambda: interface.get_global_parameter(7, 2), lambda value: value == 42)
     assert interface.send(TMCLCommand.READ_TMCL_MEMORY, 0, 0, 0).value == 42

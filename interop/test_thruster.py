@@ -5,7 +5,8 @@ import time
 
 import can
 import pytest
-from conftest import end, polepair, start, until
+from conftest import end, polepair, start
+from polepair_test_support import wait_until
 from test_can_links import GROUP, free_port, heard, own_echo, slcan, udp
 
 
@@ -79,7 +80,7 @@ def test_a_thruster_runs_by_printed_frames(wire):
     zero = "5443000000000000"
     for data in [zero, signal, "544300000000FFFB", "56430000000001F4"]:
         assert controller.ask(data) == bytes.fromhex(data)
-    assert until(lambda: abs(controller.value("QV") - 500) <= 2), controller.value("QV")
+    wait_until("the speed is 500", lambda: controller.value("QV"), lambda speed: abs(speed - 500) <= 2)
     assert controller.value("QP") == 480
     # Section 2.4: one frame without header, then two with, then none.
     assert controller.ask("564D000000000100") == bytes.fromhex("564D000000000100")
@@ -107,10 +108,10 @@ def test_silence_stops_it_and_the_fault_is_told_once(wire):
 def test_a_servo_moves_and_sends_by_itself(wire):
     _, controller = wire("thruster-servo")
     assert controller.ask("4C41003C00000384") == bytes.fromhex("4C41003C00000384")
-    assert until(lambda: controller.value("QA") == 900), controller.value("QA")
+    wait_until("the angle is 900", lambda: controller.value("QA"), lambda angle: angle == 900)
     for _ in range(2):
         assert controller.ask("4C52003C00000032")[:2] == b"LR"
-    assert until(lambda: controller.value("QA") == 1000), "each one adds"
+    wait_until("both steps are added", lambda: controller.value("QA"), lambda angle: angle == 1000)
     assert controller.ask("53504C41FC7C0384")[:4] == b"SPLA"
     assert controller.ask("4C41003C00000385")[4:] == REFUSED
     assert controller.ask("4D4D0000")[:2] == b"MM"

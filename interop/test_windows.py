@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT, TARGET, end, polepair, start, until
+from conftest import ROOT, TARGET, end, polepair, start
+from polepair_test_support import wait_until
 
 PROGRAM = ROOT / "target" / "x86_64-pc-windows-gnu" / TARGET.name / "polepair.exe"
 SOURCES = Path(__file__).resolve().parent / "windows"
@@ -234,7 +235,7 @@ def test_every_signal_of_the_console_stops_the_motor(folder, served, event):
     out, error = spin.communicate("\n", timeout=120)
     assert out.startswith("ended with 130 "), out + error
     assert "interrupted: the motion was stopped" in error, error
-    assert until(lambda: speed(url) < 2), speed(url)
+    wait_until("the motor stands still", lambda: speed(url), lambda now: now < 2)
 
 
 def test_a_simulation_serves_this_machine(folder):
@@ -380,4 +381,4 @@ def test_every_signal_of_the_console_stops_the_motor_of_a_python_program(python,
         hold.kill()
     assert out.startswith("ended with "), out + error
     assert ("KeyboardInterrupt" in error) == (event == "ctrl-c"), error
-    assert until(lambda: speed(url) < 2), speed(url)
+    wait_until("the motor stands still", lambda: speed(url), lambda now: now < 2)

@@ -6,8 +6,8 @@ import subprocess
 import time
 import traceback
 
-# How long what should come may take, s.
-PATIENCE = 60
+from polepair_test_support import MAX_WAIT
+
 CHECKS = []
 
 
@@ -64,13 +64,6 @@ class Candump:
 
 
 def run(*words):
-    done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=MAX_WAIT, check=False)
     assert done.returncode == 0, (words, done.stdout, done.stderr)
     return done.stdout
-
-
-def until(condition, seconds=PATIENCE):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)

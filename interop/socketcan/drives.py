@@ -12,7 +12,8 @@ sys.path.append(str(Path(__file__).resolve().parent.parent))
 import canopen
 from canopen.profiles.p402 import BaseNode402
 from canopen_objects import dictionary
-from checks import PATIENCE, Candump, check, run, run_all, until
+from checks import Candump, check, run, run_all
+from polepair_test_support import MAX_WAIT, wait_until
 
 logging.disable()  # that objects are not mapped, at every look
 POLEPAIR = sys.argv[1]
@@ -22,8 +23,8 @@ BUS, NODE = "vcan0", 2
 class PatientNode(BaseNode402):
     """The client as it is, but for its patience with a slow machine."""
 
-    TIMEOUT_SWITCH_OP_MODE = TIMEOUT_CHECK_TPDO = PATIENCE
-    TIMEOUT_SWITCH_STATE_FINAL = TIMEOUT_SWITCH_STATE_SINGLE = PATIENCE
+    TIMEOUT_SWITCH_OP_MODE = TIMEOUT_CHECK_TPDO = MAX_WAIT
+    TIMEOUT_SWITCH_STATE_FINAL = TIMEOUT_SWITCH_STATE_SINGLE = MAX_WAIT
 
 
 @contextmanager
@@ -36,7 +37,7 @@ def simulated(words):
         yield process.stdout.readline().split()[1]
     finally:
         process.terminate()
-        process.wait(PATIENCE)
+        process.wait(MAX_WAIT)
 
 
 @contextmanager
@@ -47,7 +48,7 @@ def driven(words):
         master.connect(interface="socketcan", channel=BUS)
         node = PatientNode(NODE, dictionary())
         master.add_node(node)
-        node.sdo.RESPONSE_TIMEOUT = PATIENCE
+        node.sdo.RESPONSE_TIMEOUT = MAX_WAIT
         try:
             yield node
         finally:
@@ -66,7 +67,11 @@ def answer(log, line, identifier):
     log.heard(0.3)
     log.text = b""
     send(line)
-    until(lambda: any(f" {identifier}#" in frame for frame in log.heard(0.3)))
+    wait_until(
+        f"a reply {identifier} to {line}",
+        lambda: log.heard(0.3),
+        lambda frames: any(f" {identifier}#" in frame for frame in frames),
+    )
     frames = [frame.split(f" {identifier}#") for frame in log.heard(0.1)]
     return bytes.fromhex(next(frame[1] for frame in frames if len(frame) == 2))
 
@@ -87,7 +92,7 @@ def python_canopen_manages_a_node():
         node.sdo[0x1017].raw = 100
         for state, code in [("OPERATIONAL", 5), ("STOPPED", 4), ("PRE-OPERATIONAL", 127)]:
             node.nmt.state = state
-            until(lambda code=code: beats[-1:] == [code])
+            wait_until(f"a heartbeat with {state}", lambda: beats, lambda codes: codes[-1:] == [code])
         assert node.sdo[0x1008].raw == "Polepair CiA 402 drive", "in segments"
         node.sdo[0x2F01][1].raw = 889
         with node.sdo[0x2F01][2].open("rb", block_transfer=True) as file:
@@ -101,9 +106,11 @@ def python_canopen_manages_a_node():
         node.sdo[0x1016][1].raw = 127 << 16 | 100
         node.nmt.state = "OPERATIONAL"
         node.network.send_message(0x77F, b"\x05")
-        until(lambda: [one.code for one in emergencies] == [0x8130])
+        wait_until(
+            "the emergency 8130h", lambda: [one.code for one in emergencies], lambda codes: codes == [0x8130]
+        )
         node.nmt.send_command(0x81)
-        until(lambda: 0 in beats)
+        wait_until("the boot-up message", lambda: beats, lambda codes: 0 in codes)
 
 
 @check
@@ -125,7 +132,7 @@ def python_canopen_has_pdos_go_with_sync():
         out.transmit()
         for n in range(1, 4):
             node.network.sync.transmit()
-            until(lambda n=n: len(heard) == n)
+            wait_until(f"TPDO 2 follows SYNC {n}", lambda: heard, lambda rows: len(rows) == n)
         assert heard[-1] == 4321, heard
 
 
@@ -138,11 +145,11 @@ def python_canopen_moves_and_turns_a_drive():
         node.sdo[0x607A].raw = 30_000
         node.controlword = 0x0F
         node.controlword = 0x1F
-        until(lambda: abs(node.sdo[0x6064].raw - 30_000) < 20)
+        wait_until("the position is 30000", lambda: node.sdo[0x6064].raw, lambda now: abs(now - 30_000) < 20)
         node.op_mode = "PROFILED VELOCITY"
         node.controlword = 0x0F
         node.sdo[0x60FF].raw = 50_000
-        until(lambda: abs(node.sdo[0x606C].raw - 50_000) < 5000)
+        wait_until("the speed is 50000", lambda: node.sdo[0x606C].raw, lambda now: abs(now - 50_000) < 5000)
 
 
 # Manual, 3.5.4: PDOs are mapped without being switched off, some with seven bytes.
@@ -181,7 +188,7 @@ def cansend_turns_the_ts_by_the_printed_speed_sequence():
         send(*CONTROL, *RAMPS, *mapped(3, "FF"), "602 2F 60 60 00 03 00 00 00")
         send("302 E8 03 00 00 E8 03 00 00", "402 64 00 00 00", *UP)
         assert (read(log, 0x6083), read(log, 0x60FF)) == (1000, 100)
-        until(lambda: abs(read(log, 0x606C) - 10) <= 1)
+        wait_until("the speed is 10", lambda: read(log, 0x606C), lambda now: abs(now - 10) <= 1)
         assert read(log, 0x6041) & 0x7F == 0x37
 
 
@@ -194,7 +201,8 @@ def cansend_moves_the_ts_by_the_printed_position_sequence():
         for _ in range(2):  # relative: each one adds
             before = read(log, 0x6064)
             send("202 0F 00", "202 5F 00", "202 4F 00")
-            until(lambda before=before: abs(read(log, 0x6064) - before - 60_000) <= 20)
+            goal = before + 60_000
+            wait_until(f"the position is {goal}", lambda: read(log, 0x6064), lambda now: abs(now - goal) <= 20)
 
 
 @check
@@ -206,7 +214,7 @@ def cansend_turns_the_ts_by_torque_only_without_the_erratum():
         time.sleep(0.5)
         assert abs(read(log, 0x6064)) <= 20, "in speed mode it stands"
         send("602 2F 60 60 00 04 00 00 00")
-        until(lambda: read(log, 0x6064) > 10_000)
+        wait_until("the motor turns", lambda: read(log, 0x6064), lambda now: now > 10_000)
 
 
 @check
@@ -216,7 +224,7 @@ def cansend_homes_the_ts_by_the_printed_sequence():
         send("602 23 99 60 01 D0 07 00 00", "602 23 99 60 02 C8 00 00 00")
         send("602 23 9A 60 00 E8 03 00 00", *UP)
         send(*(f"602 2B 40 60 00 {word} 00 00 00" for word in ("0F", "5F", "4F")))
-        until(lambda: read(log, 0x6041) & 0x3400 == 0x1400)
+        wait_until("homing has ended", lambda: read(log, 0x6041), lambda word: word & 0x3400 == 0x1400)
 
 
 @check
@@ -227,7 +235,9 @@ def candump_sees_the_printed_examples_answered():
         assert answer(log, "602 40 00 30 00 00 00 00 00", "582")[:4] == bytes.fromhex("4B003000")
         assert answer(log, "000 82 02", "702") == b"\0"
         send("602 2B 17 10 00 64 00 00 00")
-        until(lambda: any("702#7F" in frame for frame in log.heard(0.3)))
+        wait_until(
+            "a heartbeat", lambda: log.heard(0.3), lambda frames: any("702#7F" in frame for frame in frames)
+        )
 
 
 @check
@@ -250,7 +260,11 @@ def cansend_runs_a_thruster():
         for line in ["54 43 00 00 00 00 00 00", "54 43 00 00 FF FF FF FB", "56 43 00 00 00 00 01 F4"]:
             said = answer(log, f"30B {line}", "28B")
             assert said[:2] == bytes.fromhex(line)[:2] and said[6:] == bytes.fromhex(line)[6:], said
-        until(lambda: abs(int.from_bytes(answer(log, "30B 51 56 00 00", "28B")[6:], "big") - 500) <= 2)
+        wait_until(
+            "the speed is 500",
+            lambda: int.from_bytes(answer(log, "30B 51 56 00 00", "28B")[6:], "big"),
+            lambda speed: abs(speed - 500) <= 2,
+        )
         assert answer(log, "30B 51 50 00 00", "28B") == bytes.fromhex("51500000000001E0")
 
 

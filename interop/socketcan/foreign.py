@@ -9,7 +9,8 @@ import time
 import tty
 from contextlib import contextmanager
 
-from checks import PATIENCE, Candump, check, run, run_all, until
+from checks import Candump, check, run, run_all
+from polepair_test_support import MAX_WAIT, wait_until
 
 GATEWAY, POLEPAIR = sys.argv[1:3]
 
@@ -29,7 +30,7 @@ def gateway(one, other):
         assert all(line.startswith("ready ") for line in told), told
         yield told
     finally:
-        told.append(process.communicate(timeout=PATIENCE)[0])
+        told.append(process.communicate(timeout=MAX_WAIT)[0])
 
 
 def quietly(*words):
@@ -58,7 +59,7 @@ def python_can_sees_the_same_frames():
                 extended = bool(n % 2)
                 data = bytes(range(n % 9))
                 sender.send(can.Message(arbitration_id=n, data=data, is_extended_id=extended))
-                got = receiver.recv(PATIENCE)
+                got = receiver.recv(MAX_WAIT)
                 assert (got.arbitration_id, got.is_extended_id, got.data) == (n, extended, data)
         for class_bits in (0x40, 0x100):
             one.send(can.Message(arbitration_id=class_bits, is_error_frame=True, data=bytes(8)))
@@ -86,7 +87,7 @@ def candump_sees_a_simulated_drive_asked_and_answering():
             assert value > 0 and str(value) in told, (value, told)
     finally:
         drive.terminate()
-        drive.wait(PATIENCE)
+        drive.wait(MAX_WAIT)
 
 
 @check
@@ -95,12 +96,12 @@ def the_kernels_slcan_driver_attaches_to_our_adapter():
     with gateway("slcan-pty:/dev/adapter?500000", "socketcan:vcan0"):
         daemon = quietly("slcand", "-F", "-o", "-c", "-s6", "adapter", "slcan7")
         try:
-            until(lambda: os.path.exists("/sys/class/net/slcan7"))
+            wait_until("the interface slcan7", lambda: os.path.exists("/sys/class/net/slcan7"))
             run("ip", "link", "set", "slcan7", "up")
             crossed("slcan7", "vcan0")
         finally:
             daemon.terminate()
-            daemon.wait(PATIENCE)
+            daemon.wait(MAX_WAIT)
 
 
 @check
@@ -109,7 +110,7 @@ def a_bit_rate_is_read_and_compared():
     with gateway("slcan-pty:/dev/adapter?500000", "socketcan:vcan0"):
         daemon = quietly("slcand", "-F", "adapter", "slcan8")
         try:
-            until(lambda: os.path.exists("/sys/class/net/slcan8"))
+            wait_until("the interface slcan8", lambda: os.path.exists("/sys/class/net/slcan8"))
             off = refused("socketcan:slcan8?250000")
             assert "sudo ip link set slcan8 up type can bitrate 250000" in off, off
             run("ip", "link", "set", "slcan8", "up", "type", "can", "bitrate", "500000")
@@ -119,7 +120,7 @@ def a_bit_rate_is_read_and_compared():
                 crossed("vcan0", "vcan1")
         finally:
             daemon.terminate()
-            daemon.wait(PATIENCE)
+            daemon.wait(MAX_WAIT)
 
 
 @check
@@ -161,7 +162,7 @@ def crossed(one, other, frames=FRAMES):
 def refused(link):
     """Why a link cannot be opened."""
     done = subprocess.run(
-        [GATEWAY, link, "socketcan:vcan0"], capture_output=True, text=True, timeout=PATIENCE, check=False
+        [GATEWAY, link, "socketcan:vcan0"], capture_output=True, text=True, timeout=MAX_WAIT, check=False
     )
     assert done.returncode != 0, done.stdout
     return done.stderr

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import subprocess
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import polepair
 import pytest
+from polepair_test_support import first_line, wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 POLEPAIR = ROOT / "target" / os.environ.get("POLEPAIR_BUILD", "debug") / "polepair"
@@ -35,7 +35,7 @@ class Server:
             text=True,
         )
         assert self.child.stdout is not None
-        line = self.child.stdout.readline()
+        line = first_line("the ready line of the server", self.child.stdout)
         assert line.startswith("ready "), line
         self.url = line.split()[1].split("/?")[0]
 
@@ -66,15 +66,20 @@ def joined_link(server: Server) -> Iterator[polepair.Link]:
         yield joined
 
 
-def until(what: str, so: Callable[[], bool], seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not so():
-        assert time.monotonic() < end, f"never: {what}"
-        time.sleep(0.02)
-
-
 def speed(axis: polepair.Axis) -> float:
     return abs(axis.read("velocity")["velocity"])
+
+
+def wait_for_rotation(axis: polepair.Axis, rad_per_s: float = 10.0) -> None:
+    wait_until("the motor turns", lambda: speed(axis), lambda now: now > rad_per_s)
+
+
+def wait_for_standstill(axis: polepair.Axis) -> None:
+    wait_until("the motor stands still", lambda: speed(axis), lambda now: now < 0.5)
+
+
+def wait_for_disarmed(axis: polepair.Axis) -> None:
+    wait_until("the axis is no longer armed", lambda: not axis._native.is_armed)
 
 
 def can_be_armed(axis: polepair.Axis) -> bool:

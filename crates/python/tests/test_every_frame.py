@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import polepair
 import pytest
+from polepair_test_support import MAX_WAIT
 from served import POLEPAIR
 
 ALL = os.environ.get("POLEPAIR_FRAMES") == "all"
@@ -81,7 +82,7 @@ class Drive:
 
     def read(self, signal: str) -> float:
         """What it says itself. Its line may still be busy with whom the wire was cut off from."""
-        end = time.monotonic() + 10
+        end = time.monotonic() + MAX_WAIT
         while True:
             try:
                 with polepair.connect(self.url) as link:

@@ -16,7 +16,17 @@ from pathlib import Path
 
 import polepair
 import pytest
-from served import Server, can_be_armed, joined_link, own_server, speed, until
+from polepair_test_support import wait_until
+from served import (
+    Server,
+    can_be_armed,
+    joined_link,
+    own_server,
+    speed,
+    wait_for_disarmed,
+    wait_for_rotation,
+    wait_for_standstill,
+)
 
 RACK = """
 [[link]]
@@ -137,7 +147,7 @@ def test_another_owner_is_named_and_left_alone(server: Server, link: polepair.Li
     with server.join() as other:
         with link.axis(1).armed() as ours:
             ours.spin(20)
-            until("it turns", lambda: speed(ours) > 10)
+            wait_for_rotation(ours)
             state = other.axis(1).state()
             assert state.armed and state.owner is not None
             refused: list[polepair.Refused] = []
@@ -154,18 +164,18 @@ def test_another_owner_is_named_and_left_alone(server: Server, link: polepair.Li
             assert speed(ours) > 10, "nobody else's refusal stops it"
             # Whoever sees it turn may stop it.
             other.axis(1).stop()
-            until("it stands", lambda: speed(ours) < 0.5)
+            wait_for_standstill(ours)
             with pytest.raises(polepair.Refused, match="lease") as lost:
                 ours.spin(20)
             assert lost.value.executed is False
-            until("it hears of that", lambda: not ours._native.is_armed)
+            wait_for_disarmed(ours)
             with pytest.raises(polepair.Refused):
                 ours.enable()
             link.axis(3).params["max current"] = 1.0
             raised = pytest.raises(polepair.Refused, match="lease")
             with raised, ours.armed():
                 other.axis(1).stop()
-                until("it hears of that", lambda: not ours._native.is_armed)
+                wait_for_disarmed(ours)
 
 
 def test_a_stop_of_all_needs_no_lease_and_locks_nothing(
@@ -174,11 +184,11 @@ def test_a_stop_of_all_needs_no_lease_and_locks_nothing(
     ours = link.axis(3)
     with pytest.raises(polepair.Refused), ours.armed():
         ours.spin(20)
-        until("it turns", lambda: speed(ours) > 10)
+        wait_for_rotation(ours)
         with server.join() as other:
             other.stop()
-        until("it stands", lambda: speed(ours) < 0.5)
-        until("it hears of that", lambda: not ours._native.is_armed)
+        wait_for_standstill(ours)
+        wait_for_disarmed(ours)
     with ours.armed():
         ours.move(1.0).wait(30)
 
@@ -188,7 +198,7 @@ def test_a_link_that_is_closed_stops_what_is_armed(
 ) -> None:
     with server.join() as other:
         other.axis(1).armed().__enter__().spin(20)
-        until("it turns", lambda: speed(link.axis(1)) > 10)
+        wait_for_rotation(link.axis(1))
     assert speed(link.axis(1)) < 0.5
     assert can_be_armed(link.axis(1))
 
@@ -217,18 +227,18 @@ def jog(server: Server, wait: str = "time.sleep(600)") -> subprocess.Popen[str]:
 
 def test_a_killed_program_leaves_no_motor_turning(server: Server, link: polepair.Link) -> None:
     process = jog(server)
-    until("it turns", lambda: speed(link.axis(1)) > 10)
+    wait_for_rotation(link.axis(1))
     process.kill()
     process.communicate()
-    until("it stands", lambda: speed(link.axis(1)) < 0.5)
-    until("it can be taken", lambda: can_be_armed(link.axis(1)))
+    wait_for_standstill(link.axis(1))
+    wait_until("the axis can be armed", lambda: can_be_armed(link.axis(1)))
 
 
 def test_a_program_that_hangs_loses_its_lease(server: Server, link: polepair.Link) -> None:
     process = jog(server)
-    until("it turns", lambda: speed(link.axis(1)) > 10)
+    wait_for_rotation(link.axis(1))
     process.send_signal(signal.SIGSTOP)
-    until("it stands", lambda: speed(link.axis(1)) < 0.5)
+    wait_for_standstill(link.axis(1))
     process.kill()
     process.communicate()
 
@@ -239,7 +249,7 @@ def test_a_program_that_hangs_loses_its_lease(server: Server, link: polepair.Lin
 )
 def test_ctrl_c_ends_a_wait_and_stops(server: Server, link: polepair.Link, wait: str) -> None:
     process = jog(server, wait)
-    until("it turns", lambda: speed(link.axis(1)) > 1)
+    wait_for_rotation(link.axis(1), 1.0)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=120)
     assert "KeyboardInterrupt" in errors
@@ -320,7 +330,7 @@ def test_the_interpreter_goes_on_while_it_waits(link: polepair.Link) -> None:
         while waits.is_alive():
             count += 1
         spent = time.monotonic() - began
-    assert 0.9 < spent < 10 and count > 1000
+    assert 0.9 < spent < 60 and count > 1000
 
 
 def test_an_event_loop_joins(server: Server) -> None:
