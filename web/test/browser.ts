@@ -3,7 +3,7 @@
 import { execFileSync } from "node:child_process";
 import { mkdirSync, readdirSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { loadavg } from "node:os";
+import { cpus, loadavg } from "node:os";
 import { join, resolve } from "node:path";
 import { type Browser, chromium, type Locator, type Page } from "playwright-core";
 import { expect } from "vitest";
@@ -31,6 +31,12 @@ interface Violation {
   id: string;
   impact: string | null;
   nodes: { html: string }[];
+}
+
+/** How busy the machine is. */
+function machineLoad(): string {
+  const averages = loadavg().map((average) => average.toFixed(2));
+  return `load ${averages.join(" ")} on ${cpus().length} processors`;
 }
 
 /** Scripts and styles of a folder where the server's program has older ones; the rest is its own. */
@@ -122,7 +128,7 @@ export class Visitor {
       const value = await read();
       if (good(value)) return value;
       if (Date.now() > end)
-        throw new Error(`after ${ms} ms still: ${value}; load ${loadavg().join(" ")}`);
+        throw new Error(`waited ${ms} ms for: ${good}; seen: ${value}; ${machineLoad()}`);
       await this.page.waitForTimeout(50);
     }
   }
@@ -159,7 +165,8 @@ export class Visitor {
         .catch(() => {});
       await this.page.waitForTimeout(300);
     }
-    throw new Error("the axis does not get ready");
+    const seen = (await this.page.getByRole("article").allInnerTexts()).join("; ");
+    throw new Error(`waited ${WAIT_MS} ms for an axis with power; seen: ${seen}; ${machineLoad()}`);
   }
 
   /** Does something to the axis that needs control and power, until it shows. It is done again only where
@@ -168,7 +175,8 @@ export class Visitor {
   async withControl(act: () => Promise<unknown>, shows: () => Promise<boolean>): Promise<void> {
     const end = Date.now() + WAIT_MS;
     const spent = (): void => {
-      if (Date.now() > end) throw new Error(`nothing shows of ${act}; load ${loadavg().join(" ")}`);
+      if (Date.now() > end)
+        throw new Error(`waited ${WAIT_MS} ms for: ${shows}; done: ${act}; ${machineLoad()}`);
     };
     for (;;) {
       await this.ready();
