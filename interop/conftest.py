@@ -74,7 +74,7 @@ def polepair(*words, check=True, timeout=120, silence=False):
 
 
 def occurs_within(seconds, condition):
-    """Whether a condition becomes true within a duration: only for what may stay away, or must."""
+    """Returns whether a condition becomes true within a duration. `wait_until` is for what has to occur."""
     end_at = time.monotonic() + seconds
     while time.monotonic() < end_at:
         if condition():
