@@ -27,11 +27,7 @@ def start(*words):
     process = subprocess.Popen(
         [POLEPAIR, "sim", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    try:
-        line = first_line(f"the ready line of `sim {' '.join(words)}`", process.stdout)
-    except AssertionError:
-        process.kill()
-        raise
+    line = first_line(f"the ready line of `sim {' '.join(words)}`", process)
     if not line.startswith("ready "):
         process.kill()
         raise AssertionError(f"no ready line: {line!r} {process.communicate()[1]!r}; {machine_load()}")

@@ -34,8 +34,7 @@ class Server:
             stdout=subprocess.PIPE,
             text=True,
         )
-        assert self.child.stdout is not None
-        line = first_line("the ready line of the server", self.child.stdout)
+        line = first_line("the ready line of the server", self.child)
         assert line.startswith("ready "), line
         self.url = line.split()[1].split("/?")[0]
 

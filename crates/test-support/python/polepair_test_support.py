@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 import select
+import subprocess
 import time
 from collections.abc import Callable
-from typing import IO, TypeVar
+from typing import NoReturn, TypeVar
 
 Value = TypeVar("Value")
 
@@ -36,15 +37,20 @@ def wait_until(
     return value
 
 
-def first_line(what: str, stream: IO[str]) -> str:
-    """Returns the first line of a process that has just been started; empty if it ended without one."""
+def first_line(what: str, process: subprocess.Popen[str]) -> str:
+    """Returns the first line that a process prints; empty if it ended without one.
+
+    Kills a process that prints nothing for `MAX_WAIT`, and fails.
+    """
+    assert process.stdout is not None
     began = time.monotonic()
-    if not select.select([stream], [], [], MAX_WAIT)[0]:
+    if not select.select([process.stdout], [], [], MAX_WAIT)[0]:
+        process.kill()
         fail_wait(what, began, "no output")
-    return stream.readline()
+    return process.stdout.readline()
 
 
-def fail_wait(what: str, began: float, seen: object) -> None:
+def fail_wait(what: str, began: float, seen: object) -> NoReturn:
     """Fails the test: `began` is when the wait began, in the time of `time.monotonic`."""
     waited = time.monotonic() - began
     raise AssertionError(f"waited {waited:.0f} s for: {what}; seen: {seen!r}; {machine_load()}")
