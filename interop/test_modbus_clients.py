@@ -63,11 +63,11 @@ def signed(word):
     return word - 0x10000 if word & 0x8000 else word
 
 
-def wait_for_speed(client, rpm):
+def wait_for_speed(client, rpm, within=3):
     wait_until(
         f"the speed is {rpm} rpm",
         lambda: signed(client.read(SPEED)[0]),
-        lambda speed: abs(speed - rpm) <= (3 if rpm else 2),
+        lambda speed: abs(speed - rpm) <= within,
     )
 
 
@@ -89,7 +89,7 @@ def test_internal_speed(client):
     client.write(INTERNAL_SPEED, 0x10000 - 150)
     wait_for_speed(client, -150)
     client.write(ENABLE, 0)
-    wait_for_speed(client, 0)
+    wait_for_speed(client, 0, within=2)
 
 
 def test_a_path_is_run(client):

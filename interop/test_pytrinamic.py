@@ -31,11 +31,11 @@ def test_version(drive):
     assert reply.value >> 16 in (170, 171)
 
 
-def wait_for_speed(drive, rpm):
+def wait_for_speed(drive, rpm, within=5):
     wait_until(
         f"the speed is {rpm} rpm",
         lambda: drive.get_axis_parameter(SPEED, 0, signed=True),
-        lambda speed: abs(speed - rpm) <= (5 if rpm else 2),
+        lambda speed: abs(speed - rpm) <= within,
     )
 
 
@@ -46,7 +46,7 @@ def test_rotates_both_ways_and_stops(drive):
     drive.send(TMCLCommand.ROL, 0, 0, 350)
     wait_for_speed(drive, -350)
     drive.send(TMCLCommand.MST, 0, 0, 0)
-    wait_for_speed(drive, 0)
+    wait_for_speed(drive, 0, within=2)
 
 
 def test_moves_absolute_and_relative(drive):

@@ -10,9 +10,10 @@ from polepair_test_support import wait_until
 from pytrinamic.connections import SlcanTmclInterface
 from pytrinamic.connections.can_tmcl_interface import CanTmclInterface
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyStatusError
+from test_pytrinamic import wait_for_speed
 
 GROUP = "239.74.163.2"
-SPEED, MAX_CURRENT = 3, 6
+MAX_CURRENT = 6
 
 
 class UdpTmclInterface(CanTmclInterface):
@@ -64,14 +65,6 @@ def test_version(drive):
     assert reply.value >> 16 in (170, 171)
 
 
-def wait_for_speed(drive, rpm):
-    wait_until(
-        f"the speed is {rpm} rpm",
-        lambda: drive.get_axis_parameter(SPEED, 0, signed=True),
-        lambda speed: abs(speed - rpm) <= (5 if rpm else 2),
-    )
-
-
 def test_rotates_both_ways_and_stops(drive):
     drive.set_axis_parameter(11, 0, 5000)
     drive.send(TMCLCommand.ROR, 0, 0, 350)
@@ -79,7 +72,7 @@ def test_rotates_both_ways_and_stops(drive):
     drive.send(TMCLCommand.ROL, 0, 0, 350)
     wait_for_speed(drive, -350)
     drive.send(TMCLCommand.MST, 0, 0, 0)
-    wait_for_speed(drive, 0)
+    wait_for_speed(drive, 0, within=2)
 
 
 def test_settings_and_refusals(drive):

@@ -33,10 +33,12 @@ interface Violation {
   nodes: { html: string }[];
 }
 
-/** How busy the machine is. */
-function machineLoad(): string {
-  const averages = loadavg().map((average) => average.toFixed(2));
-  return `load ${averages.join(" ")} on ${cpus().length} processors`;
+/** What a failed wait says: what was waited for (text, or the source of a condition), what was seen, and how
+ * busy the machine is. */
+function failedWait(ms: number, what: unknown, seen: unknown): Error {
+  const load = loadavg().map((average) => average.toFixed(2));
+  const machine = `load ${load.join(" ")} on ${cpus().length} processors`;
+  return new Error(`waited ${ms} ms for: ${what}; seen: ${seen}; ${machine}`);
 }
 
 /** Scripts and styles of a folder where the server's program has older ones; the rest is its own. */
@@ -127,8 +129,7 @@ export class Visitor {
     for (;;) {
       const value = await read();
       if (good(value)) return value;
-      if (Date.now() > end)
-        throw new Error(`waited ${ms} ms for: ${good}; seen: ${value}; ${machineLoad()}`);
+      if (Date.now() > end) throw failedWait(ms, good, value);
       await this.page.waitForTimeout(50);
     }
   }
@@ -166,7 +167,7 @@ export class Visitor {
       await this.page.waitForTimeout(300);
     }
     const seen = (await this.page.getByRole("article").allInnerTexts()).join("; ");
-    throw new Error(`waited ${WAIT_MS} ms for an axis with power; seen: ${seen}; ${machineLoad()}`);
+    throw failedWait(WAIT_MS, "an axis with power", seen);
   }
 
   /** Does something to the axis that needs control and power, until it shows. It is done again only where
@@ -175,8 +176,7 @@ export class Visitor {
   async withControl(act: () => Promise<unknown>, shows: () => Promise<boolean>): Promise<void> {
     const end = Date.now() + WAIT_MS;
     const spent = (): void => {
-      if (Date.now() > end)
-        throw new Error(`waited ${WAIT_MS} ms for: ${shows}; done: ${act}; ${machineLoad()}`);
+      if (Date.now() > end) throw failedWait(WAIT_MS, shows, `false after ${act}`);
     };
     for (;;) {
       await this.ready();
