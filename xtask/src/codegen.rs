@@ -5,8 +5,8 @@
 
 use polepair_core::plan::{Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, Certainty, Fault, IdentityQuery, Parameter, ParameterId, Persistence, Profile, Scale,
-    ScaleRule, SignalSource, Watchdog,
+    Access, Certainty, Fault, IdentityQuery, MotionRules, Parameter, ParameterId, Persistence,
+    Profile, Scale, ScaleRule, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 use std::collections::BTreeMap;
@@ -195,11 +195,13 @@ fn import_lines(body: &str, core: &str) -> String {
                 "Fault",
                 "Identity",
                 "IdentityQuery",
+                "MotionRules",
                 "Parameter",
                 "ParameterId",
                 "Persistence",
                 "Profile",
                 "RamMode",
+                "RelativeBase",
                 "Scale",
                 "Severity",
                 "Signal",
@@ -279,6 +281,7 @@ impl Emitter {
         let ids = |ids: &[ParameterId]| {
             ids.iter().map(|it| parameter_id(*it)).collect::<Vec<String>>().join(", ")
         };
+        let motion = motion_expr(&p.motion);
         let (link_settings, optional) = (ids(p.link_settings), ids(p.optional));
         let ram = p.ram.map_or("None".to_owned(), |mode| {
             let (parameter, ram, flash) = (parameter_id(mode.parameter), mode.ram, mode.flash);
@@ -289,7 +292,7 @@ impl Emitter {
             "/// {title}.\n#[rustfmt::skip]\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
              protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, motors: {}, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
-             identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
+             motion: {motion}, identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
              optional: &[{optional}], \
              watchdog: {watchdog}, reply_timeout_ms: {}, multiple_writes: {}, caution: {:?} }};\n\n",
             p.name,
@@ -516,7 +519,36 @@ fn step_expr(step: &Step) -> String {
         }
         Step::Store(what) => format!("Step::Store({})", parameter_id(what)),
         Step::Wait { ms } => format!("Step::Wait {{ ms: {ms} }}"),
+        Step::Standstill { within_ms } => {
+            format!("Step::Standstill {{ within_ms: {within_ms} }}")
+        }
+        Step::Homed { read, test: t, within_ms } => {
+            let (read, t) = (parameter_id(read), test_expr(t));
+            format!("Step::Homed {{ read: {read}, test: {t}, within_ms: {within_ms} }}")
+        }
+        Step::Arrival { flag, within_ms } => {
+            format!("Step::Arrival {{ flag: {}, within_ms: {within_ms} }}", condition_expr(flag))
+        }
     }
+}
+
+fn condition_expr(condition: Option<(ParameterId, ParameterTest)>) -> String {
+    condition.map_or("None".to_owned(), |(id, test)| {
+        format!("Some(({}, {}))", parameter_id(id), test_expr(test))
+    })
+}
+
+fn motion_expr(rules: &MotionRules) -> String {
+    if *rules == MotionRules::NONE {
+        return "MotionRules::NONE".to_owned();
+    }
+    let window = rules.window.map_or("None".to_owned(), |id| format!("Some({})", parameter_id(id)));
+    format!(
+        "MotionRules {{ window: {window}, relative_from: RelativeBase::{:?}, halted: {}, stalled: {} }}",
+        rules.relative_from,
+        condition_expr(rules.halted),
+        condition_expr(rules.stalled)
+    )
 }
 
 fn test_expr(t: ParameterTest) -> String {

@@ -149,8 +149,8 @@ fn step_text(profile: &Profile, step: Step) -> String {
         }
         Step::NoFault { read, .. } => format!("go on only if {} shows no fault", name(read)),
         Step::Until { read, test, within_ms, required } => {
-            let seconds = f64::from(within_ms) / 1000.0;
             let after = if required { "" } else { ", then go on" };
+            let seconds = seconds(within_ms);
             format!("wait until {}, at most {seconds} s{after}", test_text(&name(read), test))
         }
         Step::Send { function, index, operand, .. } => {
@@ -158,7 +158,31 @@ fn step_text(profile: &Profile, step: Step) -> String {
         }
         Step::Store(id) => format!("have {} kept over power-off", name(id)),
         Step::Wait { ms } => format!("wait {ms} ms"),
+        Step::Standstill { within_ms } => {
+            format!(
+                "wait until the motor is measured at standstill, at most {} s",
+                seconds(within_ms)
+            )
+        }
+        Step::Homed { read, test, within_ms } => format!(
+            "wait until homing was seen to run and {}, at most {} s",
+            test_text(&name(read), test),
+            seconds(within_ms)
+        ),
+        Step::Arrival { flag, within_ms } => {
+            let flag = flag.map_or_else(String::new, |(read, test)| {
+                format!("{}, and ", test_text(&name(read), test))
+            });
+            format!(
+                "wait until {flag}the measured position is at the target, at most {} s",
+                seconds(within_ms)
+            )
+        }
     }
+}
+
+fn seconds(ms: u32) -> f64 {
+    f64::from(ms) / 1000.0
 }
 
 fn test_text(name: &str, test: ParameterTest) -> String {
@@ -170,6 +194,7 @@ fn test_text(name: &str, test: ParameterTest) -> String {
         Compare::Equal => format!("{masked} is {}", test.value),
         Compare::NotEqual => format!("{masked} is not {}", test.value),
         Compare::Within => format!("{masked} is within ±{}", test.value),
+        Compare::Above => format!("{masked} is greater than {}", test.value),
         Compare::Among => {
             let numbers = (0..63).filter(|n| test.value >> n & 1 == 1);
             let words: Vec<String> = numbers.map(|n| n.to_string()).collect();

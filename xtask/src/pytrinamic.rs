@@ -428,6 +428,11 @@ temperature = "temperature"
 target-position = "target position"
 target-velocity = "target velocity"
 reached = { parameter = "position reached", equals = 1 }
+positive-limit = { parameter = "right stop switch", equals = 1, values = { 1 = "right end switch" } }
+negative-limit = { parameter = "left stop switch", equals = 1, values = { 1 = "left end switch" } }
+
+[motion]
+stalled = "extended error flags & 0x3 != 0"
 
 # The driver is always on. Reading the error flags (AP 207) clears them.
 
@@ -437,15 +442,15 @@ steps = ["read extended error flags"]
 
 [plans.disable]
 source = "MST; the driver stays on"
-steps = ["send 3 0 0", "until actual velocity within-magnitude 0 within 10 s"]
+steps = ["send 3 0 0", "standstill within 10 s"]
 
 [plans.stop]
 source = "TMCL reference, MST"
-steps = ["send 3 0 0", "until actual velocity within-magnitude 0 within 10 s"]
+steps = ["send 3 0 0", "standstill within 10 s"]
 
 [plans.quick-stop]
 source = "TMCL reference, MST; the module has no faster stop"
-steps = ["send 3 0 0", "until actual velocity within-magnitude 0 within 10 s"]
+steps = ["send 3 0 0", "standstill within 10 s"]
 
 [plans.clear]
 source = "axis parameter 207: reading clears it"
@@ -479,13 +484,9 @@ source = "TMCL reference, RFS"
 steps = [
     "write reference search velocity = {velocity?}",
     "send 13 0 0",
-    "until reference search == 0 within 300 s",
+    "homed reference search == 0 within 300 s",
 ]
 undo = ["send 13 1 0", "send 3 0 0"]
-
-[plans.reached]
-source = "axis parameter 8; a stall or an encoder's deviation stops the motor (axis parameter 207)"
-steps = ["no-fault extended error flags & 0x3", "until position reached == 1 within 600 s"]
 
 [plans.store]
 source = "STAP, a parameter at a time"

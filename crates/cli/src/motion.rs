@@ -394,7 +394,13 @@ pub fn hold_motion(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result
     hold_while(seconds, (&|| clock.now(), &pause), |now| {
         monitors.iter_mut().try_for_each(MotionMonitor::check).map_err(to_problem)?;
         live.show(now, commands)
-    })
+    })?;
+    for monitor in &mut monitors {
+        if let Some(note) = monitor.finish().map_err(to_problem)? {
+            print_note(&note);
+        }
+    }
+    Ok(())
 }
 
 /// The clock that is waited on: what it shows, and who waits until an instant of it.
@@ -433,7 +439,13 @@ pub fn check_fault(axis: &LocalAxis) -> Result<()> {
     }
 }
 
-/// Waits until the drives say that they have arrived.
+/// The error for a motion whose end nothing shows.
+fn unconfirmed_problem(label: &str) -> Problem {
+    let what = format!("{label}: the motion was started; nothing that it reports shows its end.");
+    Problem::new(Exit::Unconfirmed, "E901", what).hint("look at the motor, then stop it")
+}
+
+/// Waits until the arrival of each axis was measured.
 fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     for (axis, command) in commands {
         // Homing ends when the reference is found.
@@ -441,11 +453,7 @@ fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
             continue;
         }
         if !axis.has_verb(Verb::Reached) {
-            print_note(&format!(
-                "{} does not report its arrival; the motion was started",
-                axis.label()
-            ));
-            continue;
+            return Err(unconfirmed_problem(axis.label()));
         }
         match axis.local() {
             Some(axis) => axis.wait(deadline.since(axis.connection().now())).map_err(to_problem)?,

@@ -88,7 +88,9 @@ fn reason_text(error: &Error) -> String {
         (Exit::Corrupt, _) => "Possible causes: noise, a second host, two drives with one address.",
         (Exit::Refused, Some(false)) if error.code() == "E602" => "It was not executed.",
         (Exit::Refused, Some(false)) => "The drive refused it; it was not executed.",
-        (Exit::Negative, _) => "The expected state was not reached in time.",
+        (Exit::Negative, _) if error.code() == "E101" => {
+            "The expected state was not reached in time."
+        }
         // What was executed of it, the sentence says.
         (Exit::Usage, Some(false)) => return sent_so_far(),
         _ => "",

@@ -20,7 +20,7 @@ mod verb;
 pub use axes::{AnyLane, Axes, GroupAnswer};
 pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
 pub use rehearsal::{RehearsalAction, RehearsalStep};
-pub use status::{AxisStatus, ProgramEnd, Reading};
+pub use status::{AxisStatus, MotionReport, ProgramEnd, Reading};
 pub use verb::Verb;
 
 /// A part of what stops an axis.

@@ -3,6 +3,7 @@
 //! They contain no heap strings. Errors of the operating system are `LinkError` of the link crate; errors
 //! of files name file and line in the crate that reads them.
 
+use crate::judge::EndReason;
 use crate::profile::ParameterId;
 
 /// A frame that violates its protocol.
@@ -102,6 +103,11 @@ pub enum Failure {
     },
     /// The motor lost power during a wait, and the drive reports no fault.
     PowerLost,
+    /// The motion ended elsewhere than at its target, by the measured position.
+    Elsewhere(EndReason),
+    /// The motion is over by the drive's own report, and nothing that the drive reports shows where the
+    /// motor is.
+    Unconfirmed,
     /// The drive went into another mode while something was waited for.
     ModeChanged {
         /// The mode, in the drive's numbers.
@@ -248,6 +254,8 @@ pub enum Exit {
     Partial = 7,
     /// The drive reports a fault.
     DriveFault = 8,
+    /// The drive reports that it is done, and nothing was measured that shows it.
+    Unconfirmed = 9,
     /// Ctrl-C.
     Interrupted = 130,
 }

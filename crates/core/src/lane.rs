@@ -3,6 +3,7 @@
 //! Memory is allocated when the lane is made, an axis is added, or a path is begun, and not afterwards.
 
 mod address_change;
+mod answer;
 mod axes;
 mod cyclic;
 mod event_queue;
@@ -10,11 +11,13 @@ mod execute;
 mod guard;
 mod job;
 mod job_table;
+mod measure;
 mod path;
 mod slot;
 #[cfg(test)]
 mod tests;
 mod transfer;
+mod watch;
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
@@ -29,7 +32,7 @@ use crate::error::{Failure, Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::Medium;
 use crate::plan::Step;
-use crate::profile::{AddressRole, Parameter, ParameterId, Profile};
+use crate::profile::{AddressRole, Parameter, ParameterId, Profile, Signal};
 use crate::program::{MemoryRules, ProgramCommand};
 use crate::proto::drive_address;
 use crate::station::{
@@ -215,7 +218,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 self.jobs.mark_sent(n);
             }
             Err(next) => {
-                if matches!(next, execute::JobState::Ended(Outcome::Done(_))) && job.ends_motion() {
+                if execute::is_at_rest(&next) && job.ends_motion() {
                     slot.state.motion_active = false;
                 }
                 self.jobs.apply_unsent(n, next);
@@ -442,7 +445,9 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             | Step::Skip { read: id, .. }
             | Step::SkipIfMissing { read: id, .. }
             | Step::NoFault { read: id, .. }
-            | Step::Until { read: id, .. } => (RehearsalAction::Read(id), read(id)?),
+            | Step::Until { read: id, .. }
+            | Step::Homed { read: id, .. }
+            | Step::Arrival { flag: Some((id, _)), .. } => (RehearsalAction::Read(id), read(id)?),
             Step::Copy { from, to } => (RehearsalAction::WriteReadValue(from, to), read(from)?),
             Step::Send { function, index, operand, like } => {
                 match slot.operand_value(operand, command, like)? {
@@ -456,6 +461,17 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             Step::Store(id) => {
                 let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
                 (RehearsalAction::Store(id), slot.driver.store_request(parameter)?)
+            }
+            Step::Standstill { .. } | Step::Arrival { flag: None, .. } => {
+                let awaited = match step {
+                    Step::Standstill { .. } => slot.profile.signal(Signal::Velocity),
+                    _ => None,
+                };
+                let position = slot.profile.signal(Signal::Position);
+                let Some(id) = awaited.or(position).map(|source| source.parameter) else {
+                    return Ok(());
+                };
+                (RehearsalAction::Read(id), read(id)?)
             }
             Step::Wait { ms } => {
                 show(RehearsalStep { action: RehearsalAction::Wait(ms), bytes: &[], frame: None });

@@ -22,6 +22,7 @@ extern crate alloc;
 pub mod axis;
 pub mod error;
 pub mod explain;
+pub mod judge;
 pub mod lane;
 pub mod medium;
 pub mod mux;

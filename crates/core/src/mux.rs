@@ -9,10 +9,12 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use crate::axis::{
-    AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, RehearsalStep, StopPart, UnmetWait,
+    AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, MotionReport, RehearsalStep,
+    StopPart, UnmetWait,
 };
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
+use crate::judge::Tolerance;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
@@ -420,6 +422,14 @@ impl Axes for Mux {
 
     fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
         self.lane_of(axis).and_then(|(lane, axis)| lane.unmet_wait(axis))
+    }
+
+    fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.motion_report(axis, n))
+    }
+
+    fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.tolerance(axis))
     }
 
     fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {

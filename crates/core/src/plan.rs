@@ -28,7 +28,7 @@ pub struct Plan {
 impl Plan {
     /// Start and end of the last wait: steps that only read and wait.
     fn last_wait(&self) -> Option<(usize, usize)> {
-        let waits = |step: &Step| matches!(step, Step::Until { .. });
+        let waits = |step: &Step| step.is_wait();
         let last = self.steps.iter().rposition(waits)?;
         let sent =
             self.steps[..last].iter().rposition(Step::may_change_drive).map_or(0, |at| at + 1);
@@ -110,6 +110,29 @@ pub enum Step {
         /// Giving up ends the plan; else it goes on.
         required: bool,
     },
+    /// Waits until the motor stands, by measured values ([`judge`](crate::judge)).
+    Standstill {
+        /// Give up after so long.
+        within_ms: u32,
+    },
+    /// Waits until the drive was seen to search its reference and passes the test.
+    Homed {
+        /// The parameter to read.
+        read: ParameterId,
+        /// Passed when the search is over.
+        test: ParameterTest,
+        /// Give up after so long.
+        within_ms: u32,
+    },
+    /// Waits until the last motion has ended, and compares the position with its target
+    /// ([`judge`](crate::judge)).
+    Arrival {
+        /// The drive's own report that the motion is over. `None` for the signals
+        /// [`Reached`](crate::profile::Signal::Reached) and [`Moving`](crate::profile::Signal::Moving).
+        flag: Option<(ParameterId, ParameterTest)>,
+        /// Give up after so long.
+        within_ms: u32,
+    },
     /// Sends the protocol's own function, index and value: a request that is not a parameter.
     Send {
         /// TMCL opcode, Modbus function code.
@@ -130,7 +153,27 @@ pub enum Step {
     },
 }
 
+/// How a drive's arrival is waited for unless its profile has a flag of its own for it.
+pub static ARRIVAL: Plan = Plan {
+    verb: Verb::Reached,
+    source: "",
+    steps: &[Step::Arrival { flag: None, within_ms: 600_000 }],
+    undo: &[],
+};
+
 impl Step {
+    /// Whether it waits for something that is read again and again.
+    #[must_use]
+    pub const fn is_wait(&self) -> bool {
+        matches!(self, Self::Until { .. }) || self.is_judged()
+    }
+
+    /// Whether it waits for a motion to end, which measured values decide.
+    #[must_use]
+    pub const fn is_judged(&self) -> bool {
+        matches!(self, Self::Standstill { .. } | Self::Homed { .. } | Self::Arrival { .. })
+    }
+
     /// Whether it may change something in the drive.
     #[must_use]
     pub const fn may_change_drive(&self) -> bool {
@@ -159,6 +202,7 @@ impl ParameterTest {
             Compare::Equal => masked == self.value,
             Compare::NotEqual => masked != self.value,
             Compare::Within => masked.saturating_abs() <= self.value,
+            Compare::Above => masked > self.value,
             Compare::Among => 0 <= masked && masked < 63 && self.value >> masked & 1 == 1,
         }
     }
@@ -173,6 +217,8 @@ pub enum Compare {
     NotEqual,
     /// Magnitude at most the value.
     Within,
+    /// Greater than the value.
+    Above,
     /// One of several numbers from 0 to 62: bit n of the value means n.
     Among,
 }

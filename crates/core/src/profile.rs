@@ -4,8 +4,9 @@
 mod address;
 mod encoding;
 
+use crate::axis::Verb;
 use crate::medium::MediumKind;
-use crate::plan::Plan;
+use crate::plan::{ARRIVAL, ParameterTest, Plan};
 use crate::units::Unit;
 
 pub use address::{ParameterAddress, encoding_word, parse_address_number, parse_encoding};
@@ -40,6 +41,8 @@ pub struct Profile {
     pub signals: &'static [SignalSource],
     /// The plan of each verb.
     pub plans: &'static [Plan],
+    /// By what the end of a motion is judged.
+    pub motion: MotionRules,
     /// The setting that keeps writes out of permanent memory, where every write goes there otherwise.
     /// It applies to parameters of [`Persistence::UnlessRam`].
     pub ram: Option<RamMode>,
@@ -104,10 +107,20 @@ impl Profile {
         })
     }
 
-    /// The plan for a verb.
+    /// The verbs that have a [plan](Self::plan).
+    pub fn verbs(&'static self) -> impl Iterator<Item = Verb> {
+        Verb::ALL.into_iter().filter(|verb| self.plan(*verb).is_some())
+    }
+
+    /// The plan for a verb. A drive that can move has one that waits for its arrival.
     #[must_use]
-    pub fn plan(&self, verb: crate::axis::Verb) -> Option<&'static Plan> {
-        self.plans.iter().find(|plan| plan.verb == verb)
+    pub fn plan(&self, verb: Verb) -> Option<&'static Plan> {
+        let own = self.plans.iter().find(|plan| plan.verb == verb);
+        let moves = |plan: &Plan| plan.verb.is_move() || plan.verb == Verb::Home;
+        match verb {
+            Verb::Reached => own.or_else(|| self.plans.iter().any(moves).then_some(&ARRIVAL)),
+            _ => own,
+        }
     }
 }
 
@@ -163,6 +176,37 @@ pub struct RamMode {
     pub ram: i64,
     /// The raw value that means permanent memory.
     pub flash: i64,
+}
+
+/// By what the end of a motion is judged, where a drive has parameters for it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct MotionRules {
+    /// Greatest distance from the target of a motor that has arrived.
+    pub window: Option<ParameterId>,
+    /// What a relative move counts from.
+    pub relative_from: RelativeBase,
+    /// Passed while something holds the motor on its way: a halt bit, a stop register.
+    pub halted: Option<(ParameterId, ParameterTest)>,
+    /// Passed after the drive detected a stall. It is read only after a motion ended elsewhere, because
+    /// reading such a flag clears it in some drives.
+    pub stalled: Option<(ParameterId, ParameterTest)>,
+}
+
+impl MotionRules {
+    /// Of a drive that has none of these.
+    pub const NONE: Self =
+        Self { window: None, relative_from: RelativeBase::Either, halted: None, stalled: None };
+}
+
+/// The position that a relative move counts from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum RelativeBase {
+    /// Where the motor is.
+    Actual,
+    /// The last target, whether it was reached or not.
+    Target,
+    /// Not documented: one of both.
+    Either,
 }
 
 /// Kind of motion of an axis.
@@ -479,11 +523,15 @@ pub enum Signal {
     Mode,
     /// Its own time, which drives of a bus may keep together.
     Time,
+    /// True while a limit switch or a limit of the drive holds the motor at the positive end.
+    PositiveLimit,
+    /// The same at the negative end. Both are true if the drive does not report which end it is.
+    NegativeLimit,
 }
 
 impl Signal {
     /// Number of signals.
-    pub const COUNT: usize = 14;
+    pub const COUNT: usize = 16;
     /// Every signal, in order.
     pub const ALL: [Self; Self::COUNT] = [
         Self::Position,
@@ -500,12 +548,24 @@ impl Signal {
         Self::Reached,
         Self::Mode,
         Self::Time,
+        Self::PositiveLimit,
+        Self::NegativeLimit,
     ];
 
     /// True for measured or computed values, false for flags and codes.
     #[must_use]
     pub const fn is_measured(self) -> bool {
-        !matches!(self, Self::Fault | Self::Enabled | Self::Moving | Self::Reached | Self::Mode)
+        !self.is_limit()
+            && !matches!(
+                self,
+                Self::Fault | Self::Enabled | Self::Moving | Self::Reached | Self::Mode
+            )
+    }
+
+    /// True for the two limits.
+    #[must_use]
+    pub const fn is_limit(self) -> bool {
+        matches!(self, Self::PositiveLimit | Self::NegativeLimit)
     }
 
     /// The word users type.
@@ -526,6 +586,8 @@ impl Signal {
             Self::Reached => "reached",
             Self::Mode => "mode",
             Self::Time => "time",
+            Self::PositiveLimit => "positive limit",
+            Self::NegativeLimit => "negative limit",
         }
     }
 }

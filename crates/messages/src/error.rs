@@ -101,6 +101,7 @@ impl GatewayError {
             [b'E', b'6', ..] => Exit::Refused,
             [b'E', b'7', ..] => Exit::Partial,
             [b'E', b'8', ..] => Exit::DriveFault,
+            [b'E', b'9', ..] => Exit::Unconfirmed,
             [b'E', ..] => Exit::Usage,
             _ => match self.status() {
                 409 | 423 => Exit::Refused,

@@ -455,10 +455,12 @@ impl LocalAxis {
         self.run(Command::new(Verb::Home)).map(drop)
     }
 
-    /// Waits until the last move has arrived, at most so long; false when it has not.
+    /// Waits until the last move has ended, at most so long; false when it goes on. True means that its
+    /// position was measured within the window of the target.
     ///
     /// # Errors
-    /// [`Error`] by blame.
+    /// [`Error::Failed`] `E106` when it ended elsewhere, `E102` when another master ended it or the motor lost
+    /// its power, `E801` for a fault, `E901` when the drive reports no position. Others by source.
     pub fn wait_reached(&self, within: Duration) -> Result<bool, Error> {
         let mut running = self.start(Command::new(Verb::Reached).limited(within))?;
         match running.wait(within) {
@@ -502,7 +504,7 @@ impl LocalAxis {
         }
         let outcome = Outcome::NotDone(Failure::NotReached);
         let what = format!("waiting {} for the move", format_span(within));
-        Err(self.outcome_error(&what, RequestKind::Query, outcome))
+        Err(self.outcome_error(&what, RequestKind::Verb(Verb::Reached), outcome))
     }
 
     /// Makes a verb ready to be started: where a file mounts the axis, its arguments are turned into

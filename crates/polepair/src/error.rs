@@ -6,6 +6,7 @@
 use crate::{FileError, NoReplyDetails};
 pub use polepair_core::error::{Exception, Exit};
 use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::judge::EndReason;
 use polepair_link::{Cause, LinkError};
 use std::borrow::Cow;
 use std::fmt;
@@ -36,6 +37,10 @@ pub struct OutcomeClass {
 pub fn outcome_class(outcome: Outcome) -> Option<OutcomeClass> {
     let (failure, executed) = match outcome {
         Outcome::Done(_) => return None,
+        // The motion was executed; it is its end that was not as commanded.
+        Outcome::NotDone(failure @ (Failure::Elsewhere(_) | Failure::Unconfirmed)) => {
+            (failure, Some(true))
+        }
         Outcome::NotDone(failure) => (failure, Some(false)),
         // Neither yes nor no: the error's words say how far it went.
         Outcome::Partly(failure, _) | Outcome::Unknown(failure) => (failure, None),
@@ -48,6 +53,11 @@ pub fn outcome_class(outcome: Outcome) -> Option<OutcomeClass> {
         Failure::NotReady { .. } => (Exit::Refused, Exception::Refused, "E602"),
         Failure::Faulted { .. } => (Exit::DriveFault, Exception::DriveFault, "E801"),
         Failure::NotReached => (Exit::Negative, Exception::PolepairError, "E101"),
+        Failure::Elsewhere(EndReason::Halted | EndReason::Mode(_)) => {
+            (Exit::Negative, Exception::PolepairError, "E102")
+        }
+        Failure::Elsewhere(_) => (Exit::Negative, Exception::PolepairError, "E106"),
+        Failure::Unconfirmed => (Exit::Unconfirmed, Exception::PolepairError, "E901"),
         Failure::Differs { .. } => (Exit::Negative, Exception::PolepairError, "E103"),
         Failure::PowerLost | Failure::ModeChanged { .. } => {
             (Exit::Negative, Exception::PolepairError, "E102")

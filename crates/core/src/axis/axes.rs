@@ -1,8 +1,9 @@
 //! The interface of axes for the layers above.
 
-use super::{AxisEvent, AxisStatus, Command, RehearsalStep, StopPart, UnmetWait};
+use super::{AxisEvent, AxisStatus, Command, MotionReport, RehearsalStep, StopPart, UnmetWait};
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
+use crate::judge::Tolerance;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
@@ -390,6 +391,18 @@ pub trait Axes {
 
     /// The test of the last wait step that timed out.
     fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
+        let _ = axis;
+        None
+    }
+
+    /// What is known of the last motion: of a group, of the n-th drive that answered.
+    fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
+        let _ = (axis, n);
+        None
+    }
+
+    /// How positions and speeds of the axis are compared, as far as its units are known.
+    fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
         let _ = axis;
         None
     }

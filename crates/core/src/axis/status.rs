@@ -26,6 +26,23 @@ pub enum ProgramEnd {
     Ended,
 }
 
+/// What is known of an axis' last motion. Positions are raw.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct MotionReport {
+    /// Address of the drive: of a group, each has a report of its own.
+    pub address: u32,
+    /// Where it was before the command.
+    pub start: Option<i64>,
+    /// Where it was at the last reading.
+    pub position: Option<i64>,
+    /// Where it was to go.
+    pub target: Option<i64>,
+    /// The drive's own report that the motion is over.
+    pub flag: Option<bool>,
+    /// The position is within the window of the target.
+    pub arrived: bool,
+}
+
 /// State of an axis as last read. No value is newer than its `at`.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AxisStatus {

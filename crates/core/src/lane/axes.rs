@@ -1,7 +1,8 @@
 //! The axes interface of a lane: requests by axis and ticket.
 
 use super::*;
-use crate::axis::UnmetWait;
+use crate::axis::{MotionReport, UnmetWait};
+use crate::judge::Tolerance;
 use crate::profile::{Access, Encoding, NoScale, Parameter};
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
@@ -388,6 +389,14 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
         self.slot(axis).ok()?.unmet_wait
+    }
+
+    fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
+        self.slot(axis).ok()?.motion.report(n)
+    }
+
+    fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
+        Some(self.slot(axis).ok()?.tolerance(None))
     }
 
     fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {

@@ -1,16 +1,17 @@
-//! The executor of plans: the next request of a job, and the processing of its reply.
+//! The executor of plans: the next request of a job, and the state of its run. Replies to it are processed in
+//! `answer`.
 
 use core::time::Duration;
 
-use super::guard::{GuardRead, GuardVerdict};
+use super::answer::handle_run_answer;
 use super::job::{GroupResult, InFlight, Job, JobTask, PlanRun, StepStage};
 use super::path::PathStream;
 use super::slot::AxisSlot;
 use super::transfer::{MemoryTransfer, TransferKind};
-use crate::axis::{ExecutionProof, ProgramEnd, UnmetWait};
+use super::watch::WatchStep;
 use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
-use crate::profile::{Access, ParameterId, Persistence};
+use crate::profile::ParameterId;
 use crate::program::ProgramCommand;
 use crate::station::{Request, RequestClass};
 use crate::time::Instant;
@@ -113,8 +114,11 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             let Some(step) = run.steps.step(at) else { break };
             slot.check_step(&step, &run.command).map_err(end_impossible)?;
         }
+        if let Some(id) = slot.unread_goal_factor(run) {
+            return read_request(slot, InFlight::Factor(id)).map_err(end_impossible);
+        }
         run.checked = true;
-        run.guard.begin(run.command.verb, slot);
+        slot.begin_motion(run);
     }
     // Each turn of this loop passes a step that sends nothing; plans are bounded.
     loop {
@@ -145,6 +149,21 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             StepStage::Guard(_, id) => {
                 return read_request(slot, InFlight::Guard(id)).map_err(end_impossible);
             }
+            StepStage::Before => match slot.next_before(run) {
+                Some(id) => return watch_request(slot, id),
+                None => {
+                    slot.set_targets(run);
+                    run.stage = StepStage::First;
+                    run.watch = Default::default();
+                }
+            },
+            StepStage::StartProof => {
+                let proof = slot.poll_start_proof(now, run);
+                match follow_start_proof(now, run, slot, proof) {
+                    Some(next) => return next,
+                    None => continue,
+                }
+            }
             _ => {}
         }
         let Some(step) = run.current_step() else {
@@ -154,10 +173,53 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             advance_past_missing(run);
             continue;
         }
+        if step.is_judged() {
+            match slot.poll_watch(now, run, step) {
+                WatchStep::Read(id) => return watch_request(slot, id),
+                WatchStep::Factor(id) => {
+                    return read_request(slot, InFlight::Factor(id)).map_err(end_impossible);
+                }
+                WatchStep::Sleep(until) => return Err(JobState::Sleeping(until)),
+                WatchStep::Failed(failure) => return Err(fail_step(run, failure)),
+                WatchStep::Done => run.advance(run.last_value),
+            }
+            continue;
+        }
         match step_request(now, run, slot, step) {
             Ok(Some(next)) => return Ok(next),
             Ok(None) => {}
             Err(reason) => return Err(fail_step(run, Failure::Impossible(reason))),
+        }
+    }
+}
+
+fn watch_request<R: Request, A: Copy + 'static>(
+    slot: &AxisSlot<R, A>,
+    id: ParameterId,
+) -> Result<(R, InFlight), JobState> {
+    read_request(slot, InFlight::Watch(id)).map_err(end_impossible)
+}
+
+/// Goes on with a step that was not acknowledged. `None` when readings prove that it was executed.
+fn follow_start_proof<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut PlanRun,
+    slot: &AxisSlot<R, A>,
+    proof: WatchStep,
+) -> Option<Result<(R, InFlight), JobState>> {
+    match proof {
+        WatchStep::Read(id) | WatchStep::Factor(id) => Some(watch_request(slot, id)),
+        WatchStep::Sleep(until) => Some(Err(JobState::Sleeping(until))),
+        WatchStep::Failed(failure) => {
+            run.stage = StepStage::First;
+            Some(Err(fail_step(run, failure)))
+        }
+        WatchStep::Done => {
+            run.record_proof(true);
+            match complete_step(now, run, run.last_value) {
+                ended @ JobState::Ended(_) => Some(Err(ended)),
+                _ => None,
+            }
         }
     }
 }
@@ -173,7 +235,7 @@ fn program_request<R: Request, A: Copy + 'static>(
 
 /// The next scale factor to read: one that the arguments of the run, or the set-points after it, need
 /// and that is not yet known.
-fn missing_factor<R: Request, A: Copy + 'static>(
+pub fn missing_factor<R: Request, A: Copy + 'static>(
     run: &PlanRun,
     slot: &AxisSlot<R, A>,
 ) -> Option<ParameterId> {
@@ -242,6 +304,10 @@ fn step_request<R: Request, A: Copy + 'static>(
             let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
             Ok(Some((slot.driver.store_request(parameter)?, InFlight::Send(RequestClass::NoRetry))))
         }
+        // The judge of the axis reads for these.
+        (Step::Standstill { .. } | Step::Homed { .. } | Step::Arrival { .. }, _) => {
+            Err(Unsupported::NoPlan)
+        }
         (Step::Wait { ms }, _) => {
             match run.waiting_since {
                 Some(_) => run.advance(run.last_value),
@@ -292,7 +358,7 @@ pub fn merge_group_result<R: Request>(
                         needed; command them one by one, or make them equal";
     let tests =
         matches!(&job.task, JobTask::Run(run) if !matches!(run.stage, StepStage::ReadBack(..)));
-    let tests = tests && matches!(job.in_flight, InFlight::Read(_));
+    let tests = tests && matches!(job.in_flight, InFlight::Read(_) | InFlight::Watch(_));
     match core::mem::replace(&mut job.group_result, GroupResult::None) {
         GroupResult::Agree(value) | GroupResult::Fails(value) => raw.and(Ok(value)),
         GroupResult::Differ(value) if tests => raw.and(Ok(value)),
@@ -389,239 +455,27 @@ fn failed_request_outcome(
     }
 }
 
-fn handle_run_answer<R: Request, A: Copy + 'static>(
-    now: Instant,
-    run: &mut PlanRun,
-    slot: &mut AxisSlot<R, A>,
-    in_flight: InFlight,
-    raw: Result<i64, Failure>,
-) -> JobState {
-    if let InFlight::Factor(id) = in_flight {
-        slot.count_attempt(id);
-        return match raw {
-            Err(failure) if !slot.lacks_parameter(id) => JobState::Ended(Outcome::NotDone(failure)),
-            _ => JobState::Ready,
-        };
-    }
-    let group = slot.driver.is_group();
-    if matches!(run.stage, StepStage::QueryProgram | StepStage::EndProgram) {
-        return handle_program_answer(run, slot, raw);
-    }
-    if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
-        return handle_guard_answer(run, slot, (read, id), raw);
-    }
-    if let InFlight::Proof(_) = in_flight {
-        return handle_proof(now, run, raw);
-    }
-    match (in_flight, raw) {
-        (InFlight::Send(_), Err(Failure::Silent)) if !group && !run.is_stop() => {
-            match execution_proof(run, slot) {
-                Some(proof) => run.stage = StepStage::Proof(proof),
-                None => return fail_step(run, Failure::Silent),
-            }
-            JobState::Ready
-        }
-        (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
-            let readable = slot.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
-            if class == RequestClass::ReadBack && readable {
-                run.stage = StepStage::ReadBack(id, value);
-                return JobState::Ready;
-            }
-            fail_step(run, raw.err().unwrap_or(Failure::Silent))
-        }
-        // Where no drive of a group may be asked, a stop that went out is all there is to do.
-        (InFlight::Read(_), Err(Failure::NotReady { .. })) if run.is_stop() && group => {
-            skip_step(run)
-        }
-        (InFlight::Read(_), Err(Failure::Refused { .. }))
-            if matches!(run.current_step(), Some(Step::SkipIfMissing { .. })) =>
-        {
-            skip_missing_step(run)
-        }
-        (_, Err(Failure::Refused { .. }))
-            if run.current_step().is_some_and(|it| slot.skips_step(&it)) =>
-        {
-            skip_missing_step(run)
-        }
-        (InFlight::ReadBack(id, value), Ok(raw)) if raw != value => {
-            let rewritable = slot.parameter(id).is_some_and(|it| slot.driver.may_rewrite(it));
-            if rewritable && !group && run.may_resend() {
-                run.stage = StepStage::Write(value);
-                return JobState::Ready;
-            }
-            fail_step(run, Failure::Silent)
-        }
-        (_, Err(failure)) => fail_step(run, failure),
-        (_, Ok(raw)) => {
-            if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = in_flight {
-                count_flash_write(slot, id, run);
-            }
-            if let InFlight::Read(id) = in_flight {
-                run.guard.note(slot, id, raw);
-                if let Some(state) = judge_wait(now, run, slot, (id, raw)) {
-                    return state;
-                }
-            }
-            complete_step(now, run, raw)
-        }
-    }
-}
-
-/// The readings that show whether the drive executed the current step, which it did not acknowledge.
-fn execution_proof<R: Request, A: Copy + 'static>(
-    run: &PlanRun,
-    slot: &AxisSlot<R, A>,
-) -> Option<ExecutionProof> {
-    let Some(Step::Send { function, index, operand, like }) = run.current_step() else {
-        return None;
-    };
-    let raw = slot.operand_value(operand, &run.command, like).ok()??;
-    slot.driver.execution_proof(function, index, raw)
-}
-
-/// Evaluates a reading for a step that the drive did not acknowledge: the step was executed, or it is
-/// sent again if the drive has no fault (TML communication manual, chapter 3).
-fn handle_proof(now: Instant, run: &mut PlanRun, raw: Result<i64, Failure>) -> JobState {
-    match (run.stage, raw) {
-        (StepStage::Proof(proof), Ok(raw)) if proof.executed.passes(raw) => {
-            run.record_proof(true);
-            complete_step(now, run, run.last_value)
-        }
-        (StepStage::Proof(proof), Ok(_)) => {
-            run.record_proof(false);
-            run.stage = StepStage::FaultBeforeResend(proof);
-            JobState::Ready
-        }
-        (StepStage::FaultBeforeResend(proof), Ok(raw)) => {
-            if raw & proof.fault_mask == 0 && run.may_resend() {
-                run.stage = StepStage::First;
-                return JobState::Ready;
-            }
-            fail_step(run, Failure::Silent)
-        }
-        (_, raw) => fail_step(run, raw.err().unwrap_or(Failure::Silent)),
-    }
-}
-
-/// Decides how a wait step continues after a value that fails its test.
-fn judge_wait<R: Request, A: Copy + 'static>(
-    now: Instant,
-    run: &mut PlanRun,
-    slot: &mut AxisSlot<R, A>,
-    (id, raw): (ParameterId, i64),
-) -> Option<JobState> {
-    let Some(Step::Until { test, required, .. }) = run.current_step() else { return None };
-    slot.unmet_wait = (!test.passes(raw)).then_some(UnmetWait { parameter: id, test, value: raw });
-    if test.passes(raw) || !required || run.undo_reason.is_some() || slot.driver.is_group() {
-        return None;
-    }
-    run.waiting_since.get_or_insert(now);
-    let steps = run.passed_steps();
-    let verdict = run.guard.judge_poll(now, (run.command.verb, steps), slot, (id, raw));
-    follow_verdict(run, verdict)
-}
-
-fn handle_guard_answer<R: Request, A: Copy + 'static>(
-    run: &mut PlanRun,
-    slot: &AxisSlot<R, A>,
-    (read, id): (GuardRead, ParameterId),
-    raw: Result<i64, Failure>,
-) -> JobState {
-    run.stage = StepStage::First;
-    let raw = match raw {
-        Ok(raw) => raw,
-        // What it does not tell is not looked at.
-        Err(Failure::Refused { .. }) if read != GuardRead::FaultWithoutPower => {
-            return JobState::Ready;
-        }
-        Err(_) if read == GuardRead::FaultWithoutPower => {
-            return fail_step(run, Failure::PowerLost);
-        }
-        Err(failure) => return fail_step(run, failure),
-    };
-    let Some(Step::Until { read: waited_for, .. }) = run.current_step() else {
-        return JobState::Ready;
-    };
-    let steps = run.passed_steps();
-    let verdict = run.guard.judge_read(read, (steps, slot), waited_for, (id, raw));
-    follow_verdict(run, verdict).unwrap_or(JobState::Ready)
-}
-
-/// Processes the reply to a stop's request about the drive's own program.
-fn handle_program_answer<R: Request, A: Copy + 'static>(
-    run: &mut PlanRun,
-    slot: &mut AxisSlot<R, A>,
-    raw: Result<i64, Failure>,
-) -> JobState {
-    let asked = run.stage == StepStage::QueryProgram;
-    match raw {
-        Ok(raw) if asked && slot.driver.is_program_running(raw) => {
-            run.stage = StepStage::EndProgram;
-        }
-        Ok(_) if asked => {
-            slot.state.program_end = Some(ProgramEnd::NoneRan);
-            run.resume_stop(false);
-        }
-        Ok(_) => {
-            let asks = slot.driver.program_request(ProgramCommand::QueryProgram).is_some();
-            slot.state.program_end =
-                Some(if asks { ProgramEnd::Ended } else { ProgramEnd::MayHaveRun });
-            run.resume_stop(true);
-        }
-        // It runs no programs.
-        Err(Failure::Refused { .. }) if asked => run.resume_stop(false),
-        Err(failure) => {
-            run.undo_reason.get_or_insert(failure);
-            run.resume_stop(true);
-        }
-    }
-    next_state(run)
-}
-
 /// The state of a run after a step.
-fn next_state(run: &PlanRun) -> JobState {
+pub fn next_state(run: &PlanRun) -> JobState {
     match run.current_step() {
         None if !run.is_program_end_due() => JobState::Ended(finished_outcome(run)),
         _ => JobState::Ready,
     }
 }
 
-fn follow_verdict(run: &mut PlanRun, verdict: GuardVerdict) -> Option<JobState> {
-    match verdict {
-        GuardVerdict::WaitOn => None,
-        GuardVerdict::Read(read, id) => {
-            run.stage = StepStage::Guard(read, id);
-            Some(JobState::Ready)
-        }
-        GuardVerdict::Fail(failure) => Some(fail_step(run, failure)),
-    }
-}
-
-/// Counts a write to permanent memory, as far as the profile shows it.
-fn count_flash_write<R: Request, A: Copy + 'static>(
-    slot: &mut AxisSlot<R, A>,
-    id: ParameterId,
-    run: &PlanRun,
-) {
-    let always = slot.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
-    let stored = matches!(run.current_step(), Some(Step::Ensure(..)))
-        && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
-    slot.state.flash_writes += u32::from(always || stored);
-}
-
 /// The step is left out.
-fn skip_step(run: &mut PlanRun) -> JobState {
+pub fn skip_step(run: &mut PlanRun) -> JobState {
     run.advance(run.last_value);
     next_state(run)
 }
 
 /// Skips a step whose parameter the drive does not have.
-fn skip_missing_step(run: &mut PlanRun) -> JobState {
+pub fn skip_missing_step(run: &mut PlanRun) -> JobState {
     advance_past_missing(run);
     next_state(run)
 }
 
-fn advance_past_missing(run: &mut PlanRun) {
+pub fn advance_past_missing(run: &mut PlanRun) {
     if let Some(Step::SkipIfMissing { count, .. }) = run.current_step() {
         run.index = run.index.saturating_add(count);
     }
@@ -629,7 +483,7 @@ fn advance_past_missing(run: &mut PlanRun) {
 }
 
 /// Completes a step with the value that was read.
-fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
+pub fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
     let Some(step) = run.current_step() else { return JobState::Ended(finished_outcome(run)) };
     match (step, run.stage) {
         (Step::Ensure(_, value), StepStage::First) if raw != value => {
@@ -663,7 +517,13 @@ fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
     next_state(run)
 }
 
-fn finished_outcome(run: &PlanRun) -> Outcome {
+/// Whether the motor is at rest after this state of a job that waits for the end of a motion.
+pub fn is_at_rest(next: &JobState) -> bool {
+    let JobState::Ended(outcome) = next else { return false };
+    matches!(outcome, Outcome::Done(_)) || matches!(outcome.failure(), Some(Failure::Elsewhere(_)))
+}
+
+pub fn finished_outcome(run: &PlanRun) -> Outcome {
     match run.undo_reason {
         None => Outcome::Done(run.last_value),
         Some(failure) => {
@@ -674,7 +534,7 @@ fn finished_outcome(run: &PlanRun) -> Outcome {
 }
 
 /// A step failed: a stop goes on with its next step, anything else is undone.
-fn fail_step(run: &mut PlanRun, failure: Failure) -> JobState {
+pub fn fail_step(run: &mut PlanRun, failure: Failure) -> JobState {
     let Extent { done, unknown, refused, .. } = run.extent;
     let wrote = done | unknown | refused != 0;
     if run.undo_reason.is_some() {

@@ -5,7 +5,7 @@ use super::slot::AxisSlot;
 use crate::axis::Verb;
 use crate::error::Failure;
 use crate::plan::{Compare, Step};
-use crate::profile::{ParameterId, Severity, Signal, SignalSource};
+use crate::profile::{ParameterId, Signal, SignalSource};
 use crate::station::Request;
 use crate::time::Instant;
 
@@ -35,6 +35,7 @@ pub enum GuardRead {
 }
 
 /// Decision of the guard.
+#[derive(Debug)]
 pub enum GuardVerdict {
     /// The step waits on.
     WaitOn,
@@ -45,12 +46,6 @@ pub enum GuardVerdict {
 }
 
 impl WaitGuard {
-    /// Starts from the known state: a motor in motion since the last move had power.
-    pub fn begin<R: Request, A: Copy + 'static>(&mut self, verb: Verb, slot: &AxisSlot<R, A>) {
-        let enabled = slot.state.reading(Signal::Enabled);
-        self.was_enabled = verb == Verb::Reached && enabled.at.is_some() && enabled.raw != 0;
-    }
-
     /// Takes a value that a step of the plan has read.
     pub fn note<R: Request, A: Copy + 'static>(
         &mut self,
@@ -137,11 +132,9 @@ fn fault_of<R: Request, A: Copy + 'static>(
     id: ParameterId,
     raw: i64,
 ) -> Option<Failure> {
-    let code = (raw & source(slot, Signal::Fault, id)?.mask) as u32;
-    let mut known = slot.profile.faults_for_code(code).peekable();
-    // A code without a name is a fault as well; warnings and notes are none.
-    let stops = known.peek().is_none() || known.any(|fault| fault.severity == Severity::Fault);
-    (code != 0 && stops).then_some(Failure::Faulted { code })
+    let masked = raw & source(slot, Signal::Fault, id)?.mask;
+    let code = slot.stopping_fault(masked);
+    (code != 0).then_some(Failure::Faulted { code })
 }
 
 fn read_fault<R: Request, A: Copy + 'static>(slot: &AxisSlot<R, A>) -> GuardVerdict {

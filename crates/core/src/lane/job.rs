@@ -3,6 +3,7 @@
 use super::guard::{GuardRead, WaitGuard};
 use super::slot::AxisSlot;
 use super::transfer::TransferKind;
+use super::watch::WatchReads;
 use crate::axis::{Command, ExecutionProof, Verb};
 use crate::error::{Extent, Failure, Outcome};
 use crate::plan::{Operand, Step};
@@ -105,6 +106,8 @@ pub enum InFlight {
     Read(ParameterId),
     /// A reading beside the condition of a wait step.
     Guard(ParameterId),
+    /// A reading by which a motion is judged.
+    Watch(ParameterId),
     Write(ParameterId, i64, RequestClass),
     /// A read-back after a write without a reply.
     ReadBack(ParameterId, i64),
@@ -126,7 +129,8 @@ impl InFlight {
     /// Whether it can change the drive, or checks whether an earlier request did.
     pub const fn may_have_changed(self) -> bool {
         match self {
-            Self::Nothing | Self::Factor(_) | Self::Read(_) | Self::Guard(_) => false,
+            Self::Nothing | Self::Factor(_) | Self::Read(_) => false,
+            Self::Guard(_) | Self::Watch(_) => false,
             Self::Send(class) => !matches!(class, RequestClass::Idempotent),
             Self::Write(..) | Self::ReadBack(..) | Self::Proof(_) => true,
         }
@@ -137,6 +141,7 @@ impl InFlight {
             Self::Factor(id)
             | Self::Read(id)
             | Self::Guard(id)
+            | Self::Watch(id)
             | Self::Proof(id)
             | Self::Write(id, ..)
             | Self::ReadBack(id, _) => Some(id),
@@ -179,12 +184,18 @@ pub struct PlanRun {
     pub resends: u8,
     /// Values that wait steps check beside their condition.
     pub guard: WaitGuard,
+    /// What is read to judge a motion.
+    pub watch: WatchReads,
 }
 
 /// Stage of a step that takes several requests.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum StepStage {
     First,
+    /// It is read where the axis stands, before a motion is started.
+    Before,
+    /// Readings have to show whether a start without acknowledgement was executed.
+    StartProof,
     /// The value read is to be written.
     Write(i64),
     /// A lost write is to be read back.
@@ -283,6 +294,7 @@ impl PlanRun {
             last_value: 0,
             resends: 0,
             guard: WaitGuard::default(),
+            watch: WatchReads::default(),
         }
     }
 
@@ -296,6 +308,20 @@ impl PlanRun {
     /// Whether the drive's program must be ended before the plan starts.
     pub fn is_program_end_due(&self) -> bool {
         self.program_end == Some(self.index)
+    }
+
+    /// Whether the readings before the start of a motion are under way.
+    pub fn is_before_start(&self) -> bool {
+        self.stage == StepStage::Before
+    }
+
+    /// Whether all of a homing's start was sent, so that readings show whether it runs.
+    pub fn is_homing_under_way(&self) -> bool {
+        let left = (self.index..=u8::MAX).map_while(|at| self.steps.step(at));
+        let next = left.into_iter().find(|step| step.may_change_drive() || step.is_judged());
+        self.verb == Some(Verb::Home)
+            && matches!(self.current_step(), Some(Step::Until { .. }))
+            && matches!(next, Some(Step::Homed { .. }))
     }
 
     /// Whether the current step is the last one.
@@ -412,6 +438,7 @@ impl PlanRun {
         self.stage = StepStage::First;
         self.waiting_since = None;
         self.resends = 0;
+        self.watch = WatchReads::default();
         self.last_value = raw;
     }
 }

@@ -6,6 +6,7 @@ use super::execute::{self, JobState};
 use super::job::{GroupResult, InFlight, Job, JobTask};
 use super::slot::{self, AxisSlot};
 use super::transfer::TransferKind;
+use super::watch::WatchValue;
 use super::{JOBS_MAX, RESERVED_STOP_JOBS};
 use crate::axis::GroupAnswer;
 use crate::error::{Failure, Outcome, Unsupported};
@@ -199,7 +200,7 @@ impl<R: Request> JobTable<R> {
         };
         let raw = execute::merge_group_result(job, raw);
         let next = execute::handle_answer(now, job, slot, raw);
-        if matches!(next, JobState::Ended(Outcome::Done(_))) && job.ends_motion() {
+        if execute::is_at_rest(&next) && job.ends_motion() {
             slot.state.motion_active = false;
         }
         self.apply(n, next);
@@ -221,6 +222,9 @@ impl<R: Request> JobTable<R> {
         let raw = slot.driver.decode_answer(parameter, answer.as_ref().ok()?).ok()?;
         job.group_result = job.group_result.combine(raw, execute::passes_test(job, raw));
         let part = GroupAnswer { ticket: job.ticket, address, raw };
+        if let (InFlight::Watch(id), JobTask::Run(run)) = (job.in_flight, &job.task) {
+            slot.observe(now, address, &WatchValue::of(run), id, raw);
+        }
         if let Some(id) = parameter_id {
             slot::record_group_answer(now, slots, &part, (profile, id));
         }

@@ -6,6 +6,7 @@ use alloc::vec::Vec;
 use super::event_queue::EventQueue;
 use super::path::PathStream;
 use super::transfer::MemoryTransfer;
+use super::watch::MotionWatch;
 use crate::axis::{
     AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, UnmetWait, Verb,
 };
@@ -17,6 +18,7 @@ use crate::proto::drive_address;
 use crate::station::Counters;
 use crate::stream::cyclic::SetpointKind;
 use crate::time::Instant;
+use crate::units::Unit;
 
 /// A driver behind a pointer, so that one lane serves several families.
 pub type BoxedDriver<R, A> = Box<dyn Driver<Request = R, Answer = A> + Send>;
@@ -92,6 +94,8 @@ pub struct AxisSlot<R, A> {
     pub implausible_reply: bool,
     /// The test of the last wait step that timed out.
     pub unmet_wait: Option<UnmetWait>,
+    /// The last motion, and what was measured of it.
+    pub motion: MotionWatch,
     factors: Vec<ScaleFactor>,
     /// What is needed of a parameter again and again, by [`ParameterId`].
     entries: Vec<ParameterEntry<R>>,
@@ -133,7 +137,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
                 }
             }
         }
+        let motion = MotionWatch::new(driver.is_group());
         let mut slot = Self {
+            motion,
             driver,
             profile,
             state: AxisStatus::UNKNOWN,
@@ -365,6 +371,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             | Step::SkipIfMissing { read: id, .. }
             | Step::NoFault { read: id, .. }
             | Step::Until { read: id, .. } => self.lacks_parameter(id),
+            Step::Homed { read: id, .. } => self.lacks_parameter(id),
             Step::Copy { from, to } => self.lacks_parameter(from) || self.lacks_parameter(to),
             _ => false,
         }
@@ -415,6 +422,15 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             return None;
         }
         self.entry(id)?.parameter.encoding.raw(si / self.si_per_raw(id)?)
+    }
+
+    /// SI value of one raw unit; `None` where it is not known, or the value has no unit.
+    pub fn unit_value(&self, id: ParameterId) -> Option<f64> {
+        let entry = self.entry(id)?;
+        match entry.scale {
+            ScaleState::Known(si) => Some(si).filter(|_| entry.parameter.unit != Unit::None),
+            ScaleState::Unread | ScaleState::None(_) => None,
+        }
     }
 
     /// SI value of one raw unit; 1 where the value has no unit.

@@ -10,8 +10,8 @@ use crate::error::{Extent, Failure};
 use crate::medium::{SerialLine, Stream};
 use crate::plan::{Argument, Compare, ParameterTest, Plan};
 use crate::profile::{
-    Access, AxisKind, Certainty, Encoding, Parameter, Persistence, RamMode, Scale, Signal,
-    SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, MotionRules, Parameter, Persistence, RamMode, Scale,
+    Signal, SignalSource, Watchdog,
 };
 use crate::proto::event_ring::EventRing;
 use crate::station::HostEvent;
@@ -105,6 +105,7 @@ static PROFILE: Profile = Profile {
     ram: Some(RamMode { parameter: RAM, ram: 1, flash: 0 }),
     link_settings: &[],
     optional: &[],
+    motion: MotionRules::NONE,
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,

@@ -5,8 +5,9 @@
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
-    Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Persistence, Profile, RelativeBase, Scale, Severity, Signal, SignalSource,
+    Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -205,7 +206,7 @@ static CIA402_FAULTS: [Fault; 25] = [
 ];
 
 #[rustfmt::skip]
-static CIA402_SIGNALS: [SignalSource; 12] = [
+static CIA402_SIGNALS: [SignalSource; 14] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(91), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(122), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Torque, parameter: ParameterId(138), mask: -1, equals: None, values: &[] },
@@ -218,10 +219,12 @@ static CIA402_SIGNALS: [SignalSource; 12] = [
     SignalSource { signal: Signal::Moving, parameter: ParameterId(82), mask: 0x427, equals: Some(39), values: &[] },
     SignalSource { signal: Signal::Reached, parameter: ParameterId(82), mask: 0x400, equals: Some(1024), values: &[] },
     SignalSource { signal: Signal::Mode, parameter: ParameterId(88), mask: -1, equals: None, values: &[] },
+    SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(82), mask: 0x800, equals: Some(2048), values: &[(2048, "internal limit (statusword bit 11)")] },
+    SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(82), mask: 0x800, equals: Some(2048), values: &[(2048, "internal limit (statusword bit 11)")] },
 ];
 
 #[rustfmt::skip]
-static CIA402_PLANS: [Plan; 20] = [
+static CIA402_PLANS: [Plan; 19] = [
     Plan { verb: Verb::Enable, source: "CiA 402-2", steps: &[
         Step::Send { function: 0x0, index: 0x1, operand: Operand::Constant(0), like: None },
         Step::Require { read: ParameterId(82), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, hint: "The drive has a fault: see `fault`, take its cause away, then clear it" },
@@ -247,17 +250,11 @@ static CIA402_PLANS: [Plan; 20] = [
         Step::Write(ParameterId(81), Operand::Constant(271)),
         Step::Write(ParameterId(127), Operand::Constant(0)),
         Step::Write(ParameterId(134), Operand::Constant(0)),
-        Step::Until { read: ParameterId(122), test: ParameterTest { mask: -1, compare: Compare::Within, value: 50 }, within_ms: 10000, required: true },
-        Step::Skip { read: ParameterId(122), test: ParameterTest { mask: -1, compare: Compare::Within, value: 50 }, count: 2 },
-        Step::Wait { ms: 20 },
-        Step::Until { read: ParameterId(82), test: ParameterTest { mask: 0x427, compare: Compare::NotEqual, value: 39 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "CiA 402-2", steps: &[
         Step::Write(ParameterId(81), Operand::Constant(2)),
-        Step::Until { read: ParameterId(122), test: ParameterTest { mask: -1, compare: Compare::Within, value: 50 }, within_ms: 5000, required: true },
-        Step::Skip { read: ParameterId(122), test: ParameterTest { mask: -1, compare: Compare::Within, value: 50 }, count: 2 },
-        Step::Wait { ms: 20 },
-        Step::Until { read: ParameterId(82), test: ParameterTest { mask: 0x427, compare: Compare::NotEqual, value: 7 }, within_ms: 5000, required: true },
+        Step::Standstill { within_ms: 5000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "CiA 402-2", steps: &[
         Step::Skip { read: ParameterId(82), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, count: 4 },
@@ -380,18 +377,17 @@ static CIA402_PLANS: [Plan; 20] = [
         Step::Until { read: ParameterId(82), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 2000, required: true },
         Step::Write(ParameterId(81), Operand::Constant(15)),
         Step::Write(ParameterId(81), Operand::Constant(31)),
+        Step::Skip { read: ParameterId(142), test: ParameterTest { mask: -1, compare: Compare::Among, value: 171798691840 }, count: 4 },
         Step::Until { read: ParameterId(82), test: ParameterTest { mask: 0x3000, compare: Compare::Equal, value: 0 }, within_ms: 300, required: false },
         Step::Skip { read: ParameterId(82), test: ParameterTest { mask: 0x3000, compare: Compare::Equal, value: 0 }, count: 1 },
         Step::Until { read: ParameterId(82), test: ParameterTest { mask: 0x2400, compare: Compare::NotEqual, value: 0 }, within_ms: 120000, required: true },
+        Step::Homed { read: ParameterId(82), test: ParameterTest { mask: 0x3000, compare: Compare::NotEqual, value: 0 }, within_ms: 120000 },
         Step::Until { read: ParameterId(82), test: ParameterTest { mask: 0x3000, compare: Compare::NotEqual, value: 0 }, within_ms: 120000, required: true },
         Step::Require { read: ParameterId(82), test: ParameterTest { mask: 0x2000, compare: Compare::Equal, value: 0 }, hint: "Homing failed: look at switches, speeds and method" },
         Step::Write(ParameterId(81), Operand::Constant(15)),
     ], undo: &[
         Step::Write(ParameterId(81), Operand::Constant(271)),
     ] },
-    Plan { verb: Verb::Reached, source: "CiA 402-2", steps: &[
-        Step::Until { read: ParameterId(82), test: ParameterTest { mask: 0x400, compare: Compare::Equal, value: 1024 }, within_ms: 60000, required: true },
-    ], undo: &[] },
     Plan { verb: Verb::Store, source: "CiA 301", steps: &[
         Step::Write(ParameterId(4), Operand::Constant(1702257011)),
     ], undo: &[] },
@@ -634,7 +630,7 @@ static CIA402_PLANS: [Plan; 20] = [
 
 /// CiA 402 drive.
 #[rustfmt::skip]
-pub static CIA402: Profile = Profile { name: "cia402", family: "cia402", protocol: "canopen", title: "CiA 402 drive", source: "CiA 301, CiA 402-2 and CiA 402-3", axis: AxisKind::Rotary, motors: 0, parameters: &CIA402_PARAMETERS, faults: &CIA402_FAULTS, signals: &CIA402_SIGNALS, plans: &CIA402_PLANS, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(0)), mask: 0xffff, equals: 0x192, firmware: 0x0 }), ram: None, link_settings: &[], optional: &[ParameterId(80), ParameterId(86), ParameterId(6), ParameterId(2), ParameterId(3), ParameterId(134), ParameterId(138), ParameterId(136), ParameterId(137), ParameterId(139), ParameterId(140), ParameterId(122), ParameterId(96), ParameterId(127), ParameterId(130), ParameterId(131), ParameterId(132), ParameterId(102), ParameterId(103), ParameterId(100), ParameterId(104), ParameterId(105), ParameterId(106), ParameterId(107), ParameterId(108), ParameterId(109), ParameterId(110), ParameterId(111), ParameterId(112), ParameterId(113), ParameterId(114), ParameterId(115), ParameterId(116), ParameterId(117), ParameterId(118), ParameterId(119), ParameterId(120), ParameterId(150), ParameterId(149), ParameterId(89), ParameterId(151), ParameterId(152)], watchdog: Watchdog::Heartbeat { consumer: ParameterId(6), reaction: ParameterId(86) }, reply_timeout_ms: 200, multiple_writes: false, caution: "The drive continues to move if the bus is lost, unless it monitors the heartbeat of its connection (heartbeat=; objects 1016h and 6007h). Keep a switch in its supply within reach. Units come from the drive's objects (`info` names them): check the size of a small move first." };
+pub static CIA402: Profile = Profile { name: "cia402", family: "cia402", protocol: "canopen", title: "CiA 402 drive", source: "CiA 301, CiA 402-2 and CiA 402-3", axis: AxisKind::Rotary, motors: 0, parameters: &CIA402_PARAMETERS, faults: &CIA402_FAULTS, signals: &CIA402_SIGNALS, plans: &CIA402_PLANS, motion: MotionRules { window: Some(ParameterId(94)), relative_from: RelativeBase::Either, halted: Some((ParameterId(81), ParameterTest { mask: 0x100, compare: Compare::NotEqual, value: 0 })), stalled: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(0)), mask: 0xffff, equals: 0x192, firmware: 0x0 }), ram: None, link_settings: &[], optional: &[ParameterId(80), ParameterId(86), ParameterId(6), ParameterId(2), ParameterId(3), ParameterId(134), ParameterId(138), ParameterId(136), ParameterId(137), ParameterId(139), ParameterId(140), ParameterId(122), ParameterId(96), ParameterId(127), ParameterId(130), ParameterId(131), ParameterId(132), ParameterId(102), ParameterId(103), ParameterId(100), ParameterId(104), ParameterId(105), ParameterId(106), ParameterId(107), ParameterId(108), ParameterId(109), ParameterId(110), ParameterId(111), ParameterId(112), ParameterId(113), ParameterId(114), ParameterId(115), ParameterId(116), ParameterId(117), ParameterId(118), ParameterId(119), ParameterId(120), ParameterId(150), ParameterId(149), ParameterId(89), ParameterId(151), ParameterId(152)], watchdog: Watchdog::Heartbeat { consumer: ParameterId(6), reaction: ParameterId(86) }, reply_timeout_ms: 200, multiple_writes: false, caution: "The drive continues to move if the bus is lost, unless it monitors the heartbeat of its connection (heartbeat=; objects 1016h and 6007h). Keep a switch in its supply within reach. Units come from the drive's objects (`info` names them): check the size of a small move first." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 1] = [&CIA402];

@@ -5,8 +5,9 @@
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, RampSpeed, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
-    Persistence, Profile, RamMode, Scale, Severity, Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Persistence, Profile, RamMode, RelativeBase, Scale, Severity, Signal,
+    SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -862,10 +863,10 @@ static SYNTRON_DS102_SIGNALS: [SignalSource; 10] = [
 ];
 
 #[rustfmt::skip]
-static SYNTRON_DS102_PLANS: [Plan; 12] = SYNTRON_DS102_PLANS_ROWS;
+static SYNTRON_DS102_PLANS: [Plan; 11] = SYNTRON_DS102_PLANS_ROWS;
 
 #[rustfmt::skip]
-const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
+const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
     Plan { verb: Verb::Enable, source: "TS manual V2 §2.5, §2.6.2", steps: &[
         Step::Require { read: ParameterId(0), test: ParameterTest { mask: -1, compare: Compare::Among, value: 16386 }, hint: "This control mode does not obey Modbus (2 is the factory's, pulses): set Fn_00 = 1 for speed or Fn_00 = 14 for position" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
@@ -883,7 +884,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
         Step::Write(ParameterId(7), Operand::Constant(0)),
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Until { read: ParameterId(23), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 10000, required: true },
-        Step::Until { read: ParameterId(18), test: ParameterTest { mask: -1, compare: Compare::Within, value: 5 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
         Step::Write(ParameterId(307), Operand::Constant(0)),
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "TS manual V2 §2.6.1", steps: &[
@@ -891,7 +892,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
         Step::Write(ParameterId(302), Operand::Constant(1)),
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Until { read: ParameterId(23), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 5000, required: true },
-        Step::Until { read: ParameterId(18), test: ParameterTest { mask: -1, compare: Compare::Within, value: 5 }, within_ms: 5000, required: true },
+        Step::Standstill { within_ms: 5000 },
         Step::Write(ParameterId(307), Operand::Constant(0)),
         Step::Write(ParameterId(302), Operand::Constant(0)),
     ], undo: &[] },
@@ -1043,7 +1044,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
     ] },
     Plan { verb: Verb::Home, source: "TS manual V2 §2.6.2", steps: &[
         Step::Require { read: ParameterId(0), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 }, hint: "Set Fn_00 = 14 (internal position mode) first; a standard TS does not have it" },
-        Step::Require { read: ParameterId(293), test: ParameterTest { mask: -1, compare: Compare::NotEqual, value: 0 }, hint: "Fn_200 = 0 means that nothing is homed: set it, 20000 finds the home switch in reverse" },
+        Step::Require { read: ParameterId(293), test: ParameterTest { mask: -1, compare: Compare::Above, value: 9999 }, hint: "Digit D of Fn_200 is 0, which homes nothing: set it; 20000 finds the home switch in reverse" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
         Step::Ensure(ParameterId(15), 1),
         Step::Write(ParameterId(303), Operand::Constant(1)),
@@ -1052,20 +1053,17 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
         Step::Write(ParameterId(8), Operand::Constant(1)),
         Step::Write(ParameterId(306), Operand::Constant(1)),
         Step::Write(ParameterId(306), Operand::Constant(0)),
-        Step::Until { read: ParameterId(23), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 60000, required: true },
+        Step::Homed { read: ParameterId(23), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 60000 },
         Step::NoFault { read: ParameterId(21), mask: -1 },
     ], undo: &[
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Write(ParameterId(306), Operand::Constant(0)),
     ] },
-    Plan { verb: Verb::Reached, source: "TS manual V2 §2.6.2", steps: &[
-        Step::Until { read: ParameterId(23), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 60000, required: true },
-    ], undo: &[] },
 ];
 
 /// SYNTRON DS102 servo drive.
 #[rustfmt::skip]
-pub static SYNTRON_DS102: Profile = Profile { name: "syntron-ds102", family: "syntron_ts", protocol: "modbus", title: "SYNTRON DS102 servo drive", source: "TS servo drive communication manual V2; public drivers of the DS102", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_DS102_SIGNALS, plans: &SYNTRON_DS102_PLANS, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
+pub static SYNTRON_DS102: Profile = Profile { name: "syntron-ds102", family: "syntron_ts", protocol: "modbus", title: "SYNTRON DS102 servo drive", source: "TS servo drive communication manual V2; public drivers of the DS102", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_DS102_SIGNALS, plans: &SYNTRON_DS102_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Actual, halted: Some((ParameterId(307), ParameterTest { mask: -1, compare: Compare::Equal, value: 1 })), stalled: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
 
 #[rustfmt::skip]
 static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
@@ -1080,7 +1078,7 @@ static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
 ];
 
 #[rustfmt::skip]
-static SYNTRON_TS_PLANS: [Plan; 12] = {
+static SYNTRON_TS_PLANS: [Plan; 11] = {
 let mut rows = SYNTRON_DS102_PLANS_ROWS;
 rows[4] = Plan { verb: Verb::Clear, source: "TS manual V2 §4", steps: &[
         Step::Require { read: ParameterId(21), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, hint: "The TS has no register that clears an alarm: take away the cause, then switch the drive off and on, hold SET on its panel for a second, or use its alarm-clear input" },
@@ -1090,7 +1088,7 @@ rows
 
 /// SYNTRON TS servo drive.
 #[rustfmt::skip]
-pub static SYNTRON_TS: Profile = Profile { name: "syntron-ts", family: "syntron_ts", protocol: "modbus", title: "SYNTRON TS servo drive", source: "TS servo drive communication manual V2", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_SIGNALS, plans: &SYNTRON_TS_PLANS, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
+pub static SYNTRON_TS: Profile = Profile { name: "syntron-ts", family: "syntron_ts", protocol: "modbus", title: "SYNTRON TS servo drive", source: "TS servo drive communication manual V2", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_SIGNALS, plans: &SYNTRON_TS_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Actual, halted: Some((ParameterId(307), ParameterTest { mask: -1, compare: Compare::Equal, value: 1 })), stalled: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
 
 #[rustfmt::skip]
 static SYNTRON_TS_CANOPEN_PARAMETERS: [Parameter; 856] = [
@@ -1953,7 +1951,7 @@ static SYNTRON_TS_CANOPEN_PARAMETERS: [Parameter; 856] = [
 ];
 
 #[rustfmt::skip]
-static SYNTRON_TS_CANOPEN_SIGNALS: [SignalSource; 10] = [
+static SYNTRON_TS_CANOPEN_SIGNALS: [SignalSource; 12] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(826), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(831), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Torque, parameter: ParameterId(839), mask: -1, equals: None, values: &[] },
@@ -1964,10 +1962,12 @@ static SYNTRON_TS_CANOPEN_SIGNALS: [SignalSource; 10] = [
     SignalSource { signal: Signal::Moving, parameter: ParameterId(821), mask: 0x427, equals: Some(39), values: &[] },
     SignalSource { signal: Signal::Reached, parameter: ParameterId(821), mask: 0x400, equals: Some(1024), values: &[] },
     SignalSource { signal: Signal::Mode, parameter: ParameterId(823), mask: -1, equals: None, values: &[] },
+    SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(821), mask: 0x800, equals: Some(2048), values: &[(2048, "internal limit (statusword bit 11)")] },
+    SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(821), mask: 0x800, equals: Some(2048), values: &[(2048, "internal limit (statusword bit 11)")] },
 ];
 
 #[rustfmt::skip]
-static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
+static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
     Plan { verb: Verb::Enable, source: "TS manual V2 §3.6.1", steps: &[
         Step::Require { read: ParameterId(0), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 20 }, hint: "This control mode does not obey CANopen (2 is the factory's, pulses): set Fn_00 = 20" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
@@ -1993,11 +1993,11 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
         Step::Write(ParameterId(820), Operand::Constant(271)),
         Step::Write(ParameterId(854), Operand::Constant(0)),
         Step::Write(ParameterId(838), Operand::Constant(0)),
-        Step::Until { read: ParameterId(831), test: ParameterTest { mask: -1, compare: Compare::Within, value: 50 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "CiA 402-2", steps: &[
         Step::Write(ParameterId(820), Operand::Constant(2)),
-        Step::Until { read: ParameterId(831), test: ParameterTest { mask: -1, compare: Compare::Within, value: 50 }, within_ms: 5000, required: true },
+        Step::Standstill { within_ms: 5000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "CiA 402-2", steps: &[
         Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, count: 4 },
@@ -2130,19 +2130,18 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
         Step::Write(ParameterId(820), Operand::Constant(15)),
         Step::Write(ParameterId(820), Operand::Constant(95)),
         Step::Write(ParameterId(820), Operand::Constant(79)),
+        Step::Skip { read: ParameterId(848), test: ParameterTest { mask: -1, compare: Compare::Among, value: 34359738368 }, count: 1 },
+        Step::Homed { read: ParameterId(821), test: ParameterTest { mask: 0x3000, compare: Compare::NotEqual, value: 0 }, within_ms: 120000 },
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x3000, compare: Compare::NotEqual, value: 0 }, within_ms: 120000, required: true },
         Step::Require { read: ParameterId(821), test: ParameterTest { mask: 0x2000, compare: Compare::Equal, value: 0 }, hint: "Homing failed: look at switches, speeds and method" },
     ], undo: &[
         Step::Write(ParameterId(820), Operand::Constant(271)),
     ] },
-    Plan { verb: Verb::Reached, source: "TS manual V2 §3.6.2", steps: &[
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x400, compare: Compare::Equal, value: 1024 }, within_ms: 60000, required: true },
-    ], undo: &[] },
 ];
 
 /// SYNTRON TS servo drive on CANopen.
 #[rustfmt::skip]
-pub static SYNTRON_TS_CANOPEN: Profile = Profile { name: "syntron-ts-canopen", family: "syntron_ts", protocol: "canopen", title: "SYNTRON TS servo drive on CANopen", source: "TS servo drive communication manual V2, chapters 3 and 4", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_TS_CANOPEN_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_CANOPEN_SIGNALS, plans: &SYNTRON_TS_CANOPEN_PLANS, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(14)), mask: 0xffffffe0, equals: 0x2680, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(750), ParameterId(751), ParameterId(819), ParameterId(839), ParameterId(855), ParameterId(838), ParameterId(833), ParameterId(753)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues its last command if the bus is lost; it has no documented watchdog. Keep a switch in its supply within reach. Put 120 ohm across both ends of the bus. It executes CANopen commands only with Fn_00 = 20; from the factory it is in mode 2. Fn registers go to flash unless Fn_99 = 1." };
+pub static SYNTRON_TS_CANOPEN: Profile = Profile { name: "syntron-ts-canopen", family: "syntron_ts", protocol: "canopen", title: "SYNTRON TS servo drive on CANopen", source: "TS servo drive communication manual V2, chapters 3 and 4", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_TS_CANOPEN_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_CANOPEN_SIGNALS, plans: &SYNTRON_TS_CANOPEN_PLANS, motion: MotionRules { window: Some(ParameterId(829)), relative_from: RelativeBase::Either, halted: Some((ParameterId(820), ParameterTest { mask: 0x100, compare: Compare::NotEqual, value: 0 })), stalled: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(14)), mask: 0xffffffe0, equals: 0x2680, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(750), ParameterId(751), ParameterId(819), ParameterId(839), ParameterId(855), ParameterId(838), ParameterId(833), ParameterId(753)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues its last command if the bus is lost; it has no documented watchdog. Keep a switch in its supply within reach. Put 120 ohm across both ends of the bus. It executes CANopen commands only with Fn_00 = 20; from the factory it is in mode 2. Fn registers go to flash unless Fn_99 = 1." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 3] = [&SYNTRON_DS102, &SYNTRON_TS, &SYNTRON_TS_CANOPEN];

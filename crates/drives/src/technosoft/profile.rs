@@ -5,8 +5,9 @@
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
-    Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Persistence, Profile, RelativeBase, Scale, Severity, Signal, SignalSource,
+    Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -858,7 +859,7 @@ static TECHNOSOFT_F514L_FAULTS: [Fault; 16] = [
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 12] = [
+static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 14] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(16), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(20), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Torque, parameter: ParameterId(24), mask: -1, equals: None, values: &[] },
@@ -871,10 +872,12 @@ static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 12] = [
     SignalSource { signal: Signal::Reached, parameter: ParameterId(382), mask: 0x400, equals: Some(1024), values: &[] },
     SignalSource { signal: Signal::Mode, parameter: ParameterId(226), mask: 0x873f, equals: None, values: &[(0, "none yet"), (32768, "voltage external"), (32771, "voltage contouring"), (32776, "voltage test"), (33024, "torque external, slow loop"), (33027, "torque contouring"), (33032, "torque test"), (33056, "torque external, fast loop"), (33536, "speed external"), (33537, "speed profile"), (33538, "speed contouring"), (34560, "position external"), (34561, "position profile"), (34562, "position contouring"), (34565, "gear slave"), (34566, "cam slave"), (34567, "S-curve"), (34569, "PVT"), (34570, "PT")] },
     SignalSource { signal: Signal::Time, parameter: ParameterId(198), mask: -1, equals: None, values: &[] },
+    SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(372), mask: 0x40, equals: Some(64), values: &[(64, "positive limit switch")] },
+    SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(372), mask: 0x80, equals: Some(128), values: &[(128, "negative limit switch")] },
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_F514L_PLANS: [Plan; 17] = [
+static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
     Plan { verb: Verb::Enable, source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there", steps: &[
         Step::Require { read: ParameterId(372), test: ParameterTest { mask: 0x4, compare: Compare::Equal, value: 0 }, hint: "the drive has no valid set-up table: download one with the vendor's set-up tool" },
         Step::Send { function: 0x0, index: 0x20, operand: Operand::Constant(0), like: None },
@@ -891,11 +894,11 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 17] = [
     ], undo: &[] },
     Plan { verb: Verb::Stop, source: "TML_LIB_light: STOP, which brakes by CACC and holds", steps: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(192), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 30000, required: true },
+        Step::Standstill { within_ms: 30000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "STOP; the language has no faster one that keeps control of the shaft", steps: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(192), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 30000, required: true },
+        Step::Standstill { within_ms: 30000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "TML_LIB_light: FAULTR; errors whose cause is still there come back", steps: &[
         Step::Send { function: 0x0, index: 0x1c04, operand: Operand::Constant(0), like: None },
@@ -1000,20 +1003,15 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 17] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3150021377), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(372), test: ParameterTest { mask: 0xbfea, compare: Compare::NotEqual, value: 0 }, within_ms: 60000, required: true },
+        Step::Homed { read: ParameterId(372), test: ParameterTest { mask: 0xbfea, compare: Compare::NotEqual, value: 0 }, within_ms: 60000 },
         Step::NoFault { read: ParameterId(372), mask: 0xbf2a },
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(192), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 30000, required: true },
+        Step::Standstill { within_ms: 30000 },
         Step::Wait { ms: 200 },
         Step::Send { function: 0x2, index: 0x8400, operand: Operand::Constant(0), like: None },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
-    Plan { verb: Verb::Reached, source: "manual chapter 3: SRL bit 10; SRH bit 15 when a fault ended it", steps: &[
-        Step::Until { read: ParameterId(381), test: ParameterTest { mask: 0x80000400, compare: Compare::NotEqual, value: 0 }, within_ms: 600000, required: true },
-        Step::NoFault { read: ParameterId(372), mask: 0xbf2a },
-        Step::Until { read: ParameterId(382), test: ParameterTest { mask: 0x400, compare: Compare::Equal, value: 1024 }, within_ms: 1000, required: true },
-    ], undo: &[] },
     Plan { verb: Verb::GiveTime, source: "manual chapter 5, example 4: SETSYNC makes it master, which synchronises so often", steps: &[
         Step::Send { function: 0x2, index: 0x1404, operand: Operand::Argument(Argument::Period), like: Some(ParameterId(198)) },
     ], undo: &[] },
@@ -1027,7 +1025,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 17] = [
 
 /// Technosoft drive, firmware F514L.
 #[rustfmt::skip]
-pub static TECHNOSOFT_F514L: Profile = Profile { name: "technosoft-f514l", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F514L", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F514L_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_F514L_SIGNALS, plans: &TECHNOSOFT_F514L_PLANS, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x35313400, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
+pub static TECHNOSOFT_F514L: Profile = Profile { name: "technosoft-f514l", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F514L", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F514L_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_F514L_SIGNALS, plans: &TECHNOSOFT_F514L_PLANS, motion: MotionRules { window: Some(ParameterId(243)), relative_from: RelativeBase::Actual, halted: None, stalled: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x35313400, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
 
 #[rustfmt::skip]
 static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
@@ -2136,7 +2134,7 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 12] = [
+static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 14] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(12), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(17), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Torque, parameter: ParameterId(23), mask: -1, equals: None, values: &[] },
@@ -2149,10 +2147,12 @@ static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 12] = [
     SignalSource { signal: Signal::Reached, parameter: ParameterId(438), mask: 0x400, equals: Some(1024), values: &[] },
     SignalSource { signal: Signal::Mode, parameter: ParameterId(239), mask: 0x873f, equals: None, values: &[(0, "none yet"), (32768, "voltage external"), (32771, "voltage contouring"), (32776, "voltage test"), (33024, "torque external, slow loop"), (33027, "torque contouring"), (33032, "torque test"), (33056, "torque external, fast loop"), (33536, "speed external"), (33537, "speed profile"), (33538, "speed contouring"), (34560, "position external"), (34561, "position profile"), (34562, "position contouring"), (34565, "gear slave"), (34566, "cam slave"), (34567, "S-curve"), (34569, "PVT"), (34570, "PT")] },
     SignalSource { signal: Signal::Time, parameter: ParameterId(207), mask: -1, equals: None, values: &[] },
+    SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(426), mask: 0x40, equals: Some(64), values: &[(64, "positive limit switch")] },
+    SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(426), mask: 0x80, equals: Some(128), values: &[(128, "negative limit switch")] },
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_FA00G_PLANS: [Plan; 17] = [
+static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
     Plan { verb: Verb::Enable, source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there", steps: &[
         Step::Require { read: ParameterId(426), test: ParameterTest { mask: 0x4, compare: Compare::Equal, value: 0 }, hint: "the drive has no valid set-up table: download one with the vendor's set-up tool" },
         Step::Send { function: 0x0, index: 0x20, operand: Operand::Constant(0), like: None },
@@ -2169,11 +2169,11 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 17] = [
     ], undo: &[] },
     Plan { verb: Verb::Stop, source: "TML_LIB_light: STOP, which brakes by CACC and holds", steps: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(201), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 30000, required: true },
+        Step::Standstill { within_ms: 30000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "STOP; the language has no faster one that keeps control of the shaft", steps: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(201), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 30000, required: true },
+        Step::Standstill { within_ms: 30000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "TML_LIB_light: FAULTR; errors whose cause is still there come back", steps: &[
         Step::Send { function: 0x0, index: 0x1c04, operand: Operand::Constant(0), like: None },
@@ -2278,20 +2278,15 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 17] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3150021377), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(426), test: ParameterTest { mask: 0xbfea, compare: Compare::NotEqual, value: 0 }, within_ms: 60000, required: true },
+        Step::Homed { read: ParameterId(426), test: ParameterTest { mask: 0xbfea, compare: Compare::NotEqual, value: 0 }, within_ms: 60000 },
         Step::NoFault { read: ParameterId(426), mask: 0xbf2a },
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(201), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 30000, required: true },
+        Step::Standstill { within_ms: 30000 },
         Step::Wait { ms: 200 },
         Step::Send { function: 0x2, index: 0x8400, operand: Operand::Constant(0), like: None },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
-    Plan { verb: Verb::Reached, source: "manual chapter 3: SRL bit 10; SRH bit 15 when a fault ended it", steps: &[
-        Step::Until { read: ParameterId(437), test: ParameterTest { mask: 0x80000400, compare: Compare::NotEqual, value: 0 }, within_ms: 600000, required: true },
-        Step::NoFault { read: ParameterId(426), mask: 0xbf2a },
-        Step::Until { read: ParameterId(438), test: ParameterTest { mask: 0x400, compare: Compare::Equal, value: 1024 }, within_ms: 1000, required: true },
-    ], undo: &[] },
     Plan { verb: Verb::GiveTime, source: "manual chapter 5, example 4: SETSYNC makes it master, which synchronises so often", steps: &[
         Step::Send { function: 0x2, index: 0x1404, operand: Operand::Argument(Argument::Period), like: Some(ParameterId(207)) },
     ], undo: &[] },
@@ -2305,7 +2300,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 17] = [
 
 /// Technosoft drive, firmware FA00G.
 #[rustfmt::skip]
-pub static TECHNOSOFT_FA00G: Profile = Profile { name: "technosoft-fa00g", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware FA00G", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_FA00G_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_FA00G_SIGNALS, plans: &TECHNOSOFT_FA00G_PLANS, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x41303000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
+pub static TECHNOSOFT_FA00G: Profile = Profile { name: "technosoft-fa00g", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware FA00G", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_FA00G_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_FA00G_SIGNALS, plans: &TECHNOSOFT_FA00G_PLANS, motion: MotionRules { window: Some(ParameterId(259)), relative_from: RelativeBase::Actual, halted: None, stalled: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x41303000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 2] = [&TECHNOSOFT_F514L, &TECHNOSOFT_FA00G];

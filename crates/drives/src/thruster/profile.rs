@@ -3,10 +3,10 @@
 #![allow(clippy::large_const_arrays, reason = "rows that tables share, read while compiling")]
 
 use polepair_core::axis::Verb;
-use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
+use polepair_core::plan::{Argument, Operand, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
-    Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -97,7 +97,7 @@ static THRUSTER_PLANS: [Plan; 7] = [
 
 /// Underwater thruster.
 #[rustfmt::skip]
-pub static THRUSTER: Profile = Profile { name: "thruster", family: "thruster", protocol: "thruster", title: "Underwater thruster", source: "thruster protocol manual", axis: AxisKind::Rotary, motors: 1, parameters: &THRUSTER_PARAMETERS, faults: &THRUSTER_FAULTS, signals: &THRUSTER_SIGNALS, plans: &THRUSTER_PLANS, identity: Some(Identity { query: IdentityQuery::Text("QP"), mask: 0x7f00000000000000, equals: 0x5100000000000000, firmware: 0x0 }), ram: None, link_settings: &[ParameterId(13), ParameterId(14)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None }, reply_timeout_ms: 50, multiple_writes: false, caution: "The propeller turns at once: keep hands and lines away, and run it under water, where it is cooled. It continues to turn if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. After power-up, and after a fault that closed the output, it runs only after a zero signal, which enable sends." };
+pub static THRUSTER: Profile = Profile { name: "thruster", family: "thruster", protocol: "thruster", title: "Underwater thruster", source: "thruster protocol manual", axis: AxisKind::Rotary, motors: 1, parameters: &THRUSTER_PARAMETERS, faults: &THRUSTER_FAULTS, signals: &THRUSTER_SIGNALS, plans: &THRUSTER_PLANS, motion: MotionRules::NONE, identity: Some(Identity { query: IdentityQuery::Text("QP"), mask: 0x7f00000000000000, equals: 0x5100000000000000, firmware: 0x0 }), ram: None, link_settings: &[ParameterId(13), ParameterId(14)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None }, reply_timeout_ms: 50, multiple_writes: false, caution: "The propeller turns at once: keep hands and lines away, and run it under water, where it is cooled. It continues to turn if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. After power-up, and after a fault that closed the output, it runs only after a zero signal, which enable sends." };
 
 #[rustfmt::skip]
 static THRUSTER_ACTUATOR_PARAMETERS: [Parameter; 25] = THRUSTER_ACTUATOR_PARAMETERS_ROWS;
@@ -143,7 +143,7 @@ static THRUSTER_ACTUATOR_SIGNALS: [SignalSource; 7] = [
 ];
 
 #[rustfmt::skip]
-static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
+static THRUSTER_ACTUATOR_PLANS: [Plan; 9] = [
     Plan { verb: Verb::Enable, source: "manual section 4: position commands need no zero signal", steps: &[
         Step::NoFault { read: ParameterId(7), mask: 0x8c7 },
     ], undo: &[] },
@@ -186,16 +186,11 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
     ], undo: &[
         Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Constant(0), like: None },
     ] },
-    Plan { verb: Verb::Reached, source: "by the host: the drive does not report arrival, so standstill counts as arrived", steps: &[
-        Step::Wait { ms: 200 },
-        Step::Until { read: ParameterId(3), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 600000, required: true },
-        Step::NoFault { read: ParameterId(7), mask: 0x8c7 },
-    ], undo: &[] },
 ];
 
 /// Underwater linear actuator.
 #[rustfmt::skip]
-pub static THRUSTER_ACTUATOR: Profile = Profile { name: "thruster-actuator", family: "thruster", protocol: "thruster", title: "Underwater linear actuator", source: "thruster protocol manual", axis: AxisKind::Linear, motors: 1, parameters: &THRUSTER_ACTUATOR_PARAMETERS, faults: &THRUSTER_FAULTS, signals: &THRUSTER_ACTUATOR_SIGNALS, plans: &THRUSTER_ACTUATOR_PLANS, identity: Some(Identity { query: IdentityQuery::Text("QA"), mask: 0x7fff000000000000, equals: 0x5141000000000000, firmware: 0x0 }), ram: None, link_settings: &[ParameterId(13), ParameterId(14)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None }, reply_timeout_ms: 50, multiple_writes: false, caution: "The rod moves at once, within its safe range. Its output is off after a stop, so a load may fall. One count of position is assumed to be 0.1 mm: try a short move first. It continues to move if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. Default speed of a move: 30 rpm of its motor." };
+pub static THRUSTER_ACTUATOR: Profile = Profile { name: "thruster-actuator", family: "thruster", protocol: "thruster", title: "Underwater linear actuator", source: "thruster protocol manual", axis: AxisKind::Linear, motors: 1, parameters: &THRUSTER_ACTUATOR_PARAMETERS, faults: &THRUSTER_FAULTS, signals: &THRUSTER_ACTUATOR_SIGNALS, plans: &THRUSTER_ACTUATOR_PLANS, motion: MotionRules::NONE, identity: Some(Identity { query: IdentityQuery::Text("QA"), mask: 0x7fff000000000000, equals: 0x5141000000000000, firmware: 0x0 }), ram: None, link_settings: &[ParameterId(13), ParameterId(14)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None }, reply_timeout_ms: 50, multiple_writes: false, caution: "The rod moves at once, within its safe range. Its output is off after a stop, so a load may fall. One count of position is assumed to be 0.1 mm: try a short move first. It continues to move if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. Default speed of a move: 30 rpm of its motor." };
 
 #[rustfmt::skip]
 static THRUSTER_SERVO_PARAMETERS: [Parameter; 25] = {
@@ -211,7 +206,7 @@ rows
 
 /// Underwater servo.
 #[rustfmt::skip]
-pub static THRUSTER_SERVO: Profile = Profile { name: "thruster-servo", family: "thruster", protocol: "thruster", title: "Underwater servo", source: "thruster protocol manual", axis: AxisKind::Rotary, motors: 1, parameters: &THRUSTER_SERVO_PARAMETERS, faults: &THRUSTER_FAULTS, signals: &THRUSTER_ACTUATOR_SIGNALS, plans: &THRUSTER_ACTUATOR_PLANS, identity: Some(Identity { query: IdentityQuery::Text("QA"), mask: 0x7fff000000000000, equals: 0x5141000000000000, firmware: 0x0 }), ram: None, link_settings: &[ParameterId(13), ParameterId(14)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None }, reply_timeout_ms: 50, multiple_writes: false, caution: "The servo moves at once, within its safe range. Its output is off after a stop, so a load may fall. It continues to move if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. Default speed of a move: 30 rpm. An actuator replies like a servo: use profile=thruster-actuator for it." };
+pub static THRUSTER_SERVO: Profile = Profile { name: "thruster-servo", family: "thruster", protocol: "thruster", title: "Underwater servo", source: "thruster protocol manual", axis: AxisKind::Rotary, motors: 1, parameters: &THRUSTER_SERVO_PARAMETERS, faults: &THRUSTER_FAULTS, signals: &THRUSTER_ACTUATOR_SIGNALS, plans: &THRUSTER_ACTUATOR_PLANS, motion: MotionRules::NONE, identity: Some(Identity { query: IdentityQuery::Text("QA"), mask: 0x7fff000000000000, equals: 0x5141000000000000, firmware: 0x0 }), ram: None, link_settings: &[ParameterId(13), ParameterId(14)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None }, reply_timeout_ms: 50, multiple_writes: false, caution: "The servo moves at once, within its safe range. Its output is off after a stop, so a load may fall. It continues to move if the line is lost, unless command timeout (ST) is set, which is kept until the next restart. Default speed of a move: 30 rpm. An actuator replies like a servo: use profile=thruster-actuator for it." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 3] = [&THRUSTER, &THRUSTER_ACTUATOR, &THRUSTER_SERVO];

@@ -5,8 +5,9 @@
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
-    Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Persistence, Profile, RelativeBase, Scale, Severity, Signal, SignalSource,
+    Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -383,10 +384,10 @@ static TMCM_1140_FAULTS: [Fault; 8] = [
 ];
 
 #[rustfmt::skip]
-static TMCM_1140_SIGNALS: [SignalSource; 9] = TMCM_1140_SIGNALS_ROWS;
+static TMCM_1140_SIGNALS: [SignalSource; 11] = TMCM_1140_SIGNALS_ROWS;
 
 #[rustfmt::skip]
-const TMCM_1140_SIGNALS_ROWS: [SignalSource; 9] = [
+const TMCM_1140_SIGNALS_ROWS: [SignalSource; 11] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(1), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(3), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Voltage, parameter: ParameterId(60), mask: -1, equals: None, values: &[] },
@@ -396,28 +397,30 @@ const TMCM_1140_SIGNALS_ROWS: [SignalSource; 9] = [
     SignalSource { signal: Signal::Fault, parameter: ParameterId(57), mask: 0x1a, equals: None, values: &[] },
     SignalSource { signal: Signal::Reached, parameter: ParameterId(8), mask: -1, equals: Some(1), values: &[] },
     SignalSource { signal: Signal::Mode, parameter: ParameterId(16), mask: -1, equals: None, values: &[(0, "positioning"), (1, "soft"), (2, "velocity")] },
+    SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(10), mask: -1, equals: Some(1), values: &[(1, "right end switch")] },
+    SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(11), mask: -1, equals: Some(1), values: &[(1, "left end switch")] },
 ];
 
 #[rustfmt::skip]
-static TMCM_1140_PLANS: [Plan; 11] = TMCM_1140_PLANS_ROWS;
+static TMCM_1140_PLANS: [Plan; 10] = TMCM_1140_PLANS_ROWS;
 
 #[rustfmt::skip]
-const TMCM_1140_PLANS_ROWS: [Plan; 11] = [
+const TMCM_1140_PLANS_ROWS: [Plan; 10] = [
     Plan { verb: Verb::Enable, source: "the driver is always on", steps: &[
         Step::Read(ParameterId(56)),
         Step::NoFault { read: ParameterId(57), mask: 0x1a },
     ], undo: &[] },
     Plan { verb: Verb::Disable, source: "MST; the driver stays on", steps: &[
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(3), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::Stop, source: "TMCL reference, MST", steps: &[
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(3), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "TMCL reference, MST; the module has no faster stop", steps: &[
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(3), test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "axis parameter 207: reading clears it; the driver's flags go with their cause", steps: &[
         Step::Read(ParameterId(56)),
@@ -447,15 +450,11 @@ const TMCM_1140_PLANS_ROWS: [Plan; 11] = [
         Step::NoFault { read: ParameterId(57), mask: 0x1a },
         Step::Write(ParameterId(49), Operand::OptionalArgument(Argument::Velocity)),
         Step::Send { function: 0xd, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(59), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 300000, required: true },
+        Step::Homed { read: ParameterId(59), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 300000 },
     ], undo: &[
         Step::Send { function: 0xd, index: 0x1, operand: Operand::Constant(0), like: None },
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
     ] },
-    Plan { verb: Verb::Reached, source: "axis parameter 8; a stall or an encoder's deviation stops the motor (axis parameter 207)", steps: &[
-        Step::NoFault { read: ParameterId(56), mask: 0x3 },
-        Step::Until { read: ParameterId(8), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, within_ms: 600000, required: true },
-    ], undo: &[] },
     Plan { verb: Verb::Store, source: "STAP, a parameter at a time", steps: &[
         Step::Send { function: 0x7, index: 0x4, operand: Operand::Constant(0), like: None },
         Step::Send { function: 0x7, index: 0x5, operand: Operand::Constant(0), like: None },
@@ -478,7 +477,7 @@ const TMCM_1140_PLANS_ROWS: [Plan; 11] = [
 
 /// Trinamic TMCM-1140.
 #[rustfmt::skip]
-pub static TMCM_1140: Profile = Profile { name: "tmcm-1140", family: "tmcm", protocol: "tmcl", title: "Trinamic TMCM-1140", source: "TMCM-1140 TMCL firmware manual; TMCM-1140 hardware manual, chapter 8 (velocity and acceleration)", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_1140_PARAMETERS, faults: &TMCM_1140_FAULTS, signals: &TMCM_1140_SIGNALS, plans: &TMCM_1140_PLANS, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0x4740000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(63), ParameterId(64), ParameterId(66), ParameterId(67), ParameterId(68), ParameterId(69), ParameterId(71), ParameterId(73), ParameterId(75)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(65), on_can: Some(ParameterId(74)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "A stepper motor loses steps if the load is too high for its current, and the module does not notice. Set max current (AP 6) to the value of the motor's plate before the first motion. A disabled motor keeps its standby current. It continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN)." };
+pub static TMCM_1140: Profile = Profile { name: "tmcm-1140", family: "tmcm", protocol: "tmcl", title: "Trinamic TMCM-1140", source: "TMCM-1140 TMCL firmware manual; TMCM-1140 hardware manual, chapter 8 (velocity and acceleration)", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_1140_PARAMETERS, faults: &TMCM_1140_FAULTS, signals: &TMCM_1140_SIGNALS, plans: &TMCM_1140_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Either, halted: None, stalled: Some((ParameterId(56), ParameterTest { mask: 0x3, compare: Compare::NotEqual, value: 0 })) }, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0x4740000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(63), ParameterId(64), ParameterId(66), ParameterId(67), ParameterId(68), ParameterId(69), ParameterId(71), ParameterId(73), ParameterId(75)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(65), on_can: Some(ParameterId(74)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "A stepper motor loses steps if the load is too high for its current, and the module does not notice. Set max current (AP 6) to the value of the motor's plate before the first motion. A disabled motor keeps its standby current. It continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN)." };
 
 #[rustfmt::skip]
 static TMCM_6110_PARAMETERS: [Parameter; 342] = [
@@ -827,7 +826,7 @@ static TMCM_6110_PARAMETERS: [Parameter; 342] = [
 ];
 
 #[rustfmt::skip]
-static TMCM_6110_SIGNALS: [SignalSource; 9] = {
+static TMCM_6110_SIGNALS: [SignalSource; 11] = {
 let mut rows = TMCM_1140_SIGNALS_ROWS;
 rows[2] = SignalSource { signal: Signal::Voltage, parameter: ParameterId(61), mask: -1, equals: None, values: &[] };
 rows[3] = SignalSource { signal: Signal::Temperature, parameter: ParameterId(62), mask: -1, equals: None, values: &[] };
@@ -835,13 +834,13 @@ rows
 };
 
 #[rustfmt::skip]
-static TMCM_6110_PLANS: [Plan; 11] = {
+static TMCM_6110_PLANS: [Plan; 10] = {
 let mut rows = TMCM_1140_PLANS_ROWS;
 rows[8] = Plan { verb: Verb::Home, source: "TMCL reference, RFS", steps: &[
         Step::NoFault { read: ParameterId(57), mask: 0x1a },
         Step::Write(ParameterId(49), Operand::OptionalArgument(Argument::Velocity)),
         Step::Send { function: 0xd, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(60), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 300000, required: true },
+        Step::Homed { read: ParameterId(60), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 300000 },
     ], undo: &[
         Step::Send { function: 0xd, index: 0x1, operand: Operand::Constant(0), like: None },
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
@@ -851,7 +850,7 @@ rows
 
 /// Trinamic TMCM-6110.
 #[rustfmt::skip]
-pub static TMCM_6110: Profile = Profile { name: "tmcm-6110", family: "tmcm", protocol: "tmcl", title: "Trinamic TMCM-6110", source: "TMCM-6110 TMCL firmware manual V1.19 and V1.46; TMCM-1140 hardware manual, chapter 8 (velocity and acceleration)", axis: AxisKind::Rotary, motors: 6, parameters: &TMCM_6110_PARAMETERS, faults: &TMCM_1140_FAULTS, signals: &TMCM_6110_SIGNALS, plans: &TMCM_6110_PLANS, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0x17de0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(64), ParameterId(65), ParameterId(67), ParameterId(68), ParameterId(69), ParameterId(70), ParameterId(72), ParameterId(74), ParameterId(76)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(66), on_can: Some(ParameterId(75)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "A stepper motor loses steps if the load is too high for its current, and the module does not notice. Set max current (AP 6) to the value of the motor's plate before the first motion. A disabled motor keeps its standby current. It continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN)." };
+pub static TMCM_6110: Profile = Profile { name: "tmcm-6110", family: "tmcm", protocol: "tmcl", title: "Trinamic TMCM-6110", source: "TMCM-6110 TMCL firmware manual V1.19 and V1.46; TMCM-1140 hardware manual, chapter 8 (velocity and acceleration)", axis: AxisKind::Rotary, motors: 6, parameters: &TMCM_6110_PARAMETERS, faults: &TMCM_1140_FAULTS, signals: &TMCM_6110_SIGNALS, plans: &TMCM_6110_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Either, halted: None, stalled: Some((ParameterId(56), ParameterTest { mask: 0x3, compare: Compare::NotEqual, value: 0 })) }, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0x17de0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(64), ParameterId(65), ParameterId(67), ParameterId(68), ParameterId(69), ParameterId(70), ParameterId(72), ParameterId(74), ParameterId(76)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(66), on_can: Some(ParameterId(75)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "A stepper motor loses steps if the load is too high for its current, and the module does not notice. Set max current (AP 6) to the value of the motor's plate before the first motion. A disabled motor keeps its standby current. It continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN)." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 2] = [&TMCM_1140, &TMCM_6110];

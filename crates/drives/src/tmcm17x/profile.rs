@@ -5,8 +5,8 @@
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
-    Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -411,7 +411,7 @@ static TMCM_170_SIGNALS: [SignalSource; 12] = [
 ];
 
 #[rustfmt::skip]
-static TMCM_170_PLANS: [Plan; 12] = [
+static TMCM_170_PLANS: [Plan; 11] = [
     Plan { verb: Verb::Enable, source: "parameter 255 of sibling modules; it holds the position it finds", steps: &[
         Step::Read(ParameterId(33)),
         Step::NoFault { read: ParameterId(33), mask: 0x323 },
@@ -423,11 +423,11 @@ static TMCM_170_PLANS: [Plan; 12] = [
     ], undo: &[] },
     Plan { verb: Verb::Stop, source: "3.1.3 MST", steps: &[
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(3), test: ParameterTest { mask: -1, compare: Compare::Within, value: 5 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "3.1.3 MST; the module has no faster stop that keeps control of the shaft", steps: &[
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(3), test: ParameterTest { mask: -1, compare: Compare::Within, value: 5 }, within_ms: 10000, required: true },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "3.4, parameter 156: reading clears HALLERR and ENCERR; the others go with their cause", steps: &[
         Step::Read(ParameterId(33)),
@@ -463,17 +463,13 @@ static TMCM_170_PLANS: [Plan; 12] = [
         Step::Read(ParameterId(33)),
         Step::NoFault { read: ParameterId(33), mask: 0x323 },
         Step::Send { function: 0x1, index: 0x0, operand: Operand::Constant(100), like: None },
-        Step::Until { read: ParameterId(33), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 8 }, within_ms: 60000, required: true },
+        Step::Homed { read: ParameterId(33), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 8 }, within_ms: 60000 },
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(3), test: ParameterTest { mask: -1, compare: Compare::Within, value: 2 }, within_ms: 5000, required: true },
+        Step::Standstill { within_ms: 5000 },
         Step::Write(ParameterId(1), Operand::Constant(0)),
     ], undo: &[
         Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
     ] },
-    Plan { verb: Verb::Reached, source: "3.4, flag POS_END", steps: &[
-        Step::NoFault { read: ParameterId(33), mask: 0x333 },
-        Step::Until { read: ParameterId(33), test: ParameterTest { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 600000, required: true },
-    ], undo: &[] },
     Plan { verb: Verb::Store, source: "STAP, a parameter at a time", steps: &[
         Step::Send { function: 0x7, index: 0x4, operand: Operand::Constant(0), like: None },
         Step::Send { function: 0x7, index: 0x5, operand: Operand::Constant(0), like: None },
@@ -495,7 +491,7 @@ static TMCM_170_PLANS: [Plan; 12] = [
 
 /// Trinamic TMCM-170.
 #[rustfmt::skip]
-pub static TMCM_170: Profile = Profile { name: "tmcm-170", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-170", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_170_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xaa0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
+pub static TMCM_170: Profile = Profile { name: "tmcm-170", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-170", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_170_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, motion: MotionRules::NONE, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xaa0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
 
 #[rustfmt::skip]
 static TMCM_171_PARAMETERS: [Parameter; 355] = {
@@ -506,7 +502,7 @@ rows
 
 /// Trinamic TMCM-171.
 #[rustfmt::skip]
-pub static TMCM_171: Profile = Profile { name: "tmcm-171", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-171", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_171_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xab0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
+pub static TMCM_171: Profile = Profile { name: "tmcm-171", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-171", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_171_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, motion: MotionRules::NONE, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xab0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 2] = [&TMCM_170, &TMCM_171];

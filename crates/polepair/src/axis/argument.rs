@@ -98,7 +98,8 @@ impl LocalAxis {
             (
                 Step::Write(id, Operand::Constant(_) | Operand::Argument(_))
                 | Step::Require { read: id, .. }
-                | Step::Until { read: id, .. },
+                | Step::Until { read: id, .. }
+                | Step::Homed { read: id, .. },
                 None,
             ) => Some(id),
             _ => None,

@@ -5,8 +5,10 @@ use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
-use polepair_core::axis::{UnmetWait, Verb};
+use crate::url::AxisNumber;
+use polepair_core::axis::{MotionReport, UnmetWait, Verb};
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
+use polepair_core::judge::{EndReason, LimitEnd};
 use polepair_core::lane::write_steps;
 use polepair_core::plan::{Compare, Operand, Step};
 use polepair_core::profile::{Encoding, Fault, ParameterId, Signal, Watchdog};
@@ -70,6 +72,15 @@ impl LocalAxis {
         {
             hint = MODE_HINT.to_owned();
         }
+        let reason = match failure {
+            Failure::Faulted { .. } | Failure::PowerLost | Failure::NotReached => {
+                match self.motion_text().filter(|_| is_motion(kind)) {
+                    Some(place) => format!("{reason}; {place}"),
+                    None => reason,
+                }
+            }
+            _ => reason,
+        };
         let may_turn = self.is_out_of_reach(kind, failure);
         if let (true, Watchdog::Fixed { after_ms }) = (may_turn, self.profile.watchdog) {
             hint = format!("the drive should stop {after_ms} ms after the link died; {hint}");
@@ -211,6 +222,8 @@ impl LocalAxis {
                 DUPLICATE_ADDRESS_HINT,
             ),
             Failure::NotReached => self.unmet_wait_reason(),
+            Failure::Elsewhere(reason) => self.end_reason(reason),
+            Failure::Unconfirmed => self.unconfirmed_reason(),
             Failure::PowerLost => reason_and_hint(
                 "the motor has lost its power",
                 "an input (STO, enable), another program or the drive itself switched it off: \
@@ -238,6 +251,129 @@ impl LocalAxis {
             Failure::Impossible(why) => self.unsupported_reason(why),
             other => (format!("it ended with {other:?}"), String::new()),
         }
+    }
+
+    /// Where the last motion ended and where it was to end: of a group, each drive that is elsewhere.
+    fn motion_text(&self) -> Option<String> {
+        let away = self.motion_reports().into_iter().filter(|report| !report.arrived);
+        let texts: Vec<String> = away.filter_map(|report| self.place_text(&report)).collect();
+        (!texts.is_empty()).then(|| texts.join("; "))
+    }
+
+    /// What is known of the last motion: of a group, of each drive that answered.
+    pub(crate) fn motion_reports(&self) -> Vec<MotionReport> {
+        self.connection
+            .with_axes(|axes, _| (0..).map_while(|n| axes.motion_report(self.index, n)).collect())
+    }
+
+    fn place_text(&self, report: &MotionReport) -> Option<String> {
+        let (position, target) = (report.position?, report.target?);
+        let subject = self.subject(report);
+        let (position, target) = (self.position_text(position)?, self.position_text(target)?);
+        Some(format!("{subject} is at {position}, the target is {target}"))
+    }
+
+    /// `it`, or of a group the number of the drive.
+    fn subject(&self, report: &MotionReport) -> String {
+        match AxisNumber(self.number).is_group() {
+            true => format!("axis {}", report.address),
+            false => "it".to_owned(),
+        }
+    }
+
+    /// A raw position in the unit of the axis.
+    fn position_text(&self, raw: i64) -> Option<String> {
+        let id = self.profile.signal(Signal::Position)?.parameter;
+        Some(self.value(id, raw).ok()?.to_string())
+    }
+
+    /// Why a motion ended elsewhere than at its target.
+    fn end_reason(&self, reason: EndReason) -> (String, String) {
+        let reports = self.motion_reports();
+        let report = reports.iter().find(|report| !report.arrived).or(reports.first());
+        let subject = report.map_or_else(|| "it".to_owned(), |report| self.subject(report));
+        let places = report.and_then(|report| {
+            Some((self.position_text(report.position?)?, self.position_text(report.target?)?))
+        });
+        let (at, aim) = match &places {
+            Some((at, target)) => (format!(" at {at}"), format!("; the target is {target}")),
+            None => (String::new(), String::new()),
+        };
+        let flagged = report.is_some_and(|report| report.flag == Some(true));
+        let start = report.and_then(|report| self.position_text(report.start?));
+        let start = start.filter(|_| !matches!(reason, EndReason::NotStarted));
+        let from = start.map_or_else(String::new, |start| format!("; it started at {start}"));
+        let claim = match (flagged, &places) {
+            (true, Some((at, _))) => {
+                format!("the drive says that the target is reached at {at}{aim}")
+            }
+            _ => format!("{subject} stopped{at}{aim}"),
+        };
+        let others = self.other_members(report);
+        let (text, hint) = match reason {
+            EndReason::Limit(end) => {
+                let name = self.limit_name(end);
+                let text = match flagged {
+                    true => format!("{claim}; the {name} holds the axis"),
+                    false => format!("the {name} stopped {subject}{at}{aim}"),
+                };
+                (text, "move it the other way, or check the switch and the limits of the drive")
+            }
+            EndReason::Halted => (
+                format!("another master halted {subject}{at}{aim}"),
+                "end the other program, or wait until it is done",
+            ),
+            EndReason::Mode(mode) => (
+                format!("another master set mode {}: {claim}", self.mode_text(mode)),
+                "end the other program, or wait until it is done",
+            ),
+            EndReason::Stalled => (
+                format!("{subject} stalled{at}{aim}"),
+                "check what blocks it; less acceleration or more current may help",
+            ),
+            EndReason::NotStarted => (
+                format!("{claim}; the axis was not seen to start"),
+                "check whether another master controls the drive, and what it needs for a start",
+            ),
+            _ => (
+                format!("{claim}{from}"),
+                "check what blocks it, and whether another master controls the drive",
+            ),
+        };
+        (format!("{text}{others}"), hint.to_owned())
+    }
+
+    /// The other drives of a group that are elsewhere.
+    fn other_members(&self, first: Option<&MotionReport>) -> String {
+        let reports = self.motion_reports();
+        let others = reports.iter().filter(|report| !report.arrived && Some(*report) != first);
+        others.filter_map(|report| Some(format!("; {}", self.place_text(report)?))).collect()
+    }
+
+    /// The name of a limit, in the words of the profile.
+    pub(crate) fn limit_name(&self, end: LimitEnd) -> &'static str {
+        let (signal, name) = match end {
+            LimitEnd::Negative => (Signal::NegativeLimit, "negative limit"),
+            LimitEnd::Positive => (Signal::PositiveLimit, "positive limit"),
+            LimitEnd::Either => (Signal::PositiveLimit, "limit"),
+        };
+        let source = self.profile.signal(signal);
+        source.and_then(|source| source.values.first()).map_or(name, |(_, word)| *word)
+    }
+
+    /// Why the end of a motion is not known.
+    fn unconfirmed_reason(&self) -> (String, String) {
+        let hint = "measure the position by other means, or look at the motor";
+        let group = AxisNumber(self.number).is_group();
+        let text = if group && self.motion_reports().is_empty() {
+            "the drives of this group cannot be asked where they are"
+        } else if self.profile.signal(Signal::Position).is_none() {
+            "the drive reports no position, so nothing shows where the motor is"
+        } else {
+            "the position before the move, or its unit, is not known, so nothing shows whether the \
+             motor is at its target"
+        };
+        (format!("the motion was started; {text}"), hint.to_owned())
     }
 
     /// The expected state of a wait, and the state that was read instead.
@@ -325,8 +461,7 @@ impl LocalAxis {
             Unsupported::NoSuchAxis => ("there is no such axis".into(), String::new()),
             Unsupported::NoSuchParameter => ("there is no such parameter".into(), String::new()),
             Unsupported::NoPlan => {
-                let verbs: Vec<&str> =
-                    self.profile.plans.iter().map(|plan| plan.verb.name()).collect();
+                let verbs: Vec<&str> = self.profile.verbs().map(Verb::name).collect();
                 let hint = match (&self.identified, verbs.is_empty()) {
                     (Identification::Generic, _) => {
                         "no known drive replies like this; select the drive by \
@@ -394,6 +529,11 @@ impl LocalAxis {
         let (value, min, max) = (shown(value), shown(min), shown(max));
         (format!("{value} is outside the limits of `{name}`"), format!("it can be {min} to {max}"))
     }
+}
+
+/// Whether a request waits for the end of a motion.
+fn is_motion(kind: RequestKind) -> bool {
+    matches!(kind, RequestKind::Verb(verb) if verb == Verb::Reached || verb.is_move())
 }
 
 /// Text of a missing reply, with the received frames.

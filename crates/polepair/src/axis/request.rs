@@ -3,7 +3,7 @@
 use super::LocalAxis;
 use super::failure::RequestKind;
 use crate::error::Error;
-use polepair_core::axis::{Axes, Command};
+use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::error::{Outcome, Unsupported};
 use polepair_core::profile::ParameterId;
 use polepair_core::station::Ticket;
@@ -33,7 +33,9 @@ impl PreparedCommand {
         let verb = command.verb.name();
         let pending =
             axis.connection.submit(submit).map_err(|why| axis.unsupported_error(verb, why))?;
-        let (what, request_kind) = (verb.to_owned(), RequestKind::Verb(command.verb));
+        // It is the move that arrived or did not.
+        let what = if command.verb == Verb::Reached { "move" } else { verb };
+        let (what, request_kind) = (what.to_owned(), RequestKind::Verb(command.verb));
         Ok(RunningRequest { axis: axis.clone(), pending, what, kind: request_kind })
     }
 }

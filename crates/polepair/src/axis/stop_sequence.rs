@@ -1,8 +1,7 @@
 //! A stop and its progress: sent, acknowledged step by step, and confirmed by standstill.
 //!
-//! Standstill is confirmed by measured values: the speed, or two positions. If a drive reports both, they
-//! must agree. Only values that were read after the reply to the last step count. Earlier readings and
-//! values of the trajectory do not.
+//! Standstill is confirmed by measured values, by the rule of [`judge`](polepair_core::judge). Only values that
+//! were read after the reply to the last step count. Earlier readings and values of the trajectory do not.
 //!
 //! Why: STOP-7.
 
@@ -16,7 +15,8 @@ use crate::error::Error;
 use crate::url::AxisNumber;
 use polepair_core::axis::{AxisStatus, StopPart, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
-use polepair_core::plan::{Compare, ParameterTest, Step};
+use polepair_core::judge::{MotionGoal, MotionJudge, MotionVerdict, Observation, Tolerance};
+use polepair_core::plan::Step;
 use polepair_core::profile::{ParameterId, RamMode, Signal};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
@@ -28,10 +28,8 @@ const POLL_INTERVAL_MAX: Duration = Duration::from_secs(2);
 const BRAKING_TIME: Duration = Duration::from_secs(2);
 /// After that the pause is so many times what a reading took: a motor that turns on takes 5 % of its wire.
 const PAUSE_FACTOR: u32 = 19;
-/// Readings of the speed in a row that say so: one may lie in a change of direction.
-const STANDSTILL_READINGS_MIN: u32 = 2;
-/// Two positions at this distance in time that differ by one raw step, or by less than these speeds give,
-/// mean standstill. A servo that holds its position is never quite still.
+/// Two positions at this distance in time are compared: a difference that these speeds give is none. A servo
+/// that holds its position is never quite still.
 const POSITION_SPAN: Duration = Duration::from_millis(100);
 const HOLDING_SPEED_RAD: f64 = 0.05;
 const HOLDING_SPEED_M: f64 = 0.001;
@@ -335,108 +333,99 @@ impl StopSequence {
     }
 }
 
-/// Measurements of a motor after a stop.
+/// Measurements of a motor after a stop, which [`MotionJudge`] judges.
 #[derive(Debug)]
 struct StandstillMonitor {
     since: Instant,
-    /// The first is asked for; what the drive does not tell is left out.
-    sources: Vec<StandstillSource>,
+    /// Made once the units of the readings are known.
+    judge: Option<Box<MotionJudge>>,
+    /// Sources that the drive has; one that it turns out to lack is taken out.
+    speed_source: Option<ParameterId>,
+    position_source: Option<ParameterId>,
     in_flight: Option<(RunningRequest, Instant, StandstillSource)>,
     /// A drive that is silent is asked once.
     single_attempt: bool,
     next_poll: Instant,
-    /// Readings of the speed in a row that passed, and how many they were at the last position.
-    standstill_readings: u32,
-    readings_at_position: u32,
-    /// The first of the positions that agree, and when it was asked for.
+    /// The last speed, raw, and whether it means that the motor turns.
+    speed: Option<(i64, bool)>,
+    /// The first of the positions that are compared, and when it was asked for.
     position: Option<(Instant, i64)>,
     /// The motor turned at the last reading.
     is_turning: bool,
     /// Speed and position contradict each other.
     mismatch: Option<Error>,
-    /// They do as well.
-    positions_agree: bool,
-    /// The speed that was read last.
-    speed: i64,
-    /// How fast that is, or how far the position went in a second.
+    /// How fast the motor turns, or how far the position went in a second.
     rate: Option<f64>,
-    /// Parameters that were read because the scale of the position depends on them.
+    /// Parameters that were read because a unit depends on them.
     factors_read: usize,
 }
 
 /// A source for standstill.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum StandstillSource {
-    Speed(ParameterId, ParameterTest),
+    Speed(ParameterId),
     Position(ParameterId),
-    /// What the scale of the position depends on.
+    /// A parameter that the unit of either depends on.
     Factor(ParameterId),
 }
 
 impl StandstillSource {
-    /// Sources of an axis, the most reliable first: a speed with a limit of standstill, a position, any
-    /// other speed.
-    fn for_axis(axis: &LocalAxis) -> Vec<Self> {
-        let parameter = |signal| axis.profile().signal(signal).map(|source| source.parameter);
-        let position = parameter(Signal::Position).map(Self::Position);
-        let Some(speed) = parameter(Signal::Velocity) else {
-            return position.into_iter().collect();
-        };
-        match axis.standstill_test() {
-            Some(test) => [Self::Speed(speed, test)].into_iter().chain(position).collect(),
-            None => {
-                let test = ParameterTest { mask: -1, compare: Compare::Equal, value: 0 };
-                position.into_iter().chain([Self::Speed(speed, test)]).collect()
-            }
-        }
-    }
-
     fn parameter(self) -> ParameterId {
         match self {
-            Self::Speed(id, _) | Self::Position(id) | Self::Factor(id) => id,
+            Self::Speed(id) | Self::Position(id) | Self::Factor(id) => id,
         }
     }
 }
 
 impl StandstillMonitor {
     fn new(axis: &LocalAxis, now: Instant) -> Self {
-        let (since, sources) = (now, StandstillSource::for_axis(axis));
+        let parameter = |signal| axis.profile().signal(signal).map(|source| source.parameter);
         Self {
-            since,
-            sources,
+            since: now,
+            judge: None,
+            speed_source: parameter(Signal::Velocity),
+            position_source: parameter(Signal::Position),
             in_flight: None,
             single_attempt: true,
             next_poll: now,
-            standstill_readings: 0,
-            readings_at_position: 0,
+            speed: None,
             position: None,
             is_turning: false,
             mismatch: None,
-            positions_agree: false,
-            speed: 0,
             rate: None,
             factors_read: 0,
         }
     }
 
-    /// Whether positions must agree with the speed.
-    fn compares_positions(&self) -> bool {
-        matches!(self.sources[..], [StandstillSource::Speed(..), StandstillSource::Position(_)])
+    /// The next source to read: speed and position in turn, factors of their units before.
+    fn next_source(&self, axis: &LocalAxis) -> Option<StandstillSource> {
+        let sources = [self.speed_source, self.position_source];
+        if self.judge.is_none() {
+            let unread = |id: ParameterId| axis.unread_factor(id, self.factors_read);
+            if let Some(factor) = sources.into_iter().flatten().find_map(unread) {
+                return Some(StandstillSource::Factor(factor));
+            }
+        }
+        let speed = self.speed_source.map(StandstillSource::Speed);
+        let position = self.position_source.map(StandstillSource::Position);
+        match self.speed {
+            Some(_) => position.or(speed),
+            None => speed.or(position),
+        }
     }
 
-    /// The next source to read: a position after each speed that means standstill.
-    fn next_source(&self, axis: &LocalAxis) -> Option<StandstillSource> {
-        match self.sources[..] {
-            [StandstillSource::Speed(..), standstill_source @ StandstillSource::Position(id)]
-                if self.standstill_readings > self.readings_at_position =>
-            {
-                Some(
-                    axis.unread_factor(id, self.factors_read)
-                        .map_or(standstill_source, StandstillSource::Factor),
-                )
+    fn judge(&mut self, axis: &LocalAxis) -> Option<&mut MotionJudge> {
+        if self.judge.is_none() {
+            let mut judge = MotionJudge::new(MotionGoal::Standstill, axis.tolerance()?);
+            if self.position_source.is_none() {
+                judge.mark_without_position();
             }
-            _ => self.sources.first().copied(),
+            if self.speed_source.is_none() {
+                judge.mark_without_speed();
+            }
+            self.judge = Some(Box::new(judge));
         }
+        self.judge.as_deref_mut()
     }
 
     /// What is known when it is; an error when the drive answers no longer.
@@ -466,19 +455,11 @@ impl StandstillMonitor {
         match read {
             Ok(raw) => {
                 let stands = self.evaluate(axis, source, raw, (requested_at, now));
-                if let Some((since, _)) = self.position
-                    && (self.standstill_readings >= STANDSTILL_READINGS_MIN
-                        || !self.compares_positions())
-                {
-                    // Nothing is told by what is read before.
-                    self.next_poll = self.next_poll.max(since + POSITION_SPAN);
-                }
                 Ok(stands.then_some(StopProgress::Standstill))
             }
             Err(error) if is_communication_error(&error) => Err(error),
             Err(error) => {
-                let differ = matches!(failure_of(&error), Some(Failure::NotReady { .. }))
-                    && self.sources.first() == Some(&source);
+                let differ = matches!(failure_of(&error), Some(Failure::NotReady { .. }));
                 if !differ || now.since(self.since) >= GROUP_WAIT_MAX {
                     self.drop_source(source);
                     self.next_poll = now;
@@ -498,14 +479,18 @@ impl StandstillMonitor {
         }
     }
 
-    /// The drive does not tell it.
+    /// The drive does not report it.
     fn drop_source(&mut self, source: StandstillSource) {
         match source {
-            // A position without a scale cannot be held against a speed.
-            StandstillSource::Factor(_) => {
-                self.sources.retain(|other| !matches!(other, StandstillSource::Position(_)))
+            StandstillSource::Factor(_) => self.factors_read += 1,
+            StandstillSource::Speed(_) => {
+                self.speed_source = None;
+                self.judge.iter_mut().for_each(|judge| judge.mark_without_speed());
             }
-            source => self.sources.retain(|other| *other != source),
+            StandstillSource::Position(_) => {
+                self.position_source = None;
+                self.judge.iter_mut().for_each(|judge| judge.mark_without_position());
+            }
         }
     }
 
@@ -515,48 +500,35 @@ impl StandstillMonitor {
         axis: &LocalAxis,
         source: StandstillSource,
         raw: i64,
-        at: (Instant, Instant),
+        (requested_at, reported_at): (Instant, Instant),
     ) -> bool {
+        let mut seen = Observation::default();
         match source {
-            StandstillSource::Speed(_, test) => {
-                (self.is_turning, self.speed) = (!test.passes(raw), raw);
-                self.rate = Some(raw.unsigned_abs() as f64);
-                if self.is_turning {
-                    (self.standstill_readings, self.readings_at_position, self.position) =
-                        (0, 0, None);
-                    (self.mismatch, self.positions_agree) = (None, false);
-                } else {
-                    self.standstill_readings += 1;
-                }
-            }
             StandstillSource::Factor(_) => {
                 self.factors_read += 1;
                 return false;
             }
-            StandstillSource::Position(id) if self.compares_positions() => {
-                self.readings_at_position = self.standstill_readings;
-                self.compare_positions(axis, id, raw, at);
+            StandstillSource::Speed(id) => {
+                let number = axis.parameter(id).map_or(0.0, |p| p.encoding.number(raw));
+                seen.speed = Some(number);
+                let is_fast = axis.tolerance().and_then(|tolerance| tolerance.standstill);
+                let is_fast = is_fast.is_some_and(|slow| number.abs() > slow);
+                self.speed = Some((raw, is_fast));
+                (self.is_turning, self.rate) = (is_fast, Some(number.abs()));
             }
             StandstillSource::Position(id) => {
-                let (since, first) = *self.position.get_or_insert((at.0, raw));
-                let over = at.0.since(since);
-                if over < POSITION_SPAN {
-                    return false;
-                }
-                self.is_turning =
-                    raw.abs_diff(first) > 1 && axis.has_drifted(id, (first, raw), over, 0.0);
-                if self.is_turning {
-                    self.position = Some((at.0, raw));
-                    self.rate = Some(raw.abs_diff(first) as f64 / over.as_secs_f64());
-                }
-                return !self.is_turning;
+                seen.position = Some(raw);
+                self.compare_positions(axis, id, raw, (requested_at, reported_at));
+                // The next reading is a speed again.
+                self.speed = self.speed.filter(|_| self.speed_source.is_none());
             }
         }
-        self.standstill_readings >= STANDSTILL_READINGS_MIN
-            && (self.positions_agree || !self.compares_positions())
+        let Some(judge) = self.judge(axis) else { return false };
+        judge.observe(reported_at, &seen);
+        judge.verdict(reported_at) == MotionVerdict::Arrived
     }
 
-    /// Compares a position with the one before, if the speed means standstill.
+    /// Compares a position with the one before: a motor whose speed means standstill may turn all the same.
     fn compare_positions(
         &mut self,
         axis: &LocalAxis,
@@ -564,23 +536,26 @@ impl StandstillMonitor {
         raw: i64,
         (requested_at, reported_at): (Instant, Instant),
     ) {
-        if axis.raw_to_si(id, raw).is_none() {
-            return self.drop_source(StandstillSource::Factor(id));
-        }
         let (since, first) = *self.position.get_or_insert((requested_at, raw));
         if requested_at.since(since) < POSITION_SPAN {
             return;
         }
+        self.position = Some((requested_at, raw));
         // No longer than this lies between them, so that they are not called faster than they are.
         let over = reported_at.since(since);
         let slow = axis.standstill_speed().unwrap_or(0.0) * SLOW_FACTOR;
-        let runs =
+        let moved =
             raw.abs_diff(first) > POSITION_DITHER && axis.has_drifted(id, (first, raw), over, slow);
-        self.mismatch = runs.then(|| axis.speed_mismatch_error(self.speed, (id, first, raw), over));
-        (self.positions_agree, self.position) = (!runs, Some((requested_at, raw)));
-        if runs {
-            self.standstill_readings = 0;
-            self.readings_at_position = 0;
+        match self.speed {
+            Some((speed, false)) => {
+                let mismatch = || axis.speed_mismatch_error(speed, (id, first, raw), over);
+                self.mismatch = moved.then(mismatch);
+            }
+            Some(_) => self.mismatch = None,
+            None => {
+                self.is_turning = moved;
+                self.rate = moved.then(|| raw.abs_diff(first) as f64 / over.as_secs_f64());
+            }
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use polepair_core::axis::{Command, Verb};
+use polepair_core::judge::LimitEnd;
 use polepair_core::plan::Argument;
 use polepair_core::profile::{ParameterId, Signal, Watchdog};
 use polepair_core::time::Instant;
@@ -37,7 +38,7 @@ impl AxisInterface for LocalAxis {
             watchdog_rule: self.watchdog_rule(),
             watchdog: self.watchdog_kind(),
             is_simulated: self.simulation.is_some(),
-            verbs: profile.plans.iter().map(|plan| plan.verb).collect(),
+            verbs: profile.verbs().collect(),
             signals: profile.signals.iter().map(|source| source.signal).collect(),
         }
     }
@@ -141,8 +142,29 @@ impl AxisInterface for LocalAxis {
         };
         let fault = AxisInterface::faults(self)?.into_iter().find(|fault| !fault.is_warning);
         let enabled = read(Signal::Enabled)?.map(|reading| reading.raw != 0);
+        // The drives of a group rarely have the same speed and position.
+        if AxisNumber(self.number()).is_group() {
+            return Ok(MotionState { fault, enabled, ..MotionState::default() });
+        }
         let velocity = if velocity { read(Signal::Velocity)? } else { None };
-        Ok(MotionState { fault, enabled, velocity: velocity.map(|reading| reading.value) })
+        let position = read(Signal::Position)?;
+        let mut ends = [false; 2];
+        for (holds, signal) in ends.iter_mut().zip([Signal::PositiveLimit, Signal::NegativeLimit]) {
+            *holds = read(signal)?.is_some_and(|reading| reading.raw != 0);
+        }
+        let limit = match ends {
+            [true, true] => Some(LimitEnd::Either),
+            [true, false] => Some(LimitEnd::Positive),
+            [false, true] => Some(LimitEnd::Negative),
+            [false, false] => None,
+        };
+        Ok(MotionState {
+            fault,
+            enabled,
+            velocity: velocity.map(|reading| reading.value),
+            position: position.map(|reading| reading.value),
+            limit: limit.map(|end| self.limit_name(end).to_owned()),
+        })
     }
 
     fn arm(&self) -> Result<(), Error> {

@@ -3,7 +3,11 @@
 use std::time::Duration;
 
 use polepair_core::axis::{Command, Verb};
+use polepair_core::judge::{SpeedJudge, SpeedVerdict};
+use polepair_core::plan::Argument;
+use polepair_core::profile::AxisKind;
 use polepair_core::time::Instant;
+use polepair_core::units::Unit;
 use polepair_link::clock;
 
 use super::{Axis, AxisRequest, MotionState};
@@ -39,6 +43,7 @@ const STANDSTILL_MAX: Duration = Duration::from_secs(1);
 ///     monitor.check()?; // an error says why the motion has ended
 ///     link.sleep(Duration::from_millis(25));
 /// }
+/// monitor.finish()?; // an error if the motor never turned
 /// armed.release()?;
 /// # }
 /// # Ok::<(), polepair::Error>(())
@@ -53,16 +58,26 @@ pub struct MotionMonitor {
     was_enabled: bool,
     has_turned: bool,
     stands_since: Option<Instant>,
+    /// The verb turns the motor.
+    is_velocity: bool,
+    judge: SpeedJudge,
+    /// The limit that held the motor at the last reading.
+    limit: Option<String>,
 }
 
 impl MotionMonitor {
     /// A monitor of a command that was started just now.
     #[must_use]
     pub fn new(axis: &Axis, command: &Command) -> Self {
-        let velocity = command.velocity.filter(|si| command.verb == Verb::Velocity && *si != 0.0);
+        let is_velocity = command.verb == Verb::Velocity && command.velocity != Some(0.0);
+        let velocity = command.velocity.filter(|_| is_velocity && !command.raw);
+        let is_linear = axis.facts().kind == AxisKind::Linear;
         Self {
             axis: axis.clone(),
-            velocity: velocity.filter(|_| !command.raw),
+            is_velocity,
+            judge: SpeedJudge::new(velocity, is_linear),
+            limit: None,
+            velocity,
             started: axis.now(),
             next_read: axis.now(),
             was_enabled: false,
@@ -90,12 +105,68 @@ impl MotionMonitor {
             return Ok(());
         }
         self.next_read = now + READ_INTERVAL;
-        let state = self.axis.interface().motion_state(self.started, self.velocity.is_some())?;
+        let state = self.axis.interface().motion_state(self.started, self.is_velocity)?;
         self.judge(now, state)
+    }
+
+    /// Checks at the end of the motion what was measured of it. Returns what is worth a note: a set-point that
+    /// was not reached.
+    ///
+    /// # Errors
+    /// [`Error::MotionEnded`] `E106` for a motor that was to turn and never did; the reason is in it, as far as
+    /// the drive reports one. Others as [`check`](Self::check).
+    pub fn finish(&mut self) -> Result<Option<String>, Error> {
+        self.next_read = self.axis.now();
+        self.check()?;
+        let label = self.axis.label();
+        let never = match self.is_velocity {
+            true => self.judge.verdict() == SpeedVerdict::NeverTurned,
+            // A torque need not turn the motor, unless a limit holds it.
+            false => self.limit.is_some() && !self.judge.has_turned(),
+        };
+        if never {
+            let what = match self.velocity {
+                Some(setpoint) => {
+                    format!(
+                        "{label} never came near {}: it did not turn",
+                        self.speed_text(setpoint)
+                    )
+                }
+                None => format!("{label} did not turn"),
+            };
+            let why = match &self.limit {
+                Some(limit) => format!("The {limit} holds it."),
+                None => "The drive reports no reason.".to_owned(),
+            };
+            let hint = "look for a limit, a brake or a load; `polepair info URL` shows its state";
+            return Err(motion_ended("E106", what, &why, hint));
+        }
+        match (self.judge.verdict(), self.velocity) {
+            (SpeedVerdict::Slower(fastest), Some(setpoint)) => {
+                let (fastest, setpoint) =
+                    (self.speed_text(fastest), self.speed_text(setpoint.abs()));
+                Ok(Some(format!("{label} reached {fastest} of {setpoint}")))
+            }
+            (SpeedVerdict::Unknown, _) if self.is_velocity => {
+                Ok(Some(format!("{label} reports no speed: whether it turned is not known")))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// A speed in the unit of the drive, with the digits that matter.
+    fn speed_text(&self, si: f64) -> String {
+        let unit = self.axis.unit_of(Verb::Velocity, Argument::Velocity).unwrap_or(Unit::Rpm);
+        let value = si / unit.si_factor();
+        let shown =
+            if value.abs() < 10.0 { (value * 100.0).round() / 100.0 } else { value.round() };
+        format!("{shown} {}", unit.symbol())
     }
 
     fn judge(&mut self, now: Instant, state: MotionState) -> Result<(), Error> {
         let label = self.axis.label();
+        self.judge.observe(state.velocity, state.position);
+        self.limit = state.limit;
         if let Some(fault) = &state.fault {
             return Err(fault.to_error(label));
         }
@@ -196,8 +267,11 @@ mod tests {
     fn a_motor_that_stops_or_loses_its_power_ends_the_motion() {
         let Some(mut monitor) = monitor() else { return };
         let at = |seconds: u32| Instant::ZERO.plus_ms(seconds * 1000);
-        let turning =
-            |si: f64| MotionState { velocity: Some(si), enabled: Some(true), fault: None };
+        let turning = |si: f64| MotionState {
+            velocity: Some(si),
+            enabled: Some(true),
+            ..MotionState::default()
+        };
         assert_eq!(monitor.judge(at(0), turning(0.0)), Ok(()), "it has not turned yet");
         assert_eq!(monitor.judge(at(9), turning(9.0)), Ok(()));
         assert_eq!(monitor.judge(at(10), turning(0.1)), Ok(()));

@@ -211,4 +211,8 @@ pub struct MotionState {
     pub enabled: Option<bool>,
     /// rad/s, or m/s on a linear axis; `None` while it is not known.
     pub velocity: Option<f64>,
+    /// rad, or m on a linear axis; `None` while it is not known.
+    pub position: Option<f64>,
+    /// The name of the limit that holds the motor; `None` for none, or while that is not known.
+    pub limit: Option<String>,
 }

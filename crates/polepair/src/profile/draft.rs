@@ -7,8 +7,8 @@ use crate::toml_file::{FileLocation, Located};
 use polepair_core::axis::Verb;
 use polepair_core::plan::ParameterTest;
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Identity, IdentityQuery, Persistence, Profile, Scale,
-    ScaleRule, Severity, Signal, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Identity, IdentityQuery, Persistence, Profile,
+    RelativeBase, Scale, ScaleRule, Severity, Signal, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -40,6 +40,23 @@ pub(crate) struct Draft {
     pub(crate) faults: Vec<DraftFault>,
     pub(crate) signals: Vec<DraftSignal>,
     pub(crate) plans: Vec<DraftPlan>,
+    pub(crate) motion: DraftMotion,
+}
+
+/// By what the end of a motion is judged: [`MotionRules`](polepair_core::profile::MotionRules) with names.
+#[derive(Clone, Debug)]
+pub(crate) struct DraftMotion {
+    pub(crate) window: Option<ParameterName>,
+    pub(crate) relative_from: RelativeBase,
+    pub(crate) halted: Option<(ParameterName, ParameterTest)>,
+    pub(crate) stalled: Option<(ParameterName, ParameterTest)>,
+}
+
+impl DraftMotion {
+    /// Of a drive that has none of these.
+    pub(crate) const fn new() -> Self {
+        Self { window: None, relative_from: RelativeBase::Either, halted: None, stalled: None }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -166,6 +183,18 @@ pub(crate) enum DraftStep {
     Wait {
         ms: u32,
     },
+    Standstill {
+        within_ms: u32,
+    },
+    Homed {
+        read: ParameterName,
+        test: ParameterTest,
+        within_ms: u32,
+    },
+    Arrival {
+        flag: Option<(ParameterName, ParameterTest)>,
+        within_ms: u32,
+    },
 }
 
 impl Draft {
@@ -207,6 +236,12 @@ impl Draft {
             faults: profile.faults.iter().map(|f| names.fault(f)).collect(),
             signals: profile.signals.iter().map(|s| names.signal(s)).collect(),
             plans: profile.plans.iter().map(|p| names.plan(p)).collect(),
+            motion: DraftMotion {
+                window: profile.motion.window.map(|id| names.name_of(id)),
+                relative_from: profile.motion.relative_from,
+                halted: profile.motion.halted.map(|(id, test)| (names.name_of(id), test)),
+                stalled: profile.motion.stalled.map(|(id, test)| (names.name_of(id), test)),
+            },
             location,
         }
     }
@@ -320,6 +355,14 @@ impl NameLookup<'_> {
             }
             Step::Store(id) => DraftStep::Keep(self.name_of(id)),
             Step::Wait { ms } => DraftStep::Wait { ms },
+            Step::Standstill { within_ms } => DraftStep::Standstill { within_ms },
+            Step::Homed { read, test, within_ms } => {
+                DraftStep::Homed { read: self.name_of(read), test, within_ms }
+            }
+            Step::Arrival { flag, within_ms } => {
+                let flag = flag.map(|(id, test)| (self.name_of(id), test));
+                DraftStep::Arrival { flag, within_ms }
+            }
         }
     }
 }

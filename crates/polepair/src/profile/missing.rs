@@ -25,6 +25,11 @@ pub(crate) fn remove_missing(draft: &mut Draft) {
     draft.identity = draft.identity.take().filter(|it| {
         it.parameter.as_ref().is_none_or(|name| there.supports(name, ParameterUse::Read))
     });
+    let reads = |name: &ParameterName| there.supports(name, ParameterUse::Read);
+    draft.motion.window = draft.motion.window.take().filter(reads);
+    for rule in [&mut draft.motion.halted, &mut draft.motion.stalled] {
+        *rule = rule.take().filter(|(name, _)| reads(name));
+    }
     let both = |name: &ParameterName| {
         there.supports(name, ParameterUse::Read) && there.supports(name, ParameterUse::Write)
     };
@@ -92,6 +97,11 @@ impl AvailableParameters {
         }
     }
 
+    /// Whether the drive has the parameter and lets it be read.
+    pub(super) fn reads(&self, name: &ParameterName) -> bool {
+        self.supports(name, ParameterUse::Read)
+    }
+
     /// The plan for this drive; `None` where it cannot be carried out.
     pub(super) fn adapt_plan(&self, plan: DraftPlan) -> Option<DraftPlan> {
         let steps = self.adapt_steps(plan.verb, plan.steps)?;
@@ -143,9 +153,10 @@ impl AvailableParameters {
         let mut lacking = lacking.map(|(name, _)| fold(&name.value));
         let optional = lacking.all(|name| self.optional.contains(&name));
         match step {
-            DraftStep::Read(_) | DraftStep::NoFault { .. } | DraftStep::Until { .. } => {
-                optional || verb.is_stop()
-            }
+            DraftStep::Read(_)
+            | DraftStep::NoFault { .. }
+            | DraftStep::Until { .. }
+            | DraftStep::Arrival { .. } => optional || verb.is_stop(),
             // Whoever does not give the argument misses nothing.
             DraftStep::Write(
                 _,
@@ -192,11 +203,15 @@ fn step_parameters(step: &DraftStep) -> Vec<(&ParameterName, ParameterUse)> {
         | DraftStep::Skip { read, .. }
         | DraftStep::Without { read, .. }
         | DraftStep::NoFault { read, .. }
-        | DraftStep::Until { read, .. } => vec![(read, ParameterUse::Read)],
+        | DraftStep::Until { read, .. }
+        | DraftStep::Homed { read, .. } => vec![(read, ParameterUse::Read)],
+        DraftStep::Arrival { flag, .. } => {
+            flag.iter().map(|(read, _)| (read, ParameterUse::Read)).collect()
+        }
         DraftStep::Send { like, .. } => {
             like.iter().map(|name| (name, ParameterUse::Scale)).collect()
         }
-        DraftStep::Wait { .. } => Vec::new(),
+        DraftStep::Wait { .. } | DraftStep::Standstill { .. } => Vec::new(),
     }
 }
 
@@ -212,8 +227,10 @@ pub(super) fn step_parameters_mut(step: &mut DraftStep) -> Vec<&mut ParameterNam
         | DraftStep::Skip { read, .. }
         | DraftStep::Without { read, .. }
         | DraftStep::NoFault { read, .. }
-        | DraftStep::Until { read, .. } => vec![read],
+        | DraftStep::Until { read, .. }
+        | DraftStep::Homed { read, .. } => vec![read],
+        DraftStep::Arrival { flag, .. } => flag.iter_mut().map(|(read, _)| read).collect(),
         DraftStep::Send { like, .. } => like.iter_mut().collect(),
-        DraftStep::Wait { .. } => Vec::new(),
+        DraftStep::Wait { .. } | DraftStep::Standstill { .. } => Vec::new(),
     }
 }

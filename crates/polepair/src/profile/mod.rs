@@ -31,6 +31,7 @@ mod missing;
 mod read;
 mod resolve;
 mod setup;
+mod signals;
 mod step;
 mod stops;
 #[cfg(test)]

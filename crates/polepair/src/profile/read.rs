@@ -1,21 +1,21 @@
 //! Converts TOML to a draft. Unknown keys and values are errors.
 
 use super::draft::{
-    Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal,
+    Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
     DraftWatchdog, ENTRIES_MAX,
 };
-use super::{blocks, memory_map};
+use super::{blocks, memory_map, signals};
 use crate::spelling;
 use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
 use polepair_core::axis::Verb;
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Persistence, ScaleRule, Severity, Signal,
+    Access, AxisKind, Certainty, Encoding, Persistence, ScaleRule, Severity,
 };
 use polepair_core::units::Unit;
 use polepair_drives::scale_rules;
 use std::collections::HashSet;
 
-const KEYS: [&str; 25] = [
+const KEYS: [&str; 26] = [
     "name",
     "extends",
     "replace",
@@ -39,6 +39,7 @@ const KEYS: [&str; 25] = [
     "parameter",
     "fault",
     "signals",
+    "motion",
     "fragments",
     "plans",
 ];
@@ -180,7 +181,8 @@ pub(crate) fn read_draft(
         remove_parameters(&mut draft, &node.texts("remove")?)?;
         file.read_parameters(&mut draft, &node)?;
         file.read_faults(&mut draft, &node)?;
-        read_signals(&mut draft, &node)?;
+        signals::read_signals(&mut draft, &node)?;
+        signals::read_motion(&mut draft, &node)?;
         read_plans(&mut draft, &node)?;
         Ok(draft)
     })
@@ -210,6 +212,7 @@ fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
         faults: Vec::new(),
         signals: Vec::new(),
         plans: Vec::new(),
+        motion: DraftMotion::new(),
     })
 }
 
@@ -393,6 +396,7 @@ fn shift_registers(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), Fi
         single && to.is_some()
     });
     (draft.signals, draft.plans, draft.identity) = (Vec::new(), Vec::new(), None);
+    draft.motion = DraftMotion::new();
     draft.optional = Vec::new();
     Ok(())
 }
@@ -567,7 +571,7 @@ fn optional_text(table: &TomlTable<'_, '_>, key: &str) -> Result<String, FileErr
     Ok(table.text(key)?.map(|found| found.value).unwrap_or_default())
 }
 
-fn optional_choice<T: Copy>(
+pub(super) fn optional_choice<T: Copy>(
     table: &TomlTable<'_, '_>,
     key: &str,
     words: &[(&str, T)],
@@ -603,7 +607,7 @@ fn read_scale(table: &TomlTable<'_, '_>) -> Result<ScaleParts, FileError> {
     Ok((factor.transpose()?.unwrap_or(1.0), times, over, rule))
 }
 
-fn read_values(table: &TomlTable<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {
+pub(super) fn read_values(table: &TomlTable<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {
     let Some(node) = table.table("values", &[])? else { return Ok(Vec::new()) };
     let mut values = Vec::new();
     for key in node.keys() {
@@ -629,46 +633,6 @@ fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {
         cause: optional_text(table, "cause")?,
         remedy: optional_text(table, "remedy")?,
         severity: optional_choice(table, "severity", &SEVERITIES)?.unwrap_or(Severity::Fault),
-    })
-}
-
-fn read_signals(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
-    // A bare TOML key holds no space: `target-velocity` is as good as `"target velocity"`.
-    let bare = Signal::ALL.map(|signal| signal.name().replace(' ', "-"));
-    let names: Vec<&str> =
-        bare.iter().map(String::as_str).chain(Signal::ALL.map(Signal::name)).collect();
-    let Some(table) = node.table("signals", &names)? else { return Ok(()) };
-    for (signal, bare) in Signal::ALL.into_iter().zip(&bare) {
-        let key = if table.has(bare) { bare } else { signal.name() };
-        if !table.has(key) {
-            continue;
-        }
-        let source = read_signal_source(&table, key, signal)?;
-        match draft.signals.iter_mut().find(|s| s.signal == signal) {
-            Some(old) => *old = source,
-            None => draft.signals.push(source),
-        }
-    }
-    Ok(())
-}
-
-fn read_signal_source(
-    table: &TomlTable<'_, '_>,
-    key: &str,
-    signal: Signal,
-) -> Result<DraftSignal, FileError> {
-    if !table.is_table(key) {
-        let parameter = table.required_text(key)?;
-        return Ok(DraftSignal { signal, parameter, mask: -1, equals: None, values: Vec::new() });
-    }
-    let keys = ["parameter", "mask", "equals", "values"];
-    let node = table.table(key, &keys)?.ok_or_else(|| table.location().error("not a table"))?;
-    Ok(DraftSignal {
-        signal,
-        parameter: node.required_text("parameter")?,
-        mask: node.integer("mask")?.map_or(-1, |found| found.value),
-        equals: node.integer("equals")?.map(|found| found.value),
-        values: read_values(&node)?,
     })
 }
 

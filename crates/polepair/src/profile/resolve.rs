@@ -1,20 +1,24 @@
 //! Converts a draft to a profile: replaces names by ids, and checks everything.
 
 use super::draft::{
-    Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep,
-    DraftWatchdog, ParameterName,
+    Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
+    DraftSignal, DraftStep, DraftWatchdog, ParameterName,
 };
 use super::read::MEMORY_PROTOCOL;
 use super::step;
 use super::stops::with_stop;
 use crate::spelling::{fold, suggestion};
 use crate::toml_file::{FileError, FileLocation};
+use polepair_core::axis::Verb;
 use polepair_core::plan::{Compare, Operand, ParameterTest, Plan, STEPS_MAX, Step};
 use polepair_core::profile::{
-    Access, Fault, Identity, IdentityQuery, Parameter, ParameterId, Profile, RamMode, Scale,
-    SignalSource, Watchdog,
+    Access, Fault, Identity, IdentityQuery, MotionRules, Parameter, ParameterId, Profile, RamMode,
+    Scale, Signal, SignalSource, Watchdog,
 };
 use std::collections::HashMap;
+
+/// Longest time that an arrival is waited for, where its plan does not say.
+const ARRIVAL_MAX_MS: u32 = 600_000;
 
 /// Checks the draft and makes a static profile of it.
 pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
@@ -41,6 +45,7 @@ pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileErr
         faults: draft.faults.iter().map(resolve_fault).collect::<Vec<_>>().leak(),
         signals: signals.leak(),
         plans: plans.collect::<Result<Vec<_>, _>>()?.leak(),
+        motion: names.motion(&draft.motion)?,
         ram: draft.ram.as_ref().map(|ram| names.ram(ram)).transpose()?,
         link_settings: names.reach(&draft.reach)?.leak(),
         optional: names.optional(&draft.optional)?.leak(),
@@ -286,7 +291,13 @@ impl<'a> NameResolver<'a> {
         let steps = |drafts: &[DraftStep]| -> Result<&'static [Step], FileError> {
             Ok(drafts.iter().map(|step| self.step(step)).collect::<Result<Vec<_>, _>>()?.leak())
         };
-        let (steps, undo) = (steps(&plan.steps)?, steps(&plan.undo)?);
+        let (steps, undo) = match plan.verb {
+            Verb::Reached => (steps(&judged_arrival(&plan.steps))?, steps(&plan.undo)?),
+            verb if verb.is_stop() => {
+                (steps(&judged_standstill(&plan.steps, self.draft))?, steps(&plan.undo)?)
+            }
+            _ => (steps(&plan.steps)?, steps(&plan.undo)?),
+        };
         Ok(Plan { verb: plan.verb, source: leak_text(&plan.source), steps, undo })
     }
 
@@ -336,6 +347,36 @@ impl<'a> NameResolver<'a> {
             }
             DraftStep::Keep(name) => Step::Store(self.id(name)?),
             DraftStep::Wait { ms } => Step::Wait { ms: *ms },
+            DraftStep::Standstill { within_ms } => Step::Standstill { within_ms: *within_ms },
+            DraftStep::Homed { read, test, within_ms } => {
+                let id = self.resolve_test(read, test)?;
+                Step::Homed { read: id, test: *test, within_ms: *within_ms }
+            }
+            DraftStep::Arrival { flag, within_ms } => {
+                Step::Arrival { flag: self.condition(flag)?, within_ms: *within_ms }
+            }
+        })
+    }
+
+    fn condition(
+        &self,
+        condition: &Option<(ParameterName, ParameterTest)>,
+    ) -> Result<Option<(ParameterId, ParameterTest)>, FileError> {
+        let resolve = |(name, test): &(ParameterName, ParameterTest)| {
+            self.resolve_test(name, test).map(|id| (id, *test))
+        };
+        condition.as_ref().map(resolve).transpose()
+    }
+
+    fn motion(&self, motion: &DraftMotion) -> Result<MotionRules, FileError> {
+        let window = motion.window.as_ref();
+        Ok(MotionRules {
+            window: window
+                .map(|name| self.resolve_use(name, &[RequiredAccess::Read]))
+                .transpose()?,
+            relative_from: motion.relative_from,
+            halted: self.condition(&motion.halted)?,
+            stalled: self.condition(&motion.stalled)?,
         })
     }
 
@@ -361,7 +402,7 @@ impl<'a> NameResolver<'a> {
         let id = self.resolve_use(name, &[RequiredAccess::Read])?;
         let never = match test.compare {
             Compare::Equal => test.value & !test.mask != 0,
-            Compare::NotEqual => false,
+            Compare::NotEqual | Compare::Above => false,
             Compare::Within => test.value < 0,
             Compare::Among => test.value == 0,
         };
@@ -371,6 +412,38 @@ impl<'a> NameResolver<'a> {
         }
         Ok(id)
     }
+}
+
+/// The steps of a plan that waits for the arrival: what it waits for says when to look, and the position
+/// decides.
+fn judged_arrival(steps: &[DraftStep]) -> Vec<DraftStep> {
+    let judged = |step: &DraftStep| match step {
+        DraftStep::Until { read, test, within_ms, required: true } => {
+            DraftStep::Arrival { flag: Some((read.clone(), *test)), within_ms: *within_ms }
+        }
+        other => other.clone(),
+    };
+    let mut steps: Vec<DraftStep> = steps.iter().map(judged).collect();
+    if !steps.iter().any(|step| matches!(step, DraftStep::Arrival { .. })) {
+        steps.push(DraftStep::Arrival { flag: None, within_ms: ARRIVAL_MAX_MS });
+    }
+    steps
+}
+
+/// The steps of a plan that stops: a limit of the speed in a drive's own numbers gives way to the one in
+/// units.
+fn judged_standstill(steps: &[DraftStep], draft: &Draft) -> Vec<DraftStep> {
+    let speed = draft.signals.iter().find(|signal| signal.signal == Signal::Velocity);
+    let is_speed = |name: &ParameterName| {
+        speed.is_some_and(|signal| fold(&signal.parameter.value) == fold(&name.value))
+    };
+    let judged = |step: &DraftStep| match step {
+        DraftStep::Until { read, within_ms, required: true, .. } if is_speed(read) => {
+            DraftStep::Standstill { within_ms: *within_ms }
+        }
+        other => other.clone(),
+    };
+    steps.iter().map(judged).collect()
 }
 
 fn leak_words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {

@@ -4,11 +4,14 @@
 //! write NAME = VALUE            ensure NAME = 1              read NAME        copy NAME -> NAME
 //! require NAME & 0x10 == 0 else HINT      (also == != and `within N` for magnitudes)
 //! require NAME in 1 14 else HINT          (one of these, 0 to 62)
+//! require NAME > 9999 else HINT
 //! skip COUNT if NAME & 0x6F == 0x27       (steps behind this one)
 //! skip COUNT without NAME                 (where the drive refuses to tell it)
 //! if TEST … end   unless TEST … end   with NAME … end   use FRAGMENT       (`blocks`)
 //! no-fault NAME                 no-fault NAME & 0x1F
 //! until NAME & 0x80 == 0x80 within 60 s   until NAME within-magnitude 5 within 5 s
+//! standstill within 10 s       homed NAME & 0x1000 == 0x1000 within 60 s    (measured values decide)
+//! arrival within 60 s          arrival NAME == 0 within 60 s
 //! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
 //! ```
 //!
@@ -25,9 +28,27 @@ use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, RampSpeed};
 /// The longest wait or limit that a step may have: a day, ms.
 pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
 
-const VERBS: [&str; 17] = [
-    "write", "ensure", "read", "copy", "require", "skip", "no-fault", "until", "await", "send",
-    "keep", "wait", "if", "unless", "with", "end", "use",
+const VERBS: [&str; 20] = [
+    "write",
+    "ensure",
+    "read",
+    "copy",
+    "require",
+    "skip",
+    "no-fault",
+    "until",
+    "await",
+    "standstill",
+    "homed",
+    "arrival",
+    "send",
+    "keep",
+    "wait",
+    "if",
+    "unless",
+    "with",
+    "end",
+    "use",
 ];
 
 const ARGUMENTS: [(&str, Argument); 7] = [
@@ -82,10 +103,24 @@ pub(crate) fn parse(step: &Located<String>) -> Result<DraftStep, FileError> {
         "no-fault" => parse_masked(&rest).map(|(read, mask)| DraftStep::NoFault { read, mask }),
         "until" | "await" => {
             let form = "`until TEST within TIME`, such as `within 5 s`";
-            let (test, time) = rest.require_last_split(" within ", form)?;
-            let (read, test) = parse_condition(&test)?;
-            let (within_ms, required) = (time.milliseconds()?, verb.text == "until");
+            let (read, test, within_ms) = parse_awaited(&rest, form)?;
+            let required = verb.text == "until";
             Ok(DraftStep::Until { read, test, within_ms, required })
+        }
+        "standstill" => {
+            Ok(DraftStep::Standstill { within_ms: parse_limit(&rest, "`standstill within 10 s`")? })
+        }
+        "homed" => {
+            let (read, test, within_ms) = parse_awaited(&rest, "`homed TEST within TIME`")?;
+            Ok(DraftStep::Homed { read, test, within_ms })
+        }
+        "arrival" if rest.text.starts_with("within ") => {
+            let within_ms = parse_limit(&rest, "`arrival within 60 s`")?;
+            Ok(DraftStep::Arrival { flag: None, within_ms })
+        }
+        "arrival" => {
+            let (read, test, within_ms) = parse_awaited(&rest, "`arrival TEST within TIME`")?;
+            Ok(DraftStep::Arrival { flag: Some((read, test)), within_ms })
         }
         "send" => parse_send(&rest),
         "keep" => Ok(DraftStep::Keep(rest.parameter_name()?)),
@@ -109,12 +144,38 @@ pub(crate) fn parse_block_start(step: &Located<String>) -> Result<DraftStep, Fil
         test.compare = match test.compare {
             Compare::Equal => Compare::NotEqual,
             Compare::NotEqual => Compare::Equal,
-            Compare::Within | Compare::Among => {
+            Compare::Within | Compare::Above | Compare::Among => {
                 return Err(verb.error("`if` takes == and !=; write `unless` for the opposite"));
             }
         };
     }
     Ok(DraftStep::Skip { read, test, count: 0 })
+}
+
+/// `TEST within TIME`.
+fn parse_awaited(
+    rest: &StepText<'_>,
+    form: &str,
+) -> Result<(ParameterName, ParameterTest, u32), FileError> {
+    let (test, time) = rest.require_last_split(" within ", form)?;
+    let (read, test) = parse_condition(&test)?;
+    Ok((read, test, time.milliseconds()?))
+}
+
+/// `within TIME`.
+fn parse_limit(rest: &StepText<'_>, form: &str) -> Result<u32, FileError> {
+    match rest.split_at_mark("within ") {
+        Some((before, time)) if before.text.is_empty() => time.milliseconds(),
+        _ => Err(rest.error(format!("expected {form}"))),
+    }
+}
+
+/// A test that a table of a profile gives: `NAME & MASK == N`.
+pub(crate) fn parse_test(
+    text: &Located<String>,
+) -> Result<(ParameterName, ParameterTest), FileError> {
+    let whole = StepText { text: &text.value, location: text.location.shifted(1) }.trimmed();
+    parse_condition(&whole)
 }
 
 /// A part of a step with its position.
@@ -253,6 +314,7 @@ fn parse_condition(piece: &StepText<'_>) -> Result<(ParameterName, ParameterTest
         (" != ", Compare::NotEqual),
         (" within-magnitude ", Compare::Within),
         (" within ", Compare::Within),
+        (" > ", Compare::Above),
     ];
     for (mark, compare) in forms {
         if let Some((left, value)) = piece.split_at_mark(mark) {
@@ -268,7 +330,9 @@ fn parse_condition(piece: &StepText<'_>) -> Result<(ParameterName, ParameterTest
             ParameterTest { mask, compare: Compare::Among, value: parse_bit_set(&numbers)? },
         ));
     }
-    Err(piece.error("expected `NAME == N`, `NAME & MASK != N`, `NAME in N N…` or `NAME within N`"))
+    Err(piece.error(
+        "expected `NAME == N`, `NAME & MASK != N`, `NAME in N N…`, `NAME > N` or `NAME within N`",
+    ))
 }
 
 /// Numbers from 0 to 62, one bit each.

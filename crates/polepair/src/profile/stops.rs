@@ -1,19 +1,25 @@
 //! Ensures that motion can be stopped: a profile without a stop gets that of its family. If the family has
 //! none either, verbs that start motion are removed.
 
-use super::draft::{Draft, DraftPlan};
+use super::draft::{Draft, DraftPlan, DraftSignal, ParameterName};
 use super::missing::{AvailableParameters, step_parameters_mut};
 use crate::spelling::fold;
 use polepair_core::axis::Verb;
-use polepair_core::profile::Profile;
+use polepair_core::profile::{Profile, Signal};
 
 /// The draft with a stop, or without motion.
 pub(super) fn with_stop(mut draft: Draft) -> Draft {
     let has = |draft: &Draft, verb| draft.plans.iter().any(|plan| plan.verb == verb);
     for verb in [Verb::Stop, Verb::QuickStop, Verb::Disable] {
         if !has(&draft, verb) {
-            let plan = family_plan(&draft, verb);
-            draft.plans.extend(plan);
+            let Some((plan, signals)) = family_plan(&draft, verb) else { continue };
+            draft.plans.push(plan);
+            // By these its standstill is measured.
+            for signal in signals {
+                if !draft.signals.iter().any(|own| own.signal == signal.signal) {
+                    draft.signals.push(signal);
+                }
+            }
         }
     }
     if !has(&draft, Verb::Stop) {
@@ -26,7 +32,7 @@ pub(super) fn with_stop(mut draft: Draft) -> Draft {
 
 /// The family's plan for a verb, by this draft's names for what lies at the same places. Of several
 /// products it is that which can do most of what this one can.
-fn family_plan(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
+fn family_plan(draft: &Draft, verb: Verb) -> Option<(DraftPlan, Vec<DraftSignal>)> {
     let family = |profile: &&'static Profile| {
         profile.family == draft.family && profile.protocol == draft.protocol
     };
@@ -42,22 +48,34 @@ fn family_plan(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
     products.into_iter().chain(generic).find_map(|profile| {
         let base = Draft::from_profile(profile);
         let plan = base.plans.iter().find(|plan| plan.verb == verb)?;
-        there.adapt_plan(rename_parameters(plan.clone(), &base, draft))
+        let plan = there.adapt_plan(rename_parameters(plan.clone(), &base, draft))?;
+        let measured =
+            |signal: &&DraftSignal| matches!(signal.signal, Signal::Velocity | Signal::Position);
+        let signals = base.signals.iter().filter(measured).cloned().filter_map(|mut signal| {
+            rename_parameter(&mut signal.parameter, &base, draft);
+            there.reads(&signal.parameter).then_some(signal)
+        });
+        Some((plan, signals.collect()))
     })
 }
 
 /// The plan with the draft's names for what the base's plan names.
 fn rename_parameters(mut plan: DraftPlan, base: &Draft, draft: &Draft) -> DraftPlan {
     for name in plan.steps.iter_mut().chain(&mut plan.undo).flat_map(step_parameters_mut) {
-        let known = base.parameters.iter().find(|p| fold(&p.name) == fold(&name.value));
-        let same = known.and_then(|known| {
-            draft.parameters.iter().find(|p| (p.space, p.index) == (known.space, known.index))
-        });
-        match same {
-            Some(parameter) => name.value.clone_from(&parameter.name),
-            // Nothing lies there: the name must not mean something else.
-            None => name.value.clear(),
-        }
+        rename_parameter(name, base, draft);
     }
     plan
+}
+
+/// The draft's name for what the base's name means.
+fn rename_parameter(name: &mut ParameterName, base: &Draft, draft: &Draft) {
+    let known = base.parameters.iter().find(|p| fold(&p.name) == fold(&name.value));
+    let same = known.and_then(|known| {
+        draft.parameters.iter().find(|p| (p.space, p.index) == (known.space, known.index))
+    });
+    match same {
+        Some(parameter) => name.value.clone_from(&parameter.name),
+        // Nothing lies there: the name must not mean something else.
+        None => name.value.clear(),
+    }
 }

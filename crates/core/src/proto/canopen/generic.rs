@@ -2,7 +2,8 @@
 
 use super::host::REPLY_TIMEOUT_MS;
 use crate::profile::{
-    Access, AxisKind, Certainty, Encoding, Parameter, Persistence, Profile, Scale, Watchdog,
+    Access, AxisKind, Certainty, Encoding, MotionRules, Parameter, Persistence, Profile, Scale,
+    Watchdog,
 };
 use crate::units::Unit;
 
@@ -309,6 +310,7 @@ pub static GENERIC: Profile = Profile {
     ram: None,
     link_settings: &[],
     optional: &[],
+    motion: MotionRules::NONE,
     watchdog: Watchdog::None,
     reply_timeout_ms: REPLY_TIMEOUT_MS,
     multiple_writes: false,

@@ -12,7 +12,7 @@ use super::{ascii, device_id, rtu};
 use crate::axis::Driver;
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
-use crate::profile::{AxisKind, Parameter, Profile, Watchdog};
+use crate::profile::{AxisKind, MotionRules, Parameter, Profile, Watchdog};
 use crate::station::RequestClass;
 
 /// Profile of an unknown Modbus drive.
@@ -32,6 +32,7 @@ pub static GENERIC: Profile = Profile {
     ram: None,
     link_settings: &[],
     optional: &[],
+    motion: MotionRules::NONE,
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     multiple_writes: false,

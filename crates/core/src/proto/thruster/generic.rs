@@ -5,8 +5,8 @@ use super::wire::CommandWord;
 use crate::axis::Verb;
 use crate::plan::{Operand, Plan, Step};
 use crate::profile::{
-    Access, AxisKind, Certainty, Encoding, Parameter, ParameterId, Persistence, Profile, Scale,
-    Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, MotionRules, Parameter, ParameterId, Persistence,
+    Profile, Scale, Signal, SignalSource, Watchdog,
 };
 use crate::units::Unit;
 
@@ -42,6 +42,7 @@ pub static GENERIC: Profile = Profile {
     ram: None,
     link_settings: &[],
     optional: &[],
+    motion: MotionRules::NONE,
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     multiple_writes: false,

@@ -4,8 +4,8 @@
 use crate::axis::Verb;
 use crate::plan::{Operand, Plan, Step};
 use crate::profile::{
-    Access, AxisKind, Certainty, Encoding, Parameter, ParameterId, Persistence, Profile, Scale,
-    Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, MotionRules, Parameter, ParameterId, Persistence,
+    Profile, Scale, Signal, SignalSource, Watchdog,
 };
 use crate::units::Unit;
 
@@ -35,6 +35,7 @@ pub static GENERIC: Profile = Profile {
     ram: None,
     link_settings: &[],
     optional: &[],
+    motion: MotionRules::NONE,
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
     multiple_writes: false,

@@ -12,8 +12,8 @@ mod wire;
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Operand, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Parameter, ParameterId, Persistence, Profile, Scale,
-    Signal, SignalSource, Watchdog,
+    Access, AxisKind, Certainty, Encoding, MotionRules, Parameter, ParameterId, Persistence,
+    Profile, Scale, Signal, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -67,6 +67,7 @@ static PROFILE: Profile = Profile {
     ram: None,
     link_settings: &[],
     optional: &[],
+    motion: MotionRules::NONE,
     watchdog: Watchdog::None,
     reply_timeout_ms: 50,
     multiple_writes: false,

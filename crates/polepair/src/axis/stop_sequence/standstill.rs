@@ -13,19 +13,16 @@ impl LocalAxis {
     pub(in crate::axis) fn is_turning_in(&self, state: &AxisStatus) -> Option<bool> {
         let reading = state.reading(Signal::Velocity);
         reading.at?;
-        let standing = self.standstill_test();
-        Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
+        let id = self.profile.signal(Signal::Velocity)?.parameter;
+        let speed = self.parameter(id)?.encoding.number(reading.raw).abs();
+        let slow = self.tolerance().and_then(|tolerance| tolerance.standstill);
+        Some(speed > slow.unwrap_or(0.0))
     }
 
-    /// Waits until its motor, which another verb brings to rest, is seen to stand: where that waited for a
-    /// measured speed itself, by its position.
+    /// Waits until its motor, which another verb brings to rest, is seen to stand.
     pub(crate) fn wait_standstill(&self, stopped: Result<(), Error>) -> Result<Standstill, Error> {
         stopped?;
         let is_group = AxisNumber(self.number).is_group();
-        let places = self.profile.signal(Signal::Position).is_some();
-        if self.standstill_test().is_some() && (is_group || !places) {
-            return Ok(Standstill::Observed);
-        }
         let wait_max = self.connection.scale_timeout(STANDSTILL_WAIT_MAX);
         let end = self.connection.now() + wait_max;
         let mut stopping = StopSequence::observe_executed(self);
@@ -52,7 +49,9 @@ impl LocalAxis {
     pub(crate) fn standstill_timeout(&self) -> Duration {
         let steps = self.profile.plan(Verb::Stop).map_or(&[][..], |plan| plan.steps);
         let waits = steps.iter().filter_map(|step| match step {
-            Step::Until { within_ms, .. } => Some(Duration::from_millis((*within_ms).into())),
+            Step::Until { within_ms, .. } | Step::Standstill { within_ms } => {
+                Some(Duration::from_millis((*within_ms).into()))
+            }
             _ => None,
         });
         waits.fold(self.connection.scale_timeout(STANDSTILL_WAIT_MAX), Duration::max)
@@ -125,19 +124,15 @@ impl LocalAxis {
         factors.filter(|_| self.raw_to_si(id, 0).is_none()).nth(nth)
     }
 
-    /// The greatest speed that the drive's stop takes for none.
-    pub(super) fn standstill_speed(&self) -> Option<f64> {
-        let speed = self.profile.signal(Signal::Velocity)?.parameter;
-        Some(self.raw_to_si(speed, self.standstill_test()?.value)?.abs())
+    /// How positions and speeds of this axis are compared.
+    pub(super) fn tolerance(&self) -> Option<Tolerance> {
+        self.connection.with_axes(|axes, _| axes.tolerance(self.index))
     }
 
-    /// What the drive's stop takes for no measured speed, where it waits for that.
-    pub(super) fn standstill_test(&self) -> Option<ParameterTest> {
+    /// The greatest speed that means standstill, rad/s or m/s.
+    pub(super) fn standstill_speed(&self) -> Option<f64> {
         let speed = self.profile.signal(Signal::Velocity)?.parameter;
-        let steps = self.profile.plan(Verb::Stop).map_or(&[][..], |plan| plan.steps);
-        steps.iter().find_map(|step| match step {
-            Step::Until { read, test, .. } if *read == speed => Some(*test),
-            _ => None,
-        })
+        let one = self.raw_to_si(speed, self.parameter(speed)?.encoding.raw(1.0)?)?;
+        Some((self.tolerance()?.standstill? * one).abs())
     }
 }

@@ -99,6 +99,8 @@ impl RemoteAxis {
             fault: faults.cloned().map(active_fault).next(),
             enabled: newest(Signal::Enabled).map(|value| value != 0.0),
             velocity: newest(Signal::Velocity),
+            position: newest(Signal::Position),
+            limit: held_limit(&newest),
         })
     }
 
@@ -193,6 +195,16 @@ fn was_left_standing(lease: &Lease) -> bool {
         && lease.state().is_some_and(|state| {
             state.lease.is_none() && state.owed.is_none() && state.moving == Some(false)
         })
+}
+
+/// The name of the limit that holds the axis.
+fn held_limit(newest: &impl Fn(Signal) -> Option<f64>) -> Option<String> {
+    let holds = |signal: &Signal| newest(*signal).is_some_and(|value| value != 0.0);
+    let ends = [Signal::PositiveLimit, Signal::NegativeLimit];
+    match ends.iter().filter(|end| holds(end)).count() {
+        2 => Some("limit".to_owned()),
+        _ => ends.iter().find(|end| holds(end)).map(|end| end.name().to_owned()),
+    }
 }
 
 /// Whether nothing of the state was read lately.

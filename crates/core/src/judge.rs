@@ -1,0 +1,657 @@
+//! Judges by measurements whether a motion ended as its command asked.
+//!
+//! A drive's own flag (target reached, motion complete, path idle) only tells when to look. A motion arrived
+//! if a position was measured within the window of its target, and a motor stands if its speed or its
+//! position was measured as such several times. [`MotionJudge`] is a value: it takes observations and returns
+//! verdicts. It has no clock and sends nothing; the lane feeds it, for every protocol and every profile.
+//!
+//! Why: MOVE-10.
+
+mod speed;
+
+use core::time::Duration;
+
+use crate::profile::Encoding;
+use crate::time::Instant;
+pub use speed::{STANDSTILL_LINEAR, STANDSTILL_ROTARY, SpeedJudge, SpeedVerdict};
+
+/// Shortest time at rest after which a motion counts as ended, though the drive does not report its end.
+const REST_MIN: Duration = Duration::from_millis(300);
+/// The same during homing, which pauses at switches and turns round.
+const HOMING_REST_MIN: Duration = Duration::from_secs(5);
+/// A motor that received a start may rest this long before it moves: brakes open, axes synchronise.
+const START_MAX: Duration = Duration::from_secs(2);
+/// How long a set flag may be left over from an earlier motion.
+const STALE_FLAG_MAX: Duration = Duration::from_millis(300);
+/// Time between the first and the last reading that mean standstill.
+const STANDSTILL_SPAN: Duration = Duration::from_millis(60);
+/// The same if positions alone have to show it.
+const STANDSTILL_POSITION_SPAN: Duration = Duration::from_millis(100);
+/// Readings of the speed that mean standstill, at least: one alone may be taken at a change of direction.
+const STANDSTILL_READINGS_MIN: u32 = 3;
+/// Longest rest that is waited for because a commanded speed is slow, or positions are coarse.
+const SLOW_REST_MAX: Duration = Duration::from_secs(20);
+/// How long a fault is waited for after a motion ended elsewhere without another reason.
+const LATE_FAULT_MAX: Duration = Duration::from_millis(500);
+/// How long a position may be unreadable after the drive reported the end of its motion.
+const UNREADABLE_MAX: Duration = Duration::from_secs(5);
+
+/// The end that a motion is to have.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum MotionGoal {
+    /// A position. A relative move has two if it is not known what the drive counts from: its position,
+    /// or its last target. None if neither is known.
+    Position([Option<i64>; 2]),
+    /// The drive's reference position.
+    Reference,
+    /// Standstill.
+    Standstill,
+    /// The end of whatever the drive does.
+    Idle,
+}
+
+/// How positions and speeds of an axis are compared. All values are in the drive's raw numbers.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Tolerance {
+    /// Encoding of the position, whose counter wraps around.
+    pub encoding: Encoding,
+    /// Greatest distance from the target of an axis that has arrived.
+    pub window: f64,
+    /// Greatest difference of positions of an axis that stands.
+    pub noise: f64,
+    /// Greatest speed that means standstill; `None` if the drive reports no speed.
+    pub standstill: Option<f64>,
+    /// The same speed in counts of the position per second; zero if that is not known.
+    pub drift: f64,
+    /// Commanded speed in counts per second, if it is known.
+    pub speed: Option<f64>,
+}
+
+impl Tolerance {
+    /// The signed distance between two positions. Counters wrap around, floating-point numbers do not.
+    #[must_use]
+    pub fn distance(&self, from: i64, to: i64) -> f64 {
+        let bits = 8 * u32::from(self.encoding.size());
+        if self.encoding.is_real() || !(8..64).contains(&bits) {
+            return self.encoding.number(to) - self.encoding.number(from);
+        }
+        let shift = 64 - bits;
+        ((to.wrapping_sub(from) << shift) >> shift) as f64
+    }
+
+    /// How long two positions must lie apart in time so that equal ones mean standstill.
+    fn coarse_span(&self, at_least: Duration) -> Duration {
+        let seconds = if self.drift > 0.0 { self.noise / self.drift } else { 0.0 };
+        at_least.max(span(seconds)).min(SLOW_REST_MAX)
+    }
+
+    /// The rest after which a motion at the commanded speed counts as ended.
+    fn motion_rest(&self) -> Duration {
+        match self.speed {
+            // The slowest motion passes several times the noise in that time.
+            Some(speed) if speed > 0.0 => {
+                REST_MIN.max(span(4.0 * self.noise / speed)).min(SLOW_REST_MAX)
+            }
+            _ => REST_MIN,
+        }
+    }
+}
+
+fn span(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(SLOW_REST_MAX)
+}
+
+/// Values that were measured, or reported, after a command was started. What was not read now is `None`.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Observation {
+    /// Actual position, raw.
+    pub position: Option<i64>,
+    /// Actual speed, as the number that the raw value is.
+    pub speed: Option<f64>,
+    /// The drive's own report: true means that the motion is over.
+    pub flag: Option<bool>,
+    /// The drive's own report that its motor moves.
+    pub moving: Option<bool>,
+    /// Code of a fault that stops the drive; zero for none.
+    pub fault: Option<u32>,
+    /// The motor has power.
+    pub enabled: Option<bool>,
+    /// The positive and the negative limit hold the axis.
+    pub positive_limit: Option<bool>,
+    /// The same of the negative limit.
+    pub negative_limit: Option<bool>,
+    /// Something holds the axis that this host did not send.
+    pub halted: Option<bool>,
+    /// The drive detected a stall.
+    pub stalled: Option<bool>,
+    /// Mode of operation, raw.
+    pub mode: Option<i64>,
+}
+
+/// A limit that holds an axis.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum LimitEnd {
+    /// The positive end.
+    Positive,
+    /// The negative end.
+    Negative,
+    /// The drive does not report which.
+    Either,
+}
+
+/// Why a motion ended elsewhere than at its target.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum EndReason {
+    /// A limit switch, or a limit of the drive.
+    Limit(LimitEnd),
+    /// Another master halted it.
+    Halted,
+    /// Another master set this mode of operation.
+    Mode(i64),
+    /// The drive detected a stall.
+    Stalled,
+    /// It was not seen to start.
+    NotStarted,
+    /// The drive reports none of these.
+    Unknown,
+}
+
+/// What is known of a motion.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum MotionVerdict {
+    /// It goes on, as far as is known.
+    Pending,
+    /// It ended elsewhere: reasons have to be read before the next verdict.
+    Examine,
+    /// The goal was measured.
+    Arrived,
+    /// It ended elsewhere.
+    Ended(EndReason),
+    /// The drive has this fault.
+    Faulted(u32),
+    /// The motor lost its power.
+    PowerLost,
+    /// It is over by the drive's own report, and the drive reports nothing that would prove where.
+    Unconfirmed,
+}
+
+/// The judge of one motion of one axis.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionJudge {
+    goal: MotionGoal,
+    tolerance: Tolerance,
+    /// Where the axis was before the command.
+    start: Option<i64>,
+    /// The flag before the command.
+    flag_before: Option<bool>,
+    /// It stood before the command.
+    stood_before: bool,
+    /// The last request of the start was acknowledged, or its goal is waited for.
+    since: Option<Instant>,
+    started: bool,
+    flag: Option<bool>,
+    flag_since: Option<Instant>,
+    position: Option<i64>,
+    position_at: Option<Instant>,
+    /// The position that was not left since.
+    anchor: Option<(i64, Instant)>,
+    speed_at: Option<Instant>,
+    /// Slower than standstill since, in so many readings.
+    slow_since: Option<Instant>,
+    slow_readings: u32,
+    /// The drive has no position, no speed.
+    lacks_position: bool,
+    lacks_speed: bool,
+    was_enabled: bool,
+    last: Observation,
+    mode_before: Option<i64>,
+    /// A fault code that the drive had before the command; some keep the last one for ever.
+    fault_before: u32,
+    /// The drive's own last target before the command.
+    target_before: Option<i64>,
+    /// The reasons of an end were read since.
+    examined_at: Option<Instant>,
+}
+
+impl MotionJudge {
+    /// A judge of a motion that was not started yet.
+    #[must_use]
+    pub const fn new(goal: MotionGoal, tolerance: Tolerance) -> Self {
+        const NOTHING: Observation = Observation {
+            position: None,
+            speed: None,
+            flag: None,
+            moving: None,
+            fault: None,
+            enabled: None,
+            positive_limit: None,
+            negative_limit: None,
+            halted: None,
+            stalled: None,
+            mode: None,
+        };
+        Self {
+            goal,
+            tolerance,
+            start: None,
+            flag_before: None,
+            stood_before: false,
+            since: None,
+            started: false,
+            flag: None,
+            flag_since: None,
+            position: None,
+            position_at: None,
+            anchor: None,
+            speed_at: None,
+            slow_since: None,
+            slow_readings: 0,
+            lacks_position: false,
+            lacks_speed: false,
+            was_enabled: false,
+            last: NOTHING,
+            mode_before: None,
+            fault_before: 0,
+            target_before: None,
+            examined_at: None,
+        }
+    }
+
+    /// The end that the motion is to have.
+    #[must_use]
+    pub const fn goal(&self) -> MotionGoal {
+        self.goal
+    }
+
+    /// Sets the goal, once the position before the start is known.
+    pub const fn set_goal(&mut self, goal: MotionGoal) {
+        self.goal = goal;
+    }
+
+    /// How positions and speeds are compared.
+    #[must_use]
+    pub const fn tolerance(&self) -> &Tolerance {
+        &self.tolerance
+    }
+
+    /// Sets the greatest distance from the target.
+    pub const fn set_window(&mut self, window: f64) {
+        self.tolerance.window = window;
+    }
+
+    /// Where the axis was before the command.
+    #[must_use]
+    pub const fn start(&self) -> Option<i64> {
+        self.start
+    }
+
+    /// The last position that was read.
+    #[must_use]
+    pub const fn position(&self) -> Option<i64> {
+        self.position
+    }
+
+    /// The drive's own report, as it was read last.
+    #[must_use]
+    pub const fn flag(&self) -> Option<bool> {
+        self.flag
+    }
+
+    /// The motion was seen to start.
+    #[must_use]
+    pub const fn has_started(&self) -> bool {
+        self.started
+    }
+
+    /// The drive has no position, so that no arrival can be measured.
+    pub const fn mark_without_position(&mut self) {
+        self.lacks_position = true;
+    }
+
+    /// The drive has no speed.
+    pub const fn mark_without_speed(&mut self) {
+        self.lacks_speed = true;
+    }
+
+    /// The drive's own last target before the command.
+    #[must_use]
+    pub const fn target_before(&self) -> Option<i64> {
+        self.target_before
+    }
+
+    /// Takes the drive's own last target before the command.
+    pub const fn set_target_before(&mut self, target: i64) {
+        self.target_before = Some(target);
+    }
+
+    /// The motor had power when the motion was waited for.
+    pub const fn mark_enabled(&mut self) {
+        self.was_enabled = true;
+    }
+
+    /// Takes values that were read before the start.
+    pub fn observe_before(&mut self, seen: &Observation) {
+        self.start = seen.position.or(self.start);
+        self.position = seen.position.or(self.position);
+        self.flag_before = self.reported_end(seen).or(self.flag_before);
+        self.fault_before = seen.fault.unwrap_or(self.fault_before);
+        if let (Some(speed), Some(slow)) = (seen.speed, self.tolerance.standstill) {
+            self.stood_before = speed.abs() <= slow;
+        }
+    }
+
+    /// The start was acknowledged, or its goal is waited for from now on.
+    pub fn begin(&mut self, now: Instant) {
+        self.since.get_or_insert(now);
+    }
+
+    /// Reasons of an end were read.
+    pub fn mark_examined(&mut self, now: Instant) {
+        self.examined_at.get_or_insert(now);
+    }
+
+    /// Takes values that were read after the start.
+    pub fn observe(&mut self, now: Instant, seen: &Observation) {
+        self.begin(now);
+        if let Some(flag) = self.reported_end(seen) {
+            self.started |= !flag;
+            if self.flag != Some(flag) || self.flag_since.is_none() {
+                self.flag_since = Some(now);
+            }
+            self.flag = Some(flag);
+        }
+        if let Some(position) = seen.position {
+            self.observe_position(now, position);
+        }
+        if let Some(speed) = seen.speed {
+            self.observe_speed(now, speed);
+        }
+        if let (Some(mode), None) = (seen.mode, self.mode_before) {
+            self.mode_before = Some(mode);
+        }
+        self.was_enabled |= seen.enabled == Some(true);
+        let last = &mut self.last;
+        *last = Observation {
+            position: seen.position.or(last.position),
+            speed: seen.speed.or(last.speed),
+            flag: seen.flag.or(last.flag),
+            moving: seen.moving.or(last.moving),
+            fault: seen.fault.or(last.fault),
+            enabled: seen.enabled.or(last.enabled),
+            positive_limit: seen.positive_limit.or(last.positive_limit),
+            negative_limit: seen.negative_limit.or(last.negative_limit),
+            halted: seen.halted.or(last.halted),
+            // Reading such a flag clears it in some drives.
+            stalled: Some(last.stalled == Some(true) || seen.stalled == Some(true)),
+            mode: seen.mode.or(last.mode),
+        };
+    }
+
+    /// The drive's own report that the motion is over. A motor may stand where no target was reached.
+    fn reported_end(&self, seen: &Observation) -> Option<bool> {
+        let stands = seen.moving.map(|moving| !moving);
+        match self.goal {
+            MotionGoal::Standstill => stands.or(seen.flag),
+            _ => seen.flag.or(stands),
+        }
+    }
+
+    fn observe_position(&mut self, now: Instant, position: i64) {
+        let start = *self.start.get_or_insert(position);
+        self.started |= self.tolerance.distance(start, position).abs() > self.tolerance.noise;
+        let stays = self.anchor.is_some_and(|(anchor, _)| {
+            self.tolerance.distance(anchor, position).abs() <= self.tolerance.noise
+        });
+        if !stays {
+            self.anchor = Some((position, now));
+        }
+        (self.position, self.position_at) = (Some(position), Some(now));
+    }
+
+    fn observe_speed(&mut self, now: Instant, speed: f64) {
+        let slow = speed.abs() <= self.tolerance.standstill.unwrap_or(0.0);
+        if slow {
+            self.slow_since.get_or_insert(now);
+            self.slow_readings = self.slow_readings.saturating_add(1);
+        } else {
+            (self.slow_since, self.slow_readings) = (None, 0);
+            // A servo that holds its position reports small speeds as well.
+            self.started |= self.anchor.is_none() && self.lacks_position;
+        }
+        self.speed_at = Some(now);
+    }
+
+    /// Whether speeds and positions have shown standstill for so long; for `by_position` if positions alone
+    /// have to show it.
+    fn rests(&self, by_both: Duration, by_position: Duration) -> bool {
+        let standing = |since: Option<Instant>, last: Option<Instant>| {
+            since.zip(last).map(|(since, last)| last.since(since))
+        };
+        let slow = standing(self.slow_since, self.speed_at);
+        let still = standing(self.anchor.map(|(_, since)| since), self.position_at);
+        let slow_enough = self.slow_readings >= STANDSTILL_READINGS_MIN
+            && slow.is_some_and(|slow| slow >= by_both);
+        if self.lacks_position {
+            return slow_enough;
+        }
+        let Some(still) = still else { return false };
+        let by_position = self.tolerance.coarse_span(by_position);
+        slow_enough && still >= by_both || still >= by_position
+    }
+
+    /// Whether the axis is at its target, by the last position.
+    #[must_use]
+    pub fn is_at_target(&self) -> bool {
+        let MotionGoal::Position(targets) = self.goal else { return false };
+        let Some(position) = self.position.filter(|_| self.position_at.is_some()) else {
+            return false;
+        };
+        let near = |target: i64| self.distance_to(position, target) <= self.tolerance.window;
+        targets.into_iter().flatten().any(near)
+    }
+
+    fn distance_to(&self, position: i64, target: i64) -> f64 {
+        self.tolerance.distance(position, target).abs()
+    }
+
+    /// The target: of two, the nearer one to where the axis is.
+    #[must_use]
+    pub fn target(&self) -> Option<i64> {
+        let MotionGoal::Position([first, second]) = self.goal else { return None };
+        match (first, second, self.position) {
+            (Some(a), Some(b), Some(position))
+                if self.distance_to(position, b) < self.distance_to(position, a) =>
+            {
+                Some(b)
+            }
+            (first, second, _) => first.or(second),
+        }
+    }
+
+    /// What is known at `now`.
+    #[must_use]
+    pub fn verdict(&self, now: Instant) -> MotionVerdict {
+        if self.goal != MotionGoal::Standstill
+            && let Some(verdict) = self.judge_power()
+        {
+            return verdict;
+        }
+        match self.goal {
+            MotionGoal::Position(_) => self.judge_position(now),
+            MotionGoal::Reference => self.judge_reference(now),
+            MotionGoal::Standstill => self.judge_standstill(),
+            MotionGoal::Idle => self.judge_idle(),
+        }
+    }
+
+    /// Faults and lost power, which end every motion.
+    fn judge_power(&self) -> Option<MotionVerdict> {
+        let lost =
+            self.last.enabled == Some(false) && (self.was_enabled || self.examined_at.is_some());
+        let is_new = |code: &u32| *code != 0 && (lost || *code != self.fault_before);
+        match (self.last.fault.filter(is_new), lost) {
+            (Some(code), _) => Some(MotionVerdict::Faulted(code)),
+            // The fault may appear a moment after the power is gone.
+            (None, true) if self.examined_at.is_some() => Some(MotionVerdict::PowerLost),
+            (None, true) => Some(MotionVerdict::Examine),
+            (None, false) => None,
+        }
+    }
+
+    fn waited(&self, now: Instant) -> Duration {
+        self.since.map_or(Duration::ZERO, |since| now.since(since))
+    }
+
+    /// How long the flag has been set.
+    fn flagged(&self, now: Instant) -> Option<Duration> {
+        self.flag_since.filter(|_| self.flag == Some(true)).map(|since| now.since(since))
+    }
+
+    fn judge_position(&self, now: Instant) -> MotionVerdict {
+        let MotionGoal::Position(targets) = self.goal else { return MotionVerdict::Pending };
+        let flagged = self.flagged(now);
+        if self.lacks_position || targets == [None; 2] {
+            return self.judge_without_position(now);
+        }
+        let Some(position_at) = self.position_at else {
+            let over = flagged.is_some_and(|flagged| flagged >= UNREADABLE_MAX);
+            return if over { MotionVerdict::Unconfirmed } else { MotionVerdict::Pending };
+        };
+        let at_target = self.is_at_target();
+        if at_target
+            && self.flag == Some(true)
+            && self.flag_since.is_some_and(|at| at <= position_at)
+        {
+            return MotionVerdict::Arrived;
+        }
+        let rest = self.tolerance.motion_rest();
+        if !self.rests(rest, rest) {
+            return MotionVerdict::Pending;
+        }
+        if at_target {
+            return MotionVerdict::Arrived;
+        }
+        let reported = flagged.is_some_and(|flagged| flagged >= STALE_FLAG_MAX);
+        let is_over = self.started && (self.flag != Some(false) || self.left_start())
+            || reported
+            || self.waited(now) >= START_MAX;
+        self.conclude(now, is_over)
+    }
+
+    /// The verdict of a motion that is over elsewhere than at its goal.
+    fn conclude(&self, now: Instant, is_over: bool) -> MotionVerdict {
+        let Some(examined_at) = self.examined_at.filter(|_| is_over) else {
+            return if is_over { MotionVerdict::Examine } else { MotionVerdict::Pending };
+        };
+        match self.end_reason() {
+            // A drive may find out later why its motor stands.
+            EndReason::Unknown | EndReason::NotStarted
+                if now.since(examined_at) < LATE_FAULT_MAX =>
+            {
+                MotionVerdict::Pending
+            }
+            reason => MotionVerdict::Ended(reason),
+        }
+    }
+
+    /// Whether the axis is, or was, elsewhere than before the command.
+    fn left_start(&self) -> bool {
+        let moved = |start: i64, position: i64| {
+            self.tolerance.distance(start, position).abs() > self.tolerance.noise
+        };
+        self.start.zip(self.position).is_some_and(|(start, position)| moved(start, position))
+    }
+
+    /// The end of a motion of which no position can be known.
+    fn judge_without_position(&self, now: Instant) -> MotionVerdict {
+        let rests = self.rests(REST_MIN, REST_MIN);
+        let over = match self.flagged(now) {
+            Some(flagged) => self.started || flagged >= STALE_FLAG_MAX,
+            None if self.flag == Some(false) => false,
+            None => rests && (self.started || self.waited(now) >= START_MAX),
+        };
+        let nothing = self.flag.is_none() && self.lacks_position && self.lacks_speed;
+        match over || nothing {
+            true => MotionVerdict::Unconfirmed,
+            false => MotionVerdict::Pending,
+        }
+    }
+
+    fn judge_reference(&self, now: Instant) -> MotionVerdict {
+        let started = self.started || self.left_start();
+        let flagged = self.flagged(now);
+        if flagged.is_some() && started {
+            return MotionVerdict::Arrived;
+        }
+        let ignored = flagged.is_some_and(|flagged| flagged >= STALE_FLAG_MAX);
+        let stuck = self.flag != Some(true) && self.rests(HOMING_REST_MIN, HOMING_REST_MIN);
+        self.conclude(now, ignored || stuck)
+    }
+
+    fn judge_standstill(&self) -> MotionVerdict {
+        if self.rests(STANDSTILL_SPAN, STANDSTILL_POSITION_SPAN) {
+            return MotionVerdict::Arrived;
+        }
+        // Nothing can be measured: the drive's own report is all there is.
+        match self.lacks_position && self.lacks_speed && self.flag != Some(false) {
+            true => MotionVerdict::Unconfirmed,
+            false => MotionVerdict::Pending,
+        }
+    }
+
+    fn judge_idle(&self) -> MotionVerdict {
+        let measured = !(self.lacks_position && self.lacks_speed);
+        let rests = self.rests(STANDSTILL_SPAN, STANDSTILL_POSITION_SPAN);
+        match self.flag {
+            Some(true) if rests || !measured => MotionVerdict::Arrived,
+            None if self.rests(REST_MIN, REST_MIN) => MotionVerdict::Arrived,
+            None if !measured => MotionVerdict::Unconfirmed,
+            _ => MotionVerdict::Pending,
+        }
+    }
+
+    fn end_reason(&self) -> EndReason {
+        if let Some(end) = self.limit().filter(|_| self.goal != MotionGoal::Reference) {
+            return EndReason::Limit(end);
+        }
+        if self.last.halted == Some(true) {
+            return EndReason::Halted;
+        }
+        if self.last.stalled == Some(true) {
+            return EndReason::Stalled;
+        }
+        if let (Some(before), Some(mode)) = (self.mode_before, self.last.mode)
+            && before != mode
+        {
+            return EndReason::Mode(mode);
+        }
+        match self.started && self.left_start() {
+            true => EndReason::Unknown,
+            false => EndReason::NotStarted,
+        }
+    }
+
+    /// The limit that holds the axis on its way.
+    fn limit(&self) -> Option<LimitEnd> {
+        let (positive, negative) =
+            (self.last.positive_limit == Some(true), self.last.negative_limit == Some(true));
+        let way = self.position.zip(self.target()).map(|(at, to)| self.tolerance.distance(at, to));
+        match (positive, negative) {
+            (true, true) => Some(LimitEnd::Either),
+            (true, false) if way.is_none_or(|way| way > 0.0) => Some(LimitEnd::Positive),
+            (false, true) if way.is_none_or(|way| way < 0.0) => Some(LimitEnd::Negative),
+            _ => None,
+        }
+    }
+
+    /// Whether values after a start that was not acknowledged prove that the drive executed it.
+    #[must_use]
+    pub fn proves_start(&self) -> bool {
+        let flag_fell = self.flag_before == Some(true) && self.flag == Some(false);
+        flag_fell || self.stood_before && self.left_start()
+    }
+}
+
+#[cfg(test)]
+mod tests;

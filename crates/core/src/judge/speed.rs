@@ -1,0 +1,129 @@
+//! Judges whether a motor that was to turn at a speed has done so.
+
+use core::f64::consts::PI;
+
+/// Slower than this means standstill, rad/s: 0.5 rpm.
+pub const STANDSTILL_ROTARY: f64 = 0.5 * PI / 30.0;
+/// The same of a linear axis, m/s: 0.1 mm/s.
+pub const STANDSTILL_LINEAR: f64 = 1e-4;
+
+/// The set-point counts as reached within this share of it.
+const REACHED_SHARE: f64 = 0.05;
+/// And within this, rad/s, at least: 2 rpm, the resolution of many drives.
+const REACHED_MIN: f64 = 2.0 * PI / 30.0;
+/// A motor that has passed this share of its set-point turns, however slow that is.
+const TURNING_SHARE: f64 = 0.5;
+/// A position that has changed by more, rad or m, shows that a motor without a speed has turned.
+const MOVED_ROTARY: f64 = PI / 180.0;
+const MOVED_LINEAR: f64 = 1e-4;
+
+/// What is known of a motion at a speed.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum SpeedVerdict {
+    /// The drive reports neither speed nor position.
+    Unknown,
+    /// The motor was never seen to turn.
+    NeverTurned,
+    /// It turned, at most at this speed, and did not reach its set-point.
+    Slower(f64),
+    /// It reached its set-point, or turned where no set-point is known.
+    Reached,
+}
+
+/// The judge of one motion at a speed. All values are SI: rad/s and rad, or m/s and m.
+#[derive(Clone, Copy, Debug)]
+pub struct SpeedJudge {
+    /// Commanded speed, if it is known.
+    setpoint: Option<f64>,
+    linear: bool,
+    fastest: Option<f64>,
+    first: Option<f64>,
+    way: Option<f64>,
+    reached: bool,
+}
+
+impl SpeedJudge {
+    /// A judge of a motion that was just started.
+    #[must_use]
+    pub const fn new(setpoint: Option<f64>, linear: bool) -> Self {
+        Self { setpoint, linear, fastest: None, first: None, way: None, reached: false }
+    }
+
+    /// Takes a speed and a position, as far as the drive reports them.
+    pub fn observe(&mut self, speed: Option<f64>, position: Option<f64>) {
+        if let Some(speed) = speed.filter(|speed| speed.is_finite()) {
+            let speed = speed.abs();
+            self.fastest = Some(self.fastest.map_or(speed, |fastest| fastest.max(speed)));
+            let setpoint = self.setpoint.map(f64::abs);
+            let near = |setpoint: f64| {
+                let least = if self.linear { 0.0 } else { REACHED_MIN };
+                (speed - setpoint).abs() <= (setpoint * REACHED_SHARE).max(least)
+            };
+            self.reached |= setpoint.is_some_and(near) && self.has_turned();
+        }
+        if let Some(position) = position.filter(|position| position.is_finite()) {
+            let first = *self.first.get_or_insert(position);
+            let way = (position - first).abs();
+            self.way = Some(self.way.map_or(way, |farthest| farthest.max(way)));
+        }
+    }
+
+    /// Whether the motor was seen to turn.
+    #[must_use]
+    pub fn has_turned(&self) -> bool {
+        let (slow, moved) = match self.linear {
+            true => (STANDSTILL_LINEAR, MOVED_LINEAR),
+            false => (STANDSTILL_ROTARY, MOVED_ROTARY),
+        };
+        let slow = self.setpoint.map_or(slow, |setpoint| slow.min(setpoint.abs() * TURNING_SHARE));
+        self.fastest.is_some_and(|fastest| fastest > slow)
+            || self.way.is_some_and(|way| way > moved)
+    }
+
+    /// What is known now.
+    #[must_use]
+    pub fn verdict(&self) -> SpeedVerdict {
+        match (self.fastest, self.way) {
+            (None, None) => SpeedVerdict::Unknown,
+            _ if !self.has_turned() => SpeedVerdict::NeverTurned,
+            (Some(fastest), _) if !self.reached && self.setpoint.is_some() => {
+                SpeedVerdict::Slower(fastest)
+            }
+            _ => SpeedVerdict::Reached,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RPM: f64 = PI / 30.0;
+
+    fn judged(setpoint: f64, speeds: &[f64]) -> SpeedVerdict {
+        let mut judge = SpeedJudge::new(Some(setpoint * RPM), false);
+        speeds.iter().for_each(|speed| judge.observe(Some(speed * RPM), None));
+        judge.verdict()
+    }
+
+    #[test]
+    fn a_speed_counts_when_it_was_reached_once() {
+        assert_eq!(judged(300.0, &[0.0, 150.0, 290.0, 10.0]), SpeedVerdict::Reached);
+        assert_eq!(judged(-300.0, &[0.0, -299.0]), SpeedVerdict::Reached);
+        assert_eq!(judged(300.0, &[0.0, 0.4, 0.0]), SpeedVerdict::NeverTurned);
+        assert_eq!(judged(300.0, &[0.0, 220.0]), SpeedVerdict::Slower(220.0 * RPM));
+        // Slower than what else means standstill.
+        assert_eq!(judged(0.2, &[0.0, 0.19]), SpeedVerdict::Reached);
+        assert_eq!(judged(1.0, &[0.0, 0.0]), SpeedVerdict::NeverTurned);
+    }
+
+    #[test]
+    fn a_position_shows_a_motion_of_a_drive_without_speed() {
+        let mut judge = SpeedJudge::new(Some(10.0), false);
+        assert_eq!(judge.verdict(), SpeedVerdict::Unknown);
+        judge.observe(None, Some(1.0));
+        assert_eq!(judge.verdict(), SpeedVerdict::NeverTurned);
+        judge.observe(None, Some(1.5));
+        assert_eq!(judge.verdict(), SpeedVerdict::Reached);
+    }
+}

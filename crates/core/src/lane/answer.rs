@@ -1,0 +1,280 @@
+//! The reply to a request of a plan: what it completes, and what it proves where it did not come.
+
+use super::execute::{
+    JobState, complete_step, fail_step, missing_factor, next_state, skip_missing_step, skip_step,
+};
+use super::guard::{GuardRead, GuardVerdict};
+use super::job::{InFlight, PlanRun, StepStage};
+use super::slot::AxisSlot;
+use super::watch::WatchValue;
+use crate::axis::{ExecutionProof, ProgramEnd, UnmetWait};
+use crate::error::{Failure, Outcome};
+use crate::plan::Step;
+use crate::profile::{Access, ParameterId, Persistence};
+use crate::program::ProgramCommand;
+use crate::station::{Request, RequestClass};
+use crate::time::Instant;
+
+/// Processes the reply to a request of a plan, or its absence.
+pub fn handle_run_answer<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    in_flight: InFlight,
+    raw: Result<i64, Failure>,
+) -> JobState {
+    if let InFlight::Factor(id) = in_flight {
+        let is_needed = !run.checked && missing_factor(run, slot) == Some(id);
+        slot.count_attempt(id);
+        return match raw {
+            Err(failure) if is_needed && !slot.lacks_parameter(id) => {
+                JobState::Ended(Outcome::NotDone(failure))
+            }
+            // Positions are judged without a unit then.
+            Ok(_) | Err(Failure::Refused { .. }) => JobState::Ready,
+            Err(failure) => fail_step(run, failure),
+        };
+    }
+    let group = slot.driver.is_group();
+    if matches!(run.stage, StepStage::QueryProgram | StepStage::EndProgram) {
+        return handle_program_answer(run, slot, raw);
+    }
+    if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
+        return handle_guard_answer(run, slot, (read, id), raw);
+    }
+    if let InFlight::Proof(_) = in_flight {
+        return handle_proof(now, run, raw);
+    }
+    if let InFlight::Watch(id) = in_flight {
+        return handle_watch_answer(now, run, slot, id, raw);
+    }
+    match (in_flight, raw) {
+        (InFlight::Send(_), Err(Failure::Silent)) if !group && !run.is_stop() => {
+            match execution_proof(run, slot) {
+                Some(proof) => run.stage = StepStage::Proof(proof),
+                None if slot.begin_start_proof(now, run) => run.stage = StepStage::StartProof,
+                None => return fail_step(run, Failure::Silent),
+            }
+            JobState::Ready
+        }
+        (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
+            let readable = slot.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
+            if class == RequestClass::ReadBack && readable {
+                run.stage = StepStage::ReadBack(id, value);
+                return JobState::Ready;
+            }
+            let moves = slot.parameter(id).is_some_and(|parameter| parameter.moves);
+            if moves && !group && slot.begin_start_proof(now, run) {
+                run.stage = StepStage::StartProof;
+                return JobState::Ready;
+            }
+            fail_step(run, raw.err().unwrap_or(Failure::Silent))
+        }
+        // Where no drive of a group may be asked, a stop that went out is all there is to do.
+        (InFlight::Read(_), Err(Failure::NotReady { .. })) if run.is_stop() && group => {
+            skip_step(run)
+        }
+        (InFlight::Read(_), Err(Failure::Refused { .. }))
+            if matches!(run.current_step(), Some(Step::SkipIfMissing { .. })) =>
+        {
+            skip_missing_step(run)
+        }
+        (_, Err(Failure::Refused { .. }))
+            if run.current_step().is_some_and(|it| slot.skips_step(&it)) =>
+        {
+            skip_missing_step(run)
+        }
+        (InFlight::ReadBack(id, value), Ok(raw)) if raw != value => {
+            let rewritable = slot.parameter(id).is_some_and(|it| slot.driver.may_rewrite(it));
+            if rewritable && !group && run.may_resend() {
+                run.stage = StepStage::Write(value);
+                return JobState::Ready;
+            }
+            fail_step(run, Failure::Silent)
+        }
+        (_, Err(failure)) => fail_step(run, failure),
+        (_, Ok(raw)) => {
+            if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = in_flight {
+                count_flash_write(slot, id, run);
+            }
+            if let InFlight::Read(id) = in_flight {
+                run.guard.note(slot, id, raw);
+                if run.is_homing_under_way() && !group {
+                    let value = WatchValue { before: false, flag: None };
+                    slot.observe(now, slot.driver.address(), &value, id, raw);
+                }
+                if let Some(state) = judge_wait(now, run, slot, (id, raw)) {
+                    return state;
+                }
+            }
+            complete_step(now, run, raw)
+        }
+    }
+}
+
+/// The readings that show whether the drive executed the current step, which it did not acknowledge.
+fn execution_proof<R: Request, A: Copy + 'static>(
+    run: &PlanRun,
+    slot: &AxisSlot<R, A>,
+) -> Option<ExecutionProof> {
+    let Some(Step::Send { function, index, operand, like }) = run.current_step() else {
+        return None;
+    };
+    let raw = slot.operand_value(operand, &run.command, like).ok()??;
+    slot.driver.execution_proof(function, index, raw)
+}
+
+/// Evaluates a reading for a step that the drive did not acknowledge: the step was executed, or it is
+/// sent again if the drive has no fault (TML communication manual, chapter 3).
+fn handle_proof(now: Instant, run: &mut PlanRun, raw: Result<i64, Failure>) -> JobState {
+    match (run.stage, raw) {
+        (StepStage::Proof(proof), Ok(raw)) if proof.executed.passes(raw) => {
+            run.record_proof(true);
+            complete_step(now, run, run.last_value)
+        }
+        (StepStage::Proof(proof), Ok(_)) => {
+            run.record_proof(false);
+            run.stage = StepStage::FaultBeforeResend(proof);
+            JobState::Ready
+        }
+        (StepStage::FaultBeforeResend(proof), Ok(raw)) => {
+            if raw & proof.fault_mask == 0 && run.may_resend() {
+                run.stage = StepStage::First;
+                return JobState::Ready;
+            }
+            fail_step(run, Failure::Silent)
+        }
+        (_, raw) => fail_step(run, raw.err().unwrap_or(Failure::Silent)),
+    }
+}
+
+/// Decides how a wait step continues after a value that fails its test.
+fn judge_wait<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    (id, raw): (ParameterId, i64),
+) -> Option<JobState> {
+    let Some(Step::Until { test, required, .. }) = run.current_step() else { return None };
+    slot.unmet_wait = (!test.passes(raw)).then_some(UnmetWait { parameter: id, test, value: raw });
+    if test.passes(raw) || !required || run.undo_reason.is_some() || slot.driver.is_group() {
+        return None;
+    }
+    run.waiting_since.get_or_insert(now);
+    let steps = run.passed_steps();
+    let verdict = run.guard.judge_poll(now, (run.command.verb, steps), slot, (id, raw));
+    follow_verdict(run, verdict)
+}
+
+fn handle_guard_answer<R: Request, A: Copy + 'static>(
+    run: &mut PlanRun,
+    slot: &AxisSlot<R, A>,
+    (read, id): (GuardRead, ParameterId),
+    raw: Result<i64, Failure>,
+) -> JobState {
+    run.stage = StepStage::First;
+    let raw = match raw {
+        Ok(raw) => raw,
+        // What it does not tell is not looked at.
+        Err(Failure::Refused { .. }) if read != GuardRead::FaultWithoutPower => {
+            return JobState::Ready;
+        }
+        Err(_) if read == GuardRead::FaultWithoutPower => {
+            return fail_step(run, Failure::PowerLost);
+        }
+        Err(failure) => return fail_step(run, failure),
+    };
+    let Some(Step::Until { read: waited_for, .. }) = run.current_step() else {
+        return JobState::Ready;
+    };
+    let steps = run.passed_steps();
+    let verdict = run.guard.judge_read(read, (steps, slot), waited_for, (id, raw));
+    follow_verdict(run, verdict).unwrap_or(JobState::Ready)
+}
+
+/// Processes a reading by which a motion is judged. The drives of a group have given theirs to the judge
+/// already.
+fn handle_watch_answer<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    id: ParameterId,
+    raw: Result<i64, Failure>,
+) -> JobState {
+    slot.mark_read(run, id);
+    match raw {
+        Ok(raw) => {
+            if !slot.driver.is_group() {
+                slot.observe(now, slot.driver.address(), &WatchValue::of(run), id, raw);
+            }
+            JobState::Ready
+        }
+        Err(Failure::Refused { code }) => {
+            // Any other refusal may be another one in the next round.
+            if slot.driver.is_missing_parameter(code) {
+                slot.mark_missing(id);
+            }
+            JobState::Ready
+        }
+        // No drive of this group may be asked.
+        Err(Failure::NotReady { .. }) if slot.driver.is_group() => JobState::Ready,
+        Err(failure) => {
+            run.stage = StepStage::First;
+            fail_step(run, failure)
+        }
+    }
+}
+
+/// Processes the reply to a stop's request about the drive's own program.
+fn handle_program_answer<R: Request, A: Copy + 'static>(
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    raw: Result<i64, Failure>,
+) -> JobState {
+    let asked = run.stage == StepStage::QueryProgram;
+    match raw {
+        Ok(raw) if asked && slot.driver.is_program_running(raw) => {
+            run.stage = StepStage::EndProgram;
+        }
+        Ok(_) if asked => {
+            slot.state.program_end = Some(ProgramEnd::NoneRan);
+            run.resume_stop(false);
+        }
+        Ok(_) => {
+            let asks = slot.driver.program_request(ProgramCommand::QueryProgram).is_some();
+            slot.state.program_end =
+                Some(if asks { ProgramEnd::Ended } else { ProgramEnd::MayHaveRun });
+            run.resume_stop(true);
+        }
+        // It runs no programs.
+        Err(Failure::Refused { .. }) if asked => run.resume_stop(false),
+        Err(failure) => {
+            run.undo_reason.get_or_insert(failure);
+            run.resume_stop(true);
+        }
+    }
+    next_state(run)
+}
+
+fn follow_verdict(run: &mut PlanRun, verdict: GuardVerdict) -> Option<JobState> {
+    match verdict {
+        GuardVerdict::WaitOn => None,
+        GuardVerdict::Read(read, id) => {
+            run.stage = StepStage::Guard(read, id);
+            Some(JobState::Ready)
+        }
+        GuardVerdict::Fail(failure) => Some(fail_step(run, failure)),
+    }
+}
+
+/// Counts a write to permanent memory, as far as the profile shows it.
+fn count_flash_write<R: Request, A: Copy + 'static>(
+    slot: &mut AxisSlot<R, A>,
+    id: ParameterId,
+    run: &PlanRun,
+) {
+    let always = slot.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
+    let stored = matches!(run.current_step(), Some(Step::Ensure(..)))
+        && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
+    slot.state.flash_writes += u32::from(always || stored);
+}

@@ -1,0 +1,580 @@
+//! Steps that wait for the end of a motion: which parameters are read when, and what the
+//! [judge](crate::judge) of the axis concludes.
+//!
+//! An axis has one judge for its last motion; a group has one for each drive that answers. A round reads
+//! the drive's own report every 20 ms. Position and speed are added every 100 ms, and at once when the report
+//! says that the motion is over; power, fault and limits every 200 ms. Only when the motor stands elsewhere
+//! than at its target are the reasons read.
+
+use alloc::vec::Vec;
+
+use super::job::{PlanRun, StepStage};
+use super::measure::{WINDOW_COUNTS_MIN, WINDOW_SHARE};
+use super::slot::AxisSlot;
+use crate::axis::{Command, MotionReport, Verb};
+use crate::error::Failure;
+use crate::judge::{MotionGoal, MotionJudge, MotionVerdict};
+use crate::plan::{ParameterTest, Step};
+use crate::profile::{ParameterId, RelativeBase, Signal};
+use crate::station::Request;
+use crate::time::Instant;
+
+/// How often the drive's own report is read.
+const FLAG_MS: u32 = 20;
+/// How often position and speed are read while the report says that the motion goes on.
+const MEASURE_MS: u32 = 100;
+/// How often power, fault and limits are read.
+const SAFETY_MS: u32 = 200;
+/// Drives of a group that are judged, at most.
+const MEMBERS_MAX: usize = 32;
+/// How long evidence of a start is looked for that was not acknowledged.
+const PROOF_MS: u32 = 300;
+
+/// Something that is read while a motion is waited for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u8)]
+enum Item {
+    Flag,
+    Position,
+    Velocity,
+    Fault,
+    Enabled,
+    PositiveLimit,
+    NegativeLimit,
+    Mode,
+    TargetPosition,
+    Window,
+    Halted,
+    Stalled,
+}
+
+impl Item {
+    const ALL: [Self; 12] = [
+        Self::Flag,
+        Self::Position,
+        Self::Velocity,
+        Self::Fault,
+        Self::Enabled,
+        Self::PositiveLimit,
+        Self::NegativeLimit,
+        Self::Mode,
+        Self::TargetPosition,
+        Self::Window,
+        Self::Halted,
+        Self::Stalled,
+    ];
+    const BEFORE: u16 = bits(&[Self::Flag, Self::Position, Self::Velocity, Self::Fault]);
+    const MEASURED: u16 = bits(&[Self::Position, Self::Velocity]);
+    const SAFETY: u16 =
+        bits(&[Self::Fault, Self::Enabled, Self::PositiveLimit, Self::NegativeLimit, Self::Mode]);
+    const REASONS: u16 = Self::SAFETY | bits(&[Self::Halted, Self::Stalled]);
+}
+
+const fn bits(items: &[Item]) -> u16 {
+    let (mut mask, mut at) = (0, 0);
+    while at < items.len() {
+        mask |= 1 << items[at] as u16;
+        at += 1;
+    }
+    mask
+}
+
+/// The progress of one wait.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct WatchReads {
+    /// Items that are still to be read in this round.
+    pending: u16,
+    /// The motion that is waited for, as [`MotionWatch::epoch`] counts.
+    epoch: Option<u32>,
+    began: Option<Instant>,
+    measure_due: Option<Instant>,
+    safety_due: Option<Instant>,
+    /// Position and speed were read in this round.
+    measured: bool,
+    /// The reasons of an end are read in this round.
+    examining: bool,
+    /// A round was read to its end.
+    looked: bool,
+}
+
+/// What a wait does next.
+#[derive(Debug)]
+pub enum WatchStep {
+    /// It reads this parameter.
+    Read(ParameterId),
+    /// It reads this parameter, which the unit of a position or a speed depends on.
+    Factor(ParameterId),
+    /// It reads nothing before then.
+    Sleep(Instant),
+    /// It is over.
+    Done,
+    /// It is over for this reason.
+    Failed(Failure),
+}
+
+/// The last motion of an axis, or of each drive of a group.
+#[derive(Debug)]
+pub struct MotionWatch {
+    /// Counts the motions of the axis.
+    epoch: u32,
+    members: Vec<(u32, MotionJudge)>,
+    /// The judge that each drive of a group begins with.
+    first: Option<MotionJudge>,
+    command: Option<Command>,
+    /// The last target that a command had, where the drive does not report it.
+    last_target: Option<i64>,
+}
+
+impl MotionWatch {
+    /// A watch without a motion. `is_group` reserves memory for the drives of a group.
+    pub fn new(is_group: bool) -> Self {
+        Self {
+            epoch: 0,
+            members: Vec::with_capacity(if is_group { MEMBERS_MAX } else { 1 }),
+            first: None,
+            command: None,
+            last_target: None,
+        }
+    }
+
+    /// What is known of the n-th drive's motion.
+    pub fn report(&self, n: usize) -> Option<MotionReport> {
+        let (address, judge) = self.members.get(n)?;
+        Some(MotionReport {
+            address: *address,
+            start: judge.start(),
+            position: judge.position(),
+            target: judge.target(),
+            flag: judge.flag(),
+            arrived: judge.is_at_target(),
+        })
+    }
+
+    fn judge(&mut self, address: u32) -> Option<&mut MotionJudge> {
+        let at = match self.members.iter().position(|(member, _)| *member == address) {
+            Some(at) => at,
+            None if self.members.len() < self.members.capacity() => {
+                self.members.push((address, self.first?));
+                self.members.len() - 1
+            }
+            None => return None,
+        };
+        self.members.get_mut(at).map(|(_, judge)| judge)
+    }
+}
+
+impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
+    /// Begins to judge a motion: what was known of the last one is forgotten.
+    fn begin_watch(&mut self, goal: MotionGoal, command: Option<Command>) {
+        let mut judge = MotionJudge::new(goal, self.tolerance(command.as_ref()));
+        if self.readable_signal(Signal::Position).is_none() {
+            judge.mark_without_position();
+        }
+        if self.readable_signal(Signal::Velocity).is_none() {
+            judge.mark_without_speed();
+        }
+        let single = (!self.driver.is_group()).then(|| self.driver.address());
+        let motion = &mut self.motion;
+        motion.epoch = motion.epoch.wrapping_add(1);
+        motion.members.clear();
+        (motion.first, motion.command) = (Some(judge), command);
+        motion.members.extend(single.map(|address| (address, judge)));
+    }
+
+    /// The parameter of a signal that the drive has.
+    pub fn readable_signal(&self, signal: Signal) -> Option<ParameterId> {
+        let id = self.profile.signal(signal)?.parameter;
+        (!self.lacks_parameter(id) && self.read_request(id).is_ok()).then_some(id)
+    }
+
+    /// A parameter that the unit of a position or a speed depends on, and that was not read yet.
+    fn unread_watch_factor(&self) -> Option<ParameterId> {
+        let measured = [Signal::Position, Signal::Velocity];
+        measured.into_iter().find_map(|signal| self.missing_factor(self.readable_signal(signal)?))
+    }
+
+    /// A parameter that is read before a motion with a goal is started, so that its end can be judged.
+    pub fn unread_goal_factor(&self, run: &PlanRun) -> Option<ParameterId> {
+        let has_goal = run.verb.is_some_and(|verb| targets_position(verb) || verb == Verb::Home);
+        has_goal.then(|| self.unread_watch_factor()).flatten()
+    }
+
+    /// Begins a verb: a motion has a goal from now on, and what waits is for this motion.
+    pub fn begin_motion(&mut self, run: &mut PlanRun) {
+        let Some(verb) = run.verb else { return };
+        let goal = match verb {
+            _ if targets_position(verb) => MotionGoal::Position([None; 2]),
+            Verb::Home => MotionGoal::Reference,
+            _ if verb.is_stop() || verb.starts_motion() && verb != Verb::Begin => {
+                return self.forget_motion();
+            }
+            _ => return,
+        };
+        self.begin_watch(goal, Some(run.command));
+        let counts_from_target = match verb {
+            Verb::MoveOn => true,
+            Verb::MoveBy | Verb::CurveBy | Verb::PrepareBy => {
+                self.profile.motion.relative_from != RelativeBase::Actual
+            }
+            _ => false,
+        };
+        let target = if counts_from_target { bits(&[Item::TargetPosition]) } else { 0 };
+        run.watch = WatchReads { pending: Item::BEFORE | target, ..WatchReads::default() };
+        run.stage = StepStage::Before;
+    }
+
+    /// What was known of a motion is no longer true: a stop, or a command without a target, replaces it.
+    pub fn forget_motion(&mut self) {
+        self.motion.epoch = self.motion.epoch.wrapping_add(1);
+        self.motion.members.clear();
+        (self.motion.first, self.motion.command) = (None, None);
+    }
+
+    /// The parameter that is read next before a motion is started.
+    pub fn next_before(&self, run: &mut PlanRun) -> Option<ParameterId> {
+        self.next_item(&mut run.watch.pending, None)
+    }
+
+    /// The targets of the motion, once it is known where the axis stands.
+    pub fn set_targets(&mut self, run: &PlanRun) {
+        let command = run.command;
+        let Some(verb) = run.verb.filter(|verb| targets_position(*verb)) else { return };
+        let Some(id) = self.profile.signal(Signal::Position).map(|source| source.parameter) else {
+            return;
+        };
+        let way = command.target.and_then(|target| self.target_counts(id, target, command.raw));
+        let encoding = self.parameter(id).map_or(crate::profile::Encoding::I32, |p| p.encoding);
+        let unscaled = self.unit_value(id).is_none();
+        let last = self.motion.last_target;
+        let relative = self.profile.motion.relative_from;
+        let mut next_target = None;
+        for (_, judge) in &mut self.motion.members {
+            let from = |base: Option<i64>| {
+                let sum = encoding.number(base?) + way?;
+                encoding.raw(sum)
+            };
+            let before = judge.target_before().or(last);
+            let targets = match (verb, relative) {
+                (Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo, _) => {
+                    [way.and_then(|way| encoding.raw(way)), None]
+                }
+                (Verb::MoveOn, _) | (_, RelativeBase::Target) => [from(before), None],
+                (_, RelativeBase::Actual) => [from(judge.start()), None],
+                (_, RelativeBase::Either) => [from(judge.start()), from(before)],
+            };
+            if unscaled {
+                let share = way.map_or(0.0, |way| way.abs() * WINDOW_SHARE);
+                judge.set_window(share.max(WINDOW_COUNTS_MIN));
+            }
+            judge.set_goal(MotionGoal::Position(targets));
+            next_target = targets[0];
+        }
+        self.motion.last_target = next_target;
+    }
+
+    /// All of a motion's start was acknowledged.
+    pub fn acknowledge_motion(&mut self, now: Instant) {
+        self.motion.members.iter_mut().for_each(|(_, judge)| judge.begin(now));
+    }
+
+    /// Where an item is read, for a wait whose step has a flag of its own.
+    fn source(
+        &self,
+        item: Item,
+        flag: Option<(ParameterId, ParameterTest)>,
+    ) -> Option<ParameterId> {
+        let rules = &self.profile.motion;
+        let signal = |signal| self.readable_signal(signal);
+        let id = match item {
+            Item::Flag => match flag {
+                Some((id, _)) => id,
+                None => match self.motion.first.map(|judge| judge.goal()) {
+                    Some(MotionGoal::Standstill) => {
+                        signal(Signal::Moving).or_else(|| signal(Signal::Reached))?
+                    }
+                    _ => signal(Signal::Reached).or_else(|| signal(Signal::Moving))?,
+                },
+            },
+            Item::Position => signal(Signal::Position)?,
+            Item::Velocity => signal(Signal::Velocity)?,
+            Item::Fault => signal(Signal::Fault)?,
+            Item::Enabled => signal(Signal::Enabled)?,
+            Item::PositiveLimit => signal(Signal::PositiveLimit)?,
+            Item::NegativeLimit => signal(Signal::NegativeLimit)?,
+            Item::Mode => signal(Signal::Mode)?,
+            Item::TargetPosition => signal(Signal::TargetPosition)?,
+            Item::Window => rules.window?,
+            Item::Halted => rules.halted?.0,
+            Item::Stalled => rules.stalled?.0,
+        };
+        (!self.lacks_parameter(id) && self.read_request(id).is_ok()).then_some(id)
+    }
+
+    /// The next parameter of a round. Items that the drive does not have are taken out.
+    fn next_item(
+        &self,
+        pending: &mut u16,
+        flag: Option<(ParameterId, ParameterTest)>,
+    ) -> Option<ParameterId> {
+        for item in Item::ALL {
+            let bit = 1 << item as u16;
+            if *pending & bit == 0 {
+                continue;
+            }
+            match self.source(item, flag) {
+                Some(id) => return Some(id),
+                None => *pending &= !bit,
+            }
+        }
+        None
+    }
+
+    /// What a wait does next.
+    pub fn poll_watch(&mut self, now: Instant, run: &mut PlanRun, step: Step) -> WatchStep {
+        let Some((flag, within_ms)) = wait_of(step) else { return WatchStep::Done };
+        if run.watch.began.is_none() {
+            if let Some(factor) = self.unread_watch_factor() {
+                return WatchStep::Factor(factor);
+            }
+            self.begin_wait(now, run, step);
+        }
+        if run.watch.epoch != Some(self.motion.epoch) {
+            return WatchStep::Failed(Failure::Cancelled);
+        }
+        loop {
+            if let Some(id) = self.next_item(&mut run.watch.pending, flag) {
+                return WatchStep::Read(id);
+            }
+            let flagged = self.motion.members.iter().any(|(_, judge)| judge.flag() == Some(true));
+            if flagged && !run.watch.measured {
+                run.watch.pending = Item::MEASURED;
+                run.watch.measured = true;
+                continue;
+            }
+            run.watch.looked = true;
+            if core::mem::take(&mut run.watch.examining) {
+                self.motion.members.iter_mut().for_each(|(_, judge)| judge.mark_examined(now));
+            }
+            match self.combined_verdict(now) {
+                MotionVerdict::Pending => {}
+                MotionVerdict::Examine => {
+                    run.watch.pending = Item::REASONS;
+                    run.watch.examining = true;
+                    continue;
+                }
+                verdict => return self.end_watch(step, verdict),
+            }
+            let limit = run.wait_limit_ms(within_ms);
+            if run.watch.began.is_some_and(|began| now > began.plus_ms(limit)) {
+                return WatchStep::Failed(Failure::NotReached);
+            }
+            self.begin_round(now, run, step);
+            return WatchStep::Sleep(now.plus_ms(FLAG_MS));
+        }
+    }
+
+    fn begin_wait(&mut self, now: Instant, run: &mut PlanRun, step: Step) {
+        let goal = self.motion.first.map(|judge| judge.goal());
+        match (step, goal) {
+            (Step::Standstill { .. }, _) => self.begin_watch(MotionGoal::Standstill, None),
+            (Step::Homed { .. }, Some(MotionGoal::Reference)) => {}
+            (Step::Homed { .. }, _) => self.begin_watch(MotionGoal::Reference, Some(run.command)),
+            (_, Some(MotionGoal::Position(_))) => {}
+            _ => self.begin_watch(MotionGoal::Idle, None),
+        }
+        self.acknowledge_motion(now);
+        // A motor in motion since the last command had power.
+        let enabled = self.state.reading(Signal::Enabled);
+        if enabled.at.is_some() && enabled.raw != 0 {
+            self.motion.members.iter_mut().for_each(|(_, judge)| judge.mark_enabled());
+        }
+        run.watch = WatchReads {
+            epoch: Some(self.motion.epoch),
+            began: Some(now),
+            measure_due: Some(now),
+            safety_due: Some(now),
+            ..WatchReads::default()
+        };
+        self.begin_round(now, run, step);
+        // Once in a wait: it is a setting.
+        if matches!(step, Step::Arrival { .. }) {
+            run.watch.pending |= bits(&[Item::Window]);
+        }
+    }
+
+    fn begin_round(&mut self, now: Instant, run: &mut PlanRun, step: Step) {
+        let has_flag = self.source(Item::Flag, wait_of(step).and_then(|(flag, _)| flag)).is_some();
+        let stops = matches!(step, Step::Standstill { .. });
+        let due = |at: Option<Instant>| at.is_none_or(|at| at <= now);
+        let watch = &mut run.watch;
+        watch.pending = 0;
+        if has_flag && !stops {
+            watch.pending |= bits(&[Item::Flag]);
+        }
+        watch.measured = !has_flag || stops || due(watch.measure_due);
+        if watch.measured {
+            watch.pending |= Item::MEASURED;
+            watch.measure_due = Some(now.plus_ms(MEASURE_MS));
+        }
+        if !stops && due(watch.safety_due) {
+            watch.pending |= Item::SAFETY;
+            watch.safety_due = Some(now.plus_ms(SAFETY_MS));
+        }
+        // Without any measured value the drive's report is all there is.
+        let measures =
+            [Item::Position, Item::Velocity].map(|item| self.source(item, None).is_some());
+        if stops && measures == [false; 2] {
+            watch.pending |= bits(&[Item::Flag]);
+        }
+    }
+
+    /// The verdict of all drives: the first that is not done counts.
+    fn combined_verdict(&self, now: Instant) -> MotionVerdict {
+        let verdicts = || self.motion.members.iter().map(|(_, judge)| judge.verdict(now));
+        let pending = |verdict: &MotionVerdict| {
+            matches!(verdict, MotionVerdict::Pending | MotionVerdict::Examine)
+        };
+        match verdicts().find(pending) {
+            // The reasons are read once all drives have ended.
+            Some(_) if verdicts().any(|verdict| verdict == MotionVerdict::Pending) => {
+                MotionVerdict::Pending
+            }
+            Some(verdict) => verdict,
+            None => verdicts()
+                .find(|verdict| *verdict != MotionVerdict::Arrived)
+                .or_else(|| verdicts().next())
+                .unwrap_or(MotionVerdict::Unconfirmed),
+        }
+    }
+
+    fn end_watch(&self, step: Step, verdict: MotionVerdict) -> WatchStep {
+        match verdict {
+            MotionVerdict::Arrived => WatchStep::Done,
+            // Whoever stops a motor is told elsewhere that nothing could be measured.
+            MotionVerdict::Unconfirmed if matches!(step, Step::Standstill { .. }) => {
+                WatchStep::Done
+            }
+            MotionVerdict::Unconfirmed => WatchStep::Failed(Failure::Unconfirmed),
+            MotionVerdict::Faulted(code) => WatchStep::Failed(Failure::Faulted { code }),
+            MotionVerdict::PowerLost => WatchStep::Failed(Failure::PowerLost),
+            MotionVerdict::Ended(reason) => WatchStep::Failed(Failure::Elsewhere(reason)),
+            MotionVerdict::Pending | MotionVerdict::Examine => {
+                WatchStep::Failed(Failure::NotReached)
+            }
+        }
+    }
+
+    /// Takes a value that was read for a wait, or before a start.
+    pub fn observe(
+        &mut self,
+        now: Instant,
+        address: u32,
+        run: &WatchValue,
+        id: ParameterId,
+        raw: i64,
+    ) {
+        let seen = self.observation(id, raw, run.flag);
+        let target = (self.source(Item::TargetPosition, None) == Some(id)).then_some(raw);
+        let window =
+            (self.profile.motion.window == Some(id)).then(|| self.own_window(id, raw)).flatten();
+        let Some(judge) = self.motion.judge(address) else { return };
+        if run.before {
+            judge.observe_before(&seen);
+            if let Some(target) = target {
+                judge.set_target_before(target);
+            }
+            return;
+        }
+        if let Some(window) = window {
+            judge.set_window(window);
+        }
+        judge.observe(now, &seen);
+    }
+
+    /// Takes out what was read, or cannot be read now.
+    pub fn mark_read(&self, run: &mut PlanRun, id: ParameterId) {
+        let flag = run.current_step().and_then(wait_of).and_then(|(flag, _)| flag);
+        for item in Item::ALL {
+            if self.source(item, flag) == Some(id) {
+                run.watch.pending &= !(1 << item as u16);
+            }
+        }
+    }
+
+    /// A parameter turned out to be missing: what it would have told is never known.
+    pub fn mark_missing(&mut self, id: ParameterId) {
+        let is = |signal| self.profile.signal(signal).is_some_and(|source| source.parameter == id);
+        let (position, speed) = (is(Signal::Position), is(Signal::Velocity));
+        let first = self.motion.first.as_mut();
+        let members = self.motion.members.iter_mut().map(|(_, judge)| judge);
+        for judge in first.into_iter().chain(members) {
+            if position {
+                judge.mark_without_position();
+            }
+            if speed {
+                judge.mark_without_speed();
+            }
+        }
+    }
+
+    /// Begins to look for evidence of a start that was not acknowledged. False where none is possible.
+    pub fn begin_start_proof(&mut self, now: Instant, run: &mut PlanRun) -> bool {
+        let is_start = run.verb.is_some_and(targets_position) && run.undo_reason.is_none();
+        if !is_start || self.driver.is_group() {
+            return false;
+        }
+        run.watch = WatchReads {
+            pending: Item::MEASURED | bits(&[Item::Flag]),
+            began: Some(now),
+            ..WatchReads::default()
+        };
+        true
+    }
+
+    /// Looks whether a start that was not acknowledged was executed: `Done` if it was.
+    pub fn poll_start_proof(&self, now: Instant, run: &mut PlanRun) -> WatchStep {
+        if let Some(id) = self.next_item(&mut run.watch.pending, None) {
+            return WatchStep::Read(id);
+        }
+        if self.motion.members.iter().all(|(_, judge)| judge.proves_start()) {
+            return WatchStep::Done;
+        }
+        if run.watch.began.is_none_or(|began| now > began.plus_ms(PROOF_MS)) {
+            return WatchStep::Failed(Failure::Silent);
+        }
+        run.watch.pending = Item::MEASURED | bits(&[Item::Flag]);
+        WatchStep::Sleep(now.plus_ms(FLAG_MS))
+    }
+}
+
+/// What a value is read for.
+#[derive(Clone, Copy, Debug)]
+pub struct WatchValue {
+    /// Before the start of a motion.
+    pub before: bool,
+    /// The flag of the step that waits, where it has one of its own.
+    pub flag: Option<(ParameterId, ParameterTest)>,
+}
+
+impl WatchValue {
+    /// Of the current step of a run.
+    pub fn of(run: &PlanRun) -> Self {
+        let flag = run.current_step().and_then(wait_of).and_then(|(flag, _)| flag);
+        Self { before: run.is_before_start(), flag }
+    }
+}
+
+/// The flag of a step that waits for a motion, and its time limit.
+fn wait_of(step: Step) -> Option<(Option<(ParameterId, ParameterTest)>, u32)> {
+    match step {
+        Step::Standstill { within_ms } => Some((None, within_ms)),
+        Step::Homed { read, test, within_ms } => Some((Some((read, test)), within_ms)),
+        Step::Arrival { flag, within_ms } => Some((flag, within_ms)),
+        _ => None,
+    }
+}
+
+/// Whether a verb goes to a position.
+fn targets_position(verb: Verb) -> bool {
+    verb.is_move() || matches!(verb, Verb::PrepareTo | Verb::PrepareBy)
+}
