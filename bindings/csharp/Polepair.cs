@@ -20,7 +20,7 @@ namespace Polepair
     public enum Status
     {
         Ok = 0, Negative = 1, Usage = 2, Adapter = 3, NoReply = 4, Corrupt = 5, Refused = 6, Partial = 7,
-        DriveFault = 8, Pending = 64, Nothing = 65, Buffer = 66, Forked = 67, Defect = 68, Interrupted = 130,
+        DriveFault = 8, Unconfirmed = 9, Pending = 64, Nothing = 65, Buffer = 66, Forked = 67, Defect = 68, Interrupted = 130,
     }
 
     /// <summary>What a drive can be told to do.</summary>

@@ -17,7 +17,8 @@ from ctypes import POINTER, byref, c_char, c_char_p, c_double, c_int, c_int64, c
 OK, USAGE, DRIVE_FAULT, PENDING, NOTHING, BUFFER = 0, 2, 8, 64, 65, 66
 ENABLE, DISABLE, CLEAR, VELOCITY, TORQUE, MOVE_TO, MOVE_BY, MOVE_ON, CURVE_TO, CURVE_BY, HOME, STORE = range(12)
 SIGNALS = ["position", "velocity", "torque", "current", "voltage", "temperature", "target position",
-           "target velocity", "fault", "enabled", "moving", "reached", "mode", "time"]
+           "target velocity", "fault", "enabled", "moving", "reached", "mode", "time",
+           "positive limit", "negative limit"]
 
 _NAMES = {"win32": "polepair.dll", "darwin": "libpolepair.dylib"}
 _LIBRARY = os.environ.get("POLEPAIR_LIBRARY", _NAMES.get(sys.platform, "libpolepair.so"))

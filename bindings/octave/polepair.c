@@ -24,10 +24,11 @@
 
 #define TEXT_MAX 1024
 #define HANDLES_MAX 4096
-#define SIGNALS_MAX 14
+#define SIGNALS_MAX 16
 
 static const char *const SIGNALS[SIGNALS_MAX] = { "position", "velocity", "torque", "current", "voltage",
-    "temperature", "target position", "target velocity", "fault", "enabled", "moving", "reached", "mode", "time" };
+    "temperature", "target position", "target velocity", "fault", "enabled", "moving", "reached", "mode", "time",
+    "positive limit", "negative limit" };
 
 enum kind { NO_HANDLE, LINK, AXIS, TRACE };
 

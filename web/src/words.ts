@@ -440,6 +440,8 @@ export const KNOWN: Record<string, readonly [string, string]> = {
   reached: ["reached", "到位"],
   mode: ["mode", "模式"],
   time: ["time", "时间"],
+  "positive limit": ["positive limit", "正向限位"],
+  "negative limit": ["negative limit", "负向限位"],
   load: ["load", "负载"],
   jam: ["jam", "堵转"],
   supply: ["supply", "电源"],

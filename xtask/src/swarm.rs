@@ -154,6 +154,7 @@ fn print_totals(total: &WorldReport, options: SwarmOptions, medium: MediumKind, 
         MediumKind::Can => print_can(total),
     }
     println!("  drive resets   {:>12}", total.resets);
+    println!("  acts on drives {:>12}", total.acts);
     println!("  cables pulled  {:>12}", total.cable_pulls);
     println!(
         "wire collisions  {:>12}  wrong values that passed every check",

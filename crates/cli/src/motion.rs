@@ -439,10 +439,11 @@ pub fn check_fault(axis: &LocalAxis) -> Result<()> {
     }
 }
 
-/// The error for a motion whose end nothing shows.
-fn unconfirmed_problem(label: &str) -> Problem {
-    let what = format!("{label}: the motion was started; nothing that it reports shows its end.");
-    Problem::new(Exit::Unconfirmed, "E901", what).hint("look at the motor, then stop it")
+/// The error for a command whose effect nothing shows.
+pub fn unconfirmed_problem(label: &str, what: &str) -> Problem {
+    let what = format!("{label}: {what} was sent; nothing confirms it on this wire.");
+    Problem::new(Exit::Unconfirmed, "E901", what)
+        .hint("name the axes instead of the group, so that each is asked, or look at the motors")
 }
 
 /// Waits until the arrival of each axis was measured.
@@ -453,7 +454,7 @@ fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
             continue;
         }
         if !axis.has_verb(Verb::Reached) {
-            return Err(unconfirmed_problem(axis.label()));
+            return Err(unconfirmed_problem(axis.label(), "the motion"));
         }
         match axis.local() {
             Some(axis) => axis.wait(deadline.since(axis.connection().now())).map_err(to_problem)?,

@@ -41,6 +41,7 @@ pub fn to_problem(error: Error) -> Problem {
         {
             problem.why("Frames were received, but no reply, even after repeats.")
         }
+        Error::MotionEnded { why, .. } if !why.is_empty() => problem.why(to_sentence(why)),
         _ => problem.why(reason_text(&error)),
     };
     problem.may_turn = error.may_turn();

@@ -132,6 +132,19 @@ pub struct ExecutionProof {
     pub fault_mask: i64,
 }
 
+/// What a refusal means for the request that was refused.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Refusal {
+    /// It was not executed and will not be.
+    Final,
+    /// The drive does not have the parameter. This is not an error of the request.
+    Missing,
+    /// The drive is busy with another request; this one was not executed and may be sent again.
+    Busy,
+    /// The drive accepted the request and is not done with it yet.
+    Accepted,
+}
+
 /// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
 /// executor: those are the lane's. A family overrides what its drive does differently.
 pub trait Driver {
@@ -274,11 +287,10 @@ pub trait Driver {
         answer: &Self::Answer,
     ) -> Result<i64, Failure>;
 
-    /// Whether this refusal code means that the drive does not have the parameter. Such a refusal is not
-    /// an error of the request.
-    fn is_missing_parameter(&self, code: u32) -> bool {
+    /// What a refusal with this code means for the request.
+    fn refusal(&self, code: u32) -> Refusal {
         let _ = code;
-        false
+        Refusal::Final
     }
 
     /// Processes a message that the drive sent by itself, and returns the values in it.

@@ -103,6 +103,14 @@ pub enum Failure {
     },
     /// The motor lost power during a wait, and the drive reports no fault.
     PowerLost,
+    /// The drive answered with fewer bytes than a value of this type has: the object is of another type, such as
+    /// an array, whose first entry is the number of its entries.
+    WrongSize {
+        /// Bytes of the answer.
+        found: u8,
+        /// Bytes of the type.
+        need: u8,
+    },
     /// The motion ended elsewhere than at its target, by the measured position.
     Elsewhere(EndReason),
     /// The motion is over by the drive's own report, and nothing that the drive reports shows where the

@@ -8,12 +8,13 @@
 //! Why: MOVE-10.
 
 mod speed;
+mod tolerance;
 
 use core::time::Duration;
 
-use crate::profile::Encoding;
 use crate::time::Instant;
 pub use speed::{STANDSTILL_LINEAR, STANDSTILL_ROTARY, SpeedJudge, SpeedVerdict};
+pub use tolerance::Tolerance;
 
 /// Shortest time at rest after which a motion counts as ended, though the drive does not report its end.
 const REST_MIN: Duration = Duration::from_millis(300);
@@ -29,10 +30,10 @@ const STANDSTILL_SPAN: Duration = Duration::from_millis(60);
 const STANDSTILL_POSITION_SPAN: Duration = Duration::from_millis(100);
 /// Readings of the speed that mean standstill, at least: one alone may be taken at a change of direction.
 const STANDSTILL_READINGS_MIN: u32 = 3;
-/// Longest rest that is waited for because a commanded speed is slow, or positions are coarse.
-const SLOW_REST_MAX: Duration = Duration::from_secs(20);
 /// How long a fault is waited for after a motion ended elsewhere without another reason.
-const LATE_FAULT_MAX: Duration = Duration::from_millis(500);
+const LATE_FAULT_MAX: Duration = Duration::from_millis(900);
+/// A turning motor goes on for the time of the start; what its drive counts from lags behind or leads.
+const START_SLACK: f64 = 2.0;
 /// How long a position may be unreadable after the drive reported the end of its motion.
 const UNREADABLE_MAX: Duration = Duration::from_secs(5);
 
@@ -48,57 +49,6 @@ pub enum MotionGoal {
     Standstill,
     /// The end of whatever the drive does.
     Idle,
-}
-
-/// How positions and speeds of an axis are compared. All values are in the drive's raw numbers.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Tolerance {
-    /// Encoding of the position, whose counter wraps around.
-    pub encoding: Encoding,
-    /// Greatest distance from the target of an axis that has arrived.
-    pub window: f64,
-    /// Greatest difference of positions of an axis that stands.
-    pub noise: f64,
-    /// Greatest speed that means standstill; `None` if the drive reports no speed.
-    pub standstill: Option<f64>,
-    /// The same speed in counts of the position per second; zero if that is not known.
-    pub drift: f64,
-    /// Commanded speed in counts per second, if it is known.
-    pub speed: Option<f64>,
-}
-
-impl Tolerance {
-    /// The signed distance between two positions. Counters wrap around, floating-point numbers do not.
-    #[must_use]
-    pub fn distance(&self, from: i64, to: i64) -> f64 {
-        let bits = 8 * u32::from(self.encoding.size());
-        if self.encoding.is_real() || !(8..64).contains(&bits) {
-            return self.encoding.number(to) - self.encoding.number(from);
-        }
-        let shift = 64 - bits;
-        ((to.wrapping_sub(from) << shift) >> shift) as f64
-    }
-
-    /// How long two positions must lie apart in time so that equal ones mean standstill.
-    fn coarse_span(&self, at_least: Duration) -> Duration {
-        let seconds = if self.drift > 0.0 { self.noise / self.drift } else { 0.0 };
-        at_least.max(span(seconds)).min(SLOW_REST_MAX)
-    }
-
-    /// The rest after which a motion at the commanded speed counts as ended.
-    fn motion_rest(&self) -> Duration {
-        match self.speed {
-            // The slowest motion passes several times the noise in that time.
-            Some(speed) if speed > 0.0 => {
-                REST_MIN.max(span(4.0 * self.noise / speed)).min(SLOW_REST_MAX)
-            }
-            _ => REST_MIN,
-        }
-    }
-}
-
-fn span(seconds: f64) -> Duration {
-    Duration::try_from_secs_f64(seconds).unwrap_or(SLOW_REST_MAX)
 }
 
 /// Values that were measured, or reported, after a command was started. What was not read now is `None`.
@@ -185,13 +135,18 @@ pub struct MotionJudge {
     start: Option<i64>,
     /// The flag before the command.
     flag_before: Option<bool>,
+    /// When that was read.
+    start_at: Option<Instant>,
     /// It stood before the command.
     stood_before: bool,
+    /// Its speed then, counts per second.
+    speed_before: f64,
     /// The last request of the start was acknowledged, or its goal is waited for.
     since: Option<Instant>,
     started: bool,
     flag: Option<bool>,
     flag_since: Option<Instant>,
+    flag_at: Option<Instant>,
     position: Option<i64>,
     position_at: Option<Instant>,
     /// The position that was not left since.
@@ -210,6 +165,9 @@ pub struct MotionJudge {
     fault_before: u32,
     /// The drive's own last target before the command.
     target_before: Option<i64>,
+    is_relative: bool,
+    /// By how much more than the window the axis may be elsewhere, because it turned when it was started.
+    slack: f64,
     /// The reasons of an end were read since.
     examined_at: Option<Instant>,
 }
@@ -236,11 +194,14 @@ impl MotionJudge {
             tolerance,
             start: None,
             flag_before: None,
+            start_at: None,
             stood_before: false,
+            speed_before: 0.0,
             since: None,
             started: false,
             flag: None,
             flag_since: None,
+            flag_at: None,
             position: None,
             position_at: None,
             anchor: None,
@@ -254,6 +215,8 @@ impl MotionJudge {
             mode_before: None,
             fault_before: 0,
             target_before: None,
+            is_relative: false,
+            slack: 0.0,
             examined_at: None,
         }
     }
@@ -325,25 +288,57 @@ impl MotionJudge {
         self.target_before = Some(target);
     }
 
+    /// The fault code that the drive had before the command.
+    pub const fn set_fault_before(&mut self, code: u32) {
+        self.fault_before = code;
+    }
+
     /// The motor had power when the motion was waited for.
     pub const fn mark_enabled(&mut self) {
         self.was_enabled = true;
     }
 
     /// Takes values that were read before the start.
-    pub fn observe_before(&mut self, seen: &Observation) {
+    pub fn observe_before(&mut self, now: Instant, seen: &Observation) {
+        if seen.position.is_some() {
+            self.start_at = Some(now);
+        }
         self.start = seen.position.or(self.start);
         self.position = seen.position.or(self.position);
         self.flag_before = self.reported_end(seen).or(self.flag_before);
         self.fault_before = seen.fault.unwrap_or(self.fault_before);
         if let (Some(speed), Some(slow)) = (seen.speed, self.tolerance.standstill) {
             self.stood_before = speed.abs() <= slow;
+            let counts = if slow > 0.0 { speed.abs() / slow * self.tolerance.drift } else { 0.0 };
+            self.speed_before = if self.stood_before { 0.0 } else { counts };
         }
     }
 
     /// The start was acknowledged, or its goal is waited for from now on.
     pub fn begin(&mut self, now: Instant) {
-        self.since.get_or_insert(now);
+        if self.since.is_some() {
+            return;
+        }
+        self.since = Some(now);
+        // A relative move of a turning motor counts from somewhere between the reading and the start.
+        if let Some(at) = self.start_at.filter(|_| self.is_relative) {
+            self.slack = START_SLACK * self.speed_before * now.since(at).as_secs_f64();
+        }
+    }
+
+    /// The target was counted from where the axis was before the command.
+    pub const fn mark_relative(&mut self) {
+        self.is_relative = true;
+    }
+
+    /// Whether what decides the goal was read at `since` or later.
+    #[must_use]
+    pub fn is_current(&self, since: Instant) -> bool {
+        let decides = match self.goal {
+            MotionGoal::Position(_) if !self.lacks_position => self.position_at,
+            _ => self.position_at.max(self.speed_at).max(self.flag_at),
+        };
+        decides.is_some_and(|at| at >= since)
     }
 
     /// Reasons of an end were read.
@@ -356,6 +351,7 @@ impl MotionJudge {
         self.begin(now);
         if let Some(flag) = self.reported_end(seen) {
             self.started |= !flag;
+            self.flag_at = Some(now);
             if self.flag != Some(flag) || self.flag_since.is_none() {
                 self.flag_since = Some(now);
             }
@@ -447,7 +443,8 @@ impl MotionJudge {
         let Some(position) = self.position.filter(|_| self.position_at.is_some()) else {
             return false;
         };
-        let near = |target: i64| self.distance_to(position, target) <= self.tolerance.window;
+        let window = self.tolerance.window + self.slack;
+        let near = |target: i64| self.distance_to(position, target) <= window;
         targets.into_iter().flatten().any(near)
     }
 

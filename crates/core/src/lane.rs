@@ -218,9 +218,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 self.jobs.mark_sent(n);
             }
             Err(next) => {
-                if execute::is_at_rest(&next) && job.ends_motion() {
-                    slot.state.motion_active = false;
-                }
+                execute::note_end(now, &next, job, slot);
                 self.jobs.apply_unsent(n, next);
             }
         }

@@ -484,6 +484,11 @@ typedef struct pp_truth {
 #define PP_DRIVE_FAULT 8
 
 /**
+ * The drive reports that it is done, and nothing that it reports shows it.
+ */
+#define PP_UNCONFIRMED 9
+
+/**
  * The request has not ended yet.
  */
 #define PP_PENDING 64
@@ -692,6 +697,16 @@ typedef struct pp_truth {
  * Time of the drive: s.
  */
 #define PP_SIGNAL_TIME 13
+
+/**
+ * A limit holds the motor at the positive end.
+ */
+#define PP_SIGNAL_POSITIVE_LIMIT 14
+
+/**
+ * A limit holds the motor at the negative end. Both are 1 if the drive does not report which end it is.
+ */
+#define PP_SIGNAL_NEGATIVE_LIMIT 15
 
 #ifdef __cplusplus
 extern "C" {
@@ -1063,7 +1078,8 @@ pp_status pp_axis_home(const struct pp_axis *axis);
 
 /**
  * Waits until a move has reached its target, at most so many seconds. The motor is not stopped when they are
- * over: PP_NEGATIVE. PP_DRIVE_FAULT if a fault ends the move.
+ * over: PP_NEGATIVE, with E101. If it ended elsewhere, PP_NEGATIVE with E106 or E102.
+ * PP_DRIVE_FAULT if a fault ends the move, PP_UNCONFIRMED if the drive reports no position.
  *
  * Pointers: `axis` is NULL or valid.
  */

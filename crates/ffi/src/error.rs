@@ -29,6 +29,8 @@ pub const PP_REFUSED: pp_status = 6;
 pub const PP_PARTIAL: pp_status = 7;
 /// The drive has a fault.
 pub const PP_DRIVE_FAULT: pp_status = 8;
+/// The drive reports that it is done, and nothing that it reports shows it.
+pub const PP_UNCONFIRMED: pp_status = 9;
 /// The request has not ended yet.
 pub const PP_PENDING: pp_status = 64;
 /// There is nothing to return: no event, no sample, no error.

@@ -325,7 +325,8 @@ pub unsafe extern "C" fn pp_axis_home(axis: *const pp_axis) -> pp_status {
 }
 
 /// Waits until a move has reached its target, at most so many seconds. The motor is not stopped when they are
-/// over: PP_NEGATIVE. PP_DRIVE_FAULT if a fault ends the move.
+/// over: PP_NEGATIVE, with E101. If it ended elsewhere, PP_NEGATIVE with E106 or E102.
+/// PP_DRIVE_FAULT if a fault ends the move, PP_UNCONFIRMED if the drive reports no position.
 ///
 /// # Safety
 /// `axis` is NULL or valid.

@@ -42,9 +42,13 @@ pub const PP_SIGNAL_REACHED: pp_signal = 11;
 pub const PP_SIGNAL_MODE: pp_signal = 12;
 /// Time of the drive: s.
 pub const PP_SIGNAL_TIME: pp_signal = 13;
+/// A limit holds the motor at the positive end.
+pub const PP_SIGNAL_POSITIVE_LIMIT: pp_signal = 14;
+/// A limit holds the motor at the negative end. Both are 1 if the drive does not report which end it is.
+pub const PP_SIGNAL_NEGATIVE_LIMIT: pp_signal = 15;
 
 /// Signals in the order of their numbers.
-const SIGNALS: [Signal; 14] = [
+const SIGNALS: [Signal; 16] = [
     Signal::Position,
     Signal::Velocity,
     Signal::Torque,
@@ -59,12 +63,14 @@ const SIGNALS: [Signal; 14] = [
     Signal::Reached,
     Signal::Mode,
     Signal::Time,
+    Signal::PositiveLimit,
+    Signal::NegativeLimit,
 ];
 
 /// The signal of a number.
 pub(crate) fn read_signal(signal: pp_signal) -> Result<Signal, CallError> {
     let known = usize::try_from(signal).ok().and_then(|at| SIGNALS.get(at));
-    let hint = "use PP_SIGNAL_POSITION to PP_SIGNAL_TIME";
+    let hint = "use PP_SIGNAL_POSITION to PP_SIGNAL_NEGATIVE_LIMIT";
     known.copied().ok_or_else(|| CallError::usage(format!("{signal} is no signal"), hint))
 }
 

@@ -47,7 +47,9 @@ pub fn outcome_class(outcome: Outcome) -> Option<OutcomeClass> {
     };
     let (exit, exception, code) = match failure {
         Failure::Silent => (Exit::NoReply, Exception::NoReply, "E401"),
-        Failure::Misbehaved => (Exit::Corrupt, Exception::ProtocolError, "E501"),
+        Failure::Misbehaved | Failure::WrongSize { .. } => {
+            (Exit::Corrupt, Exception::ProtocolError, "E501")
+        }
         Failure::AnsweredTwice => (Exit::Corrupt, Exception::ProtocolError, "E502"),
         Failure::Refused { .. } => (Exit::Refused, Exception::Refused, "E601"),
         Failure::NotReady { .. } => (Exit::Refused, Exception::Refused, "E602"),

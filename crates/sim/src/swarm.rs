@@ -71,6 +71,8 @@ pub struct WorldReport {
     pub repeated: u64,
     /// Supplies cut and given back.
     pub resets: u64,
+    /// Jams, limit switches, faults and safe torque off, made and undone.
+    pub acts: u64,
     /// Cables pulled and plugged.
     pub cable_pulls: u64,
     /// Invariants broken.
@@ -104,6 +106,7 @@ impl WorldReport {
         self.clashes += other.clashes;
         self.repeated += other.repeated;
         self.resets += other.resets;
+        self.acts += other.acts;
         self.cable_pulls += other.cable_pulls;
         self.violations.extend(other.violations.iter().cloned());
     }

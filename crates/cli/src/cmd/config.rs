@@ -308,17 +308,23 @@ impl ConfigApply {
             }
             axis.arm(false);
         }
-        let mut differing = Vec::new();
+        let (mut differing, mut unread) = (Vec::new(), Vec::new());
         for (axis, changes) in plan {
             for change in changes.iter().filter(|change| !change.reach) {
-                let stored = axis.read(change.id).map_err(outcome::to_problem)?;
-                if stored != change.wanted.raw {
-                    differing.extend(parameter_names(axis, [change]));
+                match axis.read(change.id) {
+                    Ok(stored) if stored == change.wanted.raw => {}
+                    Ok(_) => differing.extend(parameter_names(axis, [change])),
+                    // The outcome of a write is the write's.
+                    Err(_) => unread.extend(parameter_names(axis, [change])),
                 }
             }
         }
+        if !unread.is_empty() {
+            print_note(&format!("written, but not read back: {}", unread.join(", ")));
+        }
         if differing.is_empty() {
             let changed: usize = plan.iter().map(|(_, changes)| changes.len()).sum();
+            let changed = changed - unread.len();
             print_note(&format!("{} written and read back", plural(changed as u64, "setting")));
             return Ok(Exit::Ok);
         }

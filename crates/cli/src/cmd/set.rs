@@ -117,8 +117,16 @@ impl Set {
         out: &mut DataOutput,
     ) -> Result<()> {
         let name = &change.name;
-        let read = server.gateway.parameter(axis, name).map_err(remote::refusal_problem)?;
         let shown = |value| remote::format_value(value, &change.unit);
+        let read = match server.gateway.parameter(axis, name) {
+            Ok(read) => read,
+            Err(error) => {
+                let problem = remote::refusal_problem(error);
+                print_note(&not_read_back_text(who.trim_end(), name, &problem));
+                out.write_line(&format!("{who}{} (written, not read back)", written_text(change)));
+                return Ok(());
+            }
+        };
         let now = read.value.map_or(read.text, shown);
         let now = match read.raw.filter(|_| self.raw) {
             Some(raw) => raw.to_string(),
@@ -227,7 +235,23 @@ impl Set {
         axis.write(id, raw, self.store).map_err(outcome::to_problem)?;
         let value = match parameter.access {
             Access::Write => axis.value(id, raw).map_err(outcome::to_problem)?,
-            _ => read_parameter(axis, id)?,
+            _ => match read_parameter(axis, id) {
+                Ok(value) => value,
+                // The outcome of a write is the write's.
+                Err(problem) => {
+                    let shown = match self.raw {
+                        true => raw.to_string(),
+                        false => axis.value(id, raw).map_or(raw.to_string(), |v| v.to_string()),
+                    };
+                    print_note(&not_read_back_text(&axis.label(), parameter.name, &problem));
+                    out.write_line(&format!(
+                        "{}{} = {shown} (written, not read back)",
+                        session.axis_prefix(axis),
+                        parameter.name
+                    ));
+                    return Ok(());
+                }
+            },
         };
         let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
         out.write_line(&format!("{}{} = {shown}", session.axis_prefix(axis), parameter.name));
@@ -249,6 +273,12 @@ impl Set {
         Err(Problem::new(Exit::Negative, "E111", what)
             .why(format!("{raw} raw was written and accepted, {} raw is read back.", value.raw)))
     }
+}
+
+/// Why a value that was written is not shown as it was read.
+fn not_read_back_text(label: &str, name: &str, problem: &Problem) -> String {
+    let label = if label.is_empty() { String::new() } else { format!("{label}: ") };
+    format!("{label}`{name}` was written; it could not be read back: {}", problem.what)
 }
 
 /// What a write would change: it is read, and nothing is written.

@@ -12,6 +12,7 @@ use polepair_client::message::{
 };
 use polepair_client::{Gateway, GatewayError, select_each};
 
+use crate::motion;
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result, join_list};
 use crate::remote::{self, RemoteSession, ServerArgs};
@@ -243,6 +244,9 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
                     "{label} acknowledged the stop; it does not report whether its motor is at \
                      standstill"
                 ));
+            }
+            Ok(Standstill::Unconfirmed) => {
+                failed.push(motion::unconfirmed_problem(&label, "the stop"));
             }
             Err(error) => {
                 print_warning(&format!("{label} may still turn: cut its supply"));

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::Axis;
+use polepair::url::AxisNumber;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 
@@ -152,6 +153,9 @@ fn power_off_text(axis: &Axis) -> Result<String> {
     }
     if powered.is_some_and(|powered| powered != 0.0) {
         return Err(still_powered_problem(axis.label()));
+    }
+    if powered.is_none() && axis.local().is_some_and(|axis| AxisNumber(axis.number()).is_group()) {
+        return Err(motion::unconfirmed_problem(axis.label(), "the command"));
     }
     let velocity = session::signal_text(axis, Signal::Velocity).ok().flatten();
     let off = if powered.is_some() { UNPOWERED } else { SWITCHED_OFF };

@@ -13,9 +13,11 @@ const REACHED_SHARE: f64 = 0.05;
 const REACHED_MIN: f64 = 2.0 * PI / 30.0;
 /// A motor that has passed this share of its set-point turns, however slow that is.
 const TURNING_SHARE: f64 = 0.5;
-/// A position that has changed by more, rad or m, shows that a motor without a speed has turned.
+/// A position has to change by more, rad or m: a motor that is held twitches.
 const MOVED_ROTARY: f64 = PI / 180.0;
 const MOVED_LINEAR: f64 = 1e-4;
+/// Or by more than the way at the set-point in this time, s, which is less where that is slow.
+const MOVED_TIME: f64 = 0.1;
 
 /// What is known of a motion at a speed.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -76,8 +78,11 @@ impl SpeedJudge {
             false => (STANDSTILL_ROTARY, MOVED_ROTARY),
         };
         let slow = self.setpoint.map_or(slow, |setpoint| slow.min(setpoint.abs() * TURNING_SHARE));
-        self.fastest.is_some_and(|fastest| fastest > slow)
-            || self.way.is_some_and(|way| way > moved)
+        let moved = self.setpoint.map_or(moved, |setpoint| moved.min(setpoint.abs() * MOVED_TIME));
+        let fast = self.fastest.map(|fastest| fastest > slow);
+        let far = self.way.map(|way| way > moved);
+        // Where both are measured, both have to show it.
+        fast.or(far) == Some(true) && far.or(fast) == Some(true)
     }
 
     /// What is known now.
@@ -125,5 +130,10 @@ mod tests {
         assert_eq!(judge.verdict(), SpeedVerdict::NeverTurned);
         judge.observe(None, Some(1.5));
         assert_eq!(judge.verdict(), SpeedVerdict::Reached);
+        // A limit holds it: its speed is noise.
+        let mut judge = SpeedJudge::new(Some(300.0 * RPM), false);
+        judge.observe(Some(2.8 * RPM), Some(0.0));
+        judge.observe(Some(-RPM), Some(0.001));
+        assert_eq!(judge.verdict(), SpeedVerdict::NeverTurned);
     }
 }

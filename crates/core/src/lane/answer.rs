@@ -7,13 +7,18 @@ use super::guard::{GuardRead, GuardVerdict};
 use super::job::{InFlight, PlanRun, StepStage};
 use super::slot::AxisSlot;
 use super::watch::WatchValue;
-use crate::axis::{ExecutionProof, ProgramEnd, UnmetWait};
+use crate::axis::{ExecutionProof, ProgramEnd, Refusal, UnmetWait};
 use crate::error::{Failure, Outcome};
 use crate::plan::Step;
 use crate::profile::{Access, ParameterId, Persistence};
 use crate::program::ProgramCommand;
 use crate::station::{Request, RequestClass};
 use crate::time::Instant;
+
+/// How long a request to a busy drive is repeated, and what the drive accepted is read back.
+pub const BUSY_MAX_MS: u32 = 1000;
+/// Pause before a request to a busy drive is repeated.
+pub const BUSY_PAUSE_MS: u32 = 20;
 
 /// Processes the reply to a request of a plan, or its absence.
 pub fn handle_run_answer<R: Request, A: Copy + 'static>(
@@ -71,18 +76,53 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
             fail_step(run, raw.err().unwrap_or(Failure::Silent))
         }
         // Where no drive of a group may be asked, a stop that went out is all there is to do.
-        (InFlight::Read(_), Err(Failure::NotReady { .. })) if run.is_stop() && group => {
+        (InFlight::Read(_), Err(Failure::NotReady { .. } | Failure::Impossible(_)))
+            if run.is_stop() && group =>
+        {
             skip_step(run)
         }
-        (InFlight::Read(_), Err(Failure::Refused { .. }))
+        (InFlight::Read(_), Err(Failure::Refused { .. } | Failure::WrongSize { .. }))
             if matches!(run.current_step(), Some(Step::SkipIfMissing { .. })) =>
         {
             skip_missing_step(run)
         }
-        (_, Err(Failure::Refused { .. }))
+        (_, Err(Failure::Refused { .. } | Failure::WrongSize { .. }))
             if run.current_step().is_some_and(|it| slot.skips_step(&it)) =>
         {
             skip_missing_step(run)
+        }
+        // The drive is not done with what it accepted.
+        (InFlight::ReadBack(_, value), Ok(raw)) if raw != value && run.accepted => {
+            let since = *run.waiting_since.get_or_insert(now);
+            if now <= since.plus_ms(BUSY_MAX_MS) {
+                return JobState::Sleeping(now.plus_ms(BUSY_PAUSE_MS));
+            }
+            run.record_proof(true);
+            complete_step(now, run, value)
+        }
+        // Accepted, and nothing shows the value.
+        (InFlight::ReadBack(_, value), Err(Failure::Refused { .. })) if run.accepted => {
+            run.record_proof(true);
+            complete_step(now, run, value)
+        }
+        // It is the write that has no reply.
+        (InFlight::ReadBack(..), Err(Failure::Refused { .. })) => fail_step(run, Failure::Silent),
+        (InFlight::Write(id, value, _), Err(Failure::Refused { code }))
+            if slot.driver.refusal(code) == Refusal::Accepted =>
+        {
+            run.accepted = true;
+            run.record_proof(true);
+            if slot.parameter(id).is_some_and(|p| p.access == Access::ReadWrite) {
+                run.stage = StepStage::ReadBack(id, value);
+                return JobState::Ready;
+            }
+            complete_step(now, run, value)
+        }
+        (InFlight::Send(_), Err(Failure::Refused { code }))
+            if slot.driver.refusal(code) == Refusal::Accepted =>
+        {
+            run.record_proof(true);
+            complete_step(now, run, run.last_value)
         }
         (InFlight::ReadBack(id, value), Ok(raw)) if raw != value => {
             let rewritable = slot.parameter(id).is_some_and(|it| slot.driver.may_rewrite(it));
@@ -207,17 +247,27 @@ fn handle_watch_answer<R: Request, A: Copy + 'static>(
             if !slot.driver.is_group() {
                 slot.observe(now, slot.driver.address(), &WatchValue::of(run), id, raw);
             }
+            if run.stage == StepStage::StartProof && slot.is_proof_over(now, run) {
+                run.stage = StepStage::First;
+                return fail_step(run, Failure::Silent);
+            }
             JobState::Ready
         }
         Err(Failure::Refused { code }) => {
             // Any other refusal may be another one in the next round.
-            if slot.driver.is_missing_parameter(code) {
+            if slot.driver.refusal(code) == Refusal::Missing {
                 slot.mark_missing(id);
             }
             JobState::Ready
         }
+        Err(Failure::WrongSize { .. }) => {
+            slot.mark_missing(id);
+            JobState::Ready
+        }
         // No drive of this group may be asked.
-        Err(Failure::NotReady { .. }) if slot.driver.is_group() => JobState::Ready,
+        Err(Failure::NotReady { .. } | Failure::Impossible(_)) if slot.driver.is_group() => {
+            JobState::Ready
+        }
         Err(failure) => {
             run.stage = StepStage::First;
             fail_step(run, failure)

@@ -3,12 +3,13 @@
 
 use core::time::Duration;
 
-use super::answer::handle_run_answer;
+use super::answer::{BUSY_MAX_MS, BUSY_PAUSE_MS, handle_run_answer};
 use super::job::{GroupResult, InFlight, Job, JobTask, PlanRun, StepStage};
 use super::path::PathStream;
 use super::slot::AxisSlot;
 use super::transfer::{MemoryTransfer, TransferKind};
 use super::watch::WatchStep;
+use crate::axis::Refusal;
 use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::ParameterId;
@@ -378,12 +379,16 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
     raw: Result<i64, Failure>,
 ) -> JobState {
     let in_flight = core::mem::replace(&mut job.in_flight, InFlight::Nothing);
+    if let Some(again) = busy_pause(now, job, slot, raw) {
+        return JobState::Sleeping(again);
+    }
     if let JobTask::Run(run) = &mut job.task {
         run.record_result(in_flight, raw);
     }
     match (in_flight.parameter(), raw) {
         (Some(id), Ok(raw)) => slot.record_value(now, id, raw),
         (Some(id), Err(Failure::Refused { code })) => slot.handle_refusal(id, code),
+        (Some(id), Err(Failure::WrongSize { .. })) => slot.mark_lacking(id),
         _ => {}
     }
     if raw == Err(Failure::LinkDown) {
@@ -411,6 +416,9 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
         },
         JobTask::Raw(_) => JobState::Ended(match raw {
             Ok(raw) => Outcome::Done(raw),
+            Err(Failure::Refused { code }) if slot.driver.refusal(code) == Refusal::Accepted => {
+                Outcome::Done(0)
+            }
             Err(failure) => failed_request_outcome(in_flight, Err(failure), failure),
         }),
         JobTask::Run(run) => handle_run_answer(now, run, slot, in_flight, raw),
@@ -426,6 +434,29 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
                 false => transfer.handle_answer(slot, raw),
             })
             .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled)))
+        }
+    }
+}
+
+/// When a request is sent again that the drive refused because it was busy. The refusal proves that it was not
+/// executed. `None` for any other reply, and after a second.
+fn busy_pause<R: Request, A: Copy + 'static>(
+    now: Instant,
+    job: &mut Job<R>,
+    slot: &AxisSlot<R, A>,
+    raw: Result<i64, Failure>,
+) -> Option<Instant> {
+    let repeats = matches!(job.task, JobTask::Read(_) | JobTask::Raw(_) | JobTask::Run(_));
+    match raw {
+        Err(Failure::Refused { code })
+            if repeats && !job.cancelled && slot.driver.refusal(code) == Refusal::Busy =>
+        {
+            let since = *job.busy_since.get_or_insert(now);
+            (now <= since.plus_ms(BUSY_MAX_MS)).then(|| now.plus_ms(BUSY_PAUSE_MS))
+        }
+        _ => {
+            job.busy_since = None;
+            None
         }
     }
 }
@@ -517,10 +548,23 @@ pub fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
     next_state(run)
 }
 
-/// Whether the motor is at rest after this state of a job that waits for the end of a motion.
-pub fn is_at_rest(next: &JobState) -> bool {
-    let JobState::Ended(outcome) = next else { return false };
-    matches!(outcome, Outcome::Done(_)) || matches!(outcome.failure(), Some(Failure::Elsewhere(_)))
+/// Takes the end of a job into what is known of its axis.
+#[inline]
+pub fn note_end<R: Request, A: Copy + 'static>(
+    now: Instant,
+    next: &JobState,
+    job: &Job<R>,
+    slot: &mut AxisSlot<R, A>,
+) {
+    let JobState::Ended(outcome) = next else { return };
+    let at_rest = matches!(outcome, Outcome::Done(_))
+        || matches!(outcome.failure(), Some(Failure::Elsewhere(_)));
+    if at_rest && job.ends_motion() {
+        slot.state.motion_active = false;
+    }
+    if let JobTask::Run(run) = &job.task {
+        slot.end_motion_plan(now, run.verb, *outcome);
+    }
 }
 
 pub fn finished_outcome(run: &PlanRun) -> Outcome {

@@ -24,6 +24,8 @@ pub struct Job<R> {
     pub group_result: GroupResult,
     /// It sleeps until then.
     pub sleeps_until: Instant,
+    /// The drive has been busy since.
+    pub busy_since: Option<Instant>,
     pub outcome: Option<Outcome>,
 }
 
@@ -186,6 +188,8 @@ pub struct PlanRun {
     pub guard: WaitGuard,
     /// What is read to judge a motion.
     pub watch: WatchReads,
+    /// The drive accepted the write of the current step and was not done with it.
+    pub accepted: bool,
 }
 
 /// Stage of a step that takes several requests.
@@ -295,6 +299,7 @@ impl PlanRun {
             resends: 0,
             guard: WaitGuard::default(),
             watch: WatchReads::default(),
+            accepted: false,
         }
     }
 
@@ -439,6 +444,7 @@ impl PlanRun {
         self.waiting_since = None;
         self.resends = 0;
         self.watch = WatchReads::default();
+        self.accepted = false;
         self.last_value = raw;
     }
 }

@@ -76,6 +76,7 @@ impl<R: Request> JobTable<R> {
             no_retry: false,
             group_result: GroupResult::None,
             sleeps_until: Instant::ZERO,
+            busy_since: None,
             outcome: None,
         });
         let bit = 1 << n;
@@ -178,6 +179,8 @@ impl<R: Request> JobTable<R> {
         let Some(slot) = slots.get_mut(usize::from(job.axis)) else { return false };
         match slot.handle_answer(now, id, answer) {
             Ok(raw) => self.end_job(n, Outcome::Done(raw)),
+            // A busy drive is asked again.
+            Err(Failure::Refused { .. } | Failure::WrongSize { .. }) => return false,
             Err(failure) => self.fail_job(n, failure),
         }
         true
@@ -200,9 +203,7 @@ impl<R: Request> JobTable<R> {
         };
         let raw = execute::merge_group_result(job, raw);
         let next = execute::handle_answer(now, job, slot, raw);
-        if execute::is_at_rest(&next) && job.ends_motion() {
-            slot.state.motion_active = false;
-        }
+        execute::note_end(now, &next, job, slot);
         self.apply(n, next);
     }
 

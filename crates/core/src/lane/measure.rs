@@ -62,8 +62,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// A position or a distance in counts of the position.
     pub fn target_counts(&self, id: ParameterId, si: f64, raw: bool) -> Option<f64> {
-        match self.unit_value(id) {
-            Some(unit) => Some(si / unit),
+        match self.si_per_raw(id) {
+            Some(one) => Some(si / one),
             None if raw => Some(si),
             None => None,
         }

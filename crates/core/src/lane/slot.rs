@@ -6,12 +6,12 @@ use alloc::vec::Vec;
 use super::event_queue::EventQueue;
 use super::path::PathStream;
 use super::transfer::MemoryTransfer;
-use super::watch::MotionWatch;
+use super::watch::{MotionWatch, targets_position};
 use crate::axis::{
-    AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, UnmetWait, Verb,
+    AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, Refusal, UnmetWait, Verb,
 };
 use crate::error::{Failure, Unsupported};
-use crate::plan::{Operand, Step};
+use crate::plan::{Argument, Operand, Step};
 use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, SignalSource};
 use crate::program::ProgramCommand;
 use crate::proto::drive_address;
@@ -303,9 +303,24 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     /// Processes a refusal. A refusal that shows that an optional parameter is missing is remembered.
     #[cold]
     pub fn handle_refusal(&mut self, id: ParameterId, code: u32) {
-        let lacking = self.driver.is_missing_parameter(code);
+        if self.driver.refusal(code) == Refusal::Missing {
+            self.handle_missing(id);
+        }
+    }
+
+    /// The drive does not have this parameter. That is remembered of an optional one.
+    #[cold]
+    pub fn handle_missing(&mut self, id: ParameterId) {
+        if self.entry(id).is_some_and(|entry| entry.optional) {
+            self.mark_lacking(id);
+        }
+    }
+
+    /// What the drive has at this address is of another type, so that it has no such value.
+    #[cold]
+    pub fn mark_lacking(&mut self, id: ParameterId) {
         let Some(entry) = self.entries.get_mut(usize::from(id.0)) else { return };
-        entry.missing |= lacking && entry.optional;
+        entry.missing = true;
         if entry.missing && entry.factor_index.is_some() {
             self.update_scales();
         }
@@ -391,6 +406,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             entry.missing = false;
         }
         self.update_scales();
+        self.motion.end_start();
         self.state.armed = false;
         self.setpoint_kind = None;
     }
@@ -435,7 +451,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// SI value of one raw unit; 1 where the value has no unit.
     #[inline]
-    fn si_per_raw(&self, id: ParameterId) -> Option<f64> {
+    pub fn si_per_raw(&self, id: ParameterId) -> Option<f64> {
         match self.entry(id)?.scale {
             ScaleState::Known(si) => Some(si),
             ScaleState::Unread => None,
@@ -491,6 +507,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// Checks whether steps can be carried out, as far as known.
     pub fn check_steps(&self, steps: &[Step], command: &Command) -> Result<(), Unsupported> {
+        if targets_position(command.verb) && command.velocity == Some(0.0) {
+            return Err(Unsupported::Forbidden(NO_SPEED));
+        }
         steps.iter().try_for_each(|step| self.check_step(step, command).map(drop))
     }
 
@@ -513,6 +532,13 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             }
         }
         let raw = self.operand_value(operand, command, like)?;
+        // Too slow for the drive's own numbers.
+        if raw == Some(0)
+            && operand.argument() == Some(Argument::Velocity)
+            && targets_position(command.verb)
+        {
+            return Err(Unsupported::Forbidden(NO_SPEED));
+        }
         if let (Step::Write(id, _), Some(raw)) = (*step, raw) {
             self.check_writable(id, raw)?;
         }
@@ -561,6 +587,8 @@ pub fn record_group_answer<R: crate::station::Request, A: Copy + 'static>(
 
 const NO_OBJECT: &str = "the drive has no object for this: its maker left out what the standard does \
                        not demand";
+const NO_SPEED: &str =
+    "a move at speed zero never arrives: give a greater speed, or none for the drive's own";
 const NO_RAMP: &str = "an acceleration or deceleration is more than zero: this drive is told the time \
                        of the ramp";
 const NO_SCALE: &str = "the drive's own setting on which this unit depends (counts of a turn, for \

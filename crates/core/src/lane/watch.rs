@@ -7,12 +7,13 @@
 //! than at its target are the reasons read.
 
 use alloc::vec::Vec;
+use core::time::Duration;
 
 use super::job::{PlanRun, StepStage};
 use super::measure::{WINDOW_COUNTS_MIN, WINDOW_SHARE};
 use super::slot::AxisSlot;
 use crate::axis::{Command, MotionReport, Verb};
-use crate::error::Failure;
+use crate::error::{Failure, Outcome};
 use crate::judge::{MotionGoal, MotionJudge, MotionVerdict};
 use crate::plan::{ParameterTest, Step};
 use crate::profile::{ParameterId, RelativeBase, Signal};
@@ -25,6 +26,8 @@ const FLAG_MS: u32 = 20;
 const MEASURE_MS: u32 = 100;
 /// How often power, fault and limits are read.
 const SAFETY_MS: u32 = 200;
+/// What is read besides the report is read again after so many times its duration.
+const ROUND_PAUSE_FACTOR: u32 = 2;
 /// Drives of a group that are judged, at most.
 const MEMBERS_MAX: usize = 32;
 /// How long evidence of a start is looked for that was not acknowledged.
@@ -63,7 +66,7 @@ impl Item {
         Self::Halted,
         Self::Stalled,
     ];
-    const BEFORE: u16 = bits(&[Self::Flag, Self::Position, Self::Velocity, Self::Fault]);
+    const BEFORE: u16 = bits(&[Self::Flag, Self::Position]);
     const MEASURED: u16 = bits(&[Self::Position, Self::Velocity]);
     const SAFETY: u16 =
         bits(&[Self::Fault, Self::Enabled, Self::PositiveLimit, Self::NegativeLimit, Self::Mode]);
@@ -87,14 +90,15 @@ pub struct WatchReads {
     /// The motion that is waited for, as [`MotionWatch::epoch`] counts.
     epoch: Option<u32>,
     began: Option<Instant>,
+    round_began: Option<Instant>,
     measure_due: Option<Instant>,
     safety_due: Option<Instant>,
-    /// Position and speed were read in this round.
+    /// Position and speed are read in this round.
     measured: bool,
+    /// Power, fault and limits are.
+    has_safety: bool,
     /// The reasons of an end are read in this round.
     examining: bool,
-    /// A round was read to its end.
-    looked: bool,
 }
 
 /// What a wait does next.
@@ -116,25 +120,57 @@ pub enum WatchStep {
 #[derive(Debug)]
 pub struct MotionWatch {
     /// Counts the motions of the axis.
+    motions: u32,
+    /// Number of the motion that is judged.
     epoch: u32,
     members: Vec<(u32, MotionJudge)>,
     /// The judge that each drive of a group begins with.
     first: Option<MotionJudge>,
-    command: Option<Command>,
-    /// The last target that a command had, where the drive does not report it.
+    /// The last target of a command: what a drive reports may be the target of the moment.
     last_target: Option<i64>,
+    /// The motion before, for as long as nothing of the new one is sent.
+    before: Option<(u32, Option<MotionJudge>, Option<i64>)>,
+    members_before: Vec<(u32, MotionJudge)>,
 }
 
 impl MotionWatch {
     /// A watch without a motion. `is_group` reserves memory for the drives of a group.
     pub fn new(is_group: bool) -> Self {
+        let members = if is_group { MEMBERS_MAX } else { 1 };
         Self {
+            motions: 0,
             epoch: 0,
-            members: Vec::with_capacity(if is_group { MEMBERS_MAX } else { 1 }),
+            members: Vec::with_capacity(members),
             first: None,
-            command: None,
             last_target: None,
+            before: None,
+            members_before: Vec::with_capacity(members),
         }
+    }
+
+    /// Begins another motion, or none.
+    fn replace(&mut self, first: Option<MotionJudge>) {
+        self.motions = self.motions.wrapping_add(1);
+        self.members.clear();
+        (self.epoch, self.first, self.before) = (self.motions, first, None);
+    }
+
+    /// Keeps what is known of the motion until something of the next one is sent.
+    fn keep_motion(&mut self) {
+        core::mem::swap(&mut self.members, &mut self.members_before);
+        self.before = Some((self.epoch, self.first, self.last_target));
+    }
+
+    /// No plan that starts a motion runs any more.
+    pub fn end_start(&mut self) {
+        self.before = None;
+    }
+
+    /// Nothing of the new motion was sent: the one before goes on.
+    fn restore(&mut self) {
+        let Some((epoch, first, last_target)) = self.before.take() else { return };
+        core::mem::swap(&mut self.members, &mut self.members_before);
+        (self.epoch, self.first, self.last_target) = (epoch, first, last_target);
     }
 
     /// What is known of the n-th drive's motion.
@@ -165,8 +201,8 @@ impl MotionWatch {
 
 impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
     /// Begins to judge a motion: what was known of the last one is forgotten.
-    fn begin_watch(&mut self, goal: MotionGoal, command: Option<Command>) {
-        let mut judge = MotionJudge::new(goal, self.tolerance(command.as_ref()));
+    fn begin_watch(&mut self, goal: MotionGoal, command: Option<&Command>) {
+        let mut judge = MotionJudge::new(goal, self.tolerance(command));
         if self.readable_signal(Signal::Position).is_none() {
             judge.mark_without_position();
         }
@@ -174,11 +210,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             judge.mark_without_speed();
         }
         let single = (!self.driver.is_group()).then(|| self.driver.address());
-        let motion = &mut self.motion;
-        motion.epoch = motion.epoch.wrapping_add(1);
-        motion.members.clear();
-        (motion.first, motion.command) = (Some(judge), command);
-        motion.members.extend(single.map(|address| (address, judge)));
+        self.motion.replace(Some(judge));
+        self.motion.members.extend(single.map(|address| (address, judge)));
     }
 
     /// The parameter of a signal that the drive has.
@@ -210,7 +243,10 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             }
             _ => return,
         };
-        self.begin_watch(goal, Some(run.command));
+        self.motion.keep_motion();
+        let before = self.motion.before;
+        self.begin_watch(goal, Some(&run.command));
+        self.motion.before = before;
         let counts_from_target = match verb {
             Verb::MoveOn => true,
             Verb::MoveBy | Verb::CurveBy | Verb::PrepareBy => {
@@ -218,16 +254,31 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             }
             _ => false,
         };
-        let target = if counts_from_target { bits(&[Item::TargetPosition]) } else { 0 };
-        run.watch = WatchReads { pending: Item::BEFORE | target, ..WatchReads::default() };
+        let mut pending = Item::BEFORE;
+        if counts_from_target {
+            pending |= bits(&[Item::TargetPosition]);
+        }
+        // The speed shows whether a turning motor was started, and the flag whether a standing one was.
+        if verb != Verb::MoveTo || self.source(Item::Flag, None).is_none() {
+            pending |= bits(&[Item::Velocity]);
+        }
+        // A code that was read already is not read again: it is what the drive may keep.
+        match self.state.reading(Signal::Fault) {
+            read if read.at.is_some() => {
+                let fault = self.stopping_fault(read.raw);
+                self.motion.first.iter_mut().for_each(|judge| judge.set_fault_before(fault));
+                let members = self.motion.members.iter_mut();
+                members.for_each(|(_, judge)| judge.set_fault_before(fault));
+            }
+            _ => pending |= bits(&[Item::Fault]),
+        }
+        run.watch = WatchReads { pending, ..WatchReads::default() };
         run.stage = StepStage::Before;
     }
 
     /// What was known of a motion is no longer true: a stop, or a command without a target, replaces it.
     pub fn forget_motion(&mut self) {
-        self.motion.epoch = self.motion.epoch.wrapping_add(1);
-        self.motion.members.clear();
-        (self.motion.first, self.motion.command) = (None, None);
+        self.motion.replace(None);
     }
 
     /// The parameter that is read next before a motion is started.
@@ -258,7 +309,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
                 (Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo, _) => {
                     [way.and_then(|way| encoding.raw(way)), None]
                 }
-                (Verb::MoveOn, _) | (_, RelativeBase::Target) => [from(before), None],
+                (Verb::MoveOn, _) => [from(last), from(judge.target_before())],
+                (_, RelativeBase::Target) => [from(before), None],
                 (_, RelativeBase::Actual) => [from(judge.start()), None],
                 (_, RelativeBase::Either) => [from(judge.start()), from(before)],
             };
@@ -267,13 +319,30 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
                 judge.set_window(share.max(WINDOW_COUNTS_MIN));
             }
             judge.set_goal(MotionGoal::Position(targets));
+            if !matches!(verb, Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo | Verb::MoveOn)
+                && relative != RelativeBase::Target
+            {
+                judge.mark_relative();
+            }
             next_target = targets[0];
         }
         self.motion.last_target = next_target;
     }
 
+    /// A plan has ended: a motion of which nothing was sent leaves the one before as it is.
+    pub fn end_motion_plan(&mut self, now: Instant, verb: Option<Verb>, outcome: Outcome) {
+        if !verb.is_some_and(|verb| targets_position(verb) || verb == Verb::Home) {
+            return;
+        }
+        match outcome {
+            Outcome::NotDone(_) => self.motion.restore(),
+            _ => self.acknowledge_motion(now),
+        }
+        self.motion.end_start();
+    }
+
     /// All of a motion's start was acknowledged.
-    pub fn acknowledge_motion(&mut self, now: Instant) {
+    fn acknowledge_motion(&mut self, now: Instant) {
         self.motion.members.iter_mut().for_each(|(_, judge)| judge.begin(now));
     }
 
@@ -333,6 +402,10 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
     pub fn poll_watch(&mut self, now: Instant, run: &mut PlanRun, step: Step) -> WatchStep {
         let Some((flag, within_ms)) = wait_of(step) else { return WatchStep::Done };
         if run.watch.began.is_none() {
+            // A motion is judged from the end of its start on.
+            if matches!(step, Step::Arrival { .. }) && self.motion.before.is_some() {
+                return WatchStep::Sleep(now.plus_ms(FLAG_MS));
+            }
             if let Some(factor) = self.unread_watch_factor() {
                 return WatchStep::Factor(factor);
             }
@@ -342,6 +415,14 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             return WatchStep::Failed(Failure::Cancelled);
         }
         loop {
+            // A slow line is not kept busy with what decides nothing any more.
+            let began = run.watch.began.unwrap_or(now);
+            let mut judges = self.motion.members.iter().map(|(_, judge)| judge);
+            if judges.all(|judge| judge.is_current(began))
+                && self.combined_verdict(now) == MotionVerdict::Arrived
+            {
+                return WatchStep::Done;
+            }
             if let Some(id) = self.next_item(&mut run.watch.pending, flag) {
                 return WatchStep::Read(id);
             }
@@ -351,7 +432,6 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
                 run.watch.measured = true;
                 continue;
             }
-            run.watch.looked = true;
             if core::mem::take(&mut run.watch.examining) {
                 self.motion.members.iter_mut().for_each(|(_, judge)| judge.mark_examined(now));
             }
@@ -378,7 +458,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         match (step, goal) {
             (Step::Standstill { .. }, _) => self.begin_watch(MotionGoal::Standstill, None),
             (Step::Homed { .. }, Some(MotionGoal::Reference)) => {}
-            (Step::Homed { .. }, _) => self.begin_watch(MotionGoal::Reference, Some(run.command)),
+            (Step::Homed { .. }, _) => self.begin_watch(MotionGoal::Reference, Some(&run.command)),
             (_, Some(MotionGoal::Position(_))) => {}
             _ => self.begin_watch(MotionGoal::Idle, None),
         }
@@ -391,8 +471,6 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         run.watch = WatchReads {
             epoch: Some(self.motion.epoch),
             began: Some(now),
-            measure_due: Some(now),
-            safety_due: Some(now),
             ..WatchReads::default()
         };
         self.begin_round(now, run, step);
@@ -405,8 +483,18 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
     fn begin_round(&mut self, now: Instant, run: &mut PlanRun, step: Step) {
         let has_flag = self.source(Item::Flag, wait_of(step).and_then(|(flag, _)| flag)).is_some();
         let stops = matches!(step, Step::Standstill { .. });
-        let due = |at: Option<Instant>| at.is_none_or(|at| at <= now);
         let watch = &mut run.watch;
+        // On a slow line most of the time is for the report, which ends the wait.
+        let cost = watch.round_began.map_or(Duration::ZERO, |began| now.since(began));
+        let pause = |ms: u32| now + Duration::from_millis(ms.into()).max(cost * ROUND_PAUSE_FACTOR);
+        if watch.measured {
+            watch.measure_due = Some(pause(MEASURE_MS));
+        }
+        if watch.has_safety {
+            watch.safety_due = Some(pause(SAFETY_MS));
+        }
+        let due = |at: Option<Instant>| at.is_none_or(|at| at <= now.plus_ms(FLAG_MS));
+        watch.round_began = Some(now.plus_ms(FLAG_MS));
         watch.pending = 0;
         if has_flag && !stops {
             watch.pending |= bits(&[Item::Flag]);
@@ -414,11 +502,10 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         watch.measured = !has_flag || stops || due(watch.measure_due);
         if watch.measured {
             watch.pending |= Item::MEASURED;
-            watch.measure_due = Some(now.plus_ms(MEASURE_MS));
         }
-        if !stops && due(watch.safety_due) {
+        watch.has_safety = !stops && due(watch.safety_due);
+        if watch.has_safety {
             watch.pending |= Item::SAFETY;
-            watch.safety_due = Some(now.plus_ms(SAFETY_MS));
         }
         // Without any measured value the drive's report is all there is.
         let measures =
@@ -479,7 +566,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             (self.profile.motion.window == Some(id)).then(|| self.own_window(id, raw)).flatten();
         let Some(judge) = self.motion.judge(address) else { return };
         if run.before {
-            judge.observe_before(&seen);
+            judge.observe_before(now, &seen);
             if let Some(target) = target {
                 judge.set_target_before(target);
             }
@@ -523,12 +610,20 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         if !is_start || self.driver.is_group() {
             return false;
         }
-        run.watch = WatchReads {
-            pending: Item::MEASURED | bits(&[Item::Flag]),
-            began: Some(now),
-            ..WatchReads::default()
-        };
+        let mut pending = Item::MEASURED | bits(&[Item::Flag]);
+        if self.next_item(&mut pending, None).is_none() {
+            return false;
+        }
+        run.watch = WatchReads { pending, began: Some(now), ..WatchReads::default() };
         true
+    }
+
+    /// Whether the time is over in which a start without acknowledgement may be proven.
+    pub fn is_proof_over(&self, now: Instant, run: &PlanRun) -> bool {
+        let late = run.watch.began.is_none_or(|began| now > began.plus_ms(PROOF_MS));
+        let proven = self.motion.members.iter().all(|(_, judge)| judge.proves_start());
+        let mut pending = run.watch.pending;
+        late && self.next_item(&mut pending, None).is_none() && !proven
     }
 
     /// Looks whether a start that was not acknowledged was executed: `Done` if it was.
@@ -538,9 +633,6 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         }
         if self.motion.members.iter().all(|(_, judge)| judge.proves_start()) {
             return WatchStep::Done;
-        }
-        if run.watch.began.is_none_or(|began| now > began.plus_ms(PROOF_MS)) {
-            return WatchStep::Failed(Failure::Silent);
         }
         run.watch.pending = Item::MEASURED | bits(&[Item::Flag]);
         WatchStep::Sleep(now.plus_ms(FLAG_MS))
@@ -575,6 +667,6 @@ fn wait_of(step: Step) -> Option<(Option<(ParameterId, ParameterTest)>, u32)> {
 }
 
 /// Whether a verb goes to a position.
-fn targets_position(verb: Verb) -> bool {
+pub fn targets_position(verb: Verb) -> bool {
     verb.is_move() || matches!(verb, Verb::PrepareTo | Verb::PrepareBy)
 }

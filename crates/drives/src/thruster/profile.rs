@@ -75,9 +75,11 @@ static THRUSTER_PLANS: [Plan; 7] = [
     ], undo: &[] },
     Plan { verb: Verb::Stop, source: "manual section 2.1: TC 0", steps: &[
         Step::Send { function: 0x0, index: 0x5443, operand: Operand::Constant(0), like: None },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "manual section 2.1: TC 0; LS is for drives with positions", steps: &[
         Step::Send { function: 0x0, index: 0x5443, operand: Operand::Constant(0), like: None },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "manual section 2.1: CF", steps: &[
         Step::Send { function: 0x1, index: 0x4346, operand: Operand::Constant(0), like: None },
@@ -152,9 +154,11 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 9] = [
     ], undo: &[] },
     Plan { verb: Verb::Stop, source: "manual section 4.3: LS", steps: &[
         Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Constant(0), like: None },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::QuickStop, source: "manual section 4.3: LS", steps: &[
         Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Constant(0), like: None },
+        Step::Standstill { within_ms: 10000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "manual section 2.1: CF", steps: &[
         Step::Send { function: 0x1, index: 0x4346, operand: Operand::Constant(0), like: None },

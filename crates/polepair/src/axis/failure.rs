@@ -217,6 +217,13 @@ impl LocalAxis {
                 "look for two drives with one address, an echoing adapter, noise or a wrong baud \
                  rate; `-v` shows the frames",
             ),
+            Failure::WrongSize { found, need } => (
+                format!(
+                    "the answer has {found} of {need} bytes: the object is of another type, such as \
+                     an array"
+                ),
+                "read its sub-indices, or describe the object in a profile of your own".to_owned(),
+            ),
             Failure::AnsweredTwice => reason_and_hint(
                 &duplicate_address_text(self.protocol, self.number),
                 DUPLICATE_ADDRESS_HINT,
@@ -413,8 +420,9 @@ impl LocalAxis {
     fn mode_text(&self, mode: i64) -> String {
         let source = self.profile.signal(Signal::Mode);
         let parameter = source.and_then(|source| self.parameter(source.parameter));
-        let words = parameter.map_or(&[][..], |parameter| parameter.values);
-        let word = words.iter().find(|(known, _)| *known == mode).map(|(_, word)| *word);
+        let own = parameter.map_or(&[][..], |parameter| parameter.values);
+        let mut words = source.map_or(&[][..], |source| source.values).iter().chain(own);
+        let word = words.find(|(known, _)| *known == mode).map(|(_, word)| *word);
         word.map_or_else(|| mode.to_string(), |word| format!("{mode} ({word})"))
     }
 

@@ -137,7 +137,7 @@ impl RepeatedStop {
         let trouble = self.stopping.trouble().cloned();
         let error = match self.stopping.progress() {
             StopProgress::Standstill => return self.ended = Some(Ok(Standstill::Observed)),
-            StopProgress::Unobservable => return self.ended = Some(Ok(Standstill::Unobservable)),
+            StopProgress::Unobservable => return self.ended = Some(Ok(axis.unobserved())),
             StopProgress::Failed(error) => Some(error.clone()),
             _ if self.stopping.has_ended() => trouble.clone(),
             _ => None,

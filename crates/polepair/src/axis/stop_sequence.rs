@@ -80,6 +80,8 @@ pub enum Standstill {
     Observed,
     /// The drive reports neither.
     Unobservable,
+    /// The stop was sent to a group, and no drive confirms it on this wire.
+    Unconfirmed,
 }
 
 #[derive(Debug)]
@@ -455,6 +457,10 @@ impl StandstillMonitor {
         match read {
             Ok(raw) => {
                 let stands = self.evaluate(axis, source, raw, (requested_at, now));
+                if self.speed_source.is_none() && matches!(source, StandstillSource::Position(_)) {
+                    // Positions that are nearer in time show nothing.
+                    self.next_poll = self.next_poll.max(requested_at + POSITION_SPAN);
+                }
                 Ok(stands.then_some(StopProgress::Standstill))
             }
             Err(error) if is_communication_error(&error) => Err(error),

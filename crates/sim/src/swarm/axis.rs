@@ -2,6 +2,7 @@
 
 #[cfg(test)]
 mod tests;
+mod witness;
 
 use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome};
@@ -16,6 +17,7 @@ use crate::can_bus::CanPlugStatus;
 use crate::check::{PossibleValues, Violation};
 use crate::random::{Ppm, Random};
 use crate::world::{NodeId, World};
+use witness::ClaimWitness;
 
 /// Speed that is asked for at most, rad/s.
 const SPEED_MAX: i64 = 30;
@@ -69,6 +71,9 @@ pub struct SwarmAxis {
     position_offset: Option<f64>,
     homing_idle: HomingIdle,
     observer: MotionObserver,
+    witness: ClaimWitness,
+    /// Something outside the wire holds its motor, or has taken its power: its motion is its own.
+    pub disturbed: bool,
     /// Somebody armed it since its link was last lost.
     armed: bool,
     /// The drive's last transmission that was looked at.
@@ -151,6 +156,8 @@ impl SwarmAxis {
             position_offset: None,
             homing_idle: HomingIdle::default(),
             observer: MotionObserver::default(),
+            witness: ClaimWitness::default(),
+            disturbed: false,
             armed: false,
             last_judged: 0,
             untrusted: false,
@@ -175,6 +182,13 @@ impl SwarmAxis {
         self.inert.iter_mut().for_each(|(_, possible)| *possible = PossibleValues::ANY);
         self.open.iter_mut().for_each(|open| open.doubtful = true);
         self.position_offset = None;
+        self.observer.invalidate();
+        self.witness.forget();
+    }
+
+    /// Something is done to the drive from outside the wire.
+    pub fn record_disturbance(&mut self) {
+        self.disturbed = true;
         self.observer.invalidate();
     }
 
@@ -201,8 +215,14 @@ impl SwarmAxis {
         };
         self.observer.record_duplicates(toll.taken_twice - self.damage.taken_twice);
         self.damage = toll;
-        let found = self.observer.check(world.now(), truth, going || self.untrusted);
-        let found = found.or_else(|| self.check_enable_jump(&truth)).or_else(|| {
+        let found = match self.disturbed {
+            true => None,
+            false => self
+                .observer
+                .check(world.now(), truth, going || self.untrusted)
+                .or_else(|| self.check_enable_jump(&truth)),
+        };
+        let found = found.or_else(|| {
             let armed = world.inspect(host, |n, _| n.axes()?.state(self.index).map(|s| s.armed));
             let unasked = armed == Some(true) && !self.armed;
             unasked.then(|| ("I6", "armed, but nobody armed it since the link was lost".into()))
@@ -324,6 +344,10 @@ impl SwarmAxis {
         if taken.is_some() {
             if let AxisAction::Command(Verb::Home) = what {
                 self.position_offset = None;
+            }
+            if let Some(command) = &command {
+                let profile = self.profile;
+                self.witness.record_command(profile, command, &before, self.position_offset);
             }
             if starts_motion(what) {
                 let by = command.filter(|c| c.verb == Verb::MoveBy && self.is_rotary());
@@ -451,7 +475,12 @@ impl SwarmAxis {
         if self.homing_idle.record_end(world.now(), verb, outcome) {
             self.position_offset = None;
         }
-        if open.doubtful || self.untrusted {
+        if !self.untrusted && !self.has_twin {
+            let claimed = self.witness.check(verb, outcome, open, &after);
+            claimed.map_err(|wrong| ("I15", wrong))?;
+        }
+        // A drive with a fault acknowledges what it does not execute.
+        if open.doubtful || self.untrusted || self.disturbed {
             return Ok(());
         }
         let executed = after.unrepeatable.saturating_sub(open.truth_before.unrepeatable);

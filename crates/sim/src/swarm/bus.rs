@@ -221,6 +221,10 @@ impl Scenario {
             let (when, which) = (self.random_fault_time(random), random.below(axes) as usize);
             self.schedule(when, Disturbance::PowerCycle(at, which));
         }
+        for which in 0..self.users[at].axes.len() {
+            let profile = self.users[at].axes[which].profile;
+            self.plan_acts(at, which, profile, random);
+        }
         if random.chance(RARE) {
             let (from, which) = (self.random_fault_time(random), random.below(axes) as usize);
             let until = from.plus_ms(random.between(1, 500) as u32);

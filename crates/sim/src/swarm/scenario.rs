@@ -1,7 +1,7 @@
 //! The world of one seed: its content, its faults and their times.
 
 use polepair_core::medium::MediumKind;
-use polepair_core::profile::Profile;
+use polepair_core::profile::{Profile, Severity};
 use polepair_core::proto::HostOptions;
 use polepair_core::proto::tml::host::REPLY_TIMEOUT_MS;
 use polepair_core::station::AxisIndex;
@@ -33,6 +33,9 @@ const FAULT_FREE_MS: u32 = 500;
 pub(super) const LATE_MAX_TIMEOUTS: u32 = 3;
 /// What the drive's own pauses and the host's adapter take of that, ms.
 pub(super) const OWN_MS: u32 = 40;
+
+/// How often something ends the motions of a drive early.
+const ACTS_CHANCE: Ppm = Ppm(400_000);
 
 /// What is between host and wire, the usual more often.
 const TIMINGS: [Timing; 8] = {
@@ -76,6 +79,8 @@ pub(super) enum Disturbance {
     BusOff(usize, Option<usize>),
     /// A drive's connector is pulled from the bus, or put in again.
     Unplug(usize, usize, bool),
+    /// Something is done to a drive from outside the wire, or undone.
+    Act(usize, usize, Act),
     /// A second drive of a drive's address is plugged into the bus, or pulled (F8).
     Twin(usize, usize, NodeId, bool),
 }
@@ -260,6 +265,15 @@ impl Scenario {
                 (axis.untrusted, axis.has_twin) = (true, there);
                 axis.invalidate();
             }
+            Disturbance::Act(at, which, act) => {
+                let axis = &mut self.users[at].axes[which];
+                let acted =
+                    world.with_node(axis.drive, |n, now| n.bench().map(|b| b.act(now, act)));
+                if acted == Some(true) {
+                    axis.record_disturbance();
+                    report.acts += 1;
+                }
+            }
             Disturbance::PowerCycle(at, which) => {
                 let axis = &mut self.users[at].axes[which];
                 let drive = axis.drive;
@@ -410,6 +424,47 @@ impl Scenario {
         for _ in 0..random.below(3) * u64::from(random.chance(Ppm(300_000))) {
             let which = random.below(served.len() as u64) as usize;
             self.disturbances.push((sometime(random), Disturbance::PowerCycle(at, which)));
+        }
+        for (which, (profile, _)) in served.iter().enumerate() {
+            self.plan_acts(at, which, profile, random);
+        }
+    }
+
+    /// Decides what ends the motions of a drive early: a jam, a limit switch, a fault, safe torque off.
+    pub(super) fn plan_acts(
+        &mut self,
+        at: usize,
+        which: usize,
+        profile: &'static Profile,
+        random: &mut Random,
+    ) {
+        if !random.chance(ACTS_CHANCE) {
+            return;
+        }
+        let begin = Instant::ZERO.plus_ms(BEGIN_MS);
+        let span = self.faults_end.since(begin).as_nanos() as u64;
+        let faults: Vec<u32> = profile
+            .faults
+            .iter()
+            .filter(|fault| fault.severity == Severity::Fault)
+            .map(|fault| fault.code)
+            .collect();
+        let limit = random.between(-20, 20) as f64;
+        let (act, undo) = match random.below(4) {
+            0 => (Act::Jam(true), Some(Act::Jam(false))),
+            1 => (Act::Sto(true), Some(Act::Sto(false))),
+            2 if !faults.is_empty() => (Act::Fault(random.pick(&faults)), None),
+            _ => {
+                let which = if limit > 0.0 { 1 } else { 2 };
+                let switch = |at| Act::Switch { which, at };
+                (switch(limit), Some(switch(f64::NAN)))
+            }
+        };
+        let from = begin.plus_ns(random.below(span));
+        self.disturbances.push((from, Disturbance::Act(at, which, act)));
+        if let Some(undo) = undo {
+            let until = from.plus_ms(random.between(50, 3_000) as u32);
+            self.disturbances.push((until.min(self.faults_end), Disturbance::Act(at, which, undo)));
         }
     }
 }

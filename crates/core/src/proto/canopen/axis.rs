@@ -18,7 +18,7 @@ use super::nmt::{NmtCommand, NmtMessage, NmtState};
 use super::pdo::{BitField, CobId, max_frame_bits};
 use super::sdo::{AbortCode, ObjectIndex};
 use super::{NODE_MAX, text};
-use crate::axis::{DriveReport, Driver, Presence, REPORTS_MAX};
+use crate::axis::{DriveReport, Driver, Presence, REPORTS_MAX, Refusal};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
@@ -369,6 +369,12 @@ impl Driver for Axis {
                 }
                 // Of what has no length the profile's counts: the TS pads with zeros.
                 let (width, signed) = encoding.unwrap_or((0, false));
+                match u8::try_from(len) {
+                    Ok(found @ 1..) if found < width => {
+                        return Err(Failure::WrongSize { found, need: width });
+                    }
+                    _ => {}
+                }
                 Ok(decode_number(bits, if len == 0 { width.into() } else { len }, signed))
             }
             Answer::Written { object, bits } => {
@@ -387,8 +393,11 @@ impl Driver for Axis {
     }
 
     /// The aborts that a device gives for an object or a sub-index that it does not have.
-    fn is_missing_parameter(&self, code: u32) -> bool {
-        matches!(AbortCode(code), AbortCode::NO_OBJECT | AbortCode::NO_SUB)
+    fn refusal(&self, code: u32) -> Refusal {
+        match AbortCode(code) {
+            AbortCode::NO_OBJECT | AbortCode::NO_SUB => Refusal::Missing,
+            _ => Refusal::Final,
+        }
     }
 
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {

@@ -9,7 +9,7 @@ use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX
 use super::text::{self, ParsedRequest};
 use super::wire::{BROADCAST, Exception, Function, RequestPdu, Space};
 use super::{ascii, device_id, rtu};
-use crate::axis::Driver;
+use crate::axis::{Driver, Refusal};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::profile::{AxisKind, MotionRules, Parameter, Profile, Watchdog};
@@ -181,8 +181,13 @@ impl Driver for Axis {
     }
 
     /// Exception 02: a drive without the option that has the register.
-    fn is_missing_parameter(&self, code: u32) -> bool {
-        code == u32::from(Exception::IllegalAddress.code())
+    fn refusal(&self, code: u32) -> Refusal {
+        match u8::try_from(code).map(Exception::of_code) {
+            Ok(Exception::IllegalAddress) => Refusal::Missing,
+            Ok(Exception::Acknowledge) => Refusal::Accepted,
+            Ok(Exception::DeviceBusy) => Refusal::Busy,
+            _ => Refusal::Final,
+        }
     }
 
     fn decode_answer(

@@ -12,7 +12,7 @@ use super::opcode::{Opcode, Status};
 use super::session::{Answer, HostRequest};
 use super::text;
 use super::wire::Request;
-use crate::axis::{DriveReport, Driver, REPORTS_MAX};
+use crate::axis::{DriveReport, Driver, REPORTS_MAX, Refusal};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
@@ -198,8 +198,11 @@ impl Driver for Axis {
     }
 
     /// A parameter that a module does not have is a wrong type (TMCL reference, status codes).
-    fn is_missing_parameter(&self, code: u32) -> bool {
-        code == u32::from(Status::WrongType.number())
+    fn refusal(&self, code: u32) -> Refusal {
+        match code == u32::from(Status::WrongType.number()) {
+            true => Refusal::Missing,
+            false => Refusal::Final,
+        }
     }
 
     fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {

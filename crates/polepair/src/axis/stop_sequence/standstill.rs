@@ -37,11 +37,20 @@ impl LocalAxis {
         let (turns, trouble) = (stopping.is_seen_turning(), stopping.trouble().cloned());
         match (stopping.progress, trouble) {
             (StopProgress::Standstill, _) => Ok(Standstill::Observed),
-            (StopProgress::Unobservable, _) => Ok(Standstill::Unobservable),
+            (StopProgress::Unobservable, _) => Ok(self.unobserved()),
             (StopProgress::Failed(error), _) | (_, Some(error)) => Err(error),
-            // Drives of a group rarely tell the same.
-            _ if is_group && !turns => Ok(Standstill::Unobservable),
+            // Drives of a group rarely report the same.
+            _ if is_group && !turns => Ok(self.unobserved()),
             _ => Err(self.not_at_rest_error(wait_max)),
+        }
+    }
+
+    /// What is known of a motor whose standstill nothing shows: of one drive that it acknowledged the stop, of
+    /// a group nothing.
+    pub(in crate::axis) fn unobserved(&self) -> Standstill {
+        match AxisNumber(self.number).is_group() {
+            true => Standstill::Unconfirmed,
+            false => Standstill::Unobservable,
         }
     }
 
