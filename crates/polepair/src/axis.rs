@@ -470,26 +470,6 @@ impl LocalAxis {
             {
                 Ok(false)
             }
-            // The question was not answered, but the move it asks after had been sent.
-            Err(Error::Failed {
-                what,
-                outcome: Outcome::NotDone(failure),
-                received,
-                may_turn,
-                hint,
-                ..
-            }) if matches!(failure, Failure::Silent | Failure::LinkDown) => {
-                let execution_text = "whether the move arrived is not known".to_owned();
-                let outcome = Outcome::Unknown(failure);
-                Err(Error::Failed {
-                    what,
-                    execution: execution_text,
-                    outcome,
-                    received,
-                    may_turn,
-                    hint,
-                })
-            }
             Err(error) => Err(error),
         }
     }

@@ -42,6 +42,13 @@ impl LocalAxis {
         // The stop was told: it is the question that was not carried out.
         let outcome = match (kind, outcome) {
             (RequestKind::StandstillQuery, Outcome::NotDone(failure)) => Outcome::Unknown(failure),
+            // The move was started: it is its end that is not known.
+            (
+                RequestKind::Verb(Verb::Reached),
+                Outcome::NotDone(
+                    failure @ (Failure::Silent | Failure::Misbehaved | Failure::LinkDown),
+                ),
+            ) => Outcome::Unknown(failure),
             _ => outcome,
         };
         if let (Failure::Impossible(why), Outcome::NotDone(_)) = (failure, outcome) {
@@ -136,6 +143,9 @@ impl LocalAxis {
             }
             (_, Outcome::NotDone(_)) if of_the_wire => "it was not executed".to_owned(),
             (_, Outcome::NotDone(_)) => String::new(),
+            (RequestKind::Verb(Verb::Reached), Outcome::Unknown(_)) => {
+                "whether the move arrived is not known".to_owned()
+            }
             (_, Outcome::Unknown(_)) => "it may have been executed".to_owned(),
             (_, Outcome::Partly(_, extent)) => self.partial_execution_text(kind, extent),
         }

@@ -4,6 +4,7 @@ mod acts;
 mod addresses;
 mod can;
 mod can_ids;
+mod early_ends;
 mod events;
 mod examples;
 mod heard;
