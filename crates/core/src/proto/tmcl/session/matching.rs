@@ -64,9 +64,10 @@ impl Session {
         // line has no baud rate, unless that was believed: then somebody else asked for it.
         let probe = pending.ticket.is_none() && self.unproven_request.is_some();
         let proof = probe && !self.proven_addresses.contains(module);
-        if soon && self.early_streak < EARLY_STREAK_MAX && !proof {
+        if soon && self.early_streak < EARLY_STREAK_MAX {
             let believed = self.timely_streak >= TIMELY_STREAK_MIN;
-            if again || believed || self.may_answer_older(now, module, opcode) {
+            let older = self.may_answer_older(now, module, opcode);
+            if older || (again || believed) && !proof {
                 if let Some(pending) = &mut self.pending {
                     pending.flags.early_reply = true;
                 }
@@ -74,7 +75,9 @@ impl Session {
                 self.counters.early += 1;
                 return;
             }
-            self.early_streak = EARLY_STREAK_MAX;
+            if !proof {
+                self.early_streak = EARLY_STREAK_MAX;
+            }
         }
         let Some(pending) = self.pending.as_mut() else { return };
         if let Some(waiting) = self.unproven_request.as_mut().filter(|_| proof) {

@@ -107,9 +107,17 @@ impl Session {
             };
             waiting.last_probe != Some(opcode.number()) && !suspect.is_some_and(is_owed)
         };
-        let choices = PROBES.iter().filter(|probe| fresh(probe)).count();
-        let nth = self.proven_addresses.random_below(choices);
-        let probe = PROBES.iter().filter(|probe| fresh(probe)).nth(nth).unwrap_or(&PROBES[0]);
+        // A reply to what was asked lately may still come, also a second one that a bus error made.
+        let unasked = |(opcode, _): &(Opcode, u8)| {
+            !self.recent_requests(now, module, opcode.number()).any(|_| true)
+        };
+        let strict = PROBES.iter().any(|probe| fresh(probe) && unasked(probe));
+        let is_eligible = |probe: &(Opcode, u8)| fresh(probe) && (!strict || unasked(probe));
+        let eligible = PROBES.map(|probe| is_eligible(&probe));
+        let count = eligible.iter().filter(|eligible| **eligible).count();
+        let nth = self.proven_addresses.random_below(count);
+        let mut candidates = PROBES.iter().zip(eligible).filter(|(_, eligible)| *eligible);
+        let probe = candidates.nth(nth).map_or(&PROBES[0], |(probe, _)| probe);
         waiting.probes_sent = waiting.probes_sent.saturating_add(1);
         waiting.last_probe = Some(probe.0.number());
         self.unproven_request = Some(waiting);
@@ -203,10 +211,21 @@ impl Session {
 
     /// Whether an earlier request could be answered by such a reply.
     pub(super) fn may_answer_older(&self, now: Instant, module: u8, opcode: u8) -> bool {
-        let latest = LATEST_TIMEOUTS * self.timeout_ns;
         let newest = self.next_recent.wrapping_sub(1) % RECENT_MAX;
-        self.recent.iter().enumerate().any(|(n, (to, what, at))| {
-            n != newest && (*to, *what) == (module, opcode) && now < at.plus_ns(latest)
+        self.recent_requests(now, module, opcode).any(|n| n != newest)
+    }
+
+    /// The places of the last requests of that kind to which a reply may still come.
+    fn recent_requests(
+        &self,
+        now: Instant,
+        module: u8,
+        opcode: u8,
+    ) -> impl Iterator<Item = usize> + '_ {
+        let latest = LATEST_TIMEOUTS * self.timeout_ns;
+        self.recent.iter().enumerate().filter_map(move |(n, (to, what, at))| {
+            let open = (*to, *what) == (module, opcode) && now < at.plus_ns(latest);
+            open.then_some(n)
         })
     }
 

@@ -73,24 +73,21 @@ impl Session {
             }
         }
         let axis = pending.host_request.message.to.id;
+        let until = now.plus_ns(LATEST_TIMEOUTS * self.timeouts.answer_ns);
+        // A late acknowledgement is followed by the answer, so that the next question asks for
+        // something else.
+        if let Some(question) = self.query_of(pending) {
+            let tag = host_request::answer_tag(&question);
+            self.stale_replies.add_answer(axis, tag, until, true);
+        }
         if pending.ticket.is_none() {
-            // Its answer may still come, so that the next one asks for something else.
-            if let Some(question) = self.query_of(pending) {
-                let until = now.plus_ns(LATEST_TIMEOUTS * self.timeouts.answer_ns);
-                self.stale_replies.add_answer(
-                    axis,
-                    host_request::answer_tag(&question),
-                    until,
-                    true,
-                );
-            }
             return match self.topology.wire {
                 // The drive may be answering: on a line for one at a time nobody speaks into that.
                 TmlWire::Rs485 => self.set_phase(RequestPhase::Drain(now.plus_ns(DRAIN_NS))),
                 _ => self.finish_pending(now, Err(Failure::Silent)),
             };
         }
-        let until = now.plus_ns(LATEST_TIMEOUTS * self.timeouts.ack_ns);
+        // What delays an answer (a serial server, a busy adapter) delays the byte 4F as long.
         self.stale_replies.add_ack(self.topology.relay_axis.unwrap_or(axis), until);
         self.set_phase(match self.topology {
             Topology { wire: TmlWire::Rs485, single_drive: false, .. } => {

@@ -24,6 +24,7 @@ const AXIS: u8 = 7;
 const KPP: u16 = 0x025E;
 /// Another value each time it is read.
 const TICKS: u16 = 0x03B0;
+const SRL: u16 = 0x090E;
 const UPD: Instruction = Instruction::of(0x0108, []);
 const STOP: Instruction = Instruction::of(0x01C4, []);
 
@@ -97,6 +98,7 @@ struct Line {
     requests: Fault,
     replies: Fault,
     counts: [u32; 2],
+    replies_held_until: Instant,
     /// Everything that the host sent.
     said: Vec<u8>,
     tickets: u32,
@@ -128,6 +130,7 @@ impl Line {
             requests: sound(),
             replies: sound(),
             counts: [0; 2],
+            replies_held_until: Instant::ZERO,
             said: Vec::new(),
             tickets: 0,
         }
@@ -184,6 +187,11 @@ impl Line {
         }
     }
 
+    /// Whatever the drives say from now on arrives at `until`, if that is later.
+    fn hold_replies(&mut self, until: Instant) {
+        self.replies_held_until = until;
+    }
+
     fn pump(&mut self) {
         let mut out = [0; 64];
         while let Some(len) = self.host.poll_transmit(self.now, &mut out) {
@@ -197,6 +205,9 @@ impl Line {
                 let fault = (self.replies)(self.counts[1], &out[..len]);
                 self.counts[1] += 1;
                 deliver(&mut self.to_host, self.now, &out[..len], fault);
+                if let Some((at, _)) = self.to_host.last_mut() {
+                    *at = (*at).max(self.replies_held_until);
+                }
             }
         }
     }
@@ -359,6 +370,36 @@ fn a_late_acknowledgement_is_nobodys_acknowledgement() {
         assert_ne!(second, Ok(Answer::Accepted(22)), "{ms}: {first:?}");
         assert_eq!(line.drives[0].1.kpp, 11, "{ms}");
         assert_eq!(line.set(33), Ok(Answer::Accepted(33)), "{ms}");
+    }
+}
+
+/// A serial server keeps back what the drive says until the question was given up, however often it was
+/// asked (swarm seed serial:7004261): its acknowledgements are not those of the next motion, and its answers
+/// not those of the next question.
+#[test]
+fn what_was_kept_back_until_a_question_ended_proves_nothing() {
+    for (variable, ms) in
+        [TICKS, SRL].into_iter().flat_map(|v| (250..700).step_by(25).map(move |ms| (v, ms)))
+    {
+        let mut line = Line::rs232();
+        assert_eq!(line.value(TICKS), Ok(1));
+        let held_until = line.now.plus_ms(ms);
+        // Held from here on, and delivered at one time.
+        line.hold_replies(held_until);
+        while line.now < held_until {
+            if line.value(variable).is_ok() {
+                break;
+            }
+        }
+        let requested = u32::from(line.drives[0].1.ticks);
+        line.requests =
+            Box::new(|_, bytes| (bytes.get(3..5) == Some(&[0x01, 0x08])).then(Vec::new));
+        let moved = line.request(AXIS, UPD);
+        assert!(moved.is_err(), "{variable:04X}, {ms}: {moved:?} of a lost motion");
+        assert_eq!(executed(&line, 0x0108), 0, "{variable:04X}, {ms}");
+        line.requests = sound();
+        let value = line.value(TICKS).expect("an answer");
+        assert!(value > requested, "{ms}: {value} is older than the question");
     }
 }
 

@@ -2,9 +2,9 @@
 
 use super::{
     Answer, CanEndpoint, CanHost, Frame, HostOptions, HostRequest, Instant, Opcode, Quirks,
-    TestFirmware, Ticket, request,
+    TestFirmware, Ticket, Vec, request,
 };
-use crate::station::{Host as _, Station as _};
+use crate::station::{Host as _, Station as _, Timed as _};
 
 #[test]
 fn the_same_module_on_can() {
@@ -67,4 +67,57 @@ fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
     host.handle_input(now.plus_ns(250 * 4_000), &position(9));
     let answer = host.poll_event().map(|(_, answer)| *answer);
     assert!(matches!(answer, Some(Ok(Answer::Reply(r))) if r.value == 9), "{answer:?}");
+}
+
+/// Lives on, with a module that answers 1 ms after each request, until the ticket ends; what was asked, by
+/// opcode, and the result. A parameter is `value`.
+fn answered(
+    host: &mut CanHost,
+    now: &mut Instant,
+    value: u8,
+    mut behind_first: Option<Frame>,
+) -> (Vec<u8>, Option<i32>) {
+    let mut asked = Vec::new();
+    host.submit(*now, Ticket(1), HostRequest::of(request(Opcode::Gap, 1, 0))).unwrap();
+    for _ in 0..1_000 {
+        let mut frame = Frame::default();
+        if host.poll_transmit(*now, &mut frame).is_some() {
+            let opcode = frame.data[0];
+            asked.push(opcode);
+            if let Some(late) = behind_first.take() {
+                host.handle_input(now.plus_ns(60_000), &late);
+            }
+            *now = now.plus_ms(1);
+            host.handle_input(*now, &Frame::standard(2, &[1, 100, opcode, 0, 0, 0, value]));
+        }
+        if let Some((_, answer)) = host.poll_event().copied() {
+            let value = match answer {
+                Ok(Answer::Reply(reply)) => Some(reply.value),
+                _ => None,
+            };
+            return (asked, value);
+        }
+        *now = now.plus_ms(1);
+        host.handle_timeout(*now);
+    }
+    (asked, None)
+}
+
+/// A request disturbed in its last bit is executed several times, so that as many replies come too many. After
+/// the first of them the module is proven again: by a question that the next of them does not answer (swarm
+/// seed can:7001069).
+#[test]
+fn a_module_that_replied_too_often_is_asked_for_something_else() {
+    for seed in 0..64 {
+        let mut now = Instant(1);
+        let options = HostOptions { probe_seed: Some(seed), ..HostOptions::new(250_000) };
+        let mut host = CanHost::new(&options);
+        assert_eq!(answered(&mut host, &mut now, 5, None).1, Some(5), "{seed}");
+        now = now.plus_ms(1);
+        host.handle_input(now, &position(5));
+        let (asked, value) = answered(&mut host, &mut now, 9, Some(position(5)));
+        let (probes, gap) = (&asked[..asked.len() - 1], asked.last());
+        assert_eq!((value, gap), (Some(9), Some(&6)), "{seed}: {asked:?}");
+        assert!(!probes.is_empty() && probes[0] != 6, "{seed}: {asked:?}");
+    }
 }
