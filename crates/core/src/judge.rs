@@ -646,7 +646,19 @@ impl MotionJudge {
     #[must_use]
     pub fn proves_start(&self) -> bool {
         let flag_fell = self.flag_before == Some(true) && self.flag == Some(false);
-        flag_fell || self.stood_before && self.left_start()
+        flag_fell || self.stood_before && self.goes_to_target()
+    }
+
+    /// Whether the axis went towards its target, and farther than one that counts as standing may drift.
+    fn goes_to_target(&self) -> bool {
+        let (Some(start), Some(position)) = (self.start, self.position) else { return false };
+        let elapsed = self.position_at.zip(self.start_at).map(|(at, from)| at.since(from));
+        let drift = self.tolerance.drift * elapsed.map_or(0.0, |elapsed| elapsed.as_secs_f64());
+        let way = self.tolerance.distance(start, position);
+        let towards = self
+            .target()
+            .is_none_or(|to| (self.tolerance.distance(start, to) > 0.0) == (way > 0.0));
+        towards && way.abs() > self.tolerance.noise + drift
     }
 }
 

@@ -85,6 +85,18 @@ impl SpeedJudge {
         fast.or(far) == Some(true) && far.or(fast) == Some(true)
     }
 
+    /// Whether a motor was seen at half of its set-point at least: a ramp may end after the motion does.
+    #[must_use]
+    pub fn has_come_near(&self) -> bool {
+        match self.verdict() {
+            SpeedVerdict::Reached | SpeedVerdict::Unknown => true,
+            SpeedVerdict::NeverTurned => false,
+            SpeedVerdict::Slower(fastest) => {
+                self.setpoint.is_none_or(|setpoint| fastest >= setpoint.abs() * TURNING_SHARE)
+            }
+        }
+    }
+
     /// What is known now.
     #[must_use]
     pub fn verdict(&self) -> SpeedVerdict {
@@ -120,6 +132,16 @@ mod tests {
         // Slower than what else means standstill.
         assert_eq!(judged(0.2, &[0.0, 0.19]), SpeedVerdict::Reached);
         assert_eq!(judged(1.0, &[0.0, 0.0]), SpeedVerdict::NeverTurned);
+    }
+
+    #[test]
+    fn a_ramp_that_is_cut_short_came_near_and_a_motor_that_twitched_did_not() {
+        for (fastest, near) in [(6.0, false), (149.0, false), (151.0, true), (300.0, true)] {
+            let mut judge = SpeedJudge::new(Some(300.0 * RPM), false);
+            judge.observe(Some(fastest * RPM), Some(0.0));
+            judge.observe(Some(fastest * RPM), Some(0.5));
+            assert_eq!(judge.has_come_near(), near, "{fastest}");
+        }
     }
 
     #[test]

@@ -215,6 +215,13 @@ fn a_start_without_acknowledgement_is_proven_by_the_flag_or_the_position() {
     assert!(!judge.proves_start());
     judge.observe(at(20), &seen(0, 0.0, false));
     assert!(judge.proves_start());
+    // Nor does one that is pushed away from its target, or drifts (swarm seed serial:15707).
+    for (position, proves) in [(-500, false), (500, true)] {
+        let mut judge = to(10_000);
+        judge.observe_before(at(0), &seen(0, 0.0, false));
+        judge.observe(at(20), &seen(position, 0.0, false));
+        assert_eq!(judge.proves_start(), proves, "{position}");
+    }
     // A motor that turned before proves nothing by turning on.
     let mut judge = to(10_000);
     judge.observe_before(at(0), &Observation { speed: Some(5000.0), ..Observation::default() });

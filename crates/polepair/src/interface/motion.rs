@@ -113,24 +113,27 @@ impl MotionMonitor {
     /// was not reached.
     ///
     /// # Errors
-    /// [`Error::MotionEnded`] `E106` for a motor that was to turn and never did; the reason is in it, as far as
-    /// the drive reports one. Others as [`check`](Self::check).
+    /// [`Error::MotionEnded`] `E106` for a motor that was never seen at half of its set-point; the reason is in it,
+    /// as far as the drive reports one. Others as [`check`](Self::check).
     pub fn finish(&mut self) -> Result<Option<String>, Error> {
         self.next_read = self.axis.now();
         self.check()?;
         let label = self.axis.label();
         let never = match self.is_velocity {
-            true => self.judge.verdict() == SpeedVerdict::NeverTurned,
+            true => !self.judge.has_come_near(),
             // A torque need not turn the motor, unless a limit holds it.
             false => self.limit.is_some() && !self.judge.has_turned(),
         };
         if never {
             let what = match self.velocity {
                 Some(setpoint) => {
-                    format!(
-                        "{label} never came near {}: it did not turn",
-                        self.speed_text(setpoint)
-                    )
+                    let far = match self.judge.verdict() {
+                        SpeedVerdict::Slower(fastest) => {
+                            format!("its greatest speed was {}", self.speed_text(fastest))
+                        }
+                        _ => "it did not turn".to_owned(),
+                    };
+                    format!("{label} never came near {}: {far}", self.speed_text(setpoint))
                 }
                 None => format!("{label} did not turn"),
             };

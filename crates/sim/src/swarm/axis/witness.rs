@@ -31,6 +31,9 @@ pub struct ClaimWitness {
     target: Option<f64>,
     /// The target of the move that is under way.
     pending: Option<f64>,
+    /// A motion was asked for since the motor was last told to stand, so that it may turn by the time the next
+    /// command is executed.
+    may_turn: bool,
     /// The drive reports whether its motor has power.
     has_switch: bool,
 }
@@ -45,7 +48,7 @@ impl ClaimWitness {
         offset: Option<f64>,
     ) {
         self.has_switch = profile.signal(Signal::Enabled).is_some();
-        let rests = truth.velocity.abs() < REST_SPEED;
+        let rests = truth.velocity.abs() < REST_SPEED && !self.may_turn;
         self.pending = match command.verb {
             Verb::MoveTo => command.target.zip(offset).map(|(target, offset)| target - offset),
             // From the actual position, where that is what the drive counts from.
@@ -55,6 +58,7 @@ impl ClaimWitness {
             verb if verb.needs_arming() || verb.is_stop() => None,
             _ => return,
         };
+        self.may_turn |= command.verb.needs_arming();
         if !command.verb.is_move() {
             self.target = None;
         }
@@ -80,6 +84,9 @@ impl ClaimWitness {
                 Outcome::NotDone(_) => self.target,
                 _ => None,
             };
+        }
+        if done && (verb.is_stop() || verb == Verb::Reached) {
+            self.may_turn = false;
         }
         let before = &open.truth_before;
         let wrong = match verb {
