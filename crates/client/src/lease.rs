@@ -208,8 +208,8 @@ impl<T: Clone> PendingOperation<T> {
 /// The result of a command.
 pub(crate) fn outcome_result(outcome: CommandOutcome) -> Result<(), GatewayError> {
     match (outcome.outcome, outcome.error) {
-        (OutcomeKind::Done, _) => Ok(()),
         (_, Some(error)) => Err(error),
+        (OutcomeKind::Done, None) => Ok(()),
         (OutcomeKind::NotDone, None) => Err(GatewayError::new("E601", "it was not executed")),
         (OutcomeKind::Unknown, None) => Err(GatewayError {
             executed: None,

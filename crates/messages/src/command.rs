@@ -124,7 +124,7 @@ pub enum OutcomeKind {
     Done,
     /// It did not, and will not.
     NotDone,
-    /// It may have.
+    /// It may have, or did it in part: the error says what is known, as where a motion ended.
     Unknown,
 }
 

@@ -15,6 +15,7 @@ mod decode;
 mod docs;
 mod doctor;
 mod errors;
+mod evidence;
 mod field;
 mod fuzz;
 mod gateway;

@@ -645,12 +645,13 @@ fn unavailable_error(lost: bool) -> GatewayError {
     }
 }
 
-/// The outcome that an error means.
+/// The outcome that an error means. What was executed and ended in an error has not done what was asked: a
+/// motion that stopped elsewhere.
 pub(super) fn command_outcome(id: String, error: Option<GatewayError>) -> CommandOutcome {
     let ended = match error.as_ref().map(|error| error.executed) {
-        None | Some(Some(true)) => OutcomeKind::Done,
+        None => OutcomeKind::Done,
         Some(Some(false)) => OutcomeKind::NotDone,
-        Some(None) => OutcomeKind::Unknown,
+        Some(Some(true) | None) => OutcomeKind::Unknown,
     };
     CommandOutcome { id, outcome: ended, value: None, error, replayed: false }
 }

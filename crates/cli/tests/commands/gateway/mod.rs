@@ -9,5 +9,5 @@ mod limited;
 mod load;
 mod lost;
 mod many;
-mod site;
+pub mod site;
 mod wire;
