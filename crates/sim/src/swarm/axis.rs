@@ -74,6 +74,7 @@ pub struct SwarmAxis {
     witness: ClaimWitness,
     /// Something outside the wire holds its motor, or has taken its power: its motion is its own.
     pub disturbed: bool,
+    disturbed_at: Option<Instant>,
     /// Somebody armed it since its link was last lost.
     armed: bool,
     /// The drive's last transmission that was looked at.
@@ -158,6 +159,7 @@ impl SwarmAxis {
             observer: MotionObserver::default(),
             witness: ClaimWitness::default(),
             disturbed: false,
+            disturbed_at: None,
             armed: false,
             last_judged: 0,
             untrusted: false,
@@ -187,8 +189,13 @@ impl SwarmAxis {
     }
 
     /// Something is done to the drive from outside the wire.
-    pub fn record_disturbance(&mut self) {
-        self.disturbed = true;
+    pub fn record_disturbance(&mut self, now: Instant) {
+        (self.disturbed, self.disturbed_at) = (true, Some(now));
+        // A stepper module has no switch, and counts the steps that a jam takes from its motor.
+        if self.profile.signal(Signal::Enabled).is_none() {
+            self.position_offset = None;
+            self.witness.forget();
+        }
         self.observer.invalidate();
     }
 
@@ -475,7 +482,10 @@ impl SwarmAxis {
         if self.homing_idle.record_end(world.now(), verb, outcome) {
             self.position_offset = None;
         }
-        if !self.untrusted && !self.has_twin {
+        // It stood when it was measured; a jam that was let go since has it turn again.
+        let let_go = self.disturbed_at.is_some_and(|at| world.now() < at.plus_ms(LET_GO_MS));
+        let unknown = self.untrusted || self.has_twin || verb.is_stop() && let_go;
+        if !unknown {
             let claimed = self.witness.check(verb, outcome, open, &after);
             claimed.map_err(|wrong| ("I15", wrong))?;
         }
@@ -504,6 +514,9 @@ impl SwarmAxis {
         Ok(())
     }
 }
+
+/// A stop's last reading may be so old when it ends, ms.
+const LET_GO_MS: u32 = 300;
 
 const VERBS: [Verb; 14] = [
     Verb::Enable,

@@ -270,7 +270,7 @@ impl Scenario {
                 let acted =
                     world.with_node(axis.drive, |n, now| n.bench().map(|b| b.act(now, act)));
                 if acted == Some(true) {
-                    axis.record_disturbance();
+                    axis.record_disturbance(world.now());
                     report.acts += 1;
                 }
             }
