@@ -227,10 +227,10 @@ $(VENV)/ready: interop/requirements.txt interop/source-distributions.txt interop
 		--dest $(VENV)/sources -r interop/source-distributions.txt
 	touch $@
 
-## swarm: seeded worlds of hosts, drives, gateways and faults; SEEDS=100000 for more
+## swarm: seeded worlds of hosts, drives, gateways and faults; SEEDS=100000 and GATEWAY_SEEDS=10000 for more
 swarm:
 	$(CARGO) run --release --quiet --package xtask -- swarm --seeds $(or $(SEEDS),8000)
-	$(CARGO) run --release --quiet --package xtask -- swarm --on gateway --seeds $(or $(SEEDS),8000)
+	$(CARGO) run --release --quiet --package xtask -- swarm --on gateway --seeds $(or $(GATEWAY_SEEDS),$(SEEDS),8000)
 
 THREADS := target/threads
 ## threads: the C interface under ThreadSanitizer, with a standard library built for it: 8 threads, 100,000 rounds; needs clang and rust-src
@@ -259,7 +259,7 @@ soak:
 	POLEPAIR_BLOCK_BYTES=2000000 POLEPAIR_WIRESHARK_FRAMES=1000000 POLEPAIR_FLEET_CAPTURES=200 $(MAKE) --no-print-directory interop BUILD=release
 	$(CARGO) package --workspace --locked --quiet
 	$(MAKE) --no-print-directory dist try-dist
-	$(MAKE) --no-print-directory swarm SEEDS=100000
+	$(MAKE) --no-print-directory swarm SEEDS=1000000 GATEWAY_SEEDS=100000
 	$(MAKE) --no-print-directory threads
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 
