@@ -210,7 +210,10 @@ class AxisSteps:
             raise PolepairError(what, "E101", False, "it goes on until a stop; look at the switch")
 
     def _reached(self, timeout: float = TIMEOUT) -> Steps[bool]:
-        """Waits until the last move has arrived, at most `timeout` seconds; False if it has not."""
+        """Waits until the last move has arrived, at most `timeout` seconds; False if it has not.
+
+        Errors: E106 with both positions if it ended elsewhere. On a server, an axis that this program has not
+        armed gives the drive's own report."""
         return (yield from self._arrived([], timeout))
 
     def _arrived(self, asked: Asked, timeout: float) -> Steps[bool]:
