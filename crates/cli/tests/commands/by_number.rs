@@ -97,7 +97,7 @@ fn a_dcf_is_compared_and_applied() {
         assert!(shown.contains(&format!(",{value},")), "{value} in {shown}");
     }
     // What no table describes needs --arm.
-    let more = object("2F01", 7, "ParameterValue=33");
+    let more = object("2F01", 5, "ParameterValue=33");
     std::fs::write(&dcf, text.concat() + &more).expect("written");
     let refused = polepair(&["config", "apply", &served.url, file, "--yes"]);
     assert!(refused.code == 2 && refused.err.contains("E219"), "{}", refused.err);

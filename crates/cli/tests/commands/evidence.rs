@@ -98,17 +98,9 @@ const CASES: &[Case] = &[
         sim: &["thruster-servo:12"],
         prepare: &[],
         motion: &["move", "170deg", "--vel", "1rpm"],
-        event: Event::During("jam"),
+        event: Event::Sent("LS"),
         code: 1,
         says: &["E106", "it stopped at", "the target is 170 deg"],
-    },
-    Case {
-        sim: &["thruster-servo:12"],
-        prepare: &[],
-        motion: &["move", "170deg", "--vel", "5rpm"],
-        event: Event::Before("limit-high=30 deg"),
-        code: 8,
-        says: &["E801", "it is at 30 deg, the target is 170 deg"],
     },
     Case {
         sim: &["technosoft-f514l:1"],

@@ -13,6 +13,8 @@ const REACHED_SHARE: f64 = 0.05;
 const REACHED_MIN: f64 = 2.0 * PI / 30.0;
 /// A motor that has passed this share of its set-point turns, however slow that is.
 const TURNING_SHARE: f64 = 0.5;
+/// What a motor that is held reports at most, as a multiple of standstill.
+const NOISE_SHARE: f64 = 20.0;
 /// A position has to change by more, rad or m: a motor that is held twitches.
 const MOVED_ROTARY: f64 = PI / 180.0;
 const MOVED_LINEAR: f64 = 1e-4;
@@ -41,14 +43,15 @@ pub struct SpeedJudge {
     fastest: Option<f64>,
     first: Option<f64>,
     way: Option<f64>,
-    reached: bool,
+    /// It was reported near its set-point once: true where it turned as well.
+    was_near: bool,
 }
 
 impl SpeedJudge {
     /// A judge of a motion that was just started.
     #[must_use]
     pub const fn new(setpoint: Option<f64>, linear: bool) -> Self {
-        Self { setpoint, linear, fastest: None, first: None, way: None, reached: false }
+        Self { setpoint, linear, fastest: None, first: None, way: None, was_near: false }
     }
 
     /// Takes a speed and a position, as far as the drive reports them.
@@ -61,7 +64,7 @@ impl SpeedJudge {
                 let least = if self.linear { 0.0 } else { REACHED_MIN };
                 (speed - setpoint).abs() <= (setpoint * REACHED_SHARE).max(least)
             };
-            self.reached |= setpoint.is_some_and(near) && self.has_turned();
+            self.was_near |= setpoint.is_some_and(near);
         }
         if let Some(position) = position.filter(|position| position.is_finite()) {
             let first = *self.first.get_or_insert(position);
@@ -81,6 +84,11 @@ impl SpeedJudge {
         let moved = self.setpoint.map_or(moved, |setpoint| moved.min(setpoint.abs() * MOVED_TIME));
         let fast = self.fastest.map(|fastest| fastest > slow);
         let far = self.way.map(|way| way > moved);
+        // A position that was read once, or is as old as the start, shows no way; so much speed is no noise.
+        let much = self.setpoint.map_or(f64::INFINITY, |setpoint| setpoint.abs() * TURNING_SHARE);
+        if self.fastest.is_some_and(|fastest| fastest >= much.max(NOISE_SHARE * slow)) {
+            return true;
+        }
         // Where both are measured, both have to show it.
         fast.or(far) == Some(true) && far.or(fast) == Some(true)
     }
@@ -103,7 +111,7 @@ impl SpeedJudge {
         match (self.fastest, self.way) {
             (None, None) => SpeedVerdict::Unknown,
             _ if !self.has_turned() => SpeedVerdict::NeverTurned,
-            (Some(fastest), _) if !self.reached && self.setpoint.is_some() => {
+            (Some(fastest), _) if !self.was_near && self.setpoint.is_some() => {
                 SpeedVerdict::Slower(fastest)
             }
             _ => SpeedVerdict::Reached,
@@ -132,6 +140,15 @@ mod tests {
         // Slower than what else means standstill.
         assert_eq!(judged(0.2, &[0.0, 0.19]), SpeedVerdict::Reached);
         assert_eq!(judged(1.0, &[0.0, 0.0]), SpeedVerdict::NeverTurned);
+    }
+
+    #[test]
+    fn the_position_may_show_later_than_the_speed_that_it_turns() {
+        let mut judge = SpeedJudge::new(Some(300.0 * RPM), false);
+        judge.observe(Some(20.0 * RPM), Some(0.0));
+        assert_eq!(judge.verdict(), SpeedVerdict::NeverTurned);
+        judge.observe(Some(300.0 * RPM), Some(0.0));
+        assert_eq!(judge.verdict(), SpeedVerdict::Reached);
     }
 
     #[test]

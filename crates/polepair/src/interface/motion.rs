@@ -16,6 +16,8 @@ use crate::error::{Error, Exit};
 
 /// How often a monitor reads the motion.
 const READ_INTERVAL: Duration = Duration::from_millis(250);
+/// A shorter motion may end before its speed was read twice.
+const MEASURED_MIN: Duration = Duration::from_millis(500);
 /// How far a monitor looks ahead on an axis with position limits: reading and stopping take time.
 const LOOKAHEAD: Duration = Duration::from_millis(150);
 /// The motor has turned once it was faster than this share of the commanded speed.
@@ -124,6 +126,9 @@ impl MotionMonitor {
             // A torque need not turn the motor, unless a limit holds it.
             false => self.limit.is_some() && !self.judge.has_turned(),
         };
+        if never && self.limit.is_none() && self.axis.now().since(self.started) < MEASURED_MIN {
+            return Ok(Some(format!("{label}: the motion was too short to measure its speed")));
+        }
         if never {
             let what = match self.velocity {
                 Some(setpoint) => {
