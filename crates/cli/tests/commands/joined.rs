@@ -154,7 +154,6 @@ fn verbs_print_the_same_on_a_link_and_on_a_server() {
                 None => line.to_owned(),
             }
         });
-        // A position that was reached is shown as the drive has it.
         lines
             .map(|line| if line.starts_with("position = ") { "position".into() } else { line })
             .collect::<Vec<String>>()
