@@ -114,11 +114,16 @@ def test_bits_of_an_earlier_homing_are_no_success(odd, stale):
     assert drive.homed == 1 and time.monotonic() - begun >= 1.0
 
 
-def test_bits_that_never_go_are_taken(odd):
+def test_bits_that_never_go_are_taken_if_the_axis_moved(odd):
     drive = odd()
+    drive.position = 4000.0
     drive.ack, drive.stale_reads, drive.homing_s = True, 1_000_000, 0.0
     polepair("home", drive.url)
     assert drive.homed == 1
+    # Where it is already, they are all that is left, and prove nothing.
+    failed = polepair("home", drive.url, check=False)
+    assert failed.returncode == 1 and "E106" in failed.stderr, failed
+    assert "was not seen to start" in failed.stderr, failed
 
 
 def test_a_time_out_replaces_the_plans_own(odd):

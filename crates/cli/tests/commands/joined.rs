@@ -122,12 +122,14 @@ fn verbs_print_the_same_on_a_link_and_on_a_server() {
     let server = Server::new(&[&far.url]);
     let verbs: &[&[&str]] = &[
         &["enable"],
+        // First: on a busy machine the timed motions end beyond the switch.
+        &["home", "--timeout", "60s"],
+        &["set", "stop switch enable=0"],
         &["move", "90deg", "--vel", "300rpm", "--timeout", "60s"],
         &["move", "--rel", "--", "-90deg"],
         &["spin", "300rpm", "--for", "300ms"],
         &["jog", "--for", "300ms"],
         &["torque", "0.5A", "--for", "300ms"],
-        &["home", "--timeout", "60s"],
         &["disable"],
         &["clear"],
         &["watchdog"],
@@ -139,14 +141,12 @@ fn verbs_print_the_same_on_a_link_and_on_a_server() {
         &["get", "max current", "AP 6", "serial address"],
         &["get", "max current", "--raw"],
         &["set", "max current=1.2A"],
-        &["set", "max current=50", "--raw"],
         &["set", "max current=2A", "--dry-run"],
     ];
     // Frames and writes are counted on one's own link alone; how far a short motion came is a measurement.
+    let counted = ["writes to the drive's permanent memory", "axis 1 reached ", "too short to"];
+    let is_count = |line: &&str| counted.iter().any(|part| line.contains(part));
     let words = |text: &str| {
-        let counted =
-            ["writes to the drive's permanent memory", "axis 1 reached ", "too short to measure"];
-        let is_count = |line: &&str| counted.iter().any(|part| line.contains(part));
         let lines = text.lines().filter(|line| !is_count(line)).map(|line| {
             match line.split_once(" It was not sent. ") {
                 Some((line, _)) => format!("{line} Nothing was sent."),

@@ -348,6 +348,12 @@ impl LocalAxis {
                 format!("{subject} stalled{at}{aim}"),
                 "check what blocks it; less acceleration or more current may help",
             ),
+            // Only a homing has no target.
+            EndReason::NotStarted if report.is_some_and(|report| report.target.is_none()) => (
+                format!("{claim}; the axis was not seen to start"),
+                "if it was on its switch already, move it off and home it again; else check what it \
+                 needs for a start",
+            ),
             EndReason::NotStarted => (
                 format!("{claim}; the axis was not seen to start"),
                 "check whether another master controls the drive, and what it needs for a start",
