@@ -110,6 +110,8 @@ pub struct Counters {
     pub late: u64,
     /// Those that matched the request, but arrived sooner than the line's rate permits.
     pub early: u64,
+    /// Those that are acknowledgements: the reply to the same request may still come.
+    pub late_acknowledged: u64,
     /// Valid frames of another address, opcode or length than requested.
     pub foreign: u64,
     /// Those with a matching reply, but from another address than requested.
@@ -162,6 +164,7 @@ impl Counters {
             answered: both(self.answered, other.answered),
             late: both(self.late, other.late),
             early: both(self.early, other.early),
+            late_acknowledged: both(self.late_acknowledged, other.late_acknowledged),
             foreign: both(self.foreign, other.foreign),
             misaddressed: both(self.misaddressed, other.misaddressed),
             other_host: self.other_host.or(other.other_host),

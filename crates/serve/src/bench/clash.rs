@@ -2,15 +2,19 @@
 //!
 //! Why: GW-4.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use polepair_core::station::Counters;
 use polepair_core::time::Instant;
 
+/// A request counts as unanswered a moment after its answer came late: its link is in recovery until then.
+const UNEXPLAINED_FOR: Duration = Duration::from_secs(3);
 /// Between two looks at what was counted.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
-/// Answers that drives may still owe: of one that was unplugged for long, none comes.
-const LATE_ALLOWED_MAX: u64 = 4;
+/// How long a request without an answer explains one that comes late: a drive or a gateway in between that
+/// stalled sends what it kept.
+const LATE_ALLOWED_FOR: Duration = Duration::from_secs(30);
 /// How long a clash is shown that was not seen again.
 const SHOWN_FOR: Duration = Duration::from_secs(10);
 
@@ -19,8 +23,10 @@ const SHOWN_FOR: Duration = Duration::from_secs(10);
 pub(super) struct ClashDetector {
     next: Instant,
     last: Counters,
-    /// Requests without an answer lately, of which one may still come.
-    late_allowed: u64,
+    /// Requests without an answer, as many as each look found: one answer to each may still come.
+    late_allowed: VecDeque<(Instant, u64)>,
+    /// Late answers that no request explains yet, and how many of them each look found.
+    unexplained: VecDeque<(Instant, u64)>,
     /// Answers that no request explains.
     unsolicited: u64,
     seen: Option<Instant>,
@@ -37,7 +43,7 @@ impl ClashDetector {
             return None;
         }
         self.next = now + CHECK_INTERVAL;
-        let more = self.count_unsolicited(counters());
+        let more = self.count_unsolicited(counters(), now);
         if more > 0 {
             self.unsolicited += more;
             self.seen = Some(now);
@@ -52,20 +58,33 @@ impl ClashDetector {
     }
 
     /// Takes what was counted so far for explained.
-    pub fn skip_counted(&mut self, counters: Counters) {
-        self.count_unsolicited(counters);
+    pub fn skip_counted(&mut self, counters: Counters, now: Instant) {
+        self.count_unsolicited(counters, now);
     }
 
-    /// How many came since the last look that nobody asked for: frames of somebody else's talk, and
-    /// late answers beyond those that are owed, for each request is answered once at most.
-    fn count_unsolicited(&mut self, counters: Counters) -> u64 {
-        let Counters { foreign, late, silent, resent, .. } = self.last;
-        self.last = counters;
-        self.late_allowed += counters.silent + counters.resent - silent - resent;
-        let late = counters.late - late;
-        let unasked = late.saturating_sub(self.late_allowed);
-        self.late_allowed = self.late_allowed.saturating_sub(late).min(LATE_ALLOWED_MAX);
-        counters.foreign - foreign + unasked
+    /// How many are found now that nobody asked for: frames of somebody else's talk, and late answers
+    /// beyond those that are owed, for each request is answered once at most.
+    fn count_unsolicited(&mut self, counters: Counters, now: Instant) -> u64 {
+        let last = core::mem::replace(&mut self.last, counters);
+        let answers = |counters: &Counters| counters.late - counters.late_acknowledged;
+        let unanswered = |counters: &Counters| counters.silent + counters.resent;
+        self.late_allowed.push_back((now, unanswered(&counters) - unanswered(&last)));
+        self.unexplained.push_back((now, answers(&counters) - answers(&last)));
+        self.late_allowed.retain(|(at, _)| now.since(*at) < LATE_ALLOWED_FOR);
+        for (_, late) in &mut self.unexplained {
+            for (_, allowed) in &mut self.late_allowed {
+                let explained = (*late).min(*allowed);
+                (*late, *allowed) = (*late - explained, *allowed - explained);
+            }
+        }
+        let mut unsolicited = counters.foreign - last.foreign;
+        self.unexplained.retain(|(at, late)| {
+            let is_over = now.since(*at) >= UNEXPLAINED_FOR;
+            unsolicited += if is_over { *late } else { 0 };
+            *late > 0 && !is_over
+        });
+        self.late_allowed.retain(|(_, allowed)| *allowed > 0);
+        unsolicited
     }
 }
 
@@ -82,18 +101,40 @@ mod tests {
         let late = Counters { sent: 10, answered: 7, silent: 3, late: 3, ..Counters::default() };
         assert_eq!(ClashDetector::default().check(|| late, at(1)), None);
         let doubled = Counters { sent: 10, answered: 10, late: 4, ..Counters::default() };
-        let output = ClashDetector::default().check(|| doubled, at(1)).flatten();
+        let mut watch = ClashDetector::default();
+        assert_eq!(watch.check(|| doubled, at(1)), None, "their requests may be counted yet");
+        let output = watch.check(|| doubled, at(4)).flatten();
         assert!(output.is_some_and(|output| output.starts_with("4 answers")));
+        // The bytes that only acknowledge come beside the answers.
+        let acknowledged = Counters { late: 6, late_acknowledged: 3, silent: 3, ..late };
+        let mut watch = ClashDetector::default();
+        assert_eq!([1, 4].map(|time| watch.check(|| acknowledged, at(time))), [None, None]);
     }
 
     #[test]
-    fn a_drive_that_was_away_hides_no_clash() {
+    fn a_drive_that_stalls_again_and_again_is_no_clash() {
+        let mut watch = ClashDetector::default();
+        for stall in 1..=20 {
+            // Some answers are counted before their requests, the others long after.
+            let (silent, late) = (10 * stall - 9, 10 * stall - 7);
+            let counters = Counters { silent, late, ..Counters::default() };
+            assert_eq!(watch.check(|| counters, at(2 * stall)), None);
+            let counters = Counters { silent: 10 * stall, late: 10 * stall, ..counters };
+            assert_eq!(watch.check(|| counters, at(2 * stall + 1)), None);
+        }
+    }
+
+    #[test]
+    fn a_drive_that_was_away_hides_no_clash_for_long() {
         let mut watch = ClashDetector::default();
         let away = Counters { sent: 500, silent: 500, ..Counters::default() };
         assert_eq!(watch.check(|| away, at(1)), None);
         let doubled = Counters { sent: 510, answered: 10, late: 10, ..away };
-        let output = watch.check(|| doubled, at(2)).flatten();
-        assert!(output.is_some_and(|output| output.starts_with("6 answers")));
+        assert_eq!(watch.check(|| doubled, at(2)), None, "one answer to each is owed");
+        let doubled = Counters { sent: 520, answered: 20, late: 20, ..away };
+        assert_eq!(watch.check(|| doubled, at(32)), None);
+        let output = watch.check(|| doubled, at(35)).flatten();
+        assert!(output.is_some_and(|output| output.starts_with("10 answers")));
     }
 
     #[test]

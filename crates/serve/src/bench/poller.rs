@@ -131,8 +131,8 @@ impl AxisPoller {
         let is_scanning = self.scanner.step();
         if is_scanning && let Some(first) = self.axes.first() {
             // What an address asked in vain may still say is nobody's clash.
-            self.clash_detector
-                .skip_counted(first.axis.connection().with_axes(|axes, _| axes.counters()));
+            let counters = first.axis.connection().with_axes(|axes, _| axes.counters());
+            self.clash_detector.skip_counted(counters, self.context.now());
         }
         is_scanning
     }

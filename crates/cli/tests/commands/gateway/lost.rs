@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use polepair_link::pty::Pty;
-use polepair_test_support::Deadline;
+use polepair_test_support::{Deadline, wait_for};
 use serde_json::json;
 
 use super::site::{Folder, Live, Site, speed};
@@ -146,4 +146,25 @@ fn who_takes_over_gets_a_motor_that_stands() {
     ann.send(&json!({ "type": "stop", "axes": [0] }));
     drive.wait_standstill();
     assert!(folder.journal().iter().any(|record| record["deed"] == "take_over"));
+}
+
+/// Late answers are this server's own: they accuse nobody of being another master.
+#[test]
+fn a_drive_that_stalls_again_and_again_is_no_other_master() {
+    run::expect_silence();
+    for drive in ["tmcl:1", "tml:1", "modbus-rtu:1", "cia402:5", "thruster:1"] {
+        let drive = Served::new(drive);
+        let site = Site::new(&Folder::new(), &[&drive.url]);
+        let bench =
+            || serde_json::from_str::<serde_json::Value>(&site.get("/api/v1/bench")).unwrap();
+        wait_for("an open link", || Some(bench()).filter(is_link("open")).ok_or(String::new()));
+        let end = Instant::now() + Duration::from_secs(5);
+        while Instant::now() < end {
+            run::signal("STOP", drive.id());
+            std::thread::sleep(Duration::from_millis(350));
+            run::signal("CONT", drive.id());
+            assert_eq!(bench()["clashes"], json!([]), "{}", drive.url);
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
 }

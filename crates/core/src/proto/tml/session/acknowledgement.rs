@@ -23,6 +23,7 @@ impl Session {
             self.pending.as_mut().filter(|p| matches!(p.phase, RequestPhase::AwaitAck(_)))
         else {
             self.counters.late += 1;
+            self.counters.late_acknowledged += 1;
             return;
         };
         if early && self.fiction_score < FICTION_MIN {
@@ -32,6 +33,7 @@ impl Session {
             pending.early_ack = true;
             self.counters.late += 1;
             self.counters.early += 1;
+            self.counters.late_acknowledged += 1;
             return;
         }
         let relayed = self
