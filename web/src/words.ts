@@ -391,6 +391,14 @@ export const WORDS = {
   settling: ["Settling ±2 %", "调节时间 ±2 %"],
   peak: ["Peak after", "峰值时间"],
   remaining: ["Remaining error", "稳态误差"],
+  too_short: [
+    "{time} ms, sampled each {interval} ms: not measurable at this rate",
+    "{time} ms，采样间隔 {interval} ms：此采样率下无法测量",
+  ],
+  step_legend: [
+    "Dashed: what was commanded. Grey: ±2 % of the step around its target.",
+    "虚线：指令曲线。灰色：目标值附近阶跃量的 ±2 %。",
+  ],
   save_report: ["Save report", "保存报告"],
   report_title: ["Step responses", "阶跃响应"],
   step_picture: ["{count} step responses", "{count} 条阶跃响应"],

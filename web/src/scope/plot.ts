@@ -23,6 +23,16 @@ export interface Curve {
   factor: number;
   colour: string;
   dashed: boolean;
+  /** Known at every time, not sampled: it gets no dots. */
+  exact?: boolean;
+}
+
+/** A band across the picture, in the unit of the wire. */
+export interface Band {
+  unit: string;
+  factor: number;
+  low: number;
+  high: number;
 }
 
 export interface Mark {
@@ -32,6 +42,7 @@ export interface Mark {
 
 export interface Frame {
   curves: Curve[];
+  bands?: Band[];
   marks: Mark[];
   from: number;
   to: number;
@@ -175,9 +186,20 @@ export class Plot {
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
+    for (const band of this.frame.bands ?? []) this.band(chart, band);
     for (const curve of this.frame.curves) this.curve(chart, curve);
     for (const mark of this.frame.marks) this.mark(chart, mark);
     ctx.restore();
+  }
+
+  private band(chart: uPlot, { unit, factor, low, high }: Band): void {
+    const { ctx, bbox } = chart;
+    const at = (value: number): number => chart.valToPos(value * factor, scale(unit), true);
+    const [top, bottom] = [at(high), at(low)].sort((a, b) => a - b) as [number, number];
+    ctx.fillStyle = this.ink;
+    ctx.globalAlpha = 0.1;
+    ctx.fillRect(bbox.left, top, bbox.width, Math.max(bottom - top, devicePixelRatio || 1));
+    ctx.globalAlpha = 1;
   }
 
   private curve(chart: uPlot, curve: Curve): void {
@@ -227,7 +249,7 @@ export class Plot {
     }
     ctx.stroke();
     ctx.setLineDash([]);
-    if (columns.count && bbox.width / columns.count > POINTS_FROM_PX * ratio)
+    if (!curve.exact && columns.count && bbox.width / columns.count > POINTS_FROM_PX * ratio)
       this.points(ctx, curve, x, base, up);
   }
 

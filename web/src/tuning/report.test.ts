@@ -15,9 +15,17 @@ const KEYS = [
   "rate",
   "lost",
   "note",
-  "seconds",
+  "legend",
 ] as const;
-const words = Object.fromEntries(KEYS.map((key) => [key, key])) as unknown as Words;
+const texts = Object.fromEntries(KEYS.map((key) => [key, key])) as Record<
+  (typeof KEYS)[number],
+  string
+>;
+const words: Words = {
+  ...texts,
+  too_short: (time, interval) => `${time} of ${interval}: too short`,
+};
+const timed = (seconds: number, interval = 0.001) => ({ seconds, spread: interval, interval });
 
 function run(count: number, values: (i: number) => number): Run {
   return {
@@ -34,7 +42,17 @@ function run(count: number, values: (i: number) => number): Run {
     lost: 3,
     times: Float64Array.from({ length: count }, (_, i) => i / 1000),
     values: Float64Array.from({ length: count }, (_, i) => values(i)),
-    metrics: { rise: 0.0123, overshoot: 0.05, settling: null, peak: 0.02, remaining: 0.5 },
+    course: [
+      [0, 0],
+      [0.005, 10],
+    ],
+    metrics: {
+      rise: timed(0.0123),
+      overshoot: 0.05,
+      settling: null,
+      peak: timed(0.02, 0.036),
+      remaining: 0.5,
+    },
     note: "",
   };
 }
@@ -49,7 +67,8 @@ describe("the report", () => {
 
   it("has the metrics in the units that are shown, and loads nothing", () => {
     const text = report([run(10, (i) => i)], words, "en");
-    expect(text).toContain("12.3 ms");
+    expect(text).toContain("12 ± 1 ms");
+    expect(text).toContain("20 of 36: too short");
     expect(text).toContain("5.0 %");
     expect(text).toContain("0.000 → 20.000 rpm");
     expect(text).toContain("<td>1.000 rpm</td>");
@@ -60,5 +79,12 @@ describe("the report", () => {
     const text = report([run(100_000, (i) => (i === 51_234 ? 77 : 0))], words, "en");
     expect(text.length).toBeLessThan(80_000);
     expect(text).toContain(">154.00<");
+  });
+
+  it("shows what was commanded, and the band of the tolerance", () => {
+    const text = report([run(10, (i) => i)], words, "en");
+    expect(text).toMatch(/<polyline [^>]*stroke-dasharray="5 4" points="(\S+,\S+ ?){4}"/);
+    expect(text.match(/<rect /g)?.length).toBe(1);
+    expect(text).toContain("<p>legend</p>");
   });
 });

@@ -2,6 +2,8 @@
 
 import { colour } from "../colours";
 import { digits } from "../units";
+import type { Course } from "./command";
+import { isMeasurable, milliseconds, rounded, TOLERANCE, type Timed } from "./metrics";
 import type { Run } from "./runs.svelte";
 
 export interface Words {
@@ -17,7 +19,10 @@ export interface Words {
   rate: string;
   lost: string;
   note: string;
-  seconds: string;
+  /** What is said of a time that the samples are too far apart for, from both in milliseconds. */
+  too_short: (time: string, interval: string) => string;
+  /** What the picture's dashed lines and bands are. */
+  legend: string;
 }
 
 const WIDTH = 900;
@@ -35,6 +40,7 @@ padding:4px 8px;text-align:right}td:first-child,th:first-child,td:nth-child(2),t
 svg{width:100%;height:auto;margin:12px 0}</style></head><body>
 <h1>${escape(words.title)}</h1>
 ${pictures.join("\n")}
+<p>${escape(words.legend)}</p>
 ${table(runs, words)}
 </body></html>
 `;
@@ -50,10 +56,10 @@ function table(runs: Run[], words: Words): string {
     const cells = [
       escape(`${each.axis} · ${each.drive} · ${each.signal}`),
       `${digits(each.from * shown.factor)} → ${digits(each.to * shown.factor)} ${escape(shown.unit)}`,
-      time(metrics?.rise ?? null),
+      escape(timed(metrics?.rise ?? null, words.too_short)),
       metrics ? `${(metrics.overshoot * 100).toFixed(1)} %` : "—",
-      time(metrics?.settling ?? null),
-      time(metrics?.peak ?? null),
+      escape(timed(metrics?.settling ?? null, words.too_short)),
+      escape(timed(metrics?.peak ?? null, words.too_short)),
       metrics ? `${digits(metrics.remaining * shown.factor)} ${escape(shown.unit)}` : "—",
       `${each.rate.toFixed(0)} Hz`,
       String(each.lost),
@@ -67,7 +73,13 @@ function table(runs: Run[], words: Words): string {
 
 /** Curves of one signal over one another, each in the colour that it has on the page. */
 export function picture(runs: Run[]): string {
-  const values = runs.flatMap((run) => [run.from, run.to, ...thin(run).map(([, value]) => value)]);
+  const band = (run: Run): number => Math.abs(run.to - run.from) * TOLERANCE;
+  const values = runs.flatMap((run) => [
+    run.from,
+    run.to - band(run),
+    run.to + band(run),
+    ...thin(run).map(([, value]) => value),
+  ]);
   const times = runs.flatMap((run) => [0, run.times.at(-1) ?? 0]);
   const factor = runs[0]?.shown.factor ?? 1;
   const [low, high] = [Math.min(...values), Math.max(...values)];
@@ -87,10 +99,17 @@ export function picture(runs: Run[]): string {
     const stroke = colour(run.id - 1, false);
     return `<polyline fill="none" stroke="${stroke}" stroke-width="1.6" points="${points.join(" ")}"/>`;
   });
-  const targets = [...new Set(runs.map((run) => run.to))].map(
-    (to) =>
-      `<line x1="${EDGE.left}" x2="${WIDTH - EDGE.right}" y1="${y(to)}" y2="${y(to)}" stroke="#4f5e6c" stroke-dasharray="4 4"/>`,
-  );
+  const bands = runs.map((run) => {
+    const [top, bottom] = [y(run.to + band(run)), y(run.to - band(run))];
+    const height = (Number(bottom) - Number(top)).toFixed(1);
+    return `<rect x="${EDGE.left}" width="${WIDTH - EDGE.left - EDGE.right}" y="${top}" height="${height}" fill="#4f5e6c" opacity="0.12"/>`;
+  });
+  const courses = runs.map((run) => {
+    const course = [[start, run.from], ...run.course, [end, run.to]] as Course;
+    const points = course.map(([time, value]) => `${x(Math.min(time, end))},${y(value)}`);
+    const stroke = colour(run.id - 1, false);
+    return `<polyline fill="none" stroke="${stroke}" stroke-dasharray="5 4" points="${points.join(" ")}"/>`;
+  });
   const scale = [0, 0.25, 0.5, 0.75, 1].map((share) => {
     const value = low + share * (high - low);
     const time = start + share * (end - start);
@@ -99,7 +118,7 @@ export function picture(runs: Run[]): string {
   });
   const unit = escape(`${runs[0]?.signal ?? ""} ${runs[0]?.shown.unit ?? ""}`);
   return `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" role="img" aria-label="${unit}" font-family="system-ui" font-size="12">
-<text x="${EDGE.left + 6}" y="${EDGE.top + 12}">${unit}</text>${targets.join("")}${lines.join("")}${scale.join("")}</svg>`;
+<text x="${EDGE.left + 6}" y="${EDGE.top + 12}">${unit}</text>${[...new Set(bands)].join("")}${courses.join("")}${lines.join("")}${scale.join("")}</svg>`;
 }
 
 /** Few enough points for a file, the least and greatest of each piece among them. */
@@ -123,8 +142,12 @@ function thin(run: Run): [number, number][] {
   return points;
 }
 
-function time(seconds: number | null): string {
-  return seconds === null ? "—" : `${(seconds * 1000).toFixed(1)} ms`;
+/** A time with its uncertainty, or why it is none. */
+export function timed(time: Timed | null, tooShort: Words["too_short"]): string {
+  if (!time) return "—";
+  if (isMeasurable(time)) return milliseconds(time);
+  const { seconds, interval } = time;
+  return tooShort(rounded(seconds, interval), rounded(interval, interval));
 }
 
 function escape(text: string): string {

@@ -1,5 +1,6 @@
 // Step responses as they are kept and compared, whatever panel is shown meanwhile.
 
+import type { Course } from "./command";
 import type { Metrics } from "./metrics";
 
 export interface Run {
@@ -13,6 +14,8 @@ export interface Run {
   shown: { unit: string; factor: number };
   from: number;
   to: number;
+  /** What was commanded, as far as it is known. */
+  course: Course;
   /** Samples a second, as they came. */
   rate: number;
   lost: number;
