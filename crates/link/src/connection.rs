@@ -62,9 +62,10 @@ impl Connection {
         request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<PendingRequest, Unsupported> {
         let mut request = Some(request);
-        let (ticket, interrupts) = self.0.0.submit(&mut |axes, now, ticket| {
+        let mut once = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
             request.take().map_or(Err(Unsupported::Busy), |request| request(axes, now, ticket))
-        })?;
+        };
+        let (ticket, interrupts) = self.0.0.submit(&mut once, None)?;
         Ok(PendingRequest { connection: self.clone(), ticket, interrupts, outcome: None })
     }
 
@@ -78,12 +79,8 @@ impl Connection {
         deadline: Instant,
         mut request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<PendingRequest, Unsupported> {
-        loop {
-            match self.submit(&mut request) {
-                Err(Unsupported::Busy) if self.0.0.wait_for_room(deadline) => {}
-                submitted => return submitted,
-            }
-        }
+        let (ticket, interrupts) = self.0.0.submit(&mut request, Some(deadline))?;
+        Ok(PendingRequest { connection: self.clone(), ticket, interrupts, outcome: None })
     }
 
     /// Submits a request in turn and waits for its outcome, `None` at `deadline` or after an

@@ -20,11 +20,14 @@ pub(super) type SubmitFn<'a> =
 
 /// See the methods of [`Connection`](super::Connection) and [`Pending`](super::Pending).
 pub(super) trait ErasedConnection: Send + Sync {
-    fn submit(&self, request: &mut SubmitFn<'_>) -> Result<(Ticket, u64), Unsupported>;
+    fn submit(
+        &self,
+        request: &mut SubmitFn<'_>,
+        wait_until: Option<Instant>,
+    ) -> Result<(Ticket, u64), Unsupported>;
     fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult;
     fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome>;
     fn abandon(&self, ticket: Ticket);
-    fn wait_for_room(&self, deadline: Instant) -> bool;
     fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant));
     fn now(&self) -> Instant;
     fn is_real_time(&self) -> bool;
@@ -43,8 +46,12 @@ pub(super) trait ErasedConnection: Send + Sync {
 }
 
 impl<M: Medium> ErasedConnection for ConnectionInner<M> {
-    fn submit(&self, request: &mut SubmitFn<'_>) -> Result<(Ticket, u64), Unsupported> {
-        leader::submit(self, request)
+    fn submit(
+        &self,
+        request: &mut SubmitFn<'_>,
+        wait_until: Option<Instant>,
+    ) -> Result<(Ticket, u64), Unsupported> {
+        leader::submit(self, request, wait_until)
     }
 
     fn close(&self) {
@@ -63,10 +70,6 @@ impl<M: Medium> ErasedConnection for ConnectionInner<M> {
 
     fn abandon(&self, ticket: Ticket) {
         leader::abandon(self, ticket);
-    }
-
-    fn wait_for_room(&self, deadline: Instant) -> bool {
-        leader::wait_for_room(self, deadline)
     }
 
     fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant)) {

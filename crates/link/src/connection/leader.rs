@@ -33,15 +33,36 @@ pub(super) const REOPEN_INTERVAL_NS: u64 = 250_000_000;
 
 pub(super) type StateGuard<'a, M> = MutexGuard<'a, ConnectionState<M>>;
 
+/// Submits a request. With `wait_until` it waits for its turn while many others are pending.
 pub(super) fn submit<M: Medium>(
     shared: &ConnectionInner<M>,
     request: &mut SubmitFn<'_>,
+    wait_until: Option<Instant>,
 ) -> Result<(Ticket, u64), Unsupported> {
-    let mut state = shared.lock();
+    loop {
+        let (state, submitted) = try_submit(shared, shared.lock(), request);
+        // Under the lock of the refusal: a moment later there may be room, and busy means something else.
+        let is_crowded = state.slots.pending().count() >= BUSY_PENDING_MIN;
+        let left = wait_until.map_or(Duration::ZERO, |until| until.since(state.link.now()));
+        release_lock(shared, state);
+        match submitted {
+            Err(Unsupported::Busy) if is_crowded && !left.is_zero() => {
+                wait_for_room(shared, left.min(PARK_MAX));
+            }
+            submitted => return submitted,
+        }
+    }
+}
+
+fn try_submit<'a, M: Medium>(
+    shared: &'a ConnectionInner<M>,
+    mut state: StateGuard<'a, M>,
+    request: &mut SubmitFn<'_>,
+) -> (StateGuard<'a, M>, Result<(Ticket, u64), Unsupported>) {
     if state.link_error.is_some() {
         state = reopen_link(shared, state);
     }
-    let ticket = state.slots.open_slot().ok_or(Unsupported::Busy)?;
+    let Some(ticket) = state.slots.open_slot() else { return (state, Err(Unsupported::Busy)) };
     let interrupts = state.interrupts;
     let mut now = state.link.now();
     let unread = state.leader == Leader::Nobody && now >= state.read_at.plus_ns(FRESH_NS);
@@ -51,17 +72,14 @@ pub(super) fn submit<M: Medium>(
     }
     if state.link_error.is_some() {
         state.end_request(ticket, NOT_SENT_OUTCOME);
-        release_lock(shared, state);
-        return Ok((ticket, interrupts));
+        return (state, Ok((ticket, interrupts)));
     }
     if let Err(unsupported) = request(&mut *state.lane, now, ticket) {
         state.slots.free_slot(ticket);
-        release_lock(shared, state);
-        return Err(unsupported);
+        return (state, Err(unsupported));
     }
     state.pump(now);
-    release_lock(shared, state);
-    Ok((ticket, interrupts))
+    (state, Ok((ticket, interrupts)))
 }
 
 pub(super) fn wait<M: Medium>(
@@ -169,18 +187,15 @@ pub(super) fn follow_leader<'a, M: Medium>(
     state
 }
 
-/// Waits until a request ended, so that the lane may take another. False when so few are pending
-/// that it is not for want of room that the lane refused, and at `deadline`.
-pub(super) fn wait_for_room<M: Medium>(shared: &ConnectionInner<M>, deadline: Instant) -> bool {
+/// Waits until a request ended, so that the lane may take another.
+fn wait_for_room<M: Medium>(shared: &ConnectionInner<M>, longest: Duration) {
     let mut state = shared.lock();
-    let left = deadline.since(state.link.now()).min(PARK_MAX);
-    if left.is_zero() || state.slots.pending().count() < BUSY_PENDING_MIN {
-        return false;
+    if state.slots.pending().count() < BUSY_PENDING_MIN {
+        return;
     }
     state.room_waiters += 1;
-    let waited = shared.room_available.wait_timeout(state, left);
+    let waited = shared.room_available.wait_timeout(state, longest);
     waited.expect("a lane panicked on another thread").0.room_waiters -= 1;
-    true
 }
 
 /// Lets the next one lead.
