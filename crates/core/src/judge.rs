@@ -363,9 +363,7 @@ impl MotionJudge {
         if let Some(speed) = seen.speed {
             self.observe_speed(now, speed);
         }
-        if let (Some(mode), None) = (seen.mode, self.mode_before) {
-            self.mode_before = Some(mode);
-        }
+        seen.mode.into_iter().for_each(|mode| self.observe_mode(mode));
         self.was_enabled |= seen.enabled == Some(true);
         let last = &mut self.last;
         *last = Observation {
@@ -382,6 +380,14 @@ impl MotionJudge {
             stalled: Some(last.stalled == Some(true) || seen.stalled == Some(true)),
             mode: seen.mode.or(last.mode),
         };
+    }
+
+    /// Takes a mode that was read, for whatever reason. The first after the start is the mode of the motion;
+    /// nobody may be waiting for its end yet.
+    pub fn observe_mode(&mut self, mode: i64) {
+        if self.since.is_some() {
+            self.mode_before.get_or_insert(mode);
+        }
     }
 
     /// The drive's own report that the motion is over. A motor may stand where no target was reached.

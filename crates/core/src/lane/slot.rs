@@ -12,7 +12,7 @@ use crate::axis::{
 };
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Argument, Operand, Step};
-use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, SignalSource};
+use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, Signal, SignalSource};
 use crate::program::ProgramCommand;
 use crate::proto::drive_address;
 use crate::station::Counters;
@@ -277,6 +277,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
                 None => (masked, entry.parameter.encoding.number(masked) * si),
             };
             self.state.set_reading(source.signal, Reading { value, raw, at: Some(now) });
+            if source.signal == Signal::Mode {
+                self.motion.note_mode(raw);
+            }
         }
     }
 

@@ -186,6 +186,11 @@ impl MotionWatch {
         })
     }
 
+    /// Takes a mode that was read, whoever asked for it.
+    pub fn note_mode(&mut self, mode: i64) {
+        self.members.iter_mut().for_each(|(_, judge)| judge.observe_mode(mode));
+    }
+
     fn judge(&mut self, address: u32) -> Option<&mut MotionJudge> {
         let at = match self.members.iter().position(|(member, _)| *member == address) {
             Some(at) => at,
