@@ -4,13 +4,14 @@ It knows nothing of polepair: a dictionary, expedited SDO, the states, profile p
 homing. `writes` has every value that it was told, in its own numbers.
 """
 
+import random
 import socket
 import struct
 import threading
 import time
 
 ABORT = 0x80
-NO_OBJECT, NO_SUB, BAD_LENGTH = 0x06020000, 0x06090011, 0x06070010
+NO_OBJECT, NO_SUB, BAD_LENGTH, NO_READING = 0x06020000, 0x06090011, 0x06070010, 0x06010001
 TICK = 0.005
 
 
@@ -22,7 +23,9 @@ class OddDrive:
         (0x6099, 1): 4, (0x60FF, 0): 4, (0x6502, 0): 4,
     }  # fmt: skip
 
-    def __init__(self, node=5, per_turn=10_000, per_rpm=None, objects=None, without=(), second=None):
+    def __init__(
+        self, node=5, per_turn=10_000, per_rpm=None, objects=None, without=(), second=None, arrays=None
+    ):
         # The second axis of the node, with objects 800h above.
         self.second = OddDrive(node, **second) if second is not None else None
         self.node, self.per_turn = node, per_turn
@@ -34,6 +37,16 @@ class OddDrive:
         self.values[0x6081, 0] = round(60 * self.per_rpm)
         for key, value in (objects or {}).items():
             self.sizes[key], self.values[key] = 4, value
+        # Objects that are arrays here: their number of entries. Sub-index 0 is a byte.
+        for index, count in (arrays or {}).items():
+            self.sizes |= {(index, 0): 1} | {(index, sub): 4 for sub in range(1, count + 1)}
+            self.values |= {(index, 0): count} | {(index, sub): 0 for sub in range(1, count + 1)}
+        # Objects that cannot be read, and noise of the speed.
+        self.write_only, self.noise = set(), 0
+        # Each frame of the host comes again after so many seconds.
+        self.doubled_after = None
+        # The bit of an earlier arrival stays for so long; a limit holds the axis at this position.
+        self.stale_reached_s, self.limit_at, self.at_limit = 0.0, None, False
         self.writes = []
         self.state, self.old, self.ack, self.reached = 0x40, 0, False, True
         self.position, self.target, self.homing = 0.0, None, None
@@ -78,12 +91,20 @@ class OddDrive:
                     client.sendall(b"< ok >")
                 elif words[:1] == ["send"]:
                     frame = bytes(int(word, 16) for word in words[3 : 3 + int(words[2])])
-                    with self.lock:
-                        reply = self.receive(int(words[1], 16), frame)
-                    if reply:
-                        client.sendall(
-                            f"< frame {0x580 + self.node:X} {time.time():.6f} {reply.hex()} >".encode()
-                        )
+                    self.answer(client, int(words[1], 16), frame)
+                    if self.doubled_after:
+                        again = (client, int(words[1], 16), frame)
+                        threading.Timer(self.doubled_after, self.answer, again).start()
+
+    def answer(self, client, cob, frame):
+        with self.lock:
+            reply = self.receive(cob, frame)
+            if reply and not self.ended:
+                text = f"< frame {0x580 + self.node:X} {time.time():.6f} {reply.hex()} >"
+                try:
+                    client.sendall(text.encode())
+                except OSError:
+                    pass
 
     def receive(self, cob, frame):
         if cob != 0x600 + self.node or len(frame) != 8:
@@ -99,6 +120,8 @@ class OddDrive:
             known = any(one[0] == index for one in self.sizes)
             return struct.pack("<BHBI", ABORT, index, sub, NO_SUB if known else NO_OBJECT)
         size = self.sizes[key]
+        if command >> 5 == 2 and key in self.write_only:
+            return struct.pack("<BHBI", ABORT, index, sub, NO_READING)
         if command >> 5 == 2:
             value = self.read(key) & ((1 << 8 * size) - 1)
             head = struct.pack("<BHB", 0x43 | (4 - size) << 2, index, sub)
@@ -119,9 +142,11 @@ class OddDrive:
                 if self.stale_reads <= 0:
                     self.ack = self.reached = False
                 self.stale_reads -= 1
-            return self.state | 0x400 * self.reached | 0x1000 * self.ack
-        if key == (0x6064, 0):
+            return self.state | 0x400 * self.reached | 0x800 * self.at_limit | 0x1000 * self.ack
+        if key == (0x6064, 0) and self.sizes[key] == 4:
             return round(self.position)
+        if key == (0x606C, 0) and self.sizes[key] == 4:
+            return round(self.values[key] + random.uniform(-self.noise, self.noise))
         return self.values[key]
 
     def write(self, key, value):
@@ -144,7 +169,8 @@ class OddDrive:
         elif self.values[0x6061, 0] == 1:
             if rising & 0x10:
                 self.target = self.values[0x607A, 0] + (self.position if value & 0x40 else 0)
-                self.reached = False
+                self.reached = self.stale_reached_s > 0
+                self.began = time.monotonic()
             self.ack = bool(value & 0x10)
         elif self.values[0x6061, 0] == 6:
             if rising & 0x10:
@@ -166,13 +192,19 @@ class OddDrive:
         halted = self.old & 0x100
         mode = self.values[0x6061, 0] if self.state == 0x27 else 0
         turn = self.per_turn / self.per_rpm / 60
+        before = self.position
         if mode == 3 and not halted:
             self.position += self.values[0x60FF, 0] * turn * span
         if mode == 1 and self.target is not None and not halted:
             way, step = self.target - self.position, self.values[0x6081, 0] * turn * span
             self.position += max(-step, min(step, way))
-            if abs(way) <= step:
+            self.reached &= now - self.began < self.stale_reached_s
+            if self.limit_at is not None and self.position >= self.limit_at:
+                self.target, self.reached, self.at_limit = None, True, True
+            elif abs(way) <= step:
                 self.target, self.reached = None, True
+        if self.sizes.get((0x606C, 0)) == 4 and span > 0:
+            self.values[0x606C, 0] = (self.position - before) / span / turn
         if mode == 6 and self.homing is not None:
             since = now - self.homing
             if since >= self.homing_s:
