@@ -212,6 +212,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         }
         self.jobs.add(ticket, axis, JobTask::Path, false)?;
         if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
+            slot.forget_motion();
             slot.path = Some(Box::new(PathStream::new(kind, parameters)));
         }
         Ok(())
@@ -310,7 +311,8 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        let cycle = self.cyclic.as_mut().and_then(|cycle| cycle.take_outcome());
+        let cyclic = self.cyclic.as_mut();
+        let cycle = cyclic.and_then(|cycle| cycle.take_outcome(&mut self.slots));
         cycle.or_else(|| self.jobs.pop_outcome())
     }
 

@@ -153,8 +153,24 @@ impl CyclicMotion {
         self.is_running().then_some(self.due)
     }
 
-    pub fn take_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        self.outcome.take().map(|outcome| (self.ticket, outcome))
+    /// The end, once. Axes that followed positions are waited for at the last of them from then on.
+    pub fn take_outcome<R: Request, A: Copy + 'static>(
+        &mut self,
+        slots: &mut [AxisSlot<R, A>],
+    ) -> Option<(Ticket, Outcome)> {
+        let outcome = self.outcome.take()?;
+        let follows_positions = self.setpoint_kind == SetpointKind::Position;
+        if follows_positions && matches!(outcome, Outcome::Done(_)) {
+            for member in &self.axes {
+                let slot = &mut slots[usize::from(member.axis)];
+                let position = slot.readable_signal(Signal::Position);
+                let si = slot.to_si(member.target, member.raw);
+                if let Some(raw) = position.and_then(|id| slot.to_raw(id, si?)) {
+                    slot.expect_position(self.due, raw);
+                }
+            }
+        }
+        Some((self.ticket, outcome))
     }
 
     /// Takes as many whole cycles as there is room for, and returns how many; `None` once it has ended.

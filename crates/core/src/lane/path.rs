@@ -392,7 +392,12 @@ impl PathStream {
             return self.fail(Failure::NotReady { hint: UNDERRUN });
         }
         if self.complete && self.points.is_empty() {
-            return self.check_end(now, &status);
+            let state = self.check_end(now, &status);
+            // An empty buffer only tells when to look where the axis is.
+            if let JobState::Ended(Outcome::Done(_)) = state {
+                slot.expect_position(now, self.end_position);
+            }
+            return state;
         }
         self.buffer_model.correct_clock(now, &status);
         JobState::Ready

@@ -286,6 +286,13 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         self.motion.replace(None);
     }
 
+    /// The last set-point was sent: the axis is waited for at this position.
+    pub fn expect_position(&mut self, now: Instant, raw: i64) {
+        self.begin_watch(MotionGoal::Position([Some(raw), None]), None);
+        self.motion.last_target = Some(raw);
+        self.acknowledge_motion(now);
+    }
+
     /// The parameter that is read next before a motion is started.
     pub fn next_before(&self, run: &mut PlanRun) -> Option<ParameterId> {
         self.next_item(&mut run.watch.pending, None)

@@ -3,6 +3,7 @@
 //! Why: CANOPEN-10.
 
 use super::failure::RequestKind;
+use super::streaming::SETTLING_MAX;
 use super::together::{check_one_wire, require_plan, run_all};
 use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, stop_with_retry};
 use crate::error::Error;
@@ -247,8 +248,13 @@ impl CyclicAxes {
                 Err(error) => break Err(error),
             }
         };
-        match ended {
-            Ok(_) => Ok(self.cycle_statistics().unwrap_or_default()),
+        // The last cycle only tells when to look; an axis may have stood all the time.
+        let arrived = ended.and_then(|_| match self.setpoint {
+            SetpointKind::Position => self.axes.iter().try_for_each(|axis| axis.wait(SETTLING_MAX)),
+            SetpointKind::Velocity | SetpointKind::Torque => Ok(()),
+        });
+        match arrived {
+            Ok(()) => Ok(self.cycle_statistics().unwrap_or_default()),
             Err(error) => {
                 let _ = run_all(&self.command_for_each(Command::new(Verb::Stop)));
                 Err(error)

@@ -3,6 +3,10 @@
 use super::failure::RequestKind;
 use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
+use crate::interface::AxisInterface;
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::judge::{EndReason, LimitEnd};
+use polepair_core::profile::Signal;
 use polepair_core::stream::{PathKind, Point};
 use std::time::Duration;
 
@@ -14,6 +18,9 @@ const FEED_INTERVAL: Duration = Duration::from_millis(20);
 /// A path whose first point asks for more than so many times the greatest speed of all that follows
 /// begins somewhere else.
 const FIRST_SPEED_MAX: f64 = 10.0;
+
+/// How long an axis may take to arrive at its last set-point.
+pub(super) const SETTLING_MAX: Duration = Duration::from_secs(5);
 
 impl LocalAxis {
     /// Checks a path before the axis is powered: the limits of a rack file, and the start at the actual
@@ -52,7 +59,8 @@ impl LocalAxis {
     /// ```
     ///
     /// # Errors
-    /// [`Error`] by blame. When it is interrupted the drive uses up what it has and stops.
+    /// [`Error`] by source; `E106` where the axis is elsewhere at the end. When it is interrupted the drive uses
+    /// up what it has and stops.
     pub fn stream(
         &self,
         kind: PathKind,
@@ -77,16 +85,44 @@ impl LocalAxis {
             let last = chunk.len() < CHUNK_POINTS;
             let consumed =
                 self.connection.with_axes(|axes, _| axes.feed_points(ticket, &chunk, last));
-            match consumed {
-                Some(count) => drop(chunk.drain(..count)),
-                None => return running.finish(),
-            }
-            if last && chunk.is_empty() {
-                return running.finish();
-            }
-            if let Some(count) = running.wait(FEED_INTERVAL)? {
+            let fed = match consumed {
+                Some(count) => {
+                    chunk.drain(..count);
+                    last && chunk.is_empty()
+                }
+                None => true,
+            };
+            let ended = if fed { running.finish().map(Some) } else { running.wait(FEED_INTERVAL) };
+            if let Some(count) = ended.map_err(|error| self.reason_of_end(WHAT, error))? {
+                // A buffer that is empty says nothing of the motor.
+                self.wait(SETTLING_MAX)?;
                 return Ok(count);
             }
         }
+    }
+
+    /// The error of a path that the drive gave up. Its buffer only shows that it did; a fault or a limit that
+    /// it has is why.
+    fn reason_of_end(&self, what: &str, error: Error) -> Error {
+        let Error::Failed { outcome, .. } = &error else { return error };
+        if !matches!(outcome.failure(), Some(Failure::NotReady { .. })) {
+            return error;
+        }
+        let has_limit = |signal| {
+            self.provides_signal(signal).unwrap_or(false)
+                && self.signals(&[signal]).is_ok_and(|read| read[0].raw != 0)
+        };
+        let fault = AxisInterface::faults(self).into_iter().flatten().find(|one| !one.is_warning);
+        let failure = match fault {
+            Some(fault) => Failure::Faulted { code: fault.code },
+            None if has_limit(Signal::PositiveLimit) => {
+                Failure::Elsewhere(EndReason::Limit(LimitEnd::Positive))
+            }
+            None if has_limit(Signal::NegativeLimit) => {
+                Failure::Elsewhere(EndReason::Limit(LimitEnd::Negative))
+            }
+            None => return error,
+        };
+        self.outcome_error(what, RequestKind::Command, Outcome::Unknown(failure))
     }
 }

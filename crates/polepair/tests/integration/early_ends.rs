@@ -2,9 +2,11 @@
 
 use std::time::Duration;
 
-use polepair::{Error, LocalAxis, LocalLink, connect_local};
+use polepair::{CyclicAxes, Error, LocalAxis, LocalLink, connect_local};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
+use polepair_core::stream::cyclic::SetpointKind;
+use polepair_core::stream::{PathKind, Point};
 use polepair_drives::bench::Act;
 
 /// A drive, and what another master writes to it to stop its motor and to switch it off.
@@ -214,5 +216,58 @@ fn the_same_motions_arrive_when_nothing_happens() {
         let ended = waiting.wait(Duration::from_secs(60));
         assert!(matches!(ended, Ok(Some(_))), "{}: {ended:?}", family.url);
         armed.release().expect("it stands");
+    }
+}
+
+/// Three turns in two seconds, there at rest.
+fn course(share: f64) -> f64 {
+    3.0 * core::f64::consts::TAU * (3.0 - 2.0 * share) * share * share
+}
+
+/// Along a drive's own buffer, in twenty points.
+fn stream_buffered(link: &LocalLink) -> Result<(), Error> {
+    let axis = link.axes()[0].armed()?;
+    axis.enable()?;
+    let point = |n: u32| {
+        let share = f64::from(n) / 20.0;
+        let velocity = 3.0 * core::f64::consts::TAU * 6.0 * (1.0 - share) * share / 2.0;
+        Point { position: course(share), velocity, time: 0.1 }
+    };
+    axis.stream(PathKind::Pvt, (1..=20).map(point)).map(drop)
+}
+
+/// Along cyclic positions.
+fn stream_cyclic(link: &LocalLink) -> Result<(), Error> {
+    let period = Duration::from_millis(10);
+    let setpoints: Vec<f64> = (0..=200).map(|n| course(f64::from(n) / 200.0)).collect();
+    let following =
+        CyclicAxes::begin_with_path(link.axes(), SetpointKind::Position, period, &setpoints)?;
+    let streamed = following.stream(setpoints, |_| {}).map(drop);
+    following.release()?;
+    streamed
+}
+
+/// A buffer that is empty, or a last cycle, is no arrival.
+#[test]
+fn a_stream_that_ends_early_says_where_and_why() {
+    type Stream = fn(&LocalLink) -> Result<(), Error>;
+    let streams: [(&str, Stream); 2] = [
+        ("sim:technosoft-f514l?time=virtual", stream_buffered),
+        ("sim:cia402?time=virtual", stream_cyclic),
+    ];
+    for (url, stream) in streams {
+        let open = || connect_local(url).unwrap_or_else(|error| panic!("{url}: {error}"));
+        stream(&open()).unwrap_or_else(|error| panic!("{url}: {error}"));
+        for (act, code, words) in [
+            (Act::Switch { which: 1, at: core::f64::consts::TAU }, "E106", "limit"),
+            (Act::Jam(true), "E801", "error"),
+        ] {
+            let link = open();
+            assert!(link.simulation().expect("a simulation").act(0, 0, act), "{url} {act:?}");
+            let error = stream(&link).expect_err(url);
+            assert_eq!(error.code(), code, "{url} {act:?}: {error}");
+            assert!(error.to_string().contains(words), "{url} {act:?}: {error}");
+            assert!(!error.to_string().contains("not executed"), "{url} {act:?}: {error}");
+        }
     }
 }
