@@ -84,3 +84,27 @@ def test_a_server_raises_the_same(
                 server.kill()
         finally:
             simulation.kill()
+
+
+def test_who_only_looks_takes_no_flag_for_an_arrival(tmp_path: Path) -> None:
+    command = [str(POLEPAIR), "sim", "cia402:5", "--socketcand", "127.0.0.1:0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as simulation:
+        try:
+            url = first_line("the ready line of the simulation", simulation).split()[1]
+            server = Server(tmp_path, drives=url)
+            try:
+                with server.join() as viewer, server.join() as link, link.axes[0].armed() as axis:
+                    motion = axis.move(15, "turn", velocity=(60, "rpm"))
+                    # A halt of another master: the bit of an arrival then means standstill.
+                    halt = [str(POLEPAIR), "send", url, "write 0x6040:0 u16 0x010F", "--arm"]
+                    subprocess.run(halt, check=True, timeout=120)
+                    with pytest.raises(PolepairError, match="halted"):
+                        motion.wait(120)
+                    assert viewer.axes[0].read("reached")["reached"] == 1.0
+                    assert not viewer.axes[0].reached(0.5)
+                    axis.move(1, "turn", velocity=(60, "rpm")).wait(120)
+                    assert viewer.axes[0].reached(60)
+            finally:
+                server.kill()
+        finally:
+            simulation.kill()

@@ -22,6 +22,10 @@ TIMEOUT = 60.0
 LOOK = 0.05
 """Seconds between two checks whether the move of another client has arrived."""
 
+NEAR = {"rad": 0.0088, "m": 5e-5}
+"""Greatest distance from the target at which the move of another client has arrived, by the unit of the
+position: 0.5 deg, 0.05 mm."""
+
 STOPS = ("stop", "quick-stop")
 """Verbs that wait for no other request."""
 
@@ -213,7 +217,8 @@ class AxisSteps:
         """Waits until the last move has arrived, at most `timeout` seconds; False if it has not.
 
         Errors: E106 with both positions if it ended elsewhere. On a server, an axis that this program has not
-        armed gives the drive's own report."""
+        armed has arrived when the drive says so and its position is at the target that the drive reports; a
+        drive that reports no target is believed."""
         return (yield from self._arrived([], timeout))
 
     def _arrived(self, asked: Asked, timeout: float) -> Steps[bool]:
@@ -245,12 +250,19 @@ class AxisSteps:
 
     def _looked(self, timeout: float) -> Steps[bool]:
         began = self._native.now
-        while not (yield from self._read("reached"))["reached"]:
+        units = self.signals
+        window = NEAR.get(units.get("position", ""), 0.0)
+        compared = ("position", "target position")
+        shown = [name for name in compared if name in units and window > 0.0]
+        while True:
+            seen = yield from self._read("reached", *shown)
+            away = abs(seen["position"] - seen["target position"]) if len(shown) == 2 else 0.0
+            if seen["reached"] and away <= window:
+                return True
             left = timeout - (self._native.now - began)
             if left <= 0.0:
                 return False
             yield Call(self._native.sleep, min(LOOK, left))
-        return True
 
     def _done(self, asked: Asked) -> Steps[bool]:
         """Whether it has arrived."""
