@@ -422,12 +422,17 @@ impl SerialHost {
         }
     }
 
+    /// Enters a reply that may come. Where there is no room the oldest one goes, which was abandoned for a
+    /// stop: drives answer in order, so it comes before the others or never. The newest one must be in, or
+    /// nothing would ever end its request.
     #[inline]
     fn add_outstanding(&mut self, awaited: AwaitedReply) {
-        if let Some(awaited_reply) = self.outstanding.get_mut(self.outstanding_len) {
-            *awaited_reply = awaited;
-            self.outstanding_len += 1;
+        if self.outstanding_len == OUTSTANDING_MAX {
+            self.outstanding.rotate_left(1);
+            self.outstanding_len -= 1;
         }
+        self.outstanding[self.outstanding_len] = awaited;
+        self.outstanding_len += 1;
     }
 
     fn handle_deadline(&mut self, now: Instant) {

@@ -126,3 +126,34 @@ fn silence_ends_what_waits_for_a_proof() {
     world.fault = Box::new(|_, bytes| vec![(0, bytes)]);
     assert_eq!(world.read(7, 1).map(|answer| answer.raw()), Ok(7 * 257));
 }
+
+/// A line with a delay of seconds, and somebody who says STOP again and again: more replies may come than
+/// are kept in mind, and the last stop ends nevertheless.
+#[test]
+fn more_stops_than_replies_that_are_kept_in_mind_all_end() {
+    for format in [WireFormat::Rtu, WireFormat::Ascii] {
+        for (stops, delay_ms) in [(4, 400), (9, 400), (30, 400), (30, 150)] {
+            let mut world = TestWorld::plain(format);
+            world.fault = Box::new(move |_, bytes| vec![(delay_ms * MS, bytes)]);
+            let mut ended = 0;
+            for number in 0..stops {
+                // Two requests of a stop, in turn.
+                let address = 5 + number as u16 % 2;
+                let request = RequestBody::WriteRegister { address, value: 0 };
+                let stop = HostRequest { unit: 1, body: request, class: RequestClass::Stop };
+                let until = world.now.plus_ns(2_000 * MS);
+                while world.host.submit(world.now, Ticket(number), stop).is_err() {
+                    assert!(world.now < until && world.step(), "{format:?}: stop {number} waits");
+                    ended += core::iter::from_fn(|| world.host.poll_event().copied()).count();
+                }
+                assert!(world.step(), "it is sent");
+                ended += core::iter::from_fn(|| world.host.poll_event().copied()).count();
+            }
+            world.rest();
+            ended += core::iter::from_fn(|| world.host.poll_event().copied()).count();
+            assert_eq!(ended, stops as usize, "{format:?}, {stops} stops");
+            world.fault = Box::new(|_, bytes| vec![(0, bytes)]);
+            assert_eq!(world.read(7, 1).map(|answer| answer.raw()), Ok(7 * 257));
+        }
+    }
+}
