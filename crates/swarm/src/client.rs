@@ -17,6 +17,8 @@ pub enum LeaseProgress {
     Enabled,
     /// It was told to turn.
     Moved,
+    /// It was sent to a position.
+    Sent,
 }
 
 /// A lease that a client has.
@@ -134,10 +136,17 @@ impl GatewayClient {
                 ClientAction::Command(axis, "enable")
             }
             Some(HeldLease { progress: LeaseProgress::Enabled, .. }) => {
-                ClientAction::Command(axis, "velocity")
+                let verb = if random.chance(Ppm(400_000)) { "move-to" } else { "velocity" };
+                ClientAction::Command(axis, verb)
+            }
+            Some(HeldLease { progress: LeaseProgress::Sent, .. })
+                if random.chance(Ppm(500_000)) =>
+            {
+                ClientAction::Command(axis, "reached")
             }
             Some(_) => match random.below(100) {
-                0..30 => ClientAction::Command(axis, "velocity"),
+                0..15 => ClientAction::Command(axis, "velocity"),
+                15..30 => ClientAction::Command(axis, "move-to"),
                 30..42 => ClientAction::Command(axis, "stop"),
                 42..46 => ClientAction::Command(axis, "disable"),
                 46..49 => ClientAction::Command(axis, "disarm"),

@@ -23,6 +23,8 @@ pub struct DriveKind {
     pub ramp_ms: u32,
     /// Drives answer what starts motion: `done` means that they executed it.
     pub confirms_motion: bool,
+    /// Its position is measured: a stepper module without an encoder counts the steps that it asked for.
+    pub measures_position: bool,
 }
 
 /// One of each family and wire.
@@ -36,6 +38,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 40),
         ramp_ms: 2000,
         confirms_motion: true,
+        measures_position: true,
     },
     DriveKind {
         name: "TMCL CAN",
@@ -46,6 +49,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 40),
         ramp_ms: 2000,
         confirms_motion: true,
+        measures_position: true,
     },
     DriveKind {
         name: "TMCL stepper",
@@ -56,6 +60,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (2, 7),
         ramp_ms: 2000,
         confirms_motion: true,
+        measures_position: false,
     },
     DriveKind {
         name: "TML serial",
@@ -66,6 +71,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 40),
         ramp_ms: 2000,
         confirms_motion: true,
+        measures_position: true,
     },
     DriveKind {
         name: "TML CAN",
@@ -76,6 +82,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 40),
         ramp_ms: 2000,
         confirms_motion: false,
+        measures_position: true,
     },
     DriveKind {
         name: "TS Modbus",
@@ -86,6 +93,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 60),
         ramp_ms: 2000,
         confirms_motion: true,
+        measures_position: true,
     },
     DriveKind {
         name: "TS CANopen",
@@ -96,6 +104,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 60),
         ramp_ms: 2000,
         confirms_motion: true,
+        measures_position: true,
     },
     DriveKind {
         name: "CiA 402",
@@ -106,6 +115,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 40),
         ramp_ms: 2000,
         confirms_motion: true,
+        measures_position: true,
     },
     DriveKind {
         name: "thruster",
@@ -116,6 +126,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (40, 120),
         ramp_ms: 3000,
         confirms_motion: false,
+        measures_position: true,
     },
     DriveKind {
         name: "TechnoCAN",
@@ -126,6 +137,7 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
         speeds: (5, 40),
         ramp_ms: 2000,
         confirms_motion: false,
+        measures_position: true,
     },
 ];
 

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use polepair_core::time::Instant;
+use polepair_drives::bench::Act;
 use polepair_serve::bench::{
     Bench, BenchEvent, FrameSubscription, PendingReply, SessionName, TelemetryChannel,
 };
@@ -20,11 +21,13 @@ use polepair_sim::random::{HistoryHash, Ppm, Random};
 use crate::client::{ClientAction, ClientPresence, GatewayClient, LeaseProgress};
 use crate::drives::RandomRack;
 use crate::scenario::{hash_text, random_speed, seconds};
-use crate::schedule::WireDisturbance;
+use crate::schedule::{DriveEvent, WireDisturbance};
 use crate::stop_observer::{StopObserver, StopViolation};
 use crate::wire::{AnyPort, UnitOutcome, WireCondition};
 use crate::{GatewayReport, HistorySink, VIOLATIONS_MAX, Violation};
 
+/// Verbs that power or move a motor.
+const MOTION_VERBS: [&str; 3] = ["velocity", "move-to", "enable"];
 /// A lease is renewed so often, ms.
 const RENEW_MS: u32 = 450;
 /// What is not known to be executed may still be for so long.
@@ -32,6 +35,8 @@ const MAY_EXECUTE_MS: u32 = 4_000;
 /// Nothing of what was said before moves an axis that long after its wire is well and it is to stand.
 const SETTLE_TIME: Duration = Duration::from_millis(3_000);
 
+/// A world that lives on for so long after its last word does not end by itself.
+const WORLD_MAX: Duration = Duration::from_secs(120);
 /// What was certain longer ago than this is not held against what is true now.
 const CERTAIN_MAX_AGE: Duration = Duration::from_millis(20);
 
@@ -50,6 +55,7 @@ enum CallKind {
         epoch: u64,
         starts: u64,
         alone: bool,
+        target: Option<f64>,
         reply: PendingReply<CommandOutcome>,
     },
     Stop {
@@ -66,6 +72,7 @@ pub struct WorldRunner {
     random: Random,
     ports: Vec<Arc<dyn AnyPort>>,
     disturbances: VecDeque<WireDisturbance>,
+    drive_events: VecDeque<DriveEvent>,
     clients: Vec<GatewayClient>,
     pending: Vec<PendingCall>,
     observers: Vec<StopObserver>,
@@ -98,7 +105,7 @@ impl WorldRunner {
         bench: &Bench,
         ports: Vec<Arc<dyn AnyPort>>,
         (begin, quiet_from): (Instant, Instant),
-        calamities: Vec<WireDisturbance>,
+        (calamities, drive_events): (Vec<WireDisturbance>, Vec<DriveEvent>),
         report: GatewayReport,
         history_sink: Option<HistorySink>,
     ) -> Self {
@@ -129,6 +136,7 @@ impl WorldRunner {
             random,
             ports,
             disturbances: calamities.into(),
+            drive_events: drive_events.into(),
             clients,
             pending: Vec::new(),
             seen_starts: vec![0; observers.len()],
@@ -163,11 +171,18 @@ impl WorldRunner {
     pub fn step(&mut self, bench: &Bench, tends: bool) {
         self.now = bench.simulation(0).map_or(self.now, |simulation| simulation.now());
         self.report.count("turns");
+        let over = self.now.since(self.quiet_from);
+        assert!(over < WORLD_MAX, "something waits for ever: {over:?} after the last word");
         while self.disturbances.front().is_some_and(|next| next.at <= self.now) {
             if let Some(WireDisturbance { wire, condition, .. }) = self.disturbances.pop_front() {
                 self.log(|| format!("wire {wire} is {condition}"));
                 self.report.count(condition_label(condition));
                 self.ports[wire].set_condition(condition);
+            }
+        }
+        while self.drive_events.front().is_some_and(|next| next.at <= self.now) {
+            if let Some(event) = self.drive_events.pop_front() {
+                self.disturb_drive(bench, event);
             }
         }
         self.ports.iter().for_each(|port| port.forward_due());
@@ -181,6 +196,18 @@ impl WorldRunner {
         self.check_motors(bench);
         self.process_events(bench);
         self.log_frames();
+    }
+
+    fn disturb_drive(&mut self, bench: &Bench, DriveEvent { axis, act, .. }: DriveEvent) {
+        let wire = self.observers[axis].wire;
+        let drive = self.observers[..axis].iter().filter(|other| other.wire == wire).count();
+        if bench.simulation(0).is_some_and(|simulation| simulation.act(wire, drive, act)) {
+            self.log(|| format!("axis {axis}: {act:?}"));
+            self.report.count("acts on drives");
+            // What it counts positions from is another place then.
+            let loses_steps = act == Act::Jam(true) && !self.observers[axis].kind.measures_position;
+            self.observers[axis].counts_anew |= act == Act::PowerCycle || loses_steps;
+        }
     }
 
     fn step_clients(&mut self, bench: &Bench) {
@@ -330,8 +357,11 @@ impl WorldRunner {
         hold.command_pending = true;
         let epoch = hold.epoch;
         let watch = &mut self.observers[of];
-        let velocity = (verb == "velocity").then(|| random_speed(watch.kind, &mut self.random));
-        let moves = ["velocity", "enable"].contains(&verb);
+        let velocity = matches!(verb, "velocity" | "move-to")
+            .then(|| random_speed(watch.kind, &mut self.random))
+            .map(|speed| if verb == "move-to" { speed.abs() } else { speed });
+        let target = (verb == "move-to").then(|| self.random.between(-1_200, 1_200) as f64 / 100.0);
+        let moves = MOTION_VERBS.contains(&verb);
         let alone = watch.open_commands == 0 && watch.unknown_until < self.now;
         let starts = watch.truth.starts;
         if moves {
@@ -351,7 +381,10 @@ impl WorldRunner {
         if verb == "stop" {
             watch.require_holder_stop(epoch, self.now);
         }
-        if verb == "velocity" {
+        if verb != "reached" {
+            watch.target = None;
+        }
+        if matches!(verb, "velocity" | "move-to") {
             // Who has lost his lease and does not know it moves nothing.
             watch.moved_epoch = watch.moved_epoch.max(Some(epoch));
             watch.record_motion_order(epoch, self.now);
@@ -363,13 +396,15 @@ impl WorldRunner {
             ttl_ms: 500.25,
             epoch,
             verb: verb.into(),
-            arguments: CommandArguments { velocity, ..CommandArguments::default() },
+            arguments: CommandArguments { velocity, target, ..CommandArguments::default() },
         };
         let name = self.clients[who].name.clone();
-        let (id, asks) = (self.last_id, velocity.map_or(String::new(), |v| format!(" {v} rad/s")));
+        let id = self.last_id;
+        let asks = target.map_or(String::new(), |target| format!(" {target} rad at"))
+            + &velocity.map_or(String::new(), |v| format!(" {v} rad/s"));
         self.log(|| format!("{name} says {verb}{asks} to axis {axis} (id-{id}, epoch {epoch})"));
         let reply = bench.command(axis, &name, request);
-        let what = CallKind::Command { verb, epoch, starts, alone, reply };
+        let what = CallKind::Command { verb, epoch, starts, alone, target, reply };
         self.pending.push(PendingCall { client: who, axis, sent_at: self.now, kind: what });
     }
 

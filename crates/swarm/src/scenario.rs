@@ -58,6 +58,7 @@ pub fn run_world(seed: u64, report_line: Option<HistorySink>) -> GatewayReport {
         random.pick(&[WorldEnd::Silence, WorldEnd::Silence, WorldEnd::Stop, WorldEnd::Shutdown]);
     let step = random.pick(&[1, 2, 3, 5]);
     let calamities = schedule::plan_disturbances(&mut random, rack.wires, begin, calm);
+    let drive_events = schedule::plan_drive_events(&mut random, rack.axes.len(), begin, calm);
     let ports = ports.lock().unwrap_or_else(PoisonError::into_inner).clone();
     let report = GatewayReport { seed, ..GatewayReport::default() };
     let mut live = WorldRunner::new(
@@ -66,7 +67,7 @@ pub fn run_world(seed: u64, report_line: Option<HistorySink>) -> GatewayReport {
         &bench,
         ports,
         (begin, quiet),
-        calamities,
+        (calamities, drive_events),
         report,
         report_line,
     );

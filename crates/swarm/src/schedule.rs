@@ -1,6 +1,7 @@
 //! What happens to the wires, and when.
 
 use polepair_core::time::Instant;
+use polepair_drives::bench::Act;
 use polepair_sim::random::{Ppm, Random};
 
 use crate::wire::WireCondition;
@@ -14,6 +15,42 @@ pub struct WireDisturbance {
     pub wire: usize,
     /// How it is from then on.
     pub condition: WireCondition,
+}
+
+/// Something that happens to a drive, and ends what its motor does.
+#[derive(Clone, Copy, Debug)]
+pub struct DriveEvent {
+    /// When.
+    pub at: Instant,
+    /// To which axis.
+    pub axis: usize,
+    /// What. It stays so to the end of the world: a motor that is let go again turns without a command.
+    pub act: Act,
+}
+
+/// What happens to drives until `calm`, in order.
+pub fn plan_drive_events(
+    random: &mut Random,
+    axes: usize,
+    begin: Instant,
+    calm: Instant,
+) -> Vec<DriveEvent> {
+    let span = calm.since(begin).as_millis() as i64;
+    let mut events = Vec::new();
+    for axis in 0..axes {
+        if random.chance(Ppm(600_000)) {
+            continue;
+        }
+        let at = begin.plus_ms(random.between(300, span) as u32);
+        let act = match random.below(4) {
+            0 => Act::Jam(true),
+            1 => Act::PowerCycle,
+            _ => Act::Switch { which: 1, at: random.between(-300, 900) as f64 / 100.0 },
+        };
+        events.push(DriveEvent { at, axis, act });
+    }
+    events.sort_by_key(|event| event.at);
+    events
 }
 
 /// All calamities of a world, in order; from `calm` on every wire is well.

@@ -13,6 +13,8 @@ use crate::drives::DriveKind;
 
 /// A powered motor that is faster turns, rad/s: above what any drive's stop takes for standing.
 const TURNING_SPEED: f64 = 1.0;
+/// A shaft is at its target if it is so near, rad: the window of 0.5 deg, and what a servo swings.
+const ARRIVAL_WINDOW: f64 = 0.03;
 /// An axis that is owed a stop has executed it so long after its wire is well.
 const STOP_ARRIVAL: Duration = Duration::from_secs(3);
 /// The command worker checks its link so often at least; an alarm may be as late, and a little.
@@ -55,6 +57,10 @@ pub struct StopObserver {
     pub open_commands: u32,
     /// When it was last told to stop, by whomever: what a stop writes may look like motion.
     pub stopped_at: Instant,
+    /// Its drive lost its supply, or steps: positions count from another place since.
+    pub counts_anew: bool,
+    /// Where it was sent, rad, and when that was done; `None` once anything else may have moved it.
+    pub target: Option<(f64, Instant)>,
     /// Until when something may still be executed whose outcome is unknown.
     pub unknown_until: Instant,
     /// The alarm as the bench shows it, since when; `None` where benches have none.
@@ -81,6 +87,8 @@ impl StopObserver {
             moved_epoch: None,
             open_commands: 0,
             stopped_at: Instant::ZERO,
+            counts_anew: false,
+            target: None,
             unknown_until: Instant::ZERO,
             alarm: None,
             acknowledged_stop: None,
@@ -96,6 +104,7 @@ impl StopObserver {
     /// It is to stand from now on.
     pub fn require_stop(&mut self, now: Instant) {
         self.stopped_at = now;
+        self.target = None;
         if std::mem::take(&mut self.asked_by_holder) {
             // From now on it is owed with its alarm.
             self.stop_pending_since = None;
@@ -120,6 +129,7 @@ impl StopObserver {
         }
         if self.epoch != epoch {
             self.lease_since = now;
+            self.target = None;
         }
         self.epoch = epoch;
     }
@@ -140,6 +150,16 @@ impl StopObserver {
         {
             self.stop_pending_since = None;
         }
+    }
+
+    /// Somebody who asked at that time is told that it arrived.
+    pub fn check_arrival(&self, asked_at: Instant) -> Option<StopViolation> {
+        let (target, since) =
+            self.target.filter(|_| self.unknown_until < asked_at && !self.counts_anew)?;
+        let position = self.truth.position;
+        let is_elsewhere = (position - target).abs() > ARRIVAL_WINDOW;
+        (since < asked_at && is_elsewhere)
+            .then(|| ("G13", format!("told `arrived` at {target:.3} rad, and is at {position:.3}")))
     }
 
     /// How far a stop came, as somebody was told.

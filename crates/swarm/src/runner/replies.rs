@@ -8,8 +8,8 @@ use polepair_serve::message::{
 };
 
 use super::{
-    CERTAIN_MAX_AGE, CallKind, MAY_EXECUTE_MS, PendingCall, RENEW_MS, SETTLE_TIME, WorldRunner,
-    error_text,
+    CERTAIN_MAX_AGE, CallKind, MAY_EXECUTE_MS, MOTION_VERBS, PendingCall, RENEW_MS, SETTLE_TIME,
+    WorldRunner, error_text,
 };
 use crate::client::{HeldLease, LeaseProgress};
 use crate::scenario::seconds;
@@ -25,9 +25,9 @@ impl WorldRunner {
                 let Some(result) = reply.try_recv() else { return false };
                 self.handle_lease(who, axis, result);
             }
-            CallKind::Command { verb, epoch, starts, alone, reply } => {
+            CallKind::Command { verb, epoch, starts, alone, target, reply } => {
                 let Some(report) = reply.try_recv() else { return false };
-                let command = (*verb, *epoch, *starts, *alone);
+                let command = (*verb, *epoch, *starts, *alone, *target);
                 self.handle_command_outcome(who, axis, said_at, command, report);
             }
             CallKind::Stop { turned, late, reply } => {
@@ -100,10 +100,11 @@ impl WorldRunner {
         who: usize,
         axis: u16,
         sent_at: Instant,
-        (verb, epoch, starts, alone): (&'static str, u64, u64, bool),
+        (verb, epoch, starts, alone, target): (&'static str, u64, u64, bool, Option<f64>),
         result: Result<CommandOutcome, GatewayError>,
     ) {
-        let moves = ["velocity", "enable"].contains(&verb);
+        let moves = MOTION_VERBS.contains(&verb);
+        let turns = matches!(verb, "velocity" | "move-to");
         let outcome = match &result {
             Ok(outcome) => outcome.outcome,
             Err(refused) if refused.executed == Some(false) => OutcomeKind::NotDone,
@@ -128,8 +129,12 @@ impl WorldRunner {
             // One whose answer was lost is the holder's, too.
             let obeyed =
                 outcome == OutcomeKind::Done || outcome == OutcomeKind::Unknown && executed;
-            if obeyed && verb == "velocity" {
+            if obeyed && turns {
                 watch.record_motion_done(sent_at);
+            }
+            // Anything that was said meanwhile may have come behind it.
+            if outcome == OutcomeKind::Done && alone && watch.stopped_at < sent_at {
+                watch.target = target.map(|target| (target, now));
             }
         }
         let (kind, owned) = (watch.kind, watch.epoch == Some(epoch));
@@ -140,11 +145,17 @@ impl WorldRunner {
                 ("arm", OutcomeKind::Done) => LeaseProgress::Armed,
                 ("enable", OutcomeKind::Done) => LeaseProgress::Enabled,
                 ("velocity", OutcomeKind::Done) => LeaseProgress::Moved,
+                ("move-to", OutcomeKind::Done) => LeaseProgress::Sent,
                 ("disarm", _) => LeaseProgress::Held,
                 ("disable", _) => LeaseProgress::Armed,
-                ("velocity" | "enable", _) => LeaseProgress::Held,
+                ("velocity" | "move-to" | "enable", _) => LeaseProgress::Held,
                 _ => hold.progress,
             };
+        }
+        if verb == "reached" && outcome == OutcomeKind::Done {
+            self.report.count("arrivals told");
+            let found = self.observers[usize::from(axis)].check_arrival(sent_at);
+            self.add_violations(usize::from(axis), found);
         }
         if moves && outcome == OutcomeKind::NotDone && alone && executed {
             self.add_violation(
@@ -152,7 +163,7 @@ impl WorldRunner {
                 format!("axis {axis}: {verb} is told as not done ({because}), and was executed"),
             );
         }
-        if verb == "velocity" && outcome == OutcomeKind::Done && alone && !executed && owned {
+        if turns && outcome == OutcomeKind::Done && alone && !executed && owned {
             if kind.confirms_motion {
                 self.add_violation(
                     "G11",
