@@ -159,12 +159,7 @@ impl Url {
     /// [`Error::Usage`] `E210`.
     pub fn milliseconds(&self, name: &str) -> Result<Option<f64>, Error> {
         let Some(text) = self.key(name) else { return Ok(None) };
-        let measure = crate::quantity::parse(text)?;
-        let seconds = measure.in_unit(polepair_core::units::Unit::Millisecond)?;
-        if !(0.0..=3600.0).contains(&seconds) {
-            return Err(url_error(format!("`{name}={text}` is not between 0 and an hour"), ""));
-        }
-        Ok(Some(seconds * 1000.0))
+        Ok(Some(keys::seconds(name, text)? * 1000.0))
     }
 
     /// The value of a key as yes or no.

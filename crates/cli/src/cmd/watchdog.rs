@@ -100,7 +100,10 @@ pub fn parse_time(text: &str) -> Result<Option<Duration>> {
             .hint("`off` switches the watchdog off")
     };
     let span = Duration::from_secs_f64(value::parse_span(text).map_err(wrong)?);
-    Ok(Some(span).filter(|span| !span.is_zero()))
+    if span.is_zero() {
+        return Err(wrong("after no time at all a drive would always stop".to_owned()));
+    }
+    Ok(Some(span))
 }
 
 /// How a drive's watchdog is set, with the parameter that sets it.

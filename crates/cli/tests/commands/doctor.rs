@@ -207,3 +207,19 @@ fn a_motor_that_a_proof_lost_is_told_as_turning() {
     assert!(ran.out.contains("its watchdog stays set"), "{}", ran.out);
     served.end();
 }
+
+#[test]
+fn no_time_is_no_watchdog_and_no_time_limit() {
+    for time in ["0s", "0ms", "0"] {
+        let ran = polepair(&["watchdog", "sim:tmcl", time]);
+        assert_eq!(ran.code, 2, "{}{}", ran.out, ran.err);
+        assert!(ran.err.contains("`off` switches the watchdog off"), "{}", ran.err);
+    }
+    for verb in ["info", "stop", "scan"] {
+        for url in ["sim:tmcl?timeout=0", "sim:cia402?timeout=0ms", "sim:tml?timeout=0s"] {
+            let ran = polepair(&[verb, url]);
+            assert_eq!(ran.code, 2, "{verb} {url}: {}{}", ran.out, ran.err);
+            assert!(ran.err.contains("leaves drives no time to answer"), "{verb}: {}", ran.err);
+        }
+    }
+}

@@ -212,6 +212,10 @@ impl LocalAxis {
     /// source.
     pub fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogState, Error> {
         const WHAT: &str = "setting its watchdog";
+        if after.is_some_and(|after| after.is_zero()) {
+            let what = format!("{}: {WHAT}: 0 s is not a time to wait for a host", self.label());
+            return Err(Error::usage("E216", what, "`off` switches a watchdog off"));
+        }
         match self.profile.watchdog {
             Watchdog::None | Watchdog::Fixed { .. } => {
                 return Err(self.unsupported_error(WHAT, Unsupported::NoPlan));

@@ -311,9 +311,18 @@ fn parse_value(key: &OptionKey, text: &str) -> Result<Option<u32>, Error> {
 }
 
 fn parse_seconds(name: &str, text: &str, scale: fn(f64) -> f64) -> Result<u32, Error> {
+    Ok(scale(seconds(name, text)?) as u32)
+}
+
+/// A time in seconds; without a unit it is in milliseconds.
+pub(super) fn seconds(name: &str, text: &str) -> Result<f64, Error> {
     let seconds = quantity::parse(text)?.in_unit(polepair_core::units::Unit::Millisecond)?;
     if !(0.0..=SECONDS_MAX).contains(&seconds) {
         return Err(url_error(format!("`{name}={text}` is not between 0 and an hour"), ""));
     }
-    Ok(scale(seconds) as u32)
+    if name == "timeout" && seconds <= 0.0 {
+        let what = format!("`{name}={text}` leaves drives no time to answer");
+        return Err(url_error(what, "without it each drive has the time limit of its profile"));
+    }
+    Ok(seconds)
 }
