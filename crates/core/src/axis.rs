@@ -19,7 +19,7 @@ mod verb;
 
 pub use axes::{AnyLane, Axes, GroupAnswer};
 pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
-pub use rehearsal::{RehearsalAction, RehearsalStep};
+pub use rehearsal::{RehearsalAction, RehearsalStep, TextRehearsal};
 pub use status::{AxisStatus, MotionReport, ProgramEnd, Reading};
 pub use verb::Verb;
 

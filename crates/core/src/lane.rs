@@ -29,7 +29,7 @@ use crate::axis::{
     Verb,
 };
 use crate::error::{Failure, Outcome, Unsupported};
-use crate::explain::RawFrame;
+use crate::explain::{Impact, RawFrame};
 use crate::medium::Medium;
 use crate::plan::Step;
 use crate::profile::{AddressRole, Parameter, ParameterId, Profile, Signal};
@@ -411,7 +411,8 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         axis: AxisIndex,
         request: H::Request,
     ) -> Result<(), Unsupported> {
-        if request.class() == RequestClass::NoRetry && !self.slot(axis)?.state.armed {
+        let slot = self.slot(axis)?;
+        if request.effect(slot.profile).impact >= Impact::Motion && !slot.state.armed {
             return Err(Unsupported::NotArmed);
         }
         let stop = request.is_stop();

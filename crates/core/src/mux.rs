@@ -10,7 +10,7 @@ use alloc::vec::Vec;
 
 use crate::axis::{
     AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, MotionReport, RehearsalStep,
-    StopPart, UnmetWait,
+    StopPart, TextRehearsal, UnmetWait,
 };
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
@@ -19,7 +19,7 @@ use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
-use crate::station::{AxisIndex, Counters, LineEvent, RequestClass, Station, Ticket, Timed};
+use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
@@ -265,7 +265,7 @@ impl Axes for Mux {
         axis: AxisIndex,
         text: &str,
         show: &mut dyn FnMut(RehearsalStep<'_>),
-    ) -> Result<(RequestClass, bool), Unsupported> {
+    ) -> Result<TextRehearsal, Unsupported> {
         let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
         lane.rehearse_text(axis, text, show)
     }

@@ -1,7 +1,9 @@
 //! The two ends of a wire, and their common interface.
 
 use crate::error::Failure;
+use crate::explain::Effect;
 use crate::medium::Medium;
+use crate::profile::Profile;
 use crate::time::Instant;
 
 /// Time-driven behaviour, once per object, whatever the number of its wires.
@@ -85,6 +87,11 @@ pub enum RequestClass {
 pub trait Request: Copy + Send + 'static {
     /// Its class. A driver gives a write the class that the lane names; other requests have a fixed class.
     fn class(&self) -> RequestClass;
+
+    /// The effect that it may have on a drive with this profile.
+    fn effect(&self, _profile: &'static Profile) -> Effect {
+        Effect::from_class(self.class())
+    }
 
     /// Whether the caller has to read or feed bytes while it runs, with [`Host::poll_bytes`] and
     /// [`Host::feed_bytes`].

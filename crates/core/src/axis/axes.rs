@@ -1,13 +1,15 @@
 //! The interface of axes for the layers above.
 
-use super::{AxisEvent, AxisStatus, Command, MotionReport, RehearsalStep, StopPart, UnmetWait};
+use super::{
+    AxisEvent, AxisStatus, Command, MotionReport, RehearsalStep, StopPart, TextRehearsal, UnmetWait,
+};
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::judge::Tolerance;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
-use crate::station::{AxisIndex, Counters, RequestClass, Ticket};
+use crate::station::{AxisIndex, Counters, Ticket};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};
 use crate::time::Instant;
@@ -166,8 +168,7 @@ pub trait Axes {
         text: &str,
     ) -> Result<(), Unsupported>;
 
-    /// Shows what [`send_text`](Self::send_text) would send, without sending it. Returns the class of the
-    /// request, and whether it [moves bytes](crate::station::Request::moves_bytes).
+    /// Shows what [`send_text`](Self::send_text) would send, without sending it.
     ///
     /// # Errors
     /// [`Unsupported::BadText`] when the text is not valid in the protocol.
@@ -176,7 +177,7 @@ pub trait Axes {
         axis: AxisIndex,
         text: &str,
         show: &mut dyn FnMut(RehearsalStep<'_>),
-    ) -> Result<(RequestClass, bool), Unsupported> {
+    ) -> Result<TextRehearsal, Unsupported> {
         let _ = (axis, text, show);
         Err(Unsupported::BadText)
     }

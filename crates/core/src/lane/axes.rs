@@ -1,7 +1,7 @@
 //! The axes interface of a lane: requests by axis and ticket.
 
 use super::*;
-use crate::axis::{MotionReport, UnmetWait};
+use crate::axis::{MotionReport, TextRehearsal, UnmetWait};
 use crate::judge::Tolerance;
 use crate::profile::{Access, Encoding, NoScale, Parameter};
 
@@ -178,10 +178,15 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         axis: AxisIndex,
         text: &str,
         show: &mut dyn FnMut(RehearsalStep<'_>),
-    ) -> Result<(RequestClass, bool), Unsupported> {
-        let request = self.slot(axis)?.driver.parse_request(text)?;
+    ) -> Result<TextRehearsal, Unsupported> {
+        let slot = self.slot(axis)?;
+        let request = slot.driver.parse_request(text)?;
         self.show_request(RehearsalAction::Send, &request, show);
-        Ok((request.class(), request.moves_bytes()))
+        Ok(TextRehearsal {
+            effect: request.effect(slot.profile),
+            is_stop: request.is_stop(),
+            moves_bytes: request.moves_bytes(),
+        })
     }
 
     fn send_frame(

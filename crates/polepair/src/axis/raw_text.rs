@@ -6,9 +6,8 @@ use crate::error::Error;
 use crate::url::AxisNumber;
 use polepair_core::axis::{Axes, RehearsalStep};
 use polepair_core::error::Unsupported;
-use polepair_core::explain::{EncodeError, EncodeOptions};
+use polepair_core::explain::{EncodeError, EncodeOptions, Impact};
 use polepair_core::medium::STREAM_UNIT_MAX;
-use polepair_core::station::RequestClass;
 
 /// What a request in the protocol's own text would send: see [`LocalAxis::rehearse_raw`].
 #[derive(Clone, PartialEq, Debug)]
@@ -56,12 +55,12 @@ impl LocalAxis {
             let (bytes, frame) = (step.bytes.to_vec(), step.frame.copied());
             frames.push(Rehearsal { step: step.action, bytes, frame });
         };
-        let (class, moves_bytes) = self
+        let rehearsal = self
             .connection
             .with_axes(|axes, _| axes.rehearse_text(self.index, text, &mut show))
             .map_err(|why| self.unsupported_error(&format!("`{text}`"), why))
             .map_err(|error| self.locate_in_text(text, error))?;
-        if moves_bytes {
+        if rehearsal.moves_bytes {
             let what = format!("{}: `{text}` transfers bytes of any length", self.label());
             let hint = "`get URL ADDRESS:bytes -o FILE` reads them, \
                         `set URL ADDRESS:bytes=@FILE` writes them";
@@ -69,8 +68,8 @@ impl LocalAxis {
         }
         Ok(RawRehearsal {
             frames,
-            needs_arming: class == RequestClass::NoRetry,
-            is_stop: class == RequestClass::Stop,
+            needs_arming: rehearsal.effect.impact >= Impact::Motion,
+            is_stop: rehearsal.is_stop,
         })
     }
 

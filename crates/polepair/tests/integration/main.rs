@@ -2,6 +2,7 @@
 
 mod acts;
 mod addresses;
+mod arming;
 mod can;
 mod can_ids;
 mod early_ends;

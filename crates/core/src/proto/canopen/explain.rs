@@ -5,6 +5,7 @@
 //! be one. The content of process data depends on the node's mapping, which a frame does not contain.
 
 mod effect;
+pub(super) use effect::object_effect;
 mod fields;
 mod kinds;
 pub mod meanings;

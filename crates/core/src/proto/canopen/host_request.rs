@@ -3,10 +3,13 @@
 use super::address;
 use super::cob::Cob;
 use super::emcy::Emergency;
+use super::explain::object_effect;
 use super::lss;
 use super::nmt::{self, NmtMessage};
 use super::sdo::ObjectIndex;
 use super::time::TimeOfDay;
+use crate::explain::Effect;
+use crate::profile::Profile;
 use crate::station::{Request, RequestClass};
 
 /// A request on the bus.
@@ -132,6 +135,16 @@ impl HostRequest {
 }
 
 impl Request for HostRequest {
+    fn effect(&self, profile: &'static Profile) -> Effect {
+        match self {
+            Self::Write { object, class, .. } if *class != RequestClass::Stop => {
+                object_effect(*object, Some(profile))
+            }
+            Self::Download { object, .. } => object_effect(*object, Some(profile)),
+            _ => Effect::from_class(self.class()),
+        }
+    }
+
     fn moves_bytes(&self) -> bool {
         matches!(self, Self::Upload { .. } | Self::Download { .. })
     }

@@ -7,6 +7,8 @@ mod conversation;
 mod framing;
 mod number_text;
 
+pub(super) use conversation::write_effect;
+
 use super::address;
 use super::encoding::{decode, register_count, words_from};
 use super::text;

@@ -1,7 +1,10 @@
 //! Requests and results of the host end, as small values.
 
+use super::explain::write_effect;
 use super::wire::{Function, RequestPdu, Space, WRITE_BITS_MAX, WireFormat, words};
 use super::{ascii, device_id, rtu};
+use crate::explain::Effect;
+use crate::profile::Profile;
 use crate::station::{self, RequestClass};
 
 /// Registers that a request or an answer carries inline.
@@ -160,6 +163,20 @@ impl HostRequest {
 }
 
 impl station::Request for HostRequest {
+    fn effect(&self, profile: &'static Profile) -> Effect {
+        let (space, start, count) = match self.body {
+            _ if self.class == RequestClass::Stop => return Effect::NOTHING,
+            RequestBody::Read { .. } | RequestBody::DeviceId { .. } => return Effect::NOTHING,
+            RequestBody::WriteCoil { address, .. } => (Space::Coil, address, 1),
+            RequestBody::WriteCoils { start, count, .. } => (Space::Coil, start, count),
+            RequestBody::WriteRegister { address, .. } => (Space::Holding, address, 1),
+            RequestBody::WriteRegisters { start, count, .. } => {
+                (Space::Holding, start, count.into())
+            }
+        };
+        write_effect(Some(profile), space, start, count)
+    }
+
     fn class(&self) -> RequestClass {
         self.class
     }

@@ -129,14 +129,18 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
     }
 }
 
-/// Describes an address: global parameters move no motor, and a module stores those of bank 0 up to 127 at
-/// once (TMCL reference, SGP).
+/// With this global parameter a module starts its program, which may move a motor, at power-up (TMCL reference,
+/// SGP 77).
+const AUTO_START: u16 = 77;
+
+/// Describes an address: global parameters move no motor but one, and a module stores those of bank 0 up to 127
+/// at once (TMCL reference, SGP).
 #[must_use]
 pub fn describe(address: &ParameterAddress) -> Parameter {
     let plain = address.describe(Encoding::I32);
     match Space::of_number(address.space) {
         Space::Global(bank) => Parameter {
-            moves: false,
+            moves: bank == 0 && address.index == AUTO_START,
             persistence: match bank {
                 0 if address.index < 128 => Persistence::Always,
                 2 => Persistence::Storable,

@@ -553,7 +553,7 @@ fn explain_version(version: &VersionText, at: u16, sink: &mut dyn ExplainSink) {
 }
 
 /// The parameter that a request is about, where the profile has it.
-fn parameter_of(
+pub(super) fn parameter_of(
     request: &Request,
     profile: Option<&'static Profile>,
 ) -> Option<&'static Parameter> {

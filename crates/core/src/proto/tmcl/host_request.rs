@@ -1,7 +1,11 @@
 //! Requests of a host, and whether they may be repeated.
 
+use super::address::{Space, describe};
+use super::explain::parameter_of;
 use super::opcode::{Opcode, SEARCH_STATUS};
 use super::wire::Request;
+use crate::explain::Effect;
+use crate::profile::{ParameterAddress, Profile};
 use crate::station::RequestClass;
 
 /// A request with what may be done when no answer comes.
@@ -40,6 +44,22 @@ impl HostRequest {
 }
 
 impl crate::station::Request for HostRequest {
+    /// A parameter is a setting, a set-point or a switch of the motor, by its profile; one that the profile
+    /// does not have is what its address says.
+    fn effect(&self, profile: &'static Profile) -> Effect {
+        let Request { opcode, kind, motor, .. } = self.request;
+        let space = match opcode {
+            Opcode::Sap => Space::Axis,
+            Opcode::Sgp => Space::Global(motor),
+            _ => return Effect::from_class(self.class),
+        };
+        let undescribed = || describe(&ParameterAddress::new(kind.into(), space.number()));
+        match parameter_of(&self.request, Some(profile)) {
+            Some(parameter) => Effect::from_write(Some(parameter)),
+            None => Effect::from_write(Some(&undescribed())),
+        }
+    }
+
     fn class(&self) -> RequestClass {
         self.class
     }

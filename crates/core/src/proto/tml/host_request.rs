@@ -6,6 +6,8 @@
 use super::online::OnlineMessage;
 use super::rules::is_request;
 use super::wire::{IdCode, Instruction, Message};
+use crate::explain::Effect;
+use crate::profile::Profile;
 use crate::station::RequestClass;
 
 /// Address of the ID code to which a drive sends by itself (both firmware families).
@@ -81,6 +83,21 @@ impl HostRequest {
 }
 
 impl crate::station::Request for HostRequest {
+    /// A variable that the motor follows counts as motion, by its profile.
+    fn effect(&self, profile: &'static Profile) -> Effect {
+        let instruction = &self.message.instruction;
+        let assigned = assigned_variable(instruction).map(|(address, ..)| address);
+        let written = assigned.or(masked_variable(instruction).map(|(address, ..)| address));
+        let known = written.and_then(|a| profile.parameters.iter().find(|p| p.index == a));
+        let by_class = Effect::from_class(self.class);
+        match known {
+            Some(_) if self.class != RequestClass::Stop => {
+                by_class.combine(Effect::from_write(known))
+            }
+            _ => by_class,
+        }
+    }
+
     fn class(&self) -> RequestClass {
         self.class
     }

@@ -54,7 +54,10 @@ fn request_effect(request: &SdoRequest, profile: Option<&'static Profile>) -> Ef
 
 /// 1010h and 1011h keep and bring back, 1F50h to 1F57h load programs (CiA 301, CiA 302); what moves
 /// of the drive profile is its words, modes and set-points, and what moves them on (CiA 402).
-fn object_effect(object: ObjectIndex, profile: Option<&'static Profile>) -> Effect {
+pub(in crate::proto::canopen) fn object_effect(
+    object: ObjectIndex,
+    profile: Option<&'static Profile>,
+) -> Effect {
     let is_it = |index: u16, space: u8| index == object.index && space == object.sub;
     let known = profile.and_then(|p| p.parameters.iter().find(|p| is_it(p.index, p.space)));
     match object.index {

@@ -78,8 +78,7 @@ impl ModbusDissector {
             Ok(RequestPdu::WriteCoils { start, count, .. }) => (Space::Coil, start, count),
             Ok(RequestPdu::Unknown { .. }) | Err(_) => return Effect::UNKNOWN,
         };
-        let of = |address| Effect::from_write(parameter_covering(profile, space, address));
-        (0..count).map(|at| of(start.wrapping_add(at))).fold(Effect::NOTHING, Effect::combine)
+        write_effect(profile, space, start, count)
     }
 
     /// A reply has its request's station and function, and as much data as was asked for or the
@@ -124,6 +123,16 @@ impl ModbusDissector {
 }
 
 /// The parameter that a register or coil is of, be it the second one of two.
+pub(in crate::proto::modbus) fn write_effect(
+    profile: Option<&'static Profile>,
+    space: Space,
+    start: u16,
+    count: u16,
+) -> Effect {
+    let of = |address| Effect::from_write(parameter_covering(profile, space, address));
+    (0..count).map(|at| of(start.wrapping_add(at))).fold(Effect::NOTHING, Effect::combine)
+}
+
 fn parameter_covering(
     profile: Option<&'static Profile>,
     space: Space,
