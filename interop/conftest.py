@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from odd_canopen import OddDrive
 from polepair_test_support import MAX_WAIT, first_line, machine_load
 
 # A shell ignores Ctrl+C in programs that it starts in the background, and they pass that on to theirs.
@@ -54,6 +55,20 @@ def sim(tmp_path):
     yield drive
     for process in running:
         end(process)
+
+
+@pytest.fixture
+def odd():
+    """A function that makes an odd CiA 402 drive; all end with the test."""
+    drives = []
+
+    def drive(**options):
+        drives.append(OddDrive(**options))
+        return drives[-1]
+
+    yield drive
+    for one in drives:
+        one.close()
 
 
 def polepair(*words, check=True, timeout=120, silence=False):

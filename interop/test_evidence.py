@@ -8,20 +8,6 @@ import threading
 import pytest
 from conftest import end, polepair, start
 from faulty_drive import FaultyDrive, Rtu, crc
-from odd_canopen import OddDrive
-
-
-@pytest.fixture
-def odd():
-    drives = []
-
-    def drive(**options):
-        drives.append(OddDrive(**options))
-        return drives[-1]
-
-    yield drive
-    for one in drives:
-        one.close()
 
 
 # --- Motion: the statusword only says when to look.

@@ -6,22 +6,8 @@ import time
 import pytest
 
 from conftest import polepair
-from odd_canopen import OddDrive
 
 NANOTEC = {(0x6091, 1): 1, (0x6091, 2): 1, (0x6092, 1): 1, (0x6092, 2): 1}
-
-
-@pytest.fixture
-def odd():
-    drives = []
-
-    def drive(**options):
-        drives.append(OddDrive(**options))
-        return drives[-1]
-
-    yield drive
-    for one in drives:
-        one.close()
 
 
 def last(drive, index):
