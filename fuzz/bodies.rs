@@ -488,8 +488,8 @@ pub fn gateway(data: &[u8]) {
                     "a command always has an outcome"
                 );
             }
-            ClientMessage::Stop { axes, reason } => {
-                let _ = heard(&bench, bench.stop(&session, &StopRequest { axes, reason }));
+            ClientMessage::Stop(request) => {
+                let _ = heard(&bench, bench.stop(&session, &request));
             }
             ClientMessage::Dismiss { axis, dismiss } => {
                 let _ = heard(&bench, bench.dismiss(axis, &session, dismiss));
@@ -512,7 +512,7 @@ pub fn gateway(data: &[u8]) {
         }
         watched.iter_mut().for_each(|frames| drop(frames.drain(100)));
     }
-    let everything = StopRequest { axes: None, reason: String::new() };
+    let everything = StopRequest::default();
     heard(&bench, bench.stop(&session, &everything)).expect("it is stopped");
     for axis in 0..2 {
         let truth = bench.truth(axis).expect("a motor");

@@ -544,10 +544,11 @@ fn motion_expr(rules: &MotionRules) -> String {
     }
     let window = rules.window.map_or("None".to_owned(), |id| format!("Some({})", parameter_id(id)));
     format!(
-        "MotionRules {{ window: {window}, relative_from: RelativeBase::{:?}, halted: {}, stalled: {} }}",
+        "MotionRules {{ window: {window}, relative_from: RelativeBase::{:?}, halted: {}, stalled: {}, unpowered: {} }}",
         rules.relative_from,
         condition_expr(rules.halted),
-        condition_expr(rules.stalled)
+        condition_expr(rules.stalled),
+        condition_expr(rules.unpowered)
     )
 }
 

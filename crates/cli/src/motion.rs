@@ -3,21 +3,22 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use polepair::axis::{STOP_RETRY_MAX, check_together};
-use polepair::interface::{AxisFacts, AxisRequest, MotionMonitor, start_each, stop_each};
+use polepair::axis::{STOP_RETRY_MAX, StopNotice, check_together};
+use polepair::interface::{
+    AxisFacts, AxisRequest, EndedMotion, MotionMonitor, start_each, stop_each,
+};
 use polepair::{Axis, AxisInterface, Error, LocalAxis};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
-use polepair_link::clock;
 
 use crate::interrupt;
 use crate::outcome::{self, to_problem};
 use crate::problem::{Exit, Problem, Result};
 use crate::remote;
-use crate::session::{self, Session, read_signal};
+use crate::session::{self, Session};
 use crate::terminal::{self, print_note, print_warning};
 use crate::value;
 
@@ -29,8 +30,6 @@ const READ_MS: u32 = 250;
 const POLL_INTERVAL: Duration = Duration::from_millis(25);
 /// Time limit of a verb that ends with the drive's reply.
 const VERB_MAX: Duration = Duration::from_secs(60);
-/// How long a stopping motor keeps its power: Ctrl-C ends a verb within a second.
-const STANDSTILL_WAIT_MAX: Duration = Duration::from_millis(800);
 /// How long a move may take unless the user says otherwise.
 pub const ARRIVE_MAX: Duration = Duration::from_secs(600);
 
@@ -467,21 +466,32 @@ fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     Ok(())
 }
 
+/// Stops a motion that something else started, and takes the power off if `power_off`.
+pub fn end_motion(axis: Axis, power_off: bool) -> Result<()> {
+    stop_started(&[StartedAxis { axis, enabled_here: power_off, moved: true }], false)
+}
+
 /// Stops what was started, all at once, and takes the power off that was put on. A stop that was lost
 /// is said again for a while: nobody else would.
 fn stop_started(started: &[StartedAxis], arrived: bool) -> Result<()> {
-    let pending: Vec<&StartedAxis> = started.iter().filter(|_| !arrived).collect();
-    let mut stopped = stop_started_axes(&pending).into_iter();
+    let is_ours = |one: &StartedAxis| one.axis.interface().check_control().is_ok();
+    let mut ended_motions = match arrived {
+        true => Vec::new(),
+        false => end_motions(started),
+    }
+    .into_iter();
     let mut ended = Ok(());
     for one @ StartedAxis { axis, enabled_here, .. } in started {
-        let stopped = stopped.next().unwrap_or(Ok(()));
         // An axis that this program no longer controls is left to its gateway.
-        let is_ours = axis.interface().check_control().is_ok();
-        // Also after a stop that failed: a motor without power at least does not drive.
-        let is_switched = *enabled_here && is_ours;
-        let off = if is_switched { switch_off(axis) } else { Ok(()) };
+        let is_ours = is_ours(one);
+        let EndedMotion { stopped, power_off } = ended_motions.next().unwrap_or_else(|| {
+            let switches = *enabled_here && is_ours && axis.has_verb(Verb::Disable);
+            EndedMotion { stopped: Ok(()), power_off: switches.then(|| axis.disable()) }
+        });
+        let is_off = power_off == Some(Ok(()));
+        let stopped = stopped.map_err(to_problem);
+        let off = power_off.unwrap_or(Ok(())).map_err(to_problem);
         let disarmed = if is_ours { axis.disarm().map_err(to_problem) } else { Ok(()) };
-        let is_off = is_switched && off.is_ok();
         if stopped.is_err() && !is_off {
             print_warning(&format!("{} may {}: cut its supply", axis.label(), one.risk_text()));
         } else if off.is_err() {
@@ -493,14 +503,6 @@ fn stop_started(started: &[StartedAxis], arrived: bool) -> Result<()> {
         };
     }
     ended
-}
-
-/// Removes power. Ctrl-C does not end it.
-fn switch_off(axis: &Axis) -> Result<()> {
-    match axis.has_verb(Verb::Disable) {
-        true => axis.disable().map_err(to_problem),
-        false => Ok(()),
-    }
 }
 
 /// The first of two problems, with the advice of both.
@@ -520,35 +522,51 @@ impl StartedAxis {
     }
 }
 
-/// Stops axes.
-fn stop_started_axes(started: &[&StartedAxis]) -> Vec<Result<()>> {
-    let axes: Vec<Axis> = started.iter().map(|one| one.axis.clone()).collect();
-    let mut stop_retry_notice = StopRetryNotice::new();
-    let ended = stop_each(&axes, |axis, _| {
+/// Stops axes, and takes the power off that was put on.
+fn end_motions(started: &[StartedAxis]) -> Vec<EndedMotion> {
+    let axes: Vec<(Axis, bool)> =
+        started.iter().map(|one| (one.axis.clone(), one.enabled_here)).collect();
+    let mut report = StopPrinter::new();
+    let ended = stop_each(&axes, |axis, notice| {
         let one = started.iter().find(|one| one.axis.number() == axis.number());
         let risk = one.map_or("still turn", |one| one.risk_text());
-        stop_retry_notice.report_retry(axis.label(), risk)
+        report.report_notice(axis.label(), notice, risk)
     });
-    let reports = axes
-        .iter()
-        .zip(ended)
-        .map(|(axis, ended)| stop_retry_notice.report_end(axis.label(), ended));
-    reports.collect()
+    for ((axis, _), ended) in axes.iter().zip(&ended) {
+        report.report_end(axis.label(), ended.stopped.is_ok());
+    }
+    ended
 }
 
-/// What is said of stops that were lost.
-pub struct StopRetryNotice {
+/// The note of a quick stop that nobody asked for.
+pub fn quick_stop_text(label: &str) -> String {
+    format!("{label}: the stop had no effect; a quick stop was sent")
+}
+
+/// What is said of stops while they are pending.
+pub struct StopPrinter {
     reported: Vec<String>,
     /// So many signals that ask for a stop leave it: one asks for it, whenever that comes.
     interrupt_limit: u32,
 }
 
-impl StopRetryNotice {
+impl StopPrinter {
     pub fn new() -> Self {
         Self { reported: Vec::new(), interrupt_limit: interrupt::count().max(1) + 1 }
     }
 
-    /// Says once of an axis that its stop is said again; false when somebody wants this to end.
+    /// Prints news of a stop, once per axis that it is repeated. False when somebody wants this to end.
+    pub fn report_notice(&mut self, label: &str, notice: &StopNotice, may: &str) -> bool {
+        match notice {
+            StopNotice::Unconfirmed(_) => self.report_retry(label, may),
+            StopNotice::QuickStop => {
+                print_warning(&quick_stop_text(label));
+                true
+            }
+        }
+    }
+
+    /// Prints once of an axis that its stop is repeated. False when somebody wants this to end.
     pub fn report_retry(&mut self, label: &str, may: &str) -> bool {
         if !self.reported.iter().any(|reported| reported == label) {
             print_warning(&format!(
@@ -562,26 +580,12 @@ impl StopRetryNotice {
         interrupt::count() < self.interrupt_limit
     }
 
-    /// Says of an axis that its stop was confirmed after all.
-    pub fn report_end(&self, label: &str, ended: std::result::Result<(), Error>) -> Result<()> {
-        if ended.is_ok() && self.reported.iter().any(|reported| reported == label) {
+    /// Prints of an axis that its stop was confirmed after all.
+    pub fn report_end(&self, label: &str, is_stopped: bool) {
+        if is_stopped && self.reported.iter().any(|reported| reported == label) {
             print_note(&format!("{label} is stopped"));
         }
-        ended.map_err(to_problem)
     }
-}
-
-/// Waits until a motor that was told to stop stands still: without power it would coast.
-pub fn wait_standstill(axis: &LocalAxis) -> Result<()> {
-    let now = || axis.connection().now();
-    let end = now() + clock::scale_timeout(STANDSTILL_WAIT_MAX);
-    while let Some(velocity) = read_signal(axis, Signal::Velocity)?
-        && velocity.raw.abs() > 1
-        && now() < end
-    {
-        axis.sleep(Duration::from_millis(POLL_MS.into()));
-    }
-    Ok(())
 }
 
 /// One line on a terminal, drawn again and again.

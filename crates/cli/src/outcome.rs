@@ -80,10 +80,10 @@ pub fn link_problem(link: &LinkError) -> Problem {
 fn reason_text(error: &Error) -> String {
     let partly = matches!(error, Error::Failed { outcome: Outcome::Partly(..), .. });
     let output = match (error.exit(), error.executed()) {
+        // The sentence says which reply is missing.
+        (Exit::NoReply, _) if error.may_turn() => "",
         // Of several requests some may have been answered.
-        (Exit::NoReply, _) if partly || error.may_turn() => {
-            "Some requests had no reply, even after repeats."
-        }
+        (Exit::NoReply, _) if partly => "Some requests had no reply, even after repeats.",
         (Exit::NoReply, _) => "No reply within the time limit, even after repeats.",
         (Exit::Corrupt, _) if error.code() == "E502" => "",
         (Exit::Corrupt, _) => "Possible causes: noise, a second host, two drives with one address.",

@@ -145,14 +145,6 @@ pub fn run_verb(axis: &LocalAxis, verb: Verb) -> Result<i64> {
     axis.run(Command::new(verb)).map_err(outcome::to_problem)
 }
 
-/// Carries out a verb that the drive may not have; `None` if it has not.
-pub fn run_optional_verb(axis: &LocalAxis, wanted: Verb) -> Result<Option<i64>> {
-    match axis.profile().plan(wanted) {
-        None => Ok(None),
-        Some(_) => run_verb(axis, wanted).map(Some),
-    }
-}
-
 /// Whether the motor has power, as far as the drive reports it.
 pub fn is_enabled(axis: &Axis) -> Result<bool> {
     match axis.local() {

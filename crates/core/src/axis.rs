@@ -27,11 +27,8 @@ pub use verb::Verb;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StopPart {
     /// All that takes motion out of the drive: it stops the motor, and ends the drive's own program,
-    /// which would move it again, unless that is to be kept.
-    Halt {
-        /// A program of the drive goes on.
-        keep_program: bool,
-    },
+    /// which would move it again, unless the command keeps it.
+    Halt,
     /// The steps after the motor has come to rest: [`Plan::after_wait`](crate::plan::Plan::after_wait).
     Release,
 }

@@ -163,6 +163,10 @@ impl Axes for Mux {
         self.lane_of(axis).is_none_or(|(lane, axis)| lane.is_confirmed(axis))
     }
 
+    fn is_missing_refusal(&self, axis: AxisIndex, code: u32) -> bool {
+        self.lane_of(axis).is_some_and(|(lane, axis)| lane.is_missing_refusal(axis, code))
+    }
+
     fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
         let (lane, axis) = self.lane_of(axis)?;
         lane.state(axis)
@@ -190,10 +194,11 @@ impl Axes for Mux {
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
+        command: Command,
         part: StopPart,
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.lane_of_mut(axis)?;
-        lane.stop(now, ticket, axis, part)
+        lane.stop(now, ticket, axis, command, part)
     }
 
     fn disable_retries(&mut self, ticket: Ticket) {

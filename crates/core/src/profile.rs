@@ -95,6 +95,20 @@ impl Profile {
         self.signals.iter().find(|source| source.signal == signal)
     }
 
+    /// The fault code in a raw value of the drive's fault signal. The value of a signed parameter is negative where
+    /// the highest bit of the drive's word is set; that bit is a fault like any other.
+    #[must_use]
+    pub fn fault_word(&self, raw: i64) -> u32 {
+        let source = self.signal(Signal::Fault);
+        let parameter = source.and_then(|source| self.parameter(source.parameter));
+        let word = raw as u32;
+        match parameter.map_or(4, |parameter| parameter.encoding.size()) {
+            1 => word & 0xFF,
+            2 => word & 0xFFFF,
+            _ => word,
+        }
+    }
+
     /// The faults of a code: the fault with that code, or each set bit where the drive reports faults as
     /// bits.
     pub fn faults_for_code(&self, code: u32) -> impl Iterator<Item = &'static Fault> + use<> {
@@ -190,12 +204,20 @@ pub struct MotionRules {
     /// Passed after the drive detected a stall. It is read only after a motion ended elsewhere, because
     /// reading such a flag clears it in some drives.
     pub stalled: Option<(ParameterId, ParameterTest)>,
+    /// Passed while the drive will not power its motor: a fault, an inhibit. The parameter is that of the signal
+    /// `enabled`.
+    pub unpowered: Option<(ParameterId, ParameterTest)>,
 }
 
 impl MotionRules {
     /// Of a drive that has none of these.
-    pub const NONE: Self =
-        Self { window: None, relative_from: RelativeBase::Either, halted: None, stalled: None };
+    pub const NONE: Self = Self {
+        window: None,
+        relative_from: RelativeBase::Either,
+        halted: None,
+        stalled: None,
+        unpowered: None,
+    };
 }
 
 /// The position that a relative move counts from.

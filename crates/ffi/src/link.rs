@@ -169,11 +169,12 @@ pub unsafe extern "C" fn pp_link_close(link: *mut pp_link, error: *mut pp_error)
 
 /// Stops, disables and disarms the armed ones of these axes; the first error, after all were tried.
 fn release_armed(axes: &[Axis]) -> Result<(), Error> {
-    let armed: Vec<Axis> = axes.iter().filter(|axis| axis.is_armed()).cloned().collect();
+    let armed = axes.iter().filter(|axis| axis.is_armed());
+    let armed: Vec<(Axis, bool)> = armed.map(|axis| (axis.clone(), true)).collect();
     let stopped = stop_each(&armed, |_, _| true);
     let mut first = Ok(());
-    for (axis, stopped) in armed.iter().zip(stopped) {
-        first = first.and(stopped).and(axis.interface().release());
+    for ((axis, _), stopped) in armed.iter().zip(stopped) {
+        first = first.and(stopped.into_result()).and(axis.disarm());
     }
     first
 }

@@ -128,14 +128,56 @@ pub enum OutcomeKind {
     Unknown,
 }
 
-/// `POST /api/v1/stop`.
+/// `POST /api/v1/stop`. What of it can be read is obeyed, and the reply names the rest.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, from = "serde_json::Map<String, serde_json::Value>")]
 pub struct StopRequest {
     /// Which; `null` stops all of them and locks motion.
     pub axes: Option<Vec<u16>>,
     /// For the journal.
     pub reason: String,
+    /// What could not be read: keys and axes as they were written.
+    #[serde(skip)]
+    #[schema(ignore)]
+    pub unreadable: Vec<String>,
+}
+
+impl From<serde_json::Map<String, serde_json::Value>> for StopRequest {
+    fn from(fields: serde_json::Map<String, serde_json::Value>) -> Self {
+        use serde_json::Value;
+        let mut request = Self::default();
+        for (key, value) in fields {
+            match (key.as_str(), value) {
+                ("axes", Value::Null) => {}
+                ("axes", Value::Array(axes)) => {
+                    let known = request.axes.get_or_insert_default();
+                    for axis in axes {
+                        match axis_index(&axis) {
+                            Some(id) => known.push(id),
+                            None => request.unreadable.push(format!("axis {axis}")),
+                        }
+                    }
+                }
+                ("axes", other) => match axis_index(&other) {
+                    Some(id) => request.axes = Some(vec![id]),
+                    None => {
+                        request.axes = Some(Vec::new());
+                        request.unreadable.push(format!("axes {other}"));
+                    }
+                },
+                ("reason", Value::String(reason)) => request.reason = reason,
+                (_, value) => request.unreadable.push(format!("{key:?}: {value}")),
+            }
+        }
+        request
+    }
+}
+
+/// The index of an axis: a whole number, however it is written.
+fn axis_index(value: &serde_json::Value) -> Option<u16> {
+    let number = value.as_f64()?;
+    (number.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&number))
+        .then_some(number as u16)
 }
 
 /// How far a stop came.
@@ -146,6 +188,9 @@ pub struct StopReport {
     /// Targets that a stop of all axes did not reach.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unreached: Vec<UnreachedTarget>,
+    /// What of the request could not be obeyed: axes that do not exist, what could not be read.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<GatewayError>,
 }
 
 /// What a stop of everything did not reach: an axis that is not there, or all of a link that is not open.
@@ -172,6 +217,9 @@ pub struct AxisStopReport {
     pub class: StopClass,
     /// After how long that was certain, from the moment that the server took the stop.
     pub ms: f64,
+    /// The stop did not slow the motor, so that a quick stop was sent.
+    #[serde(default)]
+    pub quick: bool,
     /// What went wrong, if something did.
     #[schema(required)]
     pub error: Option<GatewayError>,

@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::{
     AxisState, BenchView, CommandOutcome, CommandRequest, DismissStop, ExplainedField, FrameItem,
-    GatewayError, MotionLock, ScanView, StopReport,
+    GatewayError, MotionLock, ScanView, StopReport, StopRequest,
 };
 use crate::scope::Scope;
 
@@ -66,14 +66,7 @@ pub enum ClientMessage {
         epoch: u64,
     },
     /// Stop.
-    Stop {
-        /// Which; `null` stops all and locks motion.
-        #[serde(default)]
-        axes: Option<Vec<u16>>,
-        /// For the journal.
-        #[serde(default)]
-        reason: String,
-    },
+    Stop(StopRequest),
     /// Owe an axis its stop no more.
     Dismiss {
         /// Which axis.

@@ -26,25 +26,48 @@ fn an_argument_that_nobody_knows_is_refused() {
 
 #[test]
 fn what_may_be_left_out_may_be_left_out() {
-    assert_eq!(
-        client(r#"{"type":"stop"}"#),
-        ClientMessage::Stop { axes: None, reason: String::new() }
-    );
+    assert_eq!(client(r#"{"type":"stop"}"#), ClientMessage::Stop(StopRequest::default()));
     assert_eq!(client(r#"{"type":"release"}"#), ClientMessage::Release);
     let lease = ClientMessage::Lease { axis: 1, act: LeaseAction::Take, epoch: 0 };
     assert_eq!(client(r#"{"type":"lease","axis":1,"act":"take"}"#), lease);
+}
+
+/// Of a stop as much is obeyed as can be read, and the rest is named.
+#[test]
+fn what_can_be_read_of_a_stop_is_stopped() {
+    let all: Option<&[u16]> = None;
+    for (text, axes, unreadable) in [
+        ("{}", all, &[][..]),
+        (r#"{"axes":null,"reason":"x"}"#, all, &[]),
+        (r#"{"axes":[0,70000]}"#, Some(&[0]), &["axis 70000"]),
+        (r#"{"axes":[0.0,2.5,-1]}"#, Some(&[0]), &["axis 2.5", "axis -1"]),
+        (r#"{"axes":["1",3]}"#, Some(&[3]), &["axis \"1\""]),
+        (r#"{"axes":4}"#, Some(&[4]), &[]),
+        (r#"{"axes":"all"}"#, Some(&[]), &["axes \"all\""]),
+        (r#"{"axes":[1],"force":true}"#, Some(&[1]), &["\"force\": true"]),
+    ] {
+        let request: StopRequest = serde_json::from_str(text).unwrap();
+        assert_eq!(request.axes.as_deref(), axes, "{text}");
+        assert_eq!(request.unreadable, unreadable, "{text}");
+        let live = text.replacen('{', r#"{"type":"stop","#, 1).replace(",}", "}");
+        assert_eq!(client(&live), ClientMessage::Stop(request), "{text}");
+    }
 }
 
 #[test]
 fn a_servers_message_says_its_type() {
     let text = serde_json::to_value(ServerMessage::Unlocked).unwrap();
     assert_eq!(text, serde_json::json!({ "type": "unlocked" }));
-    let stopped = AxisStopReport { id: 1, class: StopClass::Standing, ms: 2.5, error: None };
+    let stopped =
+        AxisStopReport { id: 1, class: StopClass::Standing, ms: 2.5, quick: false, error: None };
     let text = serde_json::to_value(ServerMessage::Stopped(StopReport {
         axes: vec![stopped],
         unreached: Vec::new(),
+        refused: Vec::new(),
     }));
-    let axis = serde_json::json!({ "id": 1, "class": "standing", "ms": 2.5, "error": null });
+    let axis = serde_json::json!({
+        "id": 1, "class": "standing", "ms": 2.5, "quick": false, "error": null,
+    });
     assert_eq!(text.unwrap(), serde_json::json!({ "type": "stopped", "axes": [axis] }));
 }
 

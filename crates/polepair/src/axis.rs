@@ -32,8 +32,7 @@ mod raw_text;
 mod reports;
 mod request;
 mod scales;
-mod stop_retry;
-mod stop_sequence;
+mod stop;
 mod streaming;
 mod together;
 mod watchdog;
@@ -45,9 +44,10 @@ pub use instructions::ProgramStatus;
 pub use pending_writes::PendingWrites;
 pub use raw_text::RawRehearsal;
 pub use request::{PreparedCommand, RunningRequest};
-pub(crate) use stop_retry::stop_until_standstill;
-pub use stop_retry::{STOP_RETRY_MAX, stop_with_retry};
-pub use stop_sequence::{Standstill, StopProgress, StopSequence};
+pub use stop::{
+    STOP_RETRY_MAX, Standstill, StopNotice, StopOptions, StopPersistence, StopProgress, StopResult,
+    StopSupervisor, WireAirtime, await_stops, stop_axes,
+};
 pub use together::{check_together, start_together};
 pub use watchdog::WatchdogState;
 

@@ -21,7 +21,7 @@ mod readdress;
 mod taps;
 
 use crate::axis::DeviceDetail;
-use crate::axis::{LocalAxis, stop_until_standstill};
+use crate::axis::{LocalAxis, StopOptions, stop_axes};
 use crate::bus;
 use crate::config::Config;
 use crate::detected_drive::DetectedDrive;
@@ -643,10 +643,8 @@ impl LocalLink {
     /// # Errors
     /// The first error, after every axis was tried.
     pub fn stop_all(&self) -> Result<(), Error> {
-        let axes: Vec<&LocalAxis> = self.axes.iter().collect();
-        let stood = stop_until_standstill(&axes, false, Duration::ZERO, |_, _| false);
-        let stood = stood.into_iter().map(|stood| stood.map(drop));
-        stood.fold(Ok(()), Result::and)
+        let stops = stop_axes(&self.axes, StopOptions::default(), Duration::ZERO, |_, _| true);
+        stops.into_iter().try_for_each(|stop| stop.standstill.map(drop))
     }
 
     /// Closes it at once, though axes of it are still held elsewhere: they end with `E322` from now on.

@@ -29,6 +29,8 @@ pub(crate) struct Prober<'a> {
     /// Whether a drive that is none of them may be of the catalogue.
     with_catalogue: bool,
     reply_timeout: Option<Duration>,
+    /// Time for all questions to one address.
+    time_limit: Option<Duration>,
     single_attempt: bool,
     is_cancelled: &'a dyn Fn() -> bool,
 }
@@ -54,6 +56,8 @@ pub(crate) enum ProbeResult {
         /// The damaged ones among them.
         corrupt: u64,
         doubtful: bool,
+        /// It refused a question of its identity as something that it does not have.
+        lacks_identity: bool,
     },
 }
 
@@ -68,6 +72,7 @@ impl<'a> Prober<'a> {
             profiles,
             candidates,
             reply_timeout: None,
+            time_limit: None,
             with_catalogue: true,
             single_attempt: false,
             is_cancelled: &|| false,
@@ -85,6 +90,12 @@ impl<'a> Prober<'a> {
     /// Waits for each answer at most so long, whatever the host would.
     pub(crate) fn with_timeout(mut self, patience: Option<Duration>) -> Self {
         self.reply_timeout = patience;
+        self
+    }
+
+    /// Asks each address at most so long, with all questions. What is not known by then stays unknown.
+    pub(crate) fn with_time_limit(mut self, limit: Duration) -> Self {
+        self.time_limit = Some(limit);
         self
     }
 
@@ -193,6 +204,18 @@ impl<'a> Prober<'a> {
         }
     }
 
+    /// The error for an address whose device answers, and is none that is known.
+    pub(crate) fn unknown_error(&self, number: u32) -> Error {
+        Error::Failed {
+            what: format!("axis {number} does not report a known identity on {}", self.describe()),
+            execution: String::new(),
+            outcome: Outcome::NotDone(Failure::Silent),
+            received: Box::default(),
+            may_turn: false,
+            hint: "`polepair info` shows what it reports".to_owned(),
+        }
+    }
+
     /// The error for an address that answers each question twice.
     pub(crate) fn answered_twice_error(&self, number: u32) -> Error {
         let text = duplicate_address_text(self.line.protocol.name, number);
@@ -231,7 +254,8 @@ impl<'a> Prober<'a> {
     fn answers_twice(&self, number: u32) -> Result<bool, Error> {
         let generic = self.line.protocol.generic;
         let connection = self.line.probe_connection(&[(generic, number)], false, false)?;
-        let outcome = self.query(&connection, 0, IdentityQuery::Parameter(ParameterId(0)));
+        let question = IdentityQuery::Parameter(ParameterId(0));
+        let outcome = self.query(&connection, 0, question, Instant::FAR_FUTURE);
         Ok(outcome.and_then(Outcome::failure) == Some(Failure::AnsweredTwice))
     }
 
@@ -239,20 +263,33 @@ impl<'a> Prober<'a> {
         let generic = self.line.protocol.generic;
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
-        let urgent = self.reply_timeout.is_some();
+        let urgent = self.reply_timeout.is_some() || self.time_limit.is_some();
         let connection = self.line.probe_connection(&axes, self.single_attempt, urgent)?;
         // Somebody may have spoken just now: this host has not heard it.
         connection.with_axes(|axes, now| axes.handle_resume(now));
+        let until = self.time_limit.map_or(Instant::FAR_FUTURE, |limit| {
+            connection.now() + connection.scale_timeout(limit)
+        });
+        let is_over = || connection.now() >= until;
         let (mut received, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
+        let mut lacks_identity = false;
         let mut requests: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
             if (self.is_cancelled)() {
                 return Ok(ProbeResult::Silent(NoReplyDetails::default()));
             }
+            if is_over() {
+                break;
+            }
             let outcome = match requests.iter().find(|(q, _)| is_same_query(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
-                None => self.query(&connection, n, identity.query),
+                None => self.query(&connection, n, identity.query, until),
             };
+            if let Some(Failure::Refused { code }) = outcome.and_then(Outcome::failure) {
+                let axis = AxisIndex(n as u8);
+                lacks_identity |=
+                    connection.with_axes(|axes, _| axes.is_missing_refusal(axis, code));
+            }
             if outcome.and_then(Outcome::failure) == Some(Failure::LinkDown) {
                 return Err(self.link_lost_error(&connection));
             }
@@ -293,8 +330,8 @@ impl<'a> Prober<'a> {
                 });
             }
         }
-        if !received && !(self.is_cancelled)() {
-            let answer = self.query_generic(&connection, generic)?;
+        if !received && !(self.is_cancelled)() && !is_over() {
+            let answer = self.query_generic(&connection, generic, until)?;
             if answer.and_then(Outcome::failure) == Some(Failure::AnsweredTwice) {
                 return Ok(ProbeResult::AnsweredTwice);
             }
@@ -313,6 +350,7 @@ impl<'a> Prober<'a> {
                     stray,
                     corrupt,
                     doubtful: false,
+                    lacks_identity,
                 }
             }
             None if let Some((module, firmware)) = self.find_in_catalogue(&requests) => {
@@ -322,6 +360,7 @@ impl<'a> Prober<'a> {
                     stray,
                     corrupt,
                     doubtful: false,
+                    lacks_identity,
                 }
             }
             None if received => ProbeResult::Found {
@@ -330,6 +369,7 @@ impl<'a> Prober<'a> {
                 stray,
                 corrupt,
                 doubtful,
+                lacks_identity,
             },
             None => ProbeResult::Silent(NoReplyDetails::from_counters(&counters)),
         })
@@ -340,11 +380,12 @@ impl<'a> Prober<'a> {
         &self,
         connection: &Connection,
         generic: &'static Profile,
+        until: Instant,
     ) -> Result<Option<Outcome>, Error> {
         let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
         let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return Ok(None) };
         let question = IdentityQuery::Parameter(ParameterId(id));
-        let outcome = self.query(connection, self.candidates.len(), question);
+        let outcome = self.query(connection, self.candidates.len(), question, until);
         match outcome.and_then(Outcome::failure) {
             Some(Failure::LinkDown) => Err(self.link_lost_error(connection)),
             // What cannot be asked is silence too.
@@ -363,12 +404,13 @@ impl<'a> Prober<'a> {
         connection: &Connection,
         axis: usize,
         question: IdentityQuery,
+        until: Instant,
     ) -> Option<Outcome> {
         let axis = AxisIndex(u8::try_from(axis).ok()?);
         // However the host judges it: what may keep others from the wire has an end.
         let patience = self.reply_timeout.or(self.single_attempt.then_some(QUERY_MAX));
-        let until = patience.map_or(Instant::FAR_FUTURE, |patience| {
-            connection.now() + connection.scale_timeout(patience)
+        let until = patience.map_or(until, |patience| {
+            until.min(connection.now() + connection.scale_timeout(patience))
         });
         let outcome: Result<Option<Outcome>, Unsupported> =
             connection.request(until, |axes, now, ticket| match question {

@@ -43,7 +43,7 @@ pub use armed::Armed;
 pub use axis::Axis;
 pub use facts::{AxisFacts, ParameterDescription, WatchdogKind};
 pub use link::{Link, connect, is_gateway};
-pub use motion::{MotionMonitor, start_each, stop_each};
+pub use motion::{EndedMotion, MotionMonitor, start_each, stop_each};
 pub use reading::{
     AxisSnapshot, FaultReport, MotionState, ReadValue, Reply, SignalReading, WatchdogReport,
     WriteValue,

@@ -55,7 +55,7 @@ pub use bus::{BusLoadRange, frame_bits};
 pub use connect::{Connector, LocalLink, connect_local};
 pub use error::Error;
 pub use events::{Event, Events};
-pub use faults::faults;
+pub use faults::{active_faults, faults};
 pub use identification::Identification;
 pub use instruction_program::InstructionProgram;
 #[cfg(feature = "remote")]

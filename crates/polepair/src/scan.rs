@@ -258,6 +258,7 @@ fn addresses_to_query(
         (SharedLink::Serial(_), baud, _) => format!(" at {baud} baud"),
         (SharedLink::Can(_), _, rate) => format!(" at {rate} bit/s"),
     };
+    wanted.retain(|number| line.options.is_distinct_address(*number));
     let (Some(first), Some(last)) = (wanted.first(), wanted.last()) else {
         tried.push(format!("not {protocol} on {name}: no drive can have such an address on it"));
         return Ok(wanted);

@@ -17,7 +17,11 @@
 
 mod unidentified;
 
-use crate::axis::{LocalAxis, RunningRequest, Standstill, stop_until_standstill};
+pub use crate::axis::StopOptions;
+use crate::axis::{
+    LocalAxis, Standstill, StopNotice, StopPersistence, StopProgress, StopSupervisor, WireAirtime,
+    await_stops,
+};
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::{Error, Exit};
 use crate::identify::{IDENTIFY_RETRY_MAX, ProbeResult, Prober};
@@ -29,10 +33,12 @@ use crate::wire::{CountedLink, SharedLink};
 use polepair_core::axis::{Command, ProgramEnd, RehearsalAction, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::{Can, Frame, Medium, Stream};
+use polepair_core::profile::Profile;
 use polepair_core::proto::{sub_axis, with_sub_axis};
 use polepair_core::station::AxisIndex;
 use polepair_link::{LinkIo as _, Received, clock};
 use std::time::Duration;
+use unidentified::SharedStop;
 
 /// How long an address is given to answer where the string names none, besides the time that the
 /// bytes take.
@@ -43,12 +49,12 @@ const QUERY_BITS: u64 = 400;
 const SEARCH_MAX: Duration = Duration::from_secs(6);
 /// Time limit for identifying a named drive before the protocol's common stop is sent.
 const NAMED_QUERY_MAX: Duration = Duration::from_millis(250);
+/// Pause between two attempts to identify a drive after its stop.
+const REIDENTIFY_PAUSE: Duration = Duration::from_millis(50);
 /// How long a drive that was found may keep the others waiting.
 const STOP_WAIT_MAX: Duration = Duration::from_millis(150);
 /// Time that a named silent drive may delay the others, after all stops were sent.
 const SILENT_STOP_WAIT_MAX: Duration = Duration::from_secs(1);
-/// How long motors may take to come to rest.
-const STANDSTILL_WAIT_MAX: Duration = Duration::from_secs(5);
 /// Silence after each frame to everybody: more than drives that end frames by silence need.
 const BROADCAST_PAUSE_MS: u32 = 30;
 /// Motors behind one address at most: a TMCL parameter number shares its byte with four bits of them.
@@ -65,6 +71,8 @@ pub struct LinkStopReport {
     pub broadcast: bool,
     /// Each axis that was named or found, in the order of the addresses, and how its stop ended.
     pub axes: Vec<(String, Result<Standstill, Error>)>,
+    /// Axes whose motor the stop did not slow, so that a quick stop was sent.
+    pub quick_stops: Vec<String>,
     /// What the stops found of the drives' own programs, where the drive runs any.
     pub programs: Vec<(String, DrivePrograms)>,
     /// Drives with more motors than the one that their axis is, in the same order.
@@ -126,24 +134,6 @@ pub enum StopEvent<'a> {
     StopSent(&'a LocalAxis),
 }
 
-/// How to stop.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct StopOptions {
-    /// As fast as the drive can.
-    pub quick: bool,
-    /// Leave the drive's own program running, which may move the motor again.
-    pub keep_program: bool,
-}
-
-impl StopOptions {
-    /// What carries it out.
-    #[must_use]
-    pub const fn command(self) -> Command {
-        let verb = if self.quick { Verb::QuickStop } else { Verb::Stop };
-        Command { keep_program: self.keep_program, ..Command::new(verb) }
-    }
-}
-
 /// Stops every axis that the string names, or everybody on its link.
 ///
 /// # Errors
@@ -163,9 +153,7 @@ pub fn stop(
         // Who is there is known, or cannot be asked. A rack says what each is: nobody waits for one
         // that is silent.
         let link = connector.connect_with(url, !rack)?;
-        // What is told now is on its way; who stops another motor of the drive ends waiting for it.
-        drop(start_stops(link.axes(), how.command()));
-        stopped.motors = stop_more_motors(link.axes());
+        stopped.send_first_stops(link.axes(), how);
         stopped.add_axes(link.axes(), how);
         return Ok(stopped);
     }
@@ -206,10 +194,8 @@ fn stop_on_lines(
         if url.axes.is_empty() {
             stopped.broadcast |= broadcast_stop(connector, url, line, how.command())?;
         }
-        let found = find_and_stop(connector, url, line, how.command(), (stopped, &mut *on_event))?;
-        let axes = line.axes_of_found(&found)?;
-        stopped.motors.extend(stop_more_motors(&axes));
-        stopped.add_axes(&axes, how);
+        let found = LineSearch::new(connector, url, line, how)?.run(stopped, on_event)?;
+        stopped.add_axes(&line.axes_of_found(&found)?, how);
     }
     Ok(())
 }
@@ -268,148 +254,241 @@ fn wait_silence<M: Medium>(link: &CountedLink<M>, buffer: &mut M::Out) -> Result
     Ok(())
 }
 
-/// Tries each address, and stops each drive that replies.
-fn find_and_stop(
-    connector: &Connector,
-    url: &Url,
-    line: &ProtocolLine,
-    command: Command,
-    (stopped, on_event): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
-) -> Result<Vec<DetectedDrive>, Error> {
-    let named = !url.axes.is_empty();
-    let wanted = if named { url.axes.clone() } else { scan::default_addresses(line)? };
-    stopped.reply_timeout = if named { None } else { Some(query_timeout(url, line)?) };
-    let chosen = connector.chosen_profile(url, &line.protocol)?;
-    let generic = line.protocol.generic;
-    // Where the protocol has a word for it, whoever is named is told soon, whatever it is.
-    let soon = NAMED_QUERY_MAX.max(2 * query_timeout(url, line)?);
-    let patience = stopped.reply_timeout.or(generic.plan(command.verb).map(|_| soon));
-    let prober = Prober::new(line, &connector.config).with_timeout(patience);
-    let end = clock::now() + SEARCH_MAX * clock::timeout_scale();
-    let (mut found, mut deaf, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
-    for (done, &number) in wanted.iter().enumerate() {
-        if !named && clock::now() > end {
-            stopped.not_queried = wanted.last().map(|last| (number, *last));
-            break;
+/// The search of a line for drives to stop.
+struct LineSearch<'a> {
+    line: &'a ProtocolLine,
+    how: StopOptions,
+    prober: Prober<'a>,
+    /// The addresses are named: whoever is there gets a stop, and is missed if it is silent.
+    named: bool,
+    wanted: Vec<u32>,
+    /// The profile that the string names.
+    chosen: Option<&'static Profile>,
+    reply_timeout: Option<Duration>,
+    found: Vec<DetectedDrive>,
+    /// Drives with a stop of their own or of their protocol, from which no usable reply came.
+    deaf: Vec<(DetectedDrive, Error)>,
+    unknown: Vec<UnknownDrive>,
+}
+
+/// A drive of which it is not known what it is.
+struct UnknownDrive {
+    number: u32,
+    /// The stop that it got, if its protocol has a common one.
+    shared: Option<(DetectedDrive, StopOptions)>,
+    /// Why it is not known.
+    error: Error,
+    is_other_device: bool,
+}
+
+impl<'a> LineSearch<'a> {
+    fn new(
+        connector: &'a Connector,
+        url: &Url,
+        line: &'a ProtocolLine,
+        how: StopOptions,
+    ) -> Result<Self, Error> {
+        let named = !url.axes.is_empty();
+        let query_timeout = query_timeout(url, line)?;
+        let prober = Prober::new(line, &connector.config);
+        // Whoever is named is told soon, whatever it is.
+        let prober = match named {
+            true => prober.with_time_limit(NAMED_QUERY_MAX.max(2 * query_timeout)),
+            false => prober.with_timeout(Some(query_timeout)),
+        };
+        Ok(Self {
+            line,
+            how,
+            prober,
+            named,
+            wanted: if named { url.axes.clone() } else { scan::default_addresses(line)? },
+            chosen: connector.chosen_profile(url, &line.protocol)?,
+            reply_timeout: (!named).then_some(query_timeout),
+            found: Vec::new(),
+            deaf: Vec::new(),
+            unknown: Vec::new(),
+        })
+    }
+
+    /// Tries each address, and stops each drive that replies. Returns those whose standstill is to be seen.
+    fn run(
+        mut self,
+        stopped: &mut LinkStopReport,
+        on_event: &mut dyn FnMut(StopEvent<'_>),
+    ) -> Result<Vec<DetectedDrive>, Error> {
+        stopped.reply_timeout = self.reply_timeout;
+        let end = clock::now() + SEARCH_MAX * clock::timeout_scale();
+        let wanted = std::mem::take(&mut self.wanted);
+        for (done, &number) in wanted.iter().enumerate() {
+            if !self.named && clock::now() > end {
+                stopped.not_queried = wanted.last().map(|last| (number, *last));
+                break;
+            }
+            on_event(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
+            stopped.queried += 1;
+            let probe = self.prober.probe(number)?;
+            self.stop_probed(number, probe, stopped, on_event)?;
         }
-        on_event(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
-        stopped.queried += 1;
-        let probe = prober.probe(number)?;
-        let missing = match probe {
-            ProbeResult::Found { doubtful: false, .. } => None,
-            ProbeResult::Found { .. } => Some(prober.confused_error(number)),
-            ProbeResult::AnsweredTwice => Some(prober.answered_twice_error(number)),
-            ProbeResult::Silent(details) | ProbeResult::Damaged(details) if !named => {
+        self.finish_deaf(stopped)?;
+        self.finish_unknown(stopped, on_event)?;
+        Ok(self.found)
+    }
+
+    /// Stops the drive at an address, by what is known of it.
+    fn stop_probed(
+        &mut self,
+        number: u32,
+        probe: ProbeResult,
+        stopped: &mut LinkStopReport,
+        on_event: &mut dyn FnMut(StopEvent<'_>),
+    ) -> Result<(), Error> {
+        let is_other_device = unidentified::is_other_device(self.line, &probe);
+        let (identified, error) = match probe {
+            ProbeResult::Found { profile, identified, doubtful: false, .. } => {
+                (Some((profile, identified)), None)
+            }
+            ProbeResult::Found { .. } => (None, Some(self.prober.confused_error(number))),
+            ProbeResult::AnsweredTwice => (None, Some(self.prober.answered_twice_error(number))),
+            ProbeResult::Silent(details) | ProbeResult::Damaged(details) if !self.named => {
                 stopped.received = stopped.received.plus(details.only_foreign());
-                continue;
+                return Ok(());
             }
-            ProbeResult::Forbidden(_) if !named => continue,
-            ProbeResult::Forbidden(hint) => Some(prober.forbidden_error(number, hint)),
+            ProbeResult::Forbidden(_) if !self.named => return Ok(()),
+            ProbeResult::Forbidden(hint) => (None, Some(self.prober.forbidden_error(number, hint))),
             ProbeResult::Silent(details) | ProbeResult::Damaged(details) => {
-                Some(prober.silent_error(number, details))
+                (None, Some(self.prober.silent_error(number, details)))
             }
         };
-        let (one, command) = match (chosen, probe) {
-            (Some(profile), _) => {
-                (DetectedDrive::with_known_profile(line, number, profile), command)
+        let known = |profile| DetectedDrive::with_known_profile(self.line, number, profile);
+        let verb = self.how.command().verb;
+        let has_stop = |profile: &&'static Profile| profile.plan(verb).is_some();
+        let generic = Some(self.line.protocol.generic).filter(has_stop);
+        let one = match (self.chosen, identified) {
+            (Some(profile), _) => Some(known(profile)),
+            (None, Some((profile, identified))) if has_stop(&profile) => {
+                Some(DetectedDrive { identified, ..known(profile) })
             }
-            (None, ProbeResult::Found { profile, identified, doubtful: false, .. }) => (
-                DetectedDrive {
-                    identified,
-                    ..DetectedDrive::with_known_profile(line, number, profile)
-                },
-                command,
-            ),
-            (None, _) if generic.plan(command.verb).is_some() => {
-                (DetectedDrive::with_known_profile(line, number, generic), command)
-            }
-            (None, ProbeResult::Forbidden(_)) => {
-                let error = missing.map(|error| (format!("axis {number}"), Err(error)));
-                stopped.axes.extend(error);
-                continue;
-            }
-            (None, _) => {
-                let shared = unidentified::shared_stop(prober.profiles(), command.verb);
-                let report = shared.map(|(profile, verb)| {
-                    let command = Command { verb, ..command };
-                    (DetectedDrive::with_known_profile(line, number, profile), command)
-                });
-                unknown.extend(missing.map(|error| (number, report.clone(), error)));
-                let Some(report) = report else { continue };
-                stop_found(line, &report, (stopped, on_event))?;
-                continue;
-            }
+            (None, _) => generic.map(known),
         };
-        stop_found(line, &(one.clone(), command), (&mut *stopped, &mut *on_event))?;
-        match missing {
-            None => {
-                let further = line.further_axes(&one)?;
-                found.push(one);
-                for axis in further {
-                    stop_found(line, &(axis.clone(), command), (&mut *stopped, &mut *on_event))?;
-                    found.push(axis);
+        let Some(one) = one else {
+            let error = error.unwrap_or_else(|| self.prober.unknown_error(number));
+            let shared = (!is_other_device).then(|| self.shared_stop(number)).flatten();
+            if let Some((one, how)) = &shared {
+                self.stop_found(one, *how, stopped, on_event)?;
+            }
+            self.unknown.push(UnknownDrive { number, shared, error, is_other_device });
+            return Ok(());
+        };
+        self.stop_found(&one, self.how, stopped, on_event)?;
+        if let Some(error) = error {
+            self.deaf.push((one, error));
+            return Ok(());
+        }
+        let further = self.line.further_axes(&one)?;
+        self.found.push(one);
+        for axis in further {
+            self.stop_found(&axis, self.how, stopped, on_event)?;
+            self.found.push(axis);
+        }
+        Ok(())
+    }
+
+    /// What all known drives of the protocol obey, for one that cannot be identified.
+    fn shared_stop(&self, number: u32) -> Option<(DetectedDrive, StopOptions)> {
+        let verb = self.how.command().verb;
+        let (profile, verb) = unidentified::shared_stop(self.prober.profiles(), verb)?;
+        let one = DetectedDrive::with_known_profile(self.line, number, profile);
+        Some((one, StopOptions { quick: verb == Verb::QuickStop, ..self.how }))
+    }
+
+    /// A drive without a usable reply may have lost count of bytes, which a stop that is sent several times does
+    /// not mind.
+    fn finish_deaf(&mut self, stopped: &mut LinkStopReport) -> Result<(), Error> {
+        for (one, error) in std::mem::take(&mut self.deaf) {
+            match self.stop_unanswered(&one, self.how)? {
+                Err(ref reported) if reported.exit() == Exit::NoReply => {
+                    stopped.axes.push((format!("axis {}", one.number), Err(error)));
                 }
+                _ => self.found.push(one),
             }
-            Some(error) => deaf.push((one, error)),
         }
+        Ok(())
     }
-    for (one, error) in deaf {
-        // It may have lost count of bytes, which a stop that is said several times does not mind.
-        match stop_unanswered(line, &(one.clone(), command))? {
-            Err(ref reported) if reported.exit() == Exit::NoReply => {
-                stopped.axes.push((format!("axis {}", one.number), Err(error)));
+
+    /// Asks the others for a while what they are.
+    fn finish_unknown(
+        &mut self,
+        stopped: &mut LinkStopReport,
+        on_event: &mut dyn FnMut(StopEvent<'_>),
+    ) -> Result<(), Error> {
+        let end = self.line.link.deadline(IDENTIFY_RETRY_MAX);
+        for UnknownDrive { number, shared, error, is_other_device } in
+            std::mem::take(&mut self.unknown)
+        {
+            let one = loop {
+                let one = unidentified::reidentify(&self.prober, self.line, number)?;
+                if one.is_some() || self.line.link.now() > end {
+                    break one;
+                }
+                clock::sleep_until(clock::now() + REIDENTIFY_PAUSE);
+            };
+            if let Some(one) = one {
+                self.stop_found(&one, self.how, stopped, on_event)?;
+                self.found.push(one);
+                continue;
             }
-            _ => found.push(one),
+            let sent = match shared {
+                Some((one, how)) => SharedStop::Sent(self.stop_unanswered(&one, how)?),
+                None if is_other_device => SharedStop::OtherDevice,
+                None => SharedStop::None,
+            };
+            let error = unidentified::unidentified_error(&self.prober, number, error, sent);
+            stopped.axes.push((format!("axis {number}"), Err(error)));
         }
+        Ok(())
     }
-    let end = line.link.deadline(IDENTIFY_RETRY_MAX);
-    for (number, report, error) in unknown {
-        let one = loop {
-            let one = unidentified::reidentify(&prober, line, number)?;
-            if one.is_some() || line.link.now() > end {
-                break one;
+
+    /// Stops a drive, and waits no longer than the others allow.
+    fn stop_found(
+        &self,
+        one: &DetectedDrive,
+        how: StopOptions,
+        stopped: &mut LinkStopReport,
+        on_event: &mut dyn FnMut(StopEvent<'_>),
+    ) -> Result<(), Error> {
+        for axis in self.line.axes_of_found(std::slice::from_ref(one))? {
+            // One that only listens may obey. Its reply is heard when all are waited for.
+            let mut stop = begin_stop(&axis, how);
+            stop.wait(&mut WireAirtime::default(), clock::scale_timeout(STOP_WAIT_MAX));
+            stopped.note_program(&axis);
+            if !stop.is_unsent() {
+                on_event(StopEvent::StopSent(&axis));
+            }
+        }
+        Ok(())
+    }
+
+    /// Stops a silent drive, and reports whether it replied.
+    fn stop_unanswered(
+        &self,
+        one: &DetectedDrive,
+        how: StopOptions,
+    ) -> Result<Result<(), Error>, Error> {
+        let axes = self.line.axes_of_found(std::slice::from_ref(one))?;
+        let replied = |axis: &LocalAxis| {
+            let mut stop = begin_stop(axis, how);
+            stop.wait(&mut WireAirtime::default(), clock::scale_timeout(SILENT_STOP_WAIT_MAX));
+            match stop.progress() {
+                StopProgress::Failed(error) => Err(error.clone()),
+                _ => Ok(()),
             }
         };
-        if let Some(one) = one {
-            stop_found(line, &(one.clone(), command), (stopped, on_event))?;
-            found.push(one);
-            continue;
-        }
-        let ended = report.map(|report| stop_unanswered(line, &report)).transpose()?;
-        let error = unidentified::unidentified_error(&prober, error, ended);
-        stopped.axes.push((format!("axis {number}"), Err(error)));
+        Ok(axes.iter().try_for_each(replied))
     }
-    Ok(found)
 }
 
-/// Stops a drive, and waits no longer than the others allow.
-fn stop_found(
-    line: &ProtocolLine,
-    (one, command): &(DetectedDrive, Command),
-    (stopped, on_event): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
-) -> Result<(), Error> {
-    for axis in line.axes_of_found(std::slice::from_ref(one))? {
-        // One that only listens may obey. What it says is heard when all are waited for.
-        if let Ok(mut running) = axis.start(*command) {
-            let _ = running.wait(clock::scale_timeout(STOP_WAIT_MAX));
-            stopped.note_program(&axis);
-            on_event(StopEvent::StopSent(&axis));
-        }
-    }
-    Ok(())
-}
-
-/// Stops a silent drive, and reports the result.
-fn stop_unanswered(
-    line: &ProtocolLine,
-    (one, command): &(DetectedDrive, Command),
-) -> Result<Result<(), Error>, Error> {
-    let axes = line.axes_of_found(std::slice::from_ref(one))?;
-    let reported = |axis: &LocalAxis| {
-        axis.start(*command)
-            .and_then(|mut running| running.wait(clock::scale_timeout(SILENT_STOP_WAIT_MAX)))
-    };
-    Ok(axes.iter().try_for_each(|axis| reported(axis).map(drop)))
+fn begin_stop(axis: &LocalAxis, how: StopOptions) -> StopSupervisor {
+    StopSupervisor::begin(axis, how, StopPersistence::Within(Duration::ZERO))
 }
 
 /// How long an address has: the string's word, else what a drive needs.
@@ -419,10 +498,6 @@ fn query_timeout(url: &Url, line: &ProtocolLine) -> Result<Duration, Error> {
     }
     let bits = Duration::from_secs(QUERY_BITS).checked_div(line.options.baud);
     Ok(QUERY_TIMEOUT + bits.unwrap_or_default())
-}
-
-fn start_stops(axes: &[LocalAxis], command: Command) -> Vec<Result<RunningRequest, Error>> {
-    axes.iter().map(|axis| axis.start(command)).collect()
 }
 
 /// Stops every motor of the drives besides the axes, whose stop was already sent, up to the first missing
@@ -489,18 +564,30 @@ fn is_no_such_motor(error: &Error) -> bool {
 }
 
 impl LinkStopReport {
-    /// Waits until all of these axes are at rest, and notes how.
+    /// Sends a first stop to all of these axes.
+    fn send_first_stops(&mut self, axes: &[LocalAxis], how: StopOptions) {
+        let stops: Vec<_> = axes.iter().map(|axis| begin_stop(axis, how)).collect();
+        let end = clock::now() + clock::scale_timeout(STOP_WAIT_MAX);
+        for (axis, mut stop) in axes.iter().zip(stops) {
+            stop.wait(&mut WireAirtime::default(), end.since(clock::now()));
+            self.note_program(axis);
+        }
+    }
+
+    /// Stops the further motors of these axes and then the axes, waits until all of them are at rest, and notes how.
+    /// The stop of a further motor replaces that of its axis, which goes last for that reason.
     fn add_axes(&mut self, axes: &[LocalAxis], how: StopOptions) {
-        axes.iter().for_each(|axis| self.note_program(axis));
-        let ended = match how.quick {
-            false => {
-                let axes: Vec<&LocalAxis> = axes.iter().collect();
-                stop_until_standstill(&axes, how.keep_program, Duration::ZERO, |_, _| false)
+        self.motors.extend(stop_more_motors(axes));
+        let stops = axes.iter().map(|axis| begin_stop(axis, how)).collect();
+        let ended = await_stops(stops, |axis, notice| {
+            if *notice == StopNotice::QuickStop {
+                self.quick_stops.push(axis.label());
             }
-            true => run_to_standstill(axes, how.command()),
-        };
+            true
+        });
         // All of them were told before, and that may have been executed.
-        let ended = ended.into_iter().map(|ended| ended.map_err(Error::after_earlier_attempt));
+        let ended =
+            ended.into_iter().map(|stop| stop.standstill.map_err(Error::after_earlier_attempt));
         self.axes.extend(axes.iter().map(LocalAxis::label).zip(ended));
         axes.iter().for_each(|axis| self.note_program(axis));
     }
@@ -517,19 +604,4 @@ impl LinkStopReport {
             (_, None) => {}
         }
     }
-}
-
-/// The same by any other verb.
-fn run_to_standstill(axes: &[LocalAxis], command: Command) -> Vec<Result<Standstill, Error>> {
-    let running = start_stops(axes, command);
-    let wait_max = clock::scale_timeout(STANDSTILL_WAIT_MAX);
-    let end = clock::now() + wait_max;
-    let ended = axes.iter().zip(running).map(|(axis, running)| {
-        let mut running = running?;
-        let left = end.since(clock::now());
-        running.wait(left)?.map(drop).ok_or_else(|| axis.not_at_rest_error(wait_max))
-    });
-    // All brake meanwhile.
-    let ended: Vec<Result<(), Error>> = ended.collect();
-    axes.iter().zip(ended).map(|(axis, ended)| axis.wait_standstill(ended)).collect()
 }

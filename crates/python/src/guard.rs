@@ -3,9 +3,8 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use polepair::axis::{STOP_RETRY_MAX, stop_with_retry};
+use polepair::axis::{STOP_RETRY_MAX, StopNotice, StopOptions, StopResult, stop_axes};
 use polepair::{Error, LocalAxis};
-use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
@@ -74,8 +73,7 @@ pub fn stop_link(link: &polepair::LocalLink) -> Result<(), polepair::Error> {
     };
     let axes: Vec<LocalAxis> =
         lock_armed().iter().filter(|axis| is_of_link(axis)).cloned().collect();
-    let ended = stop_and_disable(&axes).into_iter().map(|(stopped, off)| stopped.and(off));
-    let ended = ended.fold(Ok(()), Result::and);
+    let ended = stop_and_disable(&axes).into_iter().try_for_each(StopResult::into_result);
     // A signal that comes meanwhile finds them, and waits for its own stops of them.
     axes.iter().for_each(unregister_armed);
     ended
@@ -93,12 +91,13 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult
     });
     let axes: Vec<LocalAxis> = axes.collect::<PyResult<_>>()?;
     let mut interrupts = Vec::new();
-    let again = |_: &LocalAxis, _: &Error| {
+    let again = |_: &LocalAxis, _: &StopNotice| {
         interrupts.extend(Python::attach(|py| py.check_signals().err()));
         interrupts.len() < 2
     };
-    let ended = py.detach(|| stop_with_retry(&axes, STOP_RETRY_MAX, again));
-    let ended: Result<(), Error> = ended.into_iter().fold(Ok(()), Result::and);
+    let options = StopOptions::default();
+    let ended = py.detach(|| stop_axes(&axes, options, STOP_RETRY_MAX, again));
+    let ended: Result<(), Error> = ended.into_iter().try_for_each(StopResult::into_result);
     match (interrupts.into_iter().next(), ended) {
         (Some(interrupt), Err(error)) => {
             let note = format!("And an axis was not stopped: {error}");
@@ -111,15 +110,12 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult
     }
 }
 
-/// Stops axes, and takes their power: how each of both ended.
-fn stop_and_disable(axes: &[LocalAxis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
+/// Stops axes, and takes their power off.
+fn stop_and_disable(axes: &[LocalAxis]) -> Vec<StopResult> {
     // What other threads still ask for is refused.
     axes.iter().for_each(|axis| axis.arm(false));
-    let stopped = stop_with_retry(axes, STOP_RETRY_MAX, |_, _| true);
-    let off = axes
-        .iter()
-        .map(|axis| axis.profile().plan(Verb::Disable).map_or(Ok(()), |_| axis.disable()));
-    stopped.into_iter().zip(off).collect()
+    let options = StopOptions { power_off: true, ..StopOptions::default() };
+    stop_axes(axes, options, STOP_RETRY_MAX, |_, _| true)
 }
 
 fn stop_all_armed() {
@@ -127,12 +123,14 @@ fn stop_all_armed() {
     let axes = lock_armed().clone();
     let started: Vec<_> = axes.iter().map(|axis| axis.connection().now()).collect();
     for ((axis, started_at), ended) in axes.iter().zip(started).zip(stop_and_disable(&axes)) {
-        match ended {
-            (Ok(()), Ok(())) => {}
+        match (ended.to_motion_end(), ended.power_off) {
+            (Ok(()), None | Some(Ok(()))) => {}
             // Its block stopped it, took the power and closed the link before this could.
             _ if has_no_power(axis, started_at) => {}
             (Err(error), _) => print_error(&format!("{error}. It may still turn: cut its supply.")),
-            (Ok(()), Err(error)) => print_error(&format!("{error}. It may still be powered.")),
+            (Ok(()), Some(Err(error))) => {
+                print_error(&format!("{error}. It may still be powered."));
+            }
         }
     }
     axes.iter().for_each(unregister_armed);

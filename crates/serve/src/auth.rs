@@ -125,32 +125,33 @@ impl Authenticator {
         Ok(token)
     }
 
-    /// Who sends these headers: `Authorization: Bearer …`, else our cookie.
+    /// Who sends these headers: `Authorization: Bearer …`, else our cookie. Another scheme is no token: a proxy
+    /// may ask for HTTP Basic, which browsers then send to the server too.
     ///
     /// # Errors
     /// `gateway.token`; `gateway.limit` after too many wrong ones.
     pub fn authenticate(
         &self,
-        bearer: Option<&str>,
+        authorization: Option<&str>,
         cookies: &[&str],
         peer: IpAddr,
     ) -> Result<Caller, GatewayError> {
-        if let Some(text) = bearer {
-            let given = text.strip_prefix("Bearer ").and_then(AccessToken::parse);
-            // A right token is never kept waiting by wrong ones: a stop may hang on it.
-            return match given.and_then(|token| self.find_grant(&token)) {
-                Some(grant) => Ok(caller_of(grant)),
-                None => Err(self.record_failure(peer)),
-            };
+        let bearer = authorization.and_then(bearer_token);
+        let grant = bearer.and_then(AccessToken::parse).and_then(|token| self.find_grant(&token));
+        // A right token is never kept waiting by wrong ones: a stop may hang on it.
+        if let Some(grant) = grant {
+            return Ok(caller_of(grant));
         }
         let pairs = cookies.iter().flat_map(|cookie| cookie.split(';')).map(str::trim);
         let ours = pairs.filter_map(|pair| pair.split_once('='));
         let mut ours = ours.filter(|(name, _)| *name == self.cookie_name);
         let token = ours.next().and_then(|(_, value)| AccessToken::parse(value));
-        token.and_then(|token| self.find_session(&token)).ok_or_else(|| {
-            GatewayError::new("gateway.token", "a token is required")
-                .hint("open the URL that `polepair serve` printed, or send a token of its file")
-        })
+        match token.and_then(|token| self.find_session(&token)) {
+            Some(caller) => Ok(caller),
+            None if bearer.is_some() => Err(self.record_failure(peer)),
+            None => Err(GatewayError::new("gateway.token", "a token is required")
+                .hint("open the URL that `polepair serve` printed, or send a token of its file")),
+        }
     }
 
     /// Lets a browser in by a token. Returns who it is and the cookie that says so. Waits for the disk
@@ -309,6 +310,12 @@ fn wall_ms(at: Instant) -> u64 {
 
 fn caller_of(grant: &Grant) -> Caller {
     Caller { name: grant.name.clone(), scopes: grant.scopes, by_cookie: false }
+}
+
+/// The token of an `Authorization` header. The scheme's case does not count (RFC 9110, 11.1).
+fn bearer_token(authorization: &str) -> Option<&str> {
+    let (scheme, token) = authorization.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("Bearer").then(|| token.trim())
 }
 
 fn too_many_tries_error() -> GatewayError {

@@ -76,7 +76,7 @@ use crate::message::{
 use append_only_vec::AppendOnlyVec;
 use captures::Captures;
 use clock::{BenchClock, STEP};
-use command_history::CommandLookup;
+use command_history::{CommandKey, CommandLookup};
 use command_worker::{CommandWorker, command_outcome};
 use context::BenchContext;
 use event_listener::DriveEventListener;
@@ -381,8 +381,12 @@ impl Bench {
         // Named twice, it is stopped once.
         axes.sort_unstable();
         axes.dedup();
+        let mut refused = self.refused_targets(request);
+        if axes.is_empty() && request.axes.is_some() && !refused.is_empty() {
+            return PendingReply::ready(Err(refused.swap_remove(0)));
+        }
         let unreached = if request.axes.is_none() { self.unreached() } else { Vec::new() };
-        let (report, reply) = StopCollector::for_axes(&axes, unreached);
+        let (report, reply) = StopCollector::for_axes(&axes, unreached, refused);
         for (n, link) in self.0.links.iter().enumerate() {
             let its = axes.iter().map(|id| &self.0.axes[usize::from(*id)]);
             let axes: Vec<_> = its.filter(|s| s.link == n).map(|s| (s.local_index, 0)).collect();
@@ -401,6 +405,20 @@ impl Bench {
         // Every worker is woken by now: none waits for the bytes of another wire.
         self.0.links.iter().for_each(|link| link.wire.send_stops());
         PendingReply::from_receiver(reply, Ok(()))
+    }
+
+    /// What of a request to stop cannot be obeyed.
+    #[must_use]
+    pub fn refused_targets(&self, request: &StopRequest) -> Vec<GatewayError> {
+        let axes = request.axes.iter().flatten();
+        let absent = axes
+            .filter(|id| usize::from(**id) >= self.0.axes.len())
+            .map(|id| GatewayError::new("gateway.missing", format!("axis {id} does not exist")));
+        let unreadable = request.unreadable.iter().map(|what| {
+            GatewayError::new("gateway.missing", format!("{what} is unknown in a stop"))
+                .hint("`axes` is a list of axis indices; without it everything is stopped")
+        });
+        absent.chain(unreadable).collect()
     }
 
     /// Owes an axis its stop no more, though nobody saw it stand. The journal keeps who said so, and why.

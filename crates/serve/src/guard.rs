@@ -205,10 +205,11 @@ fn authorize(state: &SharedAppState, request: &Request) -> Result<Option<Caller>
 fn authenticate(state: &SharedAppState, request: &Request) -> Result<Caller, GatewayError> {
     let headers = request.headers();
     let peer = peer(request);
-    let bearer = headers.get(header::AUTHORIZATION).map(|value| value.to_str().unwrap_or(""));
+    let authorization =
+        headers.get(header::AUTHORIZATION).map(|value| value.to_str().unwrap_or(""));
     let cookies: Vec<&str> =
         headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok()).collect();
-    state.authenticator.authenticate(bearer, &cookies, peer)
+    state.authenticator.authenticate(authorization, &cookies, peer)
 }
 
 /// Whom the request came from, by its socket.

@@ -118,6 +118,7 @@ impl JournalFile {
         detail: &Value,
     ) -> Result<u64, GatewayError> {
         let mut tail = self.tail.lock().unwrap_or_else(PoisonError::into_inner);
+        self.check_place(&tail.file)?;
         let (n, length) = {
             let written = self.lock_index();
             (written.records, written.length)
@@ -195,6 +196,21 @@ impl JournalFile {
         Ok(records)
     }
 
+    /// Whether the file is still at its path. One that was removed or renamed records what nobody will find, and
+    /// another server may begin a journal in its place.
+    fn check_place(&self, file: &File) -> Result<(), GatewayError> {
+        let is_there = match (file.metadata(), std::fs::metadata(&self.path)) {
+            (Ok(open), Ok(there)) => is_same_file(&open, &there),
+            _ => false,
+        };
+        if is_there {
+            return Ok(());
+        }
+        let what = format!("the journal {} was removed or replaced", self.path.display());
+        Err(GatewayError::new("gateway.journal", what)
+            .hint("stop all motors, end the server, put the file back, and start it again"))
+    }
+
     fn lock_index(&self) -> MutexGuard<'_, JournalIndex> {
         self.index.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -246,6 +262,19 @@ fn chain_hash(before: &[u8; 32], text: &[u8]) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(before).update(text);
     hasher.finalize()
+}
+
+#[cfg(unix)]
+fn is_same_file(open: &std::fs::Metadata, there: &std::fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    (open.dev(), open.ino()) == (there.dev(), there.ino())
+}
+
+/// The file's number is not told here. Its length and creation time are those of the open file, unless it was
+/// replaced.
+#[cfg(not(unix))]
+fn is_same_file(open: &std::fs::Metadata, there: &std::fs::Metadata) -> bool {
+    open.len() == there.len() && open.created().ok() == there.created().ok()
 }
 
 fn journal_error(error: &dyn std::fmt::Display) -> GatewayError {

@@ -295,7 +295,7 @@ impl Viewer {
             }
         };
         let may = type_and_access(&message).1.is_met_by(self.caller.scopes);
-        let ClientMessage::Stop { axes, .. } = &message else {
+        let ClientMessage::Stop(StopRequest { axes, .. }) = &message else {
             return waiting.push(QueuedMessage::Request(message, locks), text.len());
         };
         if !may || !pace.allow_stop() {
@@ -329,16 +329,15 @@ impl Viewer {
         match message {
             ClientMessage::Ping { client_ms } => {
                 let server_ms = self.state.bench.now_ms();
-                return Some(ServerMessage::Pong { client_ms, server_ms });
+                Some(ServerMessage::Pong { client_ms, server_ms })
             }
-            ClientMessage::Stop { axes, reason } => self.stop(StopRequest { axes, reason }),
-            ClientMessage::Release => return self.release(locks),
-            ClientMessage::Dismiss { axis, dismiss } => return self.dismiss(axis, dismiss),
-            ClientMessage::Command { axis, command } => return self.command(axis, command),
-            ClientMessage::Lease { axis, act, epoch } => return self.lease(axis, act, epoch),
-            shown => return self.request_subscription(shown, permit),
+            ClientMessage::Stop(request) => self.stop(request),
+            ClientMessage::Release => self.release(locks),
+            ClientMessage::Dismiss { axis, dismiss } => self.dismiss(axis, dismiss),
+            ClientMessage::Command { axis, command } => self.command(axis, command),
+            ClientMessage::Lease { axis, act, epoch } => self.lease(axis, act, epoch),
+            shown => self.request_subscription(shown, permit),
         }
-        None
     }
 
     /// What only looks is the writer's to do; whether it is there to be watched is found out here.
@@ -387,9 +386,10 @@ impl Viewer {
         }
     }
 
-    /// How far it came is told by events, to everybody.
-    fn stop(&self, request: StopRequest) {
+    /// How far it came is told by events, to everybody. What of it could not be obeyed is the reply.
+    fn stop(&self, request: StopRequest) -> Option<ServerMessage> {
         let since = clock::now();
+        let refused = self.state.bench.refused_targets(&request).into_iter().next();
         let stopped = self.state.bench.stop(&self.session, &request);
         // Whoever floods us with stops is obeyed, not measured.
         if let Ok(permit) = Arc::clone(&self.command_slots).try_acquire_owned() {
@@ -401,6 +401,7 @@ impl Viewer {
                 drop(permit);
             });
         }
+        refused.map(|error| error_message(error, Some("stop"), None))
     }
 
     /// That motion is let again is told by an event, to everybody.
@@ -558,7 +559,7 @@ fn type_and_access(message: &ClientMessage) -> (&'static str, AccessRule) {
     match message {
         ClientMessage::Command { .. } => ("command", needs(&[Scope::Move])),
         ClientMessage::Lease { .. } => ("lease", needs(LEASE_SCOPES)),
-        ClientMessage::Stop { .. } => ("stop", needs(&[Scope::Stop])),
+        ClientMessage::Stop(_) => ("stop", needs(&[Scope::Stop])),
         ClientMessage::Release => ("release", needs(&[Scope::Move])),
         ClientMessage::Dismiss { .. } => ("dismiss", needs(&[Scope::Move])),
         ClientMessage::Ping { .. } => ("ping", needs(&[Scope::Read])),

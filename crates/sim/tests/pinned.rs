@@ -27,7 +27,7 @@ const STEPS: u32 = 500;
 const STEP_MS: u32 = 40;
 /// What everything adds up to. It changes with these drives and hosts only.
 const PINNED: u64 = 0xF2A7_0575_EB97_2216;
-const PINNED_ON_CAN: u64 = 0x415D_B69D_7890_4389;
+const PINNED_ON_CAN: u64 = 0xC85C_5574_0019_B60B;
 const BIT_RATE: u32 = 1_000_000;
 /// The variant with CANopen, in the mode that obeys it.
 const TS_ON_CAN: [(&str, &str); 3] = [("variant", "all"), ("fn00", "20"), ("can", "true")];

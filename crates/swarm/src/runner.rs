@@ -429,7 +429,7 @@ impl WorldRunner {
             watch.require_stop(self.now);
         }
         let turned = self.observers.iter().map(StopObserver::is_turning).collect();
-        let reply = bench.stop(name, &StopRequest { axes, reason: String::new() });
+        let reply = bench.stop(name, &StopRequest { axes, ..StopRequest::default() });
         let what = CallKind::Stop { turned, late: false, reply };
         self.pending.push(PendingCall { client: who, axis: 0, sent_at: self.now, kind: what });
     }

@@ -214,11 +214,8 @@ impl DemoRun {
             for _ in 0..40 {
                 pause(50);
                 let value = axis.signals(&[Signal::Fault])?[0];
-                let faults = outcome::faults(axis.profile(), u32::try_from(value.raw).unwrap_or(0));
-                let serious = |f: &&&polepair_core::profile::Fault| {
-                    f.severity == polepair_core::profile::Severity::Fault
-                };
-                if let Some(fault) = faults.iter().find(serious) {
+                let faults = polepair::active_faults(axis.profile(), value.raw);
+                if let Some(fault) = faults.iter().find(|fault| !fault.is_warning) {
                     print_note(&format!("     {}: {} {}", fault.name, fault.text, fault.remedy));
                     return Ok(());
                 }

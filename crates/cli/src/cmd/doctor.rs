@@ -10,7 +10,7 @@ use polepair_capture::jsonl;
 
 use crate::cmd::watchdog::parse_time;
 use crate::interrupt;
-use crate::motion::StopRetryNotice;
+use crate::motion::StopPrinter;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::LocalSession;
@@ -102,7 +102,7 @@ impl Doctor {
                  sets it"
             ),
         });
-        let mut watching = ProofPrinter { print: show, print_result: Ok(()), stop_retry: None };
+        let mut watching = ProofPrinter { print: show, print_result: Ok(()), stop_report: None };
         for axis in session.axes() {
             if interrupt::was_interrupted() {
                 break;
@@ -171,7 +171,7 @@ struct ProofPrinter<'a> {
     print: &'a mut dyn FnMut(CheckResult) -> Result<()>,
     print_result: Result<()>,
     /// What is said of a stop that was lost.
-    stop_retry: Option<StopRetryNotice>,
+    stop_report: Option<StopPrinter>,
 }
 
 impl ProofObserver for ProofPrinter<'_> {
@@ -187,7 +187,7 @@ impl ProofObserver for ProofPrinter<'_> {
 
     fn retry_stop(&mut self, axis: &LocalAxis, turns: bool) -> bool {
         let may = if turns { "still turn" } else { "still be powered" };
-        self.stop_retry.get_or_insert_with(StopRetryNotice::new).report_retry(&axis.label(), may)
+        self.stop_report.get_or_insert_with(StopPrinter::new).report_retry(&axis.label(), may)
     }
 }
 
@@ -200,8 +200,8 @@ impl ProofPrinter<'_> {
         unproven: ProofError,
     ) -> Problem {
         let ProofError { error, moved, may_turn } = unproven;
-        if let (false, Some(stop_retry_notice)) = (may_turn, &mut self.stop_retry) {
-            let _ = stop_retry_notice.report_end(&axis.label(), Ok(()));
+        if let (false, Some(report)) = (may_turn, &self.stop_report) {
+            report.report_end(&axis.label(), true);
         }
         if !may_turn && matches!(*error, Error::Interrupted { .. }) {
             print_warning(match moved {

@@ -5,7 +5,7 @@ use polepair::axis::DeviceDetail;
 use polepair::doctor::{ABSENT_TEXT, is_absent_error};
 use polepair::{AxisInterface, LocalAxis};
 use polepair_client::message::{AxisInfo, AxisState, SignalValue};
-use polepair_core::profile::{Severity, Signal};
+use polepair_core::profile::Signal;
 
 use crate::cmd::watchdog::watchdog_text;
 use crate::outcome;
@@ -235,20 +235,11 @@ pub fn signal_text(axis: &LocalAxis, wanted: Signal) -> Result<Option<String>> {
 /// Faults and warnings with cause and remedy; empty without any.
 fn faults_text(axis: &LocalAxis) -> Result<String> {
     let Some(value) = read_signal(axis, Signal::Fault)? else { return Ok(String::new()) };
-    let code = u32::try_from(value.raw).unwrap_or(0);
-    let known = outcome::faults(axis.profile(), code);
-    if code != 0 && known.is_empty() {
-        return Ok(format!("  FAULT code {code}: not known to this profile\n"));
-    }
     let mut text = String::new();
-    for fault in known {
-        let word = match fault.severity {
-            Severity::Fault => "FAULT",
-            Severity::Warning => "warning",
-            Severity::Note => continue,
-        };
+    for fault in polepair::active_faults(axis.profile(), value.raw) {
+        let word = if fault.is_warning { "warning" } else { "FAULT" };
         text.push_str(&format!("  {word} {}: {}\n", fault.name, fault.text));
-        text.push_str(&cause_and_remedy(fault.cause, fault.remedy));
+        text.push_str(&cause_and_remedy(&fault.cause, &fault.remedy));
     }
     Ok(text)
 }

@@ -49,7 +49,8 @@ const KEPT_PROGRAM: &str =
 
 impl StopCommand {
     pub fn run(self) -> Result {
-        let how = StopOptions { quick: self.quick, keep_program: self.keep_program };
+        let how =
+            StopOptions { quick: self.quick, keep_program: self.keep_program, power_off: false };
         let target = self.target.for_stop();
         if self.dry_run {
             return target.rehearse(|_| Ok(how.command()));
@@ -110,7 +111,7 @@ impl StopCommand {
 /// Stops everything. Nothing is asked before, and only names are asked after: neither a right to look
 /// nor a slow answer stands in its way.
 fn stop_everything(gateway: &Gateway) -> Result {
-    let StopReport { axes, unreached } = send_stop(gateway, None)?;
+    let StopReport { axes, unreached, refused } = send_stop(gateway, None)?;
     print_note(
         "motion is locked until it is released: on the server's page, or by `polepair --server \
          URL release`",
@@ -121,7 +122,9 @@ fn stop_everything(gateway: &Gateway) -> Result {
     let number = |id| format!("the server's axis {id}");
     let reports =
         axes.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
-    report_remote(reports.collect(), unreached.into_iter().map(unreached_problem).collect())
+    let mut failed: Vec<Problem> = unreached.into_iter().map(unreached_problem).collect();
+    failed.extend(refused.into_iter().map(remote::refusal_problem));
+    report_remote(reports.collect(), failed)
 }
 
 /// Stops axes that are named. One that is not there keeps none of the others from it.
@@ -138,7 +141,10 @@ fn stop_named(server: &RemoteSession, target: &DriveArgs) -> Result {
     }
     let mut stopped = Vec::new();
     if !axes.is_empty() {
-        stopped = send_stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?.axes;
+        let ids = axes.iter().map(|axis| axis.id).collect();
+        let report = send_stop(&server.gateway, Some(ids))?;
+        failed.extend(report.refused.into_iter().map(remote::refusal_problem));
+        stopped = report.axes;
     }
     let reports = axes.into_iter().map(|axis| {
         let at = stopped.iter().position(|stopped| stopped.id == axis.id);
@@ -148,7 +154,8 @@ fn stop_named(server: &RemoteSession, target: &DriveArgs) -> Result {
 }
 
 fn send_stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<StopReport> {
-    let request = StopRequest { axes, reason: "polepair stop".to_owned() };
+    let request =
+        StopRequest { axes, reason: "polepair stop".to_owned(), ..StopRequest::default() };
     gateway.stop(&request).map_err(remote::refusal_problem)
 }
 
@@ -159,6 +166,9 @@ fn report_remote(
 ) -> Result {
     let of = reports.len() + failed.len();
     for (label, how) in reports {
+        if how.as_ref().is_some_and(|how| how.quick) {
+            print_warning(&motion::quick_stop_text(&label));
+        }
         match how.map(|how| (how.class, how.error)) {
             Some((StopClass::Standing, _)) => print_note(&format!("{label} is stopped")),
             Some((StopClass::Acknowledged, _)) => {
@@ -253,6 +263,9 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
                 failed.push(outcome::to_problem(error));
             }
         }
+    }
+    for label in stopped.quick_stops {
+        print_warning(&motion::quick_stop_text(&label));
     }
     for (label, found) in stopped.programs {
         print_warning(&match found {

@@ -404,9 +404,9 @@ fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
     });
     let ran = polepair(&["stop", &url]);
     let functions = device.join().expect("a device");
-    assert_eq!(ran.code, 2, "{}", ran.err);
+    assert_eq!(ran.code, 4, "{}", ran.err);
     for text in
-        ["may still turn: cut its supply\n", "error[E218]", "It was not sent. ", "?profile="]
+        ["may still turn: cut its supply\n", "error[E401]", "no stop was sent: ", "?profile="]
     {
         assert!(ran.err.contains(text), "{}", ran.err);
     }

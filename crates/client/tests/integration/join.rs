@@ -178,7 +178,8 @@ fn whoever_stops_an_axis_ends_its_lease() {
     }
     lease.run("velocity", at(30.0), WAIT_MAX).unwrap();
     wait_until("it turns", || site.moving(0));
-    let request = StopRequest { axes: Some(vec![0]), reason: "a test".into() };
+    let request =
+        StopRequest { axes: Some(vec![0]), reason: "a test".into(), ..StopRequest::default() };
     let stopped = site.join().stop(&request).unwrap();
     assert_eq!(stopped.axes.len(), 1);
     assert!(stopped.axes[0].error.is_none(), "{stopped:?}");

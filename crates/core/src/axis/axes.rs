@@ -59,6 +59,13 @@ pub trait Axes {
         true
     }
 
+    /// Whether a refusal with this code says that the drive does not have what was asked for, so that it will
+    /// not have it later either.
+    fn is_missing_refusal(&self, axis: AxisIndex, code: u32) -> bool {
+        let _ = (axis, code);
+        false
+    }
+
     /// Lets motion commands through, or no longer.
     fn set_armed(&mut self, axis: AxisIndex, armed: bool);
 
@@ -74,7 +81,7 @@ pub trait Axes {
         command: Command,
     ) -> Result<(), Unsupported>;
 
-    /// Starts a part of what stops an axis. Its outcome is `Done` only if every step was answered.
+    /// Starts a part of a stop or a quick stop. Its outcome is `Done` only if every step was answered.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
@@ -83,9 +90,10 @@ pub trait Axes {
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
+        command: Command,
         part: StopPart,
     ) -> Result<(), Unsupported> {
-        let _ = (now, ticket, axis, part);
+        let _ = (now, ticket, axis, command, part);
         Err(Unsupported::NoPlan)
     }
 

@@ -146,6 +146,9 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
                 if let Some(state) = judge_wait(now, run, slot, (id, raw)) {
                     return state;
                 }
+                if let Some(Step::NoFault { .. }) = run.current_step() {
+                    return complete_step(now, run, slot.profile.fault_word(raw).into());
+                }
             }
             complete_step(now, run, raw)
         }

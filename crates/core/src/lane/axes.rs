@@ -1,7 +1,7 @@
 //! The axes interface of a lane: requests by axis and ticket.
 
 use super::*;
-use crate::axis::{MotionReport, TextRehearsal, UnmetWait};
+use crate::axis::{MotionReport, Refusal, TextRehearsal, UnmetWait};
 use crate::judge::Tolerance;
 use crate::profile::{Access, Encoding, NoScale, Parameter};
 
@@ -32,6 +32,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn is_confirmed(&self, _axis: AxisIndex) -> bool {
         H::CONFIRMED
+    }
+
+    fn is_missing_refusal(&self, axis: AxisIndex, code: u32) -> bool {
+        self.slot(axis).is_ok_and(|slot| slot.driver.refusal(code) == Refusal::Missing)
     }
 
     fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
@@ -72,18 +76,17 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         _now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
+        command: Command,
         part: StopPart,
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
-        let plan = slot.profile.plan(Verb::Stop).ok_or(Unsupported::NoPlan)?;
-        let keep_program = part == StopPart::Halt { keep_program: true };
-        let command = Command { keep_program, ..Command::new(Verb::Stop) };
+        let plan = slot.profile.plan(command.verb).ok_or(Unsupported::NoPlan)?;
         slot.check_steps(plan.steps, &command)?;
         let steps = match part {
-            StopPart::Halt { .. } => plan.before_wait(),
+            StopPart::Halt => plan.before_wait(),
             StopPart::Release => plan.after_wait(),
         };
-        let halt = (part != StopPart::Release).then_some(steps.len());
+        let halt = (part == StopPart::Halt).then_some(steps.len());
         self.start_steps(ticket, axis, (steps, &[]), halt, command)
     }
 

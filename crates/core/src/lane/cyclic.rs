@@ -365,7 +365,7 @@ impl CyclicMotion {
         let slot = &slots[usize::from(member.axis)];
         let fault = slot.state.reading(Signal::Fault);
         if fault.at == Some(now) && fault.raw != 0 {
-            return self.fail(Failure::Faulted { code: fault.raw as u32 });
+            return self.fail(Failure::Faulted { code: slot.profile.fault_word(fault.raw) });
         }
         let actual = slot.state.reading(actual_signal(self.setpoint_kind));
         if actual.at != Some(now) {

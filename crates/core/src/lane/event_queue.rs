@@ -24,12 +24,13 @@ pub struct EventQueue {
 #[derive(Clone, Copy)]
 struct ReportedState {
     armed: bool,
-    fault: u32,
+    /// The raw value of the fault signal.
+    fault: i64,
 }
 
 impl ReportedState {
     fn from_status(state: &AxisStatus) -> Self {
-        Self { armed: state.armed, fault: state.reading(Signal::Fault).raw as u32 }
+        Self { armed: state.armed, fault: state.reading(Signal::Fault).raw }
     }
 }
 
@@ -76,9 +77,8 @@ impl EventQueue {
         *known = is;
         if before.fault != is.fault {
             let at = slot.state.reading(Signal::Fault).at.unwrap_or(now);
-            for (in_one, not_in, appeared) in
-                [(is.fault, before.fault, true), (before.fault, is.fault, false)]
-            {
+            let [is, before] = [is.fault, before.fault].map(|raw| slot.profile.fault_word(raw));
+            for (in_one, not_in, appeared) in [(is, before, true), (before, is, false)] {
                 for code in
                     fault_codes(slot, in_one).filter(|c| fault_codes(slot, not_in).all(|d| d != *c))
                 {

@@ -17,6 +17,8 @@ const PERIOD_MS: u32 = 200;
 pub struct WaitGuard {
     /// The motor had power.
     was_enabled: bool,
+    /// The drive was ready to power its motor.
+    was_ready: bool,
     /// When the other parameters are read next.
     due: Option<Instant>,
 }
@@ -28,7 +30,7 @@ pub enum GuardRead {
     Power,
     /// The mode that the plan has waited for before.
     Mode(i64),
-    /// Fault state, for a drive that does not report its power state.
+    /// Fault state, for a drive that does not report its power state, and for a plan that has ruled out faults.
     Fault,
     /// Which fault took the power.
     FaultWithoutPower,
@@ -75,6 +77,12 @@ impl WaitGuard {
         {
             return read_fault(slot);
         }
+        if let Some((_, test)) = slot.profile.motion.unpowered.filter(|(rule, _)| *rule == id) {
+            if self.was_ready && test.passes(raw) {
+                return read_fault(slot);
+            }
+            self.was_ready |= !test.passes(raw);
+        }
         let due = *self.due.get_or_insert(now.plus_ms(PERIOD_MS));
         if now < due {
             return GuardVerdict::WaitOn;
@@ -101,7 +109,7 @@ impl WaitGuard {
                 None
             }
             GuardRead::Mode(mode) => (raw != mode).then_some(Failure::ModeChanged { mode: raw }),
-            GuardRead::Fault => fault_of(slot, id, raw),
+            GuardRead::Fault => fault_of(slot, id, raw & ruled_out_mask(steps, id)),
             GuardRead::FaultWithoutPower => {
                 Some(fault_of(slot, id, raw).unwrap_or(Failure::PowerLost))
             }
@@ -111,6 +119,15 @@ impl WaitGuard {
             None => next_read(Some(read), waited_for, steps, slot),
         }
     }
+}
+
+/// The bits of a fault parameter that the plan has ruled out before; all of them if it has not looked.
+fn ruled_out_mask(steps: &[Step], id: ParameterId) -> i64 {
+    let mask = |step: &Step| match step {
+        Step::NoFault { read, mask } if *read == id => Some(*mask),
+        _ => None,
+    };
+    steps.iter().rev().find_map(mask).unwrap_or(-1)
 }
 
 /// The signal's source, if it is that parameter.
@@ -162,7 +179,14 @@ fn next_read<R: Request, A: Copy + 'static>(
         let exact = wanted.filter(|test| test.compare == Compare::Equal && test.mask == -1);
         exact.map(|test| (GuardRead::Mode(test.value), mode.parameter))
     });
-    let fault = slot.profile.signal(Signal::Fault).filter(|_| power.is_none());
+    // A fault that the plan has ruled out before is a new one.
+    let is_ruled_out = |source: &SignalSource| {
+        let rules_out =
+            |step: &Step| matches!(step, Step::NoFault { read, .. } if *read == source.parameter);
+        steps.iter().any(rules_out)
+    };
+    let fault = slot.profile.signal(Signal::Fault);
+    let fault = fault.filter(|source| power.is_none() || is_ruled_out(source));
     let reads = [
         power.map(|power| (GuardRead::Power, power.parameter)),
         mode,

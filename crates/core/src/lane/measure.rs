@@ -123,7 +123,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// The fault in a masked value, if it is one that stops the drive; zero for none.
     pub fn stopping_fault(&self, masked: i64) -> u32 {
-        let code = masked as u32;
+        let code = self.profile.fault_word(masked);
         let mut known = self.profile.faults_for_code(code).peekable();
         // A code without a name is a fault as well; warnings and notes are none.
         let stops = known.peek().is_none() || known.any(|fault| fault.severity == Severity::Fault);

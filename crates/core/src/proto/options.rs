@@ -42,9 +42,9 @@ pub struct HostOptions {
     pub echo: bool,
     /// The axis that the host is wired to, where others are reached through it; the first axis if `None`.
     pub relay_axis: Option<u32>,
-    /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
-    /// question to a group, does not come back.
-    pub relay_answers_only: bool,
+    /// The highest axis behind the relay, where it relays to a bus with fewer numbers than the line: higher ones are
+    /// other numbers of the same axes. From such a bus, replies of groups and unsolicited messages do not come back.
+    pub relay_axis_max: Option<u32>,
     /// An earlier program may have used the wire, and a late reply to it may still arrive. Where replies do
     /// not repeat their request, a session then starts with probes, varied by this seed; only stops are sent
     /// before these have replies. `None` where no program was there before (REQ-7).
@@ -74,6 +74,13 @@ impl HostOptions {
         self.scaled_ms(self.reply_timeout_ms.unwrap_or(usual_ms))
     }
 
+    /// Whether a drive on the line has this address for itself.
+    #[must_use]
+    pub fn is_distinct_address(&self, address: u32) -> bool {
+        self.relay_axis_max.is_none_or(|max| (1..=max).contains(&address))
+            || self.relay_axis == Some(address)
+    }
+
     /// The baud rate that no byte travels faster than; 0 where there is none.
     #[must_use]
     pub const fn timed_baud(&self) -> u32 {
@@ -96,7 +103,7 @@ impl HostOptions {
             heartbeat_ms: None,
             echo: false,
             relay_axis: None,
-            relay_answers_only: false,
+            relay_axis_max: None,
             probe_seed: None,
             scanning: false,
             urgent: false,

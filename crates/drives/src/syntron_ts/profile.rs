@@ -899,6 +899,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
     Plan { verb: Verb::Clear, source: "public drivers of the DS102: Fn_53", steps: &[
         Step::Ensure(ParameterId(15), 1),
         Step::Write(ParameterId(9), Operand::Constant(1)),
+        Step::Wait { ms: 20 },
         Step::Write(ParameterId(9), Operand::Constant(0)),
         Step::NoFault { read: ParameterId(21), mask: -1 },
     ], undo: &[] },
@@ -1063,7 +1064,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
 
 /// SYNTRON DS102 servo drive.
 #[rustfmt::skip]
-pub static SYNTRON_DS102: Profile = Profile { name: "syntron-ds102", family: "syntron_ts", protocol: "modbus", title: "SYNTRON DS102 servo drive", source: "TS servo drive communication manual V2; public drivers of the DS102", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_DS102_SIGNALS, plans: &SYNTRON_DS102_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Actual, halted: Some((ParameterId(307), ParameterTest { mask: -1, compare: Compare::Equal, value: 1 })), stalled: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
+pub static SYNTRON_DS102: Profile = Profile { name: "syntron-ds102", family: "syntron_ts", protocol: "modbus", title: "SYNTRON DS102 servo drive", source: "TS servo drive communication manual V2; public drivers of the DS102", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_DS102_SIGNALS, plans: &SYNTRON_DS102_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Actual, halted: Some((ParameterId(307), ParameterTest { mask: -1, compare: Compare::Equal, value: 1 })), stalled: None, unpowered: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
 
 #[rustfmt::skip]
 static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
@@ -1088,7 +1089,7 @@ rows
 
 /// SYNTRON TS servo drive.
 #[rustfmt::skip]
-pub static SYNTRON_TS: Profile = Profile { name: "syntron-ts", family: "syntron_ts", protocol: "modbus", title: "SYNTRON TS servo drive", source: "TS servo drive communication manual V2", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_SIGNALS, plans: &SYNTRON_TS_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Actual, halted: Some((ParameterId(307), ParameterTest { mask: -1, compare: Compare::Equal, value: 1 })), stalled: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
+pub static SYNTRON_TS: Profile = Profile { name: "syntron-ts", family: "syntron_ts", protocol: "modbus", title: "SYNTRON TS servo drive", source: "TS servo drive communication manual V2", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_DS102_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_SIGNALS, plans: &SYNTRON_TS_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Actual, halted: Some((ParameterId(307), ParameterTest { mask: -1, compare: Compare::Equal, value: 1 })), stalled: None, unpowered: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(21)), mask: 0x0, equals: 0x0, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(307), ParameterId(302)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues at its last speed if the line is lost; it has no watchdog on Modbus. Keep a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. It executes Modbus commands only with Fn_00 = 1 (speed) or 14 (position); from the factory it is in mode 2. Moves overwrite path 32, Fn_20A and Fn_20B, in RAM until the next power-on." };
 
 #[rustfmt::skip]
 static SYNTRON_TS_CANOPEN_PARAMETERS: [Parameter; 856] = [
@@ -1981,7 +1982,7 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Write(ParameterId(820), Operand::Constant(7)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 35 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 2000, required: true },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 10000, required: true },
     ], undo: &[
         Step::Write(ParameterId(820), Operand::Constant(0)),
     ] },
@@ -2000,12 +2001,17 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Standstill { within_ms: 5000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "CiA 402-2", steps: &[
-        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, count: 4 },
+        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, count: 7 },
         Step::Write(ParameterId(820), Operand::Constant(0)),
+        Step::Wait { ms: 20 },
         Step::Write(ParameterId(820), Operand::Constant(128)),
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, within_ms: 2000, required: true },
+        Step::Wait { ms: 20 },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, within_ms: 300, required: false },
         Step::Write(ParameterId(820), Operand::Constant(0)),
-    ], undo: &[] },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, within_ms: 2000, required: true },
+    ], undo: &[
+        Step::Write(ParameterId(820), Operand::Constant(0)),
+    ] },
     Plan { verb: Verb::Velocity, source: "TS manual V2 §3.6.1", steps: &[
         Step::Require { read: ParameterId(0), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 20 }, hint: "This control mode does not obey CANopen (2 is the factory's, pulses): set Fn_00 = 20" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
@@ -2022,7 +2028,7 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Write(ParameterId(820), Operand::Constant(7)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 35 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 2000, required: true },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 10000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
     ], undo: &[
         Step::Write(ParameterId(854), Operand::Constant(0)),
@@ -2041,7 +2047,7 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Write(ParameterId(820), Operand::Constant(7)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 35 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 2000, required: true },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 10000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
     ], undo: &[
         Step::Write(ParameterId(838), Operand::Constant(0)),
@@ -2068,10 +2074,17 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Write(ParameterId(820), Operand::Constant(7)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 35 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 2000, required: true },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 10000, required: true },
         Step::Skip { read: ParameterId(820), test: ParameterTest { mask: 0x110, compare: Compare::Equal, value: 256 }, count: 1 },
         Step::Write(ParameterId(820), Operand::Constant(15)),
+        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, count: 7 },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, within_ms: 300, required: false },
+        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, count: 5 },
+        Step::Copy { from: ParameterId(826), to: ParameterId(840) },
+        Step::Write(ParameterId(820), Operand::Constant(63)),
+        Step::Write(ParameterId(820), Operand::Constant(15)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, within_ms: 1000, required: true },
+        Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
         Step::Write(ParameterId(820), Operand::Constant(31)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 4096 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
@@ -2100,10 +2113,17 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Write(ParameterId(820), Operand::Constant(7)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 35 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 2000, required: true },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 10000, required: true },
         Step::Skip { read: ParameterId(820), test: ParameterTest { mask: 0x110, compare: Compare::Equal, value: 256 }, count: 1 },
         Step::Write(ParameterId(820), Operand::Constant(15)),
+        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, count: 7 },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, within_ms: 300, required: false },
+        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, count: 5 },
+        Step::Copy { from: ParameterId(826), to: ParameterId(840) },
+        Step::Write(ParameterId(820), Operand::Constant(63)),
+        Step::Write(ParameterId(820), Operand::Constant(15)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 0 }, within_ms: 1000, required: true },
+        Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
         Step::Write(ParameterId(820), Operand::Constant(95)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 4096 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(79)),
@@ -2126,7 +2146,7 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Write(ParameterId(820), Operand::Constant(7)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 35 }, within_ms: 1000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
-        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 2000, required: true },
+        Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x6f, compare: Compare::Equal, value: 39 }, within_ms: 10000, required: true },
         Step::Write(ParameterId(820), Operand::Constant(15)),
         Step::Write(ParameterId(820), Operand::Constant(95)),
         Step::Write(ParameterId(820), Operand::Constant(79)),
@@ -2141,7 +2161,7 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
 
 /// SYNTRON TS servo drive on CANopen.
 #[rustfmt::skip]
-pub static SYNTRON_TS_CANOPEN: Profile = Profile { name: "syntron-ts-canopen", family: "syntron_ts", protocol: "canopen", title: "SYNTRON TS servo drive on CANopen", source: "TS servo drive communication manual V2, chapters 3 and 4", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_TS_CANOPEN_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_CANOPEN_SIGNALS, plans: &SYNTRON_TS_CANOPEN_PLANS, motion: MotionRules { window: Some(ParameterId(829)), relative_from: RelativeBase::Either, halted: Some((ParameterId(820), ParameterTest { mask: 0x100, compare: Compare::NotEqual, value: 0 })), stalled: None }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(14)), mask: 0xffffffe0, equals: 0x2680, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(750), ParameterId(751), ParameterId(819), ParameterId(839), ParameterId(855), ParameterId(838), ParameterId(833), ParameterId(753)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues its last command if the bus is lost; it has no documented watchdog. Keep a switch in its supply within reach. Put 120 ohm across both ends of the bus. It executes CANopen commands only with Fn_00 = 20; from the factory it is in mode 2. Fn registers go to flash unless Fn_99 = 1." };
+pub static SYNTRON_TS_CANOPEN: Profile = Profile { name: "syntron-ts-canopen", family: "syntron_ts", protocol: "canopen", title: "SYNTRON TS servo drive on CANopen", source: "TS servo drive communication manual V2, chapters 3 and 4", axis: AxisKind::Rotary, motors: 1, parameters: &SYNTRON_TS_CANOPEN_PARAMETERS, faults: &SYNTRON_DS102_FAULTS, signals: &SYNTRON_TS_CANOPEN_SIGNALS, plans: &SYNTRON_TS_CANOPEN_PLANS, motion: MotionRules { window: Some(ParameterId(829)), relative_from: RelativeBase::Either, halted: Some((ParameterId(820), ParameterTest { mask: 0x100, compare: Compare::NotEqual, value: 0 })), stalled: None, unpowered: Some((ParameterId(821), ParameterTest { mask: 0x48, compare: Compare::NotEqual, value: 0 })) }, identity: Some(Identity { query: IdentityQuery::Parameter(ParameterId(14)), mask: 0xffffffe0, equals: 0x2680, firmware: 0x0 }), ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }), link_settings: &[ParameterId(11), ParameterId(12), ParameterId(13), ParameterId(14), ParameterId(16), ParameterId(17)], optional: &[ParameterId(750), ParameterId(751), ParameterId(819), ParameterId(839), ParameterId(855), ParameterId(838), ParameterId(833), ParameterId(753)], watchdog: Watchdog::None, reply_timeout_ms: 100, multiple_writes: false, caution: "The drive continues its last command if the bus is lost; it has no documented watchdog. Keep a switch in its supply within reach. Put 120 ohm across both ends of the bus. It executes CANopen commands only with Fn_00 = 20; from the factory it is in mode 2. Fn registers go to flash unless Fn_99 = 1." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 3] = [&SYNTRON_DS102, &SYNTRON_TS, &SYNTRON_TS_CANOPEN];

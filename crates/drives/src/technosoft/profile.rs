@@ -884,7 +884,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::NoFault { read: ParameterId(372), mask: 0xbf2a },
         Step::Send { function: 0x1, index: 0x2cb2, operand: Operand::Constant(552), like: None },
         Step::Send { function: 0x0, index: 0x102, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, within_ms: 5000, required: true },
+        Step::Until { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, within_ms: 10000, required: true },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x2, operand: Operand::Constant(0), like: None },
     ] },
@@ -1025,7 +1025,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
 
 /// Technosoft drive, firmware F514L.
 #[rustfmt::skip]
-pub static TECHNOSOFT_F514L: Profile = Profile { name: "technosoft-f514l", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F514L", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F514L_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_F514L_SIGNALS, plans: &TECHNOSOFT_F514L_PLANS, motion: MotionRules { window: Some(ParameterId(243)), relative_from: RelativeBase::Actual, halted: None, stalled: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x35313400, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
+pub static TECHNOSOFT_F514L: Profile = Profile { name: "technosoft-f514l", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F514L", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F514L_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_F514L_SIGNALS, plans: &TECHNOSOFT_F514L_PLANS, motion: MotionRules { window: Some(ParameterId(243)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x35313400, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
 
 #[rustfmt::skip]
 static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
@@ -2159,7 +2159,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::NoFault { read: ParameterId(426), mask: 0xbf2a },
         Step::Send { function: 0x1, index: 0x2cb2, operand: Operand::Constant(552), like: None },
         Step::Send { function: 0x0, index: 0x102, operand: Operand::Constant(0), like: None },
-        Step::Until { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, within_ms: 5000, required: true },
+        Step::Until { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, within_ms: 10000, required: true },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x2, operand: Operand::Constant(0), like: None },
     ] },
@@ -2300,7 +2300,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
 
 /// Technosoft drive, firmware FA00G.
 #[rustfmt::skip]
-pub static TECHNOSOFT_FA00G: Profile = Profile { name: "technosoft-fa00g", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware FA00G", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_FA00G_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_FA00G_SIGNALS, plans: &TECHNOSOFT_FA00G_PLANS, motion: MotionRules { window: Some(ParameterId(259)), relative_from: RelativeBase::Actual, halted: None, stalled: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x41303000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
+pub static TECHNOSOFT_FA00G: Profile = Profile { name: "technosoft-fa00g", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware FA00G", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_FA00G_PARAMETERS, faults: &TECHNOSOFT_F514L_FAULTS, signals: &TECHNOSOFT_FA00G_SIGNALS, plans: &TECHNOSOFT_FA00G_PLANS, motion: MotionRules { window: Some(ParameterId(259)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x41303000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 2] = [&TECHNOSOFT_F514L, &TECHNOSOFT_FA00G];

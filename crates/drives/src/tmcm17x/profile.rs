@@ -6,7 +6,8 @@ use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
-    ParameterId, Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
+    ParameterId, Persistence, Profile, RelativeBase, Scale, Severity, Signal, SignalSource,
+    Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -416,7 +417,7 @@ static TMCM_170_PLANS: [Plan; 11] = [
         Step::Read(ParameterId(33)),
         Step::NoFault { read: ParameterId(33), mask: 0x323 },
         Step::Write(ParameterId(78), Operand::Constant(1)),
-        Step::Until { read: ParameterId(33), test: ParameterTest { mask: 0x10, compare: Compare::Equal, value: 0 }, within_ms: 1000, required: true },
+        Step::Until { read: ParameterId(33), test: ParameterTest { mask: 0x10, compare: Compare::Equal, value: 0 }, within_ms: 10000, required: true },
     ], undo: &[] },
     Plan { verb: Verb::Disable, source: "parameter 255 of sibling modules", steps: &[
         Step::Write(ParameterId(78), Operand::Constant(0)),
@@ -491,7 +492,7 @@ static TMCM_170_PLANS: [Plan; 11] = [
 
 /// Trinamic TMCM-170.
 #[rustfmt::skip]
-pub static TMCM_170: Profile = Profile { name: "tmcm-170", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-170", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_170_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, motion: MotionRules::NONE, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xaa0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
+pub static TMCM_170: Profile = Profile { name: "tmcm-170", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-170", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_170_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Either, halted: None, stalled: None, unpowered: Some((ParameterId(33), ParameterTest { mask: 0x323, compare: Compare::NotEqual, value: 0 })) }, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xaa0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
 
 #[rustfmt::skip]
 static TMCM_171_PARAMETERS: [Parameter; 355] = {
@@ -502,7 +503,7 @@ rows
 
 /// Trinamic TMCM-171.
 #[rustfmt::skip]
-pub static TMCM_171: Profile = Profile { name: "tmcm-171", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-171", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_171_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, motion: MotionRules::NONE, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xab0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
+pub static TMCM_171: Profile = Profile { name: "tmcm-171", family: "tmcm17x", protocol: "tmcl", title: "Trinamic TMCM-171", source: "TMCM-170 and TMCM-171 Reference and Programming Manual v1.14; TMCM-171 Hardware Manual v0.92", axis: AxisKind::Rotary, motors: 1, parameters: &TMCM_171_PARAMETERS, faults: &TMCM_170_FAULTS, signals: &TMCM_170_SIGNALS, plans: &TMCM_170_PLANS, motion: MotionRules { window: None, relative_from: RelativeBase::Either, halted: None, stalled: None, unpowered: Some((ParameterId(33), ParameterTest { mask: 0x323, compare: Compare::NotEqual, value: 0 })) }, identity: Some(Identity { query: IdentityQuery::Text("GET VERSION 1, 0, 0"), mask: 0xffff0000, equals: 0xab0000, firmware: 0xffff }), ram: None, link_settings: &[ParameterId(80), ParameterId(81), ParameterId(82), ParameterId(84), ParameterId(85), ParameterId(86), ParameterId(87), ParameterId(89), ParameterId(92), ParameterId(94)], optional: &[], watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) }, reply_timeout_ms: 100, multiple_writes: false, caution: "The motor continues to turn if the line is lost, unless a heartbeat is set (GP 68 serial, GP 82 CAN); its firmware may not have one. Keep a switch in the supply within reach. Motion commands switch the power stage on by themselves. On RS-485 adapters that switch direction by RTS, set telegram pause time to about 20 ms." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 2] = [&TMCM_170, &TMCM_171];

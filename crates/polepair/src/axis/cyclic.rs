@@ -5,7 +5,7 @@
 use super::failure::RequestKind;
 use super::streaming::SETTLING_MAX;
 use super::together::{check_one_wire, require_plan, run_all};
-use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, stop_with_retry};
+use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, StopOptions, StopResult, stop_axes};
 use crate::error::Error;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -104,14 +104,31 @@ impl CyclicAxes {
     }
 
     fn power_up(mut self) -> Result<Self, Error> {
+        let enabled = self.axes.iter().map(is_enabled).collect::<Result<Vec<bool>, Error>>()?;
         self.axes.iter().for_each(|axis| axis.arm(true));
         self.released = false;
         let period = Some(self.period.as_secs_f64());
-        run_all(
-            &self.command_for_each(Command { period, ..Command::new(follow_verb(self.setpoint)) }),
-        )?;
-        self.check_bus_load()?;
-        Ok(self)
+        let command = Command { period, ..Command::new(follow_verb(self.setpoint)) };
+        let prepared =
+            run_all(&self.command_for_each(command)).and_then(|()| self.check_bus_load());
+        match prepared {
+            Ok(()) => Ok(self),
+            Err(error) => {
+                self.undo_preparation(&enabled);
+                Err(if enabled.contains(&true) { with_mapping_hint(error) } else { error })
+            }
+        }
+    }
+
+    /// Takes back what was set. An axis that had power before keeps it: nothing has moved it.
+    fn undo_preparation(&mut self, enabled: &[bool]) {
+        self.released = true;
+        let powered = self.axes.iter().zip(enabled).filter(|(_, enabled)| !**enabled);
+        let disable = Command::new(Verb::Disable);
+        // The error of the preparation is the one that is told.
+        let _ = run_all(&powered.map(|(axis, _)| (axis, disable)).collect::<Vec<_>>());
+        let _ = run_all(&self.command_for_each(Command::new(Verb::Unfollow)));
+        self.axes.iter().for_each(|axis| axis.arm(false));
     }
 
     /// Compares the first position of each axis with its actual position.
@@ -279,12 +296,12 @@ impl CyclicAxes {
 
     fn stop_and_disarm(&mut self) -> Result<(), Error> {
         self.released = true;
-        let stopped: Result<(), Error> =
-            stop_with_retry(&self.axes, STOP_RETRY_MAX, |_, _| true).into_iter().collect();
-        let ended = [Verb::Disable, Verb::Unfollow]
-            .map(|verb| run_all(&self.command_for_each(Command::new(verb))));
+        let options = StopOptions { power_off: true, ..StopOptions::default() };
+        let stopped = stop_axes(&self.axes, options, STOP_RETRY_MAX, |_, _| true);
+        let stopped = stopped.into_iter().try_for_each(StopResult::into_result);
+        let ended = run_all(&self.command_for_each(Command::new(Verb::Unfollow)));
         self.axes.iter().for_each(|axis| axis.arm(false));
-        stopped.and(ended.into_iter().collect())
+        stopped.and(ended)
     }
 }
 
@@ -293,6 +310,29 @@ impl Drop for CyclicAxes {
         if !self.released {
             let _ = self.stop_and_disarm();
         }
+    }
+}
+
+/// Whether the motor has power, as far as the drive reports it.
+fn is_enabled(axis: &LocalAxis) -> Result<bool, Error> {
+    match axis.provides_signal(Signal::Enabled)? {
+        true => Ok(axis.signals(&[Signal::Enabled])?.iter().any(|reading| reading.raw != 0)),
+        false => Ok(false),
+    }
+}
+
+/// What to try where an enabled drive refuses its preparation.
+fn with_mapping_hint(error: Error) -> Error {
+    match error {
+        Error::Failed { what, execution, outcome, received, may_turn, hint }
+            if matches!(outcome.failure(), Some(Failure::Refused { .. })) =>
+        {
+            let first = "disable the axis first: this drive maps its PDOs only while it is \
+                         pre-operational, which an enabled drive is not made";
+            let hint = if hint.is_empty() { first.to_owned() } else { format!("{first}; {hint}") };
+            Error::Failed { what, execution, outcome, received, may_turn, hint }
+        }
+        other => other,
     }
 }
 

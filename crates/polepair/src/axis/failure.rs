@@ -121,7 +121,10 @@ impl LocalAxis {
         );
         match failure {
             Failure::LinkDown => stop || self.may_turn(),
-            Failure::Silent | Failure::Misbehaved | Failure::AnsweredTwice => stop,
+            Failure::Silent
+            | Failure::Misbehaved
+            | Failure::AnsweredTwice
+            | Failure::Refused { .. } => stop,
             _ => false,
         }
     }
@@ -455,7 +458,7 @@ impl LocalAxis {
     }
 
     fn fault_reason(&self, code: u32) -> (String, String) {
-        let known = matching_faults(self.profile.faults, code);
+        let known: Vec<&Fault> = self.profile.faults_for_code(code).collect();
         let Some(first) = known.first() else {
             return (format!("the drive reports fault {code:#x}"), String::new());
         };
@@ -566,13 +569,4 @@ fn no_answer_text(details: &NoReplyDetails) -> String {
         true => "no answer".to_owned(),
         false => format!("no answer, but {details}"),
     }
-}
-
-/// The faults that a code means: the one of that code, or those whose bits are in it.
-fn matching_faults(table: &'static [Fault], code: u32) -> Vec<&'static Fault> {
-    if let Some(fault) = table.iter().find(|fault| fault.code == code) {
-        return vec![fault];
-    }
-    let masks = table.iter().all(|fault| fault.code.count_ones() == 1);
-    table.iter().filter(|fault| masks && fault.code & code != 0).collect()
 }

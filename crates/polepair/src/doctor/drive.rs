@@ -4,8 +4,9 @@ use super::CheckResult;
 use crate::amount::Value;
 use crate::axis::{LocalAxis, WatchdogState};
 use crate::error::{Error, Exit};
+use crate::interface::FaultReport;
 use polepair_core::error::{Failure, Outcome};
-use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
+use polepair_core::profile::{ParameterId, Signal};
 
 /// Below this no motor supply is there, whatever the drive [inferred: the smallest take 7 V].
 const VOLTS_MIN: f64 = 5.0;
@@ -158,24 +159,18 @@ fn check_faults(axis: &LocalAxis, about: &str) -> Result<Option<CheckResult>, Er
     }))
 }
 
-fn fault_check(axis: &LocalAxis, about: &str, code: i64) -> CheckResult {
-    let named = crate::faults(axis.profile(), u32::try_from(code).unwrap_or(0));
-    if code == 0 {
+fn fault_check(axis: &LocalAxis, about: &str, raw: i64) -> CheckResult {
+    let active = crate::active_faults(axis.profile(), raw);
+    if active.is_empty() {
         return CheckResult::ok(about, "no faults");
     }
-    let text = |fault: &&'static Fault| format!("{} ({}): {}", fault.text, fault.name, fault.cause);
-    let output = named.iter().map(text).collect::<Vec<_>>().join(" ");
-    let remedies: Vec<&str> = named.iter().map(|fault| fault.remedy).collect();
+    let text = |fault: &FaultReport| format!("{} ({}): {}", fault.text, fault.name, fault.cause);
+    let output = active.iter().map(text).collect::<Vec<_>>().join(" ");
+    let remedies: Vec<&str> = active.iter().map(|fault| &*fault.remedy).collect();
     let remedy = format!("{} `polepair clear` once the cause is gone", remedies.join(" "));
-    let stops = named.iter().any(|fault| fault.severity == Severity::Fault);
-    match (named.is_empty(), stops) {
-        (true, _) => CheckResult::suspicious(
-            about,
-            format!("fault code {code:#x}, of which nothing is known"),
-            remedy,
-        ),
-        (false, true) => CheckResult::wrong(about, Exit::DriveFault, output, remedy),
-        (false, false) => CheckResult::suspicious(about, output, remedy),
+    match active.iter().any(|fault| !fault.is_warning) {
+        true => CheckResult::wrong(about, Exit::DriveFault, output, remedy),
+        false => CheckResult::suspicious(about, output, remedy),
     }
 }
 

@@ -1,7 +1,9 @@
 //! Test of a drive's watchdog: turns the motor, stops sending, and checks that the motor stops.
 
 use super::{CheckResult, read_watchdog};
-use crate::axis::{LocalAxis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
+use crate::axis::{
+    LocalAxis, STOP_RETRY_MAX, StopNotice, StopOptions, StopResult, WatchdogState, stop_axes,
+};
 use crate::error::{Error, Exit, MAY_TURN};
 use polepair_core::axis::Verb;
 use polepair_core::profile::{AxisKind, ParameterId, Persistence, Signal, Watchdog};
@@ -347,17 +349,18 @@ impl ArmedMotor<'_> {
         self.released = true;
         let axis = self.axis;
         let one = std::slice::from_ref(axis);
-        let stopped = stop_with_retry(one, STOP_RETRY_MAX, |axis, _| again(axis));
-        let stopped: Result<(), Error> = stopped.into_iter().collect();
-        // Also after a stop that failed: a motor without power at least does not drive.
-        let has_switch = axis.profile().plan(Verb::Disable).is_some();
-        let off = if has_switch { axis.disable() } else { Ok(()) };
+        let options = StopOptions { power_off: true, ..StopOptions::default() };
+        let stopped = stop_axes(one, options, STOP_RETRY_MAX, |axis, notice| match notice {
+            StopNotice::Unconfirmed(_) => again(axis),
+            StopNotice::QuickStop => true,
+        });
         axis.arm(false);
-        let is_off = has_switch && off.is_ok();
+        let is_off = stopped.iter().all(|stop| stop.power_off == Some(Ok(())));
         let coasted =
             || axis.signals(&[Signal::Velocity]).is_ok() && axis.is_turning() == Some(false);
-        let stands = stopped.is_ok() || is_off && coasted();
-        ReleaseResult { result: stopped.and(off), at_standstill: stands }
+        let stands = stopped.iter().all(|stop| stop.standstill.is_ok()) || is_off && coasted();
+        let result = stopped.into_iter().try_for_each(StopResult::into_result);
+        ReleaseResult { result, at_standstill: stands }
     }
 }
 

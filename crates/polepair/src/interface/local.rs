@@ -16,11 +16,12 @@ use super::{
 };
 use crate::amount::Amount;
 use crate::axis::{
-    DeviceDetail, LocalAxis, ParameterValue, STOP_RETRY_MAX, WatchdogState, stop_with_retry,
+    DeviceDetail, LocalAxis, ParameterValue, STOP_RETRY_MAX, StopOptions, StopResult,
+    WatchdogState, stop_axes,
 };
 use crate::doctor::{ABSENT_TEXT, read_watchdog};
 use crate::error::Error;
-use crate::faults;
+use crate::faults::active_faults;
 use crate::url::AxisNumber;
 
 impl AxisInterface for LocalAxis {
@@ -186,11 +187,10 @@ impl AxisInterface for LocalAxis {
 
     fn release(&self) -> Result<(), Error> {
         let one = std::slice::from_ref(self);
-        let stopped = stop_with_retry(one, STOP_RETRY_MAX, |_, _| true).into_iter().collect();
-        let has_switch = self.profile().plan(Verb::Disable).is_some();
-        let disabled = if has_switch { self.disable() } else { Ok(()) };
+        let options = StopOptions { power_off: true, ..StopOptions::default() };
+        let stopped = stop_axes(one, options, STOP_RETRY_MAX, |_, _| true);
         self.arm(false);
-        Result::<(), Error>::and(stopped, disabled)
+        stopped.into_iter().try_for_each(StopResult::into_result)
     }
 
     fn state(&self) -> Result<AxisSnapshot, Error> {
@@ -226,12 +226,10 @@ impl AxisInterface for LocalAxis {
     }
 
     fn faults(&self) -> Result<Vec<FaultReport>, Error> {
-        let code = match self.provides_signal(Signal::Fault)? {
-            true => self.signals(&[Signal::Fault])?[0].raw,
-            false => 0,
-        };
-        let code = u32::try_from(code).unwrap_or_default();
-        Ok(faults(self.profile(), code).into_iter().map(FaultReport::from).collect())
+        match self.provides_signal(Signal::Fault)? {
+            true => Ok(active_faults(self.profile(), self.signals(&[Signal::Fault])?[0].raw)),
+            false => Ok(Vec::new()),
+        }
     }
 
     fn device_details(&self) -> Result<Vec<DeviceDetail>, Error> {

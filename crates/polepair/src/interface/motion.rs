@@ -11,7 +11,10 @@ use polepair_core::units::Unit;
 use polepair_link::clock;
 
 use super::{Axis, AxisRequest, MotionState};
-use crate::axis::{LocalAxis, PreparedCommand, STOP_RETRY_MAX, stop_with_retry};
+use crate::axis::{
+    PreparedCommand, STOP_RETRY_MAX, StopNotice, StopOptions, StopPersistence, StopResult,
+    StopSupervisor, await_stops,
+};
 use crate::error::{Error, Exit};
 
 /// How often a monitor reads the motion.
@@ -230,31 +233,64 @@ pub fn start_each(commands: &[(Axis, Command)]) -> Result<Vec<AxisRequest>, Erro
     commands.iter().zip(&prepared).map(start).collect()
 }
 
-/// Stops axes that this program armed: all stops are sent before the first is waited for. A stop on a wire of
-/// this program is repeated for [`STOP_RETRY_MAX`] without a reply; `again` is called before the first
-/// repetition of each, and ends the repetitions by `false`. A gateway repeats stops itself.
+/// How a motion of this program was ended.
+#[derive(Debug)]
+pub struct EndedMotion {
+    /// Whether the stop was confirmed.
+    pub stopped: Result<(), Error>,
+    /// Whether the power was taken off; `None` if nobody asked for that, or the axis has no power switch.
+    pub power_off: Option<Result<(), Error>>,
+}
+
+impl EndedMotion {
+    /// The first error.
+    ///
+    /// # Errors
+    /// The error of the stop, otherwise that of the power.
+    pub fn into_result(self) -> Result<(), Error> {
+        self.stopped.and(self.power_off.unwrap_or(Ok(())))
+    }
+}
+
+/// Stops axes that this program armed, and takes the power of those whose flag is set: all stops are sent before
+/// the first is waited for. A stop on a wire of this program is repeated for [`STOP_RETRY_MAX`] without a reply;
+/// `on_notice` is called with the news of each, and ends the repetitions by `false`. A gateway repeats stops
+/// itself.
 ///
 /// An axis whose lease has ended was stopped by its gateway; its standstill is waited for.
 #[must_use = "a motor whose stop failed may still turn"]
 pub fn stop_each(
-    axes: &[Axis],
-    mut again: impl FnMut(&Axis, &Error) -> bool,
-) -> Vec<Result<(), Error>> {
+    axes: &[(Axis, bool)],
+    mut on_notice: impl FnMut(&Axis, &StopNotice) -> bool,
+) -> Vec<EndedMotion> {
     #[cfg(feature = "remote")]
     let mut started: Vec<_> = axes
         .iter()
-        .map(|axis| axis.remote().map(crate::interface::remote::RemoteAxis::begin_stop))
+        .map(|(axis, _)| axis.remote().map(crate::interface::remote::RemoteAxis::begin_stop))
         .collect();
-    let local: Vec<LocalAxis> = axes.iter().filter_map(Axis::local).cloned().collect();
-    let repeat = |axis: &LocalAxis, error: &Error| again(&Axis::from(axis.clone()), error);
-    let mut stopped = stop_with_retry(&local, STOP_RETRY_MAX, repeat).into_iter();
-    let finish = |(_index, axis): (usize, &Axis)| {
+    let begin = |(axis, power_off): &(Axis, bool)| {
+        let options = StopOptions { power_off: *power_off, ..StopOptions::default() };
+        Some(StopSupervisor::begin(axis.local()?, options, StopPersistence::Within(STOP_RETRY_MAX)))
+    };
+    let stops = axes.iter().filter_map(begin).collect();
+    let mut stopped =
+        await_stops(stops, |axis, notice| on_notice(&Axis::from(axis.clone()), notice)).into_iter();
+    let finish = |(_index, (axis, _power_off)): (usize, &(Axis, bool))| {
         #[cfg(feature = "remote")]
-        if let (Some(axis), Some(started)) = (axis.remote(), started[_index].take()) {
-            return axis.finish_stop(started);
+        if let (Some(remote), Some(started)) = (axis.remote(), started[_index].take()) {
+            let stopped = remote.finish_stop(started);
+            // An axis that this program no longer controls is left to its gateway.
+            let is_switched = *_power_off
+                && axis.has_verb(Verb::Disable)
+                && axis.interface().check_control().is_ok();
+            return EndedMotion { stopped, power_off: is_switched.then(|| axis.disable()) };
         }
         let _ = axis;
-        stopped.next().unwrap_or(Ok(()))
+        let stop = stopped.next();
+        EndedMotion {
+            stopped: stop.as_ref().map_or(Ok(()), StopResult::to_motion_end),
+            power_off: stop.and_then(|stop| stop.power_off),
+        }
     };
     axes.iter().enumerate().map(finish).collect()
 }

@@ -104,7 +104,7 @@ impl RemoteLink {
 
 /// Stops axes, whoever commands them; the first error, after every axis was tried.
 fn stop_axes(gateway: &Gateway, axes: Vec<u16>) -> Result<(), GatewayError> {
-    let request = StopRequest { axes: Some(axes), reason: String::new() };
+    let request = StopRequest { axes: Some(axes), ..StopRequest::default() };
     let stopped = gateway.stop(&request)?.axes;
     stopped.into_iter().find_map(|axis| axis.error).map_or(Ok(()), Err)
 }

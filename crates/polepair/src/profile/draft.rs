@@ -50,12 +50,19 @@ pub(crate) struct DraftMotion {
     pub(crate) relative_from: RelativeBase,
     pub(crate) halted: Option<(ParameterName, ParameterTest)>,
     pub(crate) stalled: Option<(ParameterName, ParameterTest)>,
+    pub(crate) unpowered: Option<(ParameterName, ParameterTest)>,
 }
 
 impl DraftMotion {
     /// Of a drive that has none of these.
     pub(crate) const fn new() -> Self {
-        Self { window: None, relative_from: RelativeBase::Either, halted: None, stalled: None }
+        Self {
+            window: None,
+            relative_from: RelativeBase::Either,
+            halted: None,
+            stalled: None,
+            unpowered: None,
+        }
     }
 }
 
@@ -241,6 +248,7 @@ impl Draft {
                 relative_from: profile.motion.relative_from,
                 halted: profile.motion.halted.map(|(id, test)| (names.name_of(id), test)),
                 stalled: profile.motion.stalled.map(|(id, test)| (names.name_of(id), test)),
+                unpowered: profile.motion.unpowered.map(|(id, test)| (names.name_of(id), test)),
             },
             location,
         }

@@ -27,7 +27,8 @@ pub(crate) fn remove_missing(draft: &mut Draft) {
     });
     let reads = |name: &ParameterName| there.supports(name, ParameterUse::Read);
     draft.motion.window = draft.motion.window.take().filter(reads);
-    for rule in [&mut draft.motion.halted, &mut draft.motion.stalled] {
+    let motion = &mut draft.motion;
+    for rule in [&mut motion.halted, &mut motion.stalled, &mut motion.unpowered] {
         *rule = rule.take().filter(|(name, _)| reads(name));
     }
     let both = |name: &ParameterName| {

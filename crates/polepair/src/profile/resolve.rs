@@ -377,6 +377,7 @@ impl<'a> NameResolver<'a> {
             relative_from: motion.relative_from,
             halted: self.condition(&motion.halted)?,
             stalled: self.condition(&motion.stalled)?,
+            unpowered: self.condition(&motion.unpowered)?,
         })
     }
 

@@ -60,7 +60,7 @@ const RELATIVE_BASES: [(&str, RelativeBase); 3] = [
 
 /// By what the end of a motion is judged.
 pub(super) fn read_motion(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
-    let keys = ["window", "relative-from", "halted", "stalled"];
+    let keys = ["window", "relative-from", "halted", "stalled", "unpowered"];
     let Some(table) = node.table("motion", &keys)? else { return Ok(()) };
     let motion = &mut draft.motion;
     if let Some(window) = table.text("window")? {
@@ -74,6 +74,9 @@ pub(super) fn read_motion(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result
     }
     if let Some(test) = table.text("stalled")? {
         motion.stalled = Some(step::parse_test(&test)?);
+    }
+    if let Some(test) = table.text("unpowered")? {
+        motion.unpowered = Some(step::parse_test(&test)?);
     }
     Ok(())
 }

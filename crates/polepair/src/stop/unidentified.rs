@@ -62,27 +62,56 @@ pub(super) fn reidentify(
     })
 }
 
+/// Whether a device is none of the known drives of a protocol where a write may mean anything to another device:
+/// a register number of Modbus. On CANopen a device without the object refuses the write.
+pub(super) fn is_other_device(line: &ProtocolLine, probe: &ProbeResult) -> bool {
+    let is_modbus = line.protocol.name.starts_with("modbus");
+    is_modbus && matches!(probe, ProbeResult::Found { lacks_identity: true, .. })
+}
+
+/// What became of the common stop of a protocol's known drives.
+pub(super) enum SharedStop {
+    /// The device is none of them.
+    OtherDevice,
+    /// They have none in common.
+    None,
+    /// It was sent.
+    Sent(Result<(), Error>),
+}
+
 /// The error for a drive that was asked again and again what it is, and how its stop, if one was sent,
 /// ended.
 pub(super) fn unidentified_error(
     prober: &Prober<'_>,
-    silent: Error,
-    result: Option<Result<(), Error>>,
+    number: u32,
+    unknown: Error,
+    result: SharedStop,
 ) -> Error {
+    // What could not be asked is no usage error any more once a stop was sent.
+    let is_usage = matches!(unknown, Error::Usage { .. });
+    let unknown = match result {
+        SharedStop::Sent(_) if is_usage => prober.unknown_error(number),
+        _ => unknown,
+    };
     let Error::Failed { what, outcome, received, hint, .. } =
-        prober.with_profile_hint(silent.clone())
+        prober.with_profile_hint(unknown.clone())
     else {
-        return silent;
+        return unknown;
     };
     let (execution_text, outcome) = match (result, outcome) {
-        (None, _) => {
+        (SharedStop::OtherDevice, _) => {
+            ("no stop was sent: it lacks what every known drive of this protocol has", outcome)
+        }
+        (SharedStop::None, _) => {
             ("no stop was sent: the known drives of this protocol need different stops", outcome)
         }
-        (Some(Err(Error::Failed { outcome: part @ Outcome::Partly(..), .. })), _) => {
+        (SharedStop::Sent(Err(Error::Failed { outcome: part @ Outcome::Partly(..), .. })), _) => {
             (SHARED_STOP_SENT, part)
         }
-        (Some(_), Outcome::NotDone(failure)) => (SHARED_STOP_SENT, Outcome::Unknown(failure)),
-        (Some(_), _) => (SHARED_STOP_SENT, outcome),
+        (SharedStop::Sent(_), Outcome::NotDone(failure)) => {
+            (SHARED_STOP_SENT, Outcome::Unknown(failure))
+        }
+        (SharedStop::Sent(_), _) => (SHARED_STOP_SENT, outcome),
     };
     Error::Failed {
         what,

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use polepair::axis::StopSequence;
+use polepair::axis::{StopNotice, StopOptions, stop_axes};
 use polepair::no_reply::{NoReplyCause, NoReplyDetails};
 use polepair::{Error, connect_local};
 use polepair_link::pty::Pty;
@@ -121,9 +121,14 @@ fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
     let odd_drive = OddDrive::giving(|_| vec![b'O']);
     let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=100#1", odd_drive.path);
     let link = connect_local(&url).expect("a link");
-    let mut stopping = StopSequence::begin(&link.axes()[0]);
-    stopping.wait(&link.axes()[0], Duration::from_secs(10));
-    let error = stopping.trouble().expect("nothing is told");
+    let mut notices = Vec::new();
+    let ended =
+        stop_axes(link.axes(), StopOptions::default(), Duration::from_secs(10), |_, notice| {
+            notices.push(notice.clone());
+            notices.len() < 2
+        });
+    assert!(matches!(notices[..], [StopNotice::Unconfirmed(_), StopNotice::Unconfirmed(_)]));
+    let error = ended[0].standstill.as_ref().expect_err("nothing is told");
     let text = error.to_string();
     assert!(text.contains("received a stop, but its standstill is not confirmed: `"), "{text}");
     assert!(!text.contains("not executed") && error.may_turn(), "{text}");

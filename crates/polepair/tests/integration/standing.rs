@@ -6,7 +6,10 @@ use std::net::TcpListener;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use polepair::axis::{STOP_RETRY_MAX, StopProgress, StopSequence, stop_with_retry};
+use polepair::axis::{
+    STOP_RETRY_MAX, StopOptions, StopPersistence, StopProgress, StopSupervisor, WireAirtime,
+    stop_axes,
+};
 use polepair::{Error, LocalLink, connect_local};
 use polepair_drives::bench::Act;
 
@@ -31,6 +34,14 @@ fn turned_by_its_load(url: &str) -> LocalLink {
     link
 }
 
+/// Stops the only axis of a link, and repeats that where it is lost.
+fn stop_with_retry(link: &LocalLink) -> Result<(), Error> {
+    stop_axes(link.axes(), StopOptions::default(), STOP_RETRY_MAX, |_, _| true)
+        .remove(0)
+        .standstill
+        .map(drop)
+}
+
 fn may_turn(url: &str, ended: &Result<(), Error>) {
     let Err(error) = ended else { panic!("{url}: it turns") };
     assert!(error.may_turn(), "{url}: {error}");
@@ -43,7 +54,7 @@ fn a_motor_that_its_load_turns_is_not_told_as_stopped() {
         let link = turned_by_its_load(url);
         may_turn(url, &link.axes()[0].stop());
         may_turn(url, &link.stop_all());
-        may_turn(url, &stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true).remove(0));
+        may_turn(url, &stop_with_retry(&link));
         load(&link, 0.0);
         link.sleep(Duration::from_secs(20));
         assert!(speed(&link) < 0.01, "{url}: {}", speed(&link));
@@ -140,9 +151,10 @@ fn a_motor_whose_position_runs_does_not_stand() {
     let text = error.to_string();
     assert!(text.contains("reports a speed of 0 rpm, but its position went from "), "{text}");
     assert!(text.contains("° to ") || text.contains("deg to "), "{text}");
-    let mut stopping = StopSequence::begin(&link.axes()[0]);
-    stopping.wait(&link.axes()[0], Duration::from_millis(500));
-    assert!(stopping.is_seen_turning() && *stopping.progress() == StopProgress::Acknowledged);
+    let persistence = StopPersistence::UntilStandstill;
+    let mut stopping = StopSupervisor::begin(&link.axes()[0], StopOptions::default(), persistence);
+    let _ = stopping.wait(&mut WireAirtime::default(), Duration::from_millis(500));
+    assert!(stopping.may_be_turning() && *stopping.progress() == StopProgress::Acknowledged);
     assert!(
         stopping.trouble().is_some_and(|error| error.to_string().contains("its position went"))
     );
@@ -165,7 +177,7 @@ fn a_motor_that_turns_on_is_told_to_stop_again() {
         let stopped = match way {
             0 => link.axes()[0].stop(),
             1 => link.stop_all(),
-            _ => stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true).remove(0),
+            _ => stop_with_retry(&link),
         };
         stopped.expect("the third stop is obeyed");
         assert!(started_at.elapsed() >= Duration::from_secs(3), "it is given time to brake");
@@ -180,12 +192,14 @@ fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
     let axes = link.axes().to_vec();
     let (sender, ended) = mpsc::channel();
     std::thread::spawn(move || {
-        sender.send(stop_with_retry(&axes, Duration::from_secs(3), |_, _| true))
+        let options = StopOptions::default();
+        sender.send(stop_axes(&axes, options, Duration::from_secs(3), |_, _| true))
     });
     std::thread::sleep(Duration::from_millis(500));
     link.close();
     let ended = ended.recv_timeout(Duration::from_secs(120)).expect("the wait ends");
-    assert!(matches!(&ended[..], [Err(error)] if error.may_turn()), "{ended:?}");
+    let error = ended[0].standstill.as_ref().expect_err("it turns");
+    assert!(error.may_turn(), "{error}");
 }
 
 /// One answer that is lost while a motor is looked at makes no stop fail: it is asked for again.

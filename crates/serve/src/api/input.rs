@@ -14,10 +14,14 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for JsonBody<T> {
     type Rejection = GatewayError;
 
     async fn from_request(request: Request, _: &S) -> Result<Self, GatewayError> {
-        serde_json::from_slice(&read_body(request).await?)
-            .map(Self)
-            .map_err(|error| GatewayError::new("gateway.request", format!("the body: {error}")))
+        parse_json(&read_body(request).await?).map(Self)
     }
+}
+
+/// What a body in JSON says.
+pub(super) fn parse_json<T: DeserializeOwned>(body: &[u8]) -> Result<T, GatewayError> {
+    serde_json::from_slice(body)
+        .map_err(|error| GatewayError::new("gateway.request", format!("the body: {error}")))
 }
 
 /// A body as it is, whole.

@@ -1,11 +1,11 @@
 //! Leases, commands, stops.
 
 use axum::Json;
-use axum::extract::{Extension, Path, State};
+use axum::extract::{Extension, Path, Request, State};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
-use super::input::{JsonBody, parse_index};
+use super::input::{JsonBody, parse_index, parse_json, read_body};
 use super::{ApiResult, SharedAppState, lease_session, rest_session};
 use crate::auth::Caller;
 use crate::bench::PendingReply;
@@ -146,8 +146,11 @@ async fn await_outcome(
 pub(super) async fn stop(
     State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
-    JsonBody(request): JsonBody<StopRequest>,
+    request: Request,
 ) -> ApiResult<StopReport> {
+    let body = read_body(request).await?;
+    // Without a body it is everything.
+    let request = if body.is_empty() { StopRequest::default() } else { parse_json(&body)? };
     let since = clock::now();
     let stopped = state.bench.stop(&rest_session(&caller), &request).await?;
     state.metrics.stops.observe(clock::now().since(since).as_secs_f64());

@@ -51,6 +51,24 @@ fn wrong_tokens_are_counted_by_address_and_right_ones_still_stop() {
     assert!(door.login(&text, other).is_ok());
 }
 
+/// A page behind a proxy with HTTP Basic, or with a stale token: its cookie counts, however often it asks.
+#[test]
+fn a_known_cookie_counts_beside_another_authorization() {
+    let (door, text) = authenticator();
+    let cookie = door.login(&text, PEER).unwrap().1;
+    let pair = cookie.split(';').next().unwrap();
+    let stale = format!("Bearer {}", "0".repeat(64));
+    for other in ["Basic dXNlcjpwYXNz", "basic x", "Digest a=b", "", &stale] {
+        for _ in 0..2 * TRIES_MAX {
+            assert!(door.authenticate(Some(other), &[pair], PEER).unwrap().by_cookie, "{other}");
+        }
+    }
+    // No token was tried, and none was wrong.
+    let basic = door.authenticate(Some("Basic dXNlcjpwYXNz"), &[], PEER).unwrap_err();
+    assert_eq!(basic.code, "gateway.token");
+    assert!(door.authenticate(Some(&format!("bearer  {text}")), &[], PEER).is_ok());
+}
+
 #[test]
 fn browsers_are_let_in_up_to_a_number() {
     let (door, text) = authenticator();

@@ -1,4 +1,5 @@
-//! Recent commands by their ids. Each id is executed at most once; a repeated id gets the first result.
+//! Recent commands by their ids. Each id is executed at most once: the same command again gets the first result,
+//! another command is refused. What ends motion is not kept here, because it is always executed.
 //!
 //! Why: GW-14.
 
@@ -7,6 +8,7 @@ use std::collections::{HashMap, VecDeque};
 use polepair_core::time::Instant;
 use tokio::sync::oneshot;
 
+use super::lease::SessionName;
 use super::reply::ReplySender;
 use crate::message::{CommandOutcome, GatewayError};
 
@@ -25,8 +27,32 @@ pub(super) struct CommandHistory {
     order: VecDeque<(String, Instant)>,
 }
 
+/// What makes two commands with one id the same command.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct CommandKey {
+    /// Name of the client's token: a client that connects again has another session.
+    client: String,
+    axis: u16,
+    /// Verb and arguments.
+    content: String,
+}
+
+impl CommandKey {
+    /// Of the command of a session.
+    pub fn new(session: &SessionName, axis: u16, content: &serde_json::Value) -> Self {
+        let client = session.split(' ').next().unwrap_or_default().to_owned();
+        Self { client, axis, content: content.to_string() }
+    }
+}
+
 #[derive(Debug)]
-enum CommandRecord {
+struct CommandRecord {
+    key: CommandKey,
+    progress: CommandProgress,
+}
+
+#[derive(Debug)]
+enum CommandProgress {
     Active(Vec<ReplySender<CommandOutcome>>),
     Finished(CommandOutcome),
 }
@@ -45,9 +71,14 @@ pub(super) enum CommandLookup {
 impl CommandHistory {
     /// Looks whether an id is new, which it is not from now on. `stale` is when a command of that id
     /// is too old to be carried out.
+    ///
+    /// # Errors
+    /// `gateway.request` for an id without or with too many characters, and for one of another command;
+    /// `gateway.busy`.
     pub fn register(
         &mut self,
         id: &str,
+        key: CommandKey,
         stale: Instant,
         now: Instant,
     ) -> Result<CommandLookup, GatewayError> {
@@ -55,23 +86,30 @@ impl CommandHistory {
             let what = format!("an id has 1 to {ID_MAX} characters");
             return Err(GatewayError::new("gateway.request", what));
         }
-        match self.records.get_mut(id) {
-            Some(CommandRecord::Finished(outcome)) => {
+        let Some(record) = self.records.get_mut(id) else {
+            self.make_room(now)?;
+            let record = CommandRecord { key, progress: CommandProgress::Active(Vec::new()) };
+            self.records.insert(id.to_owned(), record);
+            self.order.push_back((id.to_owned(), stale));
+            return Ok(CommandLookup::New);
+        };
+        if record.key != key {
+            let what = format!("id {id:?} was used for another command; nothing was sent");
+            return Err(
+                GatewayError::new("gateway.request", what).hint("use a new id for each command")
+            );
+        }
+        match &mut record.progress {
+            CommandProgress::Finished(outcome) => {
                 Ok(CommandLookup::Finished(CommandOutcome { replayed: true, ..outcome.clone() }))
             }
-            Some(CommandRecord::Active(waiting)) if waiting.len() < WAITING_MAX => {
+            CommandProgress::Active(waiting) if waiting.len() < WAITING_MAX => {
                 let (reply_sender, reply) = oneshot::channel();
                 waiting.push(reply_sender);
                 Ok(CommandLookup::Active(reply))
             }
-            Some(CommandRecord::Active(_)) => {
+            CommandProgress::Active(_) => {
                 Err(GatewayError::new("gateway.busy", "it is being executed"))
-            }
-            None => {
-                self.make_room(now)?;
-                self.records.insert(id.to_owned(), CommandRecord::Active(Vec::new()));
-                self.order.push_back((id.to_owned(), stale));
-                Ok(CommandLookup::New)
             }
         }
     }
@@ -79,9 +117,8 @@ impl CommandHistory {
     /// Notes how a command ended, and tells whoever said it again meanwhile.
     pub fn finish(&mut self, outcome: &CommandOutcome) {
         let Some(seen) = self.records.get_mut(&outcome.id) else { return };
-        if let CommandRecord::Active(waiting) =
-            std::mem::replace(seen, CommandRecord::Finished(outcome.clone()))
-        {
+        let finished = CommandProgress::Finished(outcome.clone());
+        if let CommandProgress::Active(waiting) = std::mem::replace(&mut seen.progress, finished) {
             for reply_sender in waiting {
                 // Who has gone does not want to know.
                 let _ = reply_sender.send(Ok(CommandOutcome { replayed: true, ..outcome.clone() }));
@@ -113,6 +150,11 @@ mod tests {
     use super::*;
     use crate::message::OutcomeKind;
 
+    fn key(axis: u16) -> CommandKey {
+        let content = serde_json::json!({ "verb": "velocity" });
+        CommandKey::new(&"ann 3".into(), axis, &content)
+    }
+
     fn done(id: &str) -> CommandOutcome {
         CommandOutcome {
             id: id.into(),
@@ -127,14 +169,22 @@ mod tests {
     fn an_id_is_carried_out_once_and_its_outcome_told_to_all() {
         let mut once = CommandHistory::default();
         let stale = Instant::ZERO.plus_ms(500);
-        assert!(matches!(once.register("a", stale, Instant::ZERO), Ok(CommandLookup::New)));
-        let Ok(CommandLookup::Active(mut reply)) = once.register("a", stale, Instant::ZERO) else {
+        assert!(matches!(once.register("a", key(0), stale, Instant::ZERO), Ok(CommandLookup::New)));
+        let Ok(CommandLookup::Active(mut reply)) = once.register("a", key(0), stale, Instant::ZERO)
+        else {
             panic!("it is being executed");
         };
         once.finish(&done("a"));
         assert!(reply.try_recv().is_ok_and(|result| result.is_ok_and(|outcome| outcome.replayed)));
-        let again = once.register("a", stale, Instant::ZERO.plus_ms(60_000));
+        let again = once.register("a", key(0), stale, Instant::ZERO.plus_ms(60_000));
         assert!(matches!(again, Ok(CommandLookup::Finished(outcome)) if outcome.replayed));
+        // The client after a lost connection, another axis, and another client.
+        let content = serde_json::json!({ "verb": "velocity" });
+        for (session, axis, known) in [("ann 4", 0, true), ("ann 3", 1, false), ("bob", 0, false)] {
+            let key = CommandKey::new(&session.into(), axis, &content);
+            let again = once.register("a", key, stale, Instant::ZERO);
+            assert_eq!(again.is_ok(), known, "{session}, {axis}");
+        }
     }
 
     #[test]
@@ -143,15 +193,15 @@ mod tests {
         let stale = Instant::ZERO.plus_ms(500);
         for n in 0..IDS_MAX {
             assert!(matches!(
-                once.register(&n.to_string(), stale, Instant::ZERO),
+                once.register(&n.to_string(), key(0), stale, Instant::ZERO),
                 Ok(CommandLookup::New)
             ));
         }
-        let full = once.register("more", stale, Instant::ZERO.plus_ms(499)).unwrap_err();
+        let full = once.register("more", key(0), stale, Instant::ZERO.plus_ms(499)).unwrap_err();
         assert_eq!(full.code, "gateway.busy");
-        assert!(matches!(once.register("more", stale, stale), Ok(CommandLookup::New)));
+        assert!(matches!(once.register("more", key(0), stale, stale), Ok(CommandLookup::New)));
         assert_eq!(once.order.len(), IDS_MAX);
         let long = "x".repeat(ID_MAX + 1);
-        assert_eq!(once.register(&long, stale, stale).unwrap_err().code, "gateway.request");
+        assert_eq!(once.register(&long, key(0), stale, stale).unwrap_err().code, "gateway.request");
     }
 }

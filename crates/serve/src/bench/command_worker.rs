@@ -12,6 +12,7 @@ mod tests;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use polepair::axis::WireAirtime;
 use polepair::{LocalAxis, RunningRequest};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
@@ -25,7 +26,7 @@ use super::context::{BenchContext, BenchEvent};
 use super::journal_sink::SERVER;
 use super::lease::{EndedLease, LeaseHolder, LeaseSlot, SessionName};
 use super::lock::lock_unpoisoned;
-use super::pending_stop::{Airtime, PendingStop, REPLY_MAX};
+use super::pending_stop::{PendingStop, REPLY_MAX};
 use super::reply::ReplySender;
 use super::request_worker::RequestWorker;
 use super::scan_flag::scan_error;
@@ -67,7 +68,7 @@ pub(super) struct CommandWorker {
     deferred: Vec<(u64, Box<QueuedCommand>)>,
     /// Stops that were said under a lease, and what comes of them.
     holder_stops: Vec<(QueuedCommand, oneshot::Receiver<Result<StopReport, GatewayError>>)>,
-    airtime: Airtime,
+    airtime: WireAirtime,
     lost: bool,
     /// When the bench was closed.
     closed: Option<Instant>,
@@ -146,7 +147,7 @@ impl CommandWorker {
             active: Vec::new(),
             deferred: Vec::new(),
             holder_stops: Vec::new(),
-            airtime: Airtime::default(),
+            airtime: WireAirtime::default(),
             lost: false,
             closed: None,
             last_start: started_at,
@@ -162,7 +163,7 @@ impl CommandWorker {
         let known = self.axes.len();
         for (index, (id, axis)) in self.wire.axes.iter().enumerate().skip(known) {
             let (slot, axis) = (LeaseSlot::after_epoch(last_epoch), axis.clone());
-            let pending = self.context.inherited_stop(&self.url, axis.number());
+            let pending = self.context.inherited_stop(&self.url, &axis);
             self.wire.set_pending_stop(index, pending.as_ref().map(PendingStop::view));
             let unlinked = None;
             self.axes.push(WorkerAxis {
@@ -306,7 +307,7 @@ impl CommandWorker {
             if !self.lost {
                 let watched = &mut self.axes[axis];
                 if let Some(pending) = &mut watched.pending_stop {
-                    pending.resend(&watched.axis, now);
+                    pending.resend();
                     self.last_start = now;
                 }
                 continue;
@@ -315,8 +316,10 @@ impl CommandWorker {
             let Some(lost) = self.axes[axis].lease.end() else { continue };
             let is_new = self.axes[axis].pending_stop.is_none() && self.has_moved(axis, &lost);
             if is_new {
-                self.axes[axis].pending_stop =
-                    Some(PendingStop::new(StopCause::LinkLost, SERVER.into(), now));
+                let watched = &mut self.axes[axis];
+                let why = StopCause::LinkLost;
+                watched.pending_stop =
+                    Some(PendingStop::new(&watched.axis, why, SERVER.into(), now));
             }
             self.publish_pending_stop(axis, is_new);
             self.axes[axis].link_loss.clone_from(&why);

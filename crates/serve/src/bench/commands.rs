@@ -44,7 +44,9 @@ impl Bench {
     ) -> PendingReply<CommandOutcome> {
         let id = order.id.clone();
         let refused = |error| PendingReply::ready(Ok(command_outcome(id, Some(error))));
-        let (wire, index, sequence) = match self.register_command(axis, &order) {
+        let ends_motion = action.as_ref().is_ok_and(CommandAction::ends_motion);
+        let key = (!ends_motion).then(|| CommandKey::new(session, axis, &detail));
+        let (wire, index, sequence) = match self.register_command(axis, &order, key) {
             Ok((CommandLookup::New, wire, index, sequence)) => (Arc::clone(wire), index, sequence),
             Ok((CommandLookup::Finished(outcome), ..)) => return PendingReply::ready(Ok(outcome)),
             Ok((CommandLookup::Active(receiver), ..)) => {
@@ -54,7 +56,6 @@ impl Bench {
         };
         let (reply_sender, receiver) = oneshot::channel();
         let (shared, session) = (Arc::clone(&self.0.context), session.clone());
-        let ends_motion = action.as_ref().is_ok_and(CommandAction::ends_motion);
         let now = shared.now();
         let go = {
             let (shared, session) = (Arc::clone(&shared), session.clone());
@@ -94,11 +95,13 @@ impl Bench {
         PendingReply::from_receiver(receiver, Ok(()))
     }
 
-    /// Whether a command was seen, and the number that it has on its wire if not.
-    pub(super) fn register_command(
+    /// Whether a command was seen, and the number that it has on its wire if not. What ends motion has no key: it is
+    /// always new.
+    fn register_command(
         &self,
         axis: u16,
         header: &CommandHeader,
+        key: Option<CommandKey>,
     ) -> Result<(CommandLookup, &Arc<BenchWire>, usize, u64), GatewayError> {
         let (link, index) = self.find_axis(axis)?;
         let CommandHeader { id, issued_ms, ttl_ms, .. } = header;
@@ -110,7 +113,11 @@ impl Bench {
         let now = self.0.context.now();
         // However far ahead its clock is, within what is let through.
         let stale = now + Duration::from_secs_f64((scaled_ttl_ms(*ttl_ms) + 1000.0) / 1e3);
-        Ok((self.0.context.lock_history().register(id, stale, now)?, &link.wire, index, sequence))
+        let lookup = match key {
+            Some(key) => self.0.context.lock_history().register(id, key, stale, now)?,
+            None => CommandLookup::New,
+        };
+        Ok((lookup, &link.wire, index, sequence))
     }
 
     /// Writes a journal entry for what no command worker does, and does it once the entry is written.

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
+use polepair::LocalAxis;
 use polepair_core::time::Instant;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
@@ -103,9 +104,9 @@ impl BenchContext {
     }
 
     /// The pending stop that an axis of a link has from the server before this one, if it has one.
-    pub fn inherited_stop(&self, url: &str, number: u32) -> Option<PendingStop> {
-        self.has_inherited_stop(url, number)
-            .then(|| PendingStop::new(StopCause::ServerBefore, SERVER.into(), self.now()))
+    pub fn inherited_stop(&self, url: &str, axis: &LocalAxis) -> Option<PendingStop> {
+        self.has_inherited_stop(url, axis.number())
+            .then(|| PendingStop::new(axis, StopCause::ServerBefore, SERVER.into(), self.now()))
     }
 
     /// The numbers of those that it owed one on a link.
@@ -188,7 +189,9 @@ impl BenchContext {
         });
         let once = Arc::clone(&self.command_history);
         let reported = move |_| {
-            lock_unpoisoned(&once).finish(&outcome);
+            if !ends_motion {
+                lock_unpoisoned(&once).finish(&outcome);
+            }
             // Who has gone does not want to know.
             let _ = reply_sender.send(Ok(outcome));
         };

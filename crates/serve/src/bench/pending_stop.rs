@@ -1,5 +1,5 @@
-//! The pending stop of an axis, from the stop until its standstill is confirmed. The stop is repeated until
-//! then, and its callers are answered.
+//! The pending stop of an axis, from the stop until its standstill is confirmed: who asked for it, and what they
+//! are told. What is sent is decided by its [`StopSupervisor`].
 //!
 //! Why: STOP-7.
 
@@ -8,8 +8,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use polepair::LocalAxis;
-use polepair::axis::{StopProgress, StopSequence};
-use polepair_core::error::Unsupported;
+use polepair::axis::{
+    Standstill, StopNotice, StopOptions, StopPersistence, StopProgress, StopResult, StopSupervisor,
+    WireAirtime,
+};
 use polepair_core::time::Instant;
 use tokio::sync::oneshot;
 
@@ -22,22 +24,10 @@ use crate::message::{
     UnreachedTarget,
 };
 
-/// Between a stop that was not answered and the next, at first and at last.
-const RETRY_MIN: Duration = Duration::from_millis(100);
-const RETRY_MAX: Duration = Duration::from_secs(2);
-/// A motor that turns on though its drive answered the stop is told again after this.
-const TURNING_RETRY_AFTER: Duration = Duration::from_secs(2);
 /// For so long what is commanded behind a stop waits for the motor to be seen standing.
 const BRAKING_GRACE: Duration = Duration::from_secs(2);
 /// Whoever asked for a stop is answered after so long.
 pub(super) const REPLY_MAX: Duration = Duration::from_secs(10);
-/// A silence that ends with an answer is at least so long.
-const SILENCE_MIN: Duration = Duration::from_millis(300);
-/// After a stop into silence the wire is the others' for so many times what that took: 5 % are left.
-const AIRTIME_DIVISOR: u32 = 19;
-/// One takes no more of that than this: so long a drive has to answer.
-const ATTEMPT_TIME_MAX: Duration = Duration::from_millis(100);
-
 /// The stop that one axis is owed.
 pub(super) struct PendingStop {
     /// Since when, why, and who said so.
@@ -48,15 +38,7 @@ pub(super) struct PendingStop {
     holder_epoch: Option<u64>,
     /// Everybody was told of it.
     alarmed: bool,
-    /// The one that was said last; `None` while none was.
-    stopping: Option<StopSequence>,
-    attempts: u32,
-    /// When it was said, and when it was known that it goes no further.
-    sent_at: Instant,
-    ended_at: Option<Instant>,
-    pause: Duration,
-    /// When the axis had last told anything.
-    last_reading: Option<Instant>,
+    stop: StopSupervisor,
     last_report: Option<AxisStopReport>,
     waiters: Vec<StopWaiter>,
 }
@@ -65,17 +47,6 @@ pub(super) struct PendingStop {
 struct StopWaiter {
     collector: Arc<StopCollector>,
     since: Instant,
-}
-
-/// What all stops that are owed on one wire share.
-#[derive(Default)]
-pub(super) struct Airtime {
-    /// No stop into silence goes out before then.
-    free_at: Instant,
-    /// Answers so far, and when the last of them was seen.
-    answers: (u64, Instant),
-    /// The wire was silent since then, until just now.
-    silent_since: Option<Instant>,
 }
 
 /// How a debt ended.
@@ -89,33 +60,27 @@ pub(super) enum StopResolution {
     Impossible(GatewayError),
 }
 
-impl Airtime {
-    /// Looks whether the wire answers again after a silence.
-    pub fn update(&mut self, axis: &LocalAxis, now: Instant) {
-        let answers = axis.connection().with_axes(|axes, _| axes.counters()).answered;
-        let (before, last) = self.answers;
-        self.silent_since = (answers != before && now.since(last) >= SILENCE_MIN).then_some(last);
-        if answers != before {
-            self.answers = (answers, now);
-        }
-    }
+/// What a poll found.
+pub(super) struct StopPoll {
+    /// How far it came, if that is new.
+    pub report: Option<AxisStopReport>,
+    /// The motor did not become slower, and a quick stop was sent.
+    pub sent_quick_stop: bool,
+    /// How the debt ended.
+    pub ended: Option<StopResolution>,
 }
 
 impl PendingStop {
-    /// Owes a stop that is still to be said.
-    pub fn new(why: StopCause, by: SessionName, now: Instant) -> Self {
+    /// Owes a stop that is still to be sent.
+    pub fn new(axis: &LocalAxis, why: StopCause, by: SessionName, now: Instant) -> Self {
+        let options = StopOptions::default();
         Self {
             since: now,
             why,
             by,
             holder_epoch: None,
             alarmed: false,
-            stopping: None,
-            attempts: 0,
-            sent_at: now,
-            ended_at: None,
-            pause: RETRY_MIN,
-            last_reading: None,
+            stop: StopSupervisor::pending(axis, options, StopPersistence::UntilStandstill),
             last_report: None,
             waiters: Vec::new(),
         }
@@ -141,35 +106,26 @@ impl PendingStop {
 
     /// Sends it because somebody says so, though one may be on its way: whoever asked for that one hears
     /// of this one.
-    pub fn send(&mut self, axis: &LocalAxis, since: Instant, report: Option<Arc<StopCollector>>) {
+    pub fn send(&mut self, since: Instant, report: Option<Arc<StopCollector>>) {
         self.waiters.extend(report.map(|report| StopWaiter { collector: report, since }));
-        self.pause = RETRY_MIN;
         self.last_report = None;
-        self.begin_attempt(StopSequence::begin(axis), since);
+        self.stop.send_again(true);
     }
 
     /// Sends it because the link is open again.
-    pub fn resend(&mut self, axis: &LocalAxis, now: Instant) {
-        self.pause = RETRY_MIN;
-        self.begin_attempt(StopSequence::resend(axis), now);
-    }
-
-    fn begin_attempt(&mut self, stopping: StopSequence, now: Instant) {
-        self.stopping = Some(stopping);
-        self.attempts += 1;
-        (self.sent_at, self.ended_at) = (now, None);
+    pub fn resend(&mut self) {
+        self.stop.send_again(false);
     }
 
     /// Whether it is young and goes well, so that the motor will soon be seen standing.
     pub fn is_ending(&self, now: Instant) -> bool {
-        let goes_well =
-            |stopping: &StopSequence| !stopping.has_ended() && !stopping.is_seen_turning();
-        now.since(self.since) < BRAKING_GRACE && self.stopping.as_ref().is_some_and(goes_well)
+        let goes_well = !self.stop.is_lost() && !self.stop.may_be_turning();
+        now.since(self.since) < BRAKING_GRACE && goes_well
     }
 
-    /// How often it was said.
+    /// How often it was sent.
     pub fn attempts(&self) -> u32 {
-        self.attempts
+        self.stop.attempts()
     }
 
     /// What everybody is told of it.
@@ -181,7 +137,7 @@ impl PendingStop {
             why: self.why,
             by: self.by.to_string(),
             class,
-            said: self.attempts,
+            said: self.stop.attempts(),
             error,
         }
     }
@@ -190,7 +146,7 @@ impl PendingStop {
     /// said is no alarm while it is young and goes well: a motor that brakes obeys. Once it is one, it
     /// is until the debt ends.
     pub fn update_alarm(&mut self, now: Instant) -> (Option<PendingStopView>, bool) {
-        let goes_well = self.stopping.as_ref().is_some_and(|stopping| !stopping.has_ended());
+        let goes_well = !self.stop.is_lost();
         let is_young = now.since(self.since) < BRAKING_GRACE;
         if self.holder_epoch.is_some() && !self.alarmed && goes_well && is_young {
             return (None, false);
@@ -200,10 +156,9 @@ impl PendingStop {
 
     /// What is certain of the one that was said last.
     fn progress(&self) -> (StopClass, Option<GatewayError>) {
-        let Some(stopping) = &self.stopping else { return (StopClass::Failed, None) };
-        let trouble = stopping.trouble().map(|error| GatewayError::from(error.clone()));
-        match stopping.progress() {
-            StopProgress::Sent if stopping.is_held_back() => (StopClass::Failed, None),
+        let trouble = self.stop.trouble().map(|error| GatewayError::from(error.clone()));
+        match self.stop.progress() {
+            StopProgress::Sent if self.stop.is_unsent() => (StopClass::Failed, None),
             StopProgress::Sent => (StopClass::Sent, None),
             StopProgress::Acknowledged | StopProgress::Unobservable => {
                 (StopClass::Acknowledged, trouble)
@@ -218,63 +173,18 @@ impl PendingStop {
         }
     }
 
-    /// Looks how far it came, and says it again when it is time to. Returns what is new, and how the
-    /// debt ended when it did.
-    pub fn poll(
-        &mut self,
-        id: u16,
-        axis: &LocalAxis,
-        now: Instant,
-        airtime: &mut Airtime,
-    ) -> (Option<AxisStopReport>, Option<StopResolution>) {
-        let ended = match &mut self.stopping {
-            None => None,
-            Some(stopping) => {
-                stopping.poll(axis, axis.connection().now());
-                match stopping.progress() {
-                    StopProgress::Standstill => Some(StopResolution::Standing),
-                    StopProgress::Unobservable => Some(StopResolution::NotKnown),
-                    StopProgress::Failed(error) if is_impossible(error) => {
-                        Some(StopResolution::Impossible(error.clone().into()))
-                    }
-                    _ => None,
-                }
-            }
-        };
-        if ended.is_none() && axis.connection().link_error().is_none() {
-            self.repeat(axis, now, airtime);
-        }
-        (self.new_report(id, now, ended.is_some()), ended)
-    }
-
-    fn repeat(&mut self, axis: &LocalAxis, now: Instant, airtime: &mut Airtime) {
-        let before = std::mem::replace(&mut self.last_reading, newest_reading(axis));
-        let answers = match (before, self.last_reading) {
-            (Some(before), Some(newest)) => newest.since(before) >= SILENCE_MIN,
-            (before, newest) => before.is_none() && newest.is_some(),
-        };
-        let Some(stopping) = &self.stopping else {
-            return self.begin_attempt(StopSequence::resend(axis), now);
-        };
-        if !stopping.has_ended() {
-            let turns_on =
-                stopping.is_seen_turning() && now.since(self.sent_at) >= TURNING_RETRY_AFTER;
-            if turns_on {
-                self.begin_attempt(StopSequence::resend(axis), now);
-            }
-            return;
-        }
-        let took = now.since(self.sent_at).min(ATTEMPT_TIME_MAX);
-        let ended_at = *self.ended_at.get_or_insert_with(|| {
-            airtime.free_at = now + took * AIRTIME_DIVISOR;
-            now
+    /// Checks how far it came, and sends what is due.
+    pub fn poll(&mut self, id: u16, now: Instant, airtime: &mut WireAirtime) -> StopPoll {
+        let notice = self.stop.poll(airtime);
+        let ended = self.stop.result().map(|StopResult { standstill, .. }| match standstill {
+            Ok(Standstill::Observed) => StopResolution::Standing,
+            Ok(Standstill::Unobservable | Standstill::Unconfirmed) => StopResolution::NotKnown,
+            Err(error) => StopResolution::Impossible(error.clone().into()),
         });
-        let woke = airtime.silent_since.is_some_and(|since| ended_at > since);
-        // The second goes out soon, whoever else is not answered: one answer may just have been lost.
-        let is_free = self.attempts == 1 || now >= airtime.free_at;
-        if answers || woke || is_free && now >= ended_at + self.pause {
-            self.pause = (self.pause * 2).min(RETRY_MAX);
-            self.begin_attempt(StopSequence::resend(axis), now);
+        StopPoll {
+            report: self.new_report(id, now, ended.is_some()),
+            sent_quick_stop: notice == Some(StopNotice::QuickStop),
+            ended,
         }
     }
 
@@ -294,7 +204,8 @@ impl PendingStop {
         {
             return None;
         }
-        let axis_stop_report = AxisStopReport { id, class, ms: self.ms(now), error };
+        let quick = self.stop.sent_quick_stop();
+        let axis_stop_report = AxisStopReport { id, class, ms: self.ms(now), quick, error };
         self.last_report = Some(axis_stop_report.clone());
         Some(axis_stop_report)
     }
@@ -310,13 +221,15 @@ impl PendingStop {
         let (class, error) = self.progress();
         // Over a link that is lost nothing comes for a while.
         let lost = axis.connection().link_error().is_some();
-        let lost = lost && self.stopping.as_ref().is_some_and(StopSequence::has_ended);
+        let lost = lost && self.stop.is_lost();
+        let quick = self.stop.sent_quick_stop();
         self.waiters.retain(|StopWaiter { collector, since }| {
             let waited = now.since(*since);
             let over = ended || lost || waited >= REPLY_MAX;
             let class = if over && !ended { StopClass::Owed } else { class };
             let ms = waited.as_secs_f64() * 1e3;
-            collector.record(id, AxisStopReport { id, class, ms, error: error.clone() }, over);
+            let error = error.clone();
+            collector.record(id, AxisStopReport { id, class, ms, quick, error }, over);
             !over
         });
     }
@@ -325,21 +238,11 @@ impl PendingStop {
     pub fn abandon(&mut self, id: u16, now: Instant, why: &GatewayError) {
         for StopWaiter { collector, since } in self.waiters.drain(..) {
             let ms = now.since(since).as_secs_f64() * 1e3;
-            let class = StopClass::Owed;
-            collector.record(id, AxisStopReport { id, class, ms, error: Some(why.clone()) }, true);
+            let (class, quick) = (StopClass::Owed, self.stop.sent_quick_stop());
+            let error = Some(why.clone());
+            collector.record(id, AxisStopReport { id, class, ms, quick, error }, true);
         }
     }
-}
-
-/// Whether the drive has no stop: to say it again is of no use.
-fn is_impossible(error: &polepair::Error) -> bool {
-    matches!(error, polepair::Error::Unsupported { why, .. } if *why != Unsupported::Busy)
-}
-
-/// When an axis last told anything.
-fn newest_reading(axis: &LocalAxis) -> Option<Instant> {
-    let state = axis.state();
-    axis.profile().signals.iter().filter_map(|source| state.reading(source.signal).at).max()
 }
 
 /// What came of a stop of several axes, for whoever asked for it.
@@ -347,6 +250,8 @@ fn newest_reading(axis: &LocalAxis) -> Option<Instant> {
 pub(super) struct StopCollector {
     /// Links that it does not reach.
     unreached: Vec<UnreachedTarget>,
+    /// What could not be obeyed.
+    refused: Vec<GatewayError>,
     axes: Mutex<BTreeMap<u16, Option<(AxisStopReport, bool)>>>,
     reply: Mutex<Option<ReplySender<StopReport>>>,
 }
@@ -356,11 +261,12 @@ impl StopCollector {
     pub fn for_axes(
         axes: &[u16],
         unreached: Vec<UnreachedTarget>,
+        refused: Vec<GatewayError>,
     ) -> (Arc<Self>, oneshot::Receiver<Result<StopReport, GatewayError>>) {
         let (reply_sender, receiver) = oneshot::channel();
         let axes = axes.iter().map(|id| (*id, None)).collect();
-        let report =
-            Self { unreached, axes: Mutex::new(axes), reply: Mutex::new(Some(reply_sender)) };
+        let (axes, reply) = (Mutex::new(axes), Mutex::new(Some(reply_sender)));
+        let report = Self { unreached, refused, axes, reply };
         report.reply_if_complete();
         (Arc::new(report), receiver)
     }
@@ -380,8 +286,8 @@ impl StopCollector {
         let axes = axes.values().flatten().map(|(stopped, _)| stopped.clone()).collect();
         if let Some(reply_sender) = lock_unpoisoned(&self.reply).take() {
             // Whoever asked may have gone.
-            let unreached = self.unreached.clone();
-            let _ = reply_sender.send(Ok(StopReport { axes, unreached }));
+            let (unreached, refused) = (self.unreached.clone(), self.refused.clone());
+            let _ = reply_sender.send(Ok(StopReport { axes, unreached, refused }));
         }
     }
 }

@@ -338,7 +338,7 @@ impl Bench {
         });
         let info = axis_info(entry, *id, axis, drive.as_ref());
         self.0.telemetry.add_axis();
-        let pending_stop = self.0.context.inherited_stop(&link.url, axis.number());
+        let pending_stop = self.0.context.inherited_stop(&link.url, axis);
         wire.add_axis(entry, axis.clone(), pending_stop.map(|stop| stop.view()))?;
         self.0.axes.push(AxisEntry { link: n, local_index: index, info, drive })?;
         wire.wake_worker();

@@ -1,8 +1,9 @@
 //! The known state of an axis as a message, without a request to the drive.
 
 use polepair::LocalAxis;
+use polepair::interface::FaultReport;
 use polepair_core::axis::AxisStatus;
-use polepair_core::profile::{Severity, Signal, SignalSource};
+use polepair_core::profile::{Signal, SignalSource};
 use polepair_core::time::Instant;
 
 use crate::message::{ActiveFault, AxisState, SignalValue};
@@ -50,25 +51,17 @@ pub(super) fn signal_value(
 /// Faults and warnings that stand; a code that nobody knows is told as it is.
 fn faults(axis: &LocalAxis, state: &AxisStatus) -> Vec<ActiveFault> {
     let reading = state.reading(Signal::Fault);
-    let raw = u32::try_from(reading.raw).unwrap_or(0);
-    if reading.at.is_none() || raw == 0 {
+    if reading.at.is_none() {
         return Vec::new();
     }
-    let known = polepair::faults(axis.profile(), raw);
-    if known.is_empty() {
-        let name = format!("fault {raw:#x}");
-        let remedy = "look it up in the drive's manual".to_owned();
-        let (symbol, cause, warning) = (name.clone(), String::new(), false);
-        return vec![ActiveFault { code: raw, name, symbol, cause, remedy, warning }];
-    }
-    let stands = known.into_iter().filter(|fault| fault.severity != Severity::Note);
-    let active_faults = stands.map(|fault| ActiveFault {
+    let active = polepair::active_faults(axis.profile(), reading.raw).into_iter();
+    let message = |fault: FaultReport| ActiveFault {
         code: fault.code,
-        name: if fault.text.is_empty() { fault.name } else { fault.text }.to_owned(),
-        symbol: fault.name.to_owned(),
-        cause: fault.cause.to_owned(),
-        remedy: fault.remedy.to_owned(),
-        warning: fault.severity != Severity::Fault,
-    });
-    active_faults.collect()
+        name: if fault.text.is_empty() { &fault.name } else { &fault.text }.to_string(),
+        symbol: fault.name.into_owned(),
+        cause: fault.cause.into_owned(),
+        remedy: fault.remedy.into_owned(),
+        warning: fault.is_warning,
+    };
+    active.map(message).collect()
 }

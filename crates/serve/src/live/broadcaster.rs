@@ -232,9 +232,11 @@ impl Broadcaster {
                     Err(_) => return,
                 }
             }
-            BenchEvent::Stopped(axis) => {
-                ServerMessage::Stopped(StopReport { axes: vec![axis], unreached: Vec::new() })
-            }
+            BenchEvent::Stopped(axis) => ServerMessage::Stopped(StopReport {
+                axes: vec![axis],
+                unreached: Vec::new(),
+                refused: Vec::new(),
+            }),
             BenchEvent::Locked(lock) => ServerMessage::Locked(lock),
             BenchEvent::Unlocked => ServerMessage::Unlocked,
             BenchEvent::Scan(view) => ServerMessage::Look(view),

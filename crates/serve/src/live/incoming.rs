@@ -129,7 +129,7 @@ impl QueuedMessage {
             Self::Request(message, _) => match message {
                 ClientMessage::Command { .. }
                 | ClientMessage::Lease { .. }
-                | ClientMessage::Stop { .. }
+                | ClientMessage::Stop(_)
                 | ClientMessage::Dismiss { .. }
                 | ClientMessage::Release => OutputQueue::NotNeeded,
                 ClientMessage::Ping { .. } => OutputQueue::Reply,

@@ -85,7 +85,8 @@ impl Site {
     }
 
     fn stop(&self, reason: &str) {
-        let request = StopRequest { axes: Some(vec![0]), reason: reason.into() };
+        let request =
+            StopRequest { axes: Some(vec![0]), reason: reason.into(), ..StopRequest::default() };
         let stopped = self.bench.stop(&"bob".into(), &request).wait().unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Standing, "{stopped:?}");
     }

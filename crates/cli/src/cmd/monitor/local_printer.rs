@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use polepair::url::AxisNumber;
 use polepair_capture::{DecodedFrame, jsonl, text};
-use polepair_core::profile::{Severity, Signal};
+use polepair_core::profile::Signal;
 use polepair_link::clock;
 
 use super::model::Monitor;
@@ -150,15 +150,9 @@ pub fn trouble_lines(watched: &MonitoredAxis) -> Vec<(String, bool)> {
         lines.push((why.clone(), true));
     }
     for fault in watched.faults() {
-        let Some(fault) = fault else {
-            let code = watched.display_value(Signal::Fault).map_or(0, |shown| shown.raw);
-            lines.push((format!("FAULT code {code}: not known to this profile"), true));
-            continue;
-        };
-        let stops = fault.severity == Severity::Fault;
-        let word = if stops { "FAULT" } else { "warning" };
-        lines.push((format!("{word} {}: {}", fault.name, fault.text), stops));
-        for (word, sentence) in [("cause", fault.cause), ("remedy", fault.remedy)] {
+        let word = if fault.is_warning { "warning" } else { "FAULT" };
+        lines.push((format!("{word} {}: {}", fault.name, fault.text), !fault.is_warning));
+        for (word, sentence) in [("cause", &fault.cause), ("remedy", &fault.remedy)] {
             if !sentence.is_empty() {
                 lines.push((format!("  {word}: {sentence}"), false));
             }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use polepair::axis::{StopProgress, StopSequence};
+use polepair::axis::{StopSupervisor, WireAirtime};
 use polepair::listen::WireListener;
 use polepair::url::shell_word;
 use polepair::wire::OpenWire;
@@ -142,7 +142,7 @@ impl Monitor {
         for (n, watched) in self.axes.iter_mut().enumerate() {
             anew |= watched.poll(self.period, n == self.chosen);
             let stopping = watched.stopping.take();
-            let reported = |stop: &StopSequence| !stop.is_expired(&watched.axis, STOP_SHOWN_MAX);
+            let reported = |stop: &StopSupervisor| !stop.is_expired(STOP_SHOWN_MAX);
             watched.stopping = stopping.filter(reported);
         }
         self.process_received(show);
@@ -229,8 +229,14 @@ impl Monitor {
         for watched in &mut self.axes {
             let label = watched.axis.label();
             if let Some(stopping) = &mut watched.stopping {
-                stopping.wait(&watched.axis, clock::scale_timeout(STOP_MAX));
-                if let StopProgress::Failed(why) = stopping.progress() {
+                let mut airtime = WireAirtime::default();
+                stopping.give_up();
+                while stopping.wait(&mut airtime, clock::scale_timeout(STOP_MAX)).is_some() {}
+                let failed = match stopping.result() {
+                    Some(ended) => ended.standstill.as_ref().err(),
+                    None => stopping.failure(),
+                };
+                if let Some(why) = failed {
                     lines.push(format!("{label} may not have stopped: {why}"));
                     continue;
                 }

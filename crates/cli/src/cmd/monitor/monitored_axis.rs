@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use polepair::axis::StopSequence;
-use polepair::{Error, LocalAxis, RunningRequest, faults};
+use polepair::axis::{STOP_RETRY_MAX, StopOptions, StopPersistence, StopSupervisor, WireAirtime};
+use polepair::interface::FaultReport;
+use polepair::{Error, LocalAxis, RunningRequest, active_faults};
 use polepair_core::error::Failure;
-use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
+use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
 use crate::value;
@@ -39,7 +40,7 @@ pub struct MonitoredAxis {
     /// The axis.
     pub axis: LocalAxis,
     /// Its stop, since somebody asked for one.
-    pub stopping: Option<StopSequence>,
+    pub stopping: Option<StopSupervisor>,
     /// Why it does not answer, and since when.
     pub silent: Option<(Instant, String)>,
     /// What it will not tell.
@@ -120,7 +121,8 @@ impl MonitoredAxis {
     pub fn poll(&mut self, period: Duration, chosen: bool) -> bool {
         let now = self.axis.connection().now();
         if let Some(stopping) = &mut self.stopping {
-            stopping.poll(&self.axis, now);
+            // How far it came is on the screen.
+            let _ = stopping.poll(&mut WireAirtime::default());
             if stopping.is_under_way() {
                 return false;
             }
@@ -153,7 +155,9 @@ impl MonitoredAxis {
     pub fn stop(&mut self) {
         self.queue.clear();
         self.in_flight.clear();
-        self.stopping = Some(StopSequence::begin(&self.axis));
+        let persistence = StopPersistence::Within(STOP_RETRY_MAX);
+        self.stopping =
+            Some(StopSupervisor::begin(&self.axis, StopOptions::default(), persistence));
         self.next_round = Instant::ZERO;
     }
 
@@ -252,22 +256,16 @@ impl MonitoredAxis {
         self.display_value(wanted).map(|shown| shown.raw != 0)
     }
 
-    /// Its faults and warnings. A code that its profile does not know is the inner `None`.
-    pub fn faults(&self) -> Vec<Option<&'static Fault>> {
-        let Some(shown) = self.display_value(Signal::Fault).filter(|shown| shown.raw != 0) else {
-            return Vec::new();
-        };
-        let known = faults(self.axis.profile(), u32::try_from(shown.raw).unwrap_or(0));
-        if known.is_empty() {
-            return vec![None];
-        }
-        known.into_iter().filter(|fault| fault.severity != Severity::Note).map(Some).collect()
+    /// Its faults and warnings.
+    pub fn faults(&self) -> Vec<FaultReport> {
+        let shown = self.display_value(Signal::Fault);
+        shown.map_or_else(Vec::new, |shown| active_faults(self.axis.profile(), shown.raw))
     }
 
     /// What it does.
     pub fn activity(&self) -> AxisActivity {
         let faults = self.faults();
-        let stops = |fault: &Option<&Fault>| fault.is_none_or(|f| f.severity == Severity::Fault);
+        let stops = |fault: &FaultReport| !fault.is_warning;
         match self.flag(Signal::Enabled) {
             _ if self.silent.is_some() => AxisActivity::Silent,
             _ if !self.has_readings() => AxisActivity::Unknown,

@@ -297,7 +297,8 @@ impl MonitorSource for RemoteMonitor {
     fn stop(&mut self) {
         let ids = self.axes.iter().map(|axis| axis.id).collect();
         let axes = (!self.all_axes).then_some(ids);
-        let request = StopRequest { axes, reason: "polepair monitor".to_owned() };
+        let request =
+            StopRequest { axes, reason: "polepair monitor".to_owned(), ..StopRequest::default() };
         let pending = self.gateway.spawn(move |gateway| gateway.stop(&request));
         self.stop = Some(RequestedStop { at: clock::now(), pending, refused: None });
     }

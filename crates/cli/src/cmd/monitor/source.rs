@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use polepair::axis::{StopProgress, StopSequence};
+use polepair::axis::{StopProgress, StopSupervisor};
 use polepair::url::shell_word;
 use polepair_core::profile::Signal;
 
@@ -222,9 +222,12 @@ fn axis_row(watched: &MonitoredAxis, chosen: bool) -> AxisRow {
     }
 }
 
-fn stop_summary(stopping: &StopSequence) -> StopSummary {
+fn stop_summary(stopping: &StopSupervisor) -> StopSummary {
     let class = match stopping.progress() {
-        StopProgress::Sent => StopState::Sent,
+        StopProgress::Sent => match stopping.failure() {
+            Some(why) => StopState::Failed(why.to_string()),
+            None => StopState::Sent,
+        },
         StopProgress::Acknowledged => StopState::Acknowledged,
         StopProgress::Standstill => StopState::Standstill,
         StopProgress::Unobservable => StopState::Unobservable,

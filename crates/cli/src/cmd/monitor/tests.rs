@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use polepair::axis::{StopProgress, StopSequence};
+use polepair::axis::{StopProgress, StopSupervisor, WireAirtime};
 use polepair::{Connector, simulate};
 use polepair_core::profile::Signal;
 use polepair_drives::bench::Act;
@@ -159,7 +159,8 @@ fn esc_stops_what_turns_and_says_how_far_that_came() {
     assert!(entry.screen().contains("stop sent"));
     for _ in 0..2_000 {
         entry.monitor.poll(&mut |_| ()).expect("a link");
-        let class = |n: usize| entry.monitor.axes[n].stopping.as_ref().map(StopSequence::progress);
+        let class =
+            |n: usize| entry.monitor.axes[n].stopping.as_ref().map(StopSupervisor::progress);
         if [class(0), class(1)] == [Some(&StopProgress::Standstill); 2] {
             break;
         }
@@ -178,7 +179,7 @@ fn a_stop_without_an_answer_is_not_called_one() {
     entry.press(KeyCode::Esc);
     for watched in &mut entry.monitor.axes {
         let stopping = watched.stopping.as_mut().expect("a stop");
-        stopping.wait(&watched.axis, Duration::from_secs(60));
+        let _ = stopping.wait(&mut WireAirtime::default(), Duration::from_secs(60));
     }
     let screen = entry.screen();
     assert!(screen.contains("9: NOT CONFIRMED, cut its power"), "{screen}");

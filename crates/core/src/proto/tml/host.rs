@@ -240,7 +240,7 @@ fn topology_of(wire: TmlWire, options: &HostOptions, axes: &[u32]) -> Topology {
         relay_axis: relay,
         first_axis: first,
         single_drive: axes.len() == 1 && first.is_some() && connected == first,
-        behind_technocan: options.relay_answers_only,
+        behind_technocan: options.relay_axis_max.is_some(),
         scanning: options.scanning,
         broken_rule: relay.and_then(|relay| wire.check_host_id(id, relay).err()),
     }

@@ -1,5 +1,6 @@
 //! Keys of connection strings.
 
+use super::technocan;
 use crate::proto::SerialStandard;
 use crate::proto::options::{GAP, OptionKey, OptionKind, TIMEOUT, host_key};
 
@@ -52,6 +53,8 @@ pub(super) const SERIAL: &[OptionKey] = &[
         OptionKind::Word(&["tmlcan", "technocan"]),
         "protocol of the CAN bus behind the first axis; from TechnoCAN, replies of groups and unsolicited \
          messages do not come back",
-        |options, index| options.relay_answers_only = index == 1,
+        |options, index| {
+            options.relay_axis_max = (index == 1).then_some(technocan::AXIS_MAX.into());
+        },
     ),
 ];

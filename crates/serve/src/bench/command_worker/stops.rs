@@ -9,7 +9,7 @@ use super::{CommandWorker, FAST_SEND_MAX, WorkerAxis};
 use crate::bench::context::BenchEvent;
 use crate::bench::journal_sink::SERVER;
 use crate::bench::lease::{EndedLease, SessionName};
-use crate::bench::pending_stop::{PendingStop, StopCollector, StopResolution};
+use crate::bench::pending_stop::{PendingStop, StopCollector, StopPoll, StopResolution};
 use crate::bench::reply::Continuation;
 use crate::bench::wire::{DismissRequest, QueuedCommand, StopBatch};
 use crate::message::{
@@ -60,10 +60,11 @@ impl CommandWorker {
         let watched = &mut self.axes[axis];
         watched.axis.arm(false);
         let is_new = watched.pending_stop.is_none();
-        let pending =
-            watched.pending_stop.get_or_insert_with(|| PendingStop::new(why, by.clone(), since));
+        let pending = watched
+            .pending_stop
+            .get_or_insert_with(|| PendingStop::new(&watched.axis, why, by.clone(), since));
         pending.add_requester(why, by);
-        pending.send(&watched.axis, since, report);
+        pending.send(since, report);
         self.last_start = self.context.now();
         is_new
     }
@@ -80,11 +81,14 @@ impl CommandWorker {
         let watched = &mut self.axes[axis];
         // What was said before it and would move is not done any more.
         watched.last_stop_number = sequence.max(watched.last_stop_number);
-        let (report, reply) = StopCollector::for_axes(&[watched.id], Vec::new());
+        let (report, reply) = StopCollector::for_axes(&[watched.id], Vec::new(), Vec::new());
         let is_new = watched.pending_stop.is_none();
-        let fresh = || PendingStop::new(StopCause::Stop, session.clone(), now).for_holder(epoch);
+        let fresh = || {
+            let stop = PendingStop::new(&watched.axis, StopCause::Stop, session.clone(), now);
+            stop.for_holder(epoch)
+        };
         let pending = watched.pending_stop.get_or_insert_with(fresh);
-        pending.send(&watched.axis, now, Some(report));
+        pending.send(now, Some(report));
         self.last_start = now;
         self.publish_pending_stop(axis, is_new);
         self.holder_stops.push((commanded, reply));
@@ -183,13 +187,13 @@ impl CommandWorker {
         let now = self.context.now();
         let pending = |watched: &&WorkerAxis| watched.pending_stop.is_some();
         let Some(first) = self.axes.iter().find(pending) else { return };
-        self.airtime.update(&first.axis, now);
+        self.airtime.update(&first.axis);
         for axis in 0..self.axes.len() {
             let watched = &mut self.axes[axis];
             let Some(pending_stop) = &mut watched.pending_stop else { continue };
             let sequence = pending_stop.attempts();
-            let (axis_stop_report, ended) =
-                pending_stop.poll(watched.id, &watched.axis, now, &mut self.airtime);
+            let StopPoll { report, sent_quick_stop, ended } =
+                pending_stop.poll(watched.id, now, &mut self.airtime);
             if pending_stop.attempts() > sequence {
                 self.last_start = now;
             }
@@ -198,7 +202,11 @@ impl CommandWorker {
             if is_news && ended.is_none() {
                 self.context.publish(BenchEvent::PendingStop(id));
             }
-            if let Some(stopped) = axis_stop_report {
+            if sent_quick_stop {
+                let detail = json!({ "reason": "the stop did not slow the motor", "quick": true });
+                self.context.record_by_server(JournalAction::Stop, id, detail);
+            }
+            if let Some(stopped) = report {
                 let detail = json!({ "class": stopped.class, "ms": stopped.ms });
                 self.context.record_by_server(JournalAction::Outcome, id, detail);
                 self.context.publish(BenchEvent::Stopped(stopped));

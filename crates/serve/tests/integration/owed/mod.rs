@@ -319,7 +319,9 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
     let mut site = Site::new("tmcl:1", "tmcl");
     site.spin();
     site.proxy.set(Mode::Silent);
-    drop(site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), reason: String::new() }));
+    drop(
+        site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), ..StopRequest::default() }),
+    );
     site.wait_pending_stop("it is owed a stop", |pending| pending.error.is_some());
     let epoch = site.acquire_lease();
     assert_eq!(site.say(epoch, "arm", None).unwrap_err().code, "gateway.owed");
@@ -333,7 +335,9 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
     site.say(epoch, "arm", None).unwrap();
     site.ended("dismissed");
     // Anybody may know that the drive is gone.
-    drop(site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), reason: String::new() }));
+    drop(
+        site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), ..StopRequest::default() }),
+    );
     site.wait_pending_stop("it is owed a stop", |_| true);
     let gone = dismiss(DismissReason::DriveGone, 0);
     site.bench.dismiss(0, &"bob".into(), gone).wait().unwrap();

@@ -330,7 +330,7 @@ fn a_question_to_a_group_on_rs485_is_refused_before_a_byte_is_sent() {
 
 #[test]
 fn behind_a_technocan_relay_nobody_speaks_but_when_asked() {
-    let options = HostOptions { relay_answers_only: true, ..HostOptions::new(9600) };
+    let options = HostOptions { relay_axis_max: Some(31), ..HostOptions::new(9600) };
     let mut world = World::new(1);
     let (wire, can) =
         (world.add_serial(SerialWireConfig::RS232), world.add_can(CanLine { bit_rate: BIT_RATE }));

@@ -1,9 +1,9 @@
 //! The requests of a stop. None of them blocks.
 
-use super::super::failure::RequestKind;
-use super::super::{LocalAxis, RunningRequest};
+use crate::axis::failure::RequestKind;
+use crate::axis::{LocalAxis, RunningRequest};
 use crate::error::Error;
-use polepair_core::axis::{Axes, StopPart, Verb};
+use polepair_core::axis::{Axes, Command, StopPart, Verb};
 use polepair_core::error::Unsupported;
 use polepair_core::plan::Step;
 use polepair_core::profile::{ParameterId, Persistence, RamMode};
@@ -12,21 +12,27 @@ use polepair_core::time::Instant;
 
 impl LocalAxis {
     /// The setting that keeps the writes of a stop out of permanent memory, if there is one.
-    pub(super) fn stop_ram_mode(&self) -> Option<RamMode> {
+    pub(super) fn stop_ram_mode(&self, verb: Verb) -> Option<RamMode> {
         let ram = self.profile.ram?;
         let is_stored = |id: &ParameterId| {
             let parameter = self.parameter(*id);
             parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
         };
-        let steps = self.profile.plan(Verb::Stop)?.steps;
+        let steps = self.profile.plan(verb)?.steps;
         let writes = |step: &Step| matches!(step, Step::Write(id, _) if is_stored(id));
         steps.iter().any(writes).then_some(ram)
     }
 
-    pub(super) fn start_stop(&self, part: StopPart, once: bool) -> Result<RunningRequest, Error> {
-        let kind = RequestKind::Verb(Verb::Stop);
-        self.submit_now("stop".to_owned(), kind, |axes, now, ticket| {
-            axes.stop(now, ticket, self.index, part)?;
+    /// Sends a part of the stop; each of its requests `once` even if the drive is silent.
+    pub(super) fn start_stop(
+        &self,
+        command: Command,
+        part: StopPart,
+        once: bool,
+    ) -> Result<RunningRequest, Error> {
+        let kind = RequestKind::Verb(command.verb);
+        self.submit_now(command.verb.name().to_owned(), kind, |axes, now, ticket| {
+            axes.stop(now, ticket, self.index, command, part)?;
             if once {
                 axes.disable_retries(ticket);
             }
