@@ -563,6 +563,7 @@ impl StopPrinter {
                 print_warning(&quick_stop_text(label));
                 true
             }
+            StopNotice::Waiting => true,
         }
     }
 

@@ -227,6 +227,7 @@ impl DriveArgs {
 pub fn warn_ignored_files(connector: &Connector) {
     let known = connector.config.broken.len();
     connector.ignored_files().iter().skip(known).for_each(warn_ignored_file);
+    connector.config.take_notices().iter().for_each(|notice| print_warning(notice));
     let warnings = connector.sheet_warnings();
     warnings
         .iter()

@@ -140,6 +140,8 @@ pub enum Refusal {
     Busy,
     /// The drive accepted the request and is not done with it yet.
     Accepted,
+    /// The drive stores requests as instructions of a program, this one too. It was not executed.
+    Stored,
 }
 
 /// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
@@ -184,8 +186,9 @@ pub trait Driver {
         &self,
         parameter: &Parameter,
         block: bool,
+        max: u16,
     ) -> Result<Self::Request, Unsupported> {
-        let _ = (parameter, block);
+        let _ = (parameter, block, max);
         Err(Unsupported::Forbidden(ONLY_NUMBERS))
     }
 

@@ -366,7 +366,8 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let ends_program = self.slot(axis)?.program_end_request(&command).is_some();
         let program_end = halt_steps.filter(|_| ends_program).and_then(|at| u8::try_from(at).ok());
         if program_end.is_some() {
-            self.slot_mut(axis)?.state.program_end = None;
+            let state = &mut self.slot_mut(axis)?.state;
+            (state.program_end, state.store_ended) = (None, false);
         }
         let run = PlanRun {
             program_end,

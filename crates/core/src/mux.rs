@@ -8,6 +8,7 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
+use crate::axis::Refusal;
 use crate::axis::{
     AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, MotionReport, RehearsalStep,
     StopPart, TextRehearsal, UnmetWait,
@@ -163,8 +164,8 @@ impl Axes for Mux {
         self.lane_of(axis).is_none_or(|(lane, axis)| lane.is_confirmed(axis))
     }
 
-    fn is_missing_refusal(&self, axis: AxisIndex, code: u32) -> bool {
-        self.lane_of(axis).is_some_and(|(lane, axis)| lane.is_missing_refusal(axis, code))
+    fn refusal(&self, axis: AxisIndex, code: u32) -> Refusal {
+        self.lane_of(axis).map_or(Refusal::Final, |(lane, axis)| lane.refusal(axis, code))
     }
 
     fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
@@ -247,9 +248,10 @@ impl Axes for Mux {
         axis: AxisIndex,
         parameter: ParameterId,
         block: bool,
+        max: u16,
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.lane_of_mut(axis)?;
-        lane.read_data(now, ticket, axis, parameter, block)
+        lane.read_data(now, ticket, axis, parameter, block, max)
     }
 
     fn write_data(

@@ -30,6 +30,7 @@ use crate::toml_file::{FileError, SourceText};
 use crate::url;
 use polepair_core::profile::Profile;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Folders above the working folder that are looked into.
 const FOLDERS_MAX: usize = 64;
@@ -47,9 +48,22 @@ pub struct Config {
     pub profiles: Vec<&'static Profile>,
     /// Files with errors. They prevent only what needs them. The caller should report them once.
     pub broken: Vec<FileError>,
+    /// What was found and changed at drives while they were identified.
+    notices: Arc<Mutex<Vec<String>>>,
 }
 
 impl Config {
+    /// What was found and changed at drives while they were identified, since the last call. The caller should
+    /// report it.
+    #[must_use]
+    pub fn take_notices(&self) -> Vec<String> {
+        std::mem::take(&mut *self.notices.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    pub(crate) fn add_notice(&self, notice: String) {
+        self.notices.lock().unwrap_or_else(PoisonError::into_inner).push(notice);
+    }
+
     /// Searches from the working folder upward, and in the configuration folder. A file with errors is in
     /// [`broken`](Self::broken).
     #[must_use]

@@ -7,23 +7,31 @@ use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use crate::profile::{Listed, find_answered};
+use crate::url::AxisNumber;
+use polepair_core::axis::Refusal;
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Access, Identity, IdentityQuery, ParameterId, Profile};
+use polepair_core::program::ProgramCommand;
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
 use polepair_link::{Connection, LinkError};
+use std::cell::Cell;
 use std::time::Duration;
 
 /// How long one question may take, with all its repeats.
 const QUERY_MAX: Duration = Duration::from_secs(5);
 /// So long drives are asked again what they are by those who bring motors to rest.
 pub(crate) const IDENTIFY_RETRY_MAX: Duration = Duration::from_secs(3);
+/// The notice of a drive that stored requests as instructions.
+pub(crate) const STORE_ENDED: &str =
+    "the module was in download mode, which was ended; its program is incomplete";
 /// Products that are asked for at one address at most.
 const CANDIDATES_MAX: usize = 64;
 
 /// Asks drives on one line what they are.
 pub(crate) struct Prober<'a> {
     line: &'a ProtocolLine,
+    config: &'a Config,
     profiles: Vec<&'static Profile>,
     candidates: Vec<(&'static Profile, Identity)>,
     /// Whether a drive that is none of them may be of the catalogue.
@@ -33,6 +41,8 @@ pub(crate) struct Prober<'a> {
     time_limit: Option<Duration>,
     single_attempt: bool,
     is_cancelled: &'a dyn Fn() -> bool,
+    /// The storing of requests was ended by the last question.
+    store_ended: Cell<bool>,
 }
 
 /// What one address gave.
@@ -62,13 +72,14 @@ pub(crate) enum ProbeResult {
 }
 
 impl<'a> Prober<'a> {
-    pub(crate) fn new(line: &'a ProtocolLine, config: &Config) -> Self {
+    pub(crate) fn new(line: &'a ProtocolLine, config: &'a Config) -> Self {
         let speaks = |p: &&'static Profile| p.protocol == line.protocol.profile;
         let profiles: Vec<_> = config.all_profiles().filter(speaks).collect();
         let candidates = profiles.iter().filter_map(|p| Some((*p, p.identity?)));
         let candidates = candidates.take(CANDIDATES_MAX).collect();
         Self {
             line,
+            config,
             profiles,
             candidates,
             reply_timeout: None,
@@ -76,6 +87,7 @@ impl<'a> Prober<'a> {
             with_catalogue: true,
             single_attempt: false,
             is_cancelled: &|| false,
+            store_ended: Cell::new(false),
         }
     }
 
@@ -272,7 +284,7 @@ impl<'a> Prober<'a> {
         });
         let is_over = || connection.now() >= until;
         let (mut received, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
-        let mut lacks_identity = false;
+        let (mut lacks_identity, mut is_refused, mut has_value) = (false, false, false);
         let mut requests: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
             if (self.is_cancelled)() {
@@ -285,10 +297,12 @@ impl<'a> Prober<'a> {
                 Some((_, outcome)) => *outcome,
                 None => self.query(&connection, n, identity.query, until),
             };
+            has_value |= matches!(outcome, Some(Outcome::Done(_)));
             if let Some(Failure::Refused { code }) = outcome.and_then(Outcome::failure) {
+                is_refused = true;
                 let axis = AxisIndex(n as u8);
-                lacks_identity |=
-                    connection.with_axes(|axes, _| axes.is_missing_refusal(axis, code));
+                let refusal = connection.with_axes(|axes, _| axes.refusal(axis, code));
+                lacks_identity |= refusal == Refusal::Missing;
             }
             if outcome.and_then(Outcome::failure) == Some(Failure::LinkDown) {
                 return Err(self.link_lost_error(&connection));
@@ -330,12 +344,17 @@ impl<'a> Prober<'a> {
                 });
             }
         }
-        if !received && !(self.is_cancelled)() && !is_over() {
+        // A module in download mode refuses its version, and stores a read.
+        let only_refused = is_refused && best.is_none() && !has_value;
+        if (!received || only_refused) && !(self.is_cancelled)() && !is_over() {
             let answer = self.query_generic(&connection, generic, until)?;
             if answer.and_then(Outcome::failure) == Some(Failure::AnsweredTwice) {
                 return Ok(ProbeResult::AnsweredTwice);
             }
-            received = answer.is_none_or(is_answer);
+            if self.store_ended.take() {
+                return self.probe_once(number);
+            }
+            received |= answer.is_none_or(is_answer);
             doubtful |= answer.is_some_and(is_misbehaved);
         }
         let counters = connection.with_axes(|axes, _| axes.counters());
@@ -412,13 +431,44 @@ impl<'a> Prober<'a> {
         let until = patience.map_or(until, |patience| {
             until.min(connection.now() + connection.scale_timeout(patience))
         });
-        let outcome: Result<Option<Outcome>, Unsupported> =
-            connection.request(until, |axes, now, ticket| match question {
+        let ask = || {
+            let answer = connection.request(until, |axes, now, ticket| match question {
                 IdentityQuery::Parameter(id) => axes.read_parameter(now, ticket, axis, id),
                 IdentityQuery::Text(text) => axes.send_text(now, ticket, axis, text),
             });
-        // Nothing within the time is silence too.
-        Some(outcome.ok()?.unwrap_or(Outcome::NotDone(Failure::Silent)))
+            // Nothing within the time is silence too.
+            Some(answer.ok()?.unwrap_or(Outcome::NotDone(Failure::Silent)))
+        };
+        let outcome = ask()?;
+        match self.end_store(connection, axis, outcome, until) {
+            true => ask(),
+            false => Some(outcome),
+        }
+    }
+
+    /// Ends the storing of requests as instructions of a program, where the drive did so with the question. Each
+    /// further question would be one more instruction in its memory. False if it did not.
+    fn end_store(
+        &self,
+        connection: &Connection,
+        axis: AxisIndex,
+        outcome: Outcome,
+        until: Instant,
+    ) -> bool {
+        let Some(Failure::Refused { code }) = outcome.failure() else { return false };
+        if connection.with_axes(|axes, _| axes.refusal(axis, code)) != Refusal::Stored {
+            return false;
+        }
+        let ended = connection.request(until, |axes, now, ticket| {
+            axes.send_program_command(now, ticket, axis, ProgramCommand::EndStore)
+        });
+        let is_ended = matches!(ended, Ok(Some(Outcome::Done(_))));
+        if is_ended {
+            let number = connection.with_axes(|axes, _| axes.address(axis)).unwrap_or_default();
+            self.store_ended.set(true);
+            self.config.add_notice(format!("axis {}: {STORE_ENDED}", AxisNumber(number)));
+        }
+        is_ended
     }
 }
 

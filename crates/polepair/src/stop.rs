@@ -7,9 +7,11 @@
 //! ```
 //! # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use polepair::stop::StopOptions;
+//! use std::ops::ControlFlow;
 //! let connector = polepair::Connector::default();
-//! let stopped =
-//!     polepair::stop::stop(&connector, "sim:tmcl?axes=2&time=virtual", StopOptions::default(), &mut |_| {})?;
+//! let url = "sim:tmcl?axes=2&time=virtual";
+//! let on_event = &mut |_: polepair::stop::StopEvent<'_>| ControlFlow::Continue(());
+//! let stopped = polepair::stop::stop(&connector, url, StopOptions::default(), on_event)?;
 //! assert!(stopped.axes.len() == 2 && stopped.axes.iter().all(|(_, ended)| ended.is_ok()));
 //! # }
 //! # Ok::<(), polepair::Error>(())
@@ -37,6 +39,7 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::{sub_axis, with_sub_axis};
 use polepair_core::station::AxisIndex;
 use polepair_link::{LinkIo as _, Received, clock};
+use std::ops::ControlFlow;
 use std::time::Duration;
 use unidentified::SharedStop;
 
@@ -96,6 +99,8 @@ pub enum DrivePrograms {
     StillReported,
     /// One that may have run was ended: the drive does not report whether one runs.
     MayHaveRun,
+    /// One was being loaded, and that was ended: it is incomplete.
+    Incomplete,
 }
 
 impl DrivePrograms {
@@ -132,7 +137,12 @@ pub enum StopEvent<'a> {
     Querying(ScanProgress),
     /// A stop was sent to a drive that replied, or was named.
     StopSent(&'a LocalAxis),
+    /// Every stop was sent, and standstill is waited for. Told some 50 times a second.
+    Waiting,
 }
+
+/// Hears what happens meanwhile. `Break` ends the wait for standstill; every stop is sent before that.
+pub type StopObserver<'a> = &'a mut dyn FnMut(StopEvent<'_>) -> ControlFlow<()>;
 
 /// Stops every axis that the string names, or everybody on its link.
 ///
@@ -143,7 +153,7 @@ pub fn stop(
     connector: &Connector,
     url: &str,
     how: StopOptions,
-    on_event: &mut dyn FnMut(StopEvent<'_>),
+    on_event: StopObserver<'_>,
 ) -> Result<LinkStopReport, Error> {
     let parsed = connector.url(url)?;
     let mut stopped = LinkStopReport::default();
@@ -154,7 +164,7 @@ pub fn stop(
         // that is silent.
         let link = connector.connect_with(url, !rack)?;
         stopped.send_first_stops(link.axes(), how);
-        stopped.add_axes(link.axes(), how);
+        stopped.add_axes(link.axes(), how, on_event);
         return Ok(stopped);
     }
     let (lines, _) = connector.open_lines(&parsed)?;
@@ -172,7 +182,7 @@ pub fn stop_on(
     opened: &RawWires,
     wire: usize,
     axes: &[u32],
-    on_event: &mut dyn FnMut(StopEvent<'_>),
+    on_event: StopObserver<'_>,
 ) -> Result<LinkStopReport, Error> {
     let mut stopped = LinkStopReport::default();
     let Some(lines) = opened.by_wire().nth(wire) else { return Ok(stopped) };
@@ -188,14 +198,14 @@ fn stop_on_lines(
     lines: &[ProtocolLine],
     how: StopOptions,
     stopped: &mut LinkStopReport,
-    on_event: &mut dyn FnMut(StopEvent<'_>),
+    on_event: StopObserver<'_>,
 ) -> Result<(), Error> {
     for line in lines {
         if url.axes.is_empty() {
             stopped.broadcast |= broadcast_stop(connector, url, line, how.command())?;
         }
         let found = LineSearch::new(connector, url, line, how)?.run(stopped, on_event)?;
-        stopped.add_axes(&line.axes_of_found(&found)?, how);
+        stopped.add_axes(&line.axes_of_found(&found)?, how, on_event);
     }
     Ok(())
 }
@@ -314,7 +324,7 @@ impl<'a> LineSearch<'a> {
     fn run(
         mut self,
         stopped: &mut LinkStopReport,
-        on_event: &mut dyn FnMut(StopEvent<'_>),
+        on_event: StopObserver<'_>,
     ) -> Result<Vec<DetectedDrive>, Error> {
         stopped.reply_timeout = self.reply_timeout;
         let end = clock::now() + SEARCH_MAX * clock::timeout_scale();
@@ -324,7 +334,7 @@ impl<'a> LineSearch<'a> {
                 stopped.not_queried = wanted.last().map(|last| (number, *last));
                 break;
             }
-            on_event(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
+            let _ = on_event(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
             stopped.queried += 1;
             let probe = self.prober.probe(number)?;
             self.stop_probed(number, probe, stopped, on_event)?;
@@ -340,7 +350,7 @@ impl<'a> LineSearch<'a> {
         number: u32,
         probe: ProbeResult,
         stopped: &mut LinkStopReport,
-        on_event: &mut dyn FnMut(StopEvent<'_>),
+        on_event: StopObserver<'_>,
     ) -> Result<(), Error> {
         let is_other_device = unidentified::is_other_device(self.line, &probe);
         let (identified, error) = match probe {
@@ -419,7 +429,7 @@ impl<'a> LineSearch<'a> {
     fn finish_unknown(
         &mut self,
         stopped: &mut LinkStopReport,
-        on_event: &mut dyn FnMut(StopEvent<'_>),
+        on_event: StopObserver<'_>,
     ) -> Result<(), Error> {
         let end = self.line.link.deadline(IDENTIFY_RETRY_MAX);
         for UnknownDrive { number, shared, error, is_other_device } in
@@ -427,7 +437,8 @@ impl<'a> LineSearch<'a> {
         {
             let one = loop {
                 let one = unidentified::reidentify(&self.prober, self.line, number)?;
-                if one.is_some() || self.line.link.now() > end {
+                let is_interrupted = on_event(StopEvent::Waiting).is_break();
+                if one.is_some() || is_interrupted || self.line.link.now() > end {
                     break one;
                 }
                 clock::sleep_until(clock::now() + REIDENTIFY_PAUSE);
@@ -454,7 +465,7 @@ impl<'a> LineSearch<'a> {
         one: &DetectedDrive,
         how: StopOptions,
         stopped: &mut LinkStopReport,
-        on_event: &mut dyn FnMut(StopEvent<'_>),
+        on_event: StopObserver<'_>,
     ) -> Result<(), Error> {
         for axis in self.line.axes_of_found(std::slice::from_ref(one))? {
             // One that only listens may obey. Its reply is heard when all are waited for.
@@ -462,7 +473,7 @@ impl<'a> LineSearch<'a> {
             stop.wait(&mut WireAirtime::default(), clock::scale_timeout(STOP_WAIT_MAX));
             stopped.note_program(&axis);
             if !stop.is_unsent() {
-                on_event(StopEvent::StopSent(&axis));
+                let _ = on_event(StopEvent::StopSent(&axis));
             }
         }
         Ok(())
@@ -576,14 +587,16 @@ impl LinkStopReport {
 
     /// Stops the further motors of these axes and then the axes, waits until all of them are at rest, and notes how.
     /// The stop of a further motor replaces that of its axis, which goes last for that reason.
-    fn add_axes(&mut self, axes: &[LocalAxis], how: StopOptions) {
+    fn add_axes(&mut self, axes: &[LocalAxis], how: StopOptions, on_event: StopObserver<'_>) {
         self.motors.extend(stop_more_motors(axes));
         let stops = axes.iter().map(|axis| begin_stop(axis, how)).collect();
-        let ended = await_stops(stops, |axis, notice| {
-            if *notice == StopNotice::QuickStop {
+        let ended = await_stops(stops, |axis, notice| match notice {
+            StopNotice::Waiting => on_event(StopEvent::Waiting).is_continue(),
+            StopNotice::QuickStop => {
                 self.quick_stops.push(axis.label());
+                true
             }
-            true
+            StopNotice::Unconfirmed(_) => true,
         });
         // All of them were told before, and that may have been executed.
         let ended =
@@ -594,9 +607,17 @@ impl LinkStopReport {
 
     /// Notes what the last stop of an axis found of its drive's program.
     fn note_program(&mut self, axis: &LocalAxis) {
-        let Some(found) = axis.state().program_end else { return };
-        let label = axis.label();
-        let known = self.programs.iter_mut().find(|(name, _)| *name == label);
+        let (state, label) = (axis.state(), axis.label());
+        let is_noted = |(name, found): &(String, DrivePrograms)| {
+            *name == label && *found == DrivePrograms::Incomplete
+        };
+        if state.store_ended && !self.programs.iter().any(is_noted) {
+            self.programs.push((label.clone(), DrivePrograms::Incomplete));
+        }
+        let Some(found) = state.program_end else { return };
+        let mut noted = self.programs.iter_mut();
+        let known =
+            noted.find(|(name, found)| *name == label && *found != DrivePrograms::Incomplete);
         let before = known.as_ref().map(|(_, before)| *before);
         match (known, DrivePrograms::after(before, found)) {
             (Some((_, known)), Some(found)) => *known = found,

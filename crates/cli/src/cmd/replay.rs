@@ -6,6 +6,7 @@ mod player;
 mod selector;
 mod survey;
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -333,7 +334,7 @@ impl ReplayLinks {
                 }
                 let all = played.moved_unknown;
                 let axes: Vec<u32> = played.moved_axes.iter().copied().filter(|_| !all).collect();
-                let mut on_event = |_: Stopping<'_>| {};
+                let mut on_event = |_: Stopping<'_>| ControlFlow::Continue(());
                 let stopped = stop_on(&self.connector, opened, wire, &axes, &mut on_event);
                 let result =
                     stopped.map_err(outcome::to_problem).and_then(|it| stop::report_stops(url, it));

@@ -1,8 +1,10 @@
 //! `polepair stop URL`
 
 use std::io::IsTerminal as _;
+use std::ops::ControlFlow;
 
 use clap::Args;
+use polepair::Error;
 use polepair::axis::Standstill;
 use polepair::no_reply::NoReplyDetails;
 use polepair::stop::{self as stopping, DrivePrograms, StopEvent, StopOptions};
@@ -12,6 +14,7 @@ use polepair_client::message::{
 };
 use polepair_client::{Gateway, GatewayError, select_each};
 
+use crate::interrupt;
 use crate::motion;
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result, join_list};
@@ -58,18 +61,27 @@ impl StopCommand {
         let live = std::io::stderr().is_terminal();
         let clear = if live { "\r\x1b[K" } else { "" };
         let connector = target.connector()?;
-        let mut on_event = |event: StopEvent<'_>| match event {
-            StopEvent::Querying(at) if live => {
-                terminal::draw(&format!(
-                    "{clear}asking address {} ({} of {})",
-                    at.number,
-                    at.done + 1,
-                    at.of
-                ));
+        let interrupts = StopInterrupts::listen(&target.url);
+        let mut is_sent = false;
+        let mut on_event = |event: StopEvent<'_>| {
+            match event {
+                StopEvent::Querying(at) if live => {
+                    terminal::draw(&format!(
+                        "{clear}asking address {} ({} of {})",
+                        at.number,
+                        at.done + 1,
+                        at.of
+                    ));
+                }
+                StopEvent::Querying(_) | StopEvent::Waiting => {}
+                StopEvent::StopSent(axis) => {
+                    is_sent = true;
+                    print_note(&format!("{clear}{} is being stopped", axis.label()));
+                }
             }
-            StopEvent::Querying(_) => {}
-            StopEvent::StopSent(axis) => {
-                print_note(&format!("{clear}{} is being stopped", axis.label()))
+            match interrupt::was_interrupted() {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
             }
         };
         let stopped = stopping::stop(&connector, &target.url, how, &mut on_event);
@@ -79,7 +91,49 @@ impl StopCommand {
             print_note(KEPT_PROGRAM);
         }
         let lost = |error| outcome::to_problem(error).hint("cut the power if a motor turns");
-        report_stops(&target.url, stopped.map_err(lost)?)
+        let stopped = stopped.map_err(lost);
+        is_sent |= stopped.as_ref().is_ok_and(|report| {
+            let may_be_sent = |ended: &std::result::Result<Standstill, Error>| match ended {
+                Ok(_) => true,
+                Err(error) => error.executed() != Some(false),
+            };
+            report.broadcast || report.axes.iter().any(|(_, ended)| may_be_sent(ended))
+        });
+        interrupts
+            .conclude(Some(is_sent), stopped.and_then(|report| report_stops(&target.url, report)))
+    }
+}
+
+/// Signals during a stop. The first waits until its frames are out; the second exits at once.
+struct StopInterrupts(interrupt::HoldGuard);
+
+impl StopInterrupts {
+    fn listen(url: &str) -> Self {
+        interrupt::listen(|| {
+            print_warning(
+                "interrupted: waiting until the stop is sent; Ctrl-C again exits without it",
+            );
+        });
+        Self(interrupt::hold_motion(url))
+    }
+
+    /// The result of the command: a stop that was interrupted and is not confirmed has exit code 130.
+    fn conclude(self, is_sent: Option<bool>, result: Result) -> Result {
+        drop(self.0);
+        let Err(problem) = result else { return result };
+        if !interrupt::was_interrupted() {
+            return Err(problem);
+        }
+        print_warning(problem.render(false).trim_end());
+        let what = match is_sent {
+            Some(true) => {
+                "the stop was sent; standstill is not confirmed, and a motor may still turn"
+            }
+            Some(false) => "no stop was sent; the motor may turn",
+            None => "whether the server got the stop is not known; a motor may still turn",
+        };
+        print_warning(&format!("interrupted: {what}"));
+        Err(Problem::interrupted())
     }
 }
 
@@ -101,10 +155,12 @@ impl StopCommand {
                 "The stop of a server always ends the programs of drives.",
             ));
         }
-        match self.target.remote_axes()? {
+        let interrupts = StopInterrupts::listen(&self.target.url);
+        let result = match self.target.remote_axes()? {
             remote::ALL => stop_everything(&join.gateway()?),
             _ => stop_named(&RemoteSession::new(join.gateway()?)?, &self.target),
-        }
+        };
+        interrupts.conclude(None, result)
     }
 }
 
@@ -275,6 +331,9 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
                  running: \
                  watch the motor"
             ),
+            DrivePrograms::Incomplete => format!(
+                "{label}: the module was in download mode, which was ended; its program is incomplete"
+            ),
             DrivePrograms::MayHaveRun => format!(
                 "{label}: its program was ended, if one was running; the drive does not report it"
             ),
@@ -350,7 +409,6 @@ fn nobody_problem(everybody: bool, details: &NoReplyDetails) -> Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use polepair::Error;
 
     fn seen(label: &str) -> (String, std::result::Result<Standstill, Error>) {
         (label.to_owned(), Ok(Standstill::Observed))

@@ -1,7 +1,8 @@
 //! The interface of axes for the layers above.
 
 use super::{
-    AxisEvent, AxisStatus, Command, MotionReport, RehearsalStep, StopPart, TextRehearsal, UnmetWait,
+    AxisEvent, AxisStatus, Command, MotionReport, Refusal, RehearsalStep, StopPart, TextRehearsal,
+    UnmetWait,
 };
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
@@ -59,11 +60,10 @@ pub trait Axes {
         true
     }
 
-    /// Whether a refusal with this code says that the drive does not have what was asked for, so that it will
-    /// not have it later either.
-    fn is_missing_refusal(&self, axis: AxisIndex, code: u32) -> bool {
+    /// What a refusal with this code means.
+    fn refusal(&self, axis: AxisIndex, code: u32) -> Refusal {
         let _ = (axis, code);
-        false
+        Refusal::Final
     }
 
     /// Lets motion commands through, or no longer.
@@ -125,8 +125,9 @@ pub trait Axes {
         axis: AxisIndex,
         parameter: ParameterId,
         block: bool,
+        max: u16,
     ) -> Result<(), Unsupported> {
-        let _ = (now, ticket, axis, parameter, block);
+        let _ = (now, ticket, axis, parameter, block, max);
         Err(Unsupported::NoPlan)
     }
 

@@ -54,6 +54,9 @@ pub struct AxisStatus {
     /// Result of the last stop for the drive's own program; `None` where the drive runs no programs, was
     /// not asked, or did not reply.
     pub program_end: Option<ProgramEnd>,
+    /// The last stop found that the drive stored requests as instructions of a program, and ended that: the program
+    /// is incomplete.
+    pub store_ended: bool,
     /// A motion was sent, and since then it was not acknowledged that the axis arrived, was stopped or
     /// was switched off. It stays when the link is lost: then the motor may turn.
     pub motion_active: bool,
@@ -66,6 +69,7 @@ impl AxisStatus {
         armed: false,
         flash_writes: 0,
         program_end: None,
+        store_ended: false,
         motion_active: false,
     };
 

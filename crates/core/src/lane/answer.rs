@@ -44,6 +44,21 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
     if matches!(run.stage, StepStage::QueryProgram | StepStage::EndProgram) {
         return handle_program_answer(run, slot, raw);
     }
+    if run.stage == StepStage::EndStore {
+        slot.state.store_ended |= raw.is_ok();
+        run.stage = StepStage::First;
+        return JobState::Ready;
+    }
+    // A module that somebody loads a program into stores the stop as one more instruction.
+    if let Err(Failure::Refused { code }) = raw
+        && run.is_stop()
+        && run.stage == StepStage::First
+        && slot.driver.refusal(code) == Refusal::Stored
+        && !core::mem::replace(&mut run.ended_store, true)
+    {
+        run.stage = StepStage::EndStore;
+        return JobState::Ready;
+    }
     if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
         return handle_guard_answer(run, slot, (read, id), raw);
     }

@@ -34,8 +34,8 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         H::CONFIRMED
     }
 
-    fn is_missing_refusal(&self, axis: AxisIndex, code: u32) -> bool {
-        self.slot(axis).is_ok_and(|slot| slot.driver.refusal(code) == Refusal::Missing)
+    fn refusal(&self, axis: AxisIndex, code: u32) -> Refusal {
+        self.slot(axis).map_or(Refusal::Final, |slot| slot.driver.refusal(code))
     }
 
     fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
@@ -112,13 +112,14 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         axis: AxisIndex,
         id: ParameterId,
         block: bool,
+        max: u16,
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
         let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
         if parameter.access == Access::Write {
             return Err(Unsupported::WriteOnly(id));
         }
-        let request = slot.driver.data_read_request(parameter, block)?;
+        let request = slot.driver.data_read_request(parameter, block, max)?;
         self.queue_raw_request(ticket, axis, request)
     }
 

@@ -134,6 +134,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
         match run.stage {
             StepStage::QueryProgram => return program_request(slot, ProgramCommand::QueryProgram),
             StepStage::EndProgram => return program_request(slot, ProgramCommand::End),
+            StepStage::EndStore => return program_request(slot, ProgramCommand::EndStore),
             StepStage::ReadBack(id, raw) => {
                 return read_request(slot, InFlight::ReadBack(id, raw)).map_err(end_impossible);
             }
@@ -382,7 +383,9 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
     if let Some(again) = busy_pause(now, job, slot, raw) {
         return JobState::Sleeping(again);
     }
-    if let JobTask::Run(run) = &mut job.task {
+    if let JobTask::Run(run) = &mut job.task
+        && run.stage != StepStage::EndStore
+    {
         run.record_result(in_flight, raw);
     }
     match (in_flight.parameter(), raw) {

@@ -190,6 +190,8 @@ pub struct PlanRun {
     pub watch: WatchReads,
     /// The drive accepted the write of the current step and was not done with it.
     pub accepted: bool,
+    /// The drive stored the stop as an instruction, and was told to execute requests again.
+    pub ended_store: bool,
 }
 
 /// Stage of a step that takes several requests.
@@ -216,6 +218,8 @@ pub enum StepStage {
     QueryProgram,
     /// The drive's program is ended.
     EndProgram,
+    /// The drive is to execute requests again, and not to store them as instructions.
+    EndStore,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -300,6 +304,7 @@ impl PlanRun {
             guard: WaitGuard::default(),
             watch: WatchReads::default(),
             accepted: false,
+            ended_store: false,
         }
     }
 

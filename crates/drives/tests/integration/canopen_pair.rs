@@ -146,7 +146,7 @@ fn write(bits: u64) -> HostRequest {
 #[test]
 fn a_string_is_the_same_in_segments_and_in_blocks() {
     let mut wire = Wire::new(NONE, 1);
-    let upload = |block| HostRequest::Upload { node: NODE, object: NAME, block };
+    let upload = |block| HostRequest::Upload { node: NODE, object: NAME, block, max: 0 };
     let (result, segments) = wire.run_request(1, upload(false), &[]);
     assert_eq!(result, Ok(Answer::Transferred(segments.len() as u32)));
     assert!(segments.len() > 4, "{segments:?}");
@@ -165,7 +165,7 @@ fn files_go_there_and_back_whatever_their_size() {
             let (result, _) = wire.run_request(1, down, &file);
             assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block}");
             for back in [false, true] {
-                let up = HostRequest::Upload { node: NODE, object: FILE, block: back };
+                let up = HostRequest::Upload { node: NODE, object: FILE, block: back, max: 0 };
                 let (result, consumed) = wire.run_request(2, up, &[]);
                 assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block} {back}");
                 assert!(consumed == file, "{size} {block} {back}");
@@ -207,7 +207,7 @@ fn on_a_bad_wire_no_file_is_taken_for_another() {
             let size = file.len() as u32;
             let down = HostRequest::Download { node: NODE, object: FILE, block, size };
             let (sent, _) = wire.run_request(n, down, &file);
-            let up = HostRequest::Upload { node: NODE, object: FILE, block };
+            let up = HostRequest::Upload { node: NODE, object: FILE, block, max: 0 };
             let (came, consumed) = wire.run_request(n + 1, up, &[]);
             match (sent, came) {
                 (Ok(_), Ok(_)) => {

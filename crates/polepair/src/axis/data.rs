@@ -99,10 +99,7 @@ impl LocalAxis {
         block: bool,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Vec<u8>, Error> {
-        let what = format!("reading `{}`", self.required_parameter(id)?.name);
-        let request =
-            |axes: &mut dyn Axes, now, ticket| axes.read_data(now, ticket, self.index, id, block);
-        let mut running = self.submit(what, RequestKind::Query, request)?;
+        let mut running = self.start_data_read(id, block, 0)?;
         let ticket = running.pending.ticket();
         let (mut data, mut buffer) = (Vec::new(), [0; BUFFER_MAX]);
         loop {
@@ -124,6 +121,48 @@ impl LocalAxis {
                     return Err(Error::usage("E213", what, "the value does not end"));
                 }
                 None => {}
+            }
+        }
+    }
+
+    /// Begins to read a parameter of any length. It is aborted after more than `max` bytes; 0 for no limit.
+    fn start_data_read(
+        &self,
+        id: ParameterId,
+        block: bool,
+        max: u16,
+    ) -> Result<RunningRequest, Error> {
+        let what = format!("reading `{}`", self.required_parameter(id)?.name);
+        self.submit(what, RequestKind::Query, |axes: &mut dyn Axes, now, ticket| {
+            axes.read_data(now, ticket, self.index, id, block, max)
+        })
+    }
+
+    /// Reads a short text; `None` if it does not end after `max` bytes or within the time.
+    pub(super) fn read_short_text(
+        &self,
+        id: ParameterId,
+        max: u16,
+        within: Duration,
+    ) -> Result<Option<String>, Error> {
+        let mut running = self.start_data_read(id, false, max)?;
+        let ticket = running.pending.ticket();
+        let end = self.connection.now() + self.connection.scale_timeout(within);
+        let (mut data, mut buffer) = (Vec::new(), [0; BUFFER_MAX]);
+        loop {
+            let ended = running.wait(PUMP_INTERVAL);
+            let count = self.connection.with_axes(|axes, _| axes.poll_bytes(ticket, &mut buffer));
+            data.extend_from_slice(&buffer[..count.unwrap_or(0)]);
+            match ended {
+                Ok(Some(_)) => return Ok(Some(String::from_utf8_lossy(&data).into_owned())),
+                Ok(None) if self.connection.now() < end => {}
+                Ok(None) => return Ok(None),
+                Err(Error::Failed { outcome, .. })
+                    if outcome.failure() == Some(Failure::Misbehaved) =>
+                {
+                    return Ok(None);
+                }
+                Err(error) => return Err(error),
             }
         }
     }

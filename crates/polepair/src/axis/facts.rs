@@ -5,9 +5,11 @@ use crate::error::Error;
 use crate::profile::{find_shipped, generic_profile};
 use crate::url::AxisNumber;
 use std::borrow::Cow;
+use std::time::Duration;
 
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::explain::{DeviceFact, FactQuery};
+use polepair_core::profile::Encoding;
 
 /// An item of a drive's device information.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -20,6 +22,10 @@ pub struct DeviceDetail {
 
 /// Characters of a fact at most.
 const FACT_MAX: usize = 240;
+/// How long a fact may take.
+const FACT_TIME: Duration = Duration::from_secs(1);
+/// A text of a drive that sends more and more of it.
+const ENDLESS: &str = "(the text does not end)";
 
 impl LocalAxis {
     /// Reads the device information by the protocol's functions: name and versions of a CANopen device
@@ -64,16 +70,17 @@ impl LocalAxis {
         let dissector = self.dissector();
         match fact.query {
             FactQuery::Address(address) => {
-                let read = self.read_any(self.find(address)?)?;
-                Ok(match read {
-                    // Spaces and zeros fill texts of a fixed length.
-                    ParameterValue::Text(_) => read
-                        .to_string()
-                        .trim_matches(['\0', ' '])
-                        .trim_end_matches("\\0")
-                        .to_owned(),
-                    _ => read.to_string(),
-                })
+                let id = self.find(address)?;
+                if self.required_parameter(id)?.encoding != Encoding::Text {
+                    return Ok(self.read_any(id)?.to_string());
+                }
+                let Some(text) = self.read_short_text(id, FACT_MAX as u16, FACT_TIME)? else {
+                    return Ok(ENDLESS.to_owned());
+                };
+                // Spaces and zeros fill texts of a fixed length.
+                let text = ParameterValue::Text(text.trim_end_matches('\0').to_owned());
+                let text = text.to_string();
+                Ok(text.trim_matches(['\0', ' ']).trim_end_matches("\\0").to_owned())
             }
             FactQuery::Text(request) => {
                 let raw = self.raw(request)?;

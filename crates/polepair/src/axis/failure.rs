@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use crate::url::AxisNumber;
-use polepair_core::axis::{MotionReport, UnmetWait, Verb};
+use polepair_core::axis::{MotionReport, Refusal, UnmetWait, Verb};
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
 use polepair_core::judge::{EndReason, LimitEnd};
 use polepair_core::lane::write_steps;
@@ -448,13 +448,19 @@ impl LocalAxis {
     fn refusal_reason(&self, code: u32) -> (String, String) {
         let dissector = polepair_core::proto::find_dissector(self.protocol);
         let meaning = dissector.and_then(|dissector| dissector.code_meaning(code));
+        let number = code;
         // Long ones are never written otherwise, as abort codes of CANopen.
         let code = if code > 0xFFFF { format!("0x{code:08X}") } else { code.to_string() };
         let reason = match meaning {
             Some(meaning) => format!("the drive refused: {meaning} (code {code})"),
             None => format!("the drive refused with code {code}"),
         };
-        (reason, String::new())
+        let refusal = self.connection.with_axes(|axes, _| axes.refusal(self.index, number));
+        let hint = match refusal {
+            Refusal::Stored => "another program loads one into it; `polepair stop` ends that",
+            _ => "",
+        };
+        (reason, hint.to_owned())
     }
 
     fn fault_reason(&self, code: u32) -> (String, String) {

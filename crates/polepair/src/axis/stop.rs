@@ -27,7 +27,7 @@ use crate::error::Error;
 use crate::url::AxisNumber;
 use attempt::StopAttempt;
 pub use attempt::StopProgress;
-use polepair_core::axis::{Command, Verb};
+use polepair_core::axis::{Command, Refusal, Verb};
 use polepair_core::error::{Failure, Unsupported};
 use polepair_core::plan::Plan;
 use polepair_core::time::Instant;
@@ -132,8 +132,10 @@ impl StopResult {
 pub enum StopNotice {
     /// It was not confirmed, for this reason, and will be repeated unless [`StopSupervisor::give_up`] is called.
     Unconfirmed(Error),
-    /// The motor did not become slower, and a quick stop was sent.
+    /// The stop had no effect, and a quick stop was sent.
     QuickStop,
+    /// It is still waited for. Only [`await_stops`] tells this, some 50 times a second.
+    Waiting,
 }
 
 /// What all pending stops of a wire share.
@@ -261,6 +263,17 @@ impl StopSupervisor {
     /// Ends the repetitions after a missing reply.
     pub fn give_up(&mut self) {
         self.retry_until = Instant::ZERO;
+    }
+
+    /// Ends the wait for standstill, which stays unconfirmed.
+    pub fn abandon(&mut self) {
+        let what = match self.progress() {
+            StopProgress::Sent | StopProgress::Failed(_) => "the stop was sent, and not confirmed",
+            _ => "the drive acknowledged the stop, and its standstill is not confirmed",
+        };
+        let error = Error::Interrupted { what: format!("{}: {what}", self.axis.label()) };
+        let standstill = self.standstill.take().unwrap_or(Err(error));
+        self.result.get_or_insert(StopResult { standstill, power_off: None });
     }
 
     fn begin_attempt(&mut self, is_repetition: bool) {
@@ -458,7 +471,8 @@ impl StopSupervisor {
     fn is_refused_for_now(&self, error: &Error) -> bool {
         let Some(Failure::Refused { code }) = failure_of(error) else { return false };
         let index = self.axis.index;
-        !self.axis.connection.with_axes(|axes, _| axes.is_missing_refusal(index, code))
+        let refusal = self.axis.connection.with_axes(|axes, _| axes.refusal(index, code));
+        refusal != Refusal::Missing
     }
 
     /// The drive replied to the stop: checks whether the motor brakes.
@@ -576,7 +590,8 @@ impl StopSupervisor {
 }
 
 /// Stops axes and waits until each stop has ended. All stops are sent before the first wait, and no axis delays
-/// another. `on_notice` is called with the news of each; its `false` ends the repetitions after a missing reply.
+/// another. `on_notice` is called with the news of each. Its `false` ends the repetitions after a missing
+/// reply, and after [`StopNotice::Waiting`] the wait for that axis.
 ///
 /// ```
 /// use polepair::axis::{STOP_RETRY_MAX, StopOptions, stop_axes};
@@ -604,10 +619,14 @@ pub fn await_stops(
     let mut airtime = WireAirtime::default();
     while stops.iter().any(|stop| stop.result.is_none()) {
         for stop in &mut stops {
-            if let Some(notice) = stop.wait(&mut airtime, POLL_SLICE)
-                && !on_notice(&stop.axis, &notice)
-            {
-                stop.give_up();
+            if stop.result.is_some() {
+                continue;
+            }
+            let notice = stop.wait(&mut airtime, POLL_SLICE).unwrap_or(StopNotice::Waiting);
+            match (on_notice(&stop.axis, &notice), notice) {
+                (true, _) => {}
+                (false, StopNotice::Waiting) => stop.abandon(),
+                (false, _) => stop.give_up(),
             }
         }
     }

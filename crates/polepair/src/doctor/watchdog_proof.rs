@@ -352,7 +352,7 @@ impl ArmedMotor<'_> {
         let options = StopOptions { power_off: true, ..StopOptions::default() };
         let stopped = stop_axes(one, options, STOP_RETRY_MAX, |axis, notice| match notice {
             StopNotice::Unconfirmed(_) => again(axis),
-            StopNotice::QuickStop => true,
+            StopNotice::QuickStop | StopNotice::Waiting => true,
         });
         axis.arm(false);
         let is_off = stopped.iter().all(|stop| stop.power_off == Some(Ok(())));

@@ -146,8 +146,10 @@ fn a_stop_of_the_module_reaches_all_of_its_motors() {
         let speed = axis.signals(&[Signal::Velocity]).unwrap()[0].value;
         assert!(speed.abs() < 0.6, "{}: {speed}", axis.label());
     }
-    let stopped =
-        stop::stop(&Connector::default(), &url, StopOptions::default(), &mut |_| {}).unwrap();
+    let stopped = stop::stop(&Connector::default(), &url, StopOptions::default(), &mut |_| {
+        std::ops::ControlFlow::Continue(())
+    })
+    .unwrap();
     let labels: Vec<&str> = stopped.axes.iter().map(|(label, _)| label.as_str()).collect();
     assert_eq!(labels, ["axis 1 (x)", "axis 1.1 (y)", "axis 1.4 (z)", "axis 2", "axis 3"]);
     assert!(stopped.axes.iter().all(|(_, ended)| ended.is_ok()), "{:?}", stopped.axes);

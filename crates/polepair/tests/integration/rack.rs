@@ -119,8 +119,10 @@ fn a_drive_that_is_away_keeps_no_other_from_its_stop() {
     let gone = "[[link.drive]]\nname = 'gone'\nprofile = 'thruster'\naddress = 12\n";
     let machine = Machine::new("stop", &there, &format!("{there}\n{gone}"));
     let stopped =
-        polepair::stop::stop(&machine.connector(), "@cell", StopOptions::default(), &mut |_| {})
-            .expect("open");
+        polepair::stop::stop(&machine.connector(), "@cell", StopOptions::default(), &mut |_| {
+            std::ops::ControlFlow::Continue(())
+        })
+        .expect("open");
     let ended: Vec<_> = stopped.axes.iter().map(|(_, ended)| ended.is_ok()).collect();
     assert_eq!(ended, [true, true, true, true, false], "{stopped:?}");
 }

@@ -274,8 +274,14 @@ impl Driver for Axis {
         &self,
         parameter: &Parameter,
         block: bool,
+        max: u16,
     ) -> Result<HostRequest, Unsupported> {
-        Ok(HostRequest::Upload { node: self.node, object: self.parameter_object(parameter), block })
+        Ok(HostRequest::Upload {
+            node: self.node,
+            object: self.parameter_object(parameter),
+            block,
+            max,
+        })
     }
 
     fn data_write_request(

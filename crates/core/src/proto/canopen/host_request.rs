@@ -44,6 +44,8 @@ pub enum HostRequest {
         object: ObjectIndex,
         /// In blocks.
         block: bool,
+        /// It is aborted after more bytes than this; 0 for no limit.
+        max: u16,
     },
     /// Writes an object of any length. The bytes are fed with
     /// [`Host::feed_bytes`](crate::station::Host::feed_bytes).

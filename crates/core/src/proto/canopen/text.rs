@@ -237,7 +237,7 @@ impl Statement {
             Self::Write(object, bits, len @ 1..) => {
                 HostRequest::Write { node, object, bits, len, class: RequestClass::NoRetry }
             }
-            Self::Upload(object, block) => HostRequest::Upload { node, object, block },
+            Self::Upload(object, block) => HostRequest::Upload { node, object, block, max: 0 },
             Self::Download(object, size, block) => {
                 HostRequest::Download { node, object, block, size }
             }

@@ -168,7 +168,7 @@ impl Driver for Axis {
             ProgramCommand::Step => (NoRetry, [130, 0, 0], 0),
             ProgramCommand::Reset => (NoRetry, [131, 0, 0], 0),
             ProgramCommand::BeginStore(at) => (NoRetry, [132, 0, 0], at.into()),
-            ProgramCommand::EndStore => (Idempotent, [133, 0, 0], 0),
+            ProgramCommand::EndStore => (Stop, [133, 0, 0], 0),
             ProgramCommand::ReadInstruction(at) => (Idempotent, [134, 0, 0], at.into()),
             ProgramCommand::QueryCounter => (Idempotent, [Opcode::Ggp.number(), 130, 0], 0),
             ProgramCommand::QuerySpeed(motor) => (Idempotent, [Opcode::Gap.number(), 3, motor], 0),
@@ -199,9 +199,10 @@ impl Driver for Axis {
 
     /// A parameter that a module does not have is a wrong type (TMCL reference, status codes).
     fn refusal(&self, code: u32) -> Refusal {
-        match code == u32::from(Status::WrongType.number()) {
-            true => Refusal::Missing,
-            false => Refusal::Final,
+        match u8::try_from(code).map(Status::from) {
+            Ok(Status::WrongType) => Refusal::Missing,
+            Ok(Status::Loaded) => Refusal::Stored,
+            _ => Refusal::Final,
         }
     }
 

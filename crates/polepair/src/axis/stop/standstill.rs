@@ -13,7 +13,7 @@ use super::{Standstill, StopProgress, failure_of};
 use crate::axis::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use crate::url::AxisNumber;
-use polepair_core::axis::{AxisStatus, Verb};
+use polepair_core::axis::{AxisStatus, Refusal, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::judge::{MotionGoal, MotionJudge, MotionVerdict, Observation, Tolerance};
 use polepair_core::plan::Step;
@@ -227,7 +227,8 @@ impl StandstillMonitor {
             // The drives of a group differ.
             Some(Failure::NotReady { .. }) => now.since(self.since) >= GROUP_WAIT_MAX,
             Some(Failure::Refused { code }) => {
-                axis.connection.with_axes(|axes, _| axes.is_missing_refusal(axis.index, code))
+                let refusal = axis.connection.with_axes(|axes, _| axes.refusal(axis.index, code));
+                refusal == Refusal::Missing
             }
             _ => true,
         };

@@ -99,7 +99,7 @@ impl HostAndNode {
 }
 
 fn upload(block: bool) -> HostRequest {
-    HostRequest::Upload { node: NODE, object: STREAM, block }
+    HostRequest::Upload { node: NODE, object: STREAM, block, max: 0 }
 }
 
 fn download(block: bool) -> HostRequest {

@@ -167,6 +167,12 @@ impl NodeChannel {
             self.bytes_done += 1;
         }
         (self.toggle, self.duplicate_seen) = (!self.toggle, false);
+        let is_too_long = matches!(self.host_request, HostRequest::Upload { max: max @ 1.., .. }
+            if self.bytes_done > max.into());
+        // A segment without bytes that is not the last may be followed by more of its kind for ever.
+        if is_too_long || bytes.is_empty() && !segment.last {
+            return self.abort_broken(AbortCode::LENGTH);
+        }
         if let Some(long) = long {
             long.push_segment(bytes);
             return if segment.last { self.begin_drain() } else { self.resume(long) };

@@ -188,6 +188,6 @@ fn a_stop_of_one_axis_waits_for_short_requests_of_another() {
     assert!(!read(0x6041).is_of_other_axis(&read(0x6040)));
     assert!(!read(0x1018).is_of_other_axis(&read(0x6840)));
     let object = ObjectIndex::new(0x6041, 0);
-    let long = HostRequest::Upload { node: 5, object, block: true };
+    let long = HostRequest::Upload { node: 5, object, block: true, max: 0 };
     assert!(!long.is_of_other_axis(&read(0x6840)));
 }

@@ -249,7 +249,7 @@ fn a_dead_node_ends_every_request() {
         write(CONTROL, 2, 2, RequestClass::Stop),
         write(CONTROL, 6, 2, RequestClass::ReadBack),
         HostRequest::Guard { node: 2 },
-        HostRequest::Upload { node: 2, object: STATUS, block: true },
+        HostRequest::Upload { node: 2, object: STATUS, block: true, max: 0 },
         HostRequest::Download { node: 2, object: STATUS, block: false, size: 9 },
     ] {
         let mut b = HostFixture::new();
@@ -499,7 +499,7 @@ fn a_dead_line_ends_everything() {
     b.submit(1, read(2, STATUS));
     b.submit(2, HostRequest::Nmt(NmtMessage { command: NmtCommand::Start, node: 2 }));
     b.submit(3, HostRequest::FastScan);
-    b.submit(4, HostRequest::Upload { node: 4, object: STATUS, block: false });
+    b.submit(4, HostRequest::Upload { node: 4, object: STATUS, block: false, max: 0 });
     b.host.handle_line(b.now, LineEvent::Down);
     let events = b.events();
     assert_eq!(events.len(), 4);

@@ -94,7 +94,10 @@ fn eight_bytes_are_written_in_two_segments() {
 #[test]
 fn an_upload_in_segments_waits_for_whoever_takes_it() {
     let mut b = HostFixture::new();
-    b.submit(1, HostRequest::Upload { node: 2, object: ObjectIndex::new(0x1F50, 1), block: false });
+    b.submit(
+        1,
+        HostRequest::Upload { node: 2, object: ObjectIndex::new(0x1F50, 1), block: false, max: 0 },
+    );
     b.sent_frames();
     b.receive("582#41501F01DC050000");
     let (mut toggle, mut requested) = (0u8, 0);
@@ -118,7 +121,10 @@ fn an_upload_in_segments_waits_for_whoever_takes_it() {
 #[test]
 fn blocks_are_read_and_what_was_lost_is_asked_again() {
     let mut b = HostFixture::new();
-    b.submit(1, HostRequest::Upload { node: 2, object: ObjectIndex::new(0x1008, 0), block: true });
+    b.submit(
+        1,
+        HostRequest::Upload { node: 2, object: ObjectIndex::new(0x1008, 0), block: true, max: 0 },
+    );
     assert_eq!(b.sent_frames(), ["602#A40810007F000000"]);
     b.receive("582#C608100011000000");
     assert_eq!(b.sent_frames(), ["602#A300000000000000"]);
@@ -142,7 +148,10 @@ fn blocks_are_read_and_what_was_lost_is_asked_again() {
 #[test]
 fn a_wrong_check_over_blocks_is_told() {
     let mut b = HostFixture::new();
-    b.submit(1, HostRequest::Upload { node: 2, object: ObjectIndex::new(0x1008, 0), block: true });
+    b.submit(
+        1,
+        HostRequest::Upload { node: 2, object: ObjectIndex::new(0x1008, 0), block: true, max: 0 },
+    );
     b.sent_frames();
     b.receive("582#C608100003000000");
     b.sent_frames();
@@ -258,7 +267,7 @@ fn a_download_waits_for_bytes() {
 fn a_node_without_blocks_answers_in_segments() {
     let mut b = HostFixture::new();
     let object = ObjectIndex::new(0x1F50, 1);
-    b.submit(1, HostRequest::Upload { node: 2, object, block: true });
+    b.submit(1, HostRequest::Upload { node: 2, object, block: true, max: 0 });
     assert_eq!(b.sent_frames(), ["602#A4501F017F000000"]);
     b.receive("582#41501F0109000000");
     assert_eq!(b.sent_frames(), ["602#6000000000000000"]);
