@@ -47,9 +47,18 @@ class OddDrive:
         self.doubled_after = None
         # The bit of an earlier arrival stays for so long; a limit holds the axis at this position.
         self.stale_reached_s, self.limit_at, self.at_limit = 0.0, None, False
+        # It does not obey halt; its power comes after so many seconds; it looks at its controlword so often.
+        self.ignores_halt, self.enable_s, self.sample_s = False, 0.0, 0.0
+        # Bit 12 stays set after enabling, until bit 4 falls.
+        self.keeps_ack = False
+        # What answers a frame in place of the drive: bytes, b"" for silence, None to let the drive answer.
+        self.hook = lambda frame: None
+        # When each frame to the node came, and when each value of the controlword did.
+        self.frames, self.controls = [], []
         self.writes = []
         self.state, self.old, self.ack, self.reached = 0x40, 0, False, True
         self.position, self.target, self.homing = 0.0, None, None
+        self.power_at, self.sampled_at = None, 0.0
         self.fault_at, self.sto_at, self.fault_homing_after = None, None, None
         # It takes another mode never, or only while it is not enabled.
         self.keeps_mode = self.locks_mode = False
@@ -82,7 +91,7 @@ class OddDrive:
     def serve(self, client):
         client.sendall(b"< hi >")
         text = ""
-        while data := client.recv(4096):
+        while data := self.heard(client):
             text += data.decode()
             while ">" in text:
                 message, text = text.split(">", 1)
@@ -95,6 +104,13 @@ class OddDrive:
                     if self.doubled_after:
                         again = (client, int(words[1], 16), frame)
                         threading.Timer(self.doubled_after, self.answer, again).start()
+
+    @staticmethod
+    def heard(client):
+        try:
+            return client.recv(4096)
+        except ConnectionResetError:
+            return b""
 
     def answer(self, client, cob, frame):
         with self.lock:
@@ -109,6 +125,10 @@ class OddDrive:
     def receive(self, cob, frame):
         if cob != 0x600 + self.node or len(frame) != 8:
             return None
+        self.frames.append((time.monotonic(), frame))
+        hooked = self.hook(frame)
+        if hooked is not None:
+            return hooked
         command, index, sub = struct.unpack("<BHB", frame[:4])
         if self.second and 0x6800 <= index < 0x7000:
             first = frame[:1] + struct.pack("<H", index - 0x800) + frame[3:]
@@ -157,12 +177,22 @@ class OddDrive:
             self.values[0x6061, 0] = value
         if key != (0x6040, 0):
             return
-        rising, self.old = value & ~self.old, value
+        self.controls.append((time.monotonic(), value))
+        if self.sample_s == 0.0:
+            self.control(value)
+
+    def control(self, value):
+        rising, falling, self.old = value & ~self.old, self.old & ~value, value
+        was = self.state
         if self.state == 0x08:
             self.state = 0x40 if rising & 0x80 else 0x08
         elif value & 0x0F in (0x06, 0x07, 0x0F) and not value & 0x80:
             self.state = {0x06: 0x21, 0x07: 0x23, 0x0F: 0x27}[value & 0x0F]
-        elif not value & 0x02:
+            if self.state == 0x27 and was != 0x27:
+                self.ack |= self.keeps_ack
+                if self.enable_s:
+                    self.state, self.power_at = 0x23, time.monotonic() + self.enable_s
+        elif not value & 0x02 or value & 0x06 == 0x02:
             self.state = 0x40
         if self.state != 0x27:
             self.target = self.homing = None
@@ -171,7 +201,7 @@ class OddDrive:
                 self.target = self.values[0x607A, 0] + (self.position if value & 0x40 else 0)
                 self.reached = self.stale_reached_s > 0
                 self.began = time.monotonic()
-            self.ack = bool(value & 0x10)
+            self.ack = bool(value & 0x10) or self.ack and self.keeps_ack and not falling & 0x10
         elif self.values[0x6061, 0] == 6:
             if rising & 0x10:
                 self.homing = time.monotonic()
@@ -189,7 +219,12 @@ class OddDrive:
                 self.advance(now, span)
 
     def advance(self, now, span):
-        halted = self.old & 0x100
+        if self.sample_s and now >= self.sampled_at + self.sample_s:
+            self.sampled_at = now
+            self.control(self.values[0x6040, 0])
+        if self.power_at is not None and now >= self.power_at:
+            self.state, self.power_at = 0x27, None
+        halted = self.old & 0x100 and not self.ignores_halt
         mode = self.values[0x6061, 0] if self.state == 0x27 else 0
         turn = self.per_turn / self.per_rpm / 60
         before = self.position
@@ -218,6 +253,6 @@ class OddDrive:
             self.fail(0x40)
 
     def fail(self, state):
-        self.state, self.target, self.homing = state, None, None
+        self.state, self.target, self.homing, self.power_at = state, None, None, None
         if state == 0x08:
             self.values[0x603F, 0] = 0x8611

@@ -470,8 +470,7 @@ impl<'a> LineSearch<'a> {
         for axis in self.line.axes_of_found(std::slice::from_ref(one))? {
             // One that only listens may obey. Its reply is heard when all are waited for.
             let mut stop = begin_stop(&axis, how);
-            stop.wait(&mut WireAirtime::default(), clock::scale_timeout(STOP_WAIT_MAX));
-            stopped.note_program(&axis);
+            stopped.wait_first_stop(&axis, &mut stop, clock::scale_timeout(STOP_WAIT_MAX));
             if !stop.is_unsent() {
                 let _ = on_event(StopEvent::StopSent(&axis));
             }
@@ -580,8 +579,24 @@ impl LinkStopReport {
         let stops: Vec<_> = axes.iter().map(|axis| begin_stop(axis, how)).collect();
         let end = clock::now() + clock::scale_timeout(STOP_WAIT_MAX);
         for (axis, mut stop) in axes.iter().zip(stops) {
-            stop.wait(&mut WireAirtime::default(), end.since(clock::now()));
-            self.note_program(axis);
+            self.wait_first_stop(axis, &mut stop, end.since(clock::now()));
+        }
+    }
+
+    /// Waits for the first stop of an axis, and notes what it found.
+    fn wait_first_stop(&mut self, axis: &LocalAxis, stop: &mut StopSupervisor, at_most: Duration) {
+        let end = axis.connection().now() + at_most;
+        let mut airtime = WireAirtime::default();
+        while stop.wait(&mut airtime, end.since(axis.connection().now())).is_some() {}
+        self.note_program(axis);
+        if stop.sent_quick_stop() {
+            self.note_quick_stop(axis.label());
+        }
+    }
+
+    fn note_quick_stop(&mut self, label: String) {
+        if !self.quick_stops.contains(&label) {
+            self.quick_stops.push(label);
         }
     }
 
@@ -593,7 +608,7 @@ impl LinkStopReport {
         let ended = await_stops(stops, |axis, notice| match notice {
             StopNotice::Waiting => on_event(StopEvent::Waiting).is_continue(),
             StopNotice::QuickStop => {
-                self.quick_stops.push(axis.label());
+                self.note_quick_stop(axis.label());
                 true
             }
             StopNotice::Unconfirmed(_) => true,

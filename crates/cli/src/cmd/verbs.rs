@@ -11,10 +11,11 @@ use polepair_core::profile::Signal;
 use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::ServerArgs;
+use crate::remote::{self, ServerArgs};
 use crate::session::{self, Session};
 use crate::target::DriveArgs;
 use crate::terminal::{print_note, print_warning};
+use crate::value;
 
 /// A drive takes that long to say that it is off.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -34,6 +35,9 @@ const CLEARED: &str = "faults are cleared";
 pub struct Enable {
     #[command(flatten)]
     target: DriveArgs,
+    /// Wait at most so long, such as for a commutation search [default: 10 s]
+    #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
+    timeout: Option<f64>,
     /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
@@ -67,12 +71,23 @@ impl Enable {
             server.refuse_dry_run()?;
             return self.target.rehearse(|_| Ok(Command::new(Verb::Enable)));
         }
+        if self.timeout.is_some() && server.is_given() {
+            return Err(remote::unsupported_problem(
+                "--timeout",
+                "A server waits for power as long as the drive's profile says.",
+            ));
+        }
+        let enable = Command::new(Verb::Enable);
+        let enable = match self.timeout.and_then(|s| Duration::try_from_secs_f64(s).ok()) {
+            Some(timeout) => enable.limited(timeout),
+            None => enable,
+        };
         let session = self.target.connect(server)?;
         session.listen_for_interrupts();
         motion::print_caution(&session.facts());
         for axis in session.axes() {
             axis.arm().map_err(outcome::to_problem)?;
-            switch_power(axis, Verb::Enable)?;
+            switch_power(axis, enable)?;
             // The drive keeps its power.
             if axis.local().is_none() {
                 axis.disarm().map_err(outcome::to_problem)?;
@@ -119,7 +134,7 @@ fn run_simple(
     let mut ended = Ok(());
     // Every axis is told, whatever becomes of one.
     for axis in session.axes() {
-        let one = switch_power(axis, wanted).and_then(|()| done(axis));
+        let one = switch_power(axis, Command::new(wanted)).and_then(|()| done(axis));
         if let Ok(done) = &one {
             print_note(&format!("{} {done}", axis.label()));
         }
@@ -188,11 +203,11 @@ fn still_powered_problem(label: &str) -> Problem {
 
 /// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
 /// none.
-fn switch_power(axis: &Axis, wanted: Verb) -> Result<()> {
-    let ended = axis.run(Command::new(wanted));
+fn switch_power(axis: &Axis, wanted: Command) -> Result<()> {
+    let ended = axis.run(wanted);
     if let Err(error) = &ended {
         let label = axis.label();
-        match (wanted, error.executed()) {
+        match (wanted.verb, error.executed()) {
             (Verb::Disable, _) => print_warning(&format!(
                 "{label} may still be powered, and may still turn: cut its supply"
             )),

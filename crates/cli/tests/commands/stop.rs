@@ -458,3 +458,32 @@ fn who_cannot_be_identified_is_not_said_to_have_no_power() {
     }
     sim.end();
 }
+
+/// Another host loads a program and breaks off: each request is one more instruction, a stop too.
+#[test]
+fn a_module_in_download_mode_is_stopped_and_identified() {
+    for profile in ["", "?profile=tmcm-171"] {
+        let sim = Served::new("tmcl");
+        let url = sim.url.replace('#', &format!("{profile}#"));
+        ok(&["spin", &sim.url, "300rpm", "--detach"]);
+        ok(&["send", "--arm", &sim.url, "132, 0, 0, 0"]);
+        let ran = polepair(&["stop", &url]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        for text in ["axis 1 is stopped", "was in download mode, which was ended; its program is"] {
+            assert!(ran.err.contains(text), "{}", ran.err);
+        }
+        let speed = ok(&["get", &sim.url, "actual velocity"]);
+        assert!(speed.starts_with("actual velocity = 0 "), "{speed}");
+        ok(&["send", "--arm", &sim.url, "132, 0, 0, 0"]);
+        let ran = polepair(&["info", &sim.url]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        assert!(ran.out.contains("TMCM-171") && ran.err.contains("download mode"), "{}", ran.err);
+        // Nobody asks what it is; the refusal says what to do.
+        ok(&["send", "--arm", &sim.url, "132, 0, 0, 0"]);
+        let with_profile = sim.url.replace('#', "?profile=tmcm-171#");
+        let ran = polepair(&["get", &with_profile, "actual velocity"]);
+        assert!(ran.code == 6 && ran.err.contains("`polepair stop` ends that"), "{}", ran.err);
+        ok(&["stop", &url]);
+        sim.end();
+    }
+}

@@ -188,3 +188,40 @@ fn a_number_that_nobody_can_scale_moves_nothing() {
     let known = ok(&["spin", "sim:tmcl", "100", "--dry-run"]);
     assert_eq!(known, ok(&["spin", "sim:tmcl", "100rpm", "--dry-run"]), "its profile says rpm");
 }
+
+/// A fault word is its bits, whatever the type of the parameter that has them: the highest one too.
+#[cfg(unix)]
+#[test]
+fn a_fault_in_the_highest_bit_is_a_fault() {
+    let profile = std::env::temp_dir().join(format!("polepair-fault-{}.toml", std::process::id()));
+    let path = profile.to_str().expect("text");
+    for (code, word, shown) in [
+        ("0x80000000", i32::MIN, "OVERHEAT"),
+        ("0x80000000", -1, "OVERHEAT"),
+        ("5", 5, "OVERHEAT"),
+        ("0x80000000", 0x4000_0000, "code 0x40000000"),
+    ] {
+        let text = format!(
+            "name = \"mine\"\nextends = \"tmcm-170\"\n[signals]\nfault = \"target position\"\n\
+             [[fault]]\ncode = {code}\nname = \"OVERHEAT\"\ntext = \"too hot\"\n"
+        );
+        std::fs::write(&profile, text).expect("a profile");
+        let run = |verb: &str| {
+            let (url, module) = crate::stop::module(move |opcode, _| match opcode {
+                136 => Some((100, 0x00AA_0112)),
+                // Every axis parameter has it.
+                6 => Some((100, word)),
+                _ => Some((100, 0)),
+            });
+            let ran = polepair(&[verb, &url.replace('#', "?profile=mine#"), "--profile", path]);
+            module.join().expect("a module");
+            ran
+        };
+        for verb in ["info", "doctor"] {
+            let ran = run(verb);
+            assert!(ran.out.contains(shown), "{verb} {word}: {}{}", ran.out, ran.err);
+            assert!(!ran.out.contains("no faults"), "{verb} {word}: {}", ran.out);
+        }
+    }
+    std::fs::remove_file(&profile).expect("a profile");
+}

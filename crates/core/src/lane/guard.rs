@@ -58,6 +58,8 @@ impl WaitGuard {
         self.was_enabled |= source(slot, Signal::Enabled, id)
             .and_then(|source| enabled_by(source, raw))
             .unwrap_or(false);
+        let rule = slot.profile.motion.unpowered.filter(|(rule, _)| *rule == id);
+        self.was_ready |= rule.is_some_and(|(_, test)| !test.passes(raw));
     }
 
     /// Evaluates a value that a wait step read and that fails its test.
@@ -77,11 +79,9 @@ impl WaitGuard {
         {
             return read_fault(slot);
         }
-        if let Some((_, test)) = slot.profile.motion.unpowered.filter(|(rule, _)| *rule == id) {
-            if self.was_ready && test.passes(raw) {
-                return read_fault(slot);
-            }
-            self.was_ready |= !test.passes(raw);
+        let rule = slot.profile.motion.unpowered.filter(|(rule, _)| *rule == id);
+        if self.was_ready && rule.is_some_and(|(_, test)| test.passes(raw)) {
+            return read_fault(slot);
         }
         let due = *self.due.get_or_insert(now.plus_ms(PERIOD_MS));
         if now < due {

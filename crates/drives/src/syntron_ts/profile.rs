@@ -2001,12 +2001,17 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 10] = [
         Step::Standstill { within_ms: 5000 },
     ], undo: &[] },
     Plan { verb: Verb::Clear, source: "CiA 402-2", steps: &[
-        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, count: 7 },
+        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, count: 12 },
         Step::Write(ParameterId(820), Operand::Constant(0)),
         Step::Wait { ms: 20 },
         Step::Write(ParameterId(820), Operand::Constant(128)),
         Step::Wait { ms: 20 },
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, within_ms: 300, required: false },
+        Step::Write(ParameterId(820), Operand::Constant(0)),
+        Step::Skip { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, count: 4 },
+        Step::Wait { ms: 200 },
+        Step::Write(ParameterId(820), Operand::Constant(128)),
+        Step::Wait { ms: 200 },
         Step::Write(ParameterId(820), Operand::Constant(0)),
         Step::Until { read: ParameterId(821), test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 0 }, within_ms: 2000, required: true },
     ], undo: &[

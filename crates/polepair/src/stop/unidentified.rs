@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::identification::Identification;
 use crate::identify::{ProbeResult, Prober};
 use polepair_core::axis::Verb;
-use polepair_core::error::Outcome;
+use polepair_core::error::{Failure, Outcome};
 use polepair_core::plan::{Operand, Step};
 use polepair_core::profile::{Encoding, Profile};
 
@@ -108,10 +108,11 @@ pub(super) fn unidentified_error(
         (SharedStop::Sent(Err(Error::Failed { outcome: part @ Outcome::Partly(..), .. })), _) => {
             (SHARED_STOP_SENT, part)
         }
-        (SharedStop::Sent(_), Outcome::NotDone(failure)) => {
+        (SharedStop::Sent(_), Outcome::NotDone(failure @ Failure::AnsweredTwice)) => {
             (SHARED_STOP_SENT, Outcome::Unknown(failure))
         }
-        (SharedStop::Sent(_), _) => (SHARED_STOP_SENT, outcome),
+        // Whatever came, nothing confirms the stop.
+        (SharedStop::Sent(_), _) => (SHARED_STOP_SENT, Outcome::Unknown(Failure::Silent)),
     };
     Error::Failed {
         what,

@@ -4,6 +4,7 @@
 mod hogs;
 mod raw;
 mod scopes;
+mod stops;
 mod tls;
 
 use crate::{authority, site};
