@@ -371,7 +371,10 @@ impl<'a> LineSearch<'a> {
         };
         let known = |profile| DetectedDrive::with_known_profile(self.line, number, profile);
         let verb = self.how.command().verb;
-        let has_stop = |profile: &&'static Profile| profile.plan(verb).is_some();
+        // Of which standstill can be seen as well.
+        let has_stop = |profile: &&'static Profile| {
+            profile.plan(verb).is_some() && !profile.signals.is_empty()
+        };
         let generic = Some(self.line.protocol.generic).filter(has_stop);
         let one = match (self.chosen, identified) {
             (Some(profile), _) => Some(known(profile)),

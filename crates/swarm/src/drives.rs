@@ -14,7 +14,7 @@ pub struct DriveKind {
     /// Lines of its `[[link.drive]]`.
     drive: &'static str,
     /// The first address.
-    first_address: u32,
+    pub first_address: u32,
     /// Axes on one wire at most.
     axes_max: u64,
     /// Speeds that are asked for, rad/s.

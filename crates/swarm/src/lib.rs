@@ -20,7 +20,7 @@ use polepair_core::time::Instant;
 pub use polepair_sim::check::Violation;
 
 /// What must hold after every event: the number that a violation names, and what it means.
-pub const INVARIANTS: [(&str, &str); 13] = [
+pub const INVARIANTS: [(&str, &str); 14] = [
     ("G1", "3 s after its wire is well, and within its ramp, an axis that is owed a stop stands"),
     ("G2", "the alarm stands while an axis turns that is owed a stop"),
     ("G3", "the alarm ends when the axis stands and its wire is well"),
@@ -34,6 +34,7 @@ pub const INVARIANTS: [(&str, &str); 13] = [
     ("G11", "`done` is told of motion that the drive executed, where it answers"),
     ("G12", "nothing panics"),
     ("G13", "who is told that an axis arrived has its shaft at the target"),
+    ("G14", "a stop is sent, whatever id it has"),
 ];
 
 /// Violations that one report holds at most.

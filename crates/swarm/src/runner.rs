@@ -21,7 +21,7 @@ use polepair_sim::random::{HistoryHash, Ppm, Random};
 use crate::client::{ClientAction, ClientPresence, GatewayClient, LeaseProgress};
 use crate::drives::RandomRack;
 use crate::scenario::{hash_text, random_speed, seconds};
-use crate::schedule::{DriveEvent, WireDisturbance};
+use crate::schedule::{DriveEvent, DriveEventKind, WireDisturbance};
 use crate::stop_observer::{StopObserver, StopViolation};
 use crate::wire::{AnyPort, UnitOutcome, WireCondition};
 use crate::{GatewayReport, HistorySink, VIOLATIONS_MAX, Violation};
@@ -198,15 +198,32 @@ impl WorldRunner {
         self.log_frames();
     }
 
-    fn disturb_drive(&mut self, bench: &Bench, DriveEvent { axis, act, .. }: DriveEvent) {
+    fn disturb_drive(&mut self, bench: &Bench, DriveEvent { axis, kind, .. }: DriveEvent) {
         let wire = self.observers[axis].wire;
         let drive = self.observers[..axis].iter().filter(|other| other.wire == wire).count();
-        if bench.simulation(0).is_some_and(|simulation| simulation.act(wire, drive, act)) {
-            self.log(|| format!("axis {axis}: {act:?}"));
-            self.report.count("acts on drives");
-            // What it counts positions from is another place then.
-            let loses_steps = act == Act::Jam(true) && !self.observers[axis].kind.measures_position;
-            self.observers[axis].counts_anew |= act == Act::PowerCycle || loses_steps;
+        match kind {
+            DriveEventKind::Download => self.begin_download(axis, drive),
+            DriveEventKind::Act(act) => {
+                if bench.simulation(0).is_some_and(|simulation| simulation.act(wire, drive, act)) {
+                    self.log(|| format!("axis {axis}: {act:?}"));
+                    self.report.count("acts on drives");
+                    // What it counts positions from is another place then.
+                    let loses_steps =
+                        act == Act::Jam(true) && !self.observers[axis].kind.measures_position;
+                    self.observers[axis].counts_anew |= act == Act::PowerCycle || loses_steps;
+                }
+            }
+        }
+    }
+
+    /// Another host says START DOWNLOAD (132) to a TMCL module on a line.
+    fn begin_download(&mut self, axis: usize, drive: usize) {
+        let StopObserver { kind, wire, .. } = self.observers[axis];
+        let address = kind.first_address as u8 + drive as u8;
+        let request = [address, 132, 0, 0, 0, 0, 0, 0, address.wrapping_add(132)];
+        if kind.name.starts_with("TMCL") && self.ports[wire].send_foreign(&request) {
+            self.log(|| format!("axis {axis}: another host loads a program"));
+            self.report.count("downloads");
         }
     }
 
@@ -389,7 +406,11 @@ impl WorldRunner {
             watch.moved_epoch = watch.moved_epoch.max(Some(epoch));
             watch.record_motion_order(epoch, self.now);
         }
-        self.last_id += 1;
+        // Some clients use an id again; a stop is executed all the same.
+        let share = if verb == "stop" { 300_000 } else { 10_000 };
+        if self.last_id == 0 || !self.random.chance(Ppm(share)) {
+            self.last_id += 1;
+        }
         let request = CommandRequest {
             id: format!("id-{}", self.last_id),
             issued_ms: bench.now_ms(),
@@ -634,5 +655,6 @@ fn condition_label(condition: WireCondition) -> &'static str {
         WireCondition::Drops(_) => "wires dropping",
         WireCondition::Silent { .. } => "wires silent",
         WireCondition::Slow(_) => "wires slow",
+        WireCondition::Busy => "nodes busy",
     }
 }

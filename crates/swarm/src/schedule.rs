@@ -24,8 +24,17 @@ pub struct DriveEvent {
     pub at: Instant,
     /// To which axis.
     pub axis: usize,
-    /// What. It stays so to the end of the world: a motor that is let go again turns without a command.
-    pub act: Act,
+    /// What.
+    pub kind: DriveEventKind,
+}
+
+/// What happens to a drive.
+#[derive(Clone, Copy, Debug)]
+pub enum DriveEventKind {
+    /// It stays so to the end of the world: a motor that is let go again turns without a command.
+    Act(Act),
+    /// Another host begins to load a program into it, and goes: it stores each request from then on.
+    Download,
 }
 
 /// What happens to drives until `calm`, in order.
@@ -42,12 +51,16 @@ pub fn plan_drive_events(
             continue;
         }
         let at = begin.plus_ms(random.between(300, span) as u32);
-        let act = match random.below(4) {
-            0 => Act::Jam(true),
-            1 => Act::PowerCycle,
-            _ => Act::Switch { which: 1, at: random.between(-300, 900) as f64 / 100.0 },
+        let kind = match random.below(6) {
+            0 => DriveEventKind::Act(Act::Jam(true)),
+            1 => DriveEventKind::Act(Act::PowerCycle),
+            2 | 3 => DriveEventKind::Download,
+            _ => {
+                let at = random.between(-300, 900) as f64 / 100.0;
+                DriveEventKind::Act(Act::Switch { which: 1, at })
+            }
         };
-        events.push(DriveEvent { at, axis, act });
+        events.push(DriveEvent { at, axis, kind });
     }
     events.sort_by_key(|event| event.at);
     events
@@ -91,12 +104,13 @@ pub fn plan_disturbances(
 
 /// A calamity, and how long it lasts, ms.
 fn random_condition(random: &mut Random) -> (WireCondition, u32) {
-    let condition = match random.below(10) {
+    let condition = match random.below(12) {
         0..3 => WireCondition::Gone,
         3..5 => WireCondition::Drops(random.pick(&[0, 1, 5, 30, 120, 300])),
         5..7 => WireCondition::Silent { to_drives: true, to_host: true },
         7 => WireCondition::Silent { to_drives: true, to_host: false },
         8 => WireCondition::Silent { to_drives: false, to_host: true },
+        9 | 10 => WireCondition::Busy,
         _ => WireCondition::Slow(random.pick(&[5, 40, 150, 400, 900])),
     };
     let lasts = match random.below(3) {

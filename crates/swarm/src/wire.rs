@@ -37,6 +37,8 @@ pub enum WireCondition {
     },
     /// What is said takes so many ms longer each way.
     Slow(u32),
+    /// CANopen nodes refuse to tell speed and position in their present state.
+    Busy,
 }
 
 impl std::fmt::Display for WireCondition {
@@ -49,6 +51,7 @@ impl std::fmt::Display for WireCondition {
             Self::Silent { to_drives: true, .. } => f.write_str("silent towards drives"),
             Self::Silent { .. } => f.write_str("silent towards the host"),
             Self::Slow(ms) => write!(f, "slow, {ms} ms each way"),
+            Self::Busy => f.write_str("of nodes that do not tell where they are"),
         }
     }
 }
@@ -87,6 +90,8 @@ pub trait AnyPort: Send + Sync {
     fn working_since(&self) -> Option<Instant>;
     /// Changes it.
     fn set_condition(&self, condition: WireCondition);
+    /// Sends what another host says; false on a bus, where nobody does.
+    fn send_foreign(&self, bytes: &[u8]) -> bool;
     /// Sends on what was delayed for long enough.
     fn forward_due(&self);
     /// How often its link was lost, how often opened again, how many units left the host.
@@ -116,7 +121,14 @@ pub trait OwnedMedium: Medium<Unit: ToOwned<Owned: Send>> {
     fn write_unit(unit: &Self::Unit, out: &mut Self::Out) -> usize;
     /// Its bytes, for people and for the history.
     fn unit_bytes(unit: &Self::Unit) -> Vec<u8>;
+    /// The unit that these bytes are, on a line.
+    fn foreign_unit(bytes: &[u8]) -> Option<&Self::Unit>;
+    /// The refusal in place of a node's speed or position.
+    fn busy_reply(unit: &Self::Unit) -> Option<<Self::Unit as ToOwned>::Owned>;
 }
+
+/// "Data cannot be transferred because of the present device state" (CiA 301).
+const BUSY_ABORT: u32 = 0x0800_0022;
 
 impl OwnedMedium for Stream {
     fn write_unit(unit: &[u8], out: &mut [u8]) -> usize {
@@ -128,6 +140,14 @@ impl OwnedMedium for Stream {
     fn unit_bytes(unit: &[u8]) -> Vec<u8> {
         unit.to_vec()
     }
+
+    fn foreign_unit(bytes: &[u8]) -> Option<&[u8]> {
+        Some(bytes)
+    }
+
+    fn busy_reply(_: &[u8]) -> Option<Vec<u8>> {
+        None
+    }
 }
 
 impl OwnedMedium for Can {
@@ -138,6 +158,21 @@ impl OwnedMedium for Can {
 
     fn unit_bytes(unit: &Frame) -> Vec<u8> {
         format!("{unit}").into_bytes()
+    }
+
+    fn foreign_unit(_: &[u8]) -> Option<&Frame> {
+        None
+    }
+
+    fn busy_reply(unit: &Frame) -> Option<Frame> {
+        let is_reply = !unit.extended && (0x581..=0x5FF).contains(&unit.id);
+        let [command, low, high, sub, ..] = unit.data;
+        let is_value = command >> 5 == 2;
+        let measured = [0x606C, 0x6064].contains(&u16::from_le_bytes([low, high]));
+        (is_reply && is_value && measured).then(|| {
+            let [a, b, c, d] = BUSY_ABORT.to_le_bytes();
+            Frame::standard(unit.id as u16, &[0x80, low, high, sub, a, b, c, d])
+        })
     }
 }
 
@@ -236,6 +271,13 @@ impl<M: OwnedMedium> AnyPort for FaultyWire<M> {
         waker.wake();
     }
 
+    fn send_foreign(&self, bytes: &[u8]) -> bool {
+        let Some(unit) = M::foreign_unit(bytes) else { return false };
+        // A simulated wire takes all.
+        let _ = self.inner.send(unit);
+        true
+    }
+
     fn forward_due(&self) {
         let now = self.inner.now();
         let mut inside = self.lock();
@@ -323,6 +365,15 @@ impl<M: OwnedMedium> LinkIo<M> for FaultyLink<M> {
                     let mut inside = self.port.lock();
                     let unit = M::unit(buffer, len);
                     let last = inside.to_host.back().map(|(due, _)| *due);
+                    if inside.condition == WireCondition::Busy
+                        && let Some(reply) = M::busy_reply(unit)
+                    {
+                        inside.record_unit(at, false, reply.borrow(), UnitOutcome::Forwarded);
+                        return Ok(Received::Bytes {
+                            len: M::write_unit(reply.borrow(), buffer),
+                            at,
+                        });
+                    }
                     let due = match inside.condition {
                         WireCondition::Silent { to_host: true, .. } => {
                             inside.record_unit(at, false, unit, UnitOutcome::Lost);

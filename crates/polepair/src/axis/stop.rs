@@ -16,14 +16,19 @@
 //!
 //! docs/concepts/safety.md states them for users. Why: STOP-4, STOP-7, STOP-9, STOP-20, STOP-21.
 
+mod airtime;
 mod attempt;
 mod requests;
 mod standstill;
 
 use std::time::Duration;
 
+use airtime::SILENCE_MIN;
+pub use airtime::WireAirtime;
+
 use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
+use crate::identification::Identification;
 use crate::url::AxisNumber;
 use attempt::StopAttempt;
 pub use attempt::StopProgress;
@@ -47,12 +52,6 @@ const SILENT_PAUSE: Duration = Duration::from_millis(100);
 /// The longest such pause: on a wire that nobody else uses, and on one that is shared.
 const OWN_PAUSE_MAX: Duration = Duration::from_millis(250);
 const SHARED_PAUSE_MAX: Duration = Duration::from_secs(2);
-/// A silence that ends with a reply is at least this long.
-const SILENCE_MIN: Duration = Duration::from_millis(300);
-/// After a stop without a reply, a shared wire is left to others for this multiple of its time (5 % remain).
-const AIRTIME_DIVISOR: u32 = 19;
-/// The time of one stop without a reply counts as this at most: a drive has that long to reply.
-const ATTEMPT_TIME_MAX: Duration = Duration::from_millis(100);
 /// Interval at which the other axes are looked at while one is waited for.
 const POLL_SLICE: Duration = Duration::from_millis(20);
 
@@ -136,30 +135,6 @@ pub enum StopNotice {
     QuickStop,
     /// It is still waited for. Only [`await_stops`] tells this, some 50 times a second.
     Waiting,
-}
-
-/// What all pending stops of a wire share.
-#[derive(Debug, Default)]
-pub struct WireAirtime {
-    /// No stop to a silent drive is sent before this time.
-    free_at: Instant,
-    /// Replies so far, and when the last of them was noticed.
-    replies: (u64, Instant),
-    /// The wire was silent since then, until just now.
-    silent_since: Option<Instant>,
-}
-
-impl WireAirtime {
-    /// Checks whether the wire replies again after a silence. Call it before each round of polls.
-    pub fn update(&mut self, axis: &LocalAxis) {
-        let now = axis.connection.now();
-        let replies = axis.connection.with_axes(|axes, _| axes.counters()).answered;
-        let (before, last) = self.replies;
-        self.silent_since = (replies != before && now.since(last) >= SILENCE_MIN).then_some(last);
-        if replies != before {
-            self.replies = (replies, now);
-        }
-    }
 }
 
 /// The stop of one axis, from its first frame until the motor is known to be at standstill.
@@ -387,6 +362,7 @@ impl StopSupervisor {
         }
         let now = self.axis.connection.now();
         let replied = self.replied_after_silence();
+        let is_identified = self.is_identified();
         let error = match &mut self.attempt {
             None => None,
             Some(attempt) => {
@@ -395,6 +371,10 @@ impl StopSupervisor {
                     StopProgress::Standstill => {
                         self.end(Ok(Standstill::Observed));
                         return None;
+                    }
+                    // The stop of a drive that did not say what it is may not be a stop to it.
+                    StopProgress::Unobservable if !is_identified => {
+                        return self.supervise_unidentified(now);
                     }
                     StopProgress::Unobservable => {
                         self.end(Ok(self.axis.unobserved()));
@@ -438,7 +418,12 @@ impl StopSupervisor {
             false => self.retry_until,
         };
         let may_arrive = may_be_lost(&error) || is_superseded(&error) || is_refused;
-        if is_impossible(&error) || !shares_wire && (!may_arrive || now >= retry_until) {
+        // A device without the object of the stop is no drive.
+        let is_no_drive = matches!(failure_of(&error), Some(Failure::Refused { .. }))
+            && !is_refused
+            && !self.is_identified();
+        let is_impossible = is_impossible(&error) || is_no_drive;
+        if is_impossible || !shares_wire && (!may_arrive || now >= retry_until) {
             let error = if is_superseded(&error) { error.with_unseen_motor() } else { error };
             let error = if self.may_be_executed { error.after_earlier_attempt() } else { error };
             self.end(Err(error));
@@ -446,15 +431,14 @@ impl StopSupervisor {
         }
         let Some(ended_at) = self.ended_at else {
             self.ended_at = Some(now);
-            let took = now.since(self.sent_at).min(ATTEMPT_TIME_MAX);
-            airtime.free_at = now + took * AIRTIME_DIVISOR;
+            airtime.reserve(now, now.since(self.sent_at));
             self.failure = Some(error.clone());
             return Some(StopNotice::Unconfirmed(error));
         };
         let pause_max = if shares_wire { SHARED_PAUSE_MAX } else { OWN_PAUSE_MAX };
-        let woke = airtime.silent_since.is_some_and(|since| ended_at > since);
+        let woke = airtime.woke_since(ended_at);
         // The second is sent soon, whoever else is not answered: one reply may just have been lost.
-        let is_free = !shares_wire || self.attempts == 1 || now >= airtime.free_at;
+        let is_free = !shares_wire || self.attempts == 1 || airtime.is_free(now);
         let is_due = replied || woke || is_free && now >= ended_at + self.silent_pause;
         // A local link opens a lost adapter again when something is sent.
         if is_due && (is_open || !shares_wire) {
@@ -473,6 +457,22 @@ impl StopSupervisor {
         let index = self.axis.index;
         let refusal = self.axis.connection.with_axes(|axes, _| axes.refusal(index, code));
         refusal != Refusal::Missing
+    }
+
+    fn is_identified(&self) -> bool {
+        self.axis.identified != Identification::Generic || AxisNumber(self.axis.number).is_group()
+    }
+
+    /// A device that was not identified took the stop of its protocol: nothing confirms it.
+    fn supervise_unidentified(&mut self, now: Instant) -> Option<StopNotice> {
+        if self.persistence != StopPersistence::UntilStandstill {
+            self.end(Err(self.axis.unidentified_error()));
+        } else if now >= self.sent_at + self.turning_pause {
+            (self.turning_pause, self.may_be_executed) = (TURNING_PAUSE_MAX, true);
+            self.failure = Some(self.axis.unidentified_error());
+            self.begin_attempt(true);
+        }
+        None
     }
 
     /// The drive replied to the stop: checks whether the motor brakes.

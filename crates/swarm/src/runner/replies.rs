@@ -119,6 +119,10 @@ impl WorldRunner {
             OutcomeKind::NotDone => "commands not done",
             OutcomeKind::Unknown => "commands unknown",
         });
+        if verb == "stop" && result.as_ref().is_ok_and(|report| report.replayed) {
+            let what = format!("axis {axis}: a stop was answered from the history, and not sent");
+            self.add_violation("G14", what);
+        }
         let (now, watch) = (self.now, &mut self.observers[usize::from(axis)]);
         let executed = watch.truth.starts > starts;
         if moves {

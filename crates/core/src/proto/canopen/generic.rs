@@ -1,11 +1,17 @@
-//! Objects of every CANopen device, for devices without a profile. None of them moves a motor.
+//! Objects of every CANopen device, for devices without a profile. None of them moves a motor but the controlword
+//! of CiA 402, by which a drive is stopped that did not say what it is: 2 enables no drive, whatever its state, and a
+//! device without that object refuses it.
 
 use super::host::REPLY_TIMEOUT_MS;
+use crate::axis::Verb;
+use crate::plan::{Operand, Plan, Step};
 use crate::profile::{
-    Access, AxisKind, Certainty, Encoding, MotionRules, Parameter, Persistence, Profile, Scale,
-    Watchdog,
+    Access, AxisKind, Certainty, Encoding, MotionRules, Parameter, ParameterId, Persistence,
+    Profile, Scale, Watchdog,
 };
 use crate::units::Unit;
+
+const QUICK_STOP: &[Step] = &[Step::Write(ParameterId(29), Operand::Constant(2))];
 
 /// Any CANopen device.
 pub static GENERIC: Profile = Profile {
@@ -303,10 +309,25 @@ pub static GENERIC: Profile = Profile {
             section: "CiA 302-3",
             ..P
         },
+        Parameter {
+            name: "controlword",
+            symbol: "6040h",
+            index: 0x6040,
+            encoding: Encoding::U16,
+            max: 0xFFFF,
+            about: "Of a drive; 2 is quick stop.",
+            access: Access::Write,
+            moves: true,
+            section: "CiA 402-2",
+            ..P
+        },
     ],
     faults: &[],
     signals: &[],
-    plans: &[],
+    plans: &[
+        Plan { verb: Verb::Stop, source: "CiA 402-2, quick stop", steps: QUICK_STOP, undo: &[] },
+        Plan { verb: Verb::QuickStop, source: "CiA 402-2", steps: QUICK_STOP, undo: &[] },
+    ],
     ram: None,
     link_settings: &[],
     optional: &[],

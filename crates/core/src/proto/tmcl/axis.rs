@@ -201,7 +201,8 @@ impl Driver for Axis {
     fn refusal(&self, code: u32) -> Refusal {
         match u8::try_from(code).map(Status::from) {
             Ok(Status::WrongType) => Refusal::Missing,
-            Ok(Status::Loaded) => Refusal::Stored,
+            // The second where its memory is full.
+            Ok(Status::Loaded | Status::DownloadNotPossible) => Refusal::Stored,
             _ => Refusal::Final,
         }
     }

@@ -389,6 +389,21 @@ impl LocalAxis {
         waits.fold(self.connection.scale_timeout(STANDSTILL_WAIT_MAX), Duration::max)
     }
 
+    /// The device is no known drive, and nothing shows what its motor does.
+    pub(super) fn unidentified_error(&self) -> Error {
+        Error::Failed {
+            what: format!(
+                "{} did not say what it is: it took the stop of its protocol, and its standstill is not confirmed",
+                self.label()
+            ),
+            execution: String::new(),
+            outcome: Outcome::Unknown(Failure::Silent),
+            may_turn: true,
+            received: Box::default(),
+            hint: "look at the motor; select the drive by `?profile=`".to_owned(),
+        }
+    }
+
     /// The motor still turns after this time.
     pub(super) fn not_at_rest_error(&self, after: Duration) -> Error {
         let what = format!("is not at standstill after {} s", after.as_secs());
