@@ -151,8 +151,6 @@ def test_a_modbus_drive_that_is_busy_is_stopped(code):
         stopped = polepair("stop", url, check=False, silence=True)
         assert stopped.returncode == 4 and "may still turn" in stopped.stderr, stopped
         assert drive.writes, "the stop of the known drives"
-        known = polepair("stop", url + "", check=False, silence=True)
-        assert known.returncode == 4, known
     finally:
         drive.close()
 

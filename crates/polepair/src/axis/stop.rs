@@ -242,11 +242,19 @@ impl StopSupervisor {
 
     /// Ends the wait for standstill, which stays unconfirmed.
     pub fn abandon(&mut self) {
-        let what = match self.progress() {
-            StopProgress::Sent | StopProgress::Failed(_) => "the stop was sent, and not confirmed",
-            _ => "the drive acknowledged the stop, and its standstill is not confirmed",
+        let interrupted =
+            |what: &str| Error::Interrupted { what: format!("{}: {what}", self.axis.label()) };
+        let error = match self.progress() {
+            // It says whether anything was sent.
+            StopProgress::Failed(error) if self.may_be_executed => {
+                error.clone().after_earlier_attempt()
+            }
+            StopProgress::Failed(error) => error.clone(),
+            StopProgress::Sent => interrupted("the stop is not confirmed"),
+            _ => {
+                interrupted("the drive acknowledged the stop, and its standstill is not confirmed")
+            }
         };
-        let error = Error::Interrupted { what: format!("{}: {what}", self.axis.label()) };
         let standstill = self.standstill.take().unwrap_or(Err(error));
         self.result.get_or_insert(StopResult { standstill, power_off: None });
     }
