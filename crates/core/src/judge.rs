@@ -139,6 +139,8 @@ pub struct MotionJudge {
     start_at: Option<Instant>,
     /// It stood before the command.
     stood_before: bool,
+    /// The motion before it was not known to be over when the command was given.
+    follows_motion: bool,
     /// Its speed then, counts per second.
     speed_before: f64,
     /// The last request of the start was acknowledged, or its goal is waited for.
@@ -196,6 +198,7 @@ impl MotionJudge {
             flag_before: None,
             start_at: None,
             stood_before: false,
+            follows_motion: false,
             speed_before: 0.0,
             since: None,
             started: false,
@@ -281,6 +284,11 @@ impl MotionJudge {
     #[must_use]
     pub const fn target_before(&self) -> Option<i64> {
         self.target_before
+    }
+
+    /// The motion before this one is not known to be over.
+    pub const fn mark_follows_motion(&mut self) {
+        self.follows_motion = true;
     }
 
     /// Takes the drive's own last target before the command.
@@ -651,6 +659,10 @@ impl MotionJudge {
     /// Whether values after a start that was not acknowledged prove that the drive executed it.
     #[must_use]
     pub fn proves_start(&self) -> bool {
+        // That motion changes the position by itself, and had perhaps not cleared the flag yet.
+        if self.follows_motion {
+            return false;
+        }
         let flag_fell = self.flag_before == Some(true) && self.flag == Some(false);
         flag_fell || self.stood_before && self.goes_to_target()
     }

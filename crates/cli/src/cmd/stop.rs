@@ -216,30 +216,64 @@ fn send_stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<StopReport> {
 }
 
 /// Says how far the stop of each axis came, beside what was not reached.
-fn report_remote(
-    reports: Vec<(String, Option<AxisStopReport>)>,
-    mut failed: Vec<Problem>,
-) -> Result {
-    let of = reports.len() + failed.len();
+fn report_remote(reports: Vec<(String, Option<AxisStopReport>)>, failed: Vec<Problem>) -> Result {
+    let mut tally = StopTally { confirmed: 0, failed };
     for (label, how) in reports {
         if how.as_ref().is_some_and(|how| how.quick) {
             print_warning(&motion::quick_stop_text(&label));
         }
-        match how.map(|how| (how.class, how.error)) {
-            Some((StopClass::Standing, _)) => print_note(&format!("{label} is stopped")),
-            Some((StopClass::Acknowledged, _)) => {
-                print_warning(&format!(
-                    "{label} acknowledged the stop; standstill not confirmed: it reports no speed"
-                ));
+        let ended = match how.map(|how| (how.class, how.error)) {
+            Some((StopClass::Standing, _)) => Ok(Standstill::Observed),
+            Some((StopClass::Acknowledged, _)) => Ok(Standstill::Unobservable),
+            Some((StopClass::Owed, error)) => Err(pending_problem(&label, error)),
+            Some((_, Some(error))) => Err(remote::refusal_problem(error)),
+            _ => Err(unconfirmed_problem(&label)),
+        };
+        tally.record(&label, ended);
+    }
+    tally.conclude()
+}
+
+/// The stops of a command, on a wire or on a server: how many were confirmed, and why the others were not.
+#[derive(Default)]
+struct StopTally {
+    confirmed: usize,
+    failed: Vec<Problem>,
+}
+
+impl StopTally {
+    /// Says how the stop of one axis ended.
+    fn record(&mut self, label: &str, ended: Result<Standstill>) {
+        let is_confirmed = matches!(ended, Ok(Standstill::Observed | Standstill::Unobservable));
+        self.confirmed += usize::from(is_confirmed);
+        match ended {
+            Ok(Standstill::Observed) => print_note(&format!("{label} is stopped")),
+            Ok(Standstill::Unobservable) => print_warning(&format!(
+                "{label} acknowledged the stop; it does not report whether its motor is at \
+                 standstill"
+            )),
+            Ok(Standstill::Unconfirmed) => {
+                self.failed.push(motion::unconfirmed_problem(label, "the stop"));
             }
-            Some((StopClass::Owed, error)) => failed.push(pending_problem(&label, error)),
-            Some((_, Some(error))) => failed.push(remote::refusal_problem(error)),
-            _ => failed.push(unconfirmed_problem(&label)),
+            Err(problem) => self.failed.push(problem),
         }
     }
-    match failed.len() {
-        0 => Ok(Exit::Ok),
-        _ => failed_result(failed, of),
+
+    /// The result of the command. A single problem is its own; several are listed.
+    fn conclude(mut self) -> Result {
+        let (failed, of) = (self.failed.len(), self.failed.len() + self.confirmed);
+        if failed == 0 {
+            return Ok(Exit::Ok);
+        }
+        if of == 1 {
+            return Err(self.failed.remove(0));
+        }
+        self.failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
+        let what = match failed {
+            1 => format!("one stop of {of} is not confirmed."),
+            _ => format!("{failed} stops of {of} are not confirmed."),
+        };
+        Err(Problem::new(Exit::Partial, "E702", what).hint("cut the power of these drives"))
     }
 }
 
@@ -273,18 +307,6 @@ fn unconfirmed_problem(label: &str) -> Problem {
         .hint("repeat the stop; if it still turns, cut its power")
 }
 
-fn failed_result(mut failed: Vec<Problem>, of: usize) -> Result {
-    if (failed.len(), of) == (1, 1) {
-        return Err(failed.remove(0));
-    }
-    failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
-    let what = match failed.len() {
-        1 => format!("one stop of {of} is not confirmed."),
-        count => format!("{count} stops of {of} are not confirmed."),
-    };
-    Err(Problem::new(Exit::Partial, "E702", what).hint("cut the power of these drives"))
-}
-
 /// Motors behind one address by their numbers.
 fn motors_text(motors: &[u8]) -> String {
     let numbers: Vec<String> = motors.iter().map(u8::to_string).collect();
@@ -296,29 +318,12 @@ fn motors_text(motors: &[u8]) -> String {
 /// Says what was stopped, and what was not reached.
 pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     let link = url.split('#').next().unwrap_or(url);
-    let (mut failed, mut unasked): (Vec<Problem>, _) = (Vec::new(), None);
-    let mut obeyed = 0;
+    let (mut tally, mut unasked) = (StopTally::default(), None);
     for (label, ended) in stopped.axes {
-        match ended {
-            Ok(Standstill::Observed) => {
-                obeyed += 1;
-                print_note(&format!("{label} is stopped"));
-            }
-            Ok(Standstill::Unobservable) => {
-                obeyed += 1;
-                print_warning(&format!(
-                    "{label} acknowledged the stop; it does not report whether its motor is at \
-                     standstill"
-                ));
-            }
-            Ok(Standstill::Unconfirmed) => {
-                failed.push(motion::unconfirmed_problem(&label, "the stop"));
-            }
-            Err(error) => {
-                print_warning(&format!("{label} may still turn: cut its supply"));
-                failed.push(outcome::to_problem(error));
-            }
+        if ended.is_err() {
+            print_warning(&format!("{label} may still turn: cut its supply"));
         }
+        tally.record(&label, ended.map_err(outcome::to_problem));
     }
     for label in stopped.quick_stops {
         print_warning(&motion::quick_stop_text(&label));
@@ -355,7 +360,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
                  supply"
             ));
         }
-        failed.extend(motors.result.err().map(outcome::to_problem));
+        tally.failed.extend(motors.result.err().map(outcome::to_problem));
     }
     if let Some(patience) = stopped.reply_timeout {
         let output = if stopped.broadcast {
@@ -378,16 +383,18 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
             false => unasked = Some(Problem::new(Exit::Partial, "E703", what)),
         }
     }
-    match (failed.len(), unasked) {
-        (0, None) if obeyed == 0 => Err(nobody_problem(stopped.broadcast, &stopped.received)),
-        (0, None) => Ok(Exit::Ok),
-        // Of addresses that were not asked nobody knows whether a drive is there: they are no stops.
-        (0, Some(unasked)) => Err(unasked),
-        (count, unasked) => {
-            unasked.into_iter().for_each(|unasked| print_warning(unasked.render(false).trim_end()));
-            failed_result(failed, count + obeyed)
-        }
+    if tally.failed.is_empty() {
+        return match unasked {
+            // Whether a drive is at an address that was not asked is not known, so it is not counted as a stop.
+            Some(unasked) => Err(unasked),
+            None if tally.confirmed == 0 => {
+                Err(nobody_problem(stopped.broadcast, &stopped.received))
+            }
+            None => Ok(Exit::Ok),
+        };
     }
+    unasked.iter().for_each(|unasked| print_warning(unasked.render(false).trim_end()));
+    tally.conclude()
 }
 
 fn nobody_problem(everybody: bool, details: &NoReplyDetails) -> Problem {

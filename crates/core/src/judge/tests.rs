@@ -227,4 +227,10 @@ fn a_start_without_acknowledgement_is_proven_by_the_flag_or_the_position() {
     judge.observe_before(at(0), &Observation { speed: Some(5000.0), ..Observation::default() });
     judge.observe(at(20), &seen(200, 5000.0, false));
     assert!(!judge.proves_start());
+    // Nor does one that had just begun a motion: slow, and with the flag of the motion before that.
+    let mut judge = to(10_000);
+    judge.mark_follows_motion();
+    judge.observe_before(at(0), &seen(0, 0.0, true));
+    judge.observe(at(20), &seen(500, 5000.0, false));
+    assert!(!judge.proves_start());
 }

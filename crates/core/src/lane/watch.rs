@@ -252,6 +252,9 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         let before = self.motion.before;
         self.begin_watch(goal, Some(&run.command));
         self.motion.before = before;
+        if self.state.motion_active {
+            self.motion.members.iter_mut().for_each(|(_, judge)| judge.mark_follows_motion());
+        }
         let counts_from_target = match verb {
             Verb::MoveOn => true,
             Verb::MoveBy | Verb::CurveBy | Verb::PrepareBy => {

@@ -57,7 +57,7 @@ impl Station<Can> for CanHost {
         let Some(Err(id)) = node_of_id(frame.id) else { return };
         match DriveMessage::parse(frame.bytes()) {
             Ok(message) => self.session.handle_message(id, message, now),
-            Err(_) => self.session.counters.foreign += 1,
+            Err(_) => self.session.handle_damaged(id),
         }
     }
 

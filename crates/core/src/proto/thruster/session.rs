@@ -93,6 +93,8 @@ struct PendingExchange {
     stale_replies: u8,
     /// A stop is out: no further attempt.
     no_retry: bool,
+    /// A reply was damaged that may have been its own.
+    reply_damaged: bool,
 }
 
 impl PendingExchange {
@@ -227,6 +229,13 @@ impl Session {
         self.nodes.needs_feeding()
     }
 
+    /// A frame of a drive that has no valid form. It may have been the reply to any request that is out.
+    pub(super) fn handle_damaged(&mut self, id: u8) {
+        self.counters.foreign += 1;
+        let of_drive = |p: &&mut PendingExchange| p.host_request.id == id && p.sent;
+        self.pending.iter_mut().flatten().filter(of_drive).for_each(|p| p.reply_damaged = true);
+    }
+
     /// Takes what a drive says.
     pub(super) fn handle_message(&mut self, id: u8, message: DriveMessage, now: Instant) {
         match message {
@@ -345,6 +354,7 @@ impl Session {
             deadline: now,
             stale_replies: ambiguous,
             no_retry: false,
+            reply_damaged: false,
         });
         true
     }
@@ -446,6 +456,12 @@ impl Session {
         let blocked = faults & (OUTPUT_OFF | ENCODER) != 0;
         let result = match pending.stage {
             _ if stop && faults & OUTPUT_OFF != 0 => Ok(Answer::OutputOff { faults }),
+            // A request that the bus doubled is answered twice: the damaged reply may have confirmed the first.
+            RequestStage::RefusalReason
+                if pending.reply_damaged && pending.host_request.class == RequestClass::NoRetry =>
+            {
+                Err(Failure::Misbehaved)
+            }
             RequestStage::Proof if faults & OUTPUT_OFF != 0 => Err(failure),
             RequestStage::Proof => Ok(Answer::Proven),
             _ if blocked => Err(failure),

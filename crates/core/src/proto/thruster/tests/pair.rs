@@ -311,6 +311,22 @@ fn a_relative_move_is_never_sent_twice() {
 }
 
 #[test]
+fn a_refusal_behind_a_damaged_reply_leaves_it_open_what_was_done() {
+    let mut wire = TestWire::new();
+    // The bus doubles the request; the drive executes the first and refuses the second.
+    wire.requests = fault_on(1, &[0, 10]);
+    wire.replies = fault_on(1, &[]);
+    let ticket = wire.submit(lr());
+    wire.rest(5);
+    assert_eq!(wire.done(CommandWord::LR), 1);
+    let mut short = Reply { command: CommandWord::LR, sub: 30, data: 100 }.frame(11);
+    short.len = 3;
+    wire.host.handle_input(wire.now, &short);
+    wire.notes().refuses = true;
+    assert_eq!(wire.end(ticket), Err(Failure::Misbehaved), "swarm seed can:21007327");
+}
+
+#[test]
 fn a_refusal_is_explained_by_the_fault_word() {
     let mut wire = TestWire::new();
     wire.notes().refuses = true;
