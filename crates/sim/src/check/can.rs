@@ -249,11 +249,11 @@ impl CanChecker {
         Some(Violation { invariant: "I1", at: now, what })
     }
 
-    /// What the sender of a reply was asked last. A drive that was plugged in with the address of another one may
-    /// begin with a copy of its reply to a request that both received; it was asked whatever was asked last.
+    /// What the sender of a reply was asked last. A drive that was plugged in with the address of another one, and was
+    /// never heard before, was asked whatever was asked last.
     fn last_request_to(&self, reply: &CanFrameLabel) -> Option<OpenRequest> {
         let Some(id) = self.request_ids.get(&reply.sender) else {
-            return self.open.last().copied().filter(|_| reply.is_copy);
+            return self.open.last().copied();
         };
         self.open.iter().rfind(|open| open.label.id == *id).copied()
     }

@@ -451,8 +451,7 @@ impl SwarmAxis {
         let reported = world.inspect(host, |n, _| n.axes()?.to_si(self.index, id, raw));
         let Some(reported) = reported.filter(|_| self.is_rotary()) else { return Ok(()) };
         let homing = self.open.iter().any(|open| open.action == AxisAction::Command(Verb::Home));
-        // A second drive with its address replies with a position of its own.
-        if self.untrusted || self.has_twin || homing {
+        if self.untrusted || homing {
             return Ok(());
         }
         let offset = reported - truth.position;
