@@ -1,8 +1,12 @@
 """Objects and registers by their number: our host against python canopen's LocalNode and pymodbus."""
 
+import csv
+import io
+import json
 import os
 
 import canopen
+import polepair as polepair_module
 import pytest
 from canopen.objectdictionary import ODRecord, ODVariable, ObjectDictionary, datatypes
 from conftest import polepair
@@ -81,6 +85,27 @@ def test_without_a_type_a_number_is_as_long_as_the_answer(node):
     unarmed = polepair("set", URL, "2030h:3:u16=1", check=False)
     assert unarmed.returncode == 2 and "E219" in unarmed.stderr, unarmed.stderr
     assert node.sdo[0x2030][3].raw == 60000
+
+
+TEXTS = ["Bob's 5\" \\drive\\ M\u00fcller\u200b", "red \x1b[31m, \x1b]0;title\x07 and \x9b2J", "two\nlines\tand a tab"]
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_text_of_a_device_is_itself_in_data_and_escaped_in_a_terminal(node, text):
+    node.object_dictionary[0x1008].default = text
+    node.set_data(0x1008, 0, text.encode())
+    shown = json.loads(polepair("get", URL, "1008h", "--format", "jsonl").stdout)
+    assert shown["value"] == text
+    [head, row] = csv.reader(io.StringIO(polepair("get", URL, "1008h", "--format", "csv").stdout))
+    assert row[head.index("value")] == text
+    escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 0x20 or 0x7F <= ord(c) < 0xA0 else c for c in text)
+    escaped = escaped.replace("\\x0a", "\\n").replace("\\x09", "\\t")
+    assert polepair("get", URL, "1008h").stdout == f"device name = {escaped}\n"
+    said = polepair("info", URL, check=False)
+    assert escaped in said.stdout
+    with_polepair = polepair_module.connect(URL)
+    with with_polepair as link:
+        assert link.axis(NODE).read_text("1008h") == text
 
 
 def test_text_and_bytes(node, tmp_path):

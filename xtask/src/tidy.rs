@@ -217,6 +217,7 @@ impl RuleVisitor<'_> {
             self.report_at(span, format!("rule 5: names `{name}`"));
         }
         self.check_time(span, &path);
+        self.check_files(span, &path);
     }
 
     fn check_layers(&mut self, span: proc_macro2::Span, path: &[String]) {
@@ -271,6 +272,17 @@ impl RuleVisitor<'_> {
             matches!(self.location.krate.as_str(), "capture" | "cli") && ends("thread", "spawn");
         if waits && !link && !spawns {
             self.report_at(span, "rule 6: sleeps or spawns outside link");
+        }
+    }
+
+    /// A file that is created in place is lost where its writing fails.
+    fn check_files(&mut self, span: proc_macro2::Span, path: &[String]) {
+        let ends = |a: &str, b: &str| matches!(path, [.., x, y] if x == a && y == b);
+        let creates = ends("File", "create") || ends("fs", "write") || ends("fs", "rename");
+        // The tools write what git can restore.
+        let is_tool = matches!(self.location.krate.as_str(), "xtask" | "test-support");
+        if creates && !is_tool && self.location.krate != "files" {
+            self.report_at(span, "rule 16: writes a file outside polepair-files");
         }
     }
 

@@ -4,6 +4,7 @@ mod batch_lines;
 
 use std::io::Write as _;
 
+use polepair_core::escape::{EscapedText, is_plain};
 use polepair_core::explain::Direction;
 
 use crate::byte_changes::{ByteChanges, meaning_text};
@@ -100,7 +101,7 @@ impl FrameTextWriter {
     pub fn write_open_notices(&mut self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
         for notice in event.notices.iter().filter(|_| self.style.notices != NoticeLevel::None) {
             let begin = out.len();
-            out.extend_from_slice(event.link.as_bytes());
+            append_padded(event.link, 0, out);
             let named = out.len();
             self.write_notice(notice, 1, out);
             if out.len() == named {
@@ -178,7 +179,9 @@ impl FrameTextWriter {
         }
         let bare = event.explanation.text.is_empty() && event.explanation.kind.is_empty();
         if !(bare && event.defect.is_some() && event.protocol.is_some()) {
+            let begin = out.len();
             out.extend_from_slice(meaning_text(event).as_bytes());
+            escape_tail(begin, out);
         }
         if let Some(wrong) = event.defect {
             out.extend_from_slice(if bare { b"" } else { b"  " });
@@ -215,7 +218,9 @@ impl FrameTextWriter {
         };
         out.resize(out.len() + column, b' ');
         self.begin_colour(colour, out);
+        let begin = out.len();
         let _ = write!(out, "{}", NoticeText(notice));
+        escape_tail(begin, out);
         self.end_colour(out);
         out.push(b'\n');
     }
@@ -332,8 +337,18 @@ fn axis_suffix(axis: Option<u32>) -> String {
 }
 
 fn append_padded(text: &str, width: usize, out: &mut Vec<u8>) {
+    let begin = out.len();
     out.extend_from_slice(text.as_bytes());
-    out.resize(out.len() + width.saturating_sub(text.len()), b' ');
+    escape_tail(begin, out);
+    out.resize(out.len() + width.saturating_sub(out.len() - begin), b' ');
+}
+
+/// Escapes the control characters of what was appended from `begin` on: a file may name its links as it likes.
+fn escape_tail(begin: usize, out: &mut Vec<u8>) {
+    if !is_plain(&out[begin..]) {
+        let tail = String::from_utf8_lossy(&out.split_off(begin)).into_owned();
+        out.extend_from_slice(EscapedText(&tail).to_string().as_bytes());
+    }
 }
 
 /// Appends bytes as `01 0A FF`.

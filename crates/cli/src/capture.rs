@@ -86,7 +86,7 @@ pub trait EventSink {
         Ok(())
     }
 
-    /// The capture was read to its end.
+    /// The capture was read to its end, and is one.
     fn finish(&mut self) -> Result<()> {
         self.flush(true)
     }
@@ -212,7 +212,11 @@ impl CaptureSource {
         };
         decoder.finish(&mut |event| sink.handle_event(event));
         decoder.finish_sessions(&mut |event| sink.handle_final(event));
-        sink.finish()?;
+        // A file that is no capture replaces no result of an earlier one.
+        match check_readable(decoder.statistics()) {
+            Ok(_) => sink.finish()?,
+            Err(_) => sink.flush(true)?,
+        }
         Ok(decoder)
     }
 
@@ -444,11 +448,13 @@ impl Remark {
     }
 }
 
-/// Prints what was detected on the way, and what was left out of a capture that was read.
+/// Prints what was detected on the way, and what was left out of a capture that was read. The result is
+/// [`Exit::Partial`] where frames were.
 pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
     decoder.later_detections().for_each(print_detection);
     remarks(decoder).iter().for_each(Remark::print);
-    check_readable(decoder.statistics())
+    check_readable(decoder.statistics())?;
+    Ok(if decoder.untracked_records() > 0 { Exit::Partial } else { Exit::Ok })
 }
 
 /// What was left out of a capture that was decoded, and what is doubtful.
@@ -456,7 +462,7 @@ pub fn remarks(decoder: &CaptureDecoder) -> Vec<Remark> {
     let mut remarks = Vec::new();
     if decoder.untracked_records() > 0 {
         let links = "the capture has too many links; frames of the others are skipped";
-        remarks.push(Remark::Note(format!("{} {links}", decoder.untracked_records())));
+        remarks.push(Remark::Warning(format!("{} {links}", decoder.untracked_records())));
     }
     if let Some(reversal) = decoder.time_reversal() {
         let (link, before, after) = (&reversal.link, reversal.before, reversal.after);

@@ -25,11 +25,20 @@ static FIRST_AT: Mutex<Option<Instant>> = Mutex::new(None);
 /// Listens for every signal that would end this process, from now on; `wake` is called, on another
 /// thread, when one comes.
 pub fn listen(wake: impl Fn() + Send + 'static) {
-    static LISTENING: AtomicBool = AtomicBool::new(false);
     lock(&WAKERS).push(Box::new(wake));
+    start_listening();
+}
+
+fn start_listening() {
+    static LISTENING: AtomicBool = AtomicBool::new(false);
     if !cfg!(test) && !LISTENING.swap(true, Ordering::SeqCst) {
         system::listen_for(system::ENDING);
     }
+}
+
+/// Has a signal that ends this process remove the files that are not complete.
+pub fn remove_files_at_end() {
+    start_listening();
 }
 
 /// Has a write at a limit of a file's size fail, and not end the process.
@@ -71,6 +80,10 @@ pub fn count() -> u32 {
 fn handle_signal(key: bool) {
     if COUNT.fetch_add(1, Ordering::SeqCst) == 0 {
         *lock(&FIRST_AT) = Some(clock::now());
+        if lock(&WAKERS).is_empty() {
+            // Nothing waits for a signal: the verb only reads and writes files.
+            exit_interrupted();
+        }
         lock(&WAKERS).iter().for_each(|wake| wake());
         return;
     }
@@ -84,6 +97,15 @@ fn handle_signal(key: bool) {
         print_warning(&format!(
             "exit without a stop: a motor may still turn; to stop it: polepair stop {url}"
         ));
+    }
+    exit_interrupted();
+}
+
+fn exit_interrupted() -> ! {
+    if polepair_files::remove_unfinished() > 0 {
+        print_warning(
+            "interrupted: nothing was written; a file that was there before is unchanged",
+        );
     }
     std::process::exit(Exit::Interrupted as i32);
 }

@@ -12,6 +12,7 @@ mod interrupt;
 mod local_wire;
 mod motion;
 mod outcome;
+mod output_file;
 mod problem;
 mod profile_args;
 mod progress;

@@ -4,6 +4,8 @@
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
+use crate::terminal::escape_lines;
+
 pub use polepair::error::Exit;
 
 /// An error as the user sees it.
@@ -83,16 +85,16 @@ impl Problem {
     pub fn render(&self, colour: bool) -> String {
         let (red, blue, off) =
             if colour { ("\x1b[1;31m", "\x1b[34m", "\x1b[0m") } else { ("", "", "") };
-        let mut text = format!("{red}error[{}]{off}: {}\n", self.code, self.what);
+        let mut text = format!("{red}error[{}]{off}: {}\n", self.code, escape_lines(&self.what));
         // Writing into a String cannot fail.
         if !self.why.is_empty() {
-            let _ = writeln!(text, "  {}", self.why.replace('\n', "\n  "));
+            let _ = writeln!(text, "  {}", escape_lines(&self.why).replace('\n', "\n  "));
         }
         if self.may_turn {
             let _ = writeln!(text, "  {red}The motor may still turn: cut its supply.{off}");
         }
         for hint in &self.hints {
-            let _ = writeln!(text, "  {blue}try:{off} {hint}");
+            let _ = writeln!(text, "  {blue}try:{off} {}", escape_lines(hint));
         }
         text
     }

@@ -1,6 +1,6 @@
 //! Options that name the profile of a drive.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Once;
 
 use clap::Args;
@@ -62,6 +62,11 @@ impl ProfileFile {
     pub fn as_arguments(&self) -> String {
         let Some(file) = &self.file else { return String::new() };
         format!(" --profile {}", shell_word(&file.display().to_string()))
+    }
+
+    /// The file, if there is one.
+    pub fn path(&self) -> Option<&Path> {
+        self.file.as_deref()
     }
 
     /// Whether there is one.

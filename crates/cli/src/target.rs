@@ -1,6 +1,5 @@
 //! Common options of verbs on drives, and the conversion of a connection string to a session.
 
-use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use clap::{Args, ValueEnum};
@@ -18,6 +17,7 @@ use polepair_link::clock;
 use polepair_link::tap::{Tap, TapDirection};
 
 use crate::outcome;
+use crate::output_file::TraceArgs;
 use crate::problem::{Exit, Problem, Result};
 use crate::profile_args::warn_ignored_file;
 use crate::remote::{self, ServerArgs};
@@ -35,9 +35,8 @@ pub struct DriveArgs {
     /// Print all frames, decoded, on stderr
     #[arg(short, long)]
     pub verbose: bool,
-    /// File for the frames, in a format that `decode` reads
-    #[arg(long, value_name = "FILE")]
-    pub trace: Option<PathBuf>,
+    #[command(flatten)]
+    pub trace: TraceArgs,
     #[command(flatten)]
     pub profiles: crate::profile_args::ProfileFile,
     /// Profiles of the drives found so far, used to decode their frames.
@@ -98,7 +97,7 @@ impl DriveArgs {
 
     /// What stands where the URL would, where a server does it. Frames pass where the server is.
     pub fn remote_axes(&self) -> Result<&str> {
-        if self.verbose || self.trace.is_some() || self.profiles.is_given() {
+        if self.verbose || self.trace.path().is_some() || self.profiles.is_given() {
             return Err(remote::unsupported_problem(
                 "-v, --trace or --profile",
                 "A server opens its links itself.",
@@ -127,9 +126,7 @@ impl DriveArgs {
         {
             connector = crate::every_frame::with_faulty_wire(connector);
         }
-        let trace =
-            self.trace.as_deref().map(|path| trace::create_trace(path, &self.url)).transpose();
-        let trace = match trace {
+        let trace = match self.trace.create(&self.url) {
             Err(problem) if self.stops => {
                 print_warning(&format!(
                     "warning: {} {} No frame is recorded.",

@@ -4,7 +4,10 @@ use std::io::{self, IsTerminal as _, Write as _};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::problem::{self, Exit, Problem, Result};
+use polepair_core::escape::{EscapedText, is_plain};
+
+use crate::output_file::OutputFile;
+use crate::problem::{Exit, Problem, Result};
 
 /// Bytes that are gathered before they are written.
 const BUFFER_SIZE: usize = 1 << 16;
@@ -52,30 +55,47 @@ fn understands_escapes() -> bool {
 
 /// Where data goes: stdout or a file.
 pub struct DataOutput {
-    sink: Box<dyn io::Write + Send>,
+    sink: OutputFile,
     name: String,
     buffer: Vec<u8>,
+    /// It is text for people, whose control characters are escaped.
+    is_text: bool,
 }
 
 impl DataOutput {
-    /// stdout.
+    /// stdout, for text that people read: control characters of devices, files and names are escaped.
     pub fn stdout() -> Self {
-        let sink: Box<dyn io::Write + Send> =
-            if cfg!(test) { Box::new(io::sink()) } else { Box::new(io::stdout()) };
-        Self { sink, name: "stdout".to_owned(), buffer: Vec::new() }
+        Self { is_text: true, ..Self::new(OutputFile::stdout(), "stdout") }
     }
 
-    /// A new file.
+    fn new(sink: OutputFile, name: &str) -> Self {
+        Self { sink, name: name.to_owned(), buffer: Vec::new(), is_text: false }
+    }
+
+    /// Whether control characters are escaped. JSON, CSV and files of other formats have the text itself.
+    pub fn with_text(self, is_text: bool) -> Self {
+        Self { is_text, ..self }
+    }
+
+    /// A file, which is there after [`finish`](Self::finish). What it replaces is left alone until then.
     pub fn file(path: &Path) -> Result<Self> {
-        let file = std::fs::File::create(path)
-            .map_err(|error| problem::file_problem(path, "write", &error))?;
-        let name = path.display().to_string();
-        Ok(Self { sink: Box::new(file), name, buffer: Vec::new() })
+        Ok(Self::new(OutputFile::create(path)?, &path.display().to_string()))
     }
 
     /// stdout, or the file if there is one; `-` is stdout, as for other programs.
     pub fn to_path(path: Option<&Path>) -> Result<Self> {
-        path.filter(|path| *path != "-").map_or_else(|| Ok(Self::stdout()), Self::file)
+        let stdout = || Ok(Self::stdout().with_text(false));
+        path.filter(|path| *path != "-").map_or_else(stdout, Self::file)
+    }
+
+    /// As [`to_path`](Self::to_path), for an input that may never end: a new file is read while it grows.
+    pub fn follow_to_path(path: Option<&Path>) -> Result<Self> {
+        match path.filter(|path| *path != "-") {
+            None => Self::to_path(None),
+            Some(path) => {
+                Ok(Self::new(OutputFile::create_followed(path)?, &path.display().to_string()))
+            }
+        }
     }
 
     /// What is to be written next.
@@ -96,9 +116,19 @@ impl DataOutput {
 
     /// Writes everything now.
     pub fn flush(&mut self) -> Result<()> {
+        if self.is_text {
+            escape_controls(&mut self.buffer, colour_out());
+        }
         let written = self.sink.write_all(&self.buffer).and_then(|()| self.sink.flush());
         self.buffer.clear();
         written.map_err(|error| self.write_problem(&error))
+    }
+
+    /// Writes everything, and gives a file its name. Without this call a file is not there.
+    pub fn finish(&mut self) -> Result<()> {
+        self.flush()?;
+        let sink = std::mem::replace(&mut self.sink, OutputFile::stdout());
+        sink.commit().map_err(|error| self.write_problem(&error))
     }
 
     /// A reader that went away (`| head`) wants no message.
@@ -109,6 +139,37 @@ impl DataOutput {
         Problem::new(Exit::Adapter, "E304", format!("cannot write to {}.", self.name))
             .why(format!("The system says: {error}."))
     }
+}
+
+/// Colours and styles that this program prints itself.
+const OWN_STYLES: [&str; 12] =
+    ["0", "1", "2", "4", "1;31", "31", "32", "33", "34", "35", "36", "37"];
+
+/// Escapes the control characters of text, but for the ends of its lines, tabs, and with `colours` the styles of this
+/// program.
+fn escape_controls(text: &mut Vec<u8>, colours: bool) {
+    let is_kept = |byte: &u8| matches!(byte, b'\n' | b'\t');
+    let is_clean = text.split(is_kept).all(is_plain);
+    if is_clean {
+        return;
+    }
+    let (mut escaped, text_before) = (String::new(), std::mem::take(text));
+    let mut rest = &*String::from_utf8_lossy(&text_before);
+    while !rest.is_empty() {
+        let own = OWN_STYLES.iter().find_map(|style| {
+            let end = rest.strip_prefix("\x1b[")?.strip_prefix(style)?.strip_prefix('m')?;
+            Some(rest.len() - end.len())
+        });
+        let first = rest.chars().next().map_or(rest.len(), char::len_utf8);
+        let taken = own.filter(|_| colours).unwrap_or(first);
+        let (piece, others) = rest.split_at(taken);
+        match taken > first || piece.bytes().all(|byte| is_kept(&byte)) {
+            true => escaped.push_str(piece),
+            false => escaped.push_str(&EscapedText(piece).to_string()),
+        }
+        rest = others;
+    }
+    *text = escaped.into_bytes();
 }
 
 static QUIET: AtomicBool = AtomicBool::new(false);
@@ -132,7 +193,15 @@ pub fn print_note(text: &str) {
 
 /// A line on stderr that is printed in any case: a motor may turn, or something is missing.
 pub fn print_warning(text: &str) {
-    draw(&format!("{text}\n"));
+    let mut line = format!("{text}\n").into_bytes();
+    escape_controls(&mut line, colour_err());
+    draw(&String::from_utf8_lossy(&line));
+}
+
+/// Escapes the control characters of text, but for the ends of its lines.
+pub fn escape_lines(text: &str) -> String {
+    let lines: Vec<String> = text.split('\n').map(|line| EscapedText(line).to_string()).collect();
+    lines.join("\n")
 }
 
 /// Where prose goes: tests read what was said.
@@ -183,7 +252,11 @@ impl TextTable {
 
     /// Adds a row.
     pub fn add_row(&mut self, cells: impl IntoIterator<Item = String>) {
-        self.rows.push(cells.into_iter().collect());
+        let escape = |cell: String| match is_plain(cell.as_bytes()) {
+            true => cell,
+            false => EscapedText(&cell).to_string(),
+        };
+        self.rows.push(cells.into_iter().map(escape).collect());
     }
 
     /// True without rows below the heads.
@@ -219,7 +292,7 @@ impl TextTable {
 
 /// A line of comma-separated values.
 pub fn csv_line<'a>(fields: impl IntoIterator<Item = &'a str>) -> String {
-    let quoted = |field: &str| match field.contains([',', '"', '\n']) {
+    let quoted = |field: &str| match field.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", field.replace('"', "\"\"")),
         false => field.to_owned(),
     };

@@ -4,9 +4,11 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
+use polepair_files::ExistingFile;
 use polepair_link::tap::TraceWriter;
 
-use crate::problem::{self, Result};
+use crate::output_file::create_recording;
+use crate::problem::Result;
 use crate::terminal::print_warning;
 
 /// Frames as a capture that `polepair decode` reads.
@@ -15,9 +17,9 @@ pub type FrameTrace = TraceWriter<TraceFile>;
 /// Makes the file, for the frames of a link.
 ///
 /// # Errors
-/// `E301` to `E303` where it cannot be made.
-pub fn create_trace(path: &Path, url: &str) -> Result<FrameTrace> {
-    let file = File::create(path).map_err(|error| problem::file_problem(path, "write", &error))?;
+/// As for [`create_recording`].
+pub fn create_trace(path: &Path, existing: ExistingFile, url: &str) -> Result<FrameTrace> {
+    let file = create_recording(path, existing)?;
     let name = path.display().to_string();
     let file = TraceFile { file: BufWriter::new(file), name, has_failed: false };
     Ok(TraceWriter::new(file, &link_name(url)))

@@ -1,10 +1,13 @@
 //! A data set of many captures: `TABLE/site=…/date=YYYY-MM-DD/bus=…/part-….parquet`.
 //!
 //! The name of a part is the BLAKE3 hash of its capture, so decoding it again replaces the part. A capture
-//! is complete when its note in `_done` is written, which is the last step. The next run overwrites
-//! incomplete parts.
+//! is complete when its note in `_done` is written, which is the last step. A capture that has grown since replaces
+//! the parts of what it was.
 
-use std::collections::BTreeMap;
+mod notes;
+
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -13,16 +16,23 @@ use arrow_array::types::{Int32Type, Int64Type};
 use arrow_array::{Array, BooleanArray, RecordBatch};
 use arrow_schema::ArrowError;
 
+use polepair_files::SealedFile;
+
+use crate::capture_file::CaptureFile;
 use crate::schema::{SCHEMA_ID, TableKind};
 use crate::table_file::{BatchSink, ColumnFormat, DECODER, Provenance, TableFile, TableFileError};
+use notes::{DONE, DatasetNotes};
+pub use notes::{DatasetLock, text_hash};
 
-/// Parts that are written at once; each holds a row group in memory.
+/// Parts that are written at once; each holds a row group in memory, and a descriptor.
 const OPEN_MAX: usize = 24;
+/// Parts of one capture. More have times that are no times: each row would have a file of its own.
+const PARTS_MAX: usize = 1 << 15;
+/// Characters of a site or a link in the name of a folder, which a file system limits to 255.
+const NAME_MAX: usize = 200;
 const DAY_NS: i64 = 86_400_000_000_000;
 /// What rows without a time have as their date: readers of partitions take it for null.
 const NO_DATE: &str = "__HIVE_DEFAULT_PARTITION__";
-/// The folder of notes about what is done. Readers of data sets pass over names with this dash first.
-const RECORDS_FOLDER: &str = "_done";
 
 /// Where a data set is, and whose captures go there.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -53,7 +63,7 @@ impl DecodeRecord {
     }
 
     fn path(&self, site: &DatasetSite) -> PathBuf {
-        site.root.join(RECORDS_FOLDER).join(&self.blake3)
+        site.root.join(DONE).join(&self.blake3)
     }
 
     /// Whether the data set has this capture, decoded so.
@@ -69,20 +79,21 @@ impl DecodeRecord {
 pub struct DatasetWriter {
     site: DatasetSite,
     record: DecodeRecord,
+    capture: CaptureFile,
     /// Threads that encode columns.
     jobs: usize,
-    open: BTreeMap<PathBuf, TableFile>,
-    /// All parts, from the data set's folder on.
-    written: Vec<PathBuf>,
-    /// Parts that were ended before the capture did, because there were too many.
-    closed: Vec<TableFile>,
+    parts: BTreeMap<PathBuf, TableFile>,
+    /// Folders of the parts that hold a descriptor, and when each was written to last.
+    open: BTreeMap<PathBuf, u64>,
+    writes: u64,
 }
 
 impl DatasetWriter {
     /// Begins the parts of a capture, whose columns so many threads encode.
     #[must_use]
-    pub fn new(site: DatasetSite, record: DecodeRecord, jobs: usize) -> Self {
-        Self { site, record, jobs, open: BTreeMap::new(), written: Vec::new(), closed: Vec::new() }
+    pub fn new(site: DatasetSite, record: DecodeRecord, capture: CaptureFile, jobs: usize) -> Self {
+        let (parts, open) = (BTreeMap::new(), BTreeMap::new());
+        Self { site, record, capture, jobs, parts, open, writes: 0 }
     }
 
     fn part_file(
@@ -92,62 +103,74 @@ impl DatasetWriter {
         bus: &str,
     ) -> Result<&mut TableFile, TableFileError> {
         let folder = Path::new(table.name())
-            .join(format!("site={}", escape(&self.site.name)))
+            .join(format!("site={}", escape_name(&self.site.name)))
             .join(format!("date={date}"))
-            .join(format!("bus={}", escape(bus)));
-        if !self.open.contains_key(&folder) {
+            .join(format!("bus={}", escape_name(bus)));
+        self.writes += 1;
+        if self.open.insert(folder.clone(), self.writes).is_none() {
             self.make_room()?;
-            let same = self.written.iter().filter(|part| part.parent() == Some(&folder)).count();
-            let key = self.record.blake3.get(..16).unwrap_or(&self.record.blake3);
-            let part = folder.join(format!("part-{key}-{same}.parquet"));
-            std::fs::create_dir_all(self.site.root.join(&folder))?;
-            let store = TableFile::create(
-                &self.site.root.join(&part),
-                table,
-                ColumnFormat::Parquet,
-                self.jobs,
-            )?;
-            self.written.push(part);
-            self.open.insert(folder.clone(), store);
         }
-        self.open
-            .get_mut(&folder)
-            .ok_or_else(|| std::io::ErrorKind::NotFound.into())
-            .map_err(|error: std::io::Error| error.into())
-    }
-
-    fn make_room(&mut self) -> Result<(), TableFileError> {
-        if self.open.len() >= OPEN_MAX
-            && let Some((_, mut store)) = self.open.pop_first()
-        {
-            store.flush()?;
-            self.closed.push(store);
+        let key = self.record.blake3.get(..16).unwrap_or(&self.record.blake3);
+        let part = folder.join(format!("part-{key}-0.parquet"));
+        if !self.parts.contains_key(&part) && self.parts.len() >= PARTS_MAX {
+            return Err(TableFileError::TooManyParts);
         }
-        Ok(())
-    }
-
-    /// Takes away what an earlier decode of this capture gave and this one does not.
-    fn remove_stale_parts(&self) {
-        let note = std::fs::read_to_string(self.record.path(&self.site)).unwrap_or_default();
-        let earlier = note.lines().skip(1).map(Path::new);
-        for part in earlier.filter(|part| !self.written.iter().any(|new| new == part)) {
-            let inside = part.components().all(|c| matches!(c, std::path::Component::Normal(_)));
-            if inside {
-                let _ = std::fs::remove_file(self.site.root.join(part));
+        match self.parts.entry(part) {
+            Entry::Occupied(entry) => Ok(entry.into_mut()),
+            Entry::Vacant(entry) => {
+                std::fs::create_dir_all(self.site.root.join(&folder))?;
+                let path = self.site.root.join(entry.key());
+                Ok(entry.insert(TableFile::create(&path, table, ColumnFormat::Parquet, self.jobs)?))
             }
         }
     }
 
-    fn write_record(&self) -> std::io::Result<()> {
-        let path = self.record.path(&self.site);
-        let mut note = format!("{}\n", self.record.inputs);
-        for part in &self.written {
-            let _ = writeln!(note, "{}", part.display());
+    /// Closes the part that was not written to for longest, if there are too many.
+    fn make_room(&mut self) -> Result<(), TableFileError> {
+        if self.open.len() <= OPEN_MAX {
+            return Ok(());
         }
-        std::fs::create_dir_all(self.site.root.join(RECORDS_FOLDER))?;
-        let temporary = path.with_extension("part");
-        std::fs::write(&temporary, note)?;
-        std::fs::rename(temporary, path)
+        let oldest = self.open.iter().min_by_key(|(_, written_at)| **written_at);
+        let Some(folder) = oldest.map(|(folder, _)| folder.clone()) else { return Ok(()) };
+        self.open.remove(&folder);
+        let mut parts = self.parts.range_mut(folder.clone()..);
+        match parts.next().filter(|(part, _)| part.parent() == Some(&folder)) {
+            Some((_, part)) => part.park(),
+            None => Ok(()),
+        }
+    }
+
+    /// Gives the parts their names. What they replace is removed: parts of an earlier decode, and those of what the
+    /// capture was before it grew.
+    fn publish(
+        &self,
+        sealed: Vec<SealedFile>,
+        parts: &BTreeSet<PathBuf>,
+    ) -> Result<(), TableFileError> {
+        let notes = DatasetNotes::lock(&self.site.root)?;
+        if !self.capture.is_unchanged() {
+            return Err(TableFileError::Changed);
+        }
+        let (name, content) = (self.capture.name(), self.capture.content());
+        let mut contents = notes.contents(name);
+        let grown_from = self.capture.grown_from(&contents)?;
+        contents.retain(|other| other.blake3 != content.blake3);
+        contents.push(content.clone());
+        // From here on a program that goes on after this one was killed knows what to remove.
+        notes.write_contents(name, &contents)?;
+        let earlier = notes.parts(&content.blake3);
+        notes.begin(&content.blake3, parts)?;
+        sealed.into_iter().try_for_each(SealedFile::publish)?;
+        notes.remove_parts(&earlier, parts)?;
+        for old in &grown_from {
+            if !notes.is_shared(&old.blake3, name)? {
+                notes.remove_parts(&notes.parts(&old.blake3), parts)?;
+                notes.forget(&old.blake3)?;
+            }
+        }
+        notes.finish(&content.blake3, &self.record.inputs, parts)?;
+        contents.retain(|other| !grown_from.contains(other));
+        Ok(notes.write_contents(name, &contents)?)
     }
 }
 
@@ -162,12 +185,27 @@ impl BatchSink for DatasetWriter {
     }
 
     fn close(mut self: Box<Self>, provenance: &Provenance) -> Result<(), TableFileError> {
-        let open = core::mem::take(&mut self.open).into_values();
-        let all = core::mem::take(&mut self.closed).into_iter().chain(open);
-        all.into_iter().try_for_each(|store| store.close(provenance))?;
-        self.remove_stale_parts();
-        Ok(self.write_record()?)
+        let (mut sealed, mut parts) = (Vec::new(), BTreeSet::new());
+        for (part, file) in core::mem::take(&mut self.parts) {
+            sealed.push(file.seal(provenance)?);
+            parts.insert(part);
+        }
+        self.publish(sealed, &parts)
     }
+}
+
+/// Notes a capture whose content the data set has under another name: it keeps the rows if that one grows.
+///
+/// # Errors
+/// Those of the operating system.
+pub fn note_copy(site: &DatasetSite, capture: &CaptureFile) -> std::io::Result<()> {
+    let notes = DatasetNotes::lock(&site.root)?;
+    let (mut contents, content) = (notes.contents(capture.name()), capture.content());
+    if contents.iter().any(|known| known.blake3 == content.blake3) {
+        return Ok(());
+    }
+    contents.push(content.clone());
+    notes.write_contents(capture.name(), &contents)
 }
 
 /// The rows of each day; they are in the order of time, those without a time first.
@@ -218,7 +256,7 @@ fn format_date(day: i64) -> String {
 }
 
 /// A word as part of a path, other signs than letters, digits, `-`, `_` and `.` by their bytes: `%2F`.
-fn escape(word: &str) -> String {
+pub(crate) fn escape(word: &str) -> String {
     let mut out = String::new();
     for byte in word.bytes() {
         let plain = byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
@@ -228,6 +266,16 @@ fn escape(word: &str) -> String {
         }
     }
     if out.is_empty() { NO_DATE.to_owned() } else { out }
+}
+
+/// A word as the name of a folder. A long one is cut, and told apart by its hash.
+fn escape_name(word: &str) -> String {
+    let name = escape(word);
+    if name.len() <= NAME_MAX {
+        return name;
+    }
+    let hash = blake3::hash(word.as_bytes()).to_hex();
+    format!("{}~{}", &name[..NAME_MAX], &hash[..16])
 }
 
 #[cfg(test)]

@@ -13,6 +13,8 @@
 #![forbid(unsafe_code)]
 
 mod batch_builder;
+#[cfg(feature = "files")]
+mod capture_file;
 mod column;
 #[cfg(feature = "files")]
 mod dataset;
@@ -28,12 +30,13 @@ pub use arrow_array::RecordBatch;
 pub use arrow_schema::ArrowError;
 pub use batch_builder::{BatchBuilder, BuiltBatches};
 #[cfg(feature = "files")]
-pub use dataset::{DatasetSite, DatasetWriter, DecodeRecord};
+pub use capture_file::{CaptureContent, CaptureFile};
+#[cfg(feature = "files")]
+pub use dataset::{DatasetLock, DatasetSite, DatasetWriter, DecodeRecord, note_copy, text_hash};
 pub use dictionary_merger::DictionaryMerger;
 pub use schema::{SCHEMA_ID, TableKind};
 #[cfg(feature = "files")]
 pub use table_file::{
     BatchSink, ColumnFormat, DECODER, Provenance, TableFile, TableFileError, TableFiles,
-    fingerprint,
 };
 pub use tables::{CaptureOrigin, ROWS_MAX, TablesBuilder};

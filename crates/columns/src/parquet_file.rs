@@ -1,8 +1,6 @@
 //! A Parquet file whose columns are encoded and compressed in parallel. Each column is encoded separately
 //! in the order of its rows, so the bytes do not depend on the number of threads.
 
-use std::fs::File;
-use std::io::BufWriter;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use arrow_array::RecordBatch;
@@ -18,6 +16,7 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties, WriterPropertiesBuilder};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::ColumnPath;
+use polepair_files::AtomicFile;
 
 use crate::schema::TableKind;
 use crate::table_file::{DECODER, Provenance};
@@ -28,11 +27,9 @@ const ZSTD_LEVEL: i32 = 3;
 /// Rows that are worth a thread.
 const ROWS_MIN: usize = 1 << 11;
 
-type OutputFile = BufWriter<File>;
-
 /// A file under way.
 pub(crate) struct ParquetFile {
-    file: SerializedFileWriter<OutputFile>,
+    file: SerializedFileWriter<AtomicFile>,
     factory: ArrowRowGroupWriterFactory,
     schema: SchemaRef,
     /// The columns of the row group under way.
@@ -43,7 +40,7 @@ pub(crate) struct ParquetFile {
 
 impl ParquetFile {
     /// Begins a file of a table, whose columns so many threads encode.
-    pub fn create(file: OutputFile, table: TableKind, jobs: usize) -> Result<Self, ParquetError> {
+    pub fn create(file: AtomicFile, table: TableKind, jobs: usize) -> Result<Self, ParquetError> {
         let schema = table.schema();
         let writer =
             ArrowWriter::try_new(file, Arc::clone(&schema), Some(writer_properties(table)))?;
@@ -81,8 +78,14 @@ impl ParquetFile {
         Ok(())
     }
 
+    /// Ends the row group under way, and closes the file until the next rows.
+    pub fn park(&mut self) -> Result<(), ParquetError> {
+        self.flush()?;
+        Ok(self.file.inner_mut().park()?)
+    }
+
     /// Ends the row group under way.
-    pub fn flush(&mut self) -> Result<(), ParquetError> {
+    fn flush(&mut self) -> Result<(), ParquetError> {
         let columns = core::mem::take(&mut self.columns);
         if columns.is_empty() {
             return Ok(());
@@ -97,7 +100,7 @@ impl ParquetFile {
     }
 
     /// Ends the file.
-    pub fn close(mut self, provenance: &Provenance) -> Result<OutputFile, ParquetError> {
+    pub fn close(mut self, provenance: &Provenance) -> Result<AtomicFile, ParquetError> {
         self.flush()?;
         for (key, value) in provenance.pairs() {
             let pair = KeyValue::new(key.to_owned(), value.to_owned());

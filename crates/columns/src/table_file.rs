@@ -1,13 +1,12 @@
 //! Writes batches to files: Parquet, or Arrow's file format.
 
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use arrow_array::RecordBatch;
 use arrow_ipc::writer::{DictionaryHandling, FileWriter, IpcWriteOptions};
 use arrow_schema::ArrowError;
 use parquet::errors::ParquetError;
+use polepair_files::{AtomicFile, SealedFile};
 
 use crate::parquet_file::ParquetFile;
 use crate::schema::TableKind;
@@ -69,6 +68,10 @@ pub enum TableFileError {
     Io(std::io::Error),
     /// Arrow or Parquet.
     Columns(Box<dyn std::error::Error + Send + Sync>),
+    /// The capture was written to while it was read, so nothing is known of its content.
+    Changed,
+    /// The capture has more days and buses than one capture can have.
+    TooManyParts,
 }
 
 impl core::fmt::Display for TableFileError {
@@ -76,6 +79,8 @@ impl core::fmt::Display for TableFileError {
         match self {
             Self::Io(error) => error.fmt(f),
             Self::Columns(error) => error.fmt(f),
+            Self::Changed => f.write_str("the capture changed while it was read"),
+            Self::TooManyParts => f.write_str("the capture has too many days or buses"),
         }
     }
 }
@@ -113,13 +118,12 @@ impl From<ParquetError> for TableFileError {
 /// name is whole.
 #[derive(Debug)]
 pub struct TableFile {
-    path: PathBuf,
     writer: TableFileWriter,
 }
 
 enum TableFileWriter {
     Parquet(Box<ParquetFile>),
-    Arrow(Box<FileWriter<BufWriter<File>>>),
+    Arrow(Box<FileWriter<AtomicFile>>),
 }
 
 impl core::fmt::Debug for TableFileWriter {
@@ -142,7 +146,7 @@ impl TableFile {
         stored: ColumnFormat,
         jobs: usize,
     ) -> Result<Self, TableFileError> {
-        let file = BufWriter::new(File::create(temporary_path(path))?);
+        let file = AtomicFile::create(path)?;
         let schema = table.schema();
         let writer = match stored {
             ColumnFormat::Parquet => {
@@ -156,7 +160,7 @@ impl TableFile {
                 TableFileWriter::Arrow(Box::new(writer))
             }
         };
-        Ok(Self { path: path.to_owned(), writer })
+        Ok(Self { writer })
     }
 
     /// Adds rows.
@@ -171,14 +175,14 @@ impl TableFile {
         Ok(())
     }
 
-    /// Writes what is gathered in memory.
+    /// Writes what is gathered in memory, and closes the file until the next rows.
     ///
     /// # Errors
     /// [`TableFileError`] when it cannot be written.
-    pub fn flush(&mut self) -> Result<(), TableFileError> {
+    pub fn park(&mut self) -> Result<(), TableFileError> {
         match &mut self.writer {
-            TableFileWriter::Parquet(writer) => Ok(writer.flush()?),
-            TableFileWriter::Arrow(_) => Ok(()),
+            TableFileWriter::Parquet(writer) => Ok(writer.park()?),
+            TableFileWriter::Arrow(writer) => Ok(writer.get_mut().park()?),
         }
     }
 
@@ -187,8 +191,15 @@ impl TableFile {
     /// # Errors
     /// [`TableFileError`] when it cannot be written.
     pub fn close(self, provenance: &Provenance) -> Result<(), TableFileError> {
-        let Self { path, writer } = self;
-        let file = match writer {
+        Ok(self.seal(provenance)?.publish()?)
+    }
+
+    /// Ends the file without giving it its name.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when it cannot be written.
+    pub fn seal(self, provenance: &Provenance) -> Result<SealedFile, TableFileError> {
+        let file = match self.writer {
             TableFileWriter::Parquet(writer) => writer.close(provenance)?,
             TableFileWriter::Arrow(mut writer) => {
                 for (key, value) in provenance.pairs() {
@@ -198,9 +209,7 @@ impl TableFile {
                 writer.into_inner()?
             }
         };
-        let file = file.into_inner().map_err(std::io::IntoInnerError::into_error)?;
-        file.sync_all()?;
-        Ok(std::fs::rename(temporary_path(&path), path)?)
+        Ok(file.seal()?)
     }
 }
 
@@ -246,16 +255,6 @@ pub trait BatchSink: Send {
     fn close(self: Box<Self>, provenance: &Provenance) -> Result<(), TableFileError>;
 }
 
-/// BLAKE3 of a file, hexadecimal.
-///
-/// # Errors
-/// Those of the operating system.
-pub fn fingerprint(path: &Path) -> std::io::Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    std::io::copy(&mut File::open(path)?, &mut hasher)?;
-    Ok(hasher.finalize().to_hex().to_string())
-}
-
 impl BatchSink for TableFiles {
     fn write_batch(&mut self, table: TableKind, batch: &RecordBatch) -> Result<(), TableFileError> {
         let mut stores = self.stores.iter_mut();
@@ -265,10 +264,4 @@ impl BatchSink for TableFiles {
     fn close(self: Box<Self>, provenance: &Provenance) -> Result<(), TableFileError> {
         self.stores.into_iter().try_for_each(|(_, store)| store.close(provenance))
     }
-}
-
-/// The name of a file that is not whole yet. Readers of data sets pass over names with a dot first.
-fn temporary_path(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!(".{name}.part"))
 }

@@ -21,6 +21,7 @@ extern crate alloc;
 
 pub mod axis;
 pub mod error;
+pub mod escape;
 pub mod explain;
 pub mod judge;
 pub mod lane;

@@ -62,7 +62,7 @@ pub use connection::{
 pub use error::{Cause, LinkError};
 pub use link::{LinkIo, Losses, Received};
 pub use ports::{Port, PortKind, has_no_baud_rate, ports};
-pub use process::{is_private_file, lower_priority, raise_file_limit};
+pub use process::{is_private_file, is_trusted_file, lower_priority, raise_file_limit};
 pub use serve::{ServeHandle, ServeThread, StationAccess, serve};
 pub use tap::{Tap, TapDirection, TappedLink};
 pub use waker::LinkWaker;

@@ -51,3 +51,25 @@ pub fn is_private_file(file: &std::fs::File) -> std::io::Result<bool> {
         Ok(true)
     }
 }
+
+/// Whether nobody but this user and the system's administrator could have written a file: it is owned by one of them,
+/// and others have no right to write. True where files have no owners.
+///
+/// # Errors
+/// When the system does not report it.
+#[cfg_attr(not(unix), allow(clippy::missing_const_for_fn, reason = "it asks on Unix"))]
+pub fn is_trusted_file(path: &std::path::Path) -> std::io::Result<bool> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt as _;
+        const OTHERS_WRITE: u32 = 0o002;
+        let found = std::fs::metadata(path)?;
+        let is_own = found.uid() == 0 || found.uid() == rustix::process::geteuid().as_raw();
+        Ok(is_own && found.mode() & OTHERS_WRITE == 0)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = path;
+        Ok(true)
+    }
+}

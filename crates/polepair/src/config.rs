@@ -65,7 +65,7 @@ impl Config {
     }
 
     /// Searches from the working folder upward, and in the configuration folder. A file with errors is in
-    /// [`broken`](Self::broken).
+    /// [`broken`](Self::broken), and so is one of another user or one that others may write to, which is not read.
     #[must_use]
     pub fn discover() -> Self {
         let here = std::env::current_dir().unwrap_or_default();
@@ -77,8 +77,23 @@ impl Config {
     #[must_use]
     pub fn discover_from(here: &Path, folder: Option<&Path>) -> Self {
         let above = here.ancestors().take(FOLDERS_MAX).chain(folder);
-        let file = above.map(|folder| folder.join(FILE)).find(|file| file.is_file());
         let mut config = Self::default();
+        let mut found = above.map(|folder| folder.join(FILE)).filter(|file| file.is_file());
+        // A file of somebody else could make `@arm` another motor.
+        let file = found.find(|file| match polepair_link::is_trusted_file(file) {
+            Ok(true) => true,
+            Ok(false) => {
+                let reason = "it belongs to another user, or others may write to it: chown and \
+                              chmod o-w make it yours";
+                config.broken.push(FileError::for_file(file.display().to_string(), reason));
+                false
+            }
+            Err(error) => {
+                let file = file.display().to_string();
+                config.broken.push(FileError::for_file(file, error.to_string()));
+                false
+            }
+        });
         if let Some(file) = file {
             match Self::read_links(&file) {
                 Ok(links) => config.links = links,

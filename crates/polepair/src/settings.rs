@@ -2,6 +2,7 @@
 //!
 //! ```toml
 //! [axis.1]
+//! count = 2
 //! profile = "tmcm-171"
 //! firmware = "1.12"
 //!
@@ -10,7 +11,8 @@
 //! "motor poles" = 8         # AP 253
 //! ```
 //! A value is text with a unit, a value name, or a number in the parameter's unit. `{ raw = 120 }` is used if no
-//! text gives exactly the drive's value.
+//! text gives exactly the drive's value. `count` is the number of settings, so that a file that was cut off is seen; a
+//! file that a person wrote need not have it.
 
 mod process_data;
 
@@ -203,7 +205,7 @@ impl fmt::Display for Settings {
 impl fmt::Display for AxisSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { number, profile, firmware, .. } = self;
-        writeln!(f, "[axis.{number}]\nprofile = {profile:?}")?;
+        writeln!(f, "[axis.{number}]\ncount = {}\nprofile = {profile:?}", self.settings.len())?;
         if !firmware.is_empty() {
             writeln!(f, "firmware = {firmware:?}")?;
         }
@@ -241,19 +243,30 @@ impl Setting {
 fn read_axis(axes: &TomlTable<'_, '_>, key: &Located<&str>) -> Result<AxisSettings, FileError> {
     let number = key.value.parse::<u32>();
     let number = number.map_err(|_| key.location.error("an axis has a number: [axis.1]"))?;
-    let keys = ["profile", "firmware", "settings"];
+    let keys = ["count", "profile", "firmware", "settings"];
     let Some(table) = axes.table(key.value, &keys)? else {
         return Err(key.location.error("an axis is a table"));
     };
-    let settings = match table.table("settings", &[])? {
+    let settings: Result<Vec<Setting>, FileError> = match table.table("settings", &[])? {
         Some(table) => table.keys().into_iter().map(|key| read_setting(&table, key)).collect(),
         None => Ok(Vec::new()),
     };
+    let settings = settings?;
+    if let Some(count) = table.integer("count")?
+        && usize::try_from(count.value) != Ok(settings.len())
+    {
+        let found = settings.len();
+        return Err(count.location.error(format!(
+            "it has {found} settings, not {}: the file was cut off, or lines were added or removed; \
+             correct `count`, or remove it",
+            count.value
+        )));
+    }
     Ok(AxisSettings {
         number,
         profile: table.required_text("profile")?.value,
         firmware: table.text("firmware")?.map_or_else(String::new, |text| text.value),
-        settings: settings?,
+        settings,
         unread: Vec::new(),
         is_sheet: false,
         location: table.location(),

@@ -74,7 +74,10 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(guard::stop_armed, module)?)?;
     module.add_function(wrap_pyfunction!(command::run_command, module)?)?;
     module.add_function(wrap_pyfunction!(dataset::is_capture_name, module)?)?;
-    module.add_function(wrap_pyfunction!(dataset::fingerprint, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::capture_content, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::grown_from, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::text_hash, module)?)?;
+    module.add_class::<dataset::PyDatasetLock>()?;
     module.add_function(wrap_pyfunction!(dataset::decode_inputs, module)?)?;
     module.add_function(wrap_pyfunction!(dataset::decode_to_dataset, module)?)?;
     module.add_function(wrap_pyfunction!(explain::explain, module)?)?;

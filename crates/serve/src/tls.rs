@@ -109,7 +109,7 @@ fn make(options: &ServerOptions, certificate: &Path, key: &Path) -> Result<(), S
         SetupError::adapter("E318", "no certificate can be made").why(error.to_string())
     })?;
     write_private_file(key, made.signing_key.serialize_pem().as_bytes())?;
-    std::fs::write(certificate, made.cert.pem())
+    polepair_files::write_atomic(certificate, made.cert.pem().as_bytes())
         .map_err(|error| SetupError::file(certificate, "write", &error))
 }
 

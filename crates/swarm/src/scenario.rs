@@ -120,7 +120,7 @@ fn open_bench(rack: &RandomRack, seed: u64, ports: &SharedPorts) -> Result<Bench
     let thread: String = thread.chars().filter(char::is_ascii_digit).collect();
     let name = format!("polepair-swarm-{}-{thread}.toml", std::process::id());
     let file = std::env::temp_dir().join(name);
-    std::fs::write(&file, &rack.text).map_err(|error| error.to_string())?;
+    polepair_files::write_atomic(&file, rack.text.as_bytes()).map_err(|error| error.to_string())?;
     let its = Arc::clone(ports);
     let connector = Connector::default().with_link_wrapper(move |_, link, _| {
         let (link, port) = wire::wrap_link(link);

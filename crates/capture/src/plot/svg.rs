@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use polepair_core::escape::EscapedText;
+
 use super::{PlotPanel, scale};
 use crate::date;
 use crate::timestamp::Timestamp;
@@ -118,5 +120,6 @@ fn draw_heading(panel: &PlotPanel<'_>, top: f64, out: &mut String) {
 }
 
 fn escape_markup(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    // XML has no control characters, whatever stands for them.
+    EscapedText(text).to_string().replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

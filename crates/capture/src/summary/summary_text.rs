@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use polepair_core::escape::EscapedText;
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 
@@ -340,7 +341,7 @@ fn product_text(summary: &Summary, who: AxisKey, stated: Option<InternedName>) -
 pub fn axis_label(who: AxisKey) -> String {
     let axis = who.axis.map_or_else(String::new, |axis| format!(" {axis}"));
     let gap = if who.protocol.is_empty() { "" } else { " " };
-    format!("{}{gap}{}{axis}", who.link, who.protocol)
+    format!("{}{gap}{}{axis}", EscapedText(who.link), who.protocol)
 }
 
 /// `power off 0.5 s > on 12.0 s`, or how long each state took where there were many.

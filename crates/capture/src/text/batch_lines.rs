@@ -1,6 +1,7 @@
 //! Lines of a batch. Lines of frames without changes are built from pieces; for process data these are the
 //! names of their mapping.
 
+use polepair_core::escape::EscapedText;
 use polepair_core::explain::Direction;
 
 use super::{BYTES_WIDTH, FrameTextWriter, NoticeLevel, append_padded};
@@ -34,7 +35,7 @@ impl<'a> LineSuffix<'a> {
             TemplateContent::Constant(explained) => {
                 let text = Some(&explained.text).filter(|text| !text.is_empty());
                 let text = text.unwrap_or(&explained.kind);
-                Self::Constant(TextPiece::new(format!("{text}\n").as_bytes()))
+                Self::Constant(TextPiece::new(format!("{}\n", EscapedText(text)).as_bytes()))
             }
         })
     }

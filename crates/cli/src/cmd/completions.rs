@@ -47,7 +47,7 @@ pub struct Completions {
 
 impl Completions {
     pub fn run(self) -> Result {
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(false);
         match Shells::builtins().completer(&self.shell.to_string()) {
             // Bash takes `:`, `=` and `@` for the ends of words.
             Some(_) if matches!(self.shell, Shell::Bash) => out.write_line(BASH),

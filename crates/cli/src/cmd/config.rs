@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use polepair::LocalAxis;
+use polepair::eds::is_eds_file;
 use polepair::settings::{AxisSettings, SettingChange, Settings};
 use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
@@ -12,6 +13,7 @@ use polepair_core::profile::Signal;
 
 use crate::cmd::record::plural;
 use crate::outcome;
+use crate::output_file;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::session::{LocalSession, read_signal};
@@ -108,6 +110,12 @@ impl ConfigCommand {
 
 impl ConfigSave {
     fn run(self) -> Result {
+        if self.file.as_deref().is_some_and(is_eds_file) {
+            return Err(Problem::usage("E248", "settings are not saved as a data sheet.")
+                .why("A DCF has all objects of its EDS, of which a drive does not tell most facts.")
+                .hint("save a .toml file, which `config apply` writes to a drive"));
+        }
+        output_file::refuse_input(self.file.as_deref(), self.target.profiles.path())?;
         let session = self.target.open()?;
         session.listen_for_interrupts();
         let mut settings = Settings::default();
@@ -120,7 +128,7 @@ impl ConfigSave {
         }
         let mut out = DataOutput::to_path(self.file.as_deref())?;
         out.buffer().extend_from_slice(settings.to_string().as_bytes());
-        out.flush()?;
+        out.finish()?;
         if let Some(file) = self.file.as_deref().filter(|file| *file != "-") {
             let count: usize = settings.axes.iter().map(AxisSettings::len).sum();
             print_note(&format!("{} saved in {}", plural(count as u64, "setting"), file.display()));
@@ -134,7 +142,7 @@ impl ConfigDiff {
         let session = self.target.open()?;
         session.listen_for_interrupts();
         let file = self.file.as_deref().map(load_settings).transpose()?;
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);
         if self.format == OutputFormat::Csv {
             out.write_line("axis,setting,now,wanted,unit");
         }

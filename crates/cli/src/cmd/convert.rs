@@ -1,7 +1,6 @@
 //! `polepair convert FILE|- OUT|- [--from FORMAT] [--to FORMAT]`
 
-use std::fs::File;
-use std::io::{self, BufWriter, Read, Write};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -9,8 +8,11 @@ use polepair_capture::{
     CaptureFormat, CaptureReader, CaptureWriter, Compression, ReadOptions, Record, WriteError,
 };
 
-use crate::capture::{TimesArg, read_pieces, report_damage, write_problem, written_format};
-use crate::problem::{self, Exit, Result};
+use crate::capture::{
+    TimesArg, is_stream, read_pieces, report_damage, write_problem, written_format,
+};
+use crate::output_file::{self, OutputFile};
+use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::{print_note, print_warning};
 
 const READ_SIZE: usize = 1 << 16;
@@ -53,12 +55,9 @@ type UnfitCounts = Vec<(&'static str, u64)>;
 impl Convert {
     pub fn run(self) -> Result {
         let to = written_format(self.to, &self.out)?;
-        let failed = |error| problem::file_problem(&self.out, "write", &error);
-        let file: Box<dyn Write> = match self.out.as_os_str() == "-" {
-            true => Box::new(io::stdout().lock()),
-            false => Box::new(BufWriter::new(File::create(&self.out).map_err(failed)?)),
-        };
-        let mut writer = CaptureWriter::new(to, Compression::from_path(&self.out), file)
+        output_file::refuse_input(Some(&self.out), [self.source.as_path()])?;
+        let compression = Compression::from_path(&self.out);
+        let mut writer = CaptureWriter::new(to, compression, self.open_output()?)
             .map_err(|error| write_problem(&self.out, &error))?;
         let (mut reader, mut unfit, mut wrong) = (
             CaptureReader::new(ReadOptions { format: self.from, times: self.times.into() }),
@@ -78,9 +77,24 @@ impl Convert {
         if let Some(error) = wrong {
             return Err(write_problem(&self.out, &error));
         }
-        let written = writer.finish().and_then(|mut file| Ok(file.flush()?));
-        written.map_err(|error| write_problem(&self.out, &error))?;
+        let written = reader.statistics().records - count_all(&unfit);
+        let finished = writer.finish();
+        let file = finished.map_err(|error| write_problem(&self.out, &error))?;
+        if written > 0 {
+            // A result without a record replaces no file.
+            file.commit().map_err(|error| problem::file_problem(&self.out, "write", &error))?;
+        }
         self.report_result(&reader, to, &unfit)
+    }
+
+    fn open_output(&self) -> Result<OutputFile> {
+        if self.out.as_os_str() == "-" {
+            return Ok(OutputFile::stdout());
+        }
+        if is_stream(&self.source) {
+            return OutputFile::create_followed(&self.out);
+        }
+        OutputFile::create(&self.out)
     }
 
     fn report_result(
@@ -93,11 +107,22 @@ impl Convert {
             print_warning(&format!("{count} records are skipped: {why}"));
         }
         report_damage(reader.statistics())?;
-        let lost: u64 = unfit.iter().map(|(_, count)| count).sum();
+        let (records, lost) = (reader.statistics().records, count_all(unfit));
+        if records == lost {
+            let why = match records {
+                0 => "The input has no records.".to_owned(),
+                _ => format!("{to} has no place for any of the {records} records of the input."),
+            };
+            return Err(Problem::new(Exit::Negative, "E115", "nothing was converted.").why(why));
+        }
         let from = reader.format().map_or("nothing", CaptureFormat::name);
-        print_note(&format!("{} records: {from} to {to}", reader.statistics().records - lost));
+        print_note(&format!("{} records: {from} to {to}", records - lost));
         Ok(if lost > 0 { Exit::Partial } else { Exit::Ok })
     }
+}
+
+fn count_all(unfit: &UnfitCounts) -> u64 {
+    unfit.iter().map(|(_, count)| count).sum()
 }
 
 fn count_unfit(unfit: &mut UnfitCounts, why: &'static str) {

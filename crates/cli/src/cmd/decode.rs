@@ -17,7 +17,9 @@ use polepair_capture::FrameFilter;
 use polepair_capture::text::{NoticeLevel, TextStyle};
 
 use crate::capture::{CaptureArgs, EventSink, is_stream, job_count, report_left_out};
+use crate::output_file;
 use crate::problem::{Problem, Result};
+use crate::terminal::{self, DataOutput};
 use crate::value;
 use columns::ColumnsJob;
 use expect::Expectation;
@@ -144,6 +146,7 @@ impl Decode {
             DecodeFormat::Arrow => return self.decode_columns(ColumnFormat::Arrow),
             DecodeFormat::Text | DecodeFormat::Jsonl => {}
         }
+        output_file::refuse_input(self.out.as_deref(), self.inputs())?;
         let elsewhere = self.out.is_some() || !std::io::stdout().is_terminal();
         let source = self.stated.source()?.with_progress(elsewhere);
         let filter = self.filter.as_deref().map(parse_filter).transpose()?;
@@ -171,15 +174,24 @@ impl Decode {
         report_left_out(&decoder)
     }
 
+    /// The files that are read.
+    fn inputs(&self) -> [&Path; 2] {
+        [&self.source, Path::new(self.stated.profile_word())]
+    }
+
     fn decode_columns(&self, stored: ColumnFormat) -> Result {
         let (out, source) = (self.output_folder()?, self.stated.source()?.with_progress(true));
         let tables = columns::parse_tables(self.tables.as_deref())?;
         let file = self.source.file_name().unwrap_or_default().to_string_lossy();
+        let capture = match is_stream(&self.source) {
+            true => None,
+            false => Some(columns::read_capture(&self.source, &file)?),
+        };
         let wanted = ColumnsJob {
             tables: &tables,
             recorder: &self.gateway,
             file: &file,
-            blake3: columns::fingerprint(&self.source)?,
+            capture: capture.as_ref(),
             profile: self.stated.profile_word(),
             jobs: job_count(self.jobs),
         };
@@ -239,11 +251,15 @@ impl Decode {
         Ok(Box::new(self.open_lines(out)?))
     }
 
-    fn open_lines(&self, out: Option<&Path>) -> Result<LineSink> {
-        match self.output_format() {
+    fn open_lines(&self, path: Option<&Path>) -> Result<LineSink> {
+        let out = match is_stream(&self.source) {
+            true => DataOutput::follow_to_path(path)?,
+            false => DataOutput::to_path(path)?,
+        };
+        Ok(match self.output_format() {
             DecodeFormat::Jsonl => LineSink::jsonl(out),
-            _ => LineSink::text(out, self.text_style()),
-        }
+            _ => LineSink::text(out.with_text(true), self.text_style()),
+        })
     }
 
     fn text_style(&self) -> TextStyle {
@@ -252,7 +268,8 @@ impl Decode {
             NoticeLevelArg::Events => NoticeLevel::Events,
             NoticeLevelArg::All => NoticeLevel::All,
         };
-        TextStyle { marks: self.changes, notices, ..TextStyle::default() }
+        let colour = self.out.is_none() && terminal::colour_out();
+        TextStyle { marks: self.changes, notices, colour }
     }
 
     /// The one that is stated, else what OUT ends in; lines of text where that is no format. A drawing

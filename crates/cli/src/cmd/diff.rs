@@ -7,8 +7,8 @@ use polepair_capture::diff::{Difference, diff};
 use polepair_capture::jsonl;
 use polepair_capture::summary::Summary;
 
-use super::summary::summarize;
-use crate::capture::{CaptureArgs, report_left_out};
+use super::summary::{require_frames, summarize};
+use crate::capture::CaptureArgs;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput, TextTable, print_note};
 
@@ -56,9 +56,9 @@ impl DiffOptions {
         if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
             return Err(Problem::usage("E242", "--tolerance is 0 percent or more."));
         }
-        let (a, b) = (self.summarize(&self.a)?, self.summarize(&self.b)?);
+        let ((a, read_a), (b, read_b)) = (self.summarize(&self.a)?, self.summarize(&self.b)?);
         let found = diff(&a, &b, self.tolerance / 100.0);
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == DiffFormat::Text);
         match self.format {
             DiffFormat::Text => out.buffer().extend(differences_table(&found).bytes()),
             DiffFormat::Jsonl => found.iter().for_each(|one| write_json(one, out.buffer())),
@@ -75,13 +75,19 @@ impl DiffOptions {
                 count => format!("{count} differences"),
             }
         ));
-        Ok(if found.is_empty() { Exit::Ok } else { Exit::Negative })
+        Ok(match found.is_empty() {
+            // What was left out may differ.
+            true if read_a == Exit::Ok => read_b,
+            true => read_a,
+            false => Exit::Negative,
+        })
     }
 
-    fn summarize(&self, path: &Path) -> Result<Summary> {
+    /// A summary, and whether it is of all frames.
+    fn summarize(&self, path: &Path) -> Result<(Summary, Exit)> {
         let (summary, decoder) = summarize(self.stated.source()?, path)?;
-        report_left_out(&decoder)?;
-        Ok(summary)
+        let read = require_frames(&decoder, path)?;
+        Ok((summary, read))
     }
 }
 

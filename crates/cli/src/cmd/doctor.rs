@@ -218,7 +218,7 @@ impl ProofPrinter<'_> {
 
 /// One line, at once: some checks take their time.
 fn print_check(check: &CheckResult, format: CheckFormat) -> Result<()> {
-    let mut out = DataOutput::stdout();
+    let mut out = DataOutput::stdout().with_text(format == CheckFormat::Text);
     match format {
         CheckFormat::Text => out.write_line(&check_line(check, colour_out())),
         CheckFormat::Jsonl => write_json(check, out.buffer()),

@@ -107,7 +107,7 @@ impl Encode {
             self.named_by.profile()?.or_else(|| polepair_drives::usual_profile(dissector));
         let addressing =
             EncodeOptions { axis, groups, to_host, host: self.host, profile, wire: via };
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == EncodeFormat::Text);
         for (at, piece) in instructions(&self.text) {
             self.encode_piece(dissector, at, piece, &addressing, out.buffer())?;
         }

@@ -57,7 +57,7 @@ impl Get {
         if let Some(file) = &self.output {
             return self.save_data(&session, file);
         }
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);
         if self.format == OutputFormat::Csv {
             let link = if session.link.remote().is_some() { "link," } else { "" };
             out.write_line(&format!("axis,{link}{CSV_HEADER}"));
@@ -94,7 +94,7 @@ impl Get {
         let data = data.map_err(outcome::to_problem)?;
         let mut out = DataOutput::to_path(Some(file))?;
         out.buffer().extend_from_slice(&data);
-        out.flush()?;
+        out.finish()?;
         print_note(&format!("{} saved in {}", plural(data.len() as u64, "byte"), file.display()));
         Ok(Exit::Ok)
     }
@@ -120,7 +120,7 @@ impl Get {
                 out.write_line(&format!(
                     "{who}{} = {}",
                     read.name,
-                    raw.as_ref().unwrap_or(&read.text)
+                    raw.unwrap_or_else(|| read.to_string())
                 ));
             }
         }

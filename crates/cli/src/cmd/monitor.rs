@@ -12,17 +12,17 @@ mod traffic;
 mod view;
 
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use polepair_capture::Rules;
 
 use crate::outcome;
+use crate::output_file::TraceArgs;
 use crate::problem::{self, Problem, Result};
 use crate::remote::{self, RemoteSession};
 use crate::tap_queue::TapQueue;
-use crate::{terminal, trace, value};
+use crate::{terminal, value};
 use model::Monitor;
 use remote_monitor::RemoteMonitor;
 
@@ -62,9 +62,8 @@ pub struct MonitorOptions {
     /// Output format [default: a screen on a terminal, else text]
     #[arg(long, value_enum)]
     format: Option<MonitorFormat>,
-    /// File for the frames, in a format that `decode` reads
-    #[arg(long, value_name = "FILE")]
-    trace: Option<PathBuf>,
+    #[command(flatten)]
+    trace: TraceArgs,
     #[command(flatten)]
     profiles: crate::profile_args::ProfileFile,
 }
@@ -104,7 +103,7 @@ impl MonitorOptions {
     /// The same by a server: the frames of all its links, and the axes that are meant.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         self.check_rate()?;
-        let links_alone = self.listen || self.rules.is_some() || self.trace.is_some();
+        let links_alone = self.listen || self.rules.is_some() || self.trace.path().is_some();
         if links_alone || self.profiles.is_given() {
             let what = "monitor with --listen, --as, --trace or --profile";
             return Err(remote::unsupported_problem(
@@ -134,8 +133,7 @@ impl MonitorOptions {
     fn open_monitor(&self) -> Result<Monitor> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
-        let trace =
-            self.trace.as_deref().map(|path| trace::create_trace(path, &self.url)).transpose()?;
+        let trace = self.trace.create(&self.url)?;
         let tap_queue = TapQueue::with_trace(trace);
         let taps = tap_queue.clone();
         let connector = self.profiles.connector()?.with_taps(move |wire| taps.tap(wire));

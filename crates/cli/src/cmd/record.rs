@@ -18,8 +18,8 @@ use crate::capture::written_format;
 use crate::problem::{self, Exit, Result};
 use crate::tap_queue::{TapQueue, short_name};
 use crate::terminal::{print_note, print_warning};
-use crate::{interrupt, outcome, value};
-use files::{CaptureFiles, Rotation};
+use crate::{interrupt, outcome, output_file, value};
+use files::{CaptureFiles, RecordingPlace, Rotation};
 use live_printer::LivePrinter;
 use traffic_recorder::TrafficRecorder;
 
@@ -32,7 +32,7 @@ const FLUSH_INTERVAL: Duration = Duration::from_millis(500);
 ///
 /// Each frame is recorded with its time. Frames that the system or the adapter lost are counted and
 /// reported. Names that end in .gz or .zst are compressed. After a crash, at most the last half second is
-/// missing.
+/// missing. An existing FILE is not overwritten; with --rotate, its number is skipped.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 A CAN controller acknowledges the frames that it receives. To prevent that, set it to listen-only:
@@ -52,6 +52,12 @@ pub struct RecordOptions {
     /// Output format [default: from the name of FILE]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
     to: Option<CaptureFormat>,
+    /// Replace FILE if it exists; its content is lost
+    #[arg(long)]
+    force: bool,
+    /// Write behind the content of FILE if it exists (text logs)
+    #[arg(long, conflicts_with = "force")]
+    append: bool,
     /// Exit after this time
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
@@ -70,7 +76,13 @@ pub struct RecordOptions {
 
 impl RecordOptions {
     pub fn run(self) -> Result {
-        let format = written_format(self.to, &self.out)?;
+        let place = RecordingPlace {
+            path: self.out.clone(),
+            format: written_format(self.to, &self.out)?,
+            rotation: self.rotate,
+            existing: output_file::existing_file(self.force, self.append),
+        };
+        place.check()?;
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
         let ears = TapQueue::default();
@@ -78,7 +90,7 @@ impl RecordOptions {
         let connector = self.profiles.connector()?.with_taps(move |wire| taps.tap(wire));
         let listening = connector.listen(&self.url).map_err(outcome::to_problem)?;
         interrupt::listen(|| ());
-        let files = CaptureFiles::create(&self.out, format, self.rotate)?;
+        let files = CaptureFiles::create(place)?;
         let show =
             self.show.then(|| LivePrinter::new(rules.unwrap_or_else(|| link_rules(&listening))));
         let names = listening.wires().iter().map(|wire| short_name(&wire.name)).collect();

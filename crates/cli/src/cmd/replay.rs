@@ -18,22 +18,23 @@ use polepair::listen::RawWires;
 use polepair::stop::{StopEvent as Stopping, stop_on};
 use polepair::wire::OpenWire;
 use polepair_capture::text::NoticeLevel;
-use polepair_capture::{CaptureFormat, DecodedFrame, Rule, RuleScope, Rules, text};
+use polepair_capture::{DecodedFrame, Rule, RuleScope, Rules, text};
 use polepair_core::medium::MediumKind;
 use polepair_core::proto;
 use polepair_link::clock;
 
 use crate::capture::{CaptureSource, StatedArgs, read_pieces, report_damage, written_format};
 use crate::cmd::decode::parse_filter;
-use crate::cmd::record::files::CaptureFiles;
+use crate::cmd::record::files::{CaptureFiles, RecordingPlace};
 use crate::cmd::record::live_printer::LivePrinter;
 use crate::cmd::record::plural;
 use crate::cmd::record::traffic_recorder::TrafficRecorder;
 use crate::cmd::stop;
+use crate::output_file::TraceArgs;
 use crate::problem::{Exit, Problem, Result};
 use crate::tap_queue::{TapQueue, short_name};
 use crate::terminal::{DataOutput, colour_out, print_note};
-use crate::{interrupt, outcome};
+use crate::{interrupt, outcome, output_file};
 use feed::CaptureFeed;
 use player::{ReplayControl, ReplayPace, ReplayResult};
 use selector::{FrameSelector, ReplayRoute, SendDirection};
@@ -102,9 +103,8 @@ pub struct ReplayOptions {
     /// Print all frames, decoded
     #[arg(short = 'v', long)]
     verbose: bool,
-    /// File for the frames in both directions, in a format that `decode` reads
-    #[arg(long, value_name = "FILE")]
-    trace: Option<PathBuf>,
+    #[command(flatten)]
+    trace: TraceArgs,
 }
 
 fn parse_speed(text: &str) -> std::result::Result<f64, String> {
@@ -123,7 +123,8 @@ impl ReplayOptions {
         }
         let source = self.stated.source()?;
         let wanted = self.filter.as_deref().map(parse_filter).transpose()?;
-        let trace = self.trace.as_deref().map(with_format).transpose()?;
+        output_file::refuse_input(self.trace.path(), [self.source.as_path()])?;
+        let trace = self.trace.path().map(|path| self.trace_file(path)).transpose()?;
         let connector = crate::profile_args::discover_connector();
         outcome::count_frames_of(&connector);
         let urls: Vec<&str> = self.urls.iter().chain(&self.to).map(String::as_str).collect();
@@ -213,17 +214,27 @@ impl ReplayOptions {
         Ok(survey)
     }
 
+    fn trace_file(&self, path: &Path) -> Result<RecordingPlace> {
+        let place = RecordingPlace {
+            path: path.to_owned(),
+            format: written_format(None, path)?,
+            rotation: None,
+            existing: self.trace.existing(),
+        };
+        place.check()?;
+        Ok(place)
+    }
+
     fn play_capture(
         &self,
         stage: ReplayLinks,
         (source, rules): (CaptureSource, Rules),
         choice: FrameSelector,
         survey: &Survey,
-        trace: Option<(&Path, CaptureFormat)>,
+        trace: Option<RecordingPlace>,
     ) -> Result {
         let show = self.verbose.then(|| LivePrinter::new(stage.link_rules()));
-        let files =
-            trace.map(|(path, format)| CaptureFiles::create(path, format, None)).transpose()?;
+        let files = trace.map(CaptureFiles::create).transpose()?;
         let names = stage.wires().map(|wire| short_name(&wire.name)).collect();
         let taps = stage.ears.clone();
         let mut keeping =
@@ -250,10 +261,6 @@ impl ReplayOptions {
         read?;
         final_result(&played, survey.unfit_count(), stopped)
     }
-}
-
-fn with_format(path: &Path) -> Result<(&Path, CaptureFormat)> {
-    Ok((path, written_format(None, path)?))
 }
 
 /// The part of a URL that says where it is.

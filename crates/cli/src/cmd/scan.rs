@@ -68,7 +68,7 @@ impl ScanCommand {
         let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut progress);
         drop(bar);
         let scan = scan.map_err(outcome::to_problem)?;
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);
         match self.format {
             OutputFormat::Text if scan.found.is_empty() => {}
             OutputFormat::Text => {
@@ -154,7 +154,7 @@ impl ScanCommand {
             let why = "Without --look, the server lists its axes.";
             return Err(remote::unsupported_problem("--ids", why));
         }
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);
         let axes = server.axes_named(self.target.remote_axes()?)?;
         let clashes =
             |axis: &AxisInfo| server.bench.clashes.iter().any(|clash| clash.link == axis.link);

@@ -64,7 +64,7 @@ impl Send {
             false => self.target.open_with_queue(&replies)?.into(),
         };
         session.listen_for_interrupts();
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == SendFormat::Text);
         for axis in session.axes() {
             self.check(&session, axis, &mut out)?;
         }

@@ -76,7 +76,8 @@ impl StopCommand {
                 StopEvent::Querying(_) | StopEvent::Waiting => {}
                 StopEvent::StopSent(axis) => {
                     is_sent = true;
-                    print_note(&format!("{clear}{} is being stopped", axis.label()));
+                    terminal::draw(clear);
+                    print_note(&format!("{} is being stopped", axis.label()));
                 }
             }
             match interrupt::was_interrupted() {

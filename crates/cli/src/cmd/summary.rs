@@ -8,6 +8,7 @@ use polepair_capture::summary::{Summary, SummaryStyle, render_text, to_json};
 use polepair_capture::{CaptureDecoder, DecodedFrame, FrameBatch};
 
 use crate::capture::{CaptureArgs, CaptureSource, EventSink, is_stream, report_left_out};
+use crate::output_file;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput};
 
@@ -55,20 +56,36 @@ enum SummaryFormat {
 impl SummaryOptions {
     pub fn run(self) -> Result {
         let source = self.stated.source()?;
+        let inputs = [self.source.as_path(), Path::new(self.stated.profile_word())];
+        output_file::refuse_input(self.out.as_deref(), inputs)?;
         let manner = SummaryStyle {
             colour: self.out.is_none() && terminal::colour_out(),
             rates: self.bitrate.as_deref().map_or(Ok(Vec::new()), parse_rates)?,
             product: source.profile,
         };
         let (summary, decoder) = summarize(source, &self.source)?;
-        report_left_out(&decoder)?;
-        let mut out = DataOutput::to_path(self.out.as_deref())?;
+        let read = require_frames(&decoder, &self.source)?;
+        let is_text = self.format == SummaryFormat::Text;
+        let mut out = DataOutput::to_path(self.out.as_deref())?.with_text(is_text);
         match self.format {
             SummaryFormat::Text => out.buffer().extend(render_text(&summary, &manner).bytes()),
             SummaryFormat::Json => out.write_line(&to_json(&summary, &manner).to_string()),
         }
-        out.flush()?;
-        Ok(if summary.is_clean() { Exit::Ok } else { Exit::Negative })
+        out.finish()?;
+        Ok(if summary.is_clean() { read } else { Exit::Negative })
+    }
+}
+
+/// Prints what was left out of a capture, and refuses one without frames, of which nothing can be said.
+///
+/// # Errors
+/// `E115`; `E510` for a file that is no capture.
+pub fn require_frames(decoder: &CaptureDecoder, path: &Path) -> Result {
+    let read = report_left_out(decoder)?;
+    match decoder.statistics().records {
+        0 => Err(Problem::new(Exit::Negative, "E115", "there are no frames.")
+            .why(format!("{} has no records.", path.display()))),
+        _ => Ok(read),
     }
 }
 

@@ -171,7 +171,7 @@ impl WatchCommand {
     }
 
     fn print_rows(&self, columns: &[WatchColumn], sleep_until: impl Fn(Instant)) -> Result {
-        let mut out = DataOutput::stdout();
+        let mut out = DataOutput::stdout().with_text(self.format == WatchFormat::Table);
         self.print_head(columns, &mut out);
         let started_at = clock::now();
         let end = self.seconds.map(|seconds| started_at.plus_ns((seconds * 1e9) as u64));

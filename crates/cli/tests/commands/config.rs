@@ -42,7 +42,7 @@ fn settings_go_from_one_drive_to_another_and_leave_its_address_alone() {
     let text = file.text();
     assert_eq!(ok(&["config", "save", &first.url, "-"]), text);
     let names = text.lines().filter_map(|line| line.split_once(" = ")).map(|(name, _)| name);
-    let names: Vec<&str> = names.skip(2).map(|name| name.trim_matches('"')).collect();
+    let names: Vec<&str> = names.skip(3).map(|name| name.trim_matches('"')).collect();
     assert!(names.is_sorted() && names.len() > 30, "{text}");
     let current = ok(&["get", &first.url, "max current"]);
     let shown = current.trim().trim_start_matches("max current = ");
@@ -100,6 +100,14 @@ fn a_wrong_file_is_refused_with_its_place() {
         let ran = polepair(&["config", "diff", "sim:tmcl", file.path()]);
         assert_eq!(ran.code, 2, "{settings}: {}", ran.err);
         assert!(ran.err.contains("E230") && ran.err.contains(wanted), "{settings}: {}", ran.err);
+    }
+    // What was saved and cut off, at any line.
+    let saved = ok(&["config", "save", "sim:tmcl"]);
+    let lines: Vec<&str> = saved.split_inclusive('\n').collect();
+    for kept in 1..lines.len() {
+        let file = Temporary::new("cut", &lines[..kept].concat());
+        let ran = polepair(&["config", "diff", "sim:tmcl", file.path()]);
+        assert!(ran.code == 2 && ran.err.contains("E230"), "{kept} lines: {}", ran.err);
     }
     let other = Temporary::new("other", "[axis.1]\nprofile = \"syntron-ts\"\n");
     let ran = polepair(&["config", "apply", "sim:tmcl", other.path(), "--yes"]);

@@ -37,7 +37,8 @@ fn simulated_drives_answer_what_the_host_asked() {
     let capture = written("reads.log", READS);
     for how in [["--speed", "2"], ["--loop", "1"]] {
         let trace = written("answers.log", "");
-        let order = ["replay", capture.as_str(), "sim:canopen:2", "--trace", trace.as_str()];
+        let order =
+            ["replay", capture.as_str(), "sim:canopen:2", "--trace", trace.as_str(), "--force"];
         let ran = polepair(&[&order[..], &how].concat());
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert!(
@@ -126,7 +127,8 @@ fn as_fast_as_the_drive_answers_and_again_and_again() {
     let line = |ms: u32| format!("(1700000000.{ms:03}000) ttyUSB0 > 01 06 01 00 00 00 00 00 08\n");
     let capture = written("fast.log", &(0..10).map(|n| line(n * 90)).collect::<String>());
     let trace = written("fast-answers.log", "");
-    let order = ["replay", &capture, "sim:tmcl", "--fast", "--loop", "3", "--trace", &trace];
+    let order =
+        ["replay", &capture, "sim:tmcl", "--fast", "--loop", "3", "--trace", &trace, "--force"];
     let ran = polepair(&order);
     assert_eq!(ran.code, 0, "{}", ran.err);
     assert!(ran.err.contains("30 frames sent"), "{}", ran.err);
@@ -144,7 +146,7 @@ fn remote_requests_ask_for_as_many_bytes_as_they_did() {
     let lines = ok(&["decode", &capture, "--as", "canopen", "--format", "jsonl"]);
     for (name, text) in [("remote-again.log", text), ("remote.jsonl", &lines)] {
         let (capture, trace) = (written(name, text), written("remote-trace.log", ""));
-        let both = ["--direction", "both", "--arm", "--trace", &trace];
+        let both = ["--direction", "both", "--arm", "--trace", &trace, "--force"];
         let ran = polepair(&[&["replay", &capture, "sim:canopen:2"][..], &both].concat());
         assert_eq!(ran.code, 0, "{}", ran.err);
         let sent = std::fs::read_to_string(&trace).expect("a trace");
@@ -173,7 +175,8 @@ fn onto_each_kind_of_link_a_capture_is_played() {
     for (end, capture, protocol, requested) in ends {
         let drive = run::Served::with(end);
         let trace = written("ends-trace.log", "");
-        let ran = polepair(&["replay", capture, drive.link(), "--fast", "--trace", &trace]);
+        let ran =
+            polepair(&["replay", capture, drive.link(), "--fast", "--trace", &trace, "--force"]);
         assert_eq!(ran.code, 0, "{end:?}: {}", ran.err);
         assert!(ran.err.contains(&format!("{requested} frames sent")), "{end:?}: {}", ran.err);
         let explained = ok(&["decode", &trace, "--as", protocol, "--format", "jsonl"]);
@@ -196,7 +199,7 @@ fn an_interrupted_replay_stops_what_it_moved() {
         "{capture}: 3 frames of 60.0 s for {}: 2 ask or stop, 1 may move motors",
         drive.link()
     );
-    let order = ["replay", &capture, drive.link(), "--arm", "--trace", &trace];
+    let order = ["replay", &capture, drive.link(), "--arm", "--trace", &trace, "--force"];
     let held = run::Held::new(&order, &output);
     let is_sent =
         || std::fs::read_to_string(&trace).is_ok_and(|text| text.contains("602#2B4060000F"));

@@ -66,7 +66,7 @@ fn powers_nothing(degrees: &str, turns: &str) {
     let path = file("away.csv", &format!("time s, 1 deg, 2 deg\n{rows}"));
     let trace = file("away.log", "");
     let (path, trace) = (path.display().to_string(), trace.display().to_string());
-    let ran = polepair(&["stream", "sim:cia402:1,2", &path, "--trace", &trace]);
+    let ran = polepair(&["stream", "sim:cia402:1,2", &path, "--trace", &trace, "--force"]);
     assert_eq!(ran.code, 2, "{}", ran.err);
     let says = format!("error[E222]: axis 1 is at 0 turn, but the path begins at {turns} turn.");
     assert!(ran.err.contains(&says), "{}", ran.err);

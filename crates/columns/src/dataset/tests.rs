@@ -5,9 +5,12 @@ use std::path::{Path, PathBuf};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use polepair_capture::{CaptureDecoder, Rules};
 
-use super::{DatasetSite, DatasetWriter, DecodeRecord, escape, format_date};
+use super::{
+    DatasetSite, DatasetWriter, DecodeRecord, escape, escape_name, format_date, note_copy,
+};
+use crate::capture_file::CaptureFile;
 use crate::schema::TableKind;
-use crate::table_file::{BatchSink, Provenance};
+use crate::table_file::{BatchSink, Provenance, TableFileError};
 use crate::tables::{CaptureOrigin, TablesBuilder};
 
 /// A folder that goes with the test.
@@ -35,12 +38,36 @@ const CAPTURE: &str = "(1700006399.000000) can0 181#0102\n\
                        can0 181#06\n";
 
 fn decode(site: &DatasetSite, stated: &str, tables: &[TableKind]) -> DecodeRecord {
-    let done = DecodeRecord::new(site, "0123456789abcdef0123", stated, tables);
-    let mut keep: Box<dyn BatchSink> = Box::new(DatasetWriter::new(site.clone(), done.clone(), 2));
+    decode_text(site, CAPTURE, stated, tables).expect("decoded")
+}
+
+/// Decodes a capture with this text, in a file beside the data set.
+fn decode_text(
+    site: &DatasetSite,
+    text: &str,
+    stated: &str,
+    tables: &[TableKind],
+) -> Result<DecodeRecord, TableFileError> {
+    let path = site.root.with_extension("log");
+    std::fs::write(&path, text).expect("written");
+    let capture = CaptureFile::read(&path, "a.log").expect("read");
+    decode_capture(site, capture, stated, tables)
+}
+
+fn decode_capture(
+    site: &DatasetSite,
+    capture: CaptureFile,
+    stated: &str,
+    tables: &[TableKind],
+) -> Result<DecodeRecord, TableFileError> {
+    let text = std::fs::read_to_string(&capture.content().path).expect("read");
+    let done = DecodeRecord::new(site, &capture.content().blake3, stated, tables);
+    let mut keep: Box<dyn BatchSink> =
+        Box::new(DatasetWriter::new(site.clone(), done.clone(), capture, 2));
     let origin = CaptureOrigin { source: "s".to_owned(), file: "a.log".to_owned() };
     let mut rows = TablesBuilder::new(tables, &origin);
     let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
-    decoder.feed(CAPTURE.as_bytes(), &mut |event| rows.add_event(event));
+    decoder.feed(text.as_bytes(), &mut |event| rows.add_event(event));
     decoder.finish(&mut |event| rows.add_event(event));
     let each = &mut |table, batch| {
         keep.write_batch(table, &batch).expect("written");
@@ -53,8 +80,17 @@ fn decode(site: &DatasetSite, stated: &str, tables: &[TableKind]) -> DecodeRecor
         rules: "canopen".to_owned(),
         profile: String::new(),
     };
-    keep.close(&provenance).expect("closed");
-    done
+    keep.close(&provenance)?;
+    Ok(done)
+}
+
+/// Rows of all frames in the data set.
+fn rows(site: &DatasetSite) -> i64 {
+    let rows_of = |part: &String| {
+        let file = std::fs::File::open(part).expect("a part");
+        SerializedFileReader::new(file).expect("Parquet").metadata().file_metadata().num_rows()
+    };
+    files(&site.root.join("frames")).iter().map(rows_of).sum()
 }
 
 fn files(root: &Path) -> Vec<String> {
@@ -78,7 +114,7 @@ fn parts_by_table_site_date_and_bus() {
     let done = decode(&site, "as=canopen", &[TableKind::Frames]);
     assert!(done.exists(&site));
     assert!(!DecodeRecord::new(&site, &done.blake3, "as=tmcl", &[TableKind::Frames]).exists(&site));
-    let part = "part-0123456789abcdef-0.parquet";
+    let part = format!("part-{}-0.parquet", &done.blake3[..16]);
     let frames = folder.0.join("frames").join("site=plant%20a");
     let mut expected = [
         format!("date=2023-11-14/bus=can0/{part}"),
@@ -124,6 +160,93 @@ fn another_decode_replaces_the_first() {
     std::fs::write(note, "old\n../outside\n").expect("written");
     decode(&inner, "as=canopen", &[TableKind::Frames]);
     assert!(outside.exists());
+}
+
+fn site_in(folder: &TestFolder) -> DatasetSite {
+    DatasetSite { root: folder.0.join("set"), name: "a".to_owned() }
+}
+
+#[test]
+fn a_capture_that_has_grown_replaces_what_it_was() {
+    let folder = TestFolder::new("grown");
+    let site = site_in(&folder);
+    let decode = |text: &str| decode_text(&site, text, "", &[TableKind::Frames]).expect("decoded");
+    let first = decode(CAPTURE);
+    assert_eq!(rows(&site), 4);
+    let grown = format!("{CAPTURE}(1700006402.000000) can0 181#07\n");
+    let second = decode(&grown);
+    assert_eq!(rows(&site), 5);
+    assert!(second.exists(&site) && !first.exists(&site));
+    // Another capture with this name is no growth: both stay.
+    decode("(1700006402.000000) can0 181#07\n");
+    assert_eq!(rows(&site), 6);
+    decode(&format!("{grown}(1700006403.000000) can0 181#08\n"));
+    assert_eq!(rows(&site), 7);
+}
+
+#[test]
+fn a_copy_keeps_its_rows_when_the_other_one_grows() {
+    let folder = TestFolder::new("copy");
+    let site = site_in(&folder);
+    let first = decode(&site, "", &[TableKind::Frames]);
+    let copy = folder.0.join("copy.log");
+    std::fs::write(&copy, CAPTURE).expect("written");
+    let copy = CaptureFile::read(&copy, "copy.log").expect("read");
+    assert_eq!(copy.content().blake3, first.blake3);
+    note_copy(&site, &copy).expect("noted");
+    let grown = format!("{CAPTURE}(1700006402.000000) can0 181#07\n");
+    decode_text(&site, &grown, "", &[TableKind::Frames]).expect("decoded");
+    assert_eq!(rows(&site), 9);
+}
+
+#[test]
+fn a_capture_that_changes_while_it_is_read_is_not_stored() {
+    let folder = TestFolder::new("changed");
+    let site = site_in(&folder);
+    let path = folder.0.join("live.log");
+    std::fs::write(&path, CAPTURE).expect("written");
+    let capture = CaptureFile::read(&path, "live.log").expect("read");
+    std::fs::write(&path, format!("{CAPTURE}(1700006402.000000) can0 181#07\n")).expect("written");
+    let ended = decode_capture(&site, capture, "", &[TableKind::Frames]);
+    assert!(matches!(ended, Err(TableFileError::Changed)), "{ended:?}");
+    assert_eq!(rows(&site), 0);
+}
+
+/// A program that was killed while its parts took their places left a note in `_begun`, and some of them.
+#[test]
+fn what_a_killed_program_left_is_replaced() {
+    let folder = TestFolder::new("killed");
+    let site = site_in(&folder);
+    let first = decode(&site, "", &[TableKind::Frames]);
+    let [done, begun] = ["_done", "_begun"].map(|name| site.root.join(name).join(&first.blake3));
+    let note = std::fs::read_to_string(&done).expect("a note");
+    let parts: Vec<&str> = note.lines().skip(1).collect();
+    std::fs::write(&begun, parts.join("\n")).expect("written");
+    std::fs::remove_file(&done).expect("removed");
+    std::fs::remove_file(site.root.join(parts[0])).expect("removed");
+    let grown = format!("{CAPTURE}(1700006402.000000) can0 181#07\n");
+    decode_text(&site, &grown, "", &[TableKind::Frames]).expect("decoded");
+    assert_eq!(rows(&site), 5);
+    assert!(!begun.exists());
+}
+
+#[test]
+fn parts_that_were_closed_go_on() {
+    let folder = TestFolder::new("days");
+    let site = site_in(&folder);
+    let day = |n: u32| format!("({}.000000) can0 181#01\n", 1_700_006_400 + n * 86_400);
+    // There and back, so that parts are opened again.
+    let text: String = (0..400).chain((0..400).rev()).map(day).collect();
+    decode_text(&site, &text, "", &[TableKind::Frames]).expect("decoded");
+    assert_eq!((rows(&site), files(&site.root.join("frames")).len()), (800, 400));
+}
+
+#[test]
+fn names_of_links_fit_a_file_system() {
+    let long = "ü".repeat(300);
+    assert!(escape_name(&long).len() <= 255);
+    assert_ne!(escape_name(&long), escape_name(&format!("{long}x")));
+    assert_eq!(escape_name("can0"), "can0");
 }
 
 #[test]

@@ -6,9 +6,10 @@ use crate::amount::Value;
 use crate::error::Error;
 use polepair_core::axis::Axes;
 use polepair_core::error::{Failure, Outcome};
+use polepair_core::escape::EscapedText;
 use polepair_core::profile::{Encoding, ParameterId};
 use polepair_core::proto;
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::time::Duration;
 
 /// How often bytes are moved between the caller and the host, whose buffer holds one block.
@@ -217,12 +218,11 @@ impl ParameterValue {
 }
 
 impl fmt::Display for ParameterValue {
-    /// Bytes in hexadecimal, as many as there are.
+    /// Text with its control characters escaped. Bytes in hexadecimal, as many as there are.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Number(value) => value.fmt(f),
-            // Text from a drive is nothing that a terminal is to obey.
-            Self::Text(text) => text.escape_debug().try_for_each(|c| f.write_char(c)),
+            Self::Text(text) => EscapedText(text).fmt(f),
             Self::Bytes(bytes) => bytes.iter().enumerate().try_for_each(|(at, byte)| {
                 let gap = if at == 0 { "" } else { " " };
                 write!(f, "{gap}{byte:02X}")

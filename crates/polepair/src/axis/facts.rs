@@ -1,6 +1,6 @@
 //! Device information that a drive reports: name, versions, motors.
 
-use super::{LocalAxis, ParameterValue};
+use super::LocalAxis;
 use crate::error::Error;
 use crate::profile::{find_shipped, generic_profile};
 use crate::url::AxisNumber;
@@ -78,9 +78,7 @@ impl LocalAxis {
                     return Ok(ENDLESS.to_owned());
                 };
                 // Spaces and zeros fill texts of a fixed length.
-                let text = ParameterValue::Text(text.trim_end_matches('\0').to_owned());
-                let text = text.to_string();
-                Ok(text.trim_matches(['\0', ' ']).trim_end_matches("\\0").to_owned())
+                Ok(text.trim_matches(['\0', ' ']).to_owned())
             }
             FactQuery::Text(request) => {
                 let raw = self.raw(request)?;

@@ -227,7 +227,8 @@ pub(crate) fn sheet_warnings(path: &Path) -> Vec<FileError> {
 const FILE_MAX: u64 = 16 << 20;
 
 /// Whether a file is an EDS or DCF, by its name.
-pub(crate) fn is_eds_file(path: &Path) -> bool {
+#[must_use]
+pub fn is_eds_file(path: &Path) -> bool {
     let extension = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);
     extension.is_some_and(|extension| extension == "eds" || extension == "dcf")
 }

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::time::Duration;
 
+use polepair_core::escape::EscapedText;
 use polepair_core::profile::{Encoding, Fault, Parameter, Severity, Signal};
 
 use crate::amount::{Amount, format_raw};
@@ -28,7 +29,8 @@ pub struct ReadValue {
     pub unit: Cow<'static, str>,
     /// The value's word, if it has one.
     pub word: Option<Cow<'static, str>>,
-    /// The value with its unit, with no more digits than the drive has. Bytes are in hexadecimal.
+    /// The value with its unit, with no more digits than the drive has. Text is as the drive sent it, with control
+    /// characters if it has any; bytes are in hexadecimal.
     pub text: String,
 }
 
@@ -50,8 +52,9 @@ impl ReadValue {
 }
 
 impl fmt::Display for ReadValue {
+    /// The text, with control characters escaped.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
+        EscapedText(&self.text).fmt(f)
     }
 }
 
@@ -67,7 +70,10 @@ impl ReadValue {
             value: number.map_or(f64::NAN, |number| number.value),
             unit: number.map_or("", |number| number.unit.symbol()).into(),
             word: number.and_then(|number| number.word).map(Cow::Borrowed),
-            text: value.to_string(),
+            text: match value {
+                ParameterValue::Text(text) => text.clone(),
+                ParameterValue::Number(_) | ParameterValue::Bytes(_) => value.to_string(),
+            },
         }
     }
 }

@@ -112,7 +112,7 @@ pub fn write_setup(profile: &Profile, path: &Path) -> Result<(), FileError> {
         return Err(FileError::for_file(file, reason));
     }
     let pack = || -> zip::result::ZipResult<()> {
-        let mut archive = ZipWriter::new(std::fs::File::create(path)?);
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
         archive.start_file(VARIABLES, SimpleFileOptions::default())?;
         writeln!(archive, "# {}", profile.title)?;
         for p in profile.parameters {
@@ -124,8 +124,7 @@ pub fn write_setup(profile: &Profile, path: &Path) -> Result<(), FileError> {
                 p.index
             )?;
         }
-        archive.finish()?.sync_all()?;
-        Ok(())
+        Ok(polepair_files::write_atomic(path, archive.finish()?.get_ref())?)
     };
     pack().map_err(|e| FileError::for_file(file, e.to_string()))
 }

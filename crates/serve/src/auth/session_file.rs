@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::error::SetupError;
 use crate::message::parse_hex;
-use crate::token::{require_private, to_hex, write_private_file};
+use crate::token::{require_private, to_hex};
 
 /// Bytes of the file: more than as many lines as there are cookies.
 const FILE_MAX: u64 = 64 * 1024;
@@ -69,14 +69,7 @@ impl SessionFile {
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let text: String = lines().iter().map(SessionRecord::file_line).collect();
         let text = format!("# COOKIE TOKEN UNTIL: who is logged in, by digests\n{text}");
-        let new = self.path.with_extension("new");
-        match std::fs::remove_file(&new) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                return Err(SetupError::file(&new, "remove", &error));
-            }
-            _ => write_private_file(&new, text.as_bytes())?,
-        }
-        std::fs::rename(&new, &self.path)
+        polepair_files::write_private(&self.path, text.as_bytes())
             .map_err(|error| SetupError::file(&self.path, "write", &error))
     }
 }

@@ -6,14 +6,17 @@ use std::thread::JoinHandle;
 
 use polepair_capture::{CaptureDecoder, DecodedFrame};
 use polepair_columns::{
-    ArrowError, BatchBuilder, BatchSink, BuiltBatches, CaptureOrigin, ColumnFormat,
+    ArrowError, BatchBuilder, BatchSink, BuiltBatches, CaptureFile, CaptureOrigin, ColumnFormat,
     DictionaryMerger, Provenance, RecordBatch, TableFileError, TableFiles, TableKind,
     TablesBuilder,
 };
 
 use crate::capture::{CaptureSource, EventSink, check_readable, is_stream};
+use crate::interrupt;
 use crate::problem::{self, Exit, Problem, Result};
 
+/// The code of a capture that changed while it was read.
+pub const CHANGED: &str = "E307";
 /// Batches that wait to be written.
 const WAITING_MAX: usize = 2;
 
@@ -25,8 +28,8 @@ pub struct ColumnsJob<'a> {
     pub recorder: &'a str,
     /// What its rows are called by.
     pub file: &'a str,
-    /// Its fingerprint.
-    pub blake3: String,
+    /// Its content; `None` for a stream, which is read once only.
+    pub capture: Option<&'a CaptureFile>,
     /// The drive whose names were stated.
     pub profile: &'a str,
     /// Threads that decode.
@@ -61,6 +64,7 @@ pub fn decode_into(
     keep: Box<dyn BatchSink>,
     wanted: &ColumnsJob<'_>,
 ) -> Result<CaptureDecoder> {
+    interrupt::remove_files_at_end();
     let mut columns = ColumnSink::new(keep, out, wanted);
     let source = source.without_words();
     let decoder = match is_stream(path) {
@@ -77,9 +81,12 @@ pub fn decode_into(
     };
     // What is no capture is not called decoded.
     check_readable(decoder.statistics())?;
+    if wanted.capture.is_some_and(|capture| !capture.is_unchanged()) {
+        return Err(write_problem(out, TableFileError::Changed));
+    }
     let provenance = Provenance {
         file: wanted.file.to_owned(),
-        blake3: wanted.blake3.clone(),
+        blake3: wanted.capture.map(|it| it.content().blake3.clone()).unwrap_or_default(),
         rules: decoder.rules().to_string(),
         profile: wanted.profile.to_owned(),
     };
@@ -100,12 +107,9 @@ pub fn parse_tables(words: Option<&str>) -> Result<Vec<TableKind>> {
     words.split(',').map(named).collect()
 }
 
-/// The fingerprint of a capture; empty for a stream, which is read once only.
-pub fn fingerprint(path: &Path) -> Result<String> {
-    if is_stream(path) {
-        return Ok(String::new());
-    }
-    polepair_columns::fingerprint(path).map_err(|error| problem::file_problem(path, "read", &error))
+/// The content of a capture, whose rows are called by `name`.
+pub fn read_capture(path: &Path, name: &str) -> Result<CaptureFile> {
+    CaptureFile::read(path, name).map_err(|error| problem::file_problem(path, "read", &error))
 }
 
 fn write_problem(out: &Path, error: TableFileError) -> Problem {
@@ -114,6 +118,16 @@ fn write_problem(out: &Path, error: TableFileError) -> Problem {
         TableFileError::Columns(error) => {
             Problem::new(Exit::Adapter, "E303", format!("cannot write {}.", out.display()))
                 .why(error.to_string())
+        }
+        TableFileError::Changed => {
+            Problem::new(Exit::Adapter, CHANGED, "the capture changed while it was read.")
+                .why("Nothing of it was stored.")
+                .hint("decode it again when nothing writes to it")
+        }
+        TableFileError::TooManyParts => {
+            Problem::new(Exit::Corrupt, "E510", "the capture has too many days or buses.")
+                .why("Its times are probably not times. Nothing of it was stored.")
+                .hint("--times delta reads differences; --from FORMAT states the format")
         }
     }
 }

@@ -88,7 +88,7 @@ pub fn decode_capture(
         decode.folder_job(site, &tables).decode_one(capture, name, 1)
     };
     let decode = parse(capture, options)?;
-    let CaptureReport { is_new, remarks } = decode_one(&decode)?;
+    let CaptureReport { is_new, remarks, .. } = decode_one(&decode)?;
     Ok(DatasetCapture { is_new, remarks })
 }
 

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use polepair_capture::CaptureFormat;
-use polepair_columns::{DatasetSite, DatasetWriter, DecodeRecord, TableKind};
+use polepair_columns::{DatasetSite, DatasetWriter, DecodeRecord, TableKind, note_copy};
 
 use super::columns::{self, ColumnsJob};
 use crate::capture::{self, CaptureArgs, Remark};
@@ -20,6 +20,8 @@ const WORKERS_MAX: usize = 4;
 pub struct CaptureReport {
     /// False where the data set had it already.
     pub is_new: bool,
+    /// Frames were left out.
+    pub is_partial: bool,
     /// What was left out, and what is doubtful.
     pub remarks: Vec<String>,
 }
@@ -46,6 +48,10 @@ struct FolderTally {
     decoded: usize,
     already_decoded: usize,
     unreadable: usize,
+    /// Captures that were written to while they were read.
+    changing: usize,
+    /// Captures of which frames were left out.
+    partial: usize,
 }
 
 impl FolderJob<'_> {
@@ -79,12 +85,20 @@ impl FolderJob<'_> {
         });
         drop(bar);
         let tally = tally.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let FolderTally { decoded, already_decoded, unreadable } = tally;
+        let FolderTally { decoded, already_decoded, unreadable, changing, partial } = tally;
+        let changed = match changing {
+            0 => String::new(),
+            count => format!(", {count} changed while they were read"),
+        };
         print_warning(&format!(
             "{decoded} decoded, {already_decoded} were decoded earlier, {unreadable} could not be \
-             read"
+             read{changed}"
         ));
-        Ok(if unreadable > 0 { Exit::Corrupt } else { Exit::Ok })
+        Ok(match (unreadable, changing + partial) {
+            (0, 0) => Exit::Ok,
+            (0, _) => Exit::Partial,
+            _ => Exit::Corrupt,
+        })
     }
 
     /// Captures in a folder and those in it, but for what is hidden and the data set itself.
@@ -108,15 +122,23 @@ impl FolderJob<'_> {
 
     /// Decodes one capture, whose rows are called by `file`, on so many threads.
     pub fn decode_one(&self, path: &Path, file: &str, jobs: usize) -> Result<CaptureReport> {
-        let blake3 = columns::fingerprint(path)?;
-        let done = self.record(&blake3);
+        let capture = columns::read_capture(path, file)?;
+        let done = self.record(&capture.content().blake3);
         if done.exists(&self.site) {
-            return Ok(CaptureReport { is_new: false, remarks: Vec::new() });
+            let noted = note_copy(&self.site, &capture);
+            noted.map_err(|error| problem::file_problem(&self.site.root, "write", &error))?;
+            return Ok(CaptureReport { is_new: false, is_partial: false, remarks: Vec::new() });
         }
-        let profile = self.stated.profile_word();
-        let (tables, recorder) = (self.tables, self.recorder);
-        let wanted = ColumnsJob { tables, recorder, file, blake3, profile, jobs };
-        let parts = Box::new(DatasetWriter::new(self.site.clone(), done, self.jobs));
+        let wanted = ColumnsJob {
+            tables: self.tables,
+            recorder: self.recorder,
+            file,
+            capture: Some(&capture),
+            profile: self.stated.profile_word(),
+            jobs,
+        };
+        let parts = DatasetWriter::new(self.site.clone(), done, capture.clone(), self.jobs);
+        let parts = Box::new(parts);
         let source = self.stated.source()?.quiet();
         let decoder = columns::decode_into(source, path, &self.site.root, parts, &wanted)?;
         let doubtful = decoder.detections().iter().filter(|found| capture::is_doubtful(found));
@@ -125,7 +147,7 @@ impl FolderJob<'_> {
             .map(capture::detection_text)
             .chain(left_out.iter().map(Remark::text).map(str::to_owned))
             .collect();
-        Ok(CaptureReport { is_new: true, remarks })
+        Ok(CaptureReport { is_new: true, is_partial: decoder.untracked_records() > 0, remarks })
     }
 
     /// The note of a decoded capture, with all that its parts depend on.
@@ -137,15 +159,19 @@ impl FolderJob<'_> {
 fn count_result(tally: &Mutex<FolderTally>, path: &Path, done: Result<CaptureReport>) {
     let mut tally = tally.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     match done {
-        Ok(CaptureReport { is_new: true, remarks }) => {
+        Ok(CaptureReport { is_new: true, is_partial, remarks }) => {
             tally.decoded += 1;
+            tally.partial += usize::from(is_partial);
             for remark in remarks {
                 print_warning(&format!("{}: {remark}", path.display()));
             }
         }
         Ok(_) => tally.already_decoded += 1,
         Err(problem) => {
-            tally.unreadable += 1;
+            match problem.code == columns::CHANGED {
+                true => tally.changing += 1,
+                false => tally.unreadable += 1,
+            }
             print_warning(&format!("{}: left out", path.display()));
             print_warning(problem.render(colour_err()).trim_end());
         }

@@ -5,9 +5,9 @@ use std::path::Path;
 use polepair_capture::parallel::BatchConsumer;
 use polepair_capture::{CaptureDecoder, DecodedFrame, FrameBatch, jsonl, text};
 
-use crate::capture::{CaptureSource, EventSink};
+use crate::capture::{CaptureSource, EventSink, check_readable};
 use crate::problem::Result;
-use crate::terminal::{self, DataOutput};
+use crate::terminal::DataOutput;
 
 /// Writes a line a frame.
 pub struct LineSink {
@@ -33,20 +33,14 @@ impl BatchConsumer for LineFormatter {
 }
 
 impl LineSink {
-    /// One aligned line a frame. `style` says all but whether there are colours.
-    pub fn text(path: Option<&Path>, style: text::TextStyle) -> Result<Self> {
-        let colour = path.is_none() && terminal::colour_out();
-        let style = text::TextStyle { colour, ..style };
-        Ok(Self {
-            out: DataOutput::to_path(path)?,
-            text: Some(text::FrameTextWriter::new(style)),
-            style,
-        })
+    /// One aligned line a frame.
+    pub fn text(out: DataOutput, style: text::TextStyle) -> Self {
+        Self { out, text: Some(text::FrameTextWriter::new(style)), style }
     }
 
     /// One JSON object a frame.
-    pub fn jsonl(path: Option<&Path>) -> Result<Self> {
-        Ok(Self { out: DataOutput::to_path(path)?, text: None, style: text::TextStyle::default() })
+    pub fn jsonl(out: DataOutput) -> Self {
+        Self { out, text: None, style: text::TextStyle::default() }
     }
 
     /// Writes a capture file, on several threads where no line hangs on those before.
@@ -70,7 +64,10 @@ impl LineSink {
             out.flush()
         })?;
         decoder.finish_sessions(&mut |event| self.handle_final(event));
-        self.finish()?;
+        match check_readable(decoder.statistics()) {
+            Ok(_) => self.finish()?,
+            Err(_) => self.flush(true)?,
+        }
         Ok(decoder)
     }
 }
@@ -97,5 +94,9 @@ impl EventSink for LineSink {
 
     fn flush(&mut self, now: bool) -> Result<()> {
         if now { self.out.flush() } else { self.out.flush_if_full() }
+    }
+
+    fn finish(&mut self) -> Result<()> {
+        self.out.finish()
     }
 }

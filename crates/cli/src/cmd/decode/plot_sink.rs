@@ -46,13 +46,13 @@ impl EventSink for PlotSink {
                 plot.dropped_values
             ));
         }
-        let mut out = DataOutput::to_path(path)?;
+        let mut out = DataOutput::to_path(path)?.with_text(path.is_none());
         let picture = match path {
             Some(_) => plot.svg(),
             None => plot.terminal(terminal::width(), terminal::colour_out()),
         };
         out.buffer().extend(picture.bytes());
-        out.flush()
+        out.finish()
     }
 }
 

@@ -80,7 +80,7 @@ impl LocalPrinter {
         let style =
             text::TextStyle { colour: terminal::colour_out(), ..text::TextStyle::default() };
         Self {
-            out: DataOutput::stdout(),
+            out: DataOutput::stdout().with_text(!jsonl),
             jsonl,
             text: text::FrameTextWriter::new(style),
             last_activity: Vec::new(),

@@ -43,7 +43,8 @@ pub fn run(
         .transpose()
         .map_err(remote::refusal_problem)?;
     interrupt::listen(|| {});
-    let (out, jsonl) = (DataOutput::stdout(), style.jsonl);
+    let jsonl = style.jsonl;
+    let out = DataOutput::stdout().with_text(!jsonl);
     let mut lines = RemotePrinter {
         out,
         jsonl,

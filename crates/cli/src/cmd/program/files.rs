@@ -11,6 +11,7 @@ use polepair_core::proto;
 
 use super::{instructions, module_axis, parse_address};
 use crate::outcome;
+use crate::output_file;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::target::DriveArgs;
@@ -113,6 +114,7 @@ pub struct Assemble {
 
 impl Assemble {
     pub fn run(self) -> Result {
+        output_file::refuse_input(self.output.as_deref(), [self.path.as_path()])?;
         if instructions::is_program(&self.path) {
             return instructions::assemble(&self.path, self.output.as_deref());
         }
@@ -126,7 +128,7 @@ impl Assemble {
         };
         let mut out = DataOutput::to_path(self.output.as_deref())?;
         out.buffer().extend_from_slice(text.as_bytes());
-        out.flush()?;
+        out.finish()?;
         print_layout(&program, language);
         for (name, address) in program.labels() {
             print_note(&format!("{name} = 0x{address:04X}"));
@@ -331,7 +333,7 @@ impl ProgramSave {
         };
         let mut out = DataOutput::file(&self.path)?;
         out.buffer().extend_from_slice(text.as_bytes());
-        out.flush()?;
+        out.finish()?;
         print_layout(&program, language);
         Ok(Exit::Ok)
     }

@@ -65,7 +65,7 @@ fn write(program: &InstructionProgram, path: Option<&Path>) -> Result<()> {
         true => out.buffer().extend_from_slice(&program.to_binary()),
         false => out.buffer().extend_from_slice(program.listing().as_bytes()),
     }
-    out.flush()?;
+    out.finish()?;
     let count = program.instructions().len();
     let labels: Vec<String> = program.labels().map(|(name, at)| format!("{name} = {at}")).collect();
     print_note(&format!("{count} instructions"));

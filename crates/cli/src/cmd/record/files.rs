@@ -9,10 +9,12 @@ use std::time::Duration;
 
 use polepair_capture::{CaptureFormat, CaptureWriter, Compression, Record, WriteError};
 use polepair_core::time::Instant;
+use polepair_files::ExistingFile;
 use polepair_link::clock;
 
 use crate::capture::write_problem;
-use crate::problem::{self, Result};
+use crate::output_file;
+use crate::problem::{Problem, Result};
 use crate::value;
 
 /// After how much another file begins.
@@ -46,14 +48,41 @@ impl Rotation {
     }
 }
 
+/// The file of a recording, or the files of one with rotation.
+#[derive(Debug)]
+pub struct RecordingPlace {
+    pub path: PathBuf,
+    pub format: CaptureFormat,
+    pub rotation: Option<Rotation>,
+    /// What becomes of a file that is there. With rotation an existing file is passed over, because a recording that
+    /// goes on for days must not end at a name.
+    pub existing: ExistingFile,
+}
+
+impl RecordingPlace {
+    /// Refuses a file that may not be touched, before a link is opened.
+    ///
+    /// # Errors
+    /// `E259`; `E248` for a format that nothing can be appended to.
+    pub fn check(&self) -> Result<()> {
+        if self.existing == ExistingFile::Append && self.format != CaptureFormat::Text {
+            let what = format!("nothing can be appended to {}.", self.format);
+            return Err(Problem::usage("E248", what).hint("--append works for text logs (.log)"));
+        }
+        match self.rotation {
+            Some(_) => Ok(()),
+            None => output_file::check_recording(&self.path, self.existing),
+        }
+    }
+}
+
 /// Where records go.
 pub struct CaptureFiles {
-    path: PathBuf,
-    format: CaptureFormat,
-    rotation: Option<Rotation>,
+    place: RecordingPlace,
     current: OpenCapture,
-    /// The number of the current file, from 1.
+    /// The number in the name of the current file, from 1.
     number: u32,
+    files: u32,
     records: u64,
 }
 
@@ -67,10 +96,13 @@ struct OpenCapture {
 
 impl CaptureFiles {
     /// Begins the first file.
-    pub fn create(path: &Path, format: CaptureFormat, rotation: Option<Rotation>) -> Result<Self> {
-        let first = if rotation.is_some() { numbered_path(path, 1) } else { path.to_owned() };
-        let current = OpenCapture::create(first, format)?;
-        Ok(Self { path: path.to_owned(), format, rotation, current, number: 1, records: 0 })
+    pub fn create(place: RecordingPlace) -> Result<Self> {
+        place.check()?;
+        let (number, current) = match place.rotation {
+            Some(_) => OpenCapture::create_numbered(&place, 1)?,
+            None => (1, OpenCapture::create(place.path.clone(), place.existing, place.format)?),
+        };
+        Ok(Self { place, current, number, files: 1, records: 0 })
     }
 
     /// Keeps a record.
@@ -91,11 +123,11 @@ impl CaptureFiles {
     /// Completes the last file. Returns how many records there are, and how many files.
     pub fn finish(self) -> Result<(u64, u32)> {
         self.current.finish()?;
-        Ok((self.records, self.number))
+        Ok((self.records, self.files))
     }
 
     fn is_due(&self) -> bool {
-        match self.rotation {
+        match self.place.rotation {
             None => false,
             Some(Rotation::Size(bytes)) => self.current.bytes.get() >= bytes,
             Some(Rotation::Time(span)) => clock::now().since(self.current.since) >= span,
@@ -103,16 +135,27 @@ impl CaptureFiles {
     }
 
     fn start_next(&mut self) -> Result<()> {
-        let next = OpenCapture::create(numbered_path(&self.path, self.number + 1), self.format)?;
-        self.number += 1;
+        let (number, next) = OpenCapture::create_numbered(&self.place, self.number + 1)?;
+        (self.number, self.files) = (number, self.files + 1);
         std::mem::replace(&mut self.current, next).finish()
     }
 }
 
 impl OpenCapture {
-    fn create(path: PathBuf, format: CaptureFormat) -> Result<Self> {
-        let file =
-            File::create(&path).map_err(|error| problem::file_problem(&path, "write", &error))?;
+    /// The next file of a rotation, and its number. Names of files that are there and may not be replaced are passed
+    /// over.
+    fn create_numbered(place: &RecordingPlace, mut number: u32) -> Result<(u32, Self)> {
+        loop {
+            let path = numbered_path(&place.path, number);
+            if output_file::check_recording(&path, place.existing).is_ok() {
+                return Ok((number, Self::create(path, place.existing, place.format)?));
+            }
+            number += 1;
+        }
+    }
+
+    fn create(path: PathBuf, existing: ExistingFile, format: CaptureFormat) -> Result<Self> {
+        let file = output_file::create_recording(&path, existing)?;
         let bytes = Rc::new(Cell::new(0));
         let counted = CountingFile { file, bytes: Rc::clone(&bytes) };
         let writer = CaptureWriter::new(format, Compression::from_path(&path), counted);

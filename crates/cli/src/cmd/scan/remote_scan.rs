@@ -92,7 +92,7 @@ fn scan_link(server: &RemoteSession, link: u16, request: &ScanRequest) -> Result
 }
 
 fn print_found(views: &[ScanView], format: OutputFormat) -> Result<()> {
-    let mut out = DataOutput::stdout();
+    let mut out = DataOutput::stdout().with_text(format == OutputFormat::Text);
     let found = || views.iter().flat_map(|view| view.found.iter().map(move |one| (view.link, one)));
     match format {
         OutputFormat::Text if found().next().is_none() => {}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
 import posixpath
+import shutil
 import tempfile
+import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
@@ -29,6 +32,10 @@ RAY_RETRIES = 3
 """How often Ray runs a task again whose node was lost."""
 DONE = "_done"
 """The folder with a note for each decoded capture, named by its content."""
+BEGUN = "_begun"
+"""The same while the parts of a capture take their places: what a killed task leaves is found by it."""
+SOURCES = "_sources"
+"""The folder with a note for each capture, named by its name, of the contents that it had."""
 SEEN = "_captures"
 """The folder with a note for each file of a decoded capture, so that the file is not read again."""
 VERSION_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified", "last_modified", "updated")
@@ -200,25 +207,98 @@ class Job:
             path = folder if source.isfile(folder) else f"{folder}/{capture.name}"
             if not _is_local(source):
                 remote, path = path, os.path.join(scratch, posixpath.basename(capture.name))
-                source.get_file(remote, path)
-            blake3 = native.fingerprint(path)
+                _copy(source, remote, path)
+            content = native.capture_content(path, f"{self.source}/{capture.name}")
+            blake3 = _hash_of(content)
             note = f"{root}/{DONE}/{blake3}"
-            earlier = files.cat_file(note) if files.exists(note) else b""
             made = os.path.join(scratch, "made")
+            earlier = _text(files, note)
             if earlier and not again:
-                _write(os.path.join(made, DONE, blake3), earlier)
+                _write(os.path.join(made, DONE, blake3), earlier.encode())
             is_new, notes = native.decode_to_dataset(path, capture.name, made, self.options_for(capture))
-            if is_new:
-                parts = _parts(_read(os.path.join(made, DONE, blake3)))
-                for part in parts:
-                    _store(files, os.path.join(made, *part.split("/")), f"{root}/{part}")
-                for part in set(_parts(earlier)) - set(parts):
-                    files.rm_file(f"{root}/{part}")
-                _store(files, os.path.join(made, DONE, blake3), note)
-            if seen := self._seen_name(capture):
-                _write(os.path.join(scratch, "seen"), f"{capture.name}\n{blake3}\n".encode())
-                _store(files, os.path.join(scratch, "seen"), f"{root}/{SEEN}/{seen}")
+            published = _Published(files, root, scratch)
+            with native.DatasetLock(root) if _is_local(files) else contextlib.nullcontext():
+                if is_new:
+                    published.replace(path, capture.name, content, made)
+                else:
+                    published.note_copy(capture.name, content)
+                if seen := self._seen_name(capture):
+                    published.write(f"{SEEN}/{seen}", f"{capture.name}\n{blake3}\n")
         return Outcome(capture, "decoded" if is_new else "present", notes=tuple(notes), content=blake3)
+
+
+class _Published:
+    """The parts and notes of a data set, which may be in a bucket.
+
+    The notes are those of `crates/columns/src/dataset/notes.rs`. Two tasks that decode one capture write the same.
+    """
+
+    def __init__(self, files: Any, root: str, scratch: str) -> None:
+        self._files, self._root, self._scratch = files, root, scratch
+
+    def replace(self, path: str, name: str, content: str, made: str) -> None:
+        """Stores the parts of a capture from the folder `made`. Removes those of what it has grown from."""
+        blake3 = _hash_of(content)
+        done = _read(os.path.join(made, DONE, blake3)).decode()
+        parts = set(_parts(done.splitlines()[1:]))
+        earlier = self._parts(blake3)
+        known = [line for line in self._contents(name) if _hash_of(line) != blake3]
+        grown = set(native.grown_from(path, content.split()[-1], known))
+        self._write_contents(name, [*known, content])
+        self.write(f"{BEGUN}/{blake3}", "".join(f"{part}\n" for part in sorted(parts | earlier)))
+        for part in sorted(parts):
+            _store(self._files, os.path.join(made, *part.split("/")), f"{self._root}/{part}")
+        self._remove(earlier - parts)
+        for old in map(_hash_of, grown):
+            if not self._is_shared(old, name):
+                self._remove(self._parts(old) - parts)
+                self._remove({f"{DONE}/{old}", f"{BEGUN}/{old}"})
+        self.write(f"{DONE}/{blake3}", done)
+        self._remove({f"{BEGUN}/{blake3}"})
+        self._write_contents(name, [line for line in [*known, content] if line not in grown])
+
+    def note_copy(self, name: str, content: str) -> None:
+        """Notes a capture whose content the data set has under another name."""
+        known = self._contents(name)
+        if _hash_of(content) not in map(_hash_of, known):
+            self._write_contents(name, [*known, content])
+
+    def write(self, name: str, text: str) -> None:
+        """Writes a note."""
+        _write(os.path.join(self._scratch, "note"), text.encode())
+        _store(self._files, os.path.join(self._scratch, "note"), f"{self._root}/{name}")
+
+    def _parts(self, blake3: str) -> set[str]:
+        done = _text(self._files, f"{self._root}/{DONE}/{blake3}").splitlines()[1:]
+        begun = _text(self._files, f"{self._root}/{BEGUN}/{blake3}").splitlines()
+        return set(_parts([*done, *begun]))
+
+    def _contents(self, name: str) -> list[str]:
+        return _text(self._files, self._source_note(name)).splitlines()
+
+    def _write_contents(self, name: str, contents: list[str]) -> None:
+        self.write(f"{SOURCES}/{_note_name(name)}", "".join(f"{line}\n" for line in contents))
+
+    def _source_note(self, name: str) -> str:
+        return f"{self._root}/{SOURCES}/{_note_name(name)}"
+
+    def _is_shared(self, blake3: str, name: str) -> bool:
+        own = _note_name(name)
+        others = [note for note in self._files.find(f"{self._root}/{SOURCES}") if posixpath.basename(note) != own]
+        return any(blake3 in map(_hash_of, _text(self._files, note).splitlines()) for note in others)
+
+    def _remove(self, names: set[str]) -> None:
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                self._files.rm_file(f"{self._root}/{name}")
+
+
+def _hash_of(content: str) -> str:
+    return content.split(" ", 1)[0]
+
+
+def _note_name(name: str) -> str:
+    return native.text_hash(name)
 
 
 def decode(
@@ -390,9 +470,26 @@ def _capture(name: str, info: Mapping[str, Any]) -> Capture:
     return Capture(name, int(info["size"] or 0), next(versions, ""))
 
 
-def _parts(note: bytes) -> list[str]:
-    """The parts that a note of DONE lists after its first line."""
-    return [part.replace("\\", "/") for part in note.decode().splitlines()[1:] if ".." not in part]
+def _parts(lines: Iterable[str]) -> list[str]:
+    """The parts that lines of a note name, below the data set."""
+    return [part.replace("\\", "/") for part in lines if ".." not in part]
+
+
+def _copy(source: Any, remote: str, local: str) -> None:
+    """Copies a capture that does not change meanwhile."""
+    before = _capture(remote, source.info(remote))
+    source.get_file(remote, local)
+    source.invalidate_cache()
+    if _capture(remote, source.info(remote)) != before:
+        raise OSError("the capture changed while it was read (E307)")
+
+
+def _text(files: Any, path: str) -> str:
+    """A note; empty where there is none."""
+    try:
+        return str(files.cat_file(path).decode())
+    except FileNotFoundError:
+        return ""
 
 
 def _read(path: str) -> bytes:
@@ -413,6 +510,11 @@ def _store(files: Any, local: str, target: str) -> None:
         return
     folder, name = os.path.split(target)
     os.makedirs(folder, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{name}.", delete=False) as temporary:
-        temporary.write(_read(local))
-    os.replace(temporary.name, target)
+    temporary = os.path.join(folder, f".{name}.{uuid.uuid4().hex}.part")
+    try:
+        shutil.copyfile(local, temporary)
+        os.replace(temporary, target)
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            os.remove(temporary)
+        raise

@@ -1,0 +1,67 @@
+//! Text of devices, files and other programs, as a terminal may show it.
+
+use core::fmt::{self, Write as _};
+
+/// Shows text with its control characters escaped, and nothing else: `\n`, `\x1b`. A name with an escape sequence in
+/// it would otherwise move the cursor, hide a line or write to the clipboard of whoever looks at it.
+///
+/// ```
+/// use polepair_core::escape::EscapedText;
+/// assert_eq!(EscapedText("can0\x1b[2J").to_string(), r"can0\x1b[2J");
+/// assert_eq!(EscapedText("Bob's 5\" \\drive\\ Müller").to_string(), "Bob's 5\" \\drive\\ Müller");
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct EscapedText<'a>(pub &'a str);
+
+impl fmt::Display for EscapedText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if is_plain(self.0.as_bytes()) {
+            return f.write_str(self.0);
+        }
+        self.0.chars().try_for_each(|c| match c {
+            '\n' => f.write_str("\\n"),
+            '\r' => f.write_str("\\r"),
+            '\t' => f.write_str("\\t"),
+            // All of them are below 100h.
+            _ if c.is_control() => write!(f, "\\x{:02x}", u32::from(c)),
+            _ => f.write_char(c),
+        })
+    }
+}
+
+/// Whether text in UTF-8 has no control character: C0, delete or C1.
+#[must_use]
+pub fn is_plain(text: &[u8]) -> bool {
+    // Two passes without branches take less time than one with them.
+    let has_c0 = text.iter().fold(false, |found, byte| found | (*byte < 0x20) | (*byte == 0x7F));
+    if has_c0 {
+        return false;
+    }
+    // C1 is C2h and a byte from 80h to 9Fh.
+    !text.contains(&0xC2)
+        || !text.windows(2).any(|pair| pair[0] == 0xC2 && (0x80..=0x9F).contains(&pair[1]))
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::string::ToString as _;
+
+    use super::*;
+
+    #[test]
+    fn control_characters_are_escaped_and_nothing_else() {
+        for (text, shown) in [
+            ("", ""),
+            ("plain ü € \u{200b}\u{202e}\u{a0}", "plain ü € \u{200b}\u{202e}\u{a0}"),
+            ("\0\x07\x1b]0;x\x07", "\\x00\\x07\\x1b]0;x\\x07"),
+            ("a\nb\tc\rd\x7f", "a\\nb\\tc\\rd\\x7f"),
+            ("\u{80}\u{9b}31m", "\\x80\\x9b31m"),
+            ("\"'\\", "\"'\\"),
+        ] {
+            assert_eq!(EscapedText(text).to_string(), shown);
+            assert_eq!(is_plain(text.as_bytes()), text == shown, "{text:?}");
+        }
+    }
+}
