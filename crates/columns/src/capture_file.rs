@@ -14,6 +14,8 @@ const BLF_HEADER: usize = 144;
 /// Magic number of SQLite, whose pages change in place.
 const SQLITE_MAGIC: &[u8] = b"SQLite format 3\0";
 
+const NO_PATH: &str = "-";
+
 /// A capture and its content, as it was when it was read.
 #[derive(Clone, Debug)]
 pub struct CaptureFile {
@@ -33,7 +35,7 @@ pub struct CaptureContent {
     pub size: u64,
     /// BLAKE3 of the bytes that stay as they are while the file grows, hexadecimal.
     pub body: String,
-    /// Where the file was.
+    /// Where the file was, for a database; `-` for others, which are known by their content.
     pub path: String,
 }
 
@@ -125,7 +127,8 @@ impl CaptureFile {
             blake3: hasher.all.finalize().to_hex().to_string(),
             size: hasher.size,
             body: hasher.body(),
-            path: place,
+            // Where a file is says nothing of others, and would make two equal data sets differ.
+            path: if is_database { place } else { NO_PATH.to_owned() },
         };
         Ok(Self { path: path.to_owned(), name: name.to_owned(), state, content, is_database })
     }

@@ -114,8 +114,8 @@ impl From<ParquetError> for TableFileError {
     }
 }
 
-/// One file under way. It has a temporary name until it is [closed](Self::close): a file with its own
-/// name is whole.
+/// One file under way. It has a temporary name until what [`seal`](Self::seal) returns is published: a file with
+/// its own name is whole.
 #[derive(Debug)]
 pub struct TableFile {
     writer: TableFileWriter,
@@ -186,14 +186,6 @@ impl TableFile {
         }
     }
 
-    /// Ends the file and gives it its name.
-    ///
-    /// # Errors
-    /// [`TableFileError`] when it cannot be written.
-    pub fn close(self, provenance: &Provenance) -> Result<(), TableFileError> {
-        Ok(self.seal(provenance)?.publish()?)
-    }
-
     /// Ends the file without giving it its name.
     ///
     /// # Errors
@@ -262,6 +254,9 @@ impl BatchSink for TableFiles {
     }
 
     fn close(self: Box<Self>, provenance: &Provenance) -> Result<(), TableFileError> {
-        self.stores.into_iter().try_for_each(|(_, store)| store.close(provenance))
+        // All are complete before the first replaces an older one: tables of two captures do not mix.
+        let sealed = self.stores.into_iter().map(|(_, store)| store.seal(provenance));
+        let sealed: Vec<SealedFile> = sealed.collect::<Result<_, _>>()?;
+        Ok(sealed.into_iter().try_for_each(SealedFile::publish)?)
     }
 }

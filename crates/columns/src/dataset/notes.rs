@@ -10,7 +10,7 @@
 //! one after the other. A note in `_begun` outlives its writer only if that was killed.
 
 use std::collections::BTreeSet;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
@@ -21,7 +21,6 @@ use crate::capture_file::CaptureContent;
 pub(super) const DONE: &str = "_done";
 const BEGUN: &str = "_begun";
 const SOURCES: &str = "_sources";
-const LOCK: &str = ".lock";
 
 /// Keeps other programs from publishing parts in a data set until it is dropped.
 #[derive(Debug)]
@@ -34,13 +33,25 @@ impl DatasetLock {
     /// Those of the operating system.
     pub fn acquire(root: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(root)?;
-        let file = OpenOptions::new().append(true).create(true).open(root.join(LOCK))?;
+        let file = open_lock(root)?;
         match file.lock() {
             // Some network file systems have no locks: one program at a time then.
             Err(error) if error.kind() != io::ErrorKind::Unsupported => Err(error),
             _ => Ok(Self(file)),
         }
     }
+}
+
+/// What is locked: the folder itself, so that no file is left in the data set.
+#[cfg(unix)]
+fn open_lock(root: &Path) -> io::Result<File> {
+    File::open(root)
+}
+
+/// Folders cannot be locked here.
+#[cfg(not(unix))]
+fn open_lock(root: &Path) -> io::Result<File> {
+    std::fs::OpenOptions::new().append(true).create(true).open(root.join("_lock"))
 }
 
 /// The notes below one folder.

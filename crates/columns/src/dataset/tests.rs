@@ -60,7 +60,7 @@ fn decode_capture(
     stated: &str,
     tables: &[TableKind],
 ) -> Result<DecodeRecord, TableFileError> {
-    let text = std::fs::read_to_string(&capture.content().path).expect("read");
+    let text = std::fs::read_to_string(site.root.with_extension("log")).expect("read");
     let done = DecodeRecord::new(site, &capture.content().blake3, stated, tables);
     let mut keep: Box<dyn BatchSink> =
         Box::new(DatasetWriter::new(site.clone(), done.clone(), capture, 2));
@@ -203,7 +203,7 @@ fn a_copy_keeps_its_rows_when_the_other_one_grows() {
 fn a_capture_that_changes_while_it_is_read_is_not_stored() {
     let folder = TestFolder::new("changed");
     let site = site_in(&folder);
-    let path = folder.0.join("live.log");
+    let path = site.root.with_extension("log");
     std::fs::write(&path, CAPTURE).expect("written");
     let capture = CaptureFile::read(&path, "live.log").expect("read");
     std::fs::write(&path, format!("{CAPTURE}(1700006402.000000) can0 181#07\n")).expect("written");

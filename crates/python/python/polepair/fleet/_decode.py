@@ -208,7 +208,8 @@ class Job:
             if not _is_local(source):
                 remote, path = path, os.path.join(scratch, posixpath.basename(capture.name))
                 _copy(source, remote, path)
-            content = native.capture_content(path, f"{self.source}/{capture.name}")
+            place = f"{self.source}/{capture.name}"
+            content = native.capture_content(path, place)
             blake3 = _hash_of(content)
             note = f"{root}/{DONE}/{blake3}"
             made = os.path.join(scratch, "made")
@@ -219,7 +220,7 @@ class Job:
             published = _Published(files, root, scratch)
             with native.DatasetLock(root) if _is_local(files) else contextlib.nullcontext():
                 if is_new:
-                    published.replace(path, capture.name, content, made)
+                    published.replace((path, place), capture.name, content, made)
                 else:
                     published.note_copy(capture.name, content)
                 if seen := self._seen_name(capture):
@@ -236,14 +237,17 @@ class _Published:
     def __init__(self, files: Any, root: str, scratch: str) -> None:
         self._files, self._root, self._scratch = files, root, scratch
 
-    def replace(self, path: str, name: str, content: str, made: str) -> None:
-        """Stores the parts of a capture from the folder `made`. Removes those of what it has grown from."""
+    def replace(self, file: tuple[str, str], name: str, content: str, made: str) -> None:
+        """Stores the parts of a capture from the folder `made`. Removes those of what it has grown from.
+
+        `file` is the path of the capture on this machine, and its place.
+        """
         blake3 = _hash_of(content)
         done = _read(os.path.join(made, DONE, blake3)).decode()
         parts = set(_parts(done.splitlines()[1:]))
         earlier = self._parts(blake3)
         known = [line for line in self._contents(name) if _hash_of(line) != blake3]
-        grown = set(native.grown_from(path, content.split()[-1], known))
+        grown = set(native.grown_from(*file, known))
         self._write_contents(name, [*known, content])
         self.write(f"{BEGUN}/{blake3}", "".join(f"{part}\n" for part in sorted(parts | earlier)))
         for part in sorted(parts):
