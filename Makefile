@@ -21,16 +21,17 @@ MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
 .PHONY: demo test installing-steps checking-steps process-steps client-steps unit-step page-step \
-	windows-step wine-step documentation-steps check quick-tests lints dependencies spelling build packages web \
+	windows-step wine-step documentation-steps check quick-tests lints features dependencies spelling build packages web \
 	page-units page page-tests site site-pages interop windows windows-tests windows-program windows-files macos \
 	package python python-tests python-command wheel deb dist try-dist swarm threads soak bench clean
 
+# It is built soon rather than fast (BUILD-5).
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
 	@if web/ready; then $(MAKE) --no-print-directory $(PAGE) || echo "page: left out" >&2; fi
-	$(CARGO) build --release --locked -p polepair-cli
-	target/release/polepair demo $(if $(HEADLESS),--headless)
-	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/release/polepair serve --bind 127.0.0.1:0; fi
+	$(CARGO) build --profile demo --locked -p polepair-cli --no-default-features
+	target/demo/polepair demo $(if $(HEADLESS),--headless)
+	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/demo/polepair serve --bind 127.0.0.1:0; fi
 
 ## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
 test:
@@ -48,6 +49,7 @@ installing-steps:
 
 checking-steps:
 	@$(STEP) "lints" $(MAKE) lints
+	@$(STEP) "features" $(MAKE) features
 	@$(STEP) "dependencies" $(MAKE) dependencies spelling
 
 # Tests that contain both ends of the wire get longer time-outs from here (BUILD-3).
@@ -85,6 +87,10 @@ quick-tests:
 lints:
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
+
+# What `make demo` builds, without the features that take long.
+features:
+	$(CARGO) clippy --package polepair-cli --no-default-features --locked --quiet -- -D warnings
 
 # Licences and origins of what the project depends on (deny.toml).
 dependencies:

@@ -23,6 +23,10 @@ pub(crate) mod link_type;
 mod pcap;
 mod pcapng;
 mod serial_log;
+#[cfg(feature = "sqlite")]
+mod sqlite;
+#[cfg(not(feature = "sqlite"))]
+#[path = "read/sqlite_left_out.rs"]
 mod sqlite;
 mod tcp;
 mod text;

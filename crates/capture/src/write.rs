@@ -69,6 +69,7 @@ pub struct CaptureWriter<W: Write> {
 enum OutputStream<W: Write> {
     Plain(W),
     Gzip(flate2::write::GzEncoder<W>),
+    #[cfg(feature = "zstd")]
     Zstd(zstd::stream::write::Encoder<'static, W>),
 }
 
@@ -109,8 +110,14 @@ impl<W: Write> CaptureWriter<W> {
                 out,
                 flate2::Compression::default(),
             )),
+            #[cfg(feature = "zstd")]
             Some(Compression::Zstd) => {
                 OutputStream::Zstd(zstd::stream::write::Encoder::new(out, 3)?)
+            }
+            #[cfg(not(feature = "zstd"))]
+            Some(Compression::Zstd) => {
+                let why = "this program was built without Zstandard (feature `zstd`)";
+                return Err(io::Error::new(io::ErrorKind::Unsupported, why).into());
             }
         };
         Ok(Self { sink, buffer: Vec::with_capacity(2 * BUFFER_BYTES), out })
@@ -137,6 +144,7 @@ impl<W: Write> CaptureWriter<W> {
         match &mut self.out {
             OutputStream::Plain(out) => out.flush()?,
             OutputStream::Gzip(out) => out.flush()?,
+            #[cfg(feature = "zstd")]
             OutputStream::Zstd(out) => out.flush()?,
         }
         Ok(())
@@ -147,6 +155,7 @@ impl<W: Write> CaptureWriter<W> {
         let out: &mut dyn Write = match &mut self.out {
             OutputStream::Plain(out) => out,
             OutputStream::Gzip(out) => out,
+            #[cfg(feature = "zstd")]
             OutputStream::Zstd(out) => out,
         };
         out.write_all(&self.buffer)?;
@@ -164,6 +173,7 @@ impl<W: Write> CaptureWriter<W> {
         Ok(match self.out {
             OutputStream::Plain(out) => out,
             OutputStream::Gzip(out) => out.finish()?,
+            #[cfg(feature = "zstd")]
             OutputStream::Zstd(out) => out.finish()?,
         })
     }

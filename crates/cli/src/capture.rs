@@ -126,6 +126,7 @@ impl CaptureArgs {
     }
 
     /// The arguments in one line: the same line means the same result for a capture.
+    #[cfg(feature = "tables")]
     pub fn describe(&self) -> String {
         let rules = self.stated.rules.as_deref().unwrap_or_default();
         let form = self.stated.from.map_or("", CaptureFormat::name);
@@ -180,6 +181,7 @@ impl CaptureSource {
     }
 
     /// What is detected is not printed.
+    #[cfg(feature = "tables")]
     pub fn quiet(self) -> Self {
         Self { quiet: true, ..self }
     }
@@ -434,6 +436,7 @@ pub enum Remark {
 
 impl Remark {
     /// The text.
+    #[cfg(feature = "tables")]
     pub fn text(&self) -> &str {
         match self {
             Self::Note(text) | Self::Warning(text) => text,

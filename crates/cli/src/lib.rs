@@ -26,7 +26,8 @@ mod value;
 
 use std::ffi::OsString;
 
-pub use cmd::decode::dataset;
+#[cfg(feature = "tables")]
+pub use cmd::decode::tables::dataset;
 pub use cmd::groups::{VERB_GROUPS, VerbGroup};
 
 /// The program's version.

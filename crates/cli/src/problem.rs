@@ -112,6 +112,16 @@ pub fn file_problem(path: &std::path::Path, verb: &str, error: &std::io::Error) 
     Problem::new(Exit::Adapter, code, what).why(why)
 }
 
+/// What this program was built without.
+#[cfg(not(all(feature = "tables", feature = "tls")))]
+pub fn left_out_problem(feature: &str, what: &str) -> Problem {
+    Problem::usage("E263", format!("this program was built without {what}."))
+        .why("`make demo` and builds with fewer features leave out what takes long to build.")
+        .hint(format!(
+            "a released program has it, and `cargo build -p polepair-cli --features {feature}`"
+        ))
+}
+
 /// A word that names no protocol.
 pub fn no_such_protocol(word: &str) -> Problem {
     let known: Vec<&str> = polepair_core::proto::dissectors().iter().map(|d| d.name()).collect();

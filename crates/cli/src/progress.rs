@@ -76,6 +76,7 @@ impl Progress {
     }
 
     /// Prints something else meanwhile.
+    #[cfg(feature = "tables")]
     pub fn suspend(&self, print: impl FnOnce()) {
         self.bar.suspend(print);
     }

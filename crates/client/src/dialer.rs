@@ -15,15 +15,12 @@ use polepair_messages::{PROOF_BYTES, Proof, token_proof};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
-use tokio_rustls::rustls;
-use tokio_rustls::rustls::AlertDescription as Alert;
-use tokio_rustls::rustls::pki_types::ServerName;
 
 use crate::GatewayError;
 use crate::address::Address;
 use crate::rest::server_lost;
 use crate::secret::{Secret, VARIABLE};
-use crate::tls::ClientTls;
+use crate::tls::{self, ClientTls};
 
 /// How long connecting may take.
 const CONNECT_MAX: Duration = Duration::from_secs(5);
@@ -119,15 +116,9 @@ impl Dialer {
         // A socket that cannot be told so is slower, no worse.
         let _ = stream.set_nodelay(true);
         let there = stream.peer_addr().map_err(|error| self.unreachable(&error.to_string()))?;
-        let Some(tls) = &self.tls else { return Ok((Box::new(stream), there)) };
-        let name = ServerName::try_from(host.clone())
-            .map_err(|error| self.unreachable(&error.to_string()))?;
-        let (connector, unmet) = tls.connector();
-        let encrypted = connector.connect(name, stream).await;
-        let encrypted = encrypted.map_err(|error| self.wrong_server_error(&error))?;
-        match unmet.was_requested() {
-            true => Err(certificate_error("it wants a certificate of its clients")),
-            false => Ok((Box::new(encrypted), there)),
+        match &self.tls {
+            Some(tls) => Ok((tls.encrypt(stream, &self.address).await?, there)),
+            None => Ok((Box::new(stream), there)),
         }
     }
 
@@ -137,14 +128,12 @@ impl Dialer {
     }
 
     fn unreachable(&self, why: &str) -> GatewayError {
-        GatewayError::new("E315", format!("{} cannot be reached: {why}", self.address.authority()))
+        unreachable_error(&self.address, why)
     }
+}
 
-    fn wrong_server_error(&self, error: &std::io::Error) -> GatewayError {
-        let what = format!("{} is not the expected server: {error}", self.address.authority());
-        GatewayError::new("E321", what)
-            .hint("compare its certificate's SHA-256, which `polepair serve --tls` prints")
-    }
+pub(crate) fn unreachable_error(address: &Address, why: &str) -> GatewayError {
+    GatewayError::new("E315", format!("{} cannot be reached: {why}", address.authority()))
 }
 
 /// Nothing that may move something has been sent yet.
@@ -154,27 +143,5 @@ fn unsent(refused: GatewayError) -> GatewayError {
 
 /// What broke a connection: that the server takes no certificate of ours, else that it went away.
 pub(crate) fn connection_error(error: &(dyn std::error::Error + 'static)) -> GatewayError {
-    let mut cause = Some(error);
-    while let Some(error) = cause {
-        let inner = error.downcast_ref::<std::io::Error>().and_then(std::io::Error::get_ref);
-        if let Some(rustls::Error::AlertReceived(
-            Alert::CertificateRequired
-            | Alert::UnknownCA
-            | Alert::BadCertificate
-            | Alert::CertificateUnknown
-            | Alert::CertificateExpired
-            | Alert::DecryptError,
-        )) = inner.and_then(|inner| inner.downcast_ref())
-        {
-            return certificate_error(&error.to_string());
-        }
-        cause = error.source();
-    }
-    server_lost(&error.to_string())
-}
-
-/// No request has reached the server.
-fn certificate_error(why: &str) -> GatewayError {
-    GatewayError::new("E256", format!("the server does not let this client in: {why}"))
-        .hint("--client-cert with one that its --client-ca signed, and the key in the same file")
+    tls::certificate_refusal(error).unwrap_or_else(|| server_lost(&error.to_string()))
 }

@@ -19,6 +19,10 @@ mod live;
 mod rest;
 mod secret;
 mod select;
+#[cfg(feature = "tls")]
+mod tls;
+#[cfg(not(feature = "tls"))]
+#[path = "tls_left_out.rs"]
 mod tls;
 
 pub use gateway::{Gateway, GatewayOptions};

@@ -9,7 +9,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use polepair_messages::certificate_fingerprint;
+use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::AlertDescription as Alert;
 use tokio_rustls::rustls::client::ResolvesClientCert;
 use tokio_rustls::rustls::client::danger::{
     HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier,
@@ -22,6 +24,8 @@ use tokio_rustls::rustls::{
     CertificateError, ClientConfig, DigitallySignedStruct, Error, SignatureScheme, version,
 };
 
+use crate::address::Address;
+use crate::dialer::{ServerStream, unreachable_error};
 use crate::secret::{open_private, state_folder, unreadable};
 use crate::{GatewayError, GatewayOptions};
 
@@ -41,9 +45,29 @@ pub(crate) struct ClientTls {
 }
 
 impl ClientTls {
+    /// Encrypts a connection to the server at `address`.
+    ///
+    /// # Errors
+    /// `E321` where it has another certificate, `E256` where it wants one of ours, `E315` for an invalid name.
+    pub async fn encrypt(
+        &self,
+        stream: TcpStream,
+        address: &Address,
+    ) -> Result<Box<dyn ServerStream>, GatewayError> {
+        let name = ServerName::try_from(address.host.clone())
+            .map_err(|error| unreachable_error(address, &error.to_string()))?;
+        let (connector, unmet) = self.connector();
+        let encrypted = connector.connect(name, stream).await;
+        let encrypted = encrypted.map_err(|error| wrong_server_error(address, &error))?;
+        match unmet.was_requested() {
+            true => Err(certificate_error("it wants a certificate of its clients")),
+            false => Ok(Box::new(encrypted)),
+        }
+    }
+
     /// The encryption of one connection, and a flag whether the server requested a missing client
     /// certificate.
-    pub fn connector(&self) -> (TlsConnector, Arc<MissingClientCert>) {
+    fn connector(&self) -> (TlsConnector, Arc<MissingClientCert>) {
         let unmet = Arc::<MissingClientCert>::default();
         let mut config = Arc::clone(&self.config);
         if !self.has_client_cert {
@@ -51,6 +75,41 @@ impl ClientTls {
         }
         (TlsConnector::from(config), unmet)
     }
+}
+
+fn wrong_server_error(address: &Address, error: &std::io::Error) -> GatewayError {
+    let what = format!("{} is not the expected server: {error}", address.authority());
+    GatewayError::new("E321", what)
+        .hint("compare its certificate's SHA-256, which `polepair serve --tls` prints")
+}
+
+/// That the server takes no certificate of ours, if this is why a connection broke.
+pub(crate) fn certificate_refusal(
+    error: &(dyn std::error::Error + 'static),
+) -> Option<GatewayError> {
+    let mut cause = Some(error);
+    while let Some(error) = cause {
+        let inner = error.downcast_ref::<std::io::Error>().and_then(std::io::Error::get_ref);
+        if let Some(Error::AlertReceived(
+            Alert::CertificateRequired
+            | Alert::UnknownCA
+            | Alert::BadCertificate
+            | Alert::CertificateUnknown
+            | Alert::CertificateExpired
+            | Alert::DecryptError,
+        )) = inner.and_then(|inner| inner.downcast_ref())
+        {
+            return Some(certificate_error(&error.to_string()));
+        }
+        cause = error.source();
+    }
+    None
+}
+
+/// No request has reached the server.
+fn certificate_error(why: &str) -> GatewayError {
+    GatewayError::new("E256", format!("the server does not let this client in: {why}"))
+        .hint("--client-cert with one that its --client-ca signed, and the key in the same file")
 }
 
 /// Notes that a certificate was asked for where there is none.

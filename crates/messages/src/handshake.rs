@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 
+#[cfg(feature = "tls")]
 use rustls::crypto::ring::cipher_suite::TLS13_AES_128_GCM_SHA256;
 
 /// Bytes of a challenge, of a token, and of what answers a challenge.
@@ -14,6 +15,7 @@ pub const WEBSOCKET_PROTOCOL: &str = "polepair.v1";
 
 /// SHA-256 of a certificate in DER, as a server prints it, browsers show it and clients compare it:
 /// `AB:CD:…`.
+#[cfg(feature = "tls")]
 #[must_use]
 pub fn certificate_fingerprint(certificate: &[u8]) -> String {
     let suite = TLS13_AES_128_GCM_SHA256.tls13();

@@ -49,9 +49,9 @@ pub use command::{
     UnreachedTarget,
 };
 pub use error::{ErrorBody, GatewayError};
-pub use handshake::{
-    PORT, PROOF_BYTES, WEBSOCKET_PROTOCOL, certificate_fingerprint, parse_hex, token_proof,
-};
+#[cfg(feature = "tls")]
+pub use handshake::certificate_fingerprint;
+pub use handshake::{PORT, PROOF_BYTES, WEBSOCKET_PROTOCOL, parse_hex, token_proof};
 pub use journal::{JournalAction, JournalRecord};
 pub use live::{ClientMessage, LeaseAction, SampleSource, ServerMessage, Welcome};
 pub use scan::{

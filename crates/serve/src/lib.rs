@@ -19,6 +19,10 @@ mod metrics;
 mod options;
 mod page;
 pub mod server;
+#[cfg(feature = "tls")]
+mod tls;
+#[cfg(not(feature = "tls"))]
+#[path = "tls_left_out.rs"]
 mod tls;
 mod token;
 

@@ -362,7 +362,7 @@ async fn accept_connections(
 
 async fn serve_connection(
     stream: TcpStream,
-    tls: Option<tokio_rustls::TlsAcceptor>,
+    tls: Option<tls::Acceptor>,
     app: Router,
     slot: ConnectionSlot,
 ) {
@@ -372,7 +372,7 @@ async fn serve_connection(
     match tls {
         None => serve_requests(stream, app, &slot, here).await,
         Some(tls) => {
-            if let Ok(Ok(stream)) =
+            if let Ok(Some(stream)) =
                 tokio::time::timeout(clock::scale_timeout(HEAD_MAX), tls.accept(stream)).await
             {
                 serve_requests(stream, app, &slot, here).await;

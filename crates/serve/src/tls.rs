@@ -4,6 +4,7 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
+use tokio::net::TcpStream;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
 use tokio_rustls::rustls::pki_types::pem::PemObject as _;
@@ -11,6 +12,7 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::server::danger::ClientCertVerifier;
 use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
+use tokio_rustls::server::TlsStream;
 
 use crate::error::SetupError;
 use crate::message::certificate_fingerprint;
@@ -24,10 +26,21 @@ const KEY: &str = "key.pem";
 /// Certificates of a file.
 const CHAIN_MAX: usize = 8;
 
+/// Encrypts a connection.
+#[derive(Clone)]
+pub struct Acceptor(TlsAcceptor);
+
+impl Acceptor {
+    /// The connection once it is encrypted; `None` where the client did not agree.
+    pub async fn accept(&self, stream: TcpStream) -> Option<TlsStream<TcpStream>> {
+        self.0.accept(stream).await.ok()
+    }
+}
+
 /// What encrypts, and the fingerprint by which people know it.
 pub struct ServerTls {
     /// Takes connections.
-    pub acceptor: TlsAcceptor,
+    pub acceptor: Acceptor,
     /// SHA-256 of the certificate, as browsers show it: `AB:CD:…`.
     pub fingerprint: String,
 }
@@ -64,7 +77,7 @@ pub fn load(options: &ServerOptions) -> Result<ServerTls, SetupError> {
     };
     let config = config.with_single_cert(chain, secret);
     let config = config.map_err(|error| again(invalid_file(&certificate, &error)))?;
-    Ok(ServerTls { acceptor: TlsAcceptor::from(Arc::new(config)), fingerprint })
+    Ok(ServerTls { acceptor: Acceptor(TlsAcceptor::from(Arc::new(config))), fingerprint })
 }
 
 /// What lets in whoever shows a certificate that one of a file's signed, and nobody else.

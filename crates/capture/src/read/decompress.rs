@@ -10,6 +10,7 @@ const PIECE_GZIP: usize = 1 << 12;
 /// The same for Zstandard, which can say more with fewer bytes.
 const PIECE_ZSTD: usize = 1 << 8;
 /// Memory that a Zstandard file may demand, as a power of two.
+#[cfg(feature = "zstd")]
 const WINDOW_LOG_MAX: u32 = 27;
 
 /// What a compressed capture holds, and the bytes themselves where it is not compressed. What follows
@@ -71,6 +72,7 @@ pub(super) struct Decompressor {
 
 enum DecompressionEngine {
     Gzip(Box<flate2::write::MultiGzDecoder<Vec<u8>>>),
+    #[cfg(feature = "zstd")]
     Zstd(zstd::stream::write::Decoder<'static, Vec<u8>>),
     /// It could not be set up.
     None,
@@ -100,8 +102,13 @@ impl Decompressor {
             _ => PIECE_ZSTD,
         };
         for part in piece.chunks(size) {
-            if self.error.is_none() && self.engine.decompress(part).is_err() {
-                self.error = Some(ReadError("the compressed bytes are damaged; the rest is lost"));
+            if self.error.is_none()
+                && let Err(error) = self.engine.decompress(part)
+            {
+                self.error = Some(match error.kind() {
+                    std::io::ErrorKind::Unsupported => NOT_DECOMPRESSED,
+                    _ => ReadError("the compressed bytes are damaged; the rest is lost"),
+                });
             }
             self.engine.drain(out);
         }
@@ -118,6 +125,18 @@ impl Decompressor {
     }
 }
 
+/// The decompressor could not be set up, or is not there.
+const NOT_DECOMPRESSED: ReadError = ReadError(match cfg!(feature = "zstd") {
+    true => "there is not enough memory to decompress it",
+    false => "this program was built without Zstandard (feature `zstd`)",
+});
+
+#[cfg(not(feature = "zstd"))]
+fn zstd_engine() -> DecompressionEngine {
+    DecompressionEngine::None
+}
+
+#[cfg(feature = "zstd")]
 fn zstd_engine() -> DecompressionEngine {
     let decoder = zstd::stream::write::Decoder::new(Vec::new()).and_then(|mut decoder| {
         decoder.window_log_max(WINDOW_LOG_MAX)?;
@@ -130,6 +149,7 @@ impl DecompressionEngine {
     fn decompress(&mut self, part: &[u8]) -> std::io::Result<()> {
         match self {
             Self::Gzip(decoder) => decoder.write_all(part),
+            #[cfg(feature = "zstd")]
             Self::Zstd(decoder) => decoder.write_all(part),
             Self::None => Err(std::io::ErrorKind::Unsupported.into()),
         }
@@ -138,6 +158,7 @@ impl DecompressionEngine {
     fn finish(&mut self) -> std::io::Result<()> {
         match self {
             Self::Gzip(decoder) => decoder.try_finish(),
+            #[cfg(feature = "zstd")]
             Self::Zstd(decoder) => decoder.flush(),
             Self::None => Err(std::io::ErrorKind::Unsupported.into()),
         }
@@ -146,6 +167,7 @@ impl DecompressionEngine {
     fn drain(&mut self, out: &mut dyn FnMut(&[u8])) {
         let ready = match self {
             Self::Gzip(decoder) => decoder.get_mut(),
+            #[cfg(feature = "zstd")]
             Self::Zstd(decoder) => decoder.get_mut(),
             Self::None => return,
         };
@@ -156,7 +178,7 @@ impl DecompressionEngine {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "zstd"))]
 mod tests {
     use super::*;
 

@@ -1,13 +1,15 @@
 //! `polepair decode FILE|-|DIR [--as PROTO[@ID],…] [--from FORMAT] [--filter EXPR]
 //! [--format text|jsonl|parquet|arrow] [--tables TABLE,…] [-o OUT]`
 
-mod columns;
-pub mod dataset;
 mod expect;
 mod filtered_sink;
-mod folder;
 mod line_sink;
 mod plot_sink;
+#[cfg(not(feature = "tables"))]
+#[path = "decode/tables_left_out.rs"]
+mod tables;
+#[cfg(feature = "tables")]
+pub mod tables;
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -21,13 +23,10 @@ use crate::output_file;
 use crate::problem::{Problem, Result};
 use crate::terminal::{self, DataOutput};
 use crate::value;
-use columns::ColumnsJob;
 use expect::Expectation;
 use filtered_sink::FilteredSink;
-use folder::FolderJob;
 use line_sink::LineSink;
 use plot_sink::PlotSink;
-use polepair_columns::{ColumnFormat, DatasetSite, TableKind};
 
 /// Decodes every frame of a capture and explains its fields.
 ///
@@ -141,10 +140,8 @@ impl Decode {
             self.refuse_single_file_options()?;
             return self.decode_folder();
         }
-        match self.output_format() {
-            DecodeFormat::Parquet => return self.decode_columns(ColumnFormat::Parquet),
-            DecodeFormat::Arrow => return self.decode_columns(ColumnFormat::Arrow),
-            DecodeFormat::Text | DecodeFormat::Jsonl => {}
+        if columns {
+            return self.decode_columns();
         }
         output_file::refuse_input(self.out.as_deref(), self.inputs())?;
         let elsewhere = self.out.is_some() || !std::io::stdout().is_terminal();
@@ -179,46 +176,6 @@ impl Decode {
         [&self.source, Path::new(self.stated.profile_word())]
     }
 
-    fn decode_columns(&self, stored: ColumnFormat) -> Result {
-        let (out, source) = (self.output_folder()?, self.stated.source()?.with_progress(true));
-        let tables = columns::parse_tables(self.tables.as_deref())?;
-        let file = self.source.file_name().unwrap_or_default().to_string_lossy();
-        let capture = match is_stream(&self.source) {
-            true => None,
-            false => Some(columns::read_capture(&self.source, &file)?),
-        };
-        let wanted = ColumnsJob {
-            tables: &tables,
-            recorder: &self.gateway,
-            file: &file,
-            capture: capture.as_ref(),
-            profile: self.stated.profile_word(),
-            jobs: job_count(self.jobs),
-        };
-        report_left_out(&columns::decode(source, &self.source, out, stored, &wanted)?)
-    }
-
-    fn decode_folder(&self) -> Result {
-        if !matches!(self.format, None | Some(DecodeFormat::Parquet)) {
-            let why = "A folder of captures becomes a data set of Parquet files.";
-            return Err(Problem::usage(
-                "E250",
-                "a folder cannot be decoded to this \
-             format.",
-            )
-            .why(why));
-        }
-        let site = DatasetSite { root: self.output_folder()?.to_owned(), name: self.site.clone() };
-        let tables = columns::parse_tables(self.tables.as_deref())?;
-        self.folder_job(site, &tables).decode()
-    }
-
-    fn folder_job<'a>(&'a self, site: DatasetSite, tables: &'a [TableKind]) -> FolderJob<'a> {
-        let (captures, stated) = (self.source.as_path(), &self.stated);
-        let (recorder, jobs) = (self.gateway.as_str(), job_count(self.jobs));
-        FolderJob { captures, stated, site, recorder, tables, jobs }
-    }
-
     /// Refuses for a folder what is asked of one capture.
     fn refuse_single_file_options(&self) -> Result<()> {
         let requests = [
@@ -233,15 +190,6 @@ impl Decode {
                 "for f in {}/*; do polepair decode \"$f\" {option} …; done",
                 self.source.display()
             )))
-    }
-
-    fn output_folder(&self) -> Result<&Path> {
-        let missing = || {
-            Problem::usage("E250", "the output folder is missing.")
-                .why("Tables are several files, which cannot be written to stdout.")
-                .hint("-o FOLDER")
-        };
-        self.out.as_deref().ok_or_else(missing)
     }
 
     fn open_sink(&self, out: Option<&Path>) -> Result<Box<dyn EventSink>> {

@@ -7,8 +7,9 @@ use clap::Parser;
 use polepair_capture::CaptureFormat;
 use polepair_columns::DatasetSite;
 
+use super::columns;
 use super::folder::CaptureReport;
-use super::{Decode, columns};
+use crate::cmd::decode::Decode;
 use crate::problem::{Exit, Problem, Result};
 
 /// Options of `polepair decode` that hold for a capture of a data set.
