@@ -82,22 +82,28 @@ pub(crate) fn claimed_identifiers(seats: &[BusAddress]) -> Vec<bool> {
 /// Orders protocols so that one whose drives have no identifiers but another's comes after it: its
 /// questions could be commands to the other's drives, which are then known.
 pub(crate) fn sort_guests_last<T>(requests: &mut [T], protocol: impl Fn(&T) -> &ProtocolInfo) {
+    let all: Vec<&ProtocolInfo> = requests.iter().map(&protocol).collect();
+    let ranks: Vec<(&str, usize)> = all.iter().map(|one| one.name).zip(guest_ranks(&all)).collect();
+    requests.sort_by_key(|one| {
+        ranks.iter().find(|(name, _)| *name == protocol(one).name).map_or(0, |(_, rank)| *rank)
+    });
+}
+
+/// For each protocol, how many of the others have all of its drives' identifiers. A question of a protocol with any
+/// could be a command to a drive of another one.
+pub(crate) fn guest_ranks(protocols: &[&ProtocolInfo]) -> Vec<usize> {
     let ids = |one: &ProtocolInfo| -> Vec<bool> {
         let uses =
             |id| one.addresses.clone().any(|address| (one.uses_identifier)(address, id, false));
         (0..STANDARD_IDS).map(uses).collect()
     };
-    let all: Vec<(&'static str, Vec<bool>)> =
-        requests.iter().map(|one| (protocol(one).name, ids(protocol(one)))).collect();
-    let inside = |(name, ids): &(&str, Vec<bool>)| {
+    let all: Vec<(&str, Vec<bool>)> = protocols.iter().map(|one| (one.name, ids(one))).collect();
+    let count_hosts = |(name, ids): &(&str, Vec<bool>)| {
         let within = |other: &Vec<bool>| ids.iter().zip(other).all(|(mine, its)| !mine || *its);
         let any = ids.contains(&true);
         all.iter().filter(|(other, its)| other != name && any && within(its)).count()
     };
-    let ranks: Vec<(&str, usize)> = all.iter().map(|one| (one.0, inside(one))).collect();
-    requests.sort_by_key(|one| {
-        ranks.iter().find(|(name, _)| *name == protocol(one).name).map_or(0, |(_, rank)| *rank)
-    });
+    all.iter().map(count_hosts).collect()
 }
 
 /// Whether an address has one of those identifiers.

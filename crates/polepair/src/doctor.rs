@@ -150,7 +150,7 @@ pub fn check_link(
         }
     }
     drop(lines);
-    if silent {
+    if silent && matches!(url.target, LinkTarget::Serial { .. }) {
         on_event(serial::check_other_rates(connector, &url, options)?);
     }
     Ok(())
@@ -217,7 +217,7 @@ fn check_found(
     silent: &mut bool,
     on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
-    *silent |= found.is_empty() && line.options.baud > 0;
+    *silent |= found.is_empty();
     for axis in line.axes_of_found(found)? {
         drive::check_drive(&axis, on_event);
     }

@@ -40,6 +40,7 @@ pub mod program;
 pub mod quantity;
 mod registry;
 pub mod scan;
+pub mod search;
 pub mod settings;
 pub mod simulate;
 mod spelling;

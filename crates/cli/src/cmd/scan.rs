@@ -1,6 +1,7 @@
 //! `polepair scan URL [--ids 1-32]`
 
 mod remote_scan;
+mod search_ports;
 
 use std::ops::{ControlFlow, RangeInclusive};
 
@@ -8,6 +9,7 @@ use clap::Args;
 use polepair::axis::summarize_details;
 use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause};
 use polepair::scan::{DetectedDrive, ScanAddresses, ScanProgress};
+use polepair::search::is_port_name;
 use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
 use polepair_client::message::AxisInfo;
@@ -21,9 +23,21 @@ use crate::target::{DriveArgs, OutputFormat};
 use crate::terminal::{DataOutput, TextTable, colour_out, csv_line, print_note, print_warning};
 
 /// Finds the drives on a link, by reads only.
+///
+/// Without URL, the command tries all ports of this machine with all protocols and usual baud rates, and with a port
+/// instead of a URL that port. It prints connection strings.
 #[derive(Args, Debug)]
+#[command(mut_arg("url", |url| url
+    .value_name("URL|PORT")
+    .required(false)
+    .default_value("")
+    .hide_default_value(true)
+    .help("Link, or port to search: tmcl+serial:///dev/ttyUSB0:9600, /dev/ttyUSB0, sim:tmcl, @name \
+           [default: all ports]")))]
 #[command(after_help = "\
 Examples:
+  polepair scan                                   all ports, protocols and usual rates
+  polepair scan /dev/ttyUSB0                      one port
   polepair scan tmcl+serial:///dev/ttyUSB0:9600
   polepair scan modbus-rtu+serial:///dev/ttyUSB0:115200 --ids 1-32
   polepair scan canopen,technocan,thruster+socketcan://can0
@@ -54,6 +68,16 @@ impl ScanCommand {
                 .hint("polepair --server URL scan all --look"));
         }
         let connector = self.target.connector()?;
+        let word = self.target.url.as_str();
+        if word.is_empty() || is_port_name(word) {
+            if self.ids.is_some() {
+                let what = "--ids belongs to a connection string.";
+                return Err(Problem::usage("E242", what)
+                    .hint("polepair scan tmcl+serial:///dev/ttyUSB0 --ids 1-32"));
+            }
+            let named = if word.is_empty() { Vec::new() } else { vec![word.to_owned()] };
+            return search_ports::run_search(&connector, &named, self.format);
+        }
         let numbers = self.ids.clone().map_or(ScanAddresses::ALL, ScanAddresses::from);
         let bar = Progress::of_count(0, "addresses");
         let mut progress = |at: ScanProgress| {

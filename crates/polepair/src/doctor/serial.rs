@@ -4,6 +4,7 @@ use super::{CheckResult, DoctorOptions, UNITS_MAX};
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::{Error, Exit};
 use crate::identify::{ProbeResult, Prober};
+use crate::search::{BAUD_RATES, search};
 use crate::url::{LinkTarget, Url};
 use crate::wire::CountedLink;
 use polepair_core::explain::Dissector;
@@ -13,13 +14,11 @@ use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 use polepair_link::tap::{Tap, TapDirection};
 use polepair_link::{LinkIo as _, Received};
+use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// How long a line is listened to at each baud rate.
 const LISTEN_MS: u32 = 300;
-/// The baud rates that drives have, the usual ones first.
-const BAUD_RATES: [u32; 9] =
-    [9_600, 115_200, 19_200, 38_400, 57_600, 230_400, 4_800, 2_400, 256_000];
 
 /// Listens without sending, and reports silence or noise.
 pub(super) fn check_noise(
@@ -260,7 +259,18 @@ pub(super) fn check_other_rates(
         }
         tried.push(rate);
     }
-    let output = format!("no drive replies at {} baud either", super::join_numbers(&tried));
+    // Perhaps it is another drive than the connection string says.
+    let report = search(connector, std::slice::from_ref(path), &mut |_| ControlFlow::Continue(()))?;
+    if let Some(link) = report.links.first() {
+        let number = link.drives.first().map_or(0, |drive| drive.number);
+        let output = format!("axis {number} answers to another protocol: {}", link.url);
+        let remedy = format!("use {}#{number}", link.url);
+        return Ok(CheckResult::wrong("other rates", Exit::NoReply, output, remedy));
+    }
+    let output = format!(
+        "no drive replies at {} baud either, and none to another protocol",
+        super::join_numbers(&tried)
+    );
     Ok(CheckResult::wrong("other rates", Exit::NoReply, output, "check power, wiring and address"))
 }
 
