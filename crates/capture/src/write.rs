@@ -66,6 +66,10 @@ pub struct CaptureWriter<W: Write> {
     out: OutputStream<W>,
 }
 
+#[cfg_attr(
+    not(feature = "zstd"),
+    expect(clippy::large_enum_variant, reason = "there is one for each file that is written")
+)]
 enum OutputStream<W: Write> {
     Plain(W),
     Gzip(flate2::write::GzEncoder<W>),
