@@ -12,7 +12,7 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
-use polepair_core::units::Unit;
+use polepair_core::units::{Quantity, Unit};
 
 use crate::interrupt;
 use crate::outcome::{self, to_problem};
@@ -64,6 +64,7 @@ pub fn parse_argument(
         return local.and_then(|axis| axis.raw_argument(verb, which, number)).map_err(to_problem);
     }
     let measure = polepair::quantity::parse(text).map_err(to_problem)?;
+    let is_bare = measure.quantity.is_none() && measure.si != 0.0;
     let mut written = None;
     if let Some(axis) = axis.local() {
         axis.check_scale(verb, which, text)
@@ -72,16 +73,33 @@ pub fn parse_argument(
             axis.check_unit(verb, which, text).map_err(to_problem)?;
         }
         written = axis.destination(verb, which).flatten();
-    } else if measure.quantity.is_none() && unit != Unit::Percent && measure.si != 0.0 {
+    } else if is_bare && unit != Unit::Percent && which != Argument::Target {
         return Err(Problem::usage("E217", format!("{text:?} has no unit."))
             .why("The default unit of the drive is not known on a server.")
             .hint(format!("{text}{}", remote::argument_unit(axis, which, unit).symbol())));
+    }
+    if is_bare && which == Argument::Target && unit != Unit::None {
+        return Err(unitless_position(axis, text, unit));
     }
     // Why a unit is not the drive's, its parameter's description says best.
     measure.in_unit(unit).map_err(|wrong| {
         let about = written.map(|into| format!("It is written to {:?}: {}", into.name, into.about));
         to_problem(wrong).why(about.unwrap_or_default())
     })
+}
+
+/// The error for a position without a unit: 90 is degrees on one drive and turns on the next, and a motor that turns
+/// 360 times too far can hurt someone.
+fn unitless_position(axis: &Axis, text: &str, unit: Unit) -> Problem {
+    let examples = match unit.quantity() {
+        _ if unit.is_linear() => format!("{text}mm or {text}cm"),
+        Quantity::Position => format!("{text}deg or {text}turn"),
+        _ => format!("{text}{}", unit.symbol()),
+    };
+    let raw = if axis.local().is_some() { "; --raw for the drive's own number" } else { "" };
+    Problem::usage("E217", format!("{text:?} has no unit."))
+        .why(format!("A position is never guessed. {}", outcome::sent_so_far()))
+        .hint(format!("write {examples}{raw}"))
 }
 
 /// The error for an argument that the verb, or a verb that the drive, does not have.

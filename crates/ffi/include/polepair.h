@@ -1028,7 +1028,7 @@ pp_status pp_axis_disable(const struct pp_axis *axis);
 pp_status pp_axis_clear(const struct pp_axis *axis);
 
 /**
- * Turns an armed axis at a speed: rad/s, m/s or a share. The motor turns until it is stopped.
+ * rad/s (m/s, a share): turns an armed axis at a speed. The motor turns until it is stopped.
  *
  * Pointers: `axis` is NULL or valid.
  */
@@ -1042,7 +1042,7 @@ pp_status pp_axis_velocity(const struct pp_axis *axis, double speed);
 pp_status pp_axis_velocity_text(const struct pp_axis *axis, const char *speed, size_t length);
 
 /**
- * Starts a move of an armed axis to a position: rad or m. `pp_axis_wait` waits for its end.
+ * rad (m on a linear axis): starts a move of an armed axis to a position. `pp_axis_wait` waits for its end.
  *
  * Pointers: `axis` is NULL or valid.
  */
@@ -1056,11 +1056,13 @@ pp_status pp_axis_move_to(const struct pp_axis *axis, double position);
 pp_status pp_axis_move_to_text(const struct pp_axis *axis, const char *position, size_t length);
 
 /**
- * Starts a move of an armed axis by a distance from its actual position: rad or m. It is never sent twice.
+ * rad (m on a linear axis): starts a move of an armed axis by a distance from its actual position. It is never
+ * sent twice.
  *
  * Pointers: `axis` is NULL or valid.
  */
-pp_status pp_axis_move_by(const struct pp_axis *axis, double distance);
+pp_status pp_axis_move_by(const struct pp_axis *axis,
+                          double distance);
 
 /**
  * Starts a move of an armed axis by a distance as text: "-1 turn".
@@ -1142,6 +1144,9 @@ pp_status pp_axis_get_bytes(const struct pp_axis *axis,
 /**
  * Writes a number in the unit of its parameter. It is not stored in permanent memory.
  *
+ * Behind the maker's symbol ("AP 6", "CSPD", "0x6083") a number could also be meant as the drive's own: PP_USAGE with
+ * E217 where the two differ. Use the parameter's name, `pp_axis_set_raw` or `pp_axis_set_text`.
+ *
  * Limits are checked before a byte is sent: PP_USAGE with E216 outside of them, and with E219 for a parameter that
  * may move the motor of an axis that is not armed. Blocks until the drive has acknowledged it. Thread-safe.
  *
@@ -1165,7 +1170,8 @@ pp_status pp_axis_set_raw(const struct pp_axis *axis,
                           int32_t store);
 
 /**
- * Writes a value with its unit, or one of the parameter's words: "1200 mA", "on". As `pp_axis_set_raw`.
+ * Writes a value with its unit, or one of the parameter's words: "1200 mA", "on". As `pp_axis_set_raw`. Without a unit
+ * it is in the parameter's unit, and behind the maker's symbol ("AP 6", "CSPD", "0x6083") the drive's own number.
  *
  * Pointers: As `pp_axis_set`; `value` has `value_length` bytes.
  */

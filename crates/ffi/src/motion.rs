@@ -242,7 +242,7 @@ pub unsafe extern "C" fn pp_axis_clear(axis: *const pp_axis) -> pp_status {
     unsafe { pp_axis_run(axis, PP_CLEAR, f64::NAN, std::ptr::null()) }
 }
 
-/// Turns an armed axis at a speed: rad/s, m/s or a share. The motor turns until it is stopped.
+/// rad/s (m/s, a share): turns an armed axis at a speed. The motor turns until it is stopped.
 ///
 /// # Safety
 /// `axis` is NULL or valid.
@@ -266,7 +266,7 @@ pub unsafe extern "C" fn pp_axis_velocity_text(
     unsafe { pp_axis_run_text(axis, PP_VELOCITY, speed, length, std::ptr::null()) }
 }
 
-/// Starts a move of an armed axis to a position: rad or m. `pp_axis_wait` waits for its end.
+/// rad (m on a linear axis): starts a move of an armed axis to a position. `pp_axis_wait` waits for its end.
 ///
 /// # Safety
 /// `axis` is NULL or valid.
@@ -290,7 +290,8 @@ pub unsafe extern "C" fn pp_axis_move_to_text(
     unsafe { pp_axis_run_text(axis, PP_MOVE_TO, position, length, std::ptr::null()) }
 }
 
-/// Starts a move of an armed axis by a distance from its actual position: rad or m. It is never sent twice.
+/// rad (m on a linear axis): starts a move of an armed axis by a distance from its actual position. It is never
+/// sent twice.
 ///
 /// # Safety
 /// `axis` is NULL or valid.

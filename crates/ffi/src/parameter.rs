@@ -116,6 +116,9 @@ pub unsafe extern "C" fn pp_axis_get_bytes(
 
 /// Writes a number in the unit of its parameter. It is not stored in permanent memory.
 ///
+/// Behind the maker's symbol ("AP 6", "CSPD", "0x6083") a number could also be meant as the drive's own: PP_USAGE with
+/// E217 where the two differ. Use the parameter's name, `pp_axis_set_raw` or `pp_axis_set_text`.
+///
 /// Limits are checked before a byte is sent: PP_USAGE with E216 outside of them, and with E219 for a parameter that
 /// may move the motor of an axis that is not armed. Blocks until the drive has acknowledged it. Thread-safe.
 ///
@@ -149,7 +152,8 @@ pub unsafe extern "C" fn pp_axis_set_raw(
     unsafe { write(axis, name, length, || Ok(WriteValue::Raw(value)), store) }
 }
 
-/// Writes a value with its unit, or one of the parameter's words: "1200 mA", "on". As `pp_axis_set_raw`.
+/// Writes a value with its unit, or one of the parameter's words: "1200 mA", "on". As `pp_axis_set_raw`. Without a unit
+/// it is in the parameter's unit, and behind the maker's symbol ("AP 6", "CSPD", "0x6083") the drive's own number.
 ///
 /// # Safety
 /// As `pp_axis_set`; `value` has `value_length` bytes.
@@ -339,8 +343,8 @@ unsafe fn write(
     // SAFETY: as promised by the caller.
     unsafe {
         with_handle(axis, |axis| {
-            let (opened, id) = find(axis, read_text(name, length)?)?;
-            let request = opened.interface().start_write(id, &value()?, store != 0)?;
+            let name = read_text(name, length)?;
+            let request = axis.opened()?.start_write(name, value()?, store != 0)?;
             axis.finish(request)?;
             Ok(PP_OK)
         })

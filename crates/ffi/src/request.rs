@@ -191,9 +191,8 @@ pub unsafe extern "C" fn pp_axis_begin_set_text(
     // SAFETY: as promised by the caller.
     unsafe {
         begin(axis, request, |axis| {
-            let id = axis.find(read_text(name, length)?)?;
             let value = WriteValue::Amount(Amount::from(read_text(value, value_length)?));
-            let request = axis.interface().start_write(id, &value, store != 0)?;
+            let request = axis.start_write(read_text(name, length)?, value, store != 0)?;
             Ok((request, RequestPurpose::Write))
         })
     }

@@ -324,6 +324,13 @@ pub struct ParameterChange {
     pub from: Option<f64>,
     /// What it gets.
     pub to: f64,
+    /// `from` in words, with unit, and the drive's own number where that is another one: `10 A (100)`. Empty without
+    /// `from`, and from a server that is older than this field.
+    #[serde(default)]
+    pub from_text: String,
+    /// `to` in words, as `from_text`.
+    #[serde(default)]
+    pub to_text: String,
     /// Unit of both.
     pub unit: String,
     /// The two differ.

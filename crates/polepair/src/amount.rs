@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::quantity;
-use polepair_core::profile::{Encoding, Parameter, Scale};
+use polepair_core::profile::{Encoding, Parameter, Scale, same_name};
 use polepair_core::units::Unit;
 use std::fmt;
 
@@ -13,6 +13,9 @@ pub enum Amount {
     Number(f64),
     /// `1.2 A`, `60 rpm`, or one of the parameter's words.
     Text(String),
+    /// The drive's own number in digits, as the maker's manual and programs state it: `12` for 1.2 A where the
+    /// drive counts tenths. Real variables, TML's fixed ones too, have a fraction.
+    Own(String),
 }
 
 impl From<f64> for Amount {
@@ -76,6 +79,36 @@ impl Amount {
                     quantity::parse(text).map_err(|error| with_word_hint(error, parameter))?;
                 measure.in_unit(unit).map(ResolvedAmount::Si)
             }
+            Self::Own(text) => own_raw(parameter, text).map(ResolvedAmount::Raw),
+        }
+    }
+
+    /// What the amount means for a parameter that the caller wrote as `written`. Behind our name a bare number is
+    /// in the parameter's unit. Behind the maker's symbol or a number (`AP 6`, `CSPD`, `0x6083`), text without a
+    /// unit is the drive's own number, because that is what the maker's manual and programs write there.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` for a [`Number`](Self::Number) behind a symbol of a value with a unit: reading the
+    /// same symbol gives a number in the unit, so it could be meant either way.
+    pub(crate) fn for_written_name(
+        self,
+        written: &str,
+        (name, symbol): (&str, &str),
+        unit: &str,
+    ) -> Result<Self, Error> {
+        if same_name(written, name) && !same_name(written, symbol) {
+            return Ok(self);
+        }
+        match self {
+            Self::Number(number) if !unit.is_empty() && number != 0.0 => {
+                let what =
+                    format!("is {number} for `{written}` the drive's own number, or {unit}?");
+                let hint =
+                    format!("write {number} for `{name}`, \"{number} {unit}\", or the raw number");
+                Err(Error::usage("E217", what, hint))
+            }
+            Self::Text(text) if is_bare_number(&text) => Ok(Self::Own(text)),
+            other => Ok(other),
         }
     }
 
@@ -84,7 +117,7 @@ impl Amount {
     pub(crate) fn in_si(&self, unit: Option<Unit>) -> Result<f64, Error> {
         let text = match self {
             Self::Number(number) => return require_finite(*number),
-            Self::Text(text) => text,
+            Self::Text(text) | Self::Own(text) => text,
         };
         let measure = quantity::parse(text)?;
         match unit {
@@ -102,6 +135,37 @@ fn with_word_hint(error: Error, parameter: &Parameter) -> Error {
     let words: Vec<&str> = parameter.values.iter().map(|(_, word)| *word).collect();
     let hint = format!("`{}` can be {}", parameter.name, words.join(", "));
     Error::usage("E217", error.to_string(), hint)
+}
+
+fn is_bare_number(text: &str) -> bool {
+    quantity::parse(text).is_ok_and(|measure| measure.quantity.is_none())
+}
+
+/// The raw value of the drive's own number in digits.
+fn own_raw(parameter: &Parameter, text: &str) -> Result<i64, Error> {
+    let encoding = parameter.encoding;
+    if let Some(parts) = own_fraction(encoding) {
+        let number = quantity::parse(text)?.si * parts;
+        return encoding.raw(number).ok_or_else(|| out_of_bits(text));
+    }
+    let whole = parse_whole(text).ok_or_else(|| {
+        let what = format!("`{}` is a whole number in the drive, {text} is not", parameter.symbol);
+        let hint = match parameter.unit.symbol() {
+            "" => String::new(),
+            unit => format!("write {text}{unit}, or {text} for `{}`", parameter.name),
+        };
+        Error::usage("E217", what, hint)
+    })?;
+    raw_of_whole(encoding, whole).ok_or_else(|| out_of_bits(text))
+}
+
+/// How many parts the maker's own number is divided into, where it has a fraction.
+fn own_fraction(encoding: Encoding) -> Option<f64> {
+    match encoding {
+        Encoding::Fixed => Some(65_536.0),
+        encoding if encoding.is_real() => Some(1.0),
+        _ => None,
+    }
 }
 
 /// A whole number, decimal or hexadecimal.
@@ -170,6 +234,25 @@ impl Value {
     #[must_use]
     pub fn raw_text(&self) -> String {
         format_raw(self.encoding, self.raw)
+    }
+
+    /// The value with the drive's own number behind it, where that is another one: `1.2 A (12)`.
+    #[must_use]
+    pub fn text_with_own(&self) -> String {
+        let text = self.to_string();
+        let own = match own_fraction(self.encoding) {
+            None => self.raw_text(),
+            // The last of five digits is less than half a part.
+            Some(parts) if self.encoding == Encoding::Fixed => {
+                let hundred_thousandths = self.encoding.number(self.raw) / parts * 1e5;
+                (hundred_thousandths.round() / 1e5).to_string()
+            }
+            Some(parts) => (self.encoding.number(self.raw) / parts).to_string(),
+        };
+        match text == own {
+            true => text,
+            false => format!("{text} ({own})"),
+        }
     }
 }
 

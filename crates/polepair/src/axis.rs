@@ -200,8 +200,8 @@ impl LocalAxis {
     /// [`Error`] by blame; `E216` outside the limits, `E219` for what moves an unarmed axis.
     pub fn set(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
         let id = self.find(name)?;
-        let raw = self.raw_of(id, &amount.into())?;
-        self.write(id, raw, false)
+        let amount = self.amount_for_name(name, id, amount.into())?;
+        self.write(id, self.raw_of(id, &amount)?, false)
     }
 
     /// Writes a parameter by name, and has the drive keep it over power-off.
@@ -210,8 +210,8 @@ impl LocalAxis {
     /// As [`set`](Self::set).
     pub fn set_and_store(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
         let id = self.find(name)?;
-        let raw = self.raw_of(id, &amount.into())?;
-        self.write(id, raw, true)
+        let amount = self.amount_for_name(name, id, amount.into())?;
+        self.write(id, self.raw_of(id, &amount)?, true)
     }
 
     /// Writes a parameter by name, raw.

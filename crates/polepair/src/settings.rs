@@ -10,7 +10,8 @@
 //! "max current" = "1.2 A"   # AP 6
 //! "motor poles" = 8         # AP 253
 //! ```
-//! A value is text with a unit, a value name, or a number in the parameter's unit. `{ raw = 120 }` is used if no
+//! A value is text with a unit, a value name, or a number in the parameter's unit; behind the maker's symbol
+//! (`"AP 6" = "12"`), text without a unit is the drive's own number. `{ raw = 120 }` is used if no
 //! text gives exactly the drive's value. `count` is the number of settings, so that a file that was cut off is seen; a
 //! file that a person wrote need not have it.
 
@@ -233,7 +234,9 @@ impl Setting {
         };
         let _ = match &self.value {
             SettingValue::Amount(Amount::Number(number)) => write!(line, " = {number}"),
-            SettingValue::Amount(Amount::Text(text)) => write!(line, " = {text:?}"),
+            SettingValue::Amount(Amount::Text(text) | Amount::Own(text)) => {
+                write!(line, " = {text:?}")
+            }
             SettingValue::Raw(raw) => write!(line, " = {{ raw = {raw} }}"),
         };
         line
@@ -469,7 +472,10 @@ impl Setting {
         let raw = match &self.value {
             SettingValue::Raw(raw) => *raw,
             SettingValue::Amount(amount) => {
-                axis.raw_of_after(id, amount, pending).map_err(|error| self.locate_error(error))?
+                let written = self.name.value.as_str();
+                let amount = axis.amount_for_name(written, id, amount.clone());
+                let raw = amount.and_then(|amount| axis.raw_of_after(id, &amount, pending));
+                raw.map_err(|error| self.locate_error(error))?
             }
         };
         let Some(parameter) = axis.parameter(id) else {

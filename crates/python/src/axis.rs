@@ -339,9 +339,18 @@ impl PyAxis {
         reply.raw("the reply").map_err(|error| to_py_error(py, &error))
     }
 
-    /// The raw value of an amount; may read what its scale depends on. A gateway converts it when it writes.
-    fn raw_of(&self, py: Python<'_>, id: u16, amount: PyAmount) -> PyResult<WriteOutput> {
-        let amount = Amount::from(amount);
+    /// The raw value of an amount for the parameter that the caller wrote as `name`; may read what its scale
+    /// depends on. A gateway converts it when it writes.
+    fn raw_of(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        id: u16,
+        amount: PyAmount,
+    ) -> PyResult<WriteOutput> {
+        let amount = self.detach(py, |axis| {
+            axis.interface().amount_for_name(name, ParameterId(id), amount.into())
+        })?;
         if self.0.local().is_none() {
             return Ok(WriteOutput::Amount(PyWriteAmount(amount)));
         }

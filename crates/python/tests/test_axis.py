@@ -243,6 +243,21 @@ def test_text_for_a_motion_needs_a_unit(axis: polepair.Axis) -> None:
     assert raised.value.code == "E217"
 
 
+def test_text_behind_the_makers_symbol_is_the_drives_own_number(axis: polepair.Axis) -> None:
+    axis.params["AP 6"] = "12"
+    assert (axis.params["max current"], axis.params.raw["AP 6"]) == (1.2, 12)
+    axis.params["max current"] = "12"
+    assert axis.params["AP 6"] == 12
+    axis.params["AP 6"] = axis.params["AP 6"]  # what was read has its unit
+    axis.params["AP 6"] = 1.5, "A"
+    assert axis.params.raw["max current"] == 15
+    for ambiguous in (12, 1.2):
+        with pytest.raises(polepair.Unsupported, match="own number, or A") as raised:
+            axis.params["AP 6"] = ambiguous
+        assert raised.value.code == "E217"
+    assert axis.params.raw["AP 6"] == 15
+
+
 def test_parameters_have_addresses() -> None:
     with polepair.connect("sim:canopen?time=virtual") as link:
         axis = link.axes[0]

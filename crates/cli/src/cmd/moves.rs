@@ -123,7 +123,7 @@ Examples:
 pub struct Move {
     #[command(flatten)]
     target: DriveArgs,
-    /// Target position [default unit: that of the drive's profile]
+    /// Target position with its unit: 90deg, 2turn, 10mm, 40%
     #[arg(value_name = "POSITION", allow_hyphen_values = true)]
     position: String,
     /// Move relative to the actual position

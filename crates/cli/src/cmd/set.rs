@@ -26,13 +26,15 @@ use readdress::AddressChange;
 #[command(after_help = "\
 Examples:
   polepair set tmcl+serial:///dev/ttyUSB0#1 \"max current=1.2A\"
-  polepair set sim:tmcl \"AP 4=2000\" --raw --store
+  polepair set sim:tmcl \"AP 6=12\" --store
   polepair set sim:modbus-rtu \"internal speed=200rpm\" --arm
   polepair set canopen+socketcan://can0#5 0x2030:1:u16=5 --arm
   polepair set canopen+socketcan://can0#5 0x1F50:1=@firmware.bin
 
-Numbers are written as for `get`. An object that no table describes needs --arm, because its effect is
-unknown.")]
+Behind a name, a number without a unit is in the parameter's unit. Behind the maker's own symbol or number
+(AP 6, CSPD, 0x6083) it is the drive's own number: 12 is 1.2 A for AP 6. The reply shows both.
+
+An object that no table describes needs --arm, because its effect is unknown.")]
 pub struct Set {
     #[command(flatten)]
     target: DriveArgs,
@@ -130,6 +132,7 @@ impl Set {
         let now = read.value.map_or(read.text, shown);
         let now = match read.raw.filter(|_| self.raw) {
             Some(raw) => raw.to_string(),
+            None if read.value == Some(change.to) => new_value_text(change),
             None => read.word.unwrap_or(now),
         };
         out.write_line(&format!("{who}{name} = {now}"));
@@ -155,13 +158,13 @@ impl Set {
                 let id = axis.find(name).map_err(outcome::to_problem)?;
                 match DataWrite::for_setting(axis, id, value)? {
                     Some(write) => data_writes.push(write),
-                    None => wanted.push((id, value)),
+                    None => wanted.push((id, name, value)),
                 }
             }
-            wanted.sort_by_key(|(id, _)| !axis.scales(*id));
+            wanted.sort_by_key(|(id, ..)| !axis.scales(*id));
             let (mut writes, mut pending) = (Vec::new(), PendingWrites::default());
-            for (id, value) in wanted {
-                let raw = self.raw_value(axis, id, value, &pending)?;
+            for (id, name, value) in wanted {
+                let raw = self.raw_value(axis, (id, name), value, &pending)?;
                 pending.insert(id, raw);
                 match AddressChange::for_setting(axis, id, raw)? {
                     Some(change) if !self.dry_run => changes.push(change),
@@ -204,7 +207,7 @@ impl Set {
     fn raw_value(
         &self,
         axis: &LocalAxis,
-        id: ParameterId,
+        (id, name): (ParameterId, &str),
         text: &str,
         pending: &PendingWrites,
     ) -> Result<i64> {
@@ -215,8 +218,9 @@ impl Set {
         if let Some(raw) = parse_switch(parameter, text) {
             return Ok(raw);
         }
-        let raw =
-            axis.raw_of_after(id, &Amount::from(text), pending).map_err(outcome::to_problem)?;
+        let amount = axis.amount_for_name(name, id, Amount::from(text));
+        let raw = amount.and_then(|amount| axis.raw_of_after(id, &amount, pending));
+        let raw = raw.map_err(outcome::to_problem)?;
         if !parameter.allows(raw) {
             return Err(out_of_range(axis, id, parameter, text));
         }
@@ -241,7 +245,7 @@ impl Set {
                 Err(problem) => {
                     let shown = match self.raw {
                         true => raw.to_string(),
-                        false => axis.value(id, raw).map_or(raw.to_string(), |v| v.to_string()),
+                        false => axis.value(id, raw).map_or(raw.to_string(), |v| v.text_with_own()),
                     };
                     print_note(&not_read_back_text(&axis.label(), parameter.name, &problem));
                     out.write_line(&format!(
@@ -253,7 +257,7 @@ impl Set {
                 }
             },
         };
-        let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
+        let shown = if self.raw { value.raw.to_string() } else { value.text_with_own() };
         out.write_line(&format!("{}{} = {shown}", session.axis_prefix(axis), parameter.name));
         if value.raw == raw {
             if axis.profile().link_settings.contains(&id) {
@@ -289,18 +293,33 @@ fn planned_change(
     pending: &PendingWrites,
 ) -> Result<String> {
     let Some(parameter) = axis.parameter(id) else { return Ok(String::new()) };
-    let to = axis.value_after(id, raw, pending).map_err(outcome::to_problem)?.to_string();
+    let to = axis.value_after(id, raw, pending).map_err(outcome::to_problem)?;
     let from = match parameter.access {
         Access::Write => None,
-        _ => Some(read_parameter(axis, id)?.to_string()),
+        _ => Some(read_parameter(axis, id)?.text_with_own()),
     };
-    Ok(change_text(parameter.name, from, &to))
+    Ok(change_text(parameter.name, from, &to.text_with_own()))
 }
 
 /// The same, as a server tells it.
 fn remote_planned_change(change: &ParameterChange) -> String {
-    let from = change.from.map(|from| remote::format_value(from, &change.unit));
-    change_text(&change.name, from, &remote::format_value(change.to, &change.unit))
+    let (name, to) = (&change.name, new_value_text(change));
+    let from = change.from.map(|from| match change.from_text.is_empty() {
+        true => remote::format_value(from, &change.unit),
+        false => change.from_text.clone(),
+    });
+    match from {
+        Some(_) if !change.changed => format!("{name} = {to}, as it is"),
+        from => change_text(name, from, &to),
+    }
+}
+
+/// What a parameter gets, with the drive's own number where the server tells it.
+fn new_value_text(change: &ParameterChange) -> String {
+    match change.to_text.is_empty() {
+        true => remote::format_value(change.to, &change.unit),
+        false => change.to_text.clone(),
+    }
 }
 
 fn change_text(name: &str, from: Option<String>, to: &str) -> String {
@@ -313,7 +332,7 @@ fn change_text(name: &str, from: Option<String>, to: &str) -> String {
 
 /// What a server wrote that cannot be read.
 fn written_text(change: &ParameterChange) -> String {
-    format!("{} = {}", change.name, remote::format_value(change.to, &change.unit))
+    format!("{} = {}", change.name, new_value_text(change))
 }
 
 fn split_assignment(setting: &str) -> Result<(&str, &str)> {

@@ -6,87 +6,11 @@ use crate::run::screen;
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::path::PathBuf;
-use std::process::Child;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
 use polepair_test_support::wait_until;
-use run::{Held, Ran, Served, command, polepair, signal};
+use run::{Held, Ran, Served, Server, command, polepair, signal};
 use screen::Screen;
-
-/// A server of its own for each test, on a free port.
-struct Server {
-    child: Child,
-    folder: PathBuf,
-    url: String,
-}
-
-impl Server {
-    fn new(links: &[&str]) -> Self {
-        static NEXT: AtomicU32 = AtomicU32::new(0);
-        let n = NEXT.fetch_add(1, Ordering::Relaxed);
-        let name = format!("polepair-joined-{}-{n}", std::process::id());
-        Self::within(std::env::temp_dir().join(name), links)
-    }
-
-    fn within(folder: PathBuf, links: &[&str]) -> Self {
-        let state = folder.to_str().expect("a path");
-        let options = ["--bind", "127.0.0.1:0", "--log", "off", "--state", state];
-        let arguments = [&["serve"], links, &options].concat();
-        let mut child = command(&arguments).spawn().expect("starts");
-        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
-        let line = lines.next().expect("a line").expect("text");
-        let url = line.strip_prefix("ready ").and_then(|url| url.split('?').next());
-        Self { url: url.expect("ready").to_owned(), child, folder }
-    }
-
-    fn tokens(&self) -> String {
-        self.folder.join("tokens").display().to_string()
-    }
-
-    fn words<'a>(&'a self, tokens: &'a str, verb: &[&'a str]) -> Vec<&'a str> {
-        [&["--server", &self.url, "--token-file", tokens], verb].concat()
-    }
-
-    fn run(&self, verb: &[&str]) -> Ran {
-        let ran = polepair(&self.words(&self.tokens(), verb));
-        let text = std::fs::read_to_string(self.tokens()).expect("tokens");
-        for token in text.lines().filter(|line| !line.starts_with('#')) {
-            assert!(!format!("{ran:?}").contains(&token[..64]), "a token is shown");
-        }
-        ran
-    }
-
-    fn ok(&self, verb: &[&str]) -> String {
-        let ran = self.run(verb);
-        assert_eq!(ran.code, 0, "{verb:?}: {}{}", ran.out, ran.err);
-        ran.out
-    }
-
-    /// A verb that lasts, once it has said so.
-    fn held(&self, verb: &[&str]) -> Held {
-        Held::new(&self.words(&self.tokens(), verb), "running; Ctrl-C stops it")
-    }
-
-    /// What is known of axis 1, a space wherever its table has some.
-    fn info(&self) -> String {
-        self.ok(&["info", "1"]).split_whitespace().collect::<Vec<_>>().join(" ")
-    }
-
-    fn velocity(&self, axes: &str) -> f64 {
-        let text = self.ok(&["get", axes, "actual velocity", "--raw"]);
-        text.trim().rsplit(' ').next().and_then(|v| v.parse().ok()).expect("a number")
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
 
 #[test]
 fn what_is_there_is_shown_as_on_a_link() {
@@ -142,6 +66,10 @@ fn verbs_print_the_same_on_a_link_and_on_a_server() {
         &["get", "max current", "--raw"],
         &["set", "max current=1.2A"],
         &["set", "max current=2A", "--dry-run"],
+        &["set", "AP 6=12", "--dry-run"],
+        &["set", "AP 6=13"],
+        &["set", "AP 6=1.2"],
+        &["set", "max current=1.2", "AP 4=200"],
     ];
     // Frames and writes are counted on one's own link alone; how far a short motion came is a measurement.
     let counted = ["writes to the drive's permanent memory", "axis 1 reached ", "too short to"];
@@ -408,9 +336,9 @@ fn esc_stops_the_axes_of_the_view_alone_where_some_are_named() {
 fn settings_are_planned_and_written() {
     let server = Server::new(&["sim:tmcl"]);
     let plan = server.ok(&["set", "1", "max current=1.2A", "--dry-run"]);
-    assert_eq!(plan, "max current: 10 A -> 1.2 A\n");
+    assert_eq!(plan, "max current: 10 A (100) -> 1.2 A (12)\n");
     assert_eq!(server.ok(&["get", "1", "max current"]), "max current = 10 A\n");
-    assert_eq!(server.ok(&["set", "1", "max current=1.2A"]), "max current = 1.2 A\n");
+    assert_eq!(server.ok(&["set", "1", "max current=1.2A"]), "max current = 1.2 A (12)\n");
     let wrong = server.run(&["set", "1", "max current=99A"]);
     assert!(wrong.code == 2 && wrong.err.contains("error[E216]"), "{}", wrong.err);
 }
@@ -691,7 +619,7 @@ fn what_a_server_does_not_do_is_said_and_opens_no_link() {
         (&["get", "0#1", "max curent"], "E213"),
     ];
     let ran = server.run(&["move", "0#1", "90"]);
-    assert!(ran.err.contains("try: 90deg\n"), "{}", ran.err);
+    assert!(ran.err.contains("try: write 90deg or 90turn\n"), "{}", ran.err);
     for (verb, code) in cases {
         let ran = server.run(verb);
         assert_eq!((ran.code, &*ran.out), (2, ""), "{verb:?}: {}", ran.err);

@@ -36,4 +36,5 @@ mod stop;
 mod thruster;
 mod tml;
 mod truth;
+mod units;
 mod written;

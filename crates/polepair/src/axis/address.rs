@@ -1,6 +1,7 @@
 //! Finds a parameter by its name, or by its number in the protocol's notation.
 
 use super::LocalAxis;
+use crate::amount::Amount;
 use crate::error::Error;
 use crate::profile::generic_profile;
 use crate::spelling;
@@ -47,6 +48,21 @@ impl LocalAxis {
             hint += &format!("; `{example}` is an example of a number");
         }
         Err(Error::usage("E213", what, hint))
+    }
+
+    /// As [`AxisInterface::amount_for_name`](crate::AxisInterface::amount_for_name).
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` for a number that could be meant in two ways.
+    pub fn amount_for_name(
+        &self,
+        name: &str,
+        id: ParameterId,
+        amount: Amount,
+    ) -> Result<Amount, Error> {
+        let parameter = self.required_parameter(id)?;
+        let unit = self.unit(id).symbol();
+        amount.for_written_name(name, (parameter.name, parameter.symbol), unit)
     }
 
     /// The parameter at an address; `None` where the text has not the form of one. Nothing is asked.

@@ -179,7 +179,8 @@ impl Axis {
     }
 
     /// Writes a parameter by name: `set("max current", 1.2)` in its own unit, `set("max current", "1200 mA")`,
-    /// or one of its words. Limits are checked before a byte is sent. Permanent memory is not written.
+    /// or one of its words; `set("AP 6", "12")` in the drive's own number, because the name is the maker's. Limits
+    /// are checked before a byte is sent. Permanent memory is not written.
     ///
     /// # Errors
     /// [`Error`] by source; `E216` outside the limits, `E219` for what moves an unarmed axis.
@@ -204,7 +205,27 @@ impl Axis {
     }
 
     fn write(&self, name: &str, value: WriteValue, store: bool) -> Result<(), Error> {
-        self.interface.start_write(self.find(name)?, &value, store)?.finish().map(drop)
+        self.start_write(name, value, store)?.finish().map(drop)
+    }
+
+    /// Starts to write a parameter by name, and does not wait for the reply.
+    ///
+    /// # Errors
+    /// As [`set`](Self::set). Nothing was written.
+    pub fn start_write(
+        &self,
+        name: &str,
+        value: WriteValue,
+        store: bool,
+    ) -> Result<AxisRequest, Error> {
+        let id = self.find(name)?;
+        let value = match value {
+            WriteValue::Amount(amount) => {
+                WriteValue::Amount(self.interface.amount_for_name(name, id, amount)?)
+            }
+            raw @ WriteValue::Raw(_) => raw,
+        };
+        self.interface.start_write(id, &value, store)
     }
 
     /// Sends a request in the protocol's own text, and returns the value in the reply.

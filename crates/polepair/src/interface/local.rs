@@ -68,6 +68,15 @@ impl AxisInterface for LocalAxis {
         self.find(name)
     }
 
+    fn amount_for_name(
+        &self,
+        name: &str,
+        id: ParameterId,
+        amount: Amount,
+    ) -> Result<Amount, Error> {
+        self.amount_for_name(name, id, amount)
+    }
+
     fn start_read(&self, id: ParameterId) -> Result<AxisRequest, Error> {
         self.start_read(id).map(AxisRequest::from)
     }

@@ -177,7 +177,7 @@ class AxisSteps:
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Steps[None]:
-        """Turns at a constant speed: rad/s (m/s), or with a unit."""
+        """rad/s (m/s) or with a unit: turns at a constant speed."""
         return self._run(
             "velocity",
             velocity=given(speed, unit),
@@ -186,7 +186,7 @@ class AxisSteps:
         )
 
     def _press(self, torque: Amount, unit: str | None = None) -> Steps[None]:
-        """Turns with a constant torque: N·m, or with a unit."""
+        """N·m or with a unit: turns with a constant torque."""
         return self._run("torque", torque=given(torque, unit))
 
     def _set_out(
@@ -393,10 +393,12 @@ class AxisSteps:
     def _set(self, name: str, amount: Amount, *, keep: bool = False) -> Steps[None]:
         """Writes a parameter by name: a number in its unit, `"1200 mA"`, or a value name.
 
+        Behind the maker's symbol (`"AP 6"`, `"CSPD"`, `"0x6083"`) text without a unit is the drive's own number.
+        There a number is refused where it could be meant in either way (`Unsupported` E217).
         The limits are checked before a byte is sent. Permanent memory is written only with `keep`.
         """
         at = yield from self._find(name)
-        raw = yield Call(self._native.raw_of, at, given(amount))
+        raw = yield Call(self._native.raw_of, name, at, given(amount))
         yield Wait(self._native.start_write(at, raw, keep))
 
     def _read_bytes(self, name: str) -> Steps[bytes]:

@@ -95,7 +95,7 @@ class Axis(AxisSteps):
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """Starts a move to a position: rad (m), or with a unit. The axis must be armed.
+        """rad (m) or with a unit: starts a move to a position. The axis must be armed.
 
         Returns as soon as the drive has acknowledged the start; `wait` on the result waits for the end.
         """
@@ -111,7 +111,7 @@ class Axis(AxisSteps):
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """Starts a move by a distance from the actual position. It is never sent twice."""
+        """rad (m) or with a unit: starts a move by a distance from the actual position. Never sent twice."""
         run(self._set_out("move-by", distance, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
@@ -241,7 +241,7 @@ class Group(GroupSteps[Axis]):
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """Starts a move of each axis: by name or number, or in the group's order.
+        """rad (m) or with a unit: starts a move of each axis, by name or number, or in the group's order.
 
         With `sync` each drive is prepared, and one message on the bus starts all of them. Errors:
         `Unsupported` E218 for drives without this function; nothing was sent. Without `sync`, they are
@@ -259,7 +259,7 @@ class Group(GroupSteps[Axis]):
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """Starts moves by distances from the actual positions, like `move`. They are never sent twice."""
+        """rad (m) or with a unit: starts moves by distances from the actual positions. Never sent twice."""
         moving = run(self._set_out("move-by", distances, unit, velocity, acceleration, sync))
         return GroupMotion(self, moving)
 

@@ -248,7 +248,7 @@ class Axis(AxisSteps):
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """Sets out for a position: rad (m), or with a unit. The axis must be armed."""
+        """rad (m) or with a unit: starts a move to a position. The axis must be armed."""
         await arun(self._set_out("move-to", target, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
@@ -261,7 +261,7 @@ class Axis(AxisSteps):
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """Starts a move by a distance from the actual position. It is never sent twice."""
+        """rad (m) or with a unit: starts a move by a distance from the actual position. Never sent twice."""
         await arun(self._set_out("move-by", distance, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
@@ -374,7 +374,7 @@ class Group(GroupSteps[Axis]):
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """Sets out for a position each; with `sync` one signal on the bus sets all going."""
+        """rad (m) or with a unit: starts a move of each axis. With `sync` one message on the bus starts all."""
         moves = self._set_out("move-to", targets, unit, velocity, acceleration, sync)
         return GroupMotion(self, await arun(moves))
 
@@ -387,7 +387,7 @@ class Group(GroupSteps[Axis]):
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """Starts moves by distances from the actual positions, like `move`. They are never sent twice."""
+        """rad (m) or with a unit: starts moves by distances from the actual positions. Never sent twice."""
         moves = self._set_out("move-by", distances, unit, velocity, acceleration, sync)
         return GroupMotion(self, await arun(moves))
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use polepair::axis::{DeviceDetail, ParameterValue, PendingWrites, ProgramStatus};
-use polepair::{Amount, LocalAxis};
+use polepair::{Amount, LocalAxis, Value};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 use serde_json::json;
 use tokio::sync::oneshot;
@@ -228,7 +228,10 @@ impl ParameterWriter {
         given: &ParameterInput,
         pending: &PendingWrites,
     ) -> Result<PlannedWrite, GatewayError> {
-        let intended = |amount: &Amount| self.axis.raw_of_after(id, amount, pending);
+        let intended = |amount: Amount| {
+            let amount = self.axis.amount_for_name(name, id, amount)?;
+            self.axis.raw_of_after(id, &amount, pending)
+        };
         let missing = || GatewayError::new("E213", format!("there is no parameter `{name}`"));
         let parameter = self.axis.parameter(id).ok_or_else(missing)?;
         if parameter.moves {
@@ -244,8 +247,8 @@ impl ParameterWriter {
         let raw = match given {
             ParameterInput::Number(number) if self.raw => parse_raw_number(*number)?,
             ParameterInput::Text(text) if self.raw => parse_raw_text(text)?,
-            ParameterInput::Number(number) => intended(&Amount::Number(*number))?,
-            ParameterInput::Text(text) => intended(&Amount::Text(text.clone()))?,
+            ParameterInput::Number(number) => intended(Amount::Number(*number))?,
+            ParameterInput::Text(text) => intended(Amount::Text(text.clone()))?,
         };
         if !parameter.allows(raw) {
             let (min, max) =
@@ -267,8 +270,10 @@ impl ParameterWriter {
         let from = now.map(|raw| self.axis.value(wanted.id, raw)).transpose()?;
         Ok(ParameterChange {
             name: wanted.parameter.name.to_owned(),
+            from_text: from.as_ref().map_or_else(String::new, Value::text_with_own),
             from: from.map(|from| from.value).filter(|from| from.is_finite()),
             to: to.value,
+            to_text: to.text_with_own(),
             unit: to.unit.symbol().to_owned(),
             changed: now != Some(wanted.raw),
         })

@@ -1,6 +1,8 @@
 //! Runs the real binary.
 
 pub mod screen;
+#[cfg(unix)]
+mod server;
 
 use std::cell::Cell;
 use std::ffi::OsString;
@@ -10,6 +12,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::JoinHandle;
 
 use polepair_test_support::{Deadline, WAIT_MAX};
+#[cfg(unix)]
+pub use server::Server;
 
 /// The factor on all time-outs of a program that is expected to get its replies.
 const REPLY_TIMEOUT_SCALE: u32 = 10;

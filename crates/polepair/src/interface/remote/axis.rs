@@ -220,6 +220,19 @@ impl AxisInterface for RemoteAxis {
         Ok(self.server.find_parameter(self.info.id, name)?)
     }
 
+    fn amount_for_name(
+        &self,
+        name: &str,
+        id: ParameterId,
+        amount: Amount,
+    ) -> Result<Amount, Error> {
+        match self.server.parameters(self.info.id)?.get(usize::from(id.0)) {
+            Some(info) => amount.for_written_name(name, (&info.name, &info.symbol), &info.unit),
+            // The gateway gets the address itself, and has the same rule.
+            None => Ok(amount),
+        }
+    }
+
     fn start_read(&self, id: ParameterId) -> Result<AxisRequest, Error> {
         let (axis, name) = (self.info.id, self.server.parameter_name(self.info.id, id)?);
         let read = self.gateway().spawn(move |gateway| gateway.parameter(axis, &name));
@@ -232,9 +245,14 @@ impl AxisInterface for RemoteAxis {
         value: &WriteValue,
         store: bool,
     ) -> Result<AxisRequest, Error> {
-        let (axis, name) = (self.info.id, self.server.parameter_name(self.info.id, id)?);
+        let (axis, mut name) = (self.info.id, self.server.parameter_name(self.info.id, id)?);
         let (input, raw) = match value {
             WriteValue::Amount(Amount::Number(number)) => (ParameterInput::Number(*number), false),
+            WriteValue::Amount(Amount::Own(text)) => {
+                let known = self.server.parameters(axis)?.get(usize::from(id.0));
+                name = known.map_or(name, |info| info.symbol.clone());
+                (ParameterInput::Text(text.clone()), false)
+            }
             WriteValue::Amount(Amount::Text(text)) => (ParameterInput::Text(text.clone()), false),
             // A whole number that a double does not hold is sent as text.
             WriteValue::Raw(raw) if raw.unsigned_abs() <= 1 << 53 => {

@@ -1,0 +1,79 @@
+//! What a number means without a unit, in each family.
+
+use crate::run::{self, polepair};
+
+const FAMILIES: [&str; 9] = [
+    "sim:tmcl",
+    "sim:tmcm-6110",
+    "sim:tmcm-170",
+    "sim:tml",
+    "sim:tmlcan",
+    "sim:modbus-rtu",
+    "sim:canopen",
+    "sim:thruster-servo",
+    "sim:thruster-actuator",
+];
+
+#[test]
+fn a_position_without_a_unit_is_refused_in_every_family() {
+    for url in FAMILIES {
+        for options in [&["90"][..], &["-0x10"], &["1e2", "--rel"], &["2.5", "--dry-run"]] {
+            let refused = polepair(&[&["move", url], options].concat());
+            assert_eq!((refused.code, &*refused.out), (2, ""), "{url} {options:?}: {refused:?}");
+            let (number, err) = (options[0], &refused.err);
+            assert!(err.contains("error[E217]"), "{url} {options:?}: {err}");
+            assert!(err.contains(&format!("{number:?} has no unit")), "{url} {options:?}: {err}");
+            assert!(err.contains("deg or ") && err.contains("--raw"), "{url} {options:?}: {err}");
+        }
+        // Zero is the same in all units.
+        run::ok(&["move", url, "0", "--dry-run"]);
+    }
+}
+
+/// What a manual or a vendor's program writes behind its own symbol is what the drive gets.
+#[test]
+fn behind_the_makers_symbol_a_bare_number_is_the_drives_own() {
+    for (url, written, shown) in [
+        ("sim:tmcl", "AP 6=12", "max current = 1.2 A (12)"),
+        ("sim:tmcl", "ap 6=0x0C", "max current = 1.2 A (12)"),
+        ("sim:tmcl", "max current=12", "max current = 12 A (120)"),
+        ("sim:tmcl", "AP 6=1.3A", "max current = 1.3 A (13)"),
+        ("sim:tmcl+can", "AP 4=500", "max positioning velocity = 500 rpm (500)"),
+        ("sim:tmcm-1260", "AP 4=20000", "max positioning velocity = 23.437 rpm (20000)"),
+        ("sim:tmcm-1140", "AP 140=4", "microstep resolution = 16 (4)"),
+        ("sim:tmcm-1140", "microstep resolution=4", "microstep resolution = 4 (2)"),
+        ("sim:tml", "POSOKLIM=2", "settle band = 0.001 turn (2)"),
+        ("sim:tml", "CSPD=20", "speed command = 600 rpm (20)"),
+        ("sim:tmlcan", "CSPD=0.5", "speed command = 15 rpm (0.5)"),
+        ("sim:technocan", "CTIME=5", "CTIME = 0.005 s (5)"),
+        ("sim:tml", "GEAR=1.5", "gear ratio = 1.5"),
+        ("sim:canopen", "0x6083=5000", "profile acceleration = 30 rpm/s (5000)"),
+        ("sim:canopen", "6083h=0x1388", "profile acceleration = 30 rpm/s (5000)"),
+    ] {
+        assert_eq!(
+            run::ok(&["set", url, written, "--arm"]),
+            format!("{shown}\n"),
+            "{url} {written}"
+        );
+    }
+}
+
+#[test]
+fn what_the_drive_cannot_count_is_not_rounded() {
+    for (url, written, hint) in [
+        ("sim:tmcl", "AP 6=1.2", "try: write 1.2A, or 1.2 for `max current`"),
+        ("sim:tml", "POSOKLIM=0.5", "try: write 0.5turn, or 0.5 for `settle band`"),
+    ] {
+        let refused = polepair(&["set", url, written]);
+        assert_eq!((refused.code, &*refused.out), (2, ""), "{written}: {refused:?}");
+        assert!(refused.err.contains("error[E217]") && refused.err.contains(hint), "{refused:?}");
+    }
+}
+
+#[test]
+fn a_plan_shows_the_drives_own_numbers_too() {
+    let planned = run::ok(&["set", "sim:tmcl", "AP 6=12", "max current=10A", "--dry-run"]);
+    assert!(planned.starts_with("max current: 10 A (100) -> 1.2 A (12)\n"), "{planned}");
+    let planned = run::ok(&["set", "sim:tmcl", "AP 6=100", "--dry-run"]);
+    assert_eq!(planned, "max current = 10 A (100), as it is\n");
+}
