@@ -1,12 +1,12 @@
-//! Common parts of the motion verbs: caution, arming, enabling, waiting, stopping.
+//! Common parts of the motion verbs: arming, enabling, waiting, stopping.
+
+mod report;
 
 use std::fmt::Write as _;
 use std::time::Duration;
 
 use polepair::axis::{STOP_RETRY_MAX, StopNotice, check_together};
-use polepair::interface::{
-    AxisFacts, AxisRequest, EndedMotion, MotionMonitor, start_each, stop_each,
-};
+use polepair::interface::{AxisRequest, EndedMotion, MotionMonitor, start_each, stop_each};
 use polepair::{Axis, AxisInterface, Error, LocalAxis};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
@@ -21,6 +21,7 @@ use crate::remote;
 use crate::session::{self, Session};
 use crate::terminal::{self, print_note, print_warning};
 use crate::value;
+pub use report::{print_program_note, print_start_note, signal_lines};
 
 /// How often a held motion looks for Ctrl-C and its end.
 const POLL_MS: u32 = 25;
@@ -32,6 +33,11 @@ const POLL_INTERVAL: Duration = Duration::from_millis(25);
 const VERB_MAX: Duration = Duration::from_secs(60);
 /// How long a move may take unless the user says otherwise.
 pub const ARRIVE_MAX: Duration = Duration::from_secs(600);
+
+/// How a motion that is waited for is stopped.
+const CTRL_C_STOPS: &str = "Ctrl-C stops it";
+/// What becomes of a motion that is not waited for. How it is stopped is said once it runs.
+const LEFT_RUNNING: &str = "it turns on when this command ends";
 
 /// What to do with a motion once it runs.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -138,21 +144,6 @@ pub const fn command_word(verb: Verb) -> &'static str {
     }
 }
 
-/// Prints cautions, once per product, before anything moves.
-pub fn print_caution(axes: &[AxisFacts]) {
-    let mut printed: Vec<&str> = Vec::new();
-    for AxisFacts { profile, caution, watchdog_rule, .. } in axes {
-        if printed.contains(&&**profile) {
-            continue;
-        }
-        printed.push(profile);
-        if !caution.is_empty() {
-            print_note(&format!("caution: {profile}: {caution}"));
-        }
-        print_note(&format!("watchdog: {watchdog_rule}"));
-    }
-}
-
 /// Runs a motion on each axis, and stops what it started when it ends early.
 pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
     let check = |commands: &[(Axis, Command)]| {
@@ -187,8 +178,9 @@ fn execute_motion(
     if then == MotionMode::Detach {
         check_detach(session, commands)?;
     }
-    print_caution(&session.facts());
     session.listen_for_interrupts();
+    let stops = if then == MotionMode::Detach { LEFT_RUNNING } else { CTRL_C_STOPS };
+    print_start_note(session.axes().iter().cloned(), &session.arguments, stops);
     let mut started_motion = StartedMotion::new(&session.arguments);
     let within = match then {
         MotionMode::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
@@ -196,6 +188,7 @@ fn execute_motion(
     };
     // One span for all of it: homing is part of the command, the way to a target is not.
     let deadline = session.now() + within;
+    let mut measured = report::MeasuredMotion::default();
     // What is refused is refused before anything has power.
     let ended = check(commands)
         .and_then(|()| started_motion.power_all(commands))
@@ -204,7 +197,15 @@ fn execute_motion(
             start(commands, deadline)
         })
         .and_then(|()| match then {
-            MotionMode::Hold(seconds) => hold_motion(commands, seconds),
+            MotionMode::Hold(seconds) => {
+                let mut monitors = start_monitors(commands);
+                let held = watch_motion(commands, seconds, &mut monitors);
+                measured.note_speeds(session, commands, &monitors);
+                if held.is_ok() {
+                    measured.read_others(session, commands);
+                }
+                held
+            }
             MotionMode::Arrive(_) => wait_arrival(commands, deadline),
             MotionMode::Detach => Ok(()),
         });
@@ -218,7 +219,9 @@ fn execute_motion(
     }
     let arrived = matches!(then, MotionMode::Arrive(_)) && ended.is_ok();
     let quiet = started_motion.stopped_text();
-    conclude(ended, started_motion.finish(arrived), quiet)
+    let stopped = started_motion.finish(arrived);
+    measured.print()?;
+    conclude(ended, stopped, quiet)
 }
 
 /// Refuses to leave a motion running that nothing would watch, or that its gateway stops.
@@ -403,16 +406,26 @@ pub fn late_problem(label: &str, verb: Verb) -> Problem {
 
 /// Waits, and shows what the drive does where a person looks.
 pub fn hold_motion(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+    watch_motion(commands, seconds, &mut start_monitors(commands))
+}
+
+fn start_monitors(commands: &[(Axis, Command)]) -> Vec<MotionMonitor> {
+    commands.iter().map(|(axis, command)| MotionMonitor::new(axis, command)).collect()
+}
+
+fn watch_motion(
+    commands: &[(Axis, Command)],
+    seconds: Option<f64>,
+    monitors: &mut [MotionMonitor],
+) -> Result<()> {
     let Some((clock, _)) = commands.first() else { return Ok(()) };
     let mut live = LiveLine::new();
-    let monitor = |(axis, command): &(Axis, Command)| MotionMonitor::new(axis, command);
-    let mut monitors: Vec<_> = commands.iter().map(monitor).collect();
     let pause = |until: Instant| clock.sleep(until.since(clock.now()));
     hold_while(seconds, (&|| clock.now(), &pause), |now| {
         monitors.iter_mut().try_for_each(MotionMonitor::check).map_err(to_problem)?;
         live.show(now, commands)
     })?;
-    for monitor in &mut monitors {
+    for monitor in monitors {
         if let Some(note) = monitor.finish().map_err(to_problem)? {
             print_note(&note);
         }

@@ -1,10 +1,9 @@
 //! An open link for the verbs: interruptible, with errors as texts.
 
-use polepair::interface::AxisFacts;
 use polepair::remote::RemoteLink;
 use polepair::url::AxisNumber;
 use polepair::url::shell_word;
-use polepair::{Axis, AxisInterface, Link, LocalAxis, LocalLink, Value};
+use polepair::{Axis, Link, LocalAxis, LocalLink, Value};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
@@ -56,11 +55,6 @@ impl Session {
         self.link.axes()
     }
 
-    /// What is known of each axis without a request.
-    pub fn facts(&self) -> Vec<AxisFacts> {
-        self.axes().iter().map(|axis| axis.facts().clone()).collect()
-    }
-
     /// `#1 ` before what concerns an axis, where there are several.
     pub fn axis_prefix(&self, axis: &Axis) -> String {
         let links = self.link.remote().map_or(1, |link| link.bench().links.len());
@@ -98,11 +92,6 @@ impl LocalSession {
     /// Every axis.
     pub fn axes(&self) -> &[LocalAxis] {
         self.link.axes()
-    }
-
-    /// What is known of each axis without a request.
-    pub fn facts(&self) -> Vec<AxisFacts> {
-        self.axes().iter().map(AxisInterface::facts).collect()
     }
 
     /// `#1 ` before what concerns an axis, where there are several.
@@ -161,6 +150,16 @@ pub fn signal_text(axis: &Axis, signal: Signal) -> Result<Option<String>> {
             Ok(read_remote(axis, signal)?.map(|value| remote::signal_text(axis, signal, value)))
         }
     }
+}
+
+/// A value of a signal in SI, as people read it: in the drive's unit, with the digits that it resolves. `None` for
+/// what the drive does not report, or in an unknown scale.
+pub fn format_signal(axis: &Axis, signal: Signal, si: f64) -> Option<String> {
+    let Some(local) = axis.local() else {
+        return Some(remote::signal_text(axis, signal, si));
+    };
+    let source = local.profile().signal(signal)?;
+    Some(local.value_of_si(source.parameter, si).ok()?.to_string())
 }
 
 /// A signal that a server reads now, in SI.

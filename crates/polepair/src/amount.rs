@@ -16,6 +16,9 @@ pub enum Amount {
     /// The drive's own number in digits, as the maker's manual and programs state it: `12` for 1.2 A where the
     /// drive counts tenths. Real variables, TML's fixed ones too, have a fraction.
     Own(String),
+    /// A number that could be in the parameter's unit or the drive's own, because the maker's symbol stood before it.
+    /// It is accepted where both are the same.
+    Either(f64),
 }
 
 impl From<f64> for Amount {
@@ -48,6 +51,31 @@ pub(crate) enum ResolvedAmount {
     Raw(i64),
     /// An SI value.
     Si(f64),
+    /// An SI value that must have this raw value.
+    Either { si: f64, own: Option<i64> },
+}
+
+impl ResolvedAmount {
+    /// The raw value, where `convert` makes one of an SI value.
+    ///
+    /// # Errors
+    /// `unknown_scale` where it cannot; [`Error::Usage`] `E217` for a number with two meanings.
+    pub(crate) fn into_raw(
+        self,
+        parameter: &Parameter,
+        unit: Unit,
+        convert: impl FnOnce(f64) -> Option<i64>,
+        unknown_scale: impl FnOnce() -> Error,
+    ) -> Result<i64, Error> {
+        match self {
+            Self::Raw(raw) => Ok(raw),
+            Self::Si(si) => convert(si).ok_or_else(unknown_scale),
+            Self::Either { si, own } => match (convert(si), own) {
+                (Some(raw), Some(own)) if raw == own => Ok(raw),
+                _ => Err(two_meanings(si / unit.si_factor(), parameter, unit)),
+            },
+        }
+    }
 }
 
 impl Amount {
@@ -80,35 +108,30 @@ impl Amount {
                 measure.in_unit(unit).map(ResolvedAmount::Si)
             }
             Self::Own(text) => own_raw(parameter, text).map(ResolvedAmount::Raw),
+            Self::Either(number) => {
+                let si = require_finite(*number)? * unit.si_factor();
+                let parts = own_fraction(parameter.encoding);
+                let own = match parts {
+                    None if number.fract() != 0.0 => None,
+                    parts => parameter.encoding.raw(number * parts.unwrap_or(1.0)),
+                };
+                Ok(ResolvedAmount::Either { si, own })
+            }
         }
     }
 
     /// What the amount means for a parameter that the caller wrote as `written`. Behind our name a bare number is
     /// in the parameter's unit. Behind the maker's symbol or a number (`AP 6`, `CSPD`, `0x6083`), text without a
-    /// unit is the drive's own number, because that is what the maker's manual and programs write there.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] `E217` for a [`Number`](Self::Number) behind a symbol of a value with a unit: reading the
-    /// same symbol gives a number in the unit, so it could be meant either way.
-    pub(crate) fn for_written_name(
-        self,
-        written: &str,
-        (name, symbol): (&str, &str),
-        unit: &str,
-    ) -> Result<Self, Error> {
+    /// unit is the drive's own number, because that is what the maker's manual and programs write there. A number
+    /// is accepted there where it means the same in both: reading the symbol gives a number in the unit.
+    pub(crate) fn for_written_name(self, written: &str, (name, symbol): (&str, &str)) -> Self {
         if same_name(written, name) && !same_name(written, symbol) {
-            return Ok(self);
+            return self;
         }
         match self {
-            Self::Number(number) if !unit.is_empty() && number != 0.0 => {
-                let what =
-                    format!("is {number} for `{written}` the drive's own number, or {unit}?");
-                let hint =
-                    format!("write {number} for `{name}`, \"{number} {unit}\", or the raw number");
-                Err(Error::usage("E217", what, hint))
-            }
-            Self::Text(text) if is_bare_number(&text) => Ok(Self::Own(text)),
-            other => Ok(other),
+            Self::Number(number) => Self::Either(number),
+            Self::Text(text) if is_bare_number(&text) => Self::Own(text),
+            other => other,
         }
     }
 
@@ -116,7 +139,7 @@ impl Amount {
     /// needs none.
     pub(crate) fn in_si(&self, unit: Option<Unit>) -> Result<f64, Error> {
         let text = match self {
-            Self::Number(number) => return require_finite(*number),
+            Self::Number(number) | Self::Either(number) => return require_finite(*number),
             Self::Text(text) | Self::Own(text) => text,
         };
         let measure = quantity::parse(text)?;
@@ -135,6 +158,21 @@ fn with_word_hint(error: Error, parameter: &Parameter) -> Error {
     let words: Vec<&str> = parameter.values.iter().map(|(_, word)| *word).collect();
     let hint = format!("`{}` can be {}", parameter.name, words.join(", "));
     Error::usage("E217", error.to_string(), hint)
+}
+
+/// The error for a number that the drive and its user would understand differently.
+fn two_meanings(number: f64, parameter: &Parameter, unit: Unit) -> Error {
+    let (name, symbol) = (parameter.name, parameter.symbol);
+    let meant = match unit.symbol() {
+        "" => format!("`{name}`"),
+        unit => format!("{number} {unit}"),
+    };
+    let what = format!("is {number} for `{symbol}` the drive's own number, or {meant}?");
+    let hint = match unit.symbol() {
+        "" => format!("write {number} for `{name}`, or the raw number"),
+        unit => format!("write {number} for `{name}`, \"{number} {unit}\", or the raw number"),
+    };
+    Error::usage("E217", what, hint)
 }
 
 fn is_bare_number(text: &str) -> bool {

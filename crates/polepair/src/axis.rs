@@ -51,7 +51,7 @@ pub use stop::{
 pub use together::{check_together, start_together};
 pub use watchdog::WatchdogState;
 
-use crate::amount::{Amount, ResolvedAmount, Value};
+use crate::amount::{Amount, Value};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::mounting::ResolvedMounting;
@@ -266,12 +266,12 @@ impl LocalAxis {
     pub fn raw_of(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
         let parameter = self.required_parameter(id)?;
         self.read_unread_factors(parameter)?;
-        let si = match amount.resolve(parameter, self.unit(id))? {
-            ResolvedAmount::Raw(raw) => return Ok(raw),
-            ResolvedAmount::Si(si) => si * self.factor(id),
+        let unit = self.unit(id);
+        let convert = |si: f64| {
+            let si = si * self.factor(id);
+            self.connection.with_axes(|axes, _| axes.to_raw(self.index, id, si))
         };
-        let raw = self.connection.with_axes(|axes, _| axes.to_raw(self.index, id, si));
-        raw.ok_or_else(|| {
+        amount.resolve(parameter, unit)?.into_raw(parameter, unit, convert, || {
             let what = format!("`{}`: the scale of this value is not known", parameter.name);
             Error::usage("E217", what, "write it raw")
         })
@@ -304,6 +304,17 @@ impl LocalAxis {
             encoding: parameter.encoding,
             is_raw: parameter.scale == Scale::ONE && unit == Unit::None && factor == 1.0,
         })
+    }
+
+    /// A value in SI in a parameter's unit, with the step between its raw values. It need not be one of them: the
+    /// raw value is the nearest.
+    ///
+    /// # Errors
+    /// As [`value`](Self::value); [`Error::Usage`] `E217` if the scale is not known.
+    pub fn value_of_si(&self, id: ParameterId, si: f64) -> Result<Value, Error> {
+        let unit = self.unit(id);
+        let raw = self.raw_of(id, &Amount::Number(si / unit.si_factor()))?;
+        Ok(Value { value: si / unit.si_factor(), word: None, ..self.value(id, raw)? })
     }
 
     fn read_factors(&self, parameter: &Parameter) -> Result<(), Error> {

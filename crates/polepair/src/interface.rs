@@ -100,11 +100,11 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
 
     /// The amount that a caller means who wrote `name` for the parameter. Behind our name a bare number is in the
     /// parameter's unit. Behind the maker's symbol or a number (`AP 6`, `CSPD`, `0x6083`), text without a unit
-    /// becomes [`Amount::Own`], because that is what the maker's manual and programs write there.
+    /// becomes [`Amount::Own`], because that is what the maker's manual and programs write there, and a number
+    /// becomes [`Amount::Either`], because reading the same symbol gives a number in the unit.
     ///
     /// # Errors
-    /// `E217` for an [`Amount::Number`] behind a symbol of a value with a unit: reading the same symbol gives a
-    /// number in the unit, so it could be meant either way.
+    /// [`Error::Unsupported`] for an id that the drive does not have; [`Error::Gateway`].
     fn amount_for_name(&self, name: &str, id: ParameterId, amount: Amount)
     -> Result<Amount, Error>;
 

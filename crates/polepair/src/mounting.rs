@@ -295,6 +295,9 @@ pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> 
                 note(source.parameter, MotionRole::Velocity)
             }
             Signal::Torque => note(source.parameter, MotionRole::Torque),
+            Signal::Current if is_torque_substitute(profile, source.parameter) => {
+                note(source.parameter, MotionRole::Torque);
+            }
             _ => {}
         }
     }
@@ -309,6 +312,13 @@ pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> 
         }
     }
     roles
+}
+
+/// Whether a drive is given this current where others are given a torque: its sign is then that of the torque.
+fn is_torque_substitute(profile: &Profile, current: ParameterId) -> bool {
+    let unit = |id: ParameterId| profile.parameter(id).map(|parameter| parameter.unit);
+    let given = destination(profile, Verb::Torque, Argument::Torque).flatten();
+    given.is_some_and(|given| unit(given) == unit(current))
 }
 
 pub(crate) const ARGUMENTS: [Argument; 5] = [

@@ -233,7 +233,9 @@ impl Setting {
             format!("{name:?}")
         };
         let _ = match &self.value {
-            SettingValue::Amount(Amount::Number(number)) => write!(line, " = {number}"),
+            SettingValue::Amount(Amount::Number(number) | Amount::Either(number)) => {
+                write!(line, " = {number}")
+            }
             SettingValue::Amount(Amount::Text(text) | Amount::Own(text)) => {
                 write!(line, " = {text:?}")
             }

@@ -159,7 +159,7 @@ fn remote_text(
         text.push_str(&format!("  FAULT {}\n", fault.name));
         text.push_str(&cause_and_remedy(&fault.cause, &fault.remedy));
     }
-    text
+    text + &caution_text(&axis.caution)
 }
 
 /// How old a value is, where it is old.
@@ -206,7 +206,25 @@ fn axis_text(axis: &LocalAxis) -> Result<String> {
             String::new()
         }
     };
-    Ok(format!("{}: {}\n{}{faults}", axis.label(), profile.title, table.render(false)))
+    let title = format!("{}: {}", axis.label(), profile.title);
+    Ok(format!("{title}\n{}{faults}{}", table.render(false), caution_text(profile.caution)))
+}
+
+/// What to know before the first motion, in lines of a terminal's width.
+fn caution_text(caution: &str) -> String {
+    const WIDTH: usize = 96;
+    let mut lines: Vec<String> = Vec::new();
+    for word in caution.split_whitespace() {
+        match lines.last_mut().filter(|line| line.chars().count() + word.len() < WIDTH) {
+            Some(line) => line.extend([" ", word]),
+            None => lines.push(word.to_owned()),
+        }
+    }
+    if lines.is_empty() {
+        String::new()
+    } else {
+        format!("  caution\n    {}\n", lines.join("\n    "))
+    }
 }
 
 /// What is said of a signal that could not be read, where this drive has none such.

@@ -4,16 +4,14 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::Axis;
-use polepair::url::AxisNumber;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 
 use crate::motion::{self, MotionMode, parse_argument};
-use crate::outcome::to_problem;
 use crate::problem::Result;
 use crate::remote::ServerArgs;
-use crate::session::{Session, signal_text};
+use crate::session::Session;
 use crate::target::DriveArgs;
 use crate::terminal::DataOutput;
 use crate::value;
@@ -302,29 +300,13 @@ fn run_arriving(
     if then != MotionMode::Detach {
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
-            for (prefix, position) in position_lines(&session, axis)? {
+            for (prefix, position) in motion::signal_lines(&session, axis, Signal::Position)? {
                 out.write_line(&format!("{prefix}position = {position}"));
             }
         }
         out.flush()?;
     }
     Ok(exit)
-}
-
-/// The position of an axis, or of each drive of a group, with what names it.
-fn position_lines(session: &Session, axis: &Axis) -> Result<Vec<(String, String)>> {
-    let group = axis.local().filter(|axis| AxisNumber(axis.number()).is_group());
-    let Some(group) = group else {
-        let position = signal_text(axis, Signal::Position)?;
-        return Ok(position.into_iter().map(|text| (session.axis_prefix(axis), text)).collect());
-    };
-    let Some(source) = group.profile().signal(Signal::Position) else { return Ok(Vec::new()) };
-    let read = group.read_each(source.parameter).map_err(to_problem)?;
-    let shown = read.into_iter().map(|(number, raw)| {
-        let value = group.value(source.parameter, raw).map_err(to_problem)?;
-        Ok((format!("#{} ", AxisNumber(number)), value.to_string()))
-    });
-    shown.collect()
 }
 
 /// The command of each axis: all of them are read before the first axis moves.

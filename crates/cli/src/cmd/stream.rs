@@ -9,7 +9,7 @@ use polepair::{Error, LocalAxis};
 use polepair_core::stream::cyclic::SetpointKind;
 use polepair_core::stream::{PathKind, Point};
 
-use crate::motion::{self, print_caution};
+use crate::motion;
 use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::session::LocalSession;
@@ -97,7 +97,7 @@ impl StreamCommand {
                 .why("Name it in the connection string: URL#1.")
                 .hint("drives with cyclic modes take several: --period 2ms"));
         };
-        print_caution(&session.facts());
+        motion::print_program_note(session, false);
         session.listen_for_interrupts();
         let kind = if self.pt { PathKind::Pt } else { PathKind::Pvt };
         axis.check_path(kind, &points).map_err(outcome::to_problem)?;

@@ -84,7 +84,8 @@ impl Enable {
         };
         let session = self.target.connect(server)?;
         session.listen_for_interrupts();
-        motion::print_caution(&session.facts());
+        let stops = format!("it stays powered until polepair disable {}", session.arguments);
+        motion::print_start_note(session.axes().iter().cloned(), &session.arguments, &stops);
         for axis in session.axes() {
             axis.arm().map_err(outcome::to_problem)?;
             switch_power(axis, enable)?;

@@ -56,7 +56,7 @@ fn is_whole(sim: &Served) {
     let link = url.split('#').next().expect("a link");
     let found = ok(&["scan", link, "--ids", "1-4", "--format", "jsonl"]);
     assert_eq!(found.lines().count(), 2, "{found}");
-    assert_eq!(ok(&["set", &format!("{link}#3"), "max current=1A"]), "max current = 1 A\n");
+    assert_eq!(ok(&["set", &format!("{link}#3"), "max current=1A"]), "max current = 1 A (10)\n");
     ok(&["spin", &format!("{link}#1"), "300rpm", "--for", "300ms"]);
     let read = ok(&["get", url, "max current", "target velocity", "--format", "jsonl"]);
     assert!(read.contains(r#""axis":3,"name":"max current","symbol":"AP 6","raw":10"#), "{read}");

@@ -1,16 +1,12 @@
-//! What the documentation prints works: `sh` blocks are run, other `polepair` lines are checked
-//! against the command line's grammar, links lead somewhere.
-//!
-//! In `sh` blocks two simulated drives stand ready, fresh for each page: a TMCL module at
-//! `/tmp/motor` and a Modbus drive at `/tmp/servo`. `/tmp` is replaced by a folder of the test's.
+//! What the documentation prints works: blocks of commands are run, other `polepair` lines are checked against the
+//! command line's grammar, links lead somewhere.
+
+#[cfg(unix)]
+mod pages;
 
 use crate::run;
 
-use polepair_test_support::{Deadline, WAIT_MAX, machine_load};
-use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::time::Duration;
 
 struct Block {
     /// What stands behind the fence.
@@ -62,88 +58,6 @@ fn blocks(page: &str) -> Vec<Block> {
     }
     assert!(!open, "a block that does not end");
     blocks
-}
-
-/// A simulated drive that ends with its owner.
-struct Drive(Child);
-
-impl Drive {
-    fn start(what: &str, pty: &Path) -> Self {
-        let pty = pty.to_str().expect("UTF-8");
-        let mut child = run::command(&["sim", what, "--pty", pty]).spawn().expect("polepair sim");
-        let mut ready = String::new();
-        let out = child.stdout.take().expect("a pipe");
-        BufReader::new(out).read_line(&mut ready).expect("a line");
-        assert!(ready.starts_with("ready "), "{ready}");
-        Self(child)
-    }
-}
-
-impl Drop for Drive {
-    fn drop(&mut self) {
-        // It may have ended by itself.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-fn shell(block: &str, folder: &Path) -> Result<(), String> {
-    let script = block.replace("/tmp/", &format!("{}/", folder.display()));
-    let binary = Path::new(env!("CARGO_BIN_EXE_polepair")).parent().expect("a folder");
-    let path = format!("{}:{}", binary.display(), std::env::var("PATH").unwrap_or_default());
-    let mut child = Command::new("sh")
-        .args(["-e", "-c", &script])
-        .current_dir(root())
-        .env("PATH", path)
-        .envs(run::environment())
-        .env("HOME", folder)
-        .env("XDG_CONFIG_HOME", folder)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("sh starts");
-    let deadline = Deadline::new("the end of a block");
-    while !deadline.has_passed() {
-        if child.try_wait().expect("a status").is_some() {
-            let output = child.wait_with_output().expect("its output");
-            let text = String::from_utf8_lossy(&output.stderr).into_owned();
-            return if output.status.success() { Ok(()) } else { Err(text) };
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let _ = child.kill();
-    let _ = child.wait();
-    Err(format!("it does not end within {WAIT_MAX:?}; {}", machine_load()))
-}
-
-#[cfg(unix)]
-#[test]
-fn commands_in_sh_blocks_work() {
-    let (mut ran, mut wrong) = (0, String::new());
-    for page in pages() {
-        let page_blocks = blocks(&text(&page));
-        let marked: Vec<&Block> = page_blocks.iter().filter(|b| b.mark == "sh").collect();
-        if marked.is_empty() {
-            continue;
-        }
-        let name = page.file_stem().expect("a name").to_string_lossy().into_owned();
-        let folder = std::env::temp_dir().join(format!("pp-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let drives = [("tmcl:1", "motor"), ("modbus-rtu:1", "servo")];
-        let drives = drives.map(|(what, pty)| Drive::start(what, &folder.join(pty)));
-        for block in marked {
-            ran += 1;
-            if let Err(error) = shell(&block.text, &folder) {
-                wrong += &format!("{}:{}:\n{}{error}\n", page.display(), block.line, block.text);
-            }
-        }
-        drop(drives);
-        // What is left over lies in the system's temporary folder.
-        let _ = std::fs::remove_dir_all(&folder);
-    }
-    assert!(wrong.is_empty(), "{wrong}");
-    assert!(ran > 10, "only {ran} blocks were found");
 }
 
 /// A line's words as a shell takes them, up to what is no longer this command's.

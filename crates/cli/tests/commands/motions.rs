@@ -119,7 +119,8 @@ fn a_terminal_that_is_gone_leaves_no_motor_turning() {
         }
     }
     drop(pty);
-    assert_eq!(child.wait().expect("ends").code(), Some(0));
+    // The motor was stopped, and the speed that it reached could not be printed.
+    assert_eq!(child.wait().expect("ends").code(), Some(3));
     stopped(&sim, &KINDS[0]);
     sim.end();
 }

@@ -98,14 +98,14 @@ fn a_program_is_loaded_called_and_run_until_ctrl_c() {
     assert!(bench.ok("verify", &[&moves]).contains("match"));
     assert!(bench.ok("verify", &[&moves, "--words"]).contains("words match"));
     let output = bench.ok("call", &["turn", "--source", &moves]);
-    assert!(output.contains("caution") || output.contains("watchdog"), "{output}");
+    assert!(output.contains("Ctrl-C stops it; watchdog none: "), "{output}");
     assert!(output.contains("has returned"), "{output}");
     assert!((bench.get("APOS") - 4000.0).abs() < 20.0 && !bench.axis_is_on());
     let arguments = ["program", "run", &bench.url, "main", "--source", &moves];
     let mut child = run::command(&arguments).spawn().expect("starts");
     let mut lines = BufReader::new(child.stderr.take().expect("a pipe")).lines();
     let mut report = std::iter::from_fn(|| lines.next()?.ok());
-    assert!(report.any(|line| line.contains("Ctrl-C stops it")));
+    assert!(report.any(|line| line.contains("running; Ctrl-C stops it")));
     std::thread::sleep(Duration::from_millis(700));
     interrupt(&child);
     let texts: Vec<String> = report.collect();

@@ -10,7 +10,7 @@ use run::{Served, ok, polepair};
 #[test]
 fn parameters_are_set_and_read_back() {
     let sim = Served::new("tmcl:1");
-    assert_eq!(ok(&["set", &sim.url, "max current=1A"]), "max current = 1 A\n");
+    assert_eq!(ok(&["set", &sim.url, "max current=1A"]), "max current = 1 A (10)\n");
     assert_eq!(ok(&["get", &sim.url, "--raw", "AP 6"]), "max current = 10\n");
     let refused = polepair(&["set", &sim.url, "max current=99A"]);
     assert_eq!(refused.code, 2);

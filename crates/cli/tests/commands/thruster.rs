@@ -110,7 +110,7 @@ fn verbs_turn_move_and_stop_simulated_drives() {
     ok(&["spin", url, "600rpm", "--for", "1s"]);
     ok(&["torque", url, "20%", "--for", "1s"]);
     assert!(ok(&["get", url, "voltage"]).contains("48 V"));
-    assert_eq!(ok(&["set", url, "command timeout=500ms"]), "command timeout = 500 ms\n");
+    assert_eq!(ok(&["set", url, "command timeout=500ms"]), "command timeout = 500 ms (500)\n");
     let shown = ok(&["spin", url, "600rpm", "--dry-run"]);
     assert!(shown.contains("30B#5643000000000258"), "{shown}");
     let servo = "sim:thruster-servo:11?time=virtual";

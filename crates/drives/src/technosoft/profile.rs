@@ -859,10 +859,9 @@ static TECHNOSOFT_F514L_FAULTS: [Fault; 16] = [
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 14] = [
+static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 13] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(16), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(20), mask: -1, equals: None, values: &[] },
-    SignalSource { signal: Signal::Torque, parameter: ParameterId(24), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Current, parameter: ParameterId(24), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::TargetPosition, parameter: ParameterId(191), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::TargetVelocity, parameter: ParameterId(192), mask: -1, equals: None, values: &[] },
@@ -2134,10 +2133,9 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 14] = [
+static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 13] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(12), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(17), mask: -1, equals: None, values: &[] },
-    SignalSource { signal: Signal::Torque, parameter: ParameterId(23), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Current, parameter: ParameterId(23), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::TargetPosition, parameter: ParameterId(200), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::TargetVelocity, parameter: ParameterId(201), mask: -1, equals: None, values: &[] },

@@ -396,10 +396,9 @@ static TMCM_170_FAULTS: [Fault; 10] = [
 ];
 
 #[rustfmt::skip]
-static TMCM_170_SIGNALS: [SignalSource; 12] = [
+static TMCM_170_SIGNALS: [SignalSource; 11] = [
     SignalSource { signal: Signal::Position, parameter: ParameterId(1), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Velocity, parameter: ParameterId(3), mask: -1, equals: None, values: &[] },
-    SignalSource { signal: Signal::Torque, parameter: ParameterId(29), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Current, parameter: ParameterId(29), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Voltage, parameter: ParameterId(30), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::Temperature, parameter: ParameterId(31), mask: -1, equals: None, values: &[] },

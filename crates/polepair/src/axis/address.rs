@@ -53,7 +53,7 @@ impl LocalAxis {
     /// As [`AxisInterface::amount_for_name`](crate::AxisInterface::amount_for_name).
     ///
     /// # Errors
-    /// [`Error::Usage`] `E217` for a number that could be meant in two ways.
+    /// [`Error::Unsupported`] for an id that the drive does not have.
     pub fn amount_for_name(
         &self,
         name: &str,
@@ -61,8 +61,7 @@ impl LocalAxis {
         amount: Amount,
     ) -> Result<Amount, Error> {
         let parameter = self.required_parameter(id)?;
-        let unit = self.unit(id).symbol();
-        amount.for_written_name(name, (parameter.name, parameter.symbol), unit)
+        Ok(amount.for_written_name(name, (parameter.name, parameter.symbol)))
     }
 
     /// The parameter at an address; `None` where the text has not the form of one. Nothing is asked.

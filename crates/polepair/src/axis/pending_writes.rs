@@ -4,7 +4,7 @@
 //! scale is used for the conversion.
 
 use super::LocalAxis;
-use crate::amount::{Amount, ResolvedAmount, Value};
+use crate::amount::{Amount, Value};
 use crate::error::Error;
 use polepair_core::profile::{NoScale, Parameter, ParameterId};
 use polepair_core::units::Unit;
@@ -44,12 +44,9 @@ impl LocalAxis {
         pending: &PendingWrites,
     ) -> Result<i64, Error> {
         let Some(parameter) = self.rescaled(id, pending) else { return self.raw_of(id, amount) };
-        let si = match amount.resolve(parameter, self.unit(id))? {
-            ResolvedAmount::Raw(raw) => return Ok(raw),
-            ResolvedAmount::Si(si) => si * self.factor(id),
-        };
-        let raw = parameter.encoding.raw(si / self.raw_step_after(parameter, pending)?);
-        raw.ok_or_else(|| {
+        let (unit, step) = (self.unit(id), self.raw_step_after(parameter, pending)?);
+        let convert = |si: f64| parameter.encoding.raw(si * self.factor(id) / step);
+        amount.resolve(parameter, unit)?.into_raw(parameter, unit, convert, || {
             let what = format!("`{}`: its scale would be zero or nothing", parameter.name);
             Error::usage("E217", what, "write what it is scaled by with another value")
         })

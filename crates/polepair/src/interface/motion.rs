@@ -66,6 +66,7 @@ pub struct MotionMonitor {
     /// The verb turns the motor.
     is_velocity: bool,
     judge: SpeedJudge,
+    last_velocity: Option<f64>,
     /// The limit that held the motor at the last reading.
     limit: Option<String>,
 }
@@ -82,6 +83,7 @@ impl MotionMonitor {
             is_velocity,
             judge: SpeedJudge::new(velocity, is_linear),
             limit: None,
+            last_velocity: None,
             velocity,
             started: axis.now(),
             next_read: axis.now(),
@@ -165,6 +167,13 @@ impl MotionMonitor {
         }
     }
 
+    /// The speed at the last check that read the drive, rad/s or m/s. `None` before the first, or for a drive or a
+    /// command without a speed.
+    #[must_use]
+    pub const fn last_velocity(&self) -> Option<f64> {
+        self.last_velocity
+    }
+
     /// A speed in the unit of the drive, with the digits that matter.
     fn speed_text(&self, si: f64) -> String {
         let unit = self.axis.unit_of(Verb::Velocity, Argument::Velocity).unwrap_or(Unit::Rpm);
@@ -177,6 +186,7 @@ impl MotionMonitor {
     fn judge(&mut self, now: Instant, state: MotionState) -> Result<(), Error> {
         let label = self.axis.label();
         self.judge.observe(state.velocity, state.position);
+        self.last_velocity = state.velocity;
         self.limit = state.limit;
         if let Some(fault) = &state.fault {
             return Err(fault.to_error(label));

@@ -195,7 +195,7 @@ pub fn run(
     detach: bool,
     seconds: Option<f64>,
 ) -> Result {
-    motion::print_caution(&session.facts());
+    motion::print_program_note(session, detach);
     session.listen_for_interrupts();
     let listing = Listing::new(axis, start.source)?;
     let from = match (start.place, start.here) {
@@ -363,7 +363,7 @@ impl<'a> ProgramStepper<'a> {
     }
 
     fn run(&self, reset: bool, until: Option<u16>, count: Option<u32>, detach: bool) -> Result {
-        motion::print_caution(&self.session.facts());
+        motion::print_program_note(self.session, detach);
         let status = self.axis.program_status().map_err(outcome::to_problem)?;
         if status.running {
             return Err(Problem::new(Exit::Refused, "E602", "a program runs in the module.")

@@ -189,7 +189,7 @@ fn run_program(
     start: impl FnOnce() -> std::result::Result<(), polepair::Error>,
     wait: impl FnOnce() -> Result<()>,
 ) -> Result {
-    motion::print_caution(&session.facts());
+    motion::print_program_note(session, detach);
     session.listen_for_interrupts();
     let powered = is_powered(axis)?;
     let _holding = interrupt::hold_motion(&session.arguments);

@@ -8,7 +8,7 @@ use polepair_core::stream::cyclic::{CycleStatistics, SetpointKind};
 use polepair_core::units::Quantity;
 
 use crate::interrupt;
-use crate::motion::{self, print_caution};
+use crate::motion;
 use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::session::LocalSession;
@@ -52,7 +52,7 @@ pub fn run_cyclic(
     let session = target.open()?;
     let order = table.column_order(session.axes())?;
     let setpoints = table.resample(period, &order)?;
-    print_caution(&session.facts());
+    motion::print_program_note(&session, false);
     session.listen_for_interrupts();
     follow_setpoints(&session, setpoint, Duration::from_secs_f64(period), &setpoints)
 }

@@ -227,7 +227,7 @@ impl AxisInterface for RemoteAxis {
         amount: Amount,
     ) -> Result<Amount, Error> {
         match self.server.parameters(self.info.id)?.get(usize::from(id.0)) {
-            Some(info) => amount.for_written_name(name, (&info.name, &info.symbol), &info.unit),
+            Some(info) => Ok(amount.for_written_name(name, (&info.name, &info.symbol))),
             // The gateway gets the address itself, and has the same rule.
             None => Ok(amount),
         }
@@ -246,14 +246,18 @@ impl AxisInterface for RemoteAxis {
         store: bool,
     ) -> Result<AxisRequest, Error> {
         let (axis, mut name) = (self.info.id, self.server.parameter_name(self.info.id, id)?);
+        if let WriteValue::Amount(Amount::Own(_) | Amount::Either(_)) = value {
+            // The gateway has the same rule for what stands behind the symbol.
+            let known = self.server.parameters(axis)?.get(usize::from(id.0));
+            name = known.map_or(name, |info| info.symbol.clone());
+        }
         let (input, raw) = match value {
-            WriteValue::Amount(Amount::Number(number)) => (ParameterInput::Number(*number), false),
-            WriteValue::Amount(Amount::Own(text)) => {
-                let known = self.server.parameters(axis)?.get(usize::from(id.0));
-                name = known.map_or(name, |info| info.symbol.clone());
+            WriteValue::Amount(Amount::Number(number) | Amount::Either(number)) => {
+                (ParameterInput::Number(*number), false)
+            }
+            WriteValue::Amount(Amount::Text(text) | Amount::Own(text)) => {
                 (ParameterInput::Text(text.clone()), false)
             }
-            WriteValue::Amount(Amount::Text(text)) => (ParameterInput::Text(text.clone()), false),
             // A whole number that a double does not hold is sent as text.
             WriteValue::Raw(raw) if raw.unsigned_abs() <= 1 << 53 => {
                 (ParameterInput::Number(*raw as f64), true)
