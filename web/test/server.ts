@@ -102,7 +102,7 @@ export function polepair(...words: string[]): string {
   return execFileSync(POLEPAIR, words, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
 }
 
-/** Simulated drives in a process of their own, on TCP. */
+/** Simulated drives in a process of their own, on TCP unless another place is given. */
 export class Drive {
   private constructor(
     private readonly process: ChildProcess,
@@ -110,8 +110,9 @@ export class Drive {
     readonly url: string,
   ) {}
 
-  static async start(words: string): Promise<Drive> {
-    const child = spawn(POLEPAIR, ["sim", words, "--tcp", "127.0.0.1:0"], {
+  static async start(words: string, ...place: string[]): Promise<Drive> {
+    const where = place.length ? place : ["--tcp", "127.0.0.1:0"];
+    const child = spawn(POLEPAIR, ["sim", words, ...where], {
       stdio: ["ignore", "pipe", "inherit"],
     });
     return new Drive(child, await ready(child));

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{GatewayError, ScanView};
+use super::{GatewayError, ScanView, SearchView};
 use crate::scope::Scope;
 
 /// What there is: links, axes, what they can do. Values are in [`AxisState`](super::AxisState).
@@ -24,6 +24,10 @@ pub struct BenchView {
     pub clashes: Vec<Clash>,
     /// The last scan of each scanned link.
     pub looks: Vec<ScanView>,
+    /// The last search of ports; `null` before the first.
+    #[serde(default)]
+    #[schema(required)]
+    pub search: Option<SearchView>,
     /// Motion is locked since a stop of everything; `null` while it is not.
     #[schema(required)]
     pub lock: Option<MotionLock>,

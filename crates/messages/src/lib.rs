@@ -28,6 +28,7 @@ mod journal;
 mod live;
 mod scan;
 pub mod scope;
+mod search;
 pub mod telemetry;
 #[cfg(test)]
 mod tests;
@@ -58,3 +59,4 @@ pub use scan::{
     AddDrives, AddedAxes, DriveAddress, FoundDrive, ProbedAxis, ScanRequest, ScanState, ScanView,
 };
 pub use scope::{Scope, Scopes};
+pub use search::{SearchRequest, SearchView, SearchedDrive, SearchedPort};

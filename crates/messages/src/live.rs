@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::{
     AxisState, BenchView, CommandOutcome, CommandRequest, DismissStop, ExplainedField, FrameItem,
-    GatewayError, MotionLock, ScanView, StopReport, StopRequest,
+    GatewayError, MotionLock, ScanView, SearchView, StopReport, StopRequest,
 };
 use crate::scope::Scope;
 
@@ -155,6 +155,8 @@ pub enum ServerMessage {
     Unlocked,
     /// Progress of a scan, at most ten times a second; its end is always sent.
     Look(ScanView),
+    /// Progress of a search of ports, at most ten times a second; its end is always sent.
+    Search(SearchView),
     /// Frames. A message without frames answers `frames`: those that follow pass the new filter.
     Frames {
         /// In order.

@@ -9,6 +9,7 @@ mod login;
 mod motion;
 mod openapi;
 mod scan;
+mod search;
 
 use std::fmt;
 use std::sync::Arc;
@@ -184,6 +185,8 @@ pub(crate) const LEASE_SCOPES: &[Scope] = &[Scope::Move, Scope::Configure, Scope
 /// Taking one in moves nothing and writes nothing: whoever may see, may.
 const CAPTURES_PATH: &str = "/api/v1/captures";
 
+const SEARCH_PATH: &str = "/api/v1/search";
+
 const SCAN_PATH: &str = "/api/v1/links/{id}/look";
 
 /// Who asks for it does not show a token before it has the answer.
@@ -204,6 +207,9 @@ pub const ROUTES: &[ApiRoute] = &[
     route("GET", "/api/v1/journal", READ, || get(diagnostics::journal)),
     route("GET", "/api/v1/openapi.json", READ, || get(diagnostics::openapi)),
     route("GET", "/metrics", READ, || get(diagnostics::metrics)),
+    route("GET", SEARCH_PATH, READ, || get(search::show)),
+    route("POST", SEARCH_PATH, CONFIGURE, || post(search::start)),
+    route("DELETE", SEARCH_PATH, CONFIGURE, || delete(search::cancel)),
     route("GET", SCAN_PATH, READ, || get(scan::show)),
     route("POST", SCAN_PATH, CONFIGURE, || post(scan::start)),
     route("DELETE", SCAN_PATH, CONFIGURE, || delete(scan::cancel)),

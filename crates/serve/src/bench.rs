@@ -42,6 +42,7 @@ mod open;
 mod parameters;
 mod pending_stop;
 mod poller;
+mod port_search;
 mod reply;
 mod request_worker;
 mod scan;
@@ -86,6 +87,7 @@ use lock::lock_unpoisoned;
 use open::{BenchLink, OpenedBench};
 use pending_stop::StopCollector;
 use poller::AxisPoller;
+use port_search::PortSearch;
 use telemetry::Telemetry;
 use wire::{
     BenchWire, CommandAction, CommandHeader, DismissRequest, LeaseRequest, QueuedCommand,
@@ -131,6 +133,8 @@ pub struct BenchOptions {
     /// Axes that the server before this one owed a stop when it ended, by connection string and number:
     /// they are owed it still.
     pub inherited_stops: Vec<(String, u32)>,
+    /// Ports that may be searched for drives, besides those that the system lists: pseudo-terminals.
+    pub search_ports: Vec<String>,
 }
 
 impl Default for BenchOptions {
@@ -143,6 +147,7 @@ impl Default for BenchOptions {
             journal,
             last_epoch: 0,
             inherited_stops: Vec::new(),
+            search_ports: Vec::new(),
         }
     }
 }
@@ -171,6 +176,7 @@ struct BenchInner {
     telemetry: Arc<Telemetry>,
     traffic: Arc<FrameTraffic>,
     captures: Captures,
+    port_search: PortSearch,
     /// In virtual time, what threads do otherwise: those that wait for nothing, and those that may.
     non_blocking: Mutex<NonBlockingWorkers>,
     blocking: Mutex<BlockingWorkers>,
@@ -243,6 +249,7 @@ impl Bench {
             telemetry,
             traffic,
             captures: Captures::default(),
+            port_search: PortSearch::new(options.connector, options.search_ports),
             non_blocking: Mutex::default(),
             blocking: Mutex::default(),
             event_listeners: Mutex::default(),
@@ -298,6 +305,7 @@ impl Bench {
             axes: axes.iter().map(|entry| self.with_pushed_signals(&entry.info)).collect(),
             clashes: links.iter().filter_map(BenchLink::clash).collect(),
             looks: links.iter().filter_map(|link| link.scan.last_view()).collect(),
+            search: self.0.port_search.last_view(),
             lock,
             time_scale: open::time_scale(links),
         }
@@ -484,7 +492,7 @@ impl Bench {
             return PendingReply::ready(Err(GatewayError::new("E212", what).hint(hint)));
         };
         let Some(simulated) = entry.drive.clone() else {
-            return PendingReply::ready(Err(not_simulated_error()));
+            return PendingReply::ready(Err(simulated_drive::not_simulated_error()));
         };
         let (detail, act) = (json!({ "act": act.act, "value": act.value }), act.clone());
         self.run_after_journal(
@@ -506,7 +514,7 @@ impl Bench {
     /// none.
     pub fn set_time_scale(&self, session: &SessionName, pace: SetTimeScale) -> PendingReply<()> {
         if open::time_scale(&self.0.links).is_none() {
-            return PendingReply::ready(Err(not_simulated_error()));
+            return PendingReply::ready(Err(simulated_drive::not_simulated_error()));
         }
         let detail = json!({ "time_scale": pace.time_scale });
         let set = open::set_time_scale(&self.0.links, pace.time_scale);
@@ -680,11 +688,6 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
         raw: false,
         keep_program: false,
     }))
-}
-
-fn not_simulated_error() -> GatewayError {
-    GatewayError::new("gateway.simulated", "this is not a simulated drive")
-        .hint("only simulated drives have acts")
 }
 
 impl BenchLink {

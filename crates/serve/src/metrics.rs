@@ -143,6 +143,7 @@ mod tests {
             axes: vec![],
             clashes: vec![],
             looks: vec![],
+            search: None,
             lock: None,
             time_scale: None,
         };

@@ -25,6 +25,8 @@ pub struct ServerOptions {
     pub scopes: Scopes,
     /// Where tokens, certificate and journal are.
     pub folder: PathBuf,
+    /// Ports that clients may have searched for drives, besides those that the system lists.
+    pub search_ports: Vec<String>,
 }
 
 impl ServerOptions {
@@ -39,6 +41,7 @@ impl ServerOptions {
             origins: Vec::new(),
             scopes: [Scope::Read, Scope::Stop, Scope::Move, Scope::Configure].into_iter().collect(),
             folder,
+            search_ports: Vec::new(),
         }
     }
 

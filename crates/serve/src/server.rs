@@ -121,6 +121,7 @@ impl GatewayServer {
             last_epoch: journal.count(),
             inherited_stops: pending.clone(),
             journal: Arc::<JournalFile>::clone(&journal),
+            search_ports: options.search_ports.clone(),
         };
         let bench = Bench::open(urls, opened)?;
         let links: Vec<_> = bench.snapshot().links.into_iter().map(|link| link.url).collect();

@@ -520,7 +520,7 @@ impl WorldRunner {
                         .collect();
                     self.log(|| format!("links: {}", states.join(", ")));
                 }
-                BenchEvent::Scan(_) => {}
+                BenchEvent::Scan(_) | BenchEvent::Search(_) => {}
                 #[allow(unreachable_patterns, reason = "later kinds of events")]
                 _ => {}
             }

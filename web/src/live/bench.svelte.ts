@@ -14,6 +14,7 @@ import type {
   FrameItem,
   MotionLock,
   ScanView,
+  SearchView,
   CommandOutcome,
   GatewayError,
   Scope,
@@ -61,6 +62,8 @@ export class Bench {
   lock = $state.raw<MotionLock | null>(null);
   /** The last look for drives on each link. */
   looks = $state.raw<Record<number, ScanView>>({});
+  /** The last search of ports. */
+  search = $state.raw<SearchView | null>(null);
   states = $state.raw<Record<number, AxisState>>({});
   /** When each state came, by this page's clock: ages count on from there. */
   heard: Record<number, number> = {};
@@ -305,6 +308,19 @@ export class Bench {
     await send("DELETE", `/links/${link}/look`, {});
   }
 
+  /** Searches a port, or all that no link uses; `search` tells how far that is. Nothing moves by it. */
+  async searchPorts(port: string): Promise<void> {
+    const ports = port === "" ? [] : [port];
+    const search = await send<SearchView>("POST", "/search", { ports });
+    // What came meanwhile by the WebSocket is newer.
+    if (this.search?.began_ms !== search.began_ms) this.search = search;
+    this.note(null, `search ${port || "all ports"}`, "info");
+  }
+
+  async breakSearchOff(): Promise<void> {
+    await send("DELETE", "/search", {});
+  }
+
   /** Makes axes of drives that were found. */
   async takeIn(link: number, found: FoundDrive[]): Promise<void> {
     const drives = found.map(({ protocol, number }) => ({ protocol, number }));
@@ -405,6 +421,7 @@ export class Bench {
         this.view = message;
         this.lock = message.lock;
         this.looks = Object.fromEntries(message.looks.map((look) => [look.link, look]));
+        this.search = message.search;
         break;
       case "axis":
         this.heard[message.id] = Date.now();
@@ -432,6 +449,9 @@ export class Bench {
         break;
       case "look":
         this.looks = { ...this.looks, [message.link]: message };
+        break;
+      case "search":
+        this.search = message;
         break;
       case "unlocked":
         this.lock = null;

@@ -51,6 +51,9 @@ pub struct Serve {
     /// Folder for tokens, certificate and journal [default: polepair's folder of your account]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
+    /// Port that clients may have searched for drives, besides those that the system lists; repeatable
+    #[arg(long = "search-port", value_name = "PATH")]
+    search_ports: Vec<String>,
     /// Format of the log on stderr
     #[arg(long, value_name = "FORM", default_value = "text")]
     log: LogFormat,
@@ -78,10 +81,17 @@ impl Serve {
             Some(folder) => folder,
             None => state_folder()?,
         };
-        let Self { bind, tls, client_ca, names, origins, scopes, .. } = self;
-        let host_names = names;
-        let options = ServerOptions { bind, tls, client_ca, host_names, origins, scopes, folder };
         let connector = self.profile.connector()?;
+        let options = ServerOptions {
+            bind: self.bind,
+            tls: self.tls,
+            client_ca: self.client_ca,
+            host_names: self.names,
+            origins: self.origins,
+            scopes: self.scopes,
+            folder,
+            search_ports: self.search_ports,
+        };
         let server =
             GatewayServer::start(&options, &self.urls, connector).map_err(refusal_problem)?;
         let stopper = server.shutdown_handle();

@@ -2,7 +2,7 @@
 
 use utoipa::OpenApi;
 
-use super::{axis, bench, capture, diagnostics, login, motion, scan};
+use super::{axis, bench, capture, diagnostics, login, motion, scan, search};
 use crate::message::{ClientMessage, ServerMessage};
 
 /// What is described.
@@ -19,6 +19,9 @@ use crate::message::{ClientMessage, ServerMessage};
         bench::show,
         bench::apply_action,
         bench::set_time_scale,
+        search::show,
+        search::start,
+        search::cancel,
         scan::show,
         scan::start,
         scan::cancel,

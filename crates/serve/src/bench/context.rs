@@ -20,7 +20,8 @@ use super::pending_stop::PendingStop;
 use super::reply::Continuation;
 use super::reply::ReplySender;
 use crate::message::{
-    AxisStopReport, CommandOutcome, JournalAction, LeaseView, MotionLock, ScanView, StopCause,
+    AxisStopReport, CommandOutcome, JournalAction, LeaseView, MotionLock, ScanView, SearchView,
+    StopCause,
 };
 
 /// Things that happened and that a listener has not heard yet.
@@ -46,6 +47,8 @@ pub enum BenchEvent {
     Unlocked,
     /// A look for drives is further, or has ended.
     Scan(ScanView),
+    /// A search of ports is further, or has ended.
+    Search(SearchView),
     /// A link was lost or is back, drives were taken in, or time passes otherwise: the bench's list has it.
     BenchChanged,
 }

@@ -4,7 +4,7 @@ use polepair::LocalAxis;
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Parameter, ParameterId, Persistence, SignalSource, Watchdog,
+    Access, AxisKind, Parameter, ParameterId, Persistence, Signal, SignalSource, Watchdog,
 };
 use polepair_core::units::Quantity;
 
@@ -119,6 +119,8 @@ fn limit_info(axis: &LocalAxis, (verb, which, name): (Verb, Argument, &str)) -> 
     let si_of =
         |raw| Some(axis.value(id, raw).ok()?.value * unit.si_factor()).filter(|v| v.is_finite());
     let (min, max) = (si_of(parameter.min), si_of(parameter.max));
+    // A drive that is given amperes where others are given a torque has a limit of its current.
+    let name = if unit.quantity() == Quantity::Current { Signal::Current.name() } else { name };
     Some(LimitInfo { name: name.to_owned(), unit: unit.si_symbol().to_owned(), min, max })
 }
 

@@ -10,6 +10,12 @@ const KEYS_MAX: u8 = 16;
 /// What an act that presses a key is called, before the key's number.
 const KEY: &str = "key-";
 
+/// The error for a real drive, which nobody acts on.
+pub(super) fn not_simulated_error() -> GatewayError {
+    GatewayError::new("gateway.simulated", "this is not a simulated drive")
+        .hint("only simulated drives have acts")
+}
+
 /// A drive of a simulation.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedDrive {

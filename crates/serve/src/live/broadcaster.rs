@@ -219,6 +219,7 @@ impl Broadcaster {
                 | BenchEvent::Unlocked
                 | BenchEvent::BenchChanged
                 | BenchEvent::Scan(_)
+                | BenchEvent::Search(_)
         ) {
             self.refresh_bench(app_state);
         }
@@ -240,6 +241,7 @@ impl Broadcaster {
             BenchEvent::Locked(lock) => ServerMessage::Locked(lock),
             BenchEvent::Unlocked => ServerMessage::Unlocked,
             BenchEvent::Scan(view) => ServerMessage::Look(view),
+            BenchEvent::Search(view) => ServerMessage::Search(view),
             BenchEvent::BenchChanged => {
                 return drop(self.events.send(BroadcastEvent::BenchChanged));
             }

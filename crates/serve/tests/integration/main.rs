@@ -9,6 +9,8 @@ mod look;
 mod openapi;
 mod owed;
 mod patience;
+#[cfg(unix)]
+mod search;
 mod site;
 mod telemetry;
 mod threats;
