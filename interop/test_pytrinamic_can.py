@@ -89,7 +89,7 @@ def test_two_modules_and_two_hosts_on_one_bus(udp):
     interface.set_axis_parameter(MAX_CURRENT, 0, 11, module_id=1)
     # Our own host joins the same group as another host.
     shown = polepair("set", f"tmcl+udp://{GROUP}:{port}#3", "max current=2.2A").stdout
-    assert shown == "max current = 2.2 A\n"
+    assert shown == "max current = 2.2 A (22)\n"
     time.sleep(0.1)
     while interface._connection.recv(0.1):
         pass  # the replies that our host got

@@ -165,6 +165,12 @@ pub trait Driver {
     /// [`Unsupported`] when the protocol cannot read it. The caller has already checked the access.
     fn read_request(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
 
+    /// Whether a reply repeats neither the parameter nor anything else that tells it from the reply to another
+    /// read, so that a reply which the wire doubles can be taken for the next one.
+    fn has_anonymous_replies(&self) -> bool {
+        false
+    }
+
     /// Returns the request that writes a raw value. `class` is the class of the write;
     /// [`Request::class`] of the result must return it.
     ///

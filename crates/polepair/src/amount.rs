@@ -169,8 +169,8 @@ fn two_meanings(number: f64, parameter: &Parameter, unit: Unit) -> Error {
     };
     let what = format!("is {number} for `{symbol}` the drive's own number, or {meant}?");
     let hint = match unit.symbol() {
-        "" => format!("write {number} for `{name}`, or the raw number"),
-        unit => format!("write {number} for `{name}`, \"{number} {unit}\", or the raw number"),
+        "" => format!("write {number} for `{name}`, or \"{number}\" for the drive's own number"),
+        unit => format!("write \"{number} {unit}\", or \"{number}\" for the drive's own number"),
     };
     Error::usage("E217", what, hint)
 }

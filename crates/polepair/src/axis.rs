@@ -70,6 +70,8 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// How often a parameter that scales others is read until it is believed.
+const FACTOR_READS_MAX: usize = 3;
 /// What to try with an axis that is armed already.
 pub(crate) const ALREADY_ARMED_HINT: &str =
     "move it in the block that armed it: the end of a second block would stop it";
@@ -317,8 +319,16 @@ impl LocalAxis {
         Ok(Value { value: si / unit.si_factor(), word: None, ..self.value(id, raw)? })
     }
 
-    fn read_factors(&self, parameter: &Parameter) -> Result<(), Error> {
-        parameter.scale.inputs(self.profile).try_for_each(|id| self.read_optional(id).map(drop))
+    fn read_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
+        // A value that may belong to another request counts once it is read twice.
+        for _ in 0..FACTOR_READS_MAX {
+            let mut inputs = parameter.scale.inputs(self.profile);
+            inputs.try_for_each(|id| self.read_optional(id).map(drop))?;
+            if self.knows_factors(parameter) {
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// Waits on the link's own clock: in virtual time it is over at once.

@@ -296,8 +296,8 @@ fn seeded_buses_keep_every_invariant() {
 /// Seeds beyond those that once broke an invariant: a request cut short that was taken as whole, the
 /// copy of a reply that came before its request had left, what the checkers had wrong of a stop
 /// that overtakes, of a frame that is taken twice and of a second drive with the same address; a refusal behind
-/// a damaged reply, and a start that the motion before seemed to prove.
-const ONCE_BROKEN: [(MediumKind, u64); 9] = [
+/// a damaged reply, a start that the motion before seemed to prove, and a doubled reply that was taken for a scale.
+const ONCE_BROKEN: [(MediumKind, u64); 10] = [
     (MediumKind::Can, 1615),
     (MediumKind::Can, 1648),
     (MediumKind::Can, 2445),
@@ -306,6 +306,7 @@ const ONCE_BROKEN: [(MediumKind, u64); 9] = [
     (MediumKind::Can, 2968),
     (MediumKind::Can, 21_007_327),
     (MediumKind::Can, 21_028_611),
+    (MediumKind::Can, 22_004_573),
     (MediumKind::Serial, 21_004_791),
 ];
 

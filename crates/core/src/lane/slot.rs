@@ -31,38 +31,44 @@ pub type DriverFactory<R, A> = fn(&'static Profile, u32) -> BoxedDriver<R, A>;
 struct ScaleFactor {
     parameter: ParameterId,
     raw: Option<i64>,
-    /// A value that was told and that it cannot have.
-    implausible: Option<i64>,
+    /// A value that was read and is not believed until it is read again: one that it cannot have, or one that may
+    /// belong to another request.
+    unconfirmed: Option<i64>,
     /// How often it was asked: a drive that refuses it is not asked for ever.
     attempts: u8,
 }
 
 /// Parameters that are added to those of an axis' profile at most.
 const ADDED_PARAMETERS_MAX: usize = 4096;
-/// Times a factor is asked at most while what comes cannot be right.
+/// Times a factor is asked at most while what comes is not believed.
 const ATTEMPTS_MAX: u8 = 3;
 
 impl ScaleFactor {
     const fn new(parameter: ParameterId) -> Self {
-        Self { parameter, raw: None, implausible: None, attempts: 0 }
+        Self { parameter, raw: None, unconfirmed: None, attempts: 0 }
     }
 
-    /// Whether it is to be asked: once, and again after a value that it cannot have.
+    /// Whether it is to be asked: once, and again after a value that is not believed yet.
     const fn is_due(&self) -> bool {
-        let max = if self.implausible.is_some() { ATTEMPTS_MAX } else { 1 };
+        let max = if self.unconfirmed.is_some() { ATTEMPTS_MAX } else { 1 };
         self.raw.is_none() && self.attempts < max
     }
 
-    /// Stores a reading, and returns whether it was accepted. An implausible value may belong to another
-    /// request, where replies do not repeat their request; it is accepted when the drive repeats it.
-    fn accept_reading(&mut self, raw: i64, possible: bool) -> bool {
-        let believed = possible || self.implausible == Some(raw);
-        if believed {
-            (self.raw, self.implausible) = (Some(raw), None);
-        } else {
-            self.implausible = Some(raw);
+    /// Stores a reading, and returns whether it is plausible. A value that it cannot have may belong to another
+    /// request, where replies do not repeat their request; it is accepted when the drive repeats it. With
+    /// `is_anonymous` that holds for each new value: one wrong scale would make all later values wrong.
+    fn accept_reading(&mut self, raw: i64, possible: bool, is_anonymous: bool) -> bool {
+        let is_known = !is_anonymous || self.raw == Some(raw);
+        if possible && is_known || self.unconfirmed == Some(raw) {
+            (self.raw, self.unconfirmed) = (Some(raw), None);
+            return true;
         }
-        believed
+        let is_contradicted = self.unconfirmed.is_some();
+        if is_anonymous && self.raw.take().is_some() {
+            self.attempts = 0;
+        }
+        self.unconfirmed = Some(raw);
+        possible && !is_contradicted
     }
 }
 
@@ -260,7 +266,8 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         if let Some(factor) = entry.factor_index.and_then(|at| self.factors.get_mut(at)) {
             let possible = entry.parameter.allows(raw);
             let before = factor.raw;
-            self.implausible_reply |= !factor.accept_reading(raw, possible);
+            let is_anonymous = self.driver.has_anonymous_replies();
+            self.implausible_reply |= !factor.accept_reading(raw, possible, is_anonymous);
             if factor.raw != before {
                 self.update_scales();
             }

@@ -114,6 +114,12 @@ impl Driver for Axis {
         with_sub_axis(self.can_id.into(), self.motor)
     }
 
+    fn has_anonymous_replies(&self) -> bool {
+        // A serial host is alone with the module's replies, and its line doubles none. CAN sends a frame again whose
+        // last bit a node did not see (ISO 11898-1, the last bit of the end of frame).
+        self.address_parameters == CAN_ADDRESS_PARAMETERS
+    }
+
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         self.parameter_request(parameter, [Opcode::Gap, Opcode::Ggp, Opcode::Gio], 0)
             .map(|request| self.host_request(request))
