@@ -21,6 +21,9 @@ use crate::url::{LinkTarget, Url};
 /// The baud rates that drives have, the usual ones first.
 pub(crate) const BAUD_RATES: [u32; 9] =
     [9_600, 115_200, 19_200, 38_400, 57_600, 230_400, 4_800, 2_400, 256_000];
+/// Modbus over Serial Line V1.02, 2.5.1: the usual frame of RTU has even parity. Many drives have it at these rates.
+const EVEN_PARITY: &str = "modbus-rtu";
+const EVEN_PARITY_RATES: [u32; 4] = [19_200, 9_600, 38_400, 115_200];
 /// Addresses of each pass: drives come from the factory with the lowest, and few lines have many.
 const PASSES: [Range<usize>; 3] = [0..2, 2..8, 8..32];
 /// How long a reply is waited for in the first pass and in the others, beside the time on the wire. Drives reply within
@@ -189,21 +192,27 @@ impl PortSearch {
         let mut attempts = Vec::new();
         let protocols = registry::protocols();
         let serial = || protocols.iter().filter(|it| it.medium == MediumKind::Serial);
-        let mut add = |protocol: &ProtocolInfo, rate: u32| {
+        let mut add = |protocol: &ProtocolInfo, rate: u32, has_parity: bool| {
+            let key = |name: &str, value: &str| (name.to_owned(), value.to_owned());
             let url = Url {
                 protocol: protocol.name.to_owned(),
                 target: LinkTarget::Serial { path: path.to_owned(), baud: Some(rate) },
-                keys: Vec::new(),
+                keys: if has_parity { vec![key("parity", "even")] } else { Vec::new() },
                 axes: Vec::new(),
                 names: Vec::new(),
             };
-            let label = format!("{} at {rate} baud", protocol.name);
+            let parity = if has_parity { ", even parity" } else { "" };
+            let label = format!("{} at {rate} baud{parity}", protocol.name);
             attempts.push(SearchAttempt { url, protocol: protocol.clone(), label });
         };
         // What drives have from the factory comes first.
-        serial().for_each(|protocol| add(protocol, protocol.baud));
+        serial().for_each(|protocol| add(protocol, protocol.baud, false));
+        let with_parity = || serial().filter(|protocol| protocol.name == EVEN_PARITY);
+        for rate in EVEN_PARITY_RATES {
+            with_parity().for_each(|protocol| add(protocol, rate, true));
+        }
         for rate in BAUD_RATES {
-            serial().filter(|it| it.baud != rate).for_each(|protocol| add(protocol, rate));
+            serial().filter(|it| it.baud != rate).for_each(|protocol| add(protocol, rate, false));
         }
         Self::with_attempts(path, attempts)
     }
@@ -372,7 +381,7 @@ impl PortSearch {
         match self.asked {
             0 => String::new(),
             count => format!(
-                "{} at {rates} baud, the first {count} addresses of each",
+                "{} at {rates} baud, {EVEN_PARITY} with even parity too, the first {count} addresses of each",
                 protocols.join(", ")
             ),
         }
@@ -391,5 +400,28 @@ impl SearchReport {
             report.links.extend(found);
         }
         report
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::PortSearch;
+
+    #[test]
+    fn a_serial_port_is_asked_the_usual_way_first_and_never_twice_alike() {
+        let search = PortSearch::of_serial_port("/dev/ttyUSB0");
+        let urls: Vec<String> = search.attempts.iter().map(|it| it.url.to_string()).collect();
+        let place = |url: &str| urls.iter().position(|it| it == url).expect(url);
+        let factory = place("tmcl+serial:///dev/ttyUSB0:9600");
+        let even = place("modbus-rtu+serial:///dev/ttyUSB0:19200?parity=even");
+        let rare = place("modbus-rtu+serial:///dev/ttyUSB0:256000");
+        assert!(factory < even && even < rare, "{urls:?}");
+        let mut unique = urls.clone();
+        unique.sort_unstable();
+        unique.dedup();
+        assert_eq!(unique.len(), urls.len());
+        for url in &urls {
+            url.parse::<crate::url::Url>().expect(url);
+        }
     }
 }
