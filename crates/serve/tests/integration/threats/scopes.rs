@@ -41,6 +41,7 @@ fn may(route: &ApiRoute) -> &'static [&'static str] {
         (_, path) if path.starts_with("/api/v1/axes/{id}/lease") => &["move", "configure", "raw"],
         (_, "/api/v1/axes/{id}/parameters" | "/api/v1/axes/{id}/watchdog") => &["configure"],
         (_, path) if path.starts_with("/api/v1/simulation/") => &["configure"],
+        (_, "/api/v1/search") => &["configure"],
         (_, path) if path.starts_with("/api/v1/links/{id}/look") => &["configure"],
         other => panic!("{other:?} is new: say here who may"),
     }
