@@ -8,6 +8,7 @@ import threading
 import pytest
 from conftest import end, polepair, start
 from faulty_drive import FaultyDrive, Rtu, crc
+from polepair_test_support import wait_until
 
 
 # --- Motion: the statusword only says when to look.
@@ -129,8 +130,11 @@ def test_a_speed_of_many_counts_with_noise_is_standstill(odd):
     drive = odd(per_turn=counts)
     drive.noise = 4000
     polepair("spin", drive.url, "10rpm", "--detach")
-    shown = polepair("info", drive.url).stdout
-    assert re.search(r"moving +yes", shown), shown
+    wait_until(
+        "the motor moves",
+        lambda: polepair("info", drive.url).stdout,
+        lambda shown: re.search(r"moving +yes", shown),
+    )
     stopped = polepair("stop", drive.url)
     assert "stopped" in stopped.stdout + stopped.stderr, stopped
     assert abs(drive.values[0x606C, 0]) < 4000

@@ -31,7 +31,6 @@ DRIVES = [
     "cansend_homes_the_ts_by_the_printed_sequence",
     "candump_sees_the_printed_examples_answered",
     "our_host_drives_a_node_on_vcan",
-    "a_search_finds_drives_of_two_protocols_on_an_interface",
     "cansend_runs_a_thruster",
 ]
 

@@ -254,18 +254,6 @@ def our_host_drives_a_node_on_vcan():
 
 
 @check
-def a_search_finds_drives_of_two_protocols_on_an_interface():
-    with simulated("cia402:2") as node, simulated("thruster:11") as thruster, Candump(BUS) as log:
-        told = run(POLEPAIR, "scan", BUS)
-        for url, product in ((node, "cia402"), (thruster, "thruster")):
-            lines = [line for line in told.splitlines() if line.split()[0].strip("'") == url]
-            assert len(lines) == 1 and product in lines[0], (url, told)
-        # It only reads: no controlword, no command that moves.
-        written = [frame for frame in log.heard(0.5) if " 602#2" in frame or " 30B#5443" in frame]
-        assert not written, written
-
-
-@check
 def cansend_runs_a_thruster():
     with simulated("thruster:11"), Candump(BUS) as log:
         assert answer(log, "30B 54 43 00 00 00 00 00 05", "28B")[4:] == b"\0\0\xee\xee", "not armed"
