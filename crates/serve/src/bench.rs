@@ -87,7 +87,7 @@ use lock::lock_unpoisoned;
 use open::{BenchLink, OpenedBench};
 use pending_stop::StopCollector;
 use poller::AxisPoller;
-use port_search::PortSearch;
+use port_search::BenchSearch;
 use telemetry::Telemetry;
 use wire::{
     BenchWire, CommandAction, CommandHeader, DismissRequest, LeaseRequest, QueuedCommand,
@@ -176,7 +176,7 @@ struct BenchInner {
     telemetry: Arc<Telemetry>,
     traffic: Arc<FrameTraffic>,
     captures: Captures,
-    port_search: PortSearch,
+    port_search: BenchSearch,
     /// In virtual time, what threads do otherwise: those that wait for nothing, and those that may.
     non_blocking: Mutex<NonBlockingWorkers>,
     blocking: Mutex<BlockingWorkers>,
@@ -249,7 +249,7 @@ impl Bench {
             telemetry,
             traffic,
             captures: Captures::default(),
-            port_search: PortSearch::new(options.connector, options.search_ports),
+            port_search: BenchSearch::new(options.connector, options.search_ports),
             non_blocking: Mutex::default(),
             blocking: Mutex::default(),
             event_listeners: Mutex::default(),

@@ -30,7 +30,7 @@ use crate::message::{
 const REPORT_INTERVAL: Duration = Duration::from_millis(100);
 
 /// What is known of searches of this bench.
-pub(super) struct PortSearch {
+pub(super) struct BenchSearch {
     /// With which names and profiles.
     connector: Connector,
     /// Ports that may be searched, besides those that the system lists.
@@ -40,7 +40,7 @@ pub(super) struct PortSearch {
     cancelled: AtomicBool,
 }
 
-impl PortSearch {
+impl BenchSearch {
     pub fn new(connector: Connector, more_ports: Vec<String>) -> Self {
         Self { connector, more_ports, view: Mutex::default(), cancelled: AtomicBool::new(false) }
     }
