@@ -38,13 +38,18 @@ const says = (...words: (string | RegExp)[]) =>
       words.every((word) => (typeof word === "string" ? text.includes(word) : word.test(text))),
   );
 
-/** How the last debt ended, as the journal has it. */
-async function ended(): Promise<Kept> {
-  const text = await v.server.program.get<Kept[]>("/journal");
-  const last = text.findLast((record) => record.deed === "stop_ended" && record.axis === 0);
+/** How the last pending stop ended. The page shows the end before the journal has written it. */
+async function ended(visitor: Visitor, isMeant: (record: Kept) => boolean): Promise<Kept> {
+  const isOfStop = ({ deed }: Kept) => deed === "stop_owed" || deed === "stop_ended";
+  const records = await visitor.until(
+    () => visitor.server.program.get<Kept[]>("/journal"),
+    (journal) => journal.filter(isMeant).findLast(isOfStop)?.deed === "stop_ended",
+  );
+  const last = records.filter(isMeant).findLast(isOfStop);
   if (!last) throw new Error("the journal has no end of a stop");
   return last;
 }
+const endedHere = () => ended(v, ({ axis }) => axis === 0);
 
 /** It is owed a stop: its supply went away, and somebody said STOP. */
 async function owe(): Promise<void> {
@@ -130,7 +135,7 @@ describe("a motor that is not seen standing", () => {
     await dismiss.click();
     await list().waitFor({ state: "detached" });
     expect(await debt()).toBeNull();
-    const { who, detail } = await ended();
+    const { who, detail } = await endedHere();
     expect(who).toMatch(/^operator \d+$/);
     expect(detail).toMatchObject({
       how: "dismissed",
@@ -151,7 +156,7 @@ describe("a motor that is not seen standing", () => {
       () => banner().innerText(),
       (text) => text.includes("all axes at standstill"),
     );
-    expect((await ended()).detail).toMatchObject({ how: "standing" });
+    expect((await endedHere()).detail).toMatchObject({ how: "standing" });
     expect(await panel().locator(".alarm").count()).toBe(0);
     await release();
   });
@@ -176,7 +181,7 @@ describe("a motor that is not seen standing", () => {
     await go.click();
     await list().waitFor({ state: "detached" });
     await form.waitFor({ state: "detached" });
-    expect((await ended()).detail).toMatchObject({ how: "dismissed", reason: "taken_over" });
+    expect((await endedHere()).detail).toMatchObject({ how: "dismissed", reason: "taken_over" });
     await supply(24);
     await v.giveBack();
   });
@@ -253,8 +258,7 @@ describe("a drive that was taken away while a server owed it a stop", () => {
     await form.getByLabel("Reason").selectOption("The drive was removed, or has no supply");
     await form.getByRole("button", { name: "Dismiss the stop" }).click();
     await region().waitFor({ state: "detached" });
-    const text = await late.server.program.get<Kept[]>("/journal");
-    const end = text.findLast((record) => record.deed === "stop_ended");
-    expect(end?.detail).toMatchObject({ how: "dismissed", number: 1, link: drive.url });
+    const end = await ended(late, ({ detail }) => detail.link === drive.url);
+    expect(end.detail).toMatchObject({ how: "dismissed", number: 1, link: drive.url });
   });
 });

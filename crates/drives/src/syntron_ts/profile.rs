@@ -908,7 +908,11 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
         Step::NoFault { read: ParameterId(21), mask: -1 },
         Step::Ensure(ParameterId(15), 1),
         Step::Write(ParameterId(7), Operand::Argument(Argument::Velocity)),
+        Step::Skip { read: ParameterId(8), test: ParameterTest { mask: 0x1, compare: Compare::Equal, value: 1 }, count: 2 },
         Step::Write(ParameterId(8), Operand::Constant(1)),
+        Step::Write(ParameterId(7), Operand::Argument(Argument::Velocity)),
+        Step::Require { read: ParameterId(0), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The drive lost its settings, as after a power-off: look at its supply, and store Fn_00 = 1 in its flash" },
+        Step::Require { read: ParameterId(8), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The motor is off, as after a power-off: look at the drive's alarm and its supply, then enable the axis" },
     ], undo: &[
         Step::Write(ParameterId(7), Operand::Constant(0)),
         Step::Write(ParameterId(8), Operand::Constant(0)),
@@ -941,6 +945,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
         Step::Require { read: ParameterId(305), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The drive lost its settings, as after a power-off: it did not start" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
         Step::Write(ParameterId(305), Operand::Constant(0)),
+        Step::Require { read: ParameterId(8), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The motor is off, as after a power-off: look at the drive's alarm and its supply, then enable the axis" },
     ], undo: &[
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -973,6 +978,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
         Step::Require { read: ParameterId(305), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The drive lost its settings, as after a power-off: it did not start" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
         Step::Write(ParameterId(305), Operand::Constant(0)),
+        Step::Require { read: ParameterId(8), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The motor is off, as after a power-off: look at the drive's alarm and its supply, then enable the axis" },
     ], undo: &[
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -1006,6 +1012,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
         Step::Require { read: ParameterId(305), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The drive lost its settings, as after a power-off: it did not start" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
         Step::Write(ParameterId(305), Operand::Constant(0)),
+        Step::Require { read: ParameterId(8), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The motor is off, as after a power-off: look at the drive's alarm and its supply, then enable the axis" },
     ], undo: &[
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -1039,6 +1046,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
         Step::Require { read: ParameterId(305), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The drive lost its settings, as after a power-off: it did not start" },
         Step::NoFault { read: ParameterId(21), mask: -1 },
         Step::Write(ParameterId(305), Operand::Constant(0)),
+        Step::Require { read: ParameterId(8), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The motor is off, as after a power-off: look at the drive's alarm and its supply, then enable the axis" },
     ], undo: &[
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -1056,6 +1064,7 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 11] = [
         Step::Write(ParameterId(306), Operand::Constant(0)),
         Step::Homed { read: ParameterId(23), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 0 }, within_ms: 60000 },
         Step::NoFault { read: ParameterId(21), mask: -1 },
+        Step::Require { read: ParameterId(8), test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 }, hint: "The motor is off, as after a power-off: look at the drive's alarm and its supply, then enable the axis" },
     ], undo: &[
         Step::Write(ParameterId(307), Operand::Constant(1)),
         Step::Write(ParameterId(306), Operand::Constant(0)),

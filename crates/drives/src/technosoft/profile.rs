@@ -910,6 +910,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3150021377), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -919,6 +920,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(2982183168), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -931,6 +933,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -944,6 +947,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3758030848), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -957,6 +961,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3758030848), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -972,6 +977,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
         Step::Require { read: ParameterId(260), test: ParameterTest { mask: 0x300, compare: Compare::Equal, value: 0 }, hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
@@ -989,6 +995,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3758030848), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
         Step::Require { read: ParameterId(260), test: ParameterTest { mask: 0x300, compare: Compare::Equal, value: 0 }, hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
@@ -1002,6 +1009,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3150021377), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
         Step::Homed { read: ParameterId(372), test: ParameterTest { mask: 0xbfea, compare: Compare::NotEqual, value: 0 }, within_ms: 60000 },
         Step::NoFault { read: ParameterId(372), mask: 0xbf2a },
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
@@ -2184,6 +2192,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3150021377), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -2193,6 +2202,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(2982183168), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -2205,6 +2215,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -2218,6 +2229,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3758030848), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -2231,6 +2243,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3758030848), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
     ] },
@@ -2246,6 +2259,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
         Step::Require { read: ParameterId(291), test: ParameterTest { mask: 0x300, compare: Compare::Equal, value: 0 }, hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
@@ -2263,6 +2277,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3758030848), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
         Step::Require { read: ParameterId(291), test: ParameterTest { mask: 0x300, compare: Compare::Equal, value: 0 }, hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults" },
     ], undo: &[
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
@@ -2276,6 +2291,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3150021377), like: None },
         Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
         Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
         Step::Homed { read: ParameterId(426), test: ParameterTest { mask: 0xbfea, compare: Compare::NotEqual, value: 0 }, within_ms: 60000 },
         Step::NoFault { read: ParameterId(426), mask: 0xbf2a },
         Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },

@@ -133,16 +133,22 @@ fn open(family: &Family) -> LocalLink {
     link
 }
 
+/// Starts a command to move by that way, or to turn at that speed.
+fn command(axis: &LocalAxis, family: &Family, verb: Verb) -> polepair::axis::RunningRequest {
+    let argument =
+        |which, text: &str| axis.argument(verb, which, &text.into()).expect("an argument");
+    let command = Command {
+        target: (verb == Verb::MoveBy).then(|| argument(Argument::Target, family.way)),
+        velocity: Some(argument(Argument::Velocity, family.speed)),
+        ..Command::new(verb)
+    };
+    axis.start(command).unwrap_or_else(|error| panic!("{}: {error}", family.url))
+}
+
 /// Starts a move by that way, and the wait for its arrival.
 fn start(axis: &LocalAxis, family: &Family) -> polepair::axis::RunningRequest {
-    let argument =
-        |which, text: &str| axis.argument(Verb::MoveBy, which, &text.into()).expect("an argument");
-    let command = Command {
-        target: Some(argument(Argument::Target, family.way)),
-        velocity: Some(argument(Argument::Velocity, family.speed)),
-        ..Command::new(Verb::MoveBy)
-    };
-    axis.run(command).unwrap_or_else(|error| panic!("{}: {error}", family.url));
+    let commanded = command(axis, family, Verb::MoveBy).wait(Duration::from_secs(10));
+    assert!(matches!(commanded, Ok(Some(_))), "{}: {commanded:?}", family.url);
     axis.start(Command::new(Verb::Reached).limited(Duration::from_secs(60))).expect("a wait")
 }
 
@@ -217,6 +223,53 @@ fn the_same_motions_arrive_when_nothing_happens() {
         assert!(matches!(ended, Ok(Some(_))), "{}: {ended:?}", family.url);
         armed.release().expect("it stands");
     }
+}
+
+/// The power of a drive goes off and on after so many steps of a command. Some drives move then, which have their
+/// motor powered from the start; false if one does not, and the command claims to be done. The last reply may have
+/// left it just before that. `None` if the command was over.
+fn is_true_after_power_cycle(family: &Family, verb: Verb, steps: u32) -> Option<bool> {
+    const STEP: Duration = Duration::from_millis(3);
+    const LAST_REPLY: Duration = Duration::from_millis(30);
+    let link = open(family);
+    let axis = &link.axes()[0];
+    let armed = axis.armed().unwrap_or_else(|error| panic!("{}: {error}", family.url));
+    let simulation = link.simulation().expect("a simulation");
+    let position = || simulation.truth(0, 0).expect("a drive").position;
+    let mut commanded = command(axis, family, verb);
+    if !matches!(commanded.wait(STEP * steps), Ok(None)) {
+        return None;
+    }
+    assert!(simulation.act(0, 0, Act::PowerCycle));
+    let (at, before) = (simulation.now(), position());
+    let ended = commanded.wait(Duration::from_secs(10));
+    let is_claimed = matches!(ended, Ok(Some(_))) && simulation.now().since(at) > LAST_REPLY;
+    simulation.advance(Duration::from_secs(1));
+    let has_moved = (position() - before).abs() > 0.1;
+    let _ = armed.release();
+    Some(has_moved || !is_claimed)
+}
+
+#[test]
+fn a_command_is_not_done_when_the_drive_lost_its_supply_before_it_moved() {
+    const SPEED_MODE: Family = Family {
+        url: "sim:modbus-rtu",
+        prepare: &[("write target", 1), ("control mode", 1)],
+        ..CIA402
+    };
+    let moves = FAMILIES.iter().map(|family| (family, Verb::MoveBy));
+    let speeds = [&SPEED_MODE, &CIA402, &TML, &FAMILIES[5], &FAMILIES[6], &STEPPER];
+    let mut false_claims = Vec::new();
+    for (family, verb) in moves.chain(speeds.map(|family| (family, Verb::Velocity))) {
+        for steps in 1.. {
+            match is_true_after_power_cycle(family, verb, steps) {
+                Some(true) => {}
+                Some(false) => false_claims.push(format!("{} {verb:?} {steps}", family.url)),
+                None => break,
+            }
+        }
+    }
+    assert_eq!(false_claims, [""; 0]);
 }
 
 /// Three turns in two seconds, there at rest.

@@ -53,11 +53,12 @@ fn a_seed_gives_the_same_history_again() {
 }
 
 /// Worlds that broke something, and what it was.
-const KEPT: [(u64, &str); 4] = [
+const KEPT: [(u64, &str); 5] = [
     (208, "a command that was refused counted as the one that moves the axis"),
     (5876, "what a stop writes was taken for motion"),
     (7598, "a stop that was lost on TechnoCAN was told as acknowledged"),
     (20592, "a hand waited for a drive whose scales were unread, and all stood still"),
+    (39904, "a command was done on a drive that lost its supply before its last step"),
 ];
 
 #[test]
