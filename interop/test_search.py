@@ -22,10 +22,11 @@ RATES = {termios.B9600: 9_600, termios.B19200: 19_200, termios.B57600: 57_600, t
 
 
 class TmclModule:
-    """A TMCM-1140 on a pty that understands only what is sent at its own baud rate."""
+    """A TMCM-1140 on a pty that understands only what is sent at its own baud rate. One that holds part of a datagram
+    keeps it however long the pause is."""
 
-    def __init__(self, rate: int, address: int) -> None:
-        self.rate, self.address = rate, address
+    def __init__(self, rate: int, address: int, held: bytes | None = None) -> None:
+        self.rate, self.address, self.held = rate, address, held
         self.commands: list[int] = []
         self.ours, self.theirs = pty.openpty()
         tty.setraw(self.theirs)
@@ -35,10 +36,10 @@ class TmclModule:
         self.thread.start()
 
     def serve(self) -> None:
-        pending = b""
+        pending = self.held or b""
         while not self.ended.is_set():
             if not select.select([self.ours], [], [], 0.01)[0]:
-                pending = b""
+                pending = b"" if self.held is None else pending
                 continue
             received = os.read(self.ours, 64)
             if RATES.get(termios.tcgetattr(self.theirs)[5]) != self.rate:
@@ -69,7 +70,7 @@ def module(request):
     made.close()
 
 
-@pytest.mark.parametrize("module", [(9_600, 1), (115_200, 1)], indirect=True)
+@pytest.mark.parametrize("module", [(9_600, 1), (115_200, 1), (9_600, 1, b"\x3a\x0d\x55")], indirect=True)
 def test_a_module_is_found_at_its_rate_and_address(module):
     found = [json.loads(line) for line in polepair("scan", module.path, "--format", "jsonl", silence=True).stdout.splitlines()]
     assert [one["url"] for one in found] == [f"tmcl+serial://{module.path}:{module.rate}#{module.address}"]

@@ -32,6 +32,7 @@ DRIVES = [
     "candump_sees_the_printed_examples_answered",
     "our_host_drives_a_node_on_vcan",
     "cansend_runs_a_thruster",
+    "our_search_finds_what_is_on_the_bus",
 ]
 
 

@@ -1,5 +1,6 @@
 """Run in the guest by test_socketcan.py: CANopen drives and thrusters of ours on the kernel's CAN."""
 
+import json
 import logging
 import subprocess
 import sys
@@ -266,6 +267,19 @@ def cansend_runs_a_thruster():
             lambda speed: abs(speed - 500) <= 2,
         )
         assert answer(log, "30B 51 50 00 00", "28B") == bytes.fromhex("51500000000001E0")
+
+
+@check
+def our_search_finds_what_is_on_the_bus():
+    """`polepair scan INTERFACE` without a protocol. Thrusters are asked only where no CANopen node replies: for such
+    a node their questions are PDOs."""
+    for words, protocol, asks_thrusters in [("cia402:2", "canopen", False), ("thruster:11", "thruster", True)]:
+        with simulated(words), Candump(BUS) as log:
+            found = run(POLEPAIR, "scan", BUS, "--format", "jsonl").splitlines()
+            number = words.split(":")[1]
+            assert [json.loads(line)["url"] for line in found] == [f"{protocol}+socketcan://{BUS}#{number}"], found
+            ids = {int(frame.split()[1].split("#")[0], 16) for frame in log.heard(0.5)}
+            assert any(0x301 <= each <= 0x37F for each in ids) == asks_thrusters, sorted(map(hex, ids))
 
 
 run_all()

@@ -26,10 +26,13 @@ const EVEN_PARITY: &str = "modbus-rtu";
 const EVEN_PARITY_RATES: [u32; 4] = [19_200, 9_600, 38_400, 115_200];
 /// Addresses of each pass: drives come from the factory with the lowest, and few lines have many.
 const PASSES: [Range<usize>; 3] = [0..2, 2..8, 8..32];
-/// How long a reply is waited for in the first pass and in the others, beside the time on the wire. Drives reply within
-/// a few milliseconds; adapters on USB hold bytes back for 16 ms.
-const FIRST_PATIENCE: Duration = Duration::from_millis(120);
+/// Time for a reply in the first pass and in the others, beside the time on the wire. Drives reply within a few
+/// milliseconds; adapters on USB hold bytes back for 16 ms.
+const FIRST_PATIENCE: Duration = Duration::from_millis(60);
 const PATIENCE: Duration = Duration::from_millis(35);
+/// Requests to the first address: a TMCL module that holds part of a datagram, of nine bytes, needs one more byte for
+/// each of them.
+const FIRST_REQUESTS: u32 = 10;
 /// Bits on the wire of a request and its reply: no more than 20 characters.
 const EXCHANGE_BITS: u32 = 20 * 11;
 
@@ -146,6 +149,8 @@ struct SearchAttempt {
     url: Url,
     protocol: ProtocolInfo,
     label: String,
+    /// Baud rate, never 0.
+    baud: u32,
 }
 
 /// A port that is being searched.
@@ -203,7 +208,7 @@ impl PortSearch {
             };
             let parity = if has_parity { ", even parity" } else { "" };
             let label = format!("{} at {rate} baud{parity}", protocol.name);
-            attempts.push(SearchAttempt { url, protocol: protocol.clone(), label });
+            attempts.push(SearchAttempt { url, protocol: protocol.clone(), label, baud: rate });
         };
         // What drives have from the factory comes first.
         serial().for_each(|protocol| add(protocol, protocol.baud, false));
@@ -288,21 +293,27 @@ impl PortSearch {
         addresses: Range<usize>,
         each: AttemptCallback<'_>,
     ) -> Result<ControlFlow<()>, Error> {
-        let SearchAttempt { url, protocol, label } = &self.attempts[at];
-        let (lines, _) = connector.open_lines(url)?;
-        let Some(line) = lines.first() else { return Ok(ControlFlow::Continue(())) };
+        let SearchAttempt { url, protocol, label, baud } = &self.attempts[at];
+        let (mut lines, _) = connector.open_lines(url)?;
+        let Some(line) = lines.first_mut() else { return Ok(ControlFlow::Continue(())) };
         let numbers = protocol.addresses.clone().skip(addresses.start).take(addresses.len());
-        let on_wire = Duration::from_secs(1) * EXCHANGE_BITS / line.options.baud.max(1);
-        let patience = if addresses.start == 0 { FIRST_PATIENCE } else { PATIENCE };
-        let timeout = clock::scale_timeout(on_wire + patience);
+        let on_wire = Duration::from_secs(1) * EXCHANGE_BITS / *baud;
+        let patience = on_wire + if addresses.start == 0 { FIRST_PATIENCE } else { PATIENCE };
+        // A port may not tell its rate (USB CDC, pseudo-terminals): the host would wait as long as on a network.
+        line.options.reply_timeout_ms = u32::try_from(patience.as_millis()).ok();
+        line.options.ack_timeout_ms = line.options.reply_timeout_ms;
+        let line = &lines[0];
         for number in numbers {
             if each(&self.port, label, at).is_break() {
                 return Ok(ControlFlow::Break(()));
             }
-            // The first pass asks twice: a drive may hold bytes of other protocols' requests, which it first drops.
+            // The first address is asked again and again: a drive may hold bytes of other protocols' requests, which
+            // it first drops.
+            let is_first = number == *protocol.addresses.start();
             let prober = Prober::new(line, &connector.config);
-            let prober = if addresses.start == 0 { prober } else { prober.scanning() };
-            match prober.with_timeout(Some(timeout)).probe(number)? {
+            let prober = if is_first { prober } else { prober.scanning() };
+            let limit = patience * if is_first { FIRST_REQUESTS } else { 1 };
+            match prober.with_timeout(Some(clock::scale_timeout(limit))).probe(number)? {
                 ProbeResult::Found { doubtful: false, .. } => {
                     let url = url.clone();
                     drop(lines);
