@@ -18,7 +18,7 @@ use std::process::{Command, Stdio};
 /// Everything that generation may do wrong, as text for people.
 pub type CodegenResult<T> = std::result::Result<T, String>;
 
-/// Writes the generated files; with `check` only tells which are stale.
+/// Writes the generated files; with `check` only reports the stale ones.
 pub fn run(root: &Path, check: bool) -> CodegenResult<()> {
     let mut stale = Vec::new();
     for (path, text) in generated_files(root)? {
@@ -58,7 +58,7 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
         for profile in &profiles {
             let page = root.join("docs/drives").join(profile.name).with_extension("md");
             let part = root.join("profiles").join(profile.name).with_extension("md");
-            // What no table can say of a drive is written by hand, beside its profile.
+            // Facts that no table can express are written by hand, beside the profile.
             let part = std::fs::read_to_string(part).unwrap_or_default();
             files.insert(page, crate::pages::drive_page(profile, &part));
         }
@@ -95,7 +95,7 @@ fn destination(root: &Path, profile: &Profile) -> PathBuf {
     folder.join("profile.rs")
 }
 
-/// What `rustfmt` makes of the text, with the workspace's settings.
+/// The text as formatted by `rustfmt` with the workspace's settings.
 fn format_source(text: &str) -> CodegenResult<String> {
     let failed = |e: std::io::Error| format!("rustfmt: {e}");
     let mut child = Command::new("rustfmt")
@@ -157,7 +157,7 @@ const P: Parameter = Parameter {
 
 ";
 
-/// How a variable of which only a memory map tells is written: in one line.
+/// Form of a variable that only a memory map documents: one line.
 const MAPPED: &str = "\
 /// A variable that is known from the memory map alone.
 const fn mapped(name: &'static str, index: u16, encoding: Encoding) -> Parameter {
@@ -172,7 +172,7 @@ const fn mapped(name: &'static str, index: u16, encoding: Encoding) -> Parameter
     Parameter { name, symbol, index, encoding, min, max, certainty, moves: true, ..P }
 }
 
-/// As [`mapped`], in a unit.
+/// [`mapped`] with a unit.
 const fn scaled(mut mapped: Parameter, unit: Unit, scale: Scale) -> Parameter {
     (mapped.unit, mapped.scale) = (unit, scale);
     mapped
@@ -221,7 +221,7 @@ fn import_lines(body: &str, core: &str) -> String {
     lines.trim_end().to_owned()
 }
 
-/// Whether a name stands in the code as a word, outside texts.
+/// Returns whether a name occurs in the code as a word, outside texts.
 fn uses_name(body: &str, name: &str) -> bool {
     let code: String = body.split('"').step_by(2).collect();
     code.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == name)
@@ -234,9 +234,9 @@ fn constant_name(name: &str) -> String {
 
 struct Emitter {
     text: String,
-    /// Tables that are there already, by what they say: products of a family share them.
+    /// Existing tables by content: products of a family share them.
     tables: BTreeMap<String, String>,
-    /// The last table of each kind that stands there row by row: what the next is compared with.
+    /// The last table of each kind that was written row by row, which the next is compared with.
     last_tables: BTreeMap<String, (String, Vec<String>)>,
 }
 
@@ -403,7 +403,7 @@ fn parameter_row(profile: &Profile, p: &Parameter) -> String {
     row
 }
 
-/// Whether a row says no more than a line of a memory map does.
+/// Returns whether a row has no more than a line of a memory map.
 fn is_mapped(p: &Parameter) -> bool {
     let plain = p.about.is_empty() && p.section.is_empty() && p.values.is_empty();
     let (access, persistence) = (p.access, p.persistence);
@@ -434,7 +434,7 @@ fn scale_expr(scale: Scale) -> String {
     format!("Scale {{ factor: {factor:?}, times: {times}, over: {over}, rule: {rule} }}")
 }
 
-/// Where a rule stands: `tmcm-velocity-pps` is `VELOCITY_PPS` of that family's units.
+/// Path of a rule: `tmcm-velocity-pps` is `VELOCITY_PPS` of that family's units.
 fn rule_path(rule: &ScaleRule) -> String {
     let (family, name) = rule.name.split_once('-').unwrap_or((rule.name, ""));
     format!("&crate::{family}::units::{}", name.to_uppercase().replace('-', "_"))

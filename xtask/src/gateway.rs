@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-/// Whether these words of `swarm` mean the gateway.
+/// Returns whether these words of `swarm` mean the gateway.
 pub fn is_requested(words: &[&str]) -> bool {
     words.windows(2).any(|pair| match pair {
         ["--on", "gateway"] => true,

@@ -96,7 +96,7 @@ fn write_row(form: &Form, out: &mut String) {
         writeln!(out, "| `{text}`{also} | {opcode} | {words} | {about} | {certainty} | {source} |");
 }
 
-/// What stands in the opcode beside the category.
+/// Operands in the opcode beside the category.
 fn opcode_operands(form: &Form) -> String {
     let mut parts = String::new();
     for piece in form.pieces {

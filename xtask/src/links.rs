@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
-/// Where the documentation is published. A link there is one to the page here.
+/// Address of the published documentation. A link there means the page here.
 const PUBLISHED: &str = "https://polepair.github.io/polepair/";
 /// Pages whose links are those of all others, or are made for another address.
 const LEFT_OUT: [&str; 3] = ["print.html", "404.html", "toc.html"];
@@ -59,7 +59,7 @@ fn attributes<'a>(text: &'a str, name: &'a str) -> impl Iterator<Item = &'a str>
     text.split(name).skip(1).filter_map(|rest| rest.split_once('"').map(|(value, _)| value))
 }
 
-/// What is wrong with a link of a page, if anything is.
+/// Fault of a link of a page, if there is one.
 fn broken_link(
     site: &Path,
     pages: &BTreeMap<PathBuf, String>,

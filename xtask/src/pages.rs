@@ -8,7 +8,7 @@ use polepair_core::profile::{
     Watchdog,
 };
 
-/// The page of a profile; `part` is written by hand and stands before the verbs.
+/// The page of a profile; `part` is written by hand and comes before the verbs.
 pub fn drive_page(profile: &Profile, part: &str) -> String {
     let mut out = String::new();
     let mut add = |text: String| {
@@ -44,7 +44,7 @@ pub fn drive_page(profile: &Profile, part: &str) -> String {
     out
 }
 
-/// Of numbered repetitions the first stands for all; what nobody documents is counted only.
+/// Of numbered repetitions the first is shown; undocumented parameters are only counted.
 fn is_shown(parameter: &Parameter) -> bool {
     let number = parameter.name.split(' ').find_map(|word| word.parse::<u32>().ok());
     parameter.certainty != Certainty::Undocumented
@@ -57,7 +57,7 @@ fn is_mapped(parameter: &Parameter) -> bool {
     parameter.about.is_empty() && parameter.name == parameter.symbol
 }
 
-/// What only a memory map tells, by type.
+/// Parameters that only a memory map documents, by type.
 fn memory_map_text(profile: &Profile) -> String {
     let types = [
         (Encoding::I16, "INT, signed 16 bits"),

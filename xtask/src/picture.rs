@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 use std::io::Read as _;
 
-/// Lines shown from the beginning, and from the end; what lies between is left out and said so.
+/// Lines shown from the beginning, and from the end; a note replaces the lines between.
 const HEAD: usize = 40;
 const TAIL: usize = 12;
 /// Characters of a line.

@@ -14,7 +14,7 @@ const STEPPER_CAUTION: &str = "A stepper motor loses steps without a word where 
      its current: set max current (AP 6) first. It continues to turn if the line is lost unless a heartbeat is set \
      (GP 68 serial, GP 82 CAN).";
 
-/// Where the files go, below the root.
+/// Target folder of the files, below the root.
 pub const FOLDER: &str = "crates/polepair/profiles/trinamic";
 /// The module that the others with speeds in microsteps per second extend.
 const PPS_BASE: &str = "tmcm-1241";
@@ -31,7 +31,7 @@ const CURRENTS: [u16; 4] = [6, 7, 183, 200];
 /// Axis parameters that mean the same in all stepper modules that have them, however they are spelled.
 const COMMON: [std::ops::RangeInclusive<u16>; 8] =
     [0..=13, 140..=140, 160..=162, 165..=174, 180..=182, 193..=195, 197..=197, 206..=208];
-/// Modules whose units no source tells.
+/// Modules whose units no source documents.
 const UNITS_UNKNOWN: [u32; 1] = [1021];
 
 /// A class of the library.
@@ -42,7 +42,7 @@ struct Module {
     parameters: BTreeMap<u16, String>,
 }
 
-/// Writes the profiles, and says which.
+/// Writes the profiles, and prints their names.
 pub fn run(root: &Path, package: &Path) -> Result<(), String> {
     let version = package_version(package)?;
     let modules = read_modules(&package.join("modules"))?;
@@ -77,7 +77,7 @@ impl Module {
     }
 }
 
-/// The version of an installed package, which its metadata beside it says.
+/// The version of an installed package, from the metadata beside it.
 fn package_version(package: &Path) -> Result<String, String> {
     let site = package.parent().ok_or("the package lies in no folder")?;
     let entries =
@@ -417,8 +417,8 @@ fn current_row(text: &mut String, at: u16, name: &str) {
     row(text, at, name, about, &rest);
 }
 
-/// What a module with speeds in microsteps per second does otherwise than one with a TMC429: the flags of
-/// its driver are not documented alike, so none of them counts as a fault.
+/// Differences of a module with speeds in microsteps per second from one with a TMC429: the flags of its driver are not
+/// documented alike, so none of them counts as a fault.
 const PPS_TAIL: &str = r#"
 [signals]
 position = "actual position"

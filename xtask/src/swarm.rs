@@ -8,7 +8,7 @@ use std::time::Instant;
 use polepair_core::medium::MediumKind;
 use polepair_sim::swarm::{self, WorldReport};
 
-/// What `swarm --help` prints.
+/// Text of `swarm --help`.
 pub const HELP: &str = "\
 usage: cargo xtask swarm [--on serial|can|gateway] [--seeds N] [--from S] [--jobs J]
        cargo xtask swarm --replay serial:S | can:S | gateway:S
@@ -40,8 +40,8 @@ Exit code 0: no invariant was broken. 1: some were, or a word is not understood.
 /// Seeds that are named at most when they break something.
 const NAMED_MAX: usize = 20;
 
-/// `--seeds N --from S --jobs J --on serial|can`, on both if it is left out; `--replay can:S` tells
-/// everything about one seed.
+/// `--seeds N --from S --jobs J --on serial|can`, on both if it is left out; `--replay can:S` prints the whole history
+/// of one seed.
 #[derive(Clone, Copy, Debug)]
 struct SwarmOptions {
     seeds: u64,

@@ -1,7 +1,7 @@
 //! The never-rules of the architecture, held mechanically: files are parsed and paths resolved.
 //!
-//! What stands below `#[cfg(test)]`, in `tests.rs`, `tests/`, `benches/` and `examples/` may do
-//! what tests must; generated files may be long.
+//! Code below `#[cfg(test)]`, in `tests.rs`, `tests/`, `benches/` and `examples/` may do what tests must; generated
+//! files may be long.
 
 mod decisions;
 mod docs;
@@ -23,7 +23,7 @@ use vocabulary::Vocabulary;
 const LINES_MAX: usize = 700;
 /// Characters of a line of code; rustfmt holds code to 100, and leaves texts and comments alone.
 const COLUMNS_MAX: usize = 120;
-/// Words that say nothing of what a thing is.
+/// Words that carry no meaning in a name.
 const EMPTY_WORDS: [&str; 5] = ["Manager", "Helper", "Utils", "Util", "Handler"];
 const EMPTY_MODULES: [&str; 5] = ["common", "utils", "util", "helpers", "helper"];
 /// Files of a protocol that know bytes alone.
@@ -71,8 +71,7 @@ fn rust_files(root: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// What one file breaks; its names are added to the vocabulary. `path` is relative to the workspace, with
-/// slashes.
+/// Faults of one file; its names are added to the vocabulary. `path` is relative to the workspace, with slashes.
 pub(crate) fn check_file(
     path: &str,
     text: &str,
@@ -122,7 +121,7 @@ fn forbids_unsafe(file: &syn::File) -> bool {
     })
 }
 
-/// Where a file stands in the layers.
+/// Place of a file in the layers.
 struct SourceLocation {
     krate: String,
     /// Folders and file below `src`, without the ending; `mod` dropped.

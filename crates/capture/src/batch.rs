@@ -73,7 +73,7 @@ pub struct FrameTemplate {
     pub direction: Option<Direction>,
     /// CAN identifier of 11 bits.
     pub id: u32,
-    /// How many bytes they have.
+    /// Number of bytes they have.
     pub len: u8,
 }
 
@@ -156,7 +156,7 @@ impl FrameBatch {
         self.stopped = true;
     }
 
-    /// Whether that was said, until a piece begins.
+    /// Returns whether that was said, until a piece begins.
     pub(crate) const fn is_stopped(&self) -> bool {
         self.stopped
     }
@@ -173,7 +173,7 @@ impl FrameBatch {
         self.len() == 0
     }
 
-    /// How many frames it has.
+    /// Number of frames it has.
     #[must_use]
     pub const fn len(&self) -> usize {
         self.compact.len() + self.compact_before.len()

@@ -289,7 +289,7 @@ impl CaptureDecoder {
         self.decode_record(&Record { direction, ..*record }, out);
     }
 
-    /// Whether the direction of a record proves who sent it: a passive logger receives the frames of both
+    /// Returns whether the direction of a record proves who sent it: a passive logger receives the frames of both
     /// sides. Received CAN frames count as a drive's once the link has sent one itself.
     #[inline]
     fn trusts_direction(&mut self, at: usize, record: &Record<'_>) -> bool {

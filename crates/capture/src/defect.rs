@@ -26,7 +26,7 @@ impl fmt::Display for FrameDefect {
 }
 
 impl FrameDefect {
-    /// Whether a check over its bytes fails.
+    /// Returns whether a check over its bytes fails.
     #[must_use]
     pub const fn is_bad_check(self) -> bool {
         matches!(self, Self::BadCheck | Self::Wire(WireError::Checksum { .. }))

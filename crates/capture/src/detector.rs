@@ -257,7 +257,7 @@ impl LinkDetection {
         self.protocol.into_iter().chain(self.secondary.iter().copied()).chain(proven)
     }
 
-    /// Whether both are of one link and find the same protocols and axes on it.
+    /// Returns whether both are of one link and find the same protocols and axes on it.
     pub(crate) fn has_same_protocols(&self, other: &Self) -> bool {
         let names = |it: &Self| it.protocols().map(|each| each.name()).collect::<Vec<_>>();
         let axes = |it: &Self| it.proven_axes.iter().map(|(_, axis)| *axis).collect::<Vec<_>>();
@@ -267,7 +267,7 @@ impl LinkDetection {
             && (&self.tied, &self.shared_axes) == (&other.tied, &other.shared_axes)
     }
 
-    /// Whether none of its protocols claims a frame, and another one does.
+    /// Returns whether none of its protocols claims a frame, and another one does.
     fn leaves_to_others(&self, frame: &Frame) -> bool {
         let claims = |dissector: &'static dyn Dissector| score::claims_frame(dissector, frame);
         !self.protocols().any(claims) && proto::dissectors().iter().copied().any(claims)

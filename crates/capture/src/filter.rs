@@ -31,7 +31,7 @@ pub struct FilterError {
     text: String,
     /// The first character that is wrong.
     pub position: usize,
-    /// How many are.
+    /// Number of valid entries.
     pub len: usize,
     /// What was expected there.
     pub message: String,
@@ -48,7 +48,7 @@ impl FrameFilter {
         parser::parse_filter(text).map(|test| Self { test, first_time: None })
     }
 
-    /// Whether a frame is wanted. Times count from the first frame that was asked about.
+    /// Returns whether a frame is wanted. Times count from the first frame that was asked about.
     pub fn matches(&mut self, event: &DecodedFrame<'_>) -> bool {
         self.first_time = self.first_time.or(event.time);
         self.test.matches(&eval::TestInput { frame: event, first_time: self.first_time })

@@ -56,7 +56,7 @@ impl TextPiece {
 #[derive(Clone, Copy)]
 pub(crate) struct HexColumns {
     digits: [u64; 3],
-    /// How many columns count.
+    /// Number of columns count.
     columns: usize,
 }
 

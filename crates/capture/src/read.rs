@@ -128,7 +128,7 @@ pub struct CaptureReader {
     plain: PlainReader,
 }
 
-/// Whether a capture is compressed.
+/// True if a capture is compressed.
 #[derive(Debug)]
 enum CompressionState {
     /// Its first bytes, too few to tell.

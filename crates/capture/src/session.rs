@@ -130,7 +130,7 @@ pub enum ExchangeOutcome {
     Done,
     /// Answered: refused, and not done.
     Refused,
-    /// Whether it was done cannot be told.
+    /// True if it was done cannot be told.
     Unknown,
     /// Answered, after it had been given up.
     Late,
@@ -329,7 +329,7 @@ pub(crate) trait ProtocolTracker: Debug + Send {
         false
     }
 
-    /// Whether the capture gave that CAN identifier to this protocol, which is not its own otherwise.
+    /// Returns whether the capture gave that CAN identifier to this protocol, which is not its own otherwise.
     fn claims_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
@@ -380,8 +380,8 @@ impl LinkSession {
         }
     }
 
-    /// Whether what frames with that identifier of 11 bits say by themselves hangs on their bytes
-    /// alone, where that protocol alone is spoken.
+    /// Returns whether what frames with that identifier of 11 bits say by themselves hangs on their bytes alone, where
+    /// that protocol alone is spoken.
     pub fn is_repeatable(&self, protocol: InternedName, id: u32) -> bool {
         matches!(&self.trackers[..], [(name, only)] if *name == protocol && only.is_repeatable(id))
     }
@@ -402,7 +402,7 @@ impl LinkSession {
     }
 }
 
-/// Whether a notice tells what is wrong with a frame by itself.
+/// Returns whether a notice tells what is wrong with a frame by itself.
 pub(crate) fn is_frame_anomaly(notice: &SessionNotice) -> bool {
     let kinds = [AnomalyKind::BadCheck, AnomalyKind::Malformed, AnomalyKind::Stray];
     matches!(notice, SessionNotice::Anomaly(anomaly) if kinds.contains(&anomaly.kind))

@@ -84,7 +84,7 @@ pub struct FrameKind {
 const REGULAR_MIN: u64 = 10;
 
 impl FrameKind {
-    /// Whether it comes at a steady rate: nine gaps of ten are within a quarter of the median.
+    /// Returns whether it comes at a steady rate: nine gaps of ten are within a quarter of the median.
     #[must_use]
     pub fn is_regular(&self) -> bool {
         let median = self.gaps.median();
@@ -289,7 +289,7 @@ impl Summary {
         kinds
     }
 
-    /// Whether nothing was odd and no fault was told.
+    /// Returns whether nothing was odd and no fault was told.
     #[must_use]
     pub fn is_clean(&self) -> bool {
         self.faults.is_empty() && self.anomalies.counts().len() == 0

@@ -322,7 +322,7 @@ impl CaptureSource {
     }
 }
 
-/// Whether a capture can be read once only: `-` is stdin, others are pipes and terminals.
+/// Returns whether a capture can be read once only: `-` is stdin, others are pipes and terminals.
 pub fn is_stream(path: &Path) -> bool {
     let is_other = |it: std::fs::Metadata| !it.is_file() && !it.is_dir();
     path.as_os_str() == "-" || std::fs::metadata(path).is_ok_and(is_other)
@@ -399,7 +399,7 @@ pub fn detection_text(detected: &LinkDetection) -> String {
     format!("{detected}{advice}")
 }
 
-/// Whether a person should look at what was detected.
+/// Returns whether a person should look at what was detected.
 pub fn is_doubtful(detected: &LinkDetection) -> bool {
     detected.protocol.is_none() || detected.confidence < 0.5
 }

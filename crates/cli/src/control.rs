@@ -198,7 +198,7 @@ pub enum ActReply {
     Refused(String),
 }
 
-/// Whether a text is the path of a control socket, behind which a drive may be named.
+/// Returns whether a text is the path of a control socket, behind which a drive may be named.
 #[cfg(unix)]
 pub fn is_socket(target: &str) -> bool {
     let path = target.split('#').next().unwrap_or(target);

@@ -71,7 +71,7 @@ pub fn was_interrupted() -> bool {
     count() > 0
 }
 
-/// How many such signals came.
+/// Number of received interrupt signals.
 pub fn count() -> u32 {
     COUNT.load(Ordering::SeqCst)
 }

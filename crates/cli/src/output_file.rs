@@ -161,7 +161,7 @@ pub fn create_recording(path: &Path, existing: ExistingFile) -> Result<File> {
     Ok(file)
 }
 
-/// Whether the last line of a text log has no end. Compressed logs are whole frames that end anywhere.
+/// Returns whether the last line of a text log has no end. Compressed logs are whole frames that end anywhere.
 fn ends_within_line(path: &Path) -> bool {
     let last_byte = || {
         let (mut file, mut last) = (File::open(path)?, [0]);

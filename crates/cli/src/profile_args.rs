@@ -69,7 +69,7 @@ impl ProfileFile {
         self.file.as_deref()
     }
 
-    /// Whether there is one.
+    /// Returns whether there is one.
     pub fn is_given(&self) -> bool {
         self.file.is_some()
     }

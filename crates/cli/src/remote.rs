@@ -169,7 +169,7 @@ impl ServerArgs {
         })
     }
 
-    /// Whether a server is named.
+    /// Returns whether a server is named.
     pub fn is_given(&self) -> bool {
         self.server.is_some()
     }

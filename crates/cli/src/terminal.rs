@@ -12,12 +12,12 @@ use crate::problem::{Exit, Problem, Result};
 /// Bytes that are gathered before they are written.
 const BUFFER_SIZE: usize = 1 << 16;
 
-/// Whether stdout takes colours.
+/// Returns whether stdout takes colours.
 pub fn colour_out() -> bool {
     io::stdout().is_terminal() && colours_wanted()
 }
 
-/// Whether stdout is a terminal that a screen can be drawn on.
+/// Returns whether stdout is a terminal that a screen can be drawn on.
 pub fn is_screen() -> bool {
     io::stdout().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
@@ -30,7 +30,7 @@ pub fn width() -> usize {
     stated.or_else(|| found().filter(|_| io::stdout().is_terminal())).unwrap_or(PAGE)
 }
 
-/// Whether stderr takes colours.
+/// Returns whether stderr takes colours.
 pub fn colour_err() -> bool {
     io::stderr().is_terminal() && colours_wanted()
 }
@@ -179,7 +179,7 @@ pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether notes and progress are left out.
+/// Returns whether notes and progress are left out.
 pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }

@@ -48,13 +48,13 @@ impl Address {
         Ok(address)
     }
 
-    /// As `Host` has it.
+    /// The authority as a `Host` header has it.
     pub fn authority(&self) -> String {
         let Self { host, port, .. } = self;
         if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
     }
 
-    /// Whether the server is on this machine, by loopback or through a tunnel that starts here.
+    /// Returns whether the server is on this machine, by loopback or through a tunnel that starts here.
     pub fn is_loopback(&self) -> bool {
         let ip = self.host.parse::<IpAddr>();
         ip.map_or(self.host == "localhost", |ip| ip.is_loopback())

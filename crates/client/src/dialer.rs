@@ -22,7 +22,7 @@ use crate::rest::server_lost;
 use crate::secret::{Secret, VARIABLE};
 use crate::tls::{self, ClientTls};
 
-/// How long connecting may take.
+/// Time limit of a connection attempt. An unreachable host would otherwise keep a command for minutes.
 const CONNECT_MAX: Duration = Duration::from_secs(5);
 
 /// Bytes of the answer by which a server proves to be our own.
@@ -32,7 +32,7 @@ const PROOF_MAX: usize = 4096;
 pub(crate) trait ServerStream: AsyncRead + AsyncWrite + Unpin + Send {}
 impl<T: AsyncRead + AsyncWrite + Unpin + Send> ServerStream for T {}
 
-/// Where the server is, and what lets us in.
+/// The server's address and the credentials for it.
 #[derive(Clone)]
 pub(crate) struct Dialer {
     pub address: Arc<Address>,
@@ -50,8 +50,8 @@ impl Dialer {
     /// Connects.
     ///
     /// # Errors
-    /// `E314`, `E315` where nobody listens, `E321` where somebody else does, `E256` where a certificate
-    /// of ours is wanted and there is none, or who has none of our tokens would be sent our own.
+    /// `E314`, `E315` if no server listens; `E321` if another server does; `E256` if the server demands a client
+    /// certificate and none is set, or if it has none of our tokens and would be sent our own.
     pub async fn dial(&self) -> Result<Box<dyn ServerStream>, GatewayError> {
         let late = || self.unreachable("no answer within 5 s");
         let dialled = async {
@@ -113,7 +113,7 @@ impl Dialer {
             std::io::ErrorKind::ConnectionRefused => self.not_listening_error(),
             _ => self.unreachable(&error.to_string()),
         })?;
-        // A socket that cannot be told so is slower, no worse.
+        // Without this option the socket is slower, no worse.
         let _ = stream.set_nodelay(true);
         let there = stream.peer_addr().map_err(|error| self.unreachable(&error.to_string()))?;
         match &self.tls {
@@ -141,7 +141,7 @@ fn unsent(refused: GatewayError) -> GatewayError {
     GatewayError { executed: Some(false), ..refused }
 }
 
-/// What broke a connection: that the server takes no certificate of ours, else that it went away.
+/// Error of a broken connection: the server refused our certificate, or it went away.
 pub(crate) fn connection_error(error: &(dyn std::error::Error + 'static)) -> GatewayError {
     tls::certificate_refusal(error).unwrap_or_else(|| server_lost(&error.to_string()))
 }

@@ -34,7 +34,7 @@ pub struct GatewayOptions {
     pub certificate: Option<String>,
     /// The certificate that we show, in PEM, where the server wants one (`--client-ca`).
     pub client_cert: Option<PathBuf>,
-    /// Its key; without it the certificate's file holds both.
+    /// Private key of the client certificate; without it the certificate's file holds both.
     pub client_key: Option<PathBuf>,
 }
 
@@ -98,7 +98,7 @@ impl Gateway {
         Ok(Self(Arc::new(GatewayInner { url, dialer: wire, rest, runtime: Some(runtime), handle })))
     }
 
-    /// Its address, without secrets.
+    /// Address of the server, without secrets.
     #[must_use]
     pub fn url(&self) -> &str {
         &self.0.url
@@ -234,7 +234,7 @@ impl Gateway {
         self.block_on(self.0.rest.post(&format!("/api/v1/links/{link}/look/take"), take))
     }
 
-    /// Stops axes, whoever holds their leases. Without names it stops all axes and locks motion.
+    /// Stops axes, also those whose leases other clients hold. Without names it stops all axes and locks motion.
     /// Returns when the result is known, at the latest after 12 s.
     ///
     /// # Errors
@@ -313,7 +313,7 @@ impl Gateway {
     ) -> PendingOperation<T> {
         let (reply_sender, reply) = oneshot::channel();
         let gateway = self.clone();
-        // Whoever waited may have gone.
+        // The waiting task may have been dropped.
         self.0.handle.spawn_blocking(move || drop(reply_sender.send(what(&gateway))));
         PendingOperation::new(reply, self.clone())
     }
@@ -326,8 +326,8 @@ impl Gateway {
         self.block_on(LiveConnection::open(self.clone(), self.0.dialer.clone()))
     }
 
-    /// A waker that wakes another from a thread of its own: whoever is woken may take its time, and our
-    /// one thread renews leases.
+    /// A waker that wakes another from a thread of its own: the woken code may be slow, and the client's one thread
+    /// renews leases.
     pub(crate) fn detached_waker(&self, waker: &Waker) -> Waker {
         Waker::from(Arc::new(DetachedWaker { handle: self.0.handle.clone(), waker: waker.clone() }))
     }

@@ -66,8 +66,8 @@ impl Lease {
         self.live.cache().state(self.axis)
     }
 
-    /// Whether the last state of the axis was sent after this lease began. An older state does not show
-    /// how the lease ended.
+    /// Returns whether the last state of the axis was sent after this lease began. An older state does not show how the
+    /// lease ended.
     #[must_use]
     pub fn has_current_state(&self) -> bool {
         self.live.cache().has_state_since(self.axis, self.epoch)
@@ -118,7 +118,7 @@ impl Lease {
     /// Sends a request in the protocol's own text, once, and gives the value that was answered.
     ///
     /// # Errors
-    /// As the drive or the gateway says; `gateway.scope` where the token does not allow it.
+    /// The error of the drive or the gateway; `gateway.scope` if the token does not allow it.
     pub fn raw(&self, text: &str) -> Result<i64, GatewayError> {
         let request = RawRequest {
             id: new_command_id()?,
@@ -183,10 +183,10 @@ impl<T: Clone> PendingOperation<T> {
     /// Waits for the end, at most so long; `None` when it goes on.
     ///
     /// # Errors
-    /// Why it was not done; [`GatewayError::executed`] is `None` where nobody knows whether it was.
+    /// The reason of the failure; [`GatewayError::executed`] is `None` if the execution is unknown.
     pub fn wait(&mut self, within: Duration) -> Result<Option<T>, GatewayError> {
         if self.result.is_none() && within.is_zero() {
-            // Whoever is to be woken at the end still is.
+            // A waker that is registered for the end is still woken.
             self.result = match self.receiver.try_recv() {
                 Ok(result) => Some(result),
                 Err(TryRecvError::Empty) => return Ok(None),

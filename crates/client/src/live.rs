@@ -25,7 +25,7 @@ use crate::rest::{action_error, query_error, server_lost};
 use crate::{Gateway, GatewayError};
 pub(crate) use cache::{FrameBuffer, LiveCache, SampleBuffer};
 
-/// How long the server may take to say what comes of a lease or of what is watched.
+/// Time limit of the server's reply to a lease or a subscription. An axis that is busy delays it.
 const REPLY_MAX: Duration = Duration::from_secs(15);
 /// Queue length of requests.
 const REQUESTS_MAX: usize = 256;
@@ -84,7 +84,7 @@ impl LiveRequest {
 
 pub(crate) type ResponseSender<T> = oneshot::Sender<Result<T, GatewayError>>;
 
-/// What is watched, and how often.
+/// Channel to watch, with its interval.
 #[derive(Debug, Clone)]
 pub(crate) struct ChannelSpec {
     pub axis: u16,
@@ -147,7 +147,7 @@ impl LiveConnection {
     /// Watches a signal, or a parameter, so often or as often as can be.
     ///
     /// # Errors
-    /// As the server says.
+    /// The error of the server.
     pub fn subscribe(
         &self,
         axis: u16,
@@ -205,7 +205,7 @@ impl LiveConnection {
         self.cache().links()
     }
 
-    /// The axes that the server has behind the first so many: some join later.
+    /// Axes of the server from index `first` on: some join later.
     #[must_use]
     pub fn axes_from(&self, first: usize) -> Vec<AxisInfo> {
         self.cache().axes_from(first)
@@ -247,7 +247,7 @@ impl LiveConnection {
     pub(crate) fn release_lease(&self, axis: u16, epoch: u64) {
         if self.cache().end_lease(axis, epoch) {
             let (reply_sender, _) = oneshot::channel();
-            // Where it cannot be said, it is renewed no more all the same.
+            // If the release cannot be sent, the lease is not renewed, and ends by itself.
             let _ = self.0.requests.try_send(LiveRequest::Lease {
                 axis,
                 act: LeaseAction::Drop,
@@ -261,7 +261,7 @@ impl LiveConnection {
         &self,
         reply: oneshot::Receiver<Result<T, GatewayError>>,
     ) -> Result<T, GatewayError> {
-        // An answer that comes later finds nobody, and gives nothing.
+        // A late reply finds no waiter and is dropped.
         let result = self.gateway().block_on(async { timeout(REPLY_MAX, reply).await });
         result
             .ok()
@@ -304,13 +304,13 @@ impl SampleStream {
         self.info.hz
     }
 
-    /// Whether the drive sends the samples by itself.
+    /// Source of the samples: sent by the drive, or polled.
     #[must_use]
     pub const fn source(&self) -> SampleSource {
         self.info.source
     }
 
-    /// Its SI unit; empty without one.
+    /// SI unit of the samples; empty without one.
     #[must_use]
     pub fn unit(&self) -> &str {
         &self.info.unit
@@ -332,7 +332,7 @@ impl SampleStream {
     }
 
     fn is_ready(&self, waker: &Waker) -> bool {
-        // Whoever is noted first misses nothing that ends meanwhile.
+        // Registered before the check, so that an end in between is not missed.
         self.buffer.poll_ready(waker) || self.live.cache().check_link(self.axis).is_err()
     }
 

@@ -18,11 +18,11 @@ use tokio::time::timeout;
 use crate::GatewayError;
 use crate::dialer::{Dialer, connection_error};
 
-/// How long an answer may take: a drive may have to be asked many things.
+/// Time limit of a reply: a request may need many reads of a drive.
 const ANSWER_MAX: Duration = Duration::from_secs(30);
-/// How long the list of what there is may take: no drive is asked for it.
+/// Time limit of a list: no drive is read for it.
 const LIST_MAX: Duration = Duration::from_secs(5);
-/// How long a stop's answer may take: the server's comes within 10 s.
+/// Time limit of the reply to a stop: the server replies within 10 s.
 const STOP_MAX: Duration = Duration::from_secs(12);
 /// Bytes of an answer.
 const BODY_MAX: usize = 16 << 20;
@@ -35,7 +35,7 @@ type HttpSender = SendRequest<Full<Bytes>>;
 #[derive(Debug)]
 pub(crate) struct RestClient {
     dialer: Dialer,
-    /// What was asked through last, for the next question.
+    /// The last connection, for the next request.
     idle_sender: Mutex<Option<(HttpSender, polepair_core::time::Instant)>>,
 }
 
@@ -63,7 +63,7 @@ impl RestClient {
         self.request(Method::POST, path, to_json(body)?, ANSWER_MAX).await
     }
 
-    /// The same for a stop, with a short time limit.
+    /// [`post`](Self::post) with a short time limit, for a stop.
     pub async fn stop<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -133,7 +133,7 @@ impl RestClient {
         let stream = self.dialer.dial().await?;
         let shaken = handshake(TokioIo::new(stream)).await;
         let (sender, connection) = shaken.map_err(|error| connection_error(&error))?;
-        // What ends it is told to whoever asks through it.
+        // The reason of the end goes to the callers of requests.
         tokio::spawn(async move { connection.await.ok() });
         Ok(sender)
     }
@@ -157,7 +157,7 @@ pub(crate) fn server_lost(why: &str) -> GatewayError {
     }
 }
 
-/// The same for an action: motors are not stopped until the server is back.
+/// Error of an action: motors are not stopped until the server is back.
 pub(crate) fn action_error(refused: GatewayError) -> GatewayError {
     match refused.code == "E313" && refused.executed.is_none() && refused.hint.is_empty() {
         true => refused.hint(
@@ -168,12 +168,12 @@ pub(crate) fn action_error(refused: GatewayError) -> GatewayError {
     }
 }
 
-/// The same for a read, which moves nothing.
+/// Error of a read, which moves nothing.
 pub(crate) fn query_error(refused: GatewayError) -> GatewayError {
     GatewayError { executed: Some(false), ..refused }
 }
 
-/// What answers does not speak as a gateway does.
+/// Error for a reply that no gateway sends.
 pub(crate) fn invalid_response(why: &str) -> GatewayError {
     GatewayError {
         executed: None,

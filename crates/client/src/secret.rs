@@ -12,7 +12,7 @@ use polepair_messages::{PROOF_BYTES, parse_hex};
 use crate::GatewayError;
 use crate::address::Address;
 
-/// Where a token may be besides a file.
+/// Environment variable with a token.
 pub(crate) const VARIABLE: &str = "POLEPAIR_TOKEN";
 /// The file of tokens in a server's folder.
 const TOKENS: &str = "tokens";
@@ -24,7 +24,7 @@ const FILE_MAX: u64 = 64 * 1024;
 pub(crate) struct Secret {
     text: String,
     bytes: [u8; PROOF_BYTES],
-    /// It is the token of this account's own server, and the user did not name it for this one.
+    /// True if it is the token of this account's own server, and the user did not name it for this one.
     is_own: bool,
 }
 
@@ -56,10 +56,10 @@ pub fn state_folder() -> Option<PathBuf> {
     base.map(|base| base.join("polepair"))
 }
 
-/// The token of that file; else the environment's; else, for a server on this machine's loopback, the
-/// first of this account's own server. Whoever has that one moves the motors here: it is sent to no
-/// other host, and here to who proves to have it already. A tunnel begins here as well, and when our
-/// server is down the port is anybody's.
+/// Token of that file; otherwise that of the environment; otherwise, for a server on this machine's loopback, the first
+/// of this account's own server. That token moves the motors here: it is sent to no other host, and here only to a
+/// server that proves to have it. A tunnel begins here as well, and while our server is down, any program may listen on
+/// its port.
 ///
 /// # Errors
 /// `E301` to `E305` for a file, `E256` where there is no token in it, or none at all.

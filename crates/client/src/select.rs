@@ -29,7 +29,7 @@ pub fn select_axes(bench: &BenchView, words: &str) -> Result<Vec<AxisInfo>, Gate
     }
 }
 
-/// As [`select_axes`], each by itself, for whom the others matter though one is not there.
+/// [`select_axes`] with one result for each axis, for callers that go on without the missing ones.
 ///
 /// # Errors
 /// `E212` for a link that the server has not, and for `all` where it has no axis.

@@ -36,7 +36,7 @@ const CHAIN_MAX: usize = 8;
 /// Bytes of a file of certificates or of a key.
 const FILE_MAX: u64 = 256 * 1024;
 
-/// What encrypts.
+/// TLS settings of a client.
 #[derive(Clone)]
 pub(crate) struct ClientTls {
     config: Arc<ClientConfig>,
@@ -83,7 +83,7 @@ fn wrong_server_error(address: &Address, error: &std::io::Error) -> GatewayError
         .hint("compare its certificate's SHA-256, which `polepair serve --tls` prints")
 }
 
-/// That the server takes no certificate of ours, if this is why a connection broke.
+/// Error for a server that refuses our certificate, if that is why a connection broke.
 pub(crate) fn certificate_refusal(
     error: &(dyn std::error::Error + 'static),
 ) -> Option<GatewayError> {
@@ -117,7 +117,7 @@ fn certificate_error(why: &str) -> GatewayError {
 pub(crate) struct MissingClientCert(AtomicBool);
 
 impl MissingClientCert {
-    /// Whether a certificate was requested.
+    /// Returns whether a certificate was requested.
     pub fn was_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -134,9 +134,8 @@ impl ResolvesClientCert for MissingClientCert {
     }
 }
 
-/// What encrypts, for the server's certificate: a PEM file, or its fingerprint (SHA-256, `AB:CD:…` as
-/// the server prints it); without either, that of this account's own server. Shows our own certificate
-/// where there is one.
+/// TLS settings for the server's certificate: a PEM file, or its fingerprint (SHA-256, `AB:CD:…` as the server prints
+/// it); without either, the certificate of this account's own server. Presents our own certificate if there is one.
 ///
 /// # Errors
 /// `E256` where there is none, or one and its key do not belong together; `E301` to `E305` for files.

@@ -8,14 +8,14 @@ use polepair_capture::parallel::BatchConsumer;
 use crate::schema::TableKind;
 use crate::tables::TablesBuilder;
 
-/// What was built, in the order of the rows of each table.
+/// Completed record batches, with the rows of each table in order.
 pub type BuiltBatches = Result<Vec<(TableKind, RecordBatch)>, ArrowError>;
 
 /// Builds columns, for others to hand them on. Builders number words each by itself: see
 /// [`DictionaryMerger`](crate::DictionaryMerger).
 #[derive(Debug)]
 pub struct BatchBuilder {
-    /// What takes rows.
+    /// Builder of the tables.
     pub tables: TablesBuilder,
     batches: Vec<(TableKind, RecordBatch)>,
     error: Option<ArrowError>,
@@ -38,7 +38,7 @@ impl BatchBuilder {
         *error = error.take().or(flushed.err());
     }
 
-    /// What was built since the last time.
+    /// Takes the batches that were completed since the last call.
     ///
     /// # Errors
     /// [`ArrowError`] when rows do not make a batch, which they do by construction.

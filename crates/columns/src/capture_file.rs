@@ -35,11 +35,11 @@ pub struct CaptureContent {
     pub size: u64,
     /// BLAKE3 of the bytes that stay as they are while the file grows, hexadecimal.
     pub body: String,
-    /// Where the file was, for a database; `-` for others, which are known by their content.
+    /// Path of a database; `-` for other captures, which are known by their content.
     pub path: String,
 }
 
-/// What differs once a file was written to.
+/// Properties of a file that differ once it was written to.
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct FileState {
     size: u64,
@@ -127,13 +127,13 @@ impl CaptureFile {
             blake3: hasher.all.finalize().to_hex().to_string(),
             size: hasher.size,
             body: hasher.body(),
-            // Where a file is says nothing of others, and would make two equal data sets differ.
+            // The path means nothing to others, and would make two equal data sets differ.
             path: if is_database { place } else { NO_PATH.to_owned() },
         };
         Ok(Self { path: path.to_owned(), name: name.to_owned(), state, content, is_database })
     }
 
-    /// What its rows are called by.
+    /// Name of the capture in its rows.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -145,7 +145,7 @@ impl CaptureFile {
         &self.content
     }
 
-    /// Whether nothing wrote to the file since it was read, by its size and time.
+    /// Returns whether nothing wrote to the file since it was read, by its size and time.
     #[must_use]
     pub fn is_unchanged(&self) -> bool {
         let now = std::fs::metadata(&self.path);
@@ -154,8 +154,8 @@ impl CaptureFile {
             && self.content.size == self.state.size
     }
 
-    /// Those of earlier contents that this file has grown from: it begins with all of their bytes. A database, which
-    /// changes in place, has grown from whatever was at its path.
+    /// Earlier contents of which this file is a continuation: it begins with all of their bytes. A database, which
+    /// changes in place, is a continuation of the previous content of its path.
     ///
     /// # Errors
     /// Those of the operating system.

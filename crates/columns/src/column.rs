@@ -12,7 +12,7 @@ use arrow_schema::ArrowError;
 
 /// Different words of one column; a capture with more of them is hostile.
 const WORDS_MAX: usize = 1 << 16;
-/// What further ones are called.
+/// Word for further words of a full column.
 const OVERFLOW_WORD: &str = "(more words than can be kept)";
 
 /// Numbers, some of which may be missing.
@@ -79,8 +79,7 @@ impl<T: ArrowPrimitiveType> NumberColumn<T> {
         }
     }
 
-    /// Makes room for so many rows more. A column that begins gets no more than that: fresh memory
-    /// costs more than what is done with it.
+    /// Reserves memory for `rows` more rows. A new column gets exactly that: fresh memory costs more than its use.
     pub fn reserve(&mut self, rows: usize) {
         reserve_rows(&mut self.values, rows);
     }
@@ -92,7 +91,7 @@ impl<T: ArrowPrimitiveType> NumberColumn<T> {
         self.values.extend(rows);
     }
 
-    /// The same again and again.
+    /// Appends the same value `rows` times.
     pub fn repeat(&mut self, value: Option<T::Native>, rows: usize) {
         self.note_all_validity(value.is_some(), rows);
         self.values.resize(self.values.len() + rows, value.unwrap_or_default());
@@ -127,7 +126,7 @@ impl<T: ArrowPrimitiveType> NumberColumn<T> {
         self.values.len()
     }
 
-    /// What was gathered; the column begins anew.
+    /// Takes the column; the builder starts again.
     pub fn finish(&mut self) -> PrimitiveArray<T> {
         let rows = self.values.len();
         let values = core::mem::take(&mut self.values);
@@ -159,7 +158,7 @@ impl Dictionary {
         }
     }
 
-    /// The number of a word that stays where it is: told by its place, without a look at its letters.
+    /// Number of a static word, found by its address without reading its letters.
     #[inline]
     pub fn number_of_static(&mut self, word: &'static str) -> i32 {
         if let Some(number) = self.cache.get(word) {
@@ -196,7 +195,7 @@ impl Dictionary {
 /// again.
 struct WordCache([(&'static str, i32); CACHE_SLOTS]);
 
-/// Words of a column that are told by their place at once: a power of two.
+/// Number of words of a column that are found by their address: a power of two.
 const CACHE_SLOTS: usize = 256;
 
 impl Default for WordCache {
@@ -268,11 +267,11 @@ fn dictionary_array(keys: Int32Array, words: &Dictionary) -> Result<ArrayRef, Ar
     Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, words.values())?))
 }
 
-/// A column that says the same in every row.
+/// A column with the same value in every row.
 #[derive(Debug, Default)]
 pub(crate) struct ConstantColumn {
     word: String,
-    /// As many rows as were wanted at most; fewer are the beginning of these.
+    /// The longest array so far; shorter ones are slices of it.
     longest: Option<DictionaryArray<Int32Type>>,
 }
 
@@ -314,7 +313,7 @@ impl BytesColumn {
         self.ends.push(self.bytes.len() as i32);
     }
 
-    /// Of each eight bytes the first so many.
+    /// Appends of each eight bytes the first `len`.
     #[inline]
     pub fn extend(&mut self, rows: impl ExactSizeIterator<Item = ([u8; 8], u8)>) {
         let mut end = self.bytes.len();
@@ -330,7 +329,7 @@ impl BytesColumn {
         self.bytes.truncate(end);
     }
 
-    /// Makes room for so many rows more, of eight bytes at most.
+    /// Reserves memory for `rows` more rows of at most eight bytes.
     pub fn reserve(&mut self, rows: usize) {
         reserve_rows(&mut self.bytes, 8 * rows);
         reserve_rows(&mut self.ends, rows);
@@ -358,7 +357,7 @@ impl BytesColumn {
     }
 }
 
-/// Makes room for so many more: exactly, where there are none yet.
+/// Reserves memory for `more` rows: exactly, in an empty column.
 fn reserve_rows<T>(values: &mut Vec<T>, more: usize) {
     match values.len() {
         0 | 1 => values.reserve_exact(more),

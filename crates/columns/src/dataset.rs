@@ -31,10 +31,10 @@ const PARTS_MAX: usize = 1 << 15;
 /// Characters of a site or a link in the name of a folder, which a file system limits to 255.
 const NAME_MAX: usize = 200;
 const DAY_NS: i64 = 86_400_000_000_000;
-/// What rows without a time have as their date: readers of partitions take it for null.
+/// Date of rows without a time: readers of partitions take it for null.
 const NO_DATE: &str = "__HIVE_DEFAULT_PARTITION__";
 
-/// Where a data set is, and whose captures go there.
+/// Location of a data set, and the site and gateway of the captures.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct DatasetSite {
     /// The data set's folder.
@@ -43,7 +43,7 @@ pub struct DatasetSite {
     pub name: String,
 }
 
-/// That a capture is decoded, and by what.
+/// Record of a decoded capture, with the decoder's version.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct DecodeRecord {
     /// BLAKE3 of the capture, hexadecimal.
@@ -66,7 +66,7 @@ impl DecodeRecord {
         site.root.join(DONE).join(&self.blake3)
     }
 
-    /// Whether the data set has this capture, decoded so.
+    /// Returns whether the data set has this capture, decoded so.
     #[must_use]
     pub fn exists(&self, site: &DatasetSite) -> bool {
         let note = std::fs::read_to_string(self.path(site)).unwrap_or_default();
@@ -89,7 +89,7 @@ pub struct DatasetWriter {
 }
 
 impl DatasetWriter {
-    /// Begins the parts of a capture, whose columns so many threads encode.
+    /// Begins the parts of a capture, whose columns are encoded by `jobs` threads.
     #[must_use]
     pub fn new(site: DatasetSite, record: DecodeRecord, capture: CaptureFile, jobs: usize) -> Self {
         let (parts, open) = (BTreeMap::new(), BTreeMap::new());
@@ -268,7 +268,7 @@ pub(crate) fn escape(word: &str) -> String {
     if out.is_empty() { NO_DATE.to_owned() } else { out }
 }
 
-/// A word as the name of a folder. A long one is cut, and told apart by its hash.
+/// A word as the name of a folder. A long one is cut, and gets its hash as a suffix.
 fn escape_name(word: &str) -> String {
     let name = escape(word);
     if name.len() <= NAME_MAX {

@@ -1,4 +1,4 @@
-//! Decoded captures as columns: Arrow tables for whoever computes with them, and files of them.
+//! Decoded captures as columns: Arrow tables for programs that compute with them, and files of them.
 //!
 //! ```text
 //!   capture   events and what their conversations tell

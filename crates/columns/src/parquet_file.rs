@@ -39,7 +39,7 @@ pub(crate) struct ParquetFile {
 }
 
 impl ParquetFile {
-    /// Begins a file of a table, whose columns so many threads encode.
+    /// Begins a file of a table, whose columns are encoded by `jobs` threads.
     pub fn create(file: AtomicFile, table: TableKind, jobs: usize) -> Result<Self, ParquetError> {
         let schema = table.schema();
         let writer =
@@ -182,7 +182,7 @@ fn set_encoding(
         kind if kind.is_integer() || matches!(kind, DataType::Timestamp(..)) => {
             plain(properties, Encoding::DELTA_BINARY_PACKED)
         }
-        // The least and the greatest of these tell nobody anything.
+        // Minimum and maximum of these are of no use in a query.
         _ if matches!(name, "signal" | "unit" | "protocol") => {
             properties.set_column_statistics_enabled(column, EnabledStatistics::None)
         }

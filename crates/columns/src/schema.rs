@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use arrow_schema::{DataType, Field, Schema, SchemaRef, TimeUnit};
 
-/// What the metadata of every file name as its schema.
+/// Schema name in the metadata of every file.
 pub const SCHEMA_ID: &str = "polepair-columns/1";
 
 /// One of the tables of a decoded capture.
@@ -16,7 +16,7 @@ pub const SCHEMA_ID: &str = "polepair-columns/1";
 pub enum TableKind {
     /// A row for each frame, with its bytes.
     Frames,
-    /// A row for each value that a frame told.
+    /// A row for each value of a frame.
     Signals,
     /// A row for each request and how it ended.
     Transactions,
@@ -28,7 +28,7 @@ impl TableKind {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Frames, Self::Signals, Self::Transactions, Self::Events];
 
-    /// Its word, and its files' name.
+    /// Name of the table, and of its files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -45,7 +45,7 @@ impl TableKind {
         Self::ALL.into_iter().find(|table| table.name() == word)
     }
 
-    /// Its columns, with the schema's name in the metadata.
+    /// Schema of the table, with the schema's name in the metadata.
     #[must_use]
     pub fn schema(self) -> SchemaRef {
         let fields: Vec<Field> = match self {

@@ -31,7 +31,7 @@ impl ColumnFormat {
     }
 }
 
-/// By what a decode can be repeated: stands in every file's metadata.
+/// Provenance of a decode, with all that repeats it; kept in the metadata of every file.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Provenance {
     /// The capture's file name.
@@ -61,7 +61,7 @@ impl Provenance {
     }
 }
 
-/// What can go wrong with a file of columns.
+/// Errors of a file of columns.
 #[derive(Debug)]
 pub enum TableFileError {
     /// The operating system.
@@ -136,7 +136,7 @@ impl core::fmt::Debug for TableFileWriter {
 }
 
 impl TableFile {
-    /// Begins a file, whose columns so many threads encode.
+    /// Begins a file, whose columns are encoded by `jobs` threads.
     ///
     /// # Errors
     /// [`TableFileError`] when it cannot be created.
@@ -212,8 +212,7 @@ pub struct TableFiles {
 }
 
 impl TableFiles {
-    /// Begins a file for each table, so that each is there even without a row; so many threads encode
-    /// its columns.
+    /// Begins a file for each table, so that each exists even without a row; `jobs` threads encode its columns.
     ///
     /// # Errors
     /// [`TableFileError`] when the folder or a file cannot be created.

@@ -19,7 +19,7 @@ pub const ROWS_MAX: usize = 1 << 16;
 /// Bytes of the frames of one batch.
 const BYTES_MAX: usize = 1 << 24;
 
-/// Whence the rows are: what stands in their columns `source` and `file`.
+/// Origin of the rows: the values of their columns `source` and `file`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct CaptureOrigin {
     /// The machine or gateway that recorded.
@@ -38,12 +38,12 @@ pub struct TablesBuilder {
     events: events::EventRows,
 }
 
-/// Where and when a row belongs.
+/// Place and time of a row.
 #[derive(Clone, Copy)]
 pub(crate) struct RowContext<'a> {
     pub time: Option<Timestamp>,
     pub link: &'a str,
-    /// The frame; `None` for what the end of the capture tells.
+    /// Number of the frame; `None` for results at the end of the capture.
     pub seq: Option<u64>,
 }
 
@@ -131,7 +131,7 @@ impl TablesBuilder {
         self.wanted[table as usize]
     }
 
-    /// Whether a batch has as many rows as it should: time to [flush](Self::flush).
+    /// Returns whether a batch has as many rows as it should: time to [flush](Self::flush).
     #[must_use]
     pub fn is_full(&self) -> bool {
         let rows = [self.frames.rows(), self.signals.rows(), self.transactions.rows()];

@@ -125,14 +125,14 @@ pub struct ExecutionProof {
     pub executed: ParameterTest,
     /// The parameter that shows faults.
     pub fault_parameter: ParameterId,
-    /// Its bits that are faults; while one is set nothing is sent again.
+    /// Bits that are faults; while one is set nothing is sent again.
     pub fault_mask: i64,
 }
 
-/// What a refusal means for the request that was refused.
+/// Meaning of a refusal for its request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Refusal {
-    /// It was not executed and will not be.
+    /// The request was not executed and will not be.
     Final,
     /// The drive does not have the parameter. This is not an error of the request.
     Missing,
@@ -165,8 +165,8 @@ pub trait Driver {
     /// [`Unsupported`] when the protocol cannot read it. The caller has already checked the access.
     fn read_request(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
 
-    /// Whether a reply repeats neither the parameter nor anything else that tells it from the reply to another
-    /// read, so that a reply which the wire doubles can be taken for the next one.
+    /// Returns whether a reply repeats neither the parameter nor anything else that distinguishes it from the reply to
+    /// another read, so that a duplicated reply can be taken for the next one.
     fn has_anonymous_replies(&self) -> bool {
         false
     }
@@ -224,8 +224,7 @@ pub trait Driver {
         value: i64,
     ) -> Result<Self::Request, Unsupported>;
 
-    /// The same, where a request carries more of the command than one value: a target and how fast
-    /// to get there.
+    /// Builds a request that carries more of the command than one value: a target and its speed.
     ///
     /// # Errors
     /// As [`function_request`](Self::function_request), or what is wrong with the command's other arguments.
@@ -240,13 +239,13 @@ pub trait Driver {
         self.function_request(function, index, value)
     }
 
-    /// Whether a parameter is read before a write, because the write changes only a part of it.
+    /// Returns whether a parameter is read before a write, because the write changes only a part of it.
     fn reads_before_write(&self, parameter: &Parameter) -> bool {
         let _ = parameter;
         false
     }
 
-    /// Whether a setting is written again after a new reading has shown that the first write had no effect.
+    /// Returns whether a setting is written again after a new reading has shown that the first write had no effect.
     /// True only for protocols whose manual asks for it.
     fn may_rewrite(&self, parameter: &Parameter) -> bool {
         let _ = parameter;
@@ -293,7 +292,7 @@ pub trait Driver {
         answer: &Self::Answer,
     ) -> Result<i64, Failure>;
 
-    /// What a refusal with this code means for the request.
+    /// Meaning of a refusal with this code for the request.
     fn refusal(&self, code: u32) -> Refusal {
         let _ = code;
         Refusal::Final
@@ -392,7 +391,7 @@ pub trait Driver {
         None
     }
 
-    /// Whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
+    /// Returns whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
     fn is_program_running(&self, raw: i64) -> bool {
         let _ = raw;
         false

@@ -26,9 +26,9 @@ pub enum WireError {
     },
     /// A check over the frame does not agree: sum, LRC or CRC.
     Checksum {
-        /// What the check should have been.
+        /// Computed check.
         computed: u32,
-        /// What the frame carries.
+        /// Check in the frame.
         found: u32,
     },
     /// A byte that the protocol does not allow there.
@@ -93,7 +93,7 @@ pub enum Failure {
     NotReached,
     /// A `Require` step found the drive not ready; the profile's hint has the remedy.
     NotReady {
-        /// What to do about it.
+        /// Remedy for people.
         hint: &'static str,
     },
     /// The drive reports a fault.
@@ -182,7 +182,7 @@ pub enum Unsupported {
 pub enum Outcome {
     /// The drive did it. The value is the last one read or echoed, raw.
     Done(i64),
-    /// It was not executed and never will be.
+    /// The request was not executed and never will be.
     NotDone(Failure),
     /// A plan of several steps did not come to its end, and steps before were executed.
     Partly(Failure, Extent),
@@ -202,7 +202,7 @@ impl Outcome {
         }
     }
 
-    /// The same outcome for another reason; [`Done`](Self::Done) stays.
+    /// The outcome with another reason; [`Done`](Self::Done) stays.
     #[must_use]
     pub const fn with_failure(self, failure: Failure) -> Self {
         match self {
@@ -268,7 +268,7 @@ pub enum Exit {
     Interrupted = 130,
 }
 
-/// What Python and C raise for an error. All are under `PolepairError`.
+/// Exception of Python and C for an error. All derive from `PolepairError`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Exception {
     /// No reply.
@@ -279,7 +279,7 @@ pub enum Exception {
     DriveFault,
     /// The answer was corrupt or to another question.
     ProtocolError,
-    /// It cannot be; nothing was sent.
+    /// The request is impossible; nothing was sent.
     Unsupported,
     /// None of these: a link that cannot be opened, a move that did not arrive, a stop between.
     PolepairError,

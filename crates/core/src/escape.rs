@@ -2,8 +2,8 @@
 
 use core::fmt::{self, Write as _};
 
-/// Shows text with its control characters escaped, and nothing else: `\n`, `\x1b`. A name with an escape sequence in
-/// it would otherwise move the cursor, hide a line or write to the clipboard of whoever looks at it.
+/// Shows text with its control characters escaped, and nothing else: `\n`, `\x1b`. A name with an escape sequence in it
+/// would otherwise move the cursor, hide a line or write to the clipboard of its reader.
 ///
 /// ```
 /// use polepair_core::escape::EscapedText;
@@ -29,7 +29,7 @@ impl fmt::Display for EscapedText<'_> {
     }
 }
 
-/// Whether text in UTF-8 has no control character: C0, delete or C1.
+/// Returns whether text in UTF-8 has no control character: C0, delete or C1.
 #[must_use]
 pub fn is_plain(text: &[u8]) -> bool {
     // Two passes without branches take less time than one with them.

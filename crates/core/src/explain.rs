@@ -45,7 +45,7 @@ pub struct Context<'a> {
 /// A frame as on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct RawFrame<'a> {
-    /// Its bytes.
+    /// Bytes of the frame.
     pub bytes: &'a [u8],
     /// CAN identifier, for frames.
     pub id: Option<u32>,
@@ -58,7 +58,7 @@ pub struct RawFrame<'a> {
 pub enum FieldValue<'a> {
     /// A number, to be shown in decimal.
     Int(i64),
-    /// A number, to be shown in hexadecimal with so many digits.
+    /// A number that is shown in hexadecimal with this many digits.
     Hex(u64, u8),
     /// A real number.
     Real(f64),
@@ -89,7 +89,7 @@ pub struct Field<'a> {
     pub start: u16,
     /// Offset after the last byte; `start` for a field in the CAN identifier.
     pub end: u16,
-    /// Its value.
+    /// Value of the field.
     pub value: FieldValue<'a>,
     /// Name of the value; empty where it has none.
     pub meaning: &'static str,
@@ -107,11 +107,11 @@ pub trait ExplainSink {
     fn text(&mut self, piece: &str);
     /// Reports an error of the frame. Fields that were reported before remain valid.
     fn error(&mut self, error: WireError);
-    /// Whether text is wanted. If not, an explainer may leave it out (DEC-10).
+    /// Returns whether text is wanted. If not, an explainer may leave it out (DEC-10).
     fn wants_text(&self) -> bool {
         true
     }
-    /// Whether [values](Self::frame_value) are wanted. If not, an explainer may leave them out.
+    /// Returns whether [values](Self::frame_value) are wanted. If not, an explainer may leave them out.
     fn wants_values(&self) -> bool {
         true
     }
@@ -126,9 +126,9 @@ pub trait ExplainSink {
 pub enum FrameBoundary {
     /// The first bytes, of this number, are a complete frame with a valid check sum.
     Frame(usize),
-    /// The first so many bytes have a frame's length and shape, but its check fails.
+    /// The first bytes, of this number, have a frame's length and shape, but its check fails.
     Corrupt(usize),
-    /// The first so many bytes belong to no frame.
+    /// The first bytes, of this number, belong to no frame.
     Skip(usize),
     /// More bytes are needed.
     Incomplete,
@@ -196,7 +196,7 @@ pub struct TextError {
 /// Why a text became no bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum EncodeError {
-    /// It is not of the language.
+    /// The text is not of the language.
     Text(TextError),
     /// A rule of the wire forbids it; the text names the rule and the remedy.
     Forbidden(&'static str),
@@ -250,28 +250,27 @@ pub trait Dissector: Sync {
             _ => None,
         }
     }
-    /// Whether a CAN identifier can belong to this protocol; `false` for protocols without CAN.
+    /// Returns whether a CAN identifier can belong to this protocol; `false` for protocols without CAN.
     fn claims_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
-    /// Whether a CAN remote request with that identifier can belong to this protocol.
+    /// Returns whether a CAN remote request with that identifier can belong to this protocol.
     fn claims_remote(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
-    /// Whether other protocols use this CAN identifier for frames of the same form. A frame of a capture is
-    /// then explained only if other evidence shows that its axis uses this protocol, or the user stated the
-    /// protocol.
+    /// Returns whether other protocols use this CAN identifier for frames of the same form. A frame of a capture is
+    /// then explained only if other evidence shows that its axis uses this protocol, or the user stated the protocol.
     fn shares_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink);
-    /// Whether the content of a valid CAN frame supports this protocol: `Some(true)` for content that few
-    /// frames of others have by chance (a known state or instruction, a check sum), `Some(false)` for
-    /// content that the protocol does not define, `None` where any content is valid.
+    /// Tests the content of a valid CAN frame for this protocol: `Some(true)` for content that few frames of others
+    /// have by chance (a known state or instruction, a check sum), `Some(false)` for content that the protocol does not
+    /// define, `None` where any content is valid.
     fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
         let _ = frame;
         None
@@ -298,11 +297,11 @@ pub trait Dissector: Sync {
     fn language(&self) -> &'static str {
         self.name()
     }
-    /// Whether texts use a drive's names. If so, a usual drive's names are used where no profile is stated.
+    /// Returns whether texts use a drive's names. If so, a usual drive's names are used where no profile is stated.
     fn encodes_by_name(&self) -> bool {
         false
     }
-    /// Whether a usual drive's names help to explain frames of an unknown drive.
+    /// Returns whether a usual drive's names help to explain frames of an unknown drive.
     fn explains_by_name(&self) -> bool {
         self.encodes_by_name()
     }
@@ -322,7 +321,7 @@ pub trait Dissector: Sync {
         let _ = (address, query, exit);
         false
     }
-    /// Whether a line, without its carriage return, is a reply in text mode.
+    /// Returns whether a line, without its carriage return, is a reply in text mode.
     fn is_text_answer(&self, line: &[u8]) -> bool {
         let _ = line;
         false
@@ -331,7 +330,7 @@ pub trait Dissector: Sync {
     fn instruction_language(&self) -> Option<&'static dyn crate::program::InstructionLanguage> {
         None
     }
-    /// Whether axes have groups that a message can address.
+    /// Returns whether axes have groups that a message can address.
     fn has_groups(&self) -> bool {
         false
     }
@@ -376,7 +375,7 @@ pub trait Dissector: Sync {
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address.describe(Encoding::I32)
     }
-    /// Whether a frame concerns the parameter at an address, judged by its own fields: `field` returns the
+    /// Returns whether a frame concerns the parameter at an address, judged by its own fields: `field` returns the
     /// field of that name.
     fn concerns<'a>(
         &self,
@@ -386,8 +385,8 @@ pub trait Dissector: Sync {
         let _ = (address, field);
         false
     }
-    /// Whether this refusal code means that the drive does not support block transfer. Nothing was
-    /// transferred, and a transfer without blocks may follow.
+    /// Returns whether this refusal code means that the drive does not support block transfer. Nothing was transferred,
+    /// and a transfer without blocks may follow.
     fn refuses_blocks(&self, code: u32) -> bool {
         let _ = code;
         false
@@ -409,12 +408,11 @@ pub trait Dissector: Sync {
     fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
         let _ = (parameter, sink);
     }
-    /// Whether a frame to a drive is a request with a reply. True by default for every frame on a serial
-    /// line.
+    /// Returns whether a frame to a drive is a request with a reply. True by default for every frame on a serial line.
     fn is_request(&self, frame: &RawFrame<'_>) -> bool {
         frame.id.is_none()
     }
-    /// Whether the frame itself shows that it replies to `request`. If none does, a reply on a serial line
+    /// Returns whether the frame itself shows that it replies to `request`. If none does, a reply on a serial line
     /// belongs to the last request.
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         let _ = (frame, request);
@@ -448,12 +446,12 @@ pub trait Dissector: Sync {
         let _ = (answer, request);
         None
     }
-    /// Whether a request, once it has a reply, sets the format of the axis' later replies.
+    /// Returns whether a request, once it has a reply, sets the format of the axis' later replies.
     fn sets_reply_format(&self, request: &RawFrame<'_>) -> bool {
         let _ = request;
         false
     }
-    /// Whether a reply shows that the drive has lost the settings in `talk`: it restarted.
+    /// Returns whether a reply shows that the drive has lost the settings in `talk`: it restarted.
     fn shows_restart(
         &self,
         answer: &RawFrame<'_>,

@@ -1,9 +1,9 @@
 //! Judges by measurements whether a motion ended as its command asked.
 //!
-//! A drive's own flag (target reached, motion complete, path idle) only tells when to look. A motion arrived
-//! if a position was measured within the window of its target, and a motor stands if its speed or its
-//! position was measured as such several times. [`MotionJudge`] is a value: it takes observations and returns
-//! verdicts. It has no clock and sends nothing; the lane feeds it, for every protocol and every profile.
+//! A drive's own flag (target reached, motion complete, path idle) only gives the time for a measurement. A motion
+//! arrived if a position was measured within the window of its target, and a motor is at standstill if several readings
+//! of its speed or position show it. [`MotionJudge`] is a value: it takes observations and returns verdicts. It has no
+//! clock and sends nothing; the lane feeds it, for every protocol and every profile.
 //!
 //! Why: MOVE-10.
 
@@ -18,23 +18,23 @@ pub use tolerance::Tolerance;
 
 /// Shortest time at rest after which a motion counts as ended, though the drive does not report its end.
 const REST_MIN: Duration = Duration::from_millis(300);
-/// The same during homing, which pauses at switches and turns round.
+/// Least rest that ends a homing, which pauses at switches and turns round.
 const HOMING_REST_MIN: Duration = Duration::from_secs(5);
 /// A motor that received a start may rest this long before it moves: brakes open, axes synchronise.
 const START_MAX: Duration = Duration::from_secs(2);
-/// How long a set flag may be left over from an earlier motion.
+/// Time for which a set flag may be left over from an earlier motion.
 const STALE_FLAG_MAX: Duration = Duration::from_millis(300);
 /// Time between the first and the last reading that mean standstill.
 const STANDSTILL_SPAN: Duration = Duration::from_millis(60);
-/// The same if positions alone have to show it.
+/// Span of positions that show standstill without a speed.
 const STANDSTILL_POSITION_SPAN: Duration = Duration::from_millis(100);
 /// Readings of the speed that mean standstill, at least: one alone may be taken at a change of direction.
 const STANDSTILL_READINGS_MIN: u32 = 3;
-/// How long a fault is waited for after a motion ended elsewhere without another reason.
+/// Time for a fault to appear after a motion ended elsewhere without another reason.
 const LATE_FAULT_MAX: Duration = Duration::from_millis(900);
 /// A turning motor goes on for the time of the start; what its drive counts from lags behind or leads.
 const START_SLACK: f64 = 2.0;
-/// How long a position may be unreadable after the drive reported the end of its motion.
+/// Time for which a position may be unreadable after the drive reported the end of its motion.
 const UNREADABLE_MAX: Duration = Duration::from_secs(5);
 
 /// The end that a motion is to have.
@@ -68,7 +68,7 @@ pub struct Observation {
     pub enabled: Option<bool>,
     /// The positive and the negative limit hold the axis.
     pub positive_limit: Option<bool>,
-    /// The same of the negative limit.
+    /// State of the negative limit.
     pub negative_limit: Option<bool>,
     /// Something holds the axis that this host did not send.
     pub halted: Option<bool>,
@@ -101,28 +101,28 @@ pub enum EndReason {
     Mode(i64),
     /// The drive detected a stall.
     Stalled,
-    /// It was not seen to start.
+    /// The motion was not seen to start.
     NotStarted,
     /// The drive reports none of these.
     Unknown,
 }
 
-/// What is known of a motion.
+/// Verdict on a motion.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MotionVerdict {
-    /// It goes on, as far as is known.
+    /// The motion continues, as far as is known.
     Pending,
-    /// It ended elsewhere: reasons have to be read before the next verdict.
+    /// The motion ended elsewhere: reasons have to be read before the next verdict.
     Examine,
     /// The goal was measured.
     Arrived,
-    /// It ended elsewhere.
+    /// The motion ended elsewhere.
     Ended(EndReason),
     /// The drive has this fault.
     Faulted(u32),
     /// The motor lost its power.
     PowerLost,
-    /// It is over by the drive's own report, and the drive reports nothing that would prove where.
+    /// The motion is over by the drive's own report, and no reading would prove its position.
     Unconfirmed,
 }
 
@@ -131,17 +131,17 @@ pub enum MotionVerdict {
 pub struct MotionJudge {
     goal: MotionGoal,
     tolerance: Tolerance,
-    /// Where the axis was before the command.
+    /// Position before the command.
     start: Option<i64>,
     /// The flag before the command.
     flag_before: Option<bool>,
     /// When that was read.
     start_at: Option<Instant>,
-    /// It stood before the command.
+    /// True if the axis was at standstill before the command.
     stood_before: bool,
     /// The motion before it was not known to be over when the command was given.
     follows_motion: bool,
-    /// Its speed then, counts per second.
+    /// Speed before the command, counts per second.
     speed_before: f64,
     /// The last request of the start was acknowledged, or its goal is waited for.
     since: Option<Instant>,
@@ -154,7 +154,7 @@ pub struct MotionJudge {
     /// The position that was not left since.
     anchor: Option<(i64, Instant)>,
     speed_at: Option<Instant>,
-    /// Slower than standstill since, in so many readings.
+    /// Time since which the speed is below standstill, and the number of readings.
     slow_since: Option<Instant>,
     slow_readings: u32,
     /// The drive has no position, no speed.
@@ -168,7 +168,7 @@ pub struct MotionJudge {
     /// The drive's own last target before the command.
     target_before: Option<i64>,
     is_relative: bool,
-    /// By how much more than the window the axis may be elsewhere, because it turned when it was started.
+    /// Additional window, for an axis that turned when it was started.
     slack: f64,
     /// The reasons of an end were read since.
     examined_at: Option<Instant>,
@@ -246,7 +246,7 @@ impl MotionJudge {
         self.tolerance.window = window;
     }
 
-    /// Where the axis was before the command.
+    /// Position before the command.
     #[must_use]
     pub const fn start(&self) -> Option<i64> {
         self.start
@@ -339,7 +339,7 @@ impl MotionJudge {
         self.is_relative = true;
     }
 
-    /// Whether what decides the goal was read at `since` or later.
+    /// Returns whether what decides the goal was read at `since` or later.
     #[must_use]
     pub fn is_current(&self, since: Instant) -> bool {
         let decides = match self.goal {
@@ -390,8 +390,8 @@ impl MotionJudge {
         };
     }
 
-    /// Takes a mode that was read, for whatever reason. The first after the start is the mode of the motion;
-    /// nobody may be waiting for its end yet.
+    /// Records a mode reading of any request. The first after the start is the mode of the motion; a wait for its end
+    /// may begin later.
     pub fn observe_mode(&mut self, mode: i64) {
         if self.since.is_some() {
             self.mode_before.get_or_insert(mode);
@@ -432,7 +432,7 @@ impl MotionJudge {
         self.speed_at = Some(now);
     }
 
-    /// Whether speeds and positions have shown standstill for so long; for `by_position` if positions alone
+    /// Returns whether speeds and positions have shown standstill for so long; for `by_position` if positions alone
     /// have to show it.
     fn rests(&self, by_both: Duration, by_position: Duration) -> bool {
         let standing = |since: Option<Instant>, last: Option<Instant>| {
@@ -450,7 +450,7 @@ impl MotionJudge {
         slow_enough && still >= by_both || still >= by_position
     }
 
-    /// Whether the axis is at its target, by the last position.
+    /// Returns whether the axis is at its target, by the last position.
     #[must_use]
     pub fn is_at_target(&self) -> bool {
         let MotionGoal::Position(targets) = self.goal else { return false };
@@ -480,7 +480,7 @@ impl MotionJudge {
         }
     }
 
-    /// What is known at `now`.
+    /// Verdict at `now`.
     #[must_use]
     pub fn verdict(&self, now: Instant) -> MotionVerdict {
         if self.goal != MotionGoal::Standstill
@@ -514,7 +514,7 @@ impl MotionJudge {
         self.since.map_or(Duration::ZERO, |since| now.since(since))
     }
 
-    /// How long the flag has been set.
+    /// Time for which the flag has been set.
     fn flagged(&self, now: Instant) -> Option<Duration> {
         self.flag_since.filter(|_| self.flag == Some(true)).map(|since| now.since(since))
     }
@@ -556,7 +556,7 @@ impl MotionJudge {
             return if is_over { MotionVerdict::Examine } else { MotionVerdict::Pending };
         };
         match self.end_reason() {
-            // A drive may find out later why its motor stands.
+            // A drive may detect later why its motor stopped.
             EndReason::Unknown | EndReason::NotStarted
                 if now.since(examined_at) < LATE_FAULT_MAX =>
             {
@@ -566,7 +566,7 @@ impl MotionJudge {
         }
     }
 
-    /// Whether the axis is, or was, elsewhere than before the command.
+    /// Returns whether the axis is, or was, elsewhere than before the command.
     fn left_start(&self) -> bool {
         let moved = |start: i64, position: i64| {
             self.tolerance.distance(start, position).abs() > self.tolerance.noise
@@ -656,7 +656,7 @@ impl MotionJudge {
         }
     }
 
-    /// Whether values after a start that was not acknowledged prove that the drive executed it.
+    /// Returns whether values after a start that was not acknowledged prove that the drive executed it.
     #[must_use]
     pub fn proves_start(&self) -> bool {
         // That motion changes the position by itself, and had perhaps not cleared the flag yet.
@@ -667,7 +667,7 @@ impl MotionJudge {
         flag_fell || self.stood_before && self.goes_to_target()
     }
 
-    /// Whether the axis went towards its target, and farther than one that counts as standing may drift.
+    /// Returns whether the axis went towards its target, and farther than one that counts as standing may drift.
     fn goes_to_target(&self) -> bool {
         let (Some(start), Some(position)) = (self.start, self.position) else { return false };
         let elapsed = self.position_at.zip(self.start_at).map(|(at, from)| at.since(from));

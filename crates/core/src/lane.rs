@@ -65,13 +65,13 @@ pub struct Lane<M: Medium, H: Host<M>> {
     host: H,
     slots: Vec<AxisSlot<H::Request, H::Answer>>,
     jobs: JobTable<H::Request>,
-    /// What drives of a group answered and nobody has taken yet.
+    /// Answers of drives of a group that were not taken yet.
     group_answers: VecDeque<GroupAnswer>,
     /// Axes that follow one beat, or did last.
     cyclic: Option<Box<CyclicMotion>>,
-    /// What happened and nobody has taken yet, while somebody listens.
+    /// Events that were not taken yet, while there is a listener.
     events: Option<Box<EventQueue>>,
-    /// What makes the driver of an axis that joins.
+    /// Factory of the driver of an axis that joins.
     driver_factory: Option<DriverFactory<H::Request, H::Answer>>,
     medium: PhantomData<fn() -> M>,
 }
@@ -114,7 +114,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
     }
 
-    /// The same lane, which axes can [join](Axes::add_axis).
+    /// The lane with a factory, so that axes can [join](Axes::add_axis).
     #[must_use]
     pub fn with_driver_factory(self, make: DriverFactory<H::Request, H::Answer>) -> Self {
         Self { driver_factory: Some(make), ..self }
@@ -311,7 +311,7 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut M::Out) -> Option<usize> {
-        // A beat keeps its time whatever else there is to say.
+        // A beat keeps its time whatever other requests wait.
         if let Some(cycle) = &mut self.cyclic
             && let Some(request) = cycle.poll_request(now, &mut self.slots)
         {
@@ -329,7 +329,7 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     }
 }
 
-/// What a verb makes a drive ready to follow.
+/// Kind of set-point that a verb prepares a drive for.
 const fn setpoint_kind_of(verb: Verb) -> Option<SetpointKind> {
     match verb {
         Verb::FollowPosition => Some(SetpointKind::Position),
@@ -380,7 +380,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         self.cyclic.as_ref().is_some_and(|cycle| cycle.is_commanding(axis))
     }
 
-    /// Whether a job moves or stops an axis.
+    /// Returns whether a job moves or stops an axis.
     fn is_moving(&self, axis: AxisIndex) -> bool {
         self.jobs.is_moving(axis) || self.in_cyclic_motion(axis)
     }

@@ -8,9 +8,9 @@ use core::borrow::BorrowMut;
 pub trait Medium: 'static {
     /// Which of them it is.
     const KIND: MediumKind;
-    /// What arrives: a run of bytes, or one frame.
+    /// Type of received data: a run of bytes, or one frame.
     type Unit: ?Sized;
-    /// What a station writes into: a byte buffer, or one frame.
+    /// Type of a station's output: a byte buffer, or one frame.
     type Out: ?Sized;
     /// Room for one [`Out`](Self::Out), on the stack.
     type Buffer: BorrowMut<Self::Out> + Send;
@@ -165,7 +165,7 @@ pub struct Frame {
 }
 
 impl core::fmt::Display for Frame {
-    /// As candump's log has it: `30B#5443`, eight digits for 29 bits, `#R4` for a remote request.
+    /// Formats it as candump's log: `30B#5443`, eight digits for 29 bits, `#R4` for a remote request.
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let digits = if self.extended { 8 } else { 3 };
         write!(f, "{:0digits$X}#", self.id)?;

@@ -34,7 +34,7 @@ pub type BoxedLane = Box<dyn AnyLane<Can>>;
 /// those that joined later last.
 pub struct Mux {
     lanes: Vec<BoxedLane>,
-    /// Of each axis its lane, and its place there.
+    /// Lane and index of each axis.
     locations: Vec<(usize, AxisIndex)>,
     /// The lane that may send next, so that none starves.
     next_lane: usize,

@@ -72,7 +72,7 @@ pub enum Step {
         read: ParameterId,
         /// The test.
         test: ParameterTest,
-        /// What to do about it, for people.
+        /// Remedy for people.
         hint: &'static str,
     },
     /// Leaves out the next steps if the parameter passes the test.
@@ -81,7 +81,7 @@ pub enum Step {
         read: ParameterId,
         /// The test.
         test: ParameterTest,
-        /// How many steps.
+        /// Number of steps.
         count: u8,
     },
     /// Skips the next steps if the drive does not have the parameter: for objects that a standard leaves
@@ -89,7 +89,7 @@ pub enum Step {
     SkipIfMissing {
         /// The parameter to read.
         read: ParameterId,
-        /// How many steps.
+        /// Number of steps.
         count: u8,
     },
     /// Ends the plan with `Faulted` if the masked parameter is not zero.
@@ -110,7 +110,7 @@ pub enum Step {
         /// Giving up ends the plan; else it goes on.
         required: bool,
     },
-    /// Waits until the motor stands, by measured values ([`judge`](crate::judge)).
+    /// Waits for standstill of the motor, by measured values ([`judge`](crate::judge)).
     Standstill {
         /// Give up after so long.
         within_ms: u32,
@@ -148,7 +148,7 @@ pub enum Step {
     Store(ParameterId),
     /// Waits.
     Wait {
-        /// So long.
+        /// Length of the wait, ms.
         ms: u32,
     },
 }
@@ -162,19 +162,19 @@ pub static ARRIVAL: Plan = Plan {
 };
 
 impl Step {
-    /// Whether it waits for something that is read again and again.
+    /// Returns whether it waits for something that is read again and again.
     #[must_use]
     pub const fn is_wait(&self) -> bool {
         matches!(self, Self::Until { .. }) || self.is_judged()
     }
 
-    /// Whether it waits for a motion to end, which measured values decide.
+    /// Returns whether it waits for a motion to end, which measured values decide.
     #[must_use]
     pub const fn is_judged(&self) -> bool {
         matches!(self, Self::Standstill { .. } | Self::Homed { .. } | Self::Arrival { .. })
     }
 
-    /// Whether it may change something in the drive.
+    /// Returns whether it may change something in the drive.
     #[must_use]
     pub const fn may_change_drive(&self) -> bool {
         use Step::{Copy, Ensure, Send, Store, Write};
@@ -194,7 +194,7 @@ pub struct ParameterTest {
 }
 
 impl ParameterTest {
-    /// Whether `raw` passes the test.
+    /// Returns whether `raw` passes the test.
     #[must_use]
     pub const fn passes(&self, raw: i64) -> bool {
         let masked = raw & self.mask;
@@ -260,7 +260,7 @@ impl Operand {
 /// The speed that the time of a ramp leads to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RampSpeed {
-    /// The same speed always, rpm.
+    /// A constant speed, rpm.
     Fixed(u16),
     /// The velocity that the command carries, or this one where it carries none, rpm.
     VelocityOr(u16),

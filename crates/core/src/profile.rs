@@ -23,7 +23,7 @@ pub struct Profile {
     pub name: &'static str,
     /// The family that implements it: `tmcm17x`; the protocol's name for its generic driver.
     pub family: &'static str,
-    /// Its protocol: `tmcl`, `modbus`.
+    /// Protocol of the drive: `tmcl`, `modbus`.
     pub protocol: &'static str,
     /// The product's full name.
     pub title: &'static str,
@@ -41,7 +41,7 @@ pub struct Profile {
     pub signals: &'static [SignalSource],
     /// The plan of each verb.
     pub plans: &'static [Plan],
-    /// By what the end of a motion is judged.
+    /// Rules for judging the end of a motion.
     pub motion: MotionRules,
     /// The setting that keeps writes out of permanent memory, where every write goes there otherwise.
     /// It applies to parameters of [`Persistence::UnlessRam`].
@@ -52,7 +52,7 @@ pub struct Profile {
     /// Parameters that a drive of this profile may lack, because the standard leaves them optional. A drive
     /// without one is not at fault: see [`Axes::lacks_parameter`](crate::axis::Axes::lacks_parameter).
     pub optional: &'static [ParameterId],
-    /// What stops the motor after the loss of the link.
+    /// Reaction of the drive to the loss of the link.
     pub watchdog: Watchdog,
     /// Longest time the drive may take for a reply, ms.
     pub reply_timeout_ms: u32,
@@ -60,7 +60,7 @@ pub struct Profile {
     pub multiple_writes: bool,
     /// Checks before and after, in one paragraph, shown before the first motion.
     pub caution: &'static str,
-    /// How to tell it from other products of its protocol, by reads only.
+    /// Identity that distinguishes it from other products of its protocol, by reads only.
     pub identity: Option<Identity>,
 }
 
@@ -138,7 +138,7 @@ impl Profile {
     }
 }
 
-/// Whether two parameter names are the same: case, spaces, hyphens and underscores do not count.
+/// Returns whether two parameter names are the same: case, spaces, hyphens and underscores do not count.
 #[must_use]
 pub fn same_name(a: &str, b: &str) -> bool {
     fn plain(text: &str) -> impl Iterator<Item = u8> + '_ {
@@ -192,12 +192,12 @@ pub struct RamMode {
     pub flash: i64,
 }
 
-/// By what the end of a motion is judged, where a drive has parameters for it.
+/// Parameters and rules for judging the end of a motion.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct MotionRules {
     /// Greatest distance from the target of a motor that has arrived.
     pub window: Option<ParameterId>,
-    /// What a relative move counts from.
+    /// Base of a relative move.
     pub relative_from: RelativeBase,
     /// Passed while something holds the motor on its way: a halt bit, a stop register.
     pub halted: Option<(ParameterId, ParameterTest)>,
@@ -210,7 +210,7 @@ pub struct MotionRules {
 }
 
 impl MotionRules {
-    /// Of a drive that has none of these.
+    /// Rules of a drive without such parameters.
     pub const NONE: Self = Self {
         window: None,
         relative_from: RelativeBase::Either,
@@ -223,7 +223,7 @@ impl MotionRules {
 /// The position that a relative move counts from.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RelativeBase {
-    /// Where the motor is.
+    /// The actual position of the motor.
     Actual,
     /// The last target, whether it was reached or not.
     Target,
@@ -247,24 +247,24 @@ pub enum AxisKind {
 pub enum Watchdog {
     /// None: the drive continues its last command.
     None,
-    /// It stops after a time that cannot be set.
+    /// The drive stops after a time that cannot be set.
     Fixed {
-        /// That time, ms.
+        /// Time to the stop, ms.
         after_ms: u32,
     },
-    /// It stops after the time written to a parameter, 0 = never.
+    /// The drive stops after the time written to a parameter, 0 = never.
     Configurable {
         /// The parameter that holds the time.
         parameter: ParameterId,
         /// The one that holds it for requests that come by CAN, where that is another.
         on_can: Option<ParameterId>,
     },
-    /// It monitors the host's heartbeat (CiA 301, 7.2.8.3.2). A parameter selects the reaction.
+    /// The drive monitors the host's heartbeat (CiA 301, 7.2.8.3.2). A parameter selects the reaction.
     Heartbeat {
-        /// Whose heartbeat, and how long it may stay out: node-ID in bits 16 to 22, ms in bits 0 to
+        /// Parameter with the sender of the heartbeat, and its longest pause: node-ID in bits 16 to 22, ms in bits 0 to
         /// 15; 0 in either is never (CiA 301, 1016h).
         consumer: ParameterId,
-        /// What it does then: 0 is nothing, 1 fault, 2 power off, 3 quick stop (CiA 402-2, 6007h).
+        /// Parameter with the reaction: 0 is nothing, 1 fault, 2 power off, 3 quick stop (CiA 402-2, 6007h).
         reaction: ParameterId,
     },
 }
@@ -313,9 +313,9 @@ pub struct Parameter {
     pub default: Option<i64>,
     /// Read, written or both.
     pub access: Access,
-    /// Where a written value is kept.
+    /// Persistence of a written value.
     pub persistence: Persistence,
-    /// Whether the product's own manual documents it.
+    /// True if the product's own manual documents it.
     pub certainty: Certainty,
     /// True when writing it may start, change or enable motion: it needs an armed axis and is
     /// never sent twice.
@@ -327,7 +327,7 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// Whether a raw value is within its limits.
+    /// Returns whether a raw value is within its limits.
     #[must_use]
     pub fn allows(&self, raw: i64) -> bool {
         self.encoding.is_between(raw, self.min, self.max)
@@ -351,7 +351,7 @@ impl Scale {
     /// Raw is the value.
     pub const ONE: Self = Self { factor: 1.0, times: None, over: None, rule: None };
 
-    /// Whether it depends on no other parameter.
+    /// Returns whether it depends on no other parameter.
     #[must_use]
     pub const fn is_constant(&self) -> bool {
         self.times.is_none() && self.over.is_none() && self.rule.is_none()
@@ -403,7 +403,7 @@ pub struct ScaleRule {
     pub name: &'static str,
     /// The objects that it reads. A missing object counts as absent.
     pub objects: &'static [ObjectKey],
-    /// Those of them that are words of bytes, which people write in hexadecimal.
+    /// Objects among them that are words of bytes, which people write in hexadecimal.
     pub words: &'static [ObjectKey],
     /// For a stepper motor: the full steps per turn that the rule assumes, and the object with the real
     /// number, where a drive has it.
@@ -448,7 +448,7 @@ pub enum Access {
     ReadWrite,
 }
 
-/// Where a written value is kept.
+/// Persistence of a written value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Persistence {
     /// Gone with the power, or not a setting at all.
@@ -457,12 +457,12 @@ pub enum Persistence {
     Storable,
     /// Every write goes to flash or EEPROM.
     Always,
-    /// In flash, unless the drive was switched to keep writes in RAM.
+    /// Kept in flash, unless the drive was switched to keep writes in RAM.
     UnlessRam,
 }
 
 impl Persistence {
-    /// Its word, as profiles have it.
+    /// Name in profiles.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -543,11 +543,11 @@ pub enum Signal {
     Reached,
     /// Mode of operation.
     Mode,
-    /// Its own time, which drives of a bus may keep together.
+    /// Clock of the drive, which drives of a bus may synchronise.
     Time,
     /// True while a limit switch or a limit of the drive holds the motor at the positive end.
     PositiveLimit,
-    /// The same at the negative end. Both are true if the drive does not report which end it is.
+    /// State of the limit switch at the negative end. Both are true if the drive does not report which end it is.
     NegativeLimit,
 }
 

@@ -18,9 +18,9 @@ pub const LABELS_MAX: usize = 1024;
 /// A name for an address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct ProgramLabel<'t> {
-    /// As it is written in the text.
+    /// Name as written in the text.
     pub name: &'t str,
-    /// Its address.
+    /// Address of the label.
     pub address: u16,
 }
 
@@ -115,7 +115,7 @@ pub trait InstructionLanguage: Sync {
     /// The code by which a drive reports that it has stored the request.
     fn stored_code(&self) -> u32;
 
-    /// Whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
+    /// Returns whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
     fn is_running(&self, answer: i64) -> bool;
 }
 
@@ -176,7 +176,7 @@ pub enum MemoryKind {
 }
 
 impl MemoryRules {
-    /// Which memory holds so many words from `start` on; `None` when none holds all of them.
+    /// Memory that holds `count` words from `start` on; `None` if none holds all of them.
     #[must_use]
     pub fn memory_at(&self, start: u16, count: usize) -> Option<MemoryKind> {
         let last = u16::try_from(usize::from(start) + count.max(1) - 1).ok()?;

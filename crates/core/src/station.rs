@@ -54,7 +54,7 @@ pub struct Ticket(pub u32);
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct AxisIndex(pub u8);
 
-/// Whom an event of a host concerns.
+/// Subject of a host's event.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum EventSubject {
     /// The request submitted with this ticket. It has now ended.
@@ -69,7 +69,7 @@ pub enum EventSubject {
 /// An event from a host.
 pub type HostEvent<A> = (EventSubject, Result<A, Failure>);
 
-/// Whether a request may be sent again without a reply.
+/// True if a request may be sent again without a reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RequestClass {
     /// A read: sending it twice is sending it once.
@@ -78,14 +78,13 @@ pub enum RequestClass {
     ReadBack,
     /// A start of motion, a relative move, a write to flash: never again.
     NoRetry,
-    /// Takes motion out of a drive: may be sent twice, overtakes everything, is let into a
-    /// quarantined line (STOP-1).
+    /// Ends motion: may be sent twice, overtakes everything, is allowed on a quarantined line (STOP-1).
     Stop,
 }
 
 /// A protocol's request, as a small value.
 pub trait Request: Copy + Send + 'static {
-    /// Its class. A driver gives a write the class that the lane names; other requests have a fixed class.
+    /// Class of the request. A driver gives a write the class of the lane; other requests have a fixed class.
     fn class(&self) -> RequestClass;
 
     /// The effect that it may have on a drive with this profile.
@@ -93,7 +92,7 @@ pub trait Request: Copy + Send + 'static {
         Effect::from_class(self.class())
     }
 
-    /// Whether the caller has to read or feed bytes while it runs, with [`Host::poll_bytes`] and
+    /// Returns whether the caller has to read or feed bytes while it runs, with [`Host::poll_bytes`] and
     /// [`Host::feed_bytes`].
     fn moves_bytes(&self) -> bool {
         false
@@ -115,13 +114,13 @@ pub struct Counters {
     pub answered: u64,
     /// Valid replies that arrived too late or too early.
     pub late: u64,
-    /// Those that matched the request, but arrived sooner than the line's rate permits.
+    /// Frames that matched the request, but arrived sooner than the line's rate permits.
     pub early: u64,
-    /// Those that are acknowledgements: the reply to the same request may still come.
+    /// Acknowledgements among them: the reply to the same request may still come.
     pub late_acknowledged: u64,
     /// Valid frames of another address, opcode or length than requested.
     pub foreign: u64,
-    /// Those with a matching reply, but from another address than requested.
+    /// Frames with a matching reply, but from another address than requested.
     pub misaddressed: u64,
     /// The host that the addressed drive replied to instead of this one: its host address, or the CAN ID of
     /// the replies.
@@ -136,7 +135,7 @@ pub struct Counters {
     pub corrupt: u64,
     /// Acknowledgements from the addressed drive.
     pub acknowledged: u64,
-    /// The same for a drive behind the one that acknowledged.
+    /// Frames that another drive acknowledged for the drive behind it.
     pub relayed: u64,
     /// Replies in text mode, where frames were expected.
     pub texts: u64,
@@ -189,9 +188,9 @@ impl Counters {
 
 /// The commanding end. Every ticket submitted ends in exactly one event.
 pub trait Host<M: Medium>: Station<M> {
-    /// What it can ask.
+    /// Type of requests.
     type Request: Request;
-    /// What a drive answers.
+    /// Type of a drive's answers.
     type Answer: Copy + 'static;
     /// A request that is given back concerns its drive alone: others may be asked meanwhile.
     const PARALLEL: bool = false;
@@ -258,7 +257,7 @@ pub trait Host<M: Medium>: Station<M> {
         0
     }
 
-    /// Whether a drive of that address can be added.
+    /// Returns whether a drive of that address can be added.
     fn can_add_drive(&self, address: u32) -> bool {
         let _ = address;
         true
@@ -269,7 +268,7 @@ pub trait Host<M: Medium>: Station<M> {
         let _ = address;
     }
 
-    /// Whether it has to send without requests to keep a drive running: its wire cannot be lent then.
+    /// Returns whether it has to send without requests to keep a drive running: its wire cannot be lent then.
     fn sends_keepalive(&self) -> bool {
         false
     }

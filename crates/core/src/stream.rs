@@ -37,7 +37,7 @@ pub enum PathKind {
 pub struct RawPoint {
     /// From the point before.
     pub distance: i64,
-    /// As its parameter counts.
+    /// Speed in the counts of its parameter.
     pub velocity: i64,
     /// Since the point before.
     pub time: i64,
@@ -53,7 +53,7 @@ pub enum PathStep {
     Prepare {
         /// Which.
         number: u8,
-        /// What is interpolated.
+        /// Kind of interpolation.
         kind: PathKind,
         /// Points in the buffer that the drive is to report as few.
         low_mark: u8,
@@ -92,7 +92,7 @@ pub struct PathStatus {
     pub full: bool,
     /// A point arrived out of order and was refused.
     pub lost: bool,
-    /// It ran out of points while moving, and stopped.
+    /// True if the drive ran out of points while moving, and stopped.
     pub underrun: bool,
     /// Points taken, modulo `counters`.
     pub counter: u32,
@@ -127,7 +127,7 @@ pub struct BufferModel {
 const WINDOW: usize = 512;
 
 impl BufferModel {
-    /// An empty one, with room for so many points, of which so many count as few.
+    /// Creates an empty buffer with room for `wanted` points, of which `low_mark` count as few.
     #[must_use]
     pub const fn new(wanted: u32, low_mark: u32) -> Self {
         let capacity = if wanted as usize >= WINDOW { WINDOW as u32 - 1 } else { wanted };

@@ -5,9 +5,8 @@ use core::time::Duration;
 
 /// A point in time of one link: nanoseconds since an origin that the link chose.
 ///
-/// It is monotonic and knows nothing of wall time. The core never reads a clock: every `handle_*`
-/// and `poll_*` takes the present `Instant` as an argument, so the same code runs in real and in
-/// virtual time.
+/// The time is monotonic and independent of wall time. The core never reads a clock: every `handle_*` and `poll_*`
+/// takes the present `Instant` as an argument, so the same code runs in real and in virtual time.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 pub struct Instant(pub u64);
 
@@ -23,13 +22,13 @@ impl Instant {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
 
-    /// This instant moved by so many nanoseconds, saturating.
+    /// Adds nanoseconds, saturating.
     #[must_use]
     pub const fn plus_ns(self, ns: u64) -> Self {
         Self(self.0.saturating_add(ns))
     }
 
-    /// This instant moved by so many milliseconds, saturating.
+    /// Adds milliseconds, saturating.
     #[must_use]
     pub const fn plus_ms(self, ms: u32) -> Self {
         self.plus_ns(ms as u64 * 1_000_000)

@@ -10,9 +10,9 @@ pub enum Quantity {
     Plain,
     /// Position of the axis: rad, m or 1, as the axis is rotary, linear or a ratio.
     Position,
-    /// Its first derivative.
+    /// First derivative of the position.
     Velocity,
-    /// Its second derivative.
+    /// Second derivative of the position.
     Acceleration,
     /// Torque, N·m.
     Torque,

@@ -60,7 +60,7 @@ pub enum Act {
     Switch {
         /// Which: 0 home, 1 positive limit, 2 negative limit.
         which: u8,
-        /// Where, rad; NaN removes it.
+        /// Position, rad; NaN removes it.
         at: f64,
     },
     /// The encoder stops counting, or counts again.

@@ -32,7 +32,7 @@ pub struct DeviceOptions<'a> {
     pub wires: &'a [&'a str],
     /// Which standard its serial wire follows; the family's usual one if `None`.
     pub standard: Option<proto::SerialStandard>,
-    /// Its serial wire has no byte timing (pty, TCP): frames are separated by length, not by silence.
+    /// True if its serial wire has no byte timing (pty, TCP): frames are separated by length, not by silence.
     pub untimed: bool,
     /// Seed of random values in the drive (sensor noise).
     pub seed: u64,
@@ -42,11 +42,11 @@ pub struct DeviceOptions<'a> {
 
 /// A simulated drive: one object, with as many ends as it has connectors.
 pub trait SimulatedDevice: Timed + bench::BenchControl + Send {
-    /// Its end of a serial wire.
+    /// The drive's end of a serial wire.
     fn serial_station(&mut self) -> Option<&mut dyn Station<Stream>> {
         None
     }
-    /// Its end of a CAN bus.
+    /// The drive's end of a CAN bus.
     fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         None
     }
@@ -130,8 +130,8 @@ pub fn usual_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     profiles().iter().filter(|_| named).find(speaks).copied()
 }
 
-/// The profile whose names explain an unknown drive's frames: the first of its protocol. Drives differ, so
-/// explanations by it should say so.
+/// The profile whose names explain an unknown drive's frames: the first of its protocol. Drives differ, so explanations
+/// by it should state that.
 #[must_use]
 pub fn assumed_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     if !dissector.explains_by_name() {

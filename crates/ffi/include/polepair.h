@@ -44,7 +44,7 @@ typedef struct pp_link pp_link;
 typedef struct pp_request pp_request;
 
 /**
- * What a scan has found.
+ * Result of a scan.
  */
 typedef struct pp_scan pp_scan;
 
@@ -68,11 +68,11 @@ typedef struct pp_error {
      */
     uint32_t size;
     /**
-     * What the failed call returned.
+     * Status that the failed call returned.
      */
     pp_status status;
     /**
-     * Whether the drive executed the request: 1 yes, 0 no, -1 unknown, or in part.
+     * True if the drive executed the request: 1 yes, 0 no, -1 unknown, or in part.
      */
     int32_t executed;
     /**
@@ -84,17 +84,17 @@ typedef struct pp_error {
      */
     char code[32];
     /**
-     * What went wrong, in a sentence without full stop.
+     * Description of the error, in a sentence without full stop.
      */
     char message[1024];
     /**
-     * What to try. May be empty.
+     * Remedy to try. May be empty.
      */
     char hint[512];
 } pp_error;
 
 /**
- * What an axis is. Texts end with a zero byte.
+ * Description of an axis. Texts end with a zero byte.
  */
 typedef struct pp_axis_info {
     /**
@@ -134,11 +134,11 @@ typedef struct pp_axis_info {
      */
     char title[128];
     /**
-     * What to check before the first motion. May be empty.
+     * Checks before the first motion. May be empty.
      */
     char caution[512];
     /**
-     * What the drive does when its host falls silent.
+     * Reaction of the drive when its host falls silent.
      */
     char watchdog[256];
 } pp_axis_info;
@@ -168,15 +168,15 @@ typedef struct pp_fault {
      */
     char name[64];
     /**
-     * Its name in words.
+     * Name of the fault in words.
      */
     char text[128];
     /**
-     * What causes it.
+     * Usual cause of the fault.
      */
     char cause[256];
     /**
-     * What to do about it.
+     * Remedy of the fault.
      */
     char remedy[256];
 } pp_fault;
@@ -201,7 +201,7 @@ typedef struct pp_event {
      */
     uint32_t size;
     /**
-     * What happened: `PP_EVENT_` and a name.
+     * Kind of the event: `PP_EVENT_` and a name.
      */
     pp_event_kind kind;
     /**
@@ -240,7 +240,7 @@ typedef struct pp_event {
 typedef void (*pp_event_handler)(const struct pp_event *event, void *user);
 
 /**
- * Limits of a motion. NaN stands for what the drive has: set all fields by `pp_motion_init`.
+ * Limits of a motion. NaN means the drive's own value: set all fields by `pp_motion_init`.
  */
 typedef struct pp_motion {
     /**
@@ -274,7 +274,7 @@ typedef struct pp_motion {
 } pp_motion;
 
 /**
- * What a drive can be told to do, for `pp_axis_run` and `pp_axis_begin`.
+ * A command to a drive, for `pp_axis_run` and `pp_axis_begin`.
  */
 typedef int32_t pp_verb;
 
@@ -311,7 +311,7 @@ typedef struct pp_parameter {
      */
     char name[128];
     /**
-     * What the manual calls it: "AP 6".
+     * Designation in the manual: "AP 6".
      */
     char symbol[64];
     /**
@@ -323,11 +323,11 @@ typedef struct pp_parameter {
      */
     char kind[16];
     /**
-     * What a written value survives: "volatile", "storable", "always", "unless-ram".
+     * Persistence of a written value: "volatile", "storable", "always", "unless-ram".
      */
     char persistence[32];
     /**
-     * What it does. May be empty.
+     * Description. May be empty.
      */
     char about[512];
 } pp_parameter;
@@ -341,7 +341,7 @@ typedef struct pp_found {
      */
     uint32_t size;
     /**
-     * Its address on the wire.
+     * Address on the wire.
      */
     uint32_t number;
     /**
@@ -353,17 +353,17 @@ typedef struct pp_found {
      */
     char title[128];
     /**
-     * What it says of itself. May be empty.
+     * Identity that the drive reports. May be empty.
      */
     char identity[256];
     /**
-     * What is wrong with its address: two drives share it. May be empty.
+     * Conflict of its address: two drives share it. May be empty.
      */
     char clash[256];
 } pp_found;
 
 /**
- * The last known state of an axis. -1 stands for what is not known.
+ * The last known state of an axis. -1 means unknown.
  */
 typedef struct pp_state {
     /**
@@ -393,7 +393,7 @@ typedef struct pp_state {
 } pp_state;
 
 /**
- * What a simulated motor really does, whatever its drive reports.
+ * True state of a simulated motor, independent of the reports of its drive.
  */
 typedef struct pp_truth {
     /**
@@ -539,7 +539,7 @@ typedef struct pp_truth {
 #define PP_EVENT_FAULT_CLEARED 3
 
 /**
- * The drive takes part in its network otherwise than before: it restarted, or is gone.
+ * The drive changed its state in the network: it restarted, or is gone.
  */
 #define PP_EVENT_PRESENCE 4
 
@@ -564,7 +564,7 @@ typedef struct pp_truth {
 #define PP_EVENT_LINK_BACK 8
 
 /**
- * An event that this version of the header does not know: its text tells it.
+ * An event that this version of the header does not know: its text describes it.
  */
 #define PP_EVENT_OTHER 99
 
@@ -764,7 +764,7 @@ pp_status pp_axis_set_time_limit(const struct pp_axis *axis,
                                  double seconds);
 
 /**
- * Tells what an axis is. Nothing is sent.
+ * Describes an axis. Nothing is sent.
  *
  * Example:
  *     pp_axis_info info = { .size = sizeof info };
@@ -783,8 +783,8 @@ pp_status pp_axis_get_info(const struct pp_axis *axis, struct pp_axis_info *info
 pp_status pp_axis_device(const struct pp_axis *axis, char *buffer, size_t capacity, size_t *needed);
 
 /**
- * Arms an axis: motion commands of this program are let through. On a server this acquires the lease. Nothing
- * moves. PP_USAGE with E220 if it is armed already.
+ * Arms an axis: motion commands of this program are allowed. On a server this acquires the lease. Nothing moves.
+ * PP_USAGE with E220 if it is armed already.
  *
  * Pointers: `axis` is NULL or valid.
  */
@@ -806,7 +806,7 @@ pp_status pp_axis_release(const struct pp_axis *axis);
 pp_status pp_axis_disarm(const struct pp_axis *axis);
 
 /**
- * Whether this program armed the axis: 1 or 0.
+ * Reports whether this program armed the axis: 1 or 0.
  *
  * Pointers: `axis` is NULL or valid; `armed` is valid.
  */
@@ -866,14 +866,14 @@ pp_status pp_link_set_event_handler(const struct pp_link *link,
                                     void *user);
 
 /**
- * Returns the next event, and waits for it at most so many seconds: PP_NOTHING then.
+ * Returns the next event. Waits for it at most `seconds`, then returns PP_NOTHING.
  *
  * Pointers: `link` is NULL or valid; `event` is valid.
  */
 pp_status pp_link_next_event(const struct pp_link *link, double seconds, struct pp_event *event);
 
 /**
- * How many events were lost because nobody asked for them in time.
+ * Gives the number of events that were lost because they were not fetched in time.
  *
  * Pointers: `link` is NULL or valid; `count` is valid.
  */
@@ -955,8 +955,8 @@ pp_status pp_link_url(const struct pp_link *link, char *buffer, size_t capacity,
 /**
  * Stops every axis of a link, armed by this program or not, and returns when standstill is confirmed.
  *
- * All stops are sent before the first is waited for. On a server, axes are stopped whoever commands them. If
- * `may_turn` of the error is 1, cut the supply. Thread-safe: a stop overtakes requests of other threads.
+ * All stops are sent before the first is waited for. On a server, axes are stopped also while other clients command
+ * them. If `may_turn` of the error is 1, cut the supply. Thread-safe: a stop overtakes requests of other threads.
  *
  * Pointers: `link` is NULL or valid.
  */
@@ -1079,13 +1079,14 @@ pp_status pp_axis_move_by_text(const struct pp_axis *axis, const char *distance,
 pp_status pp_axis_home(const struct pp_axis *axis);
 
 /**
- * Waits until a move has reached its target, at most so many seconds. The motor is not stopped when they are
- * over: PP_NEGATIVE, with E101. If it ended elsewhere, PP_NEGATIVE with E106 or E102.
- * PP_DRIVE_FAULT if a fault ends the move, PP_UNCONFIRMED if the drive reports no position.
+ * Waits until a move has reached its target, at most `seconds`. The motor is not stopped at that time: PP_NEGATIVE,
+ * with E101. If it ended elsewhere, PP_NEGATIVE with E106 or E102. PP_DRIVE_FAULT if a fault ends the move,
+ * PP_UNCONFIRMED if the drive reports no position.
  *
  * Pointers: `axis` is NULL or valid.
  */
-pp_status pp_axis_wait(const struct pp_axis *axis, double seconds);
+pp_status pp_axis_wait(const struct pp_axis *axis,
+                       double seconds);
 
 /**
  * Reads a number in the unit of its parameter: "max current" in A, for example.
@@ -1117,8 +1118,8 @@ pp_status pp_axis_get_raw(const struct pp_axis *axis, const char *name, size_t l
 /**
  * Reads a parameter of any kind as people read it: "1.2 A", "on", text, or bytes in hexadecimal.
  *
- * As `pp_axis_get` for the name, as `pp_link_url` for the buffer. With PP_BUFFER the parameter was read, and is
- * read again by the next call.
+ * Reads a parameter as text: the name as in `pp_axis_get`, the buffer as in `pp_link_url`. With PP_BUFFER the
+ * parameter was read, and is read again by the next call.
  *
  * Pointers: As `pp_axis_get`; `buffer` has `capacity` bytes; `needed` is NULL or valid.
  */
@@ -1262,14 +1263,14 @@ pp_status pp_axis_begin(const struct pp_axis *axis,
                         struct pp_request **request);
 
 /**
- * Tells whether a request has ended: PP_PENDING if not, PP_OK if it is done, else why it failed.
+ * Polls a request: PP_PENDING before its end, PP_OK if it was executed, otherwise the status of its failure.
  *
  * Pointers: `request` is NULL or valid.
  */
 pp_status pp_request_poll(const struct pp_request *request);
 
 /**
- * Waits for the end of a request, at most so many seconds. As `pp_request_poll`.
+ * Waits for the end of a request, at most `seconds`. Returns the same as `pp_request_poll`.
  *
  * Pointers: `request` is NULL or valid.
  */
@@ -1296,25 +1297,28 @@ pp_status pp_request_wait(const struct pp_request *request, double seconds);
 pp_status pp_request_cancel(const struct pp_request *request);
 
 /**
- * What a request has read, in the unit of its parameter. PP_USAGE before its end.
+ * Gives the value that a request has read, in the unit of its parameter. PP_USAGE before its end.
  *
  * Pointers: `request` is NULL or valid; `value` is valid.
  */
 pp_status pp_request_value(const struct pp_request *request, double *value);
 
 /**
- * What a request has read, as it is on the wire. PP_USAGE before its end.
+ * Gives the value that a request has read, raw as on the wire. PP_USAGE before its end.
  *
  * Pointers: `request` is NULL or valid; `value` is valid.
  */
 pp_status pp_request_raw(const struct pp_request *request, int64_t *value);
 
 /**
- * What a request has read, as people read it. PP_USAGE before its end. As `pp_link_url` for the buffer.
+ * Gives the value that a request has read, as text. PP_USAGE before its end. The buffer is used as in `pp_link_url`.
  *
  * Pointers: `request` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.
  */
-pp_status pp_request_text(const struct pp_request *request, char *buffer, size_t capacity, size_t *needed);
+pp_status pp_request_text(const struct pp_request *request,
+                          char *buffer,
+                          size_t capacity,
+                          size_t *needed);
 
 /**
  * Copies the error of a request. PP_NOTHING if it has none.
@@ -1363,7 +1367,7 @@ pp_status pp_scan_open(const char *url,
 pp_status pp_scan_count(const struct pp_scan *scan, size_t *count);
 
 /**
- * Tells of the drive at this place, from 0 on.
+ * Describes the drive at this index, from 0 on.
  *
  * Pointers: `scan` is NULL or valid; `found` is valid.
  */
@@ -1395,7 +1399,7 @@ pp_status pp_scan_error_text(const struct pp_scan *scan,
 void pp_scan_close(struct pp_scan *scan);
 
 /**
- * Whether an axis reports a signal: 1 or 0. Nothing is sent.
+ * Reports whether an axis has a signal: 1 or 0. Nothing is sent.
  *
  * Pointers: `axis` is NULL or valid; `has` is valid.
  */
@@ -1431,14 +1435,14 @@ pp_status pp_axis_read_all(const struct pp_axis *axis,
 pp_status pp_axis_last(const struct pp_axis *axis, pp_signal signal, double *value, double *age);
 
 /**
- * Tells the last known state of an axis. Nothing is sent, except that a server is asked.
+ * Gives the last known state of an axis. Nothing is sent, except that a server is asked.
  *
  * Pointers: `axis` is NULL or valid; `state` is valid.
  */
 pp_status pp_axis_state(const struct pp_axis *axis, struct pp_state *state);
 
 /**
- * Tells what a simulated motor really does. `drive` counts from 0.
+ * Gives the true state of a simulated motor. `drive` counts from 0.
  *
  * Pointers: `link` is NULL or valid; `truth` is valid.
  */
@@ -1483,7 +1487,7 @@ pp_status pp_axis_trace(const struct pp_axis *axis,
                         struct pp_trace **trace);
 
 /**
- * Reads the next row of a trace, and waits for it at most so many seconds: PP_NOTHING then.
+ * Reads the next row of a trace. Waits for it at most `seconds`, then returns PP_NOTHING.
  *
  * `*time` gets seconds: since the trace began, or since the start of the server. `row` gets a value for each
  * signal, in the order of `pp_axis_trace`.

@@ -38,7 +38,7 @@ impl pp_axis {
         Ok(&self.axis)
     }
 
-    /// What tells that the link was closed.
+    /// Flag that is set when the link was closed.
     pub(crate) fn closed_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.closed)
     }
@@ -53,7 +53,7 @@ impl pp_axis {
     }
 }
 
-/// What an axis is. Texts end with a zero byte.
+/// Description of an axis. Texts end with a zero byte.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct pp_axis_info {
@@ -75,9 +75,9 @@ pub struct pp_axis_info {
     pub profile: [c_char; 64],
     /// The product's full name.
     pub title: [c_char; 128],
-    /// What to check before the first motion. May be empty.
+    /// Checks before the first motion. May be empty.
     pub caution: [c_char; 512],
-    /// What the drive does when its host falls silent.
+    /// Reaction of the drive when its host falls silent.
     pub watchdog: [c_char; 256],
 }
 
@@ -200,7 +200,7 @@ pub unsafe extern "C" fn pp_axis_set_time_limit(axis: *const pp_axis, seconds: f
     }
 }
 
-/// Tells what an axis is. Nothing is sent.
+/// Describes an axis. Nothing is sent.
 ///
 /// Example:
 ///
@@ -272,8 +272,8 @@ pub unsafe extern "C" fn pp_axis_device(
     }
 }
 
-/// Arms an axis: motion commands of this program are let through. On a server this acquires the lease. Nothing
-/// moves. PP_USAGE with E220 if it is armed already.
+/// Arms an axis: motion commands of this program are allowed. On a server this acquires the lease. Nothing moves.
+/// PP_USAGE with E220 if it is armed already.
 ///
 /// # Safety
 /// `axis` is NULL or valid.
@@ -304,7 +304,7 @@ pub unsafe extern "C" fn pp_axis_disarm(axis: *const pp_axis) -> pp_status {
     unsafe { run(axis, |axis| Ok(axis.opened()?.disarm()?)) }
 }
 
-/// Whether this program armed the axis: 1 or 0.
+/// Reports whether this program armed the axis: 1 or 0.
 ///
 /// # Safety
 /// `axis` is NULL or valid; `armed` is valid.
@@ -339,11 +339,11 @@ pub struct pp_fault {
     pub reserved: u32,
     /// The manual's short name.
     pub name: [c_char; 64],
-    /// Its name in words.
+    /// Name of the fault in words.
     pub text: [c_char; 128],
-    /// What causes it.
+    /// Usual cause of the fault.
     pub cause: [c_char; 256],
-    /// What to do about it.
+    /// Remedy of the fault.
     pub remedy: [c_char; 256],
 }
 

@@ -50,17 +50,17 @@ pub const PP_INTERRUPTED: pp_status = 130;
 pub struct pp_error {
     /// Size of this struct, set by the caller: `sizeof(pp_error)`.
     pub size: u32,
-    /// What the failed call returned.
+    /// Status that the failed call returned.
     pub status: pp_status,
-    /// Whether the drive executed the request: 1 yes, 0 no, -1 unknown, or in part.
+    /// True if the drive executed the request: 1 yes, 0 no, -1 unknown, or in part.
     pub executed: i32,
     /// 1 if the motor may still turn, and only cutting its supply stops it.
     pub may_turn: i32,
     /// Stable code: "E401" (docs/reference/exit-codes.md).
     pub code: [c_char; 32],
-    /// What went wrong, in a sentence without full stop.
+    /// Description of the error, in a sentence without full stop.
     pub message: [c_char; 1024],
-    /// What to try. May be empty.
+    /// Remedy to try. May be empty.
     pub hint: [c_char; 512],
 }
 
@@ -76,7 +76,7 @@ pub struct CallError {
 }
 
 impl CallError {
-    /// What the caller passed is wrong.
+    /// An error of the caller's arguments.
     pub fn usage(message: impl Into<String>, hint: &str) -> Self {
         Self::new(PP_USAGE, "E260", message, hint)
     }

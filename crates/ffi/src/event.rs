@@ -26,7 +26,7 @@ pub const PP_EVENT_PARAMETER: pp_event_kind = 1;
 pub const PP_EVENT_FAULT: pp_event_kind = 2;
 /// A fault has gone.
 pub const PP_EVENT_FAULT_CLEARED: pp_event_kind = 3;
-/// The drive takes part in its network otherwise than before: it restarted, or is gone.
+/// The drive changed its state in the network: it restarted, or is gone.
 pub const PP_EVENT_PRESENCE: pp_event_kind = 4;
 /// The axis was armed.
 pub const PP_EVENT_ARMED: pp_event_kind = 5;
@@ -36,7 +36,7 @@ pub const PP_EVENT_DISARMED: pp_event_kind = 6;
 pub const PP_EVENT_LINK_LOST: pp_event_kind = 7;
 /// The link is there again.
 pub const PP_EVENT_LINK_BACK: pp_event_kind = 8;
-/// An event that this version of the header does not know: its text tells it.
+/// An event that this version of the header does not know: its text describes it.
 pub const PP_EVENT_OTHER: pp_event_kind = 99;
 
 /// One thing that happened.
@@ -45,7 +45,7 @@ pub const PP_EVENT_OTHER: pp_event_kind = 99;
 pub struct pp_event {
     /// Size of this struct, set by the caller.
     pub size: u32,
-    /// What happened: `PP_EVENT_` and a name.
+    /// Kind of the event: `PP_EVENT_` and a name.
     pub kind: pp_event_kind,
     /// The number of the axis; 0 for what happened to the link.
     pub axis: u32,
@@ -69,7 +69,7 @@ unsafe impl SizedStruct for pp_event {}
 /// A function that is called for each event. `event` is valid during the call.
 pub type pp_event_handler = Option<extern "C" fn(event: *const pp_event, user: *mut c_void)>;
 
-/// What a link has heard.
+/// Received events of a link.
 #[derive(Debug)]
 pub struct LinkEvents {
     events: Arc<Events>,
@@ -147,7 +147,7 @@ fn start_thread(
     user: *mut c_void,
 ) -> Result<CallbackThread, CallError> {
     struct User(*mut c_void);
-    // SAFETY: the caller has said that another thread may use it.
+    // SAFETY: the caller has promised that another thread may use it.
     unsafe impl Send for User {}
     let (ended, events, user) = (Arc::new(AtomicBool::new(false)), Arc::clone(events), User(user));
     let is_over = Arc::clone(&ended);
@@ -165,7 +165,7 @@ fn start_thread(
     Ok(CallbackThread { ended, thread: Some(thread.map_err(refused)?) })
 }
 
-/// Returns the next event, and waits for it at most so many seconds: PP_NOTHING then.
+/// Returns the next event. Waits for it at most `seconds`, then returns PP_NOTHING.
 ///
 /// # Safety
 /// `link` is NULL or valid; `event` is valid.
@@ -192,7 +192,7 @@ pub unsafe extern "C" fn pp_link_next_event(
     }
 }
 
-/// How many events were lost because nobody asked for them in time.
+/// Gives the number of events that were lost because they were not fetched in time.
 ///
 /// # Safety
 /// `link` is NULL or valid; `count` is valid.

@@ -1,5 +1,5 @@
-//! What every function does around its work: it checks the handle, refuses a fork's child, keeps the error, and
-//! lets no panic out.
+//! The frame of every exported function: it checks the handle, refuses a fork's child, keeps the error, and lets no
+//! panic out.
 #![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,7 +9,7 @@ use crate::error::{CallError, ErrorSlot, PP_DEFECT, PP_FORKED, PP_OK, PP_USAGE, 
 
 /// A handle that keeps its last error.
 pub trait Handle {
-    /// Where it is kept.
+    /// Slot of the last error.
     fn errors(&self) -> &ErrorSlot;
 }
 
@@ -31,7 +31,7 @@ pub fn watch_forks() {
     }
 }
 
-/// Whether this process is a child of the one that opened its links.
+/// Returns whether this process is a child of the one that opened its links.
 pub fn is_forked() -> bool {
     FORKED.load(Ordering::Relaxed)
 }
@@ -56,7 +56,7 @@ pub unsafe fn with_handle<H: Handle>(
     }
 }
 
-/// The same for work that ends well or badly.
+/// [`run_value`] for work without a result.
 ///
 /// # Safety
 /// As [`with_handle`].

@@ -43,7 +43,7 @@ impl pp_link {
         self.link.as_ref().ok_or_else(|| CallError::usage("the link was not opened", hint))
     }
 
-    /// What tells its axes that it was closed.
+    /// Flag by which the axes see that it was closed.
     pub(crate) fn closed_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.closed)
     }
@@ -240,8 +240,8 @@ pub unsafe extern "C" fn pp_link_url(
 
 /// Stops every axis of a link, armed by this program or not, and returns when standstill is confirmed.
 ///
-/// All stops are sent before the first is waited for. On a server, axes are stopped whoever commands them. If
-/// `may_turn` of the error is 1, cut the supply. Thread-safe: a stop overtakes requests of other threads.
+/// All stops are sent before the first is waited for. On a server, axes are stopped also while other clients command
+/// them. If `may_turn` of the error is 1, cut the supply. Thread-safe: a stop overtakes requests of other threads.
 ///
 /// # Safety
 /// `link` is NULL or valid.

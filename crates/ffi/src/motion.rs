@@ -13,7 +13,7 @@ use crate::handle::run;
 use crate::link::read_seconds;
 use crate::text::{SizedStruct, read_struct, read_text};
 
-/// What a drive can be told to do, for `pp_axis_run` and `pp_axis_begin`.
+/// A command to a drive, for `pp_axis_run` and `pp_axis_begin`.
 pub type pp_verb = i32;
 
 /// Powers the motor; it holds its actual position.
@@ -41,7 +41,7 @@ pub const PP_HOME: pp_verb = 10;
 /// Saves the settings in the drive's permanent memory.
 pub const PP_STORE: pp_verb = 11;
 
-/// Limits of a motion. NaN stands for what the drive has: set all fields by `pp_motion_init`.
+/// Limits of a motion. NaN means the drive's own value: set all fields by `pp_motion_init`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct pp_motion {
@@ -325,9 +325,9 @@ pub unsafe extern "C" fn pp_axis_home(axis: *const pp_axis) -> pp_status {
     unsafe { pp_axis_run(axis, PP_HOME, f64::NAN, std::ptr::null()) }
 }
 
-/// Waits until a move has reached its target, at most so many seconds. The motor is not stopped when they are
-/// over: PP_NEGATIVE, with E101. If it ended elsewhere, PP_NEGATIVE with E106 or E102.
-/// PP_DRIVE_FAULT if a fault ends the move, PP_UNCONFIRMED if the drive reports no position.
+/// Waits until a move has reached its target, at most `seconds`. The motor is not stopped at that time: PP_NEGATIVE,
+/// with E101. If it ended elsewhere, PP_NEGATIVE with E106 or E102. PP_DRIVE_FAULT if a fault ends the move,
+/// PP_UNCONFIRMED if the drive reports no position.
 ///
 /// # Safety
 /// `axis` is NULL or valid.

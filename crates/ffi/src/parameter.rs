@@ -68,8 +68,8 @@ pub unsafe extern "C" fn pp_axis_get_raw(
 
 /// Reads a parameter of any kind as people read it: "1.2 A", "on", text, or bytes in hexadecimal.
 ///
-/// As `pp_axis_get` for the name, as `pp_link_url` for the buffer. With PP_BUFFER the parameter was read, and is
-/// read again by the next call.
+/// Reads a parameter as text: the name as in `pp_axis_get`, the buffer as in `pp_link_url`. With PP_BUFFER the
+/// parameter was read, and is read again by the next call.
 ///
 /// # Safety
 /// As `pp_axis_get`; `buffer` has `capacity` bytes; `needed` is NULL or valid.
@@ -240,15 +240,15 @@ pub struct pp_parameter {
     pub raw_max: i64,
     /// The name that users type.
     pub name: [c_char; 128],
-    /// What the manual calls it: "AP 6".
+    /// Designation in the manual: "AP 6".
     pub symbol: [c_char; 64],
     /// Symbol of its unit. May be empty.
     pub unit: [c_char; 32],
     /// "number", "text" or "bytes".
     pub kind: [c_char; 16],
-    /// What a written value survives: "volatile", "storable", "always", "unless-ram".
+    /// Persistence of a written value: "volatile", "storable", "always", "unless-ram".
     pub persistence: [c_char; 32],
-    /// What it does. May be empty.
+    /// Description. May be empty.
     pub about: [c_char; 512],
 }
 

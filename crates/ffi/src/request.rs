@@ -17,7 +17,7 @@ use crate::link::{check_open, copy_error, copy_error_text, read_seconds};
 use crate::motion::{build_command, pp_motion, pp_verb};
 use crate::text::{read_text, write_bytes, write_value};
 
-/// How long a motion that was stopped may take to end as a request.
+/// Time limit for the request of a motion to end after its stop.
 const CANCEL_WAIT_MAX: Duration = Duration::from_secs(10);
 
 /// A request that was begun.
@@ -41,7 +41,7 @@ enum RequestPurpose {
 enum RequestProgress {
     Running(AxisRequest),
     Done(Option<ReadValue>),
-    /// What every later poll returns.
+    /// Result that every later poll returns.
     Failed(pp_status),
 }
 
@@ -107,7 +107,7 @@ impl pp_request {
         }
     }
 
-    /// What it has read.
+    /// Value that the request has read.
     fn reading(&self) -> Result<ReadValue, CallError> {
         match &*self.lock() {
             RequestProgress::Done(Some(read)) => Ok(read.clone()),
@@ -218,7 +218,7 @@ pub unsafe extern "C" fn pp_axis_begin(
     }
 }
 
-/// Tells whether a request has ended: PP_PENDING if not, PP_OK if it is done, else why it failed.
+/// Polls a request: PP_PENDING before its end, PP_OK if it was executed, otherwise the status of its failure.
 ///
 /// # Safety
 /// `request` is NULL or valid.
@@ -228,7 +228,7 @@ pub unsafe extern "C" fn pp_request_poll(request: *const pp_request) -> pp_statu
     unsafe { with_handle(request, |request| Ok(request.wait(Duration::ZERO))) }
 }
 
-/// Waits for the end of a request, at most so many seconds. As `pp_request_poll`.
+/// Waits for the end of a request, at most `seconds`. Returns the same as `pp_request_poll`.
 ///
 /// # Safety
 /// `request` is NULL or valid.
@@ -264,7 +264,7 @@ pub unsafe extern "C" fn pp_request_cancel(request: *const pp_request) -> pp_sta
     unsafe { with_handle(request, pp_request::cancel) }
 }
 
-/// What a request has read, in the unit of its parameter. PP_USAGE before its end.
+/// Gives the value that a request has read, in the unit of its parameter. PP_USAGE before its end.
 ///
 /// # Safety
 /// `request` is NULL or valid; `value` is valid.
@@ -277,7 +277,7 @@ pub unsafe extern "C" fn pp_request_value(
     unsafe { run(request, |request| write_value(value, request.reading()?.value)) }
 }
 
-/// What a request has read, as it is on the wire. PP_USAGE before its end.
+/// Gives the value that a request has read, raw as on the wire. PP_USAGE before its end.
 ///
 /// # Safety
 /// `request` is NULL or valid; `value` is valid.
@@ -292,7 +292,7 @@ pub unsafe extern "C" fn pp_request_raw(request: *const pp_request, value: *mut 
     }
 }
 
-/// What a request has read, as people read it. PP_USAGE before its end. As `pp_link_url` for the buffer.
+/// Gives the value that a request has read, as text. PP_USAGE before its end. The buffer is used as in `pp_link_url`.
 ///
 /// # Safety
 /// `request` is NULL or valid; `buffer` has `capacity` bytes; `needed` is NULL or valid.

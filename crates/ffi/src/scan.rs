@@ -11,7 +11,7 @@ use crate::handle::{Handle, defect, return_handle, run, take_back};
 use crate::link::{copy_error, copy_error_text};
 use crate::text::{SizedStruct, copy_text, read_text, write_struct, write_value};
 
-/// What a scan has found.
+/// Result of a scan.
 #[derive(Debug)]
 pub struct pp_scan {
     found: Option<ScanReport>,
@@ -30,15 +30,15 @@ impl Handle for pp_scan {
 pub struct pp_found {
     /// Size of this struct, set by the caller.
     pub size: u32,
-    /// Its address on the wire.
+    /// Address on the wire.
     pub number: u32,
     /// The profile's word: "tmcm-170".
     pub profile: [c_char; 64],
     /// The product's full name.
     pub title: [c_char; 128],
-    /// What it says of itself. May be empty.
+    /// Identity that the drive reports. May be empty.
     pub identity: [c_char; 256],
-    /// What is wrong with its address: two drives share it. May be empty.
+    /// Conflict of its address: two drives share it. May be empty.
     pub clash: [c_char; 256],
 }
 
@@ -96,7 +96,7 @@ pub unsafe extern "C" fn pp_scan_count(scan: *const pp_scan, count: *mut usize) 
     }
 }
 
-/// Tells of the drive at this place, from 0 on.
+/// Describes the drive at this index, from 0 on.
 ///
 /// # Safety
 /// `scan` is NULL or valid; `found` is valid.

@@ -79,7 +79,7 @@ pub(crate) fn signal_number(signal: Signal) -> pp_signal {
     SIGNALS.iter().position(|known| *known == signal).map_or(-1, |at| at as pp_signal)
 }
 
-/// Whether an axis reports a signal: 1 or 0. Nothing is sent.
+/// Reports whether an axis has a signal: 1 or 0. Nothing is sent.
 ///
 /// # Safety
 /// `axis` is NULL or valid; `has` is valid.
@@ -196,7 +196,7 @@ pub unsafe extern "C" fn pp_axis_last(
     }
 }
 
-/// The last known state of an axis. -1 stands for what is not known.
+/// The last known state of an axis. -1 means unknown.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct pp_state {
@@ -217,7 +217,7 @@ pub struct pp_state {
 // SAFETY: size first, then plain numbers and bytes.
 unsafe impl SizedStruct for pp_state {}
 
-/// Tells the last known state of an axis. Nothing is sent, except that a server is asked.
+/// Gives the last known state of an axis. Nothing is sent, except that a server is asked.
 ///
 /// # Safety
 /// `axis` is NULL or valid; `state` is valid.

@@ -10,7 +10,7 @@ use crate::handle::run;
 use crate::link::{pp_link, read_seconds};
 use crate::text::{SizedStruct, read_text, write_struct};
 
-/// What a simulated motor really does, whatever its drive reports.
+/// True state of a simulated motor, independent of the reports of its drive.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct pp_truth {
@@ -44,7 +44,7 @@ fn simulation(link: &pp_link) -> Result<&Simulation, CallError> {
     link.opened()?.simulation().ok_or_else(|| CallError::usage("the link is no simulation", hint))
 }
 
-/// Tells what a simulated motor really does. `drive` counts from 0.
+/// Gives the true state of a simulated motor. `drive` counts from 0.
 ///
 /// # Safety
 /// `link` is NULL or valid; `truth` is valid.

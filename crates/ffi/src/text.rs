@@ -90,7 +90,7 @@ pub unsafe fn write_value<T>(out: *mut T, value: T) -> Result<(), CallError> {
 /// Writes as much of a struct as the caller knows; its size stays as the caller set it.
 ///
 /// # Safety
-/// `out` is NULL, or its first field tells how many bytes may be written.
+/// `out` is NULL, or its first field is the number of bytes that may be written.
 pub unsafe fn write_struct<T: SizedStruct>(out: *mut T, value: &T) -> Result<(), CallError> {
     if out.is_null() {
         return Err(CallError::usage("the pointer for a result is NULL", ""));
@@ -108,7 +108,7 @@ pub unsafe fn write_struct<T: SizedStruct>(out: *mut T, value: &T) -> Result<(),
 /// The caller's struct over a default, as far as the caller knows it.
 ///
 /// # Safety
-/// `given` is NULL, or its first field tells how many bytes may be read.
+/// `given` is NULL, or its first field is the number of bytes that may be read.
 pub unsafe fn read_struct<T: SizedStruct>(given: *const T, default: T) -> Result<T, CallError> {
     let mut value = default;
     if !given.is_null() {
@@ -122,7 +122,7 @@ pub unsafe fn read_struct<T: SizedStruct>(given: *const T, default: T) -> Result
     Ok(value)
 }
 
-/// How many bytes of a struct caller and library both know.
+/// Number of bytes of a struct caller and library both know.
 fn checked_size<T>(size: u32) -> Result<usize, CallError> {
     let size = size as usize;
     if size < size_of::<u32>() * 2 || size > 1 << 16 {

@@ -99,7 +99,7 @@ pub unsafe extern "C" fn pp_axis_trace(
     }
 }
 
-/// Reads the next row of a trace, and waits for it at most so many seconds: PP_NOTHING then.
+/// Reads the next row of a trace. Waits for it at most `seconds`, then returns PP_NOTHING.
 ///
 /// `*time` gets seconds: since the trace began, or since the start of the server. `row` gets a value for each
 /// signal, in the order of `pp_axis_trace`.

@@ -21,10 +21,10 @@ const NAME_MAX: usize = 200;
 #[derive(Debug)]
 pub struct AtomicFile(AtomicTarget);
 
-/// Who may read a new file.
+/// Read permission of a new file.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Access {
-    /// Who could read the one before; where there is none, as the user's umask says.
+    /// Permission of the replaced file; for a new file, that of the user's umask.
     AsUmask,
     OwnerOnly,
 }
@@ -50,7 +50,7 @@ struct FileBeside {
 pub struct SealedFile(Option<FileBeside>);
 
 impl AtomicFile {
-    /// Begins a file, which others may read as the user's umask says.
+    /// Begins a file that others may read as far as the user's umask allows.
     ///
     /// # Errors
     /// Those of the operating system: its folder is missing or cannot be written to, its name is that of a folder.
@@ -161,7 +161,7 @@ impl Write for AtomicFile {
         }
     }
 
-    /// Hands a device what was written. A file is read by nobody before it is complete.
+    /// Writes the buffered bytes to a device. A file is not read before it is complete.
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.0 {
             AtomicTarget::Beside(_) => Ok(()),
@@ -180,7 +180,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.commit()
 }
 
-/// Writes a whole file that only its owner can read, whoever could read the one before.
+/// Writes a whole file that only its owner can read, also if others could read the previous one.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -217,7 +217,7 @@ fn create_beside(place: &Path, access: Access) -> io::Result<NamedTempFile> {
     if let Some(permissions) = permissions_of(access) {
         builder.permissions(permissions);
     }
-    // The name in the error is the temporary one, which says nothing to a user.
+    // The name in the error is the temporary one, which means nothing to a user.
     builder.tempfile_in(folder).map_err(|error| match error.raw_os_error() {
         Some(code) => io::Error::from_raw_os_error(code),
         None => error.kind().into(),

@@ -4,20 +4,20 @@ use std::fs::{File, OpenOptions};
 use std::io;
 use std::path::Path;
 
-/// What happens to a file that is there already.
+/// Treatment of an existing file.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum ExistingFile {
-    /// It is left alone, and the call fails.
+    /// The file is kept, and the call fails.
     #[default]
     Refuse,
-    /// Its content is lost.
+    /// The content of the file is lost.
     Replace,
     /// The new content is written behind it.
     Append,
 }
 
 /// Opens a file that is written piece by piece, under its own name from the beginning. Devices and pipes are opened
-/// whatever `existing` says.
+/// with any value of `existing`.
 ///
 /// # Errors
 /// [`io::ErrorKind::AlreadyExists`] where a file is there and may not be touched; others of the operating system.

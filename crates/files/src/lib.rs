@@ -30,8 +30,8 @@ pub use unfinished::remove_unfinished;
 
 use std::path::Path;
 
-/// Whether two paths lead to one file: by device and inode, so links do not hide it. False where either is missing,
-/// and for devices and pipes, which are no files that could be lost.
+/// Returns whether two paths lead to one file: by device and inode, so links do not hide it. False where either is
+/// missing, and for devices and pipes, which are no files that could be lost.
 #[must_use]
 pub fn is_same_file(one: &Path, other: &Path) -> bool {
     let is_regular = |path: &Path| std::fs::metadata(path).is_ok_and(|found| found.is_file());

@@ -23,8 +23,8 @@ pub fn wall_ns(at: Instant) -> u64 {
     origin().wall_ns.saturating_add(at.0)
 }
 
-/// The instant of a wall time that the kernel has just stamped. Somebody may have set the clock
-/// since: what does not look fresh counts as of now.
+/// The instant of a kernel time stamp. The wall clock may have been set since: a stamp that is not recent counts as
+/// now.
 #[cfg(target_os = "linux")]
 pub(crate) fn instant_of_stamp(wall_ns: u64) -> Instant {
     let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
@@ -59,7 +59,7 @@ pub fn scale_timeout(timeout: Duration) -> Duration {
     (timeout * timeout_scale()).min(SCALED_TIMEOUT_MAX).max(timeout)
 }
 
-/// The same in milliseconds.
+/// [`scale_timeout`] in milliseconds.
 #[must_use]
 pub fn scaled_ms(timeout_ms: u32) -> u32 {
     let scaled = scale_timeout(Duration::from_millis(timeout_ms.into()));
@@ -71,7 +71,7 @@ pub const TIMEOUT_SCALE_VARIABLE: &str = "POLEPAIR_TIMEOUT_SCALE";
 const TIMEOUT_SCALE_MAX: u32 = 100;
 const SCALED_TIMEOUT_MAX: Duration = Duration::from_secs(30);
 
-/// Where the monotonic and the wall clock stood together.
+/// One moment on the monotonic and on the wall clock.
 struct ClockOrigin {
     monotonic: std::time::Instant,
     wall_ns: u64,

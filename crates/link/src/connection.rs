@@ -34,7 +34,7 @@ pub use borrow::BorrowedLink;
 pub use mailbox::{ConnectionEvent, ListenerGuard, Mailbox};
 pub use slots::PENDING_MAX;
 
-/// What a connection holds: a lane with protocol, family and host erased.
+/// Lane of a connection, with protocol, family and host erased.
 pub use polepair_core::axis::AnyLane;
 
 /// A lane on a link. Clones are the same connection; the last one dropped closes it.
@@ -119,7 +119,7 @@ impl Connection {
         if self.0.0.is_real_time() { clock::timeout_scale() } else { 1 }
     }
 
-    /// The same of a time-out.
+    /// Scales a time-out in the same way.
     #[must_use]
     pub fn scale_timeout(&self, timeout: Duration) -> Duration {
         if self.0.0.is_real_time() { clock::scale_timeout(timeout) } else { timeout }
@@ -172,7 +172,7 @@ impl Connection {
         self.0.0.close();
     }
 
-    /// Whether both are clones of one connection.
+    /// Returns whether both are clones of one connection.
     #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
@@ -297,7 +297,7 @@ impl Drop for Owner {
 struct ConnectionInner<M: Medium> {
     state: Mutex<ConnectionState<M>>,
     background: background::BackgroundThread,
-    /// Told when a request ended while others wait for the lane to take theirs.
+    /// Notified when a request ended while others wait for room in the lane.
     room_available: Condvar,
     /// For the background thread, once it is needed.
     weak_self: Weak<Self>,
@@ -319,7 +319,7 @@ impl<M: Medium> ConnectionInner<M> {
     }
 }
 
-/// What ends a ticket whose link is gone and whose lane said nothing of it.
+/// Outcome of a ticket whose link is gone and whose lane gave none.
 const LOST_OUTCOME: Outcome = Outcome::Unknown(Failure::LinkDown);
-/// What ends a request that could not even be submitted.
+/// Outcome of a request that could not be submitted.
 const NOT_SENT_OUTCOME: Outcome = Outcome::NotDone(Failure::LinkDown);

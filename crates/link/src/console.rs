@@ -18,7 +18,7 @@ pub enum ConsoleEvent {
 }
 
 impl ConsoleEvent {
-    /// Whether the system ends the process as soon as its handler returns: the handler must wait for the end.
+    /// Returns whether the system ends the process as soon as its handler returns: the handler must wait for the end.
     #[must_use]
     pub const fn ends_process(self) -> bool {
         matches!(self, Self::Close | Self::LogOff)

@@ -15,14 +15,14 @@ use crate::error::{Cause, LinkError};
 use crate::link::Received;
 use crate::waker::LinkWaker;
 
-/// How long a send waits for a far end that takes no bytes before it gives the unit up. The lock
-/// of a connection is held meanwhile, so it is short.
+/// Time limit of a send to a far end that takes no bytes, before the unit is given up. The lock of a connection is held
+/// meanwhile, so it is short.
 const SEND_STALL_MAX: Duration = Duration::from_millis(20);
 
-/// What a read takes of what has arrived.
+/// Amount that one read takes of the received data.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum ReadMode {
-    /// As much as it has room for.
+    /// As much as the buffer has room for.
     Stream,
     /// One piece of perhaps several: a datagram, a frame.
     Messages,
@@ -49,7 +49,7 @@ impl Descriptor {
         Ok(Self::with_waker(reads, fd, wake, name))
     }
 
-    /// The same with a waker that others have.
+    /// [`new`](Self::new) with a waker that others share.
     pub(crate) fn with_waker(reads: ReadMode, fd: OwnedFd, waker: LinkWaker, name: &str) -> Self {
         #[cfg(not(target_os = "linux"))]
         let _ = reads;
@@ -107,13 +107,13 @@ impl Descriptor {
                 return Ok(Received::Woken);
             }
             if until <= clock::now() {
-                // A last look: what is there is never left for want of having been told.
+                // A last check: data may have arrived without a notice.
                 return Ok(read()?.unwrap_or(Received::TimedOut));
             }
         }
     }
 
-    /// Whether the descriptor is readable, and whether the waker was used.
+    /// Waits for data. Returns the poll flags and whether the waker was used.
     fn wait_readable(&self, until: Instant) -> Result<(PollFlags, bool), Errno> {
         #[cfg(target_os = "linux")]
         if let Some(waited) = self.epoll.wait(until) {

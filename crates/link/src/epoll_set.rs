@@ -38,13 +38,13 @@ pub(crate) struct EpollSet {
     set: Option<(OwnedFd, WaitTimer)>,
     /// Nothing would be left untold.
     drained: AtomicBool,
-    /// From now on the caller polls: the far end has hung up or hurries, which is told once only,
-    /// or the kernel has no such wait.
+    /// True once the caller must poll: the far end has hung up or sends urgent data, which is reported once only, or
+    /// the kernel has no such wait.
     unusable: AtomicBool,
 }
 
 impl EpollSet {
-    /// Where the system has no more descriptors, the caller polls for ever.
+    /// Creates the set. If the system has no more descriptors, the caller polls for ever.
     pub(crate) fn new(link: BorrowedFd<'_>, reads: ReadMode, waker: BorrowedFd<'_>) -> Self {
         Self {
             set: create_set(link, reads, waker).ok(),
@@ -161,7 +161,7 @@ mod tests {
     use crate::descriptor::Descriptor;
     use crate::link::Received;
 
-    /// Nothing is left lying, whatever the size of a read, and an end is told while one waits.
+    /// Nothing is left unread, whatever the size of a read, and an end is reported during a wait.
     #[test]
     fn what_was_left_what_comes_later_and_the_end_are_told_at_once() {
         let (near, far) = std::os::unix::net::UnixStream::pair().unwrap();

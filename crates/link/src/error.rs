@@ -21,13 +21,13 @@ pub enum Cause {
     NotFound,
     /// Another program has it.
     Busy,
-    /// It was there and is no longer: unplugged, or the far end closed.
+    /// The link was lost: unplugged, or the far end closed.
     Gone,
     /// No program listens at that address.
     Refused,
     /// No way to that address, or no answer from it.
     Unreachable,
-    /// It does not support the speed or format, or is not a device of this kind.
+    /// The port does not support the speed or format, or is not a device of this kind.
     Unsuitable,
     /// The far end takes no bytes.
     Stalled,
@@ -78,7 +78,7 @@ impl LinkError {
         &self.name
     }
 
-    /// What a technician should try, in full sentences.
+    /// Advice for a technician, in full sentences.
     #[must_use]
     pub fn hint(&self) -> &str {
         &self.hint

@@ -46,12 +46,12 @@ impl<'a> TextWriter<'a> {
         bytes.iter().for_each(|&byte| self.push_byte(byte));
     }
 
-    /// `value` in so many digits.
+    /// Appends `value` in `digits` hexadecimal digits.
     pub(crate) fn push_hex(&mut self, value: u32, digits: u32) {
         (0..digits).rev().for_each(|n| self.push_byte(digit(value >> (4 * n))));
     }
 
-    /// `value` in decimal, in so many digits at least.
+    /// Appends `value` in decimal, with at least `digits` digits.
     pub(crate) fn push_decimal(&mut self, value: u64, digits: u32) {
         let min = 10_u64.pow(digits.saturating_sub(1));
         let mut power = min.max(10_u64.pow(value.checked_ilog10().unwrap_or(0)));

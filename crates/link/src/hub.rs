@@ -70,7 +70,7 @@ pub struct Hub<S> {
 
 struct HubState<S> {
     clients: Vec<HubClient<S>>,
-    /// Who is heard first the next time, so that nobody is never heard.
+    /// Client that is read first the next time, so that every client gets its turn.
     next_client: usize,
     losses: Losses,
 }
@@ -79,9 +79,9 @@ struct HubClient<S> {
     fd: Arc<OwnedFd>,
     session: S,
     inbox: Inbox,
-    /// It has said something that was not read yet, or has left.
+    /// True if it has sent data that was not read yet, or has left.
     readable: bool,
-    /// What is left of something said when the client's buffer was full.
+    /// Rest of a unit that did not fit into the client's buffer.
     unsent: [u8; OUTPUT_MAX],
     unsent_len: usize,
     disconnected: bool,
@@ -129,7 +129,7 @@ impl<S: HubSession> Hub<S> {
         })
     }
 
-    /// Its TCP address.
+    /// TCP address of the hub.
     #[must_use]
     pub fn address(&self) -> Option<SocketAddr> {
         self.listener.as_ref()?.local_addr().ok()

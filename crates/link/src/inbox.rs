@@ -44,7 +44,7 @@ impl Inbox {
         Ok(received)
     }
 
-    /// Likewise with a `read` of the caller's, which tells how many bytes it read.
+    /// [`fill_from`](Self::fill_from) with a `read` of the caller, which returns the number of bytes.
     pub(crate) fn fill<E>(
         &mut self,
         at: Instant,

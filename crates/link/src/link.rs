@@ -18,7 +18,7 @@ pub trait LinkIo<M: Medium>: Send + Sync {
     /// Puts one unit on the wire, all of it.
     ///
     /// # Errors
-    /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
+    /// [`LinkError`]; [`LinkError::is_gone`] is true if the link is lost.
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError>;
 
     /// Waits until a unit can be sent without blocking, as far as the system reports it. `false` when
@@ -48,7 +48,7 @@ pub trait LinkIo<M: Medium>: Send + Sync {
     /// A handle that ends a blocked [`receive`](Self::receive).
     fn waker(&self) -> LinkWaker;
 
-    /// Whether time passes and data arrives outside of waits: true everywhere but in a simulation in virtual
+    /// Returns whether time passes and data arrives outside of waits: true everywhere but in a simulation in virtual
     /// time.
     fn is_real_time(&self) -> bool {
         true
@@ -74,16 +74,16 @@ pub trait LinkIo<M: Medium>: Send + Sync {
 /// Result of a wait.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Received {
-    /// So many bytes (or one frame) are in the buffer.
+    /// Bytes (or one frame) are in the buffer.
     Bytes {
-        /// How many; 1 for a frame.
+        /// Number of bytes; 1 for a frame.
         len: usize,
         /// When the last of them arrived.
         at: Instant,
     },
     /// Something happened to the wire itself, such as bus-off.
     Line {
-        /// What.
+        /// The event.
         event: LineEvent,
         /// When.
         at: Instant,

@@ -92,7 +92,7 @@ pub fn ports() -> Vec<Port> {
 /// Serial adapters that carry nothing but CAN: CANable, MKS CANable, Lawicel's CANUSB, Babel.
 const SLCAN_IDS: [(u16, u16); 4] =
     [(0xAD50, 0x60C4), (0x16D0, 0x117E), (0x0403, 0xFFA8), (0x1D50, 0x60C7)];
-/// What such adapters call themselves.
+/// Words in the names of such adapters.
 const SLCAN_NAMES: [&str; 5] = ["slcan", "canable", "cantact", "canusb", "usbtin"];
 
 impl UsbInfo {
@@ -110,8 +110,8 @@ const WITHOUT_BAUD_RATE: [&str; 2] = ["cdc_acm", "usbser"];
 #[cfg(unix)]
 const PROGRAM: &str = "polepair";
 
-/// Whether the driver of the port at `path` is known to have no baud rate. False where the system does
-/// not report it, and for converters that emulate one.
+/// Returns whether the driver of the port at `path` is known to have no baud rate. False where the system does not
+/// report it, and for converters that emulate one.
 #[must_use]
 pub fn has_no_baud_rate(path: &str) -> bool {
     system::driver_name(path).is_some_and(|driver| WITHOUT_BAUD_RATE.contains(&&*driver))
@@ -152,8 +152,8 @@ pub(crate) fn holder_sentence(path: &str) -> String {
     }
 }
 
-/// Who serves `path`, if another run of this program does that was told to: `named` is a word of
-/// its command line. A pseudo-terminal's number alone may by now belong to somebody's shell.
+/// The program that serves `path`, if it is another run of this program with `named` on its command line. The number of
+/// a pseudo-terminal alone may by now belong to a shell.
 #[cfg(unix)]
 pub(crate) fn serving_instance(path: &std::path::Path, named: &std::path::Path) -> Option<String> {
     let (name, pid) = system::open_holder(path.to_str()?)?;

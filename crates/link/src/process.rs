@@ -15,7 +15,7 @@ pub fn raise_file_limit() -> Option<u64> {
     }
 }
 
-/// The same as on Unix, where the system supports it.
+/// Raises the limit of open files, where the system has one.
 #[cfg(not(unix))]
 #[must_use]
 pub const fn raise_file_limit() -> Option<u64> {
@@ -33,8 +33,8 @@ pub fn lower_priority() {
     }
 }
 
-/// Whether only its owner can read or write an open file that holds a token or a key. True where files
-/// have no such modes.
+/// Returns whether only its owner can read or write an open file that holds a token or a key. True where files have no
+/// such modes.
 ///
 /// # Errors
 /// When the system does not report the file's mode.
@@ -52,7 +52,7 @@ pub fn is_private_file(file: &std::fs::File) -> std::io::Result<bool> {
     }
 }
 
-/// Whether nobody but this user and the system's administrator could have written a file: it is owned by one of them,
+/// Returns whether only this user and the system's administrator could have written a file: it is owned by one of them,
 /// and others have no right to write. True where files have no owners.
 ///
 /// # Errors

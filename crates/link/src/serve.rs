@@ -120,7 +120,7 @@ impl Drop for ServeThread {
     fn drop(&mut self) {
         self.handle.stop();
         if let Some(thread) = self.thread.take() {
-            // A station that panicked has said so on stderr.
+            // A station that panicked has printed so on stderr.
             let _ = thread.join();
         }
     }
@@ -165,7 +165,7 @@ fn run_station<M: Medium>(
         }
         let sent = transmit(link, station, now);
         let due = station.poll_timeout().unwrap_or(Instant::FAR_FUTURE);
-        // Whoever has more to say than was sent goes on at once.
+        // A station with more to send goes on at once.
         let due = if matches!(sent, Ok(false)) { now } else { due };
         until = due.max(now.plus_ns(TICK_MIN_NS));
         result = sent.map(|_| ());
@@ -185,7 +185,7 @@ fn transmit<M: Medium>(
             return Ok(true);
         };
         match link.send(M::unit(out.borrow(), len)) {
-            // Nobody reads: on a real line these bytes would be lost as well.
+            // Without a reader these bytes are lost, as on a real line.
             Err(error) if !error.is_gone() => break,
             sent => sent?,
         }

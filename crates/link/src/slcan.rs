@@ -25,13 +25,13 @@ use codec::{AdapterReply, ErrorState, LINE_MAX, LineEnd, LineSplitter, StatusFla
 pub use server::serve_pty;
 pub use server::{SlcanSession, listen};
 
-/// How long an adapter may take to answer a command; some never do.
+/// Time limit of an adapter's reply to a command; some never reply.
 const ANSWER_MS: u32 = 150;
-/// How long an adapter that was closed has to be quiet before its answers are taken for ours, and how
-/// long that is waited for: an earlier program's may still be on their way.
+/// Silence that a closed adapter must keep before its replies are taken for ours, and the limit of that wait: replies
+/// to an earlier program may still arrive.
 const QUIET_MS: u32 = 20;
 const QUIET_MAX_MS: u32 = 300;
-/// How often, while frames are sent, the adapter is asked for its status flags.
+/// Interval at which the adapter is asked for its status flags while frames are sent.
 const FLAGS_INTERVAL_NS: u64 = 1_000_000_000;
 /// Such questions without an answer before it is asked no more.
 const FLAGS_PENDING_MAX: u8 = 2;
@@ -43,7 +43,7 @@ pub struct SlcanLink {
     inner: Box<dyn LinkIo<Stream>>,
     line: Mutex<CanLine>,
     input: Mutex<SlcanInput>,
-    /// The link is lost: nobody is left to be told that we go.
+    /// True if the link is lost: no close command can reach the adapter.
     lost: AtomicBool,
     malformed: AtomicU64,
     errors: AtomicU64,
@@ -54,7 +54,7 @@ pub struct SlcanLink {
     flags_pending: AtomicU8,
 }
 
-/// What came and was not yet looked at.
+/// Received bytes that were not processed yet.
 struct SlcanInput {
     inbox: Inbox,
     lines: LineSplitter,
@@ -258,7 +258,7 @@ impl SlcanLink {
     }
 }
 
-/// What an adapter can refuse on the way to the bus.
+/// Step of the set-up that an adapter can refuse.
 #[derive(Clone, Copy)]
 enum SetupStep {
     BitRate,
@@ -312,7 +312,7 @@ impl std::fmt::Debug for SlcanLink {
 impl Drop for SlcanLink {
     fn drop(&mut self) {
         if !self.lost.load(Ordering::Relaxed) {
-            // Otherwise the adapter goes on writing to whoever opens the port next.
+            // Otherwise the adapter goes on writing to the next program that opens the port.
             let _ = self.inner.send(b"C\r");
         }
     }

@@ -29,7 +29,7 @@ mod tests;
 use frame::{CanErrorReport, FRAME_LEN, UnpackedFrame};
 use hardware_clock::HardwareClock;
 
-/// What the kernel is asked to hold of unread frames; it gives what its limit allows.
+/// Size of the receive buffer that the kernel is asked for; it gives at most its limit.
 const RECEIVE_BUFFER: usize = 1 << 20;
 /// A full transmit queue is tried again so often, with a pause of about one frame's time.
 const ATTEMPTS_MAX: u32 = 100;
@@ -44,7 +44,7 @@ pub struct CanInterface {
     pub name: String,
     /// The kernel's number for it.
     pub index: u32,
-    /// Whether it is up.
+    /// True if it is up.
     pub up: bool,
     /// `can`, `vcan`, `slcan`.
     pub kind: String,
@@ -52,20 +52,20 @@ pub struct CanInterface {
     pub bit_rate: Option<u32>,
     /// State of its controller, if it has one.
     pub controller: Option<ControllerState>,
-    /// After so many milliseconds it leaves bus-off by itself; 0 for never.
+    /// Time in milliseconds after which it leaves bus-off by itself; 0 for never.
     pub restart_ms: Option<u32>,
 }
 
 /// State of a controller (`enum can_state` of `linux/can/netlink.h`).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ControllerState {
-    /// Takes part.
+    /// The controller sends and receives.
     Active,
     /// An error counter has reached 96.
     Warning,
     /// 128: it no longer destroys others' frames.
     Passive,
-    /// 256: it no longer takes part.
+    /// Error count of 256: the controller is disconnected from the bus.
     BusOff,
     /// Switched off.
     Stopped,
@@ -181,7 +181,7 @@ fn find_interface(name: &str) -> Result<CanInterface, LinkError> {
     if let Some(interface) = there.iter().find(|interface| interface.name == name) {
         return Ok(interface.clone());
     }
-    // Tells a kernel without CAN from one without this interface.
+    // Distinguishes a kernel without CAN from one without this interface.
     sys::can_socket(0).map_err(|error| explain_error(name, &error))?;
     let names: Vec<&str> = there.iter().map(|interface| interface.name.as_str()).collect();
     let hint = match names[..] {
@@ -351,7 +351,7 @@ impl LinkIo<Can> for SocketcanLink {
             match rustix::io::write(&self.descriptor.fd, &packed) {
                 Ok(_) => return Ok(()),
                 Err(Errno::INTR) => {}
-                // The interface's queue is full, and poll(2) does not tell when it no longer is.
+                // The interface's queue is full, and poll(2) gives no notice when it has room.
                 Err(Errno::NOBUFS | Errno::AGAIN) => std::thread::sleep(ATTEMPT_INTERVAL),
                 Err(errno) => return Err(self.explain_error(&errno.into())),
             }

@@ -25,7 +25,7 @@ pub use server::{SocketcandSession, listen};
 
 /// Default port of socketcand.
 pub const PORT: u16 = 29536;
-/// How long the server may take to answer.
+/// Time limit of the server's reply.
 const ANSWER_MS: u32 = 2000;
 /// Error classes of `linux/can/error.h`.
 const BUS_OFF: u32 = 0x40;
@@ -42,7 +42,7 @@ pub struct SocketcandLink {
     refused: AtomicU64,
 }
 
-/// What came and was not yet looked at.
+/// Received bytes that were not processed yet.
 #[derive(Default)]
 struct SocketcandInput {
     inbox: Inbox,

@@ -12,7 +12,7 @@ use libc::{c_int, c_void, socklen_t};
 /// Room for the control messages asked for: a time stamp of up to three `timespec` and a counter.
 const CONTROL_MAX: usize = 192;
 
-/// What came with a message.
+/// Data that came with a message.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Message {
     pub(crate) len: usize,
@@ -20,12 +20,12 @@ pub(crate) struct Message {
     pub(crate) stamp_ns: Option<u64>,
     /// When it arrived by the clock of the hardware, nanoseconds since whatever that counts from.
     pub(crate) hardware_ns: Option<u64>,
-    /// How many were thrown away so far for want of room, modulo 2³².
+    /// Number of were thrown away so far for want of room, modulo 2³².
     pub(crate) overrun: Option<u32>,
 }
 
-/// Asks for a time stamp and the count of losses with every message. A kernel that has neither
-/// says so, and they are left out.
+/// Requests a time stamp and the count of losses with every message. A kernel without them refuses, and they are left
+/// out.
 pub(crate) fn enable_timestamps(fd: &OwnedFd) {
     let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS, &1_i32);
     let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_RXQ_OVFL, &1_i32);
@@ -39,7 +39,7 @@ pub(crate) fn can_socket(index: c_int) -> io::Result<OwnedFd> {
     if fd < 0 {
         return Err(io::Error::last_os_error());
     }
-    // SAFETY: the kernel has just given us this descriptor, and nobody else has it.
+    // SAFETY: the kernel has just returned this descriptor, and it has no other owner.
     let fd = unsafe { OwnedFd::from_raw_fd(fd) };
     // SAFETY: all zeros is a valid sockaddr_can.
     let mut name: libc::sockaddr_can = unsafe { MaybeUninit::zeroed().assume_init() };
@@ -93,7 +93,7 @@ pub(crate) fn attach_filter(fd: &OwnedFd, program: &mut [libc::sock_filter]) -> 
     if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-/// How many messages a socket has dropped so far, for want of room or by its filter.
+/// Number of messages a socket has dropped so far, for want of room or by its filter.
 pub(crate) fn dropped_count(fd: &OwnedFd) -> u32 {
     // `SK_MEMINFO_VARS` and `SK_MEMINFO_DROPS` of linux/sock_diag.h.
     let mut info = [0_u32; 9];

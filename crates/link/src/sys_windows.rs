@@ -30,7 +30,7 @@ impl WaitEvent {
         if handle.is_null() {
             return Err(io::Error::last_os_error());
         }
-        // SAFETY: the handle was created just now, and belongs to nobody else.
+        // SAFETY: the handle was created just now, and has no other owner.
         Ok(Self(unsafe { OwnedHandle::from_raw_handle(handle) }))
     }
 
@@ -68,11 +68,10 @@ pub(crate) fn wait_either(
 /// A read of a serial port that goes on while others write to it. It is kept between two waits, so that nothing
 /// that arrives in between is lost.
 ///
-/// It asks for one byte, and takes those behind it when that has come: of a longer read, some systems report only
-/// the end.
+/// An overlapped read of one byte, followed by those behind it: of a longer read, some systems report only the end.
 pub(crate) struct OverlappedRead {
     event: WaitEvent,
-    /// What the system writes to until the read has ended.
+    /// Memory that the system writes until the read has ended.
     shared: Box<ReadShared>,
     is_pending: bool,
     /// The range of bytes that were read and not taken.
@@ -144,7 +143,7 @@ impl OverlappedRead {
         Ok(self.take_unread(out))
     }
 
-    /// Takes what an earlier read gave and nobody took.
+    /// Takes bytes of an earlier read that were not taken.
     pub(crate) fn take_unread(&mut self, out: &mut [u8]) -> usize {
         let count = self.unread.len().min(out.len());
         let from = self.unread.start;
@@ -177,7 +176,7 @@ impl OverlappedRead {
     }
 }
 
-/// How many bytes have arrived and were not read.
+/// Number of bytes have arrived and were not read.
 fn queued_count(device: RawHandle) -> usize {
     let (mut errors, mut status) = (0, COMSTAT::default());
     // SAFETY: both are written by the call alone; a handle that is no port gives an error.
@@ -197,7 +196,7 @@ impl Drop for OverlappedRead {
     }
 }
 
-/// What [`set_console_handler`] calls.
+/// Function that [`set_console_handler`] registers.
 static HANDLER: OnceLock<fn(u32) -> bool> = OnceLock::new();
 
 /// Has `handler` called on a thread of the system for signals of the console; false passes one on.

@@ -16,7 +16,7 @@ mod listener;
 pub use listener::TcpServer;
 pub(crate) use {listener::listen, socket::keep_alive};
 
-/// How long connecting to one address may take.
+/// Time limit of a connection attempt to one address.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Addresses of one host name that are tried.
 const ADDRESSES_MAX: usize = 4;
@@ -135,7 +135,8 @@ mod socket {
         }
     }
 
-    /// A far end that lost power never says so: ask it, and give up on bytes never acknowledged.
+    /// Detects a far end that lost power, which sends no end: probes it, and gives up on bytes that are never
+    /// acknowledged.
     pub(crate) fn keep_alive(stream: &TcpStream) {
         let _ = sockopt::set_socket_keepalive(stream, true);
         let _ = sockopt::set_tcp_keepidle(stream, Duration::from_secs(5));

@@ -33,11 +33,11 @@ use datagram::{DATAGRAM_MAX, UnpackedDatagram};
 /// The group that python-can prefers: site-local IPv6.
 pub const GROUP_IPV6: Ipv6Addr =
     Ipv6Addr::new(0xff15, 0x7079, 0x7468, 0x6f6e, 0x6465, 0x6d6f, 0x6d63, 0x6173);
-/// Its group for machines without IPv6, and ours: administratively scoped IPv4.
+/// IPv4 group for machines without IPv6, administratively scoped.
 pub const GROUP_IPV4: Ipv4Addr = Ipv4Addr::new(239, 74, 163, 2);
-/// Its port.
+/// UDP port of the bus.
 pub const PORT: u16 = 43113;
-/// What the kernel is asked to hold of unread datagrams; it gives what its limit allows.
+/// Size of the receive buffer that the kernel is asked for; it gives at most its limit.
 const RECEIVE_BUFFER: usize = 1 << 20;
 
 /// Which bus.
@@ -181,7 +181,7 @@ fn bound_address(group: IpAddr) -> IpAddr {
     }
 }
 
-/// Whether no interface leads to a group.
+/// Returns whether no interface leads to a group.
 fn has_no_route(errno: Errno) -> bool {
     #[cfg(unix)]
     if errno == Errno::NODEV {

@@ -23,7 +23,7 @@ impl LinkWaker {
     /// A waker of its own.
     ///
     /// # Errors
-    /// What the operating system says when it has no descriptors left.
+    /// The error of the operating system if it has no descriptors left.
     pub fn new() -> std::io::Result<Self> {
         Ok(Self(Arc::new(WakeSignal::new()?)))
     }

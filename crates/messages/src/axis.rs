@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::{GatewayError, StopClass};
 
-/// What is known of an axis now. Nothing is fresher than its age.
+/// The last known state of an axis, with the ages of its values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AxisState {
     /// Index among the axes.
@@ -18,9 +18,9 @@ pub struct AxisState {
     /// The motor is powered; `null` while not known.
     #[schema(required)]
     pub enabled: Option<bool>,
-    /// Motion commands are let through.
+    /// True if motion commands are allowed.
     pub armed: bool,
-    /// It moves; `null` while not known.
+    /// True if it moves; `null` if unknown.
     #[schema(required)]
     pub moving: Option<bool>,
     /// Every signal that was read.
@@ -34,7 +34,7 @@ pub struct AxisState {
     /// confirmed, and cutting the supply stops the motor.
     #[schema(required)]
     pub owed: Option<PendingStopView>,
-    /// What the drive's own panel shows, where it has one.
+    /// Display of the drive's own panel, where it has one.
     #[schema(required)]
     pub panel: Option<PanelView>,
 }
@@ -42,7 +42,7 @@ pub struct AxisState {
 /// A signal's last value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SignalValue {
-    /// Its word.
+    /// Name of the signal.
     pub signal: String,
     /// SI; flags are 0 or 1. `null` where it cannot be scaled.
     #[schema(required)]
@@ -58,13 +58,13 @@ pub struct SignalValue {
 pub struct ActiveFault {
     /// The drive's code.
     pub code: u32,
-    /// Its name.
+    /// Name of the fault.
     pub name: String,
     /// The manual's short name; as `name` where there is none.
     pub symbol: String,
-    /// What brings it about.
+    /// Usual cause of the fault.
     pub cause: String,
-    /// What to do about it.
+    /// Remedy of the fault.
     pub remedy: String,
     /// The drive goes on.
     pub warning: bool,
@@ -91,7 +91,7 @@ pub struct PendingStopView {
     pub why: StopCause,
     /// The session that sent it; `server` for the server itself.
     pub by: String,
-    /// What is certain of the stop so far: `failed` (nothing left yet), `sent` or `acknowledged`.
+    /// Certain progress of the stop so far: `failed` (nothing left yet), `sent` or `acknowledged`.
     pub class: StopClass,
     /// Number of times that it was sent.
     pub said: u32,
@@ -108,7 +108,7 @@ pub enum StopCause {
     Stop,
     /// The lease ended under which it was set in motion.
     LeaseEnded,
-    /// Its link was lost while it moved.
+    /// The link was lost while the axis moved.
     LinkLost,
     /// The server ends while it may move.
     ServerEnds,
@@ -119,9 +119,9 @@ pub enum StopCause {
 /// A drive's own panel.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct PanelView {
-    /// What it shows.
+    /// Text on the display.
     pub shows: String,
-    /// Its keys: acts of [`AxisInfo::acts`](super::AxisInfo::acts) that press them.
+    /// Keys of the panel: acts of [`AxisInfo::acts`](super::AxisInfo::acts) that press them.
     pub keys: Vec<String>,
 }
 
@@ -130,11 +130,11 @@ pub struct PanelView {
 pub struct ParameterInfo {
     /// The word users type.
     pub name: String,
-    /// What the manual calls it.
+    /// Designation in the manual.
     pub symbol: String,
     /// The part of the manual or of the name that it belongs to; may be empty.
     pub group: String,
-    /// What it does; may be empty.
+    /// Description; may be empty.
     pub about: String,
     /// The unit that its value has here and is written in; empty without one.
     pub unit: String,
@@ -147,9 +147,9 @@ pub struct ParameterInfo {
     /// From the factory, where known.
     #[schema(required)]
     pub default: Option<f64>,
-    /// It can be read.
+    /// True if it can be read.
     pub readable: bool,
-    /// It can be written.
+    /// True if it can be written.
     pub writable: bool,
     /// A write goes to permanent memory by itself.
     pub kept: bool,
@@ -166,7 +166,7 @@ pub struct ParameterInfo {
     /// Raw value from the factory, where known.
     #[schema(required)]
     pub raw_default: Option<i64>,
-    /// What a written value survives: `volatile`, `storable`, `always`, `unless-ram`.
+    /// Persistence of a written value: `volatile`, `storable`, `always`, `unless-ram`.
     pub persistence: String,
     /// `number`, `text` or `bytes`.
     #[serde(default)]
@@ -176,23 +176,23 @@ pub struct ParameterInfo {
 /// An item of a drive's device information: `GET /api/v1/axes/{id}/device`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct DeviceDetailView {
-    /// What it is: `device name`, `firmware`.
+    /// Name of the detail: `device name`, `firmware`.
     pub name: String,
-    /// Its value.
+    /// Value of the detail.
     pub text: String,
 }
 
 /// The program in a module's memory: `GET /api/v1/axes/{id}/program`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProgramView {
-    /// Its instructions, from address 0 on.
+    /// Instructions of the program, from address 0 on.
     pub instructions: Vec<ProgramLine>,
 }
 
 /// An instruction of a program.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProgramLine {
-    /// Where it is.
+    /// Address of the instruction.
     pub address: u16,
     /// The name that jumps to it have in these texts; `null` where none goes there.
     #[schema(required)]
@@ -201,10 +201,10 @@ pub struct ProgramLine {
     pub text: String,
 }
 
-/// Where a module's program is: `GET /api/v1/axes/{id}/program/state`.
+/// State of a module's program: `GET /api/v1/axes/{id}/program/state`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProgramState {
-    /// Whether it runs.
+    /// True if it runs.
     pub running: bool,
     /// The address of the next instruction.
     pub counter: u16,
@@ -213,22 +213,22 @@ pub struct ProgramState {
 /// A parameter read just now: `GET /api/v1/axes/{id}/parameters/{name}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterReading {
-    /// Its name.
+    /// Name of the parameter.
     pub name: String,
-    /// In [`ParameterInfo::unit`]; none for text and bytes.
+    /// Value in [`ParameterInfo::unit`]; none for text and bytes.
     #[schema(required)]
     pub value: Option<f64>,
-    /// As the drive has it; none for text and bytes.
+    /// Raw value of the drive; none for text and bytes.
     #[schema(required)]
     pub raw: Option<i64>,
-    /// That unit.
+    /// Unit of the value.
     pub unit: String,
     /// The value's word, where it has one.
     #[schema(required)]
     pub word: Option<String>,
-    /// As people read it, with no more digits than the drive has. Bytes are in hexadecimal.
+    /// Value as text, with no more digits than the drive has. Bytes are in hexadecimal.
     pub text: String,
-    /// What the manual calls it: `AP 6`, `1018h:1`.
+    /// Designation in the manual: `AP 6`, `1018h:1`.
     pub symbol: String,
     /// `number`, `text` or `bytes`.
     pub kind: String,
@@ -238,18 +238,18 @@ pub struct ParameterReading {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WriteParameters {
-    /// By name.
+    /// Values by name of the parameter.
     pub values: BTreeMap<String, ParameterInput>,
     /// Also put them into permanent memory.
     #[serde(default)]
     pub keep: bool,
-    /// Tell what would change, and write nothing: needs no lease.
+    /// Return the changes, and write nothing: needs no lease.
     #[serde(default)]
     pub dry_run: bool,
     /// Numbers are as they lie in the drive.
     #[serde(default)]
     pub raw: bool,
-    /// Of the caller's lease.
+    /// Epoch of the caller's lease.
     #[serde(default)]
     pub epoch: u64,
 }
@@ -258,11 +258,11 @@ pub struct WriteParameters {
 /// its host falls silent, read just now.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WatchdogView {
-    /// What drives of its family do, in words.
+    /// Behaviour of drives of its family, in words.
     pub rule: String,
     /// How it is set.
     pub set: WatchdogMode,
-    /// The same in words.
+    /// State of the watchdog in words.
     pub text: String,
     /// After so long a silence it stops, ms; `null` where it does not, or where that is not known.
     #[schema(required)]
@@ -270,7 +270,7 @@ pub struct WatchdogView {
     /// The parameter that is written to set it; `null` where the drive has none that can be set.
     #[schema(required)]
     pub parameter: Option<String>,
-    /// What to know before it is set; may be empty.
+    /// Caution before it is set; may be empty.
     pub caution: String,
 }
 
@@ -280,15 +280,15 @@ pub struct WatchdogView {
 pub enum WatchdogMode {
     /// The drive has none: it continues its last command.
     None,
-    /// It has one that is off.
+    /// The drive has a watchdog that is off.
     Off,
-    /// It stops after a silence.
+    /// The drive stops after a silence.
     On,
-    /// It watches a heartbeat that is not this host's.
+    /// The drive watches a heartbeat that is not this host's.
     Other,
-    /// It notices a silence, and does nothing then.
+    /// The drive notices a silence, and does nothing then.
     NoReaction,
-    /// It can be set, and the drive does not tell how it is set.
+    /// The watchdog can be set, and the drive does not report its setting.
     Untold,
 }
 
@@ -299,7 +299,7 @@ pub struct SetWatchdog {
     /// Stop after so long without a word of the host, ms; `null` and 0 are never.
     #[schema(required)]
     pub after_ms: Option<f64>,
-    /// Of the caller's lease.
+    /// Epoch of the caller's lease.
     #[serde(default)]
     pub epoch: u64,
 }
@@ -308,7 +308,7 @@ pub struct SetWatchdog {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum ParameterInput {
-    /// In the parameter's unit; a raw number with [`WriteParameters::raw`].
+    /// A number in the parameter's unit; a raw number with [`WriteParameters::raw`].
     Number(f64),
     /// With a unit (`1.2 A`), or a word.
     Text(String),
@@ -317,12 +317,12 @@ pub enum ParameterInput {
 /// A line of the plan that writing parameters is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterChange {
-    /// Its name.
+    /// Name of the parameter.
     pub name: String,
-    /// What the drive had; `null` where it cannot be read.
+    /// Present value of the drive; `null` if it cannot be read.
     #[schema(required)]
     pub from: Option<f64>,
-    /// What it gets.
+    /// New value.
     pub to: f64,
     /// `from` in words, with unit, and the drive's own number where that is another one: `10 A (100)`. Empty without
     /// `from`, and from a server that is older than this field.

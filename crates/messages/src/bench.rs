@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::{GatewayError, ScanView, SearchView};
 use crate::scope::Scope;
 
-/// What there is: links, axes, what they can do. Values are in [`AxisState`](super::AxisState).
+/// Links and axes of the gateway, and their capabilities. Values are in [`AxisState`](super::AxisState).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BenchView {
     /// The server's version.
@@ -14,7 +14,7 @@ pub struct BenchView {
     /// The server's time at this reply.
     #[serde(default)]
     pub server_ms: f64,
-    /// What the caller may do.
+    /// Scopes of the caller.
     pub scopes: Vec<Scope>,
     /// Every link, in the order of the command line.
     pub links: Vec<LinkView>,
@@ -31,7 +31,7 @@ pub struct BenchView {
     /// Motion is locked since a stop of everything; `null` while it is not.
     #[schema(required)]
     pub lock: Option<MotionLock>,
-    /// How many times faster than real motors the simulated ones live; `null` where none is simulated.
+    /// Number of times faster than real motors the simulated ones live; `null` where none is simulated.
     #[schema(required)]
     pub time_scale: Option<f64>,
 }
@@ -41,13 +41,13 @@ pub struct BenchView {
 pub struct LinkView {
     /// Index among the links.
     pub id: u16,
-    /// Its connection string.
+    /// Connection string of the link.
     pub url: String,
     /// `serial` or `can`.
     pub medium: String,
     /// The drives on it live in this process.
     pub simulated: bool,
-    /// Whether it works.
+    /// True if it works.
     pub state: LinkState,
     /// Why it is not open; `null` while it is.
     #[schema(required)]
@@ -66,19 +66,19 @@ pub struct LinkView {
     /// Load of the wire, 0 to 1; `null` if unknown.
     #[schema(required)]
     pub load: Option<f64>,
-    /// What it counted since it was opened.
+    /// Counters since it was opened.
     pub counters: Vec<LinkCounter>,
 }
 
-/// Whether a link works.
+/// True if a link works.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkState {
-    /// It does.
+    /// The link is open.
     Open,
-    /// It went away; its axes are disarmed.
+    /// The link was lost; its axes are disarmed.
     Lost,
-    /// It could not be opened so far, and is retried. Its axes are unknown.
+    /// The link could not be opened so far, and is retried. Its axes are unknown.
     NotOpen,
 }
 
@@ -94,9 +94,9 @@ pub struct AbsentAxis {
 /// Something counted.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct LinkCounter {
-    /// What, `snake_case`: `sent`, `received`, `errors`, `retries`.
+    /// Name of the counter in `snake_case`: `sent`, `received`, `errors`, `retries`.
     pub name: String,
-    /// How often.
+    /// Value of the counter.
     pub count: u64,
 }
 
@@ -107,11 +107,11 @@ pub struct AxisInfo {
     pub id: u16,
     /// The link that it is on.
     pub link: u16,
-    /// Its address there.
+    /// Address on the link.
     pub number: u32,
-    /// Its name in a rack or in `polepair.toml`; empty without one.
+    /// Name in a rack or in `polepair.toml`; empty without one.
     pub name: String,
-    /// What people call it.
+    /// Label for people.
     pub label: String,
     /// The protocol's word.
     pub protocol: String,
@@ -119,11 +119,11 @@ pub struct AxisInfo {
     pub drive: String,
     /// The profile's word.
     pub profile: String,
-    /// It lives in this process.
+    /// True if it is simulated in this process.
     pub simulated: bool,
     /// `rotary`, `linear` or `ratio`.
     pub kind: String,
-    /// What the drive does when its host falls silent, in a sentence.
+    /// Reaction of the drive when its host falls silent, in a sentence.
     pub watchdog: String,
     /// Time after which it stops by itself, ms; `null` if it does not, or a parameter has the time.
     #[schema(required)]
@@ -131,30 +131,30 @@ pub struct AxisInfo {
     /// The parameter with this time; `null` if there is none.
     #[schema(required)]
     pub watchdog_parameter: Option<String>,
-    /// What to check before the first motion; empty where there is nothing.
+    /// Checks before the first motion; may be empty.
     pub caution: String,
-    /// Its verbs.
+    /// Verbs of the axis.
     pub verbs: Vec<VerbInfo>,
     /// Limits that are known without asking the drive.
     pub limits: Vec<LimitInfo>,
-    /// What it can tell.
+    /// Signals of the axis.
     pub signals: Vec<SignalInfo>,
     /// How a parameter is named by its number, as an example: `0x2030:1:u16`.
     pub address_example: String,
     /// The module keeps a program, whose instructions `/api/v1/axes/{id}/program` lists.
     pub has_program: bool,
-    /// What can be done to it where it is simulated.
+    /// Acts on the axis, where it is simulated.
     pub acts: Vec<SimulationActionInfo>,
 }
 
 /// A verb of an axis.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct VerbInfo {
-    /// Its word: `enable`, `velocity`, `move-to`.
+    /// Name of the verb: `enable`, `velocity`, `move-to`.
     pub verb: String,
-    /// What it takes.
+    /// Arguments of the verb.
     pub arguments: Vec<ArgumentInfo>,
-    /// It powers or moves the motor.
+    /// True if it powers or moves the motor.
     pub moves: bool,
 }
 
@@ -163,7 +163,7 @@ pub struct VerbInfo {
 pub struct ArgumentInfo {
     /// A field of [`CommandArguments`](super::CommandArguments).
     pub name: String,
-    /// Its SI unit.
+    /// SI unit of the argument.
     pub unit: String,
     /// The verb does not go without.
     pub required: bool,
@@ -172,7 +172,7 @@ pub struct ArgumentInfo {
 /// A limit of an axis, in SI.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LimitInfo {
-    /// What is limited: `position`, `velocity`, `acceleration`, `torque`, `current`.
+    /// Limited quantity: `position`, `velocity`, `acceleration`, `torque`, `current`.
     pub name: String,
     /// SI unit.
     pub unit: String,
@@ -187,7 +187,7 @@ pub struct LimitInfo {
 /// A signal of an axis.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SignalInfo {
-    /// Its word: `position`, `velocity`, `fault`.
+    /// Name of the signal: `position`, `velocity`, `fault`.
     pub signal: String,
     /// SI unit; empty for flags, codes and modes.
     pub unit: String,
@@ -198,14 +198,14 @@ pub struct SignalInfo {
 /// Something that can be done to a simulated drive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SimulationActionInfo {
-    /// Its word, for [`SimulationAction`](super::SimulationAction).
+    /// Name of the act, for [`SimulationAction`](super::SimulationAction).
     pub act: String,
-    /// What it does, in a sentence.
+    /// Effect of the act, in a sentence.
     pub about: String,
     /// Unit of its value; `null` where it takes none.
     #[schema(required)]
     pub unit: Option<String>,
-    /// Its value is 1 or 0.
+    /// True if its value is 1 or 0.
     #[serde(default)]
     pub flag: bool,
 }
@@ -215,7 +215,7 @@ pub struct SimulationActionInfo {
 pub struct Clash {
     /// The link.
     pub link: u16,
-    /// What was seen, in a sentence.
+    /// The observation, in a sentence.
     pub message: String,
 }
 

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 /// A frame, explained in a line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FrameItem {
-    /// Its number, from 0; `explain` asks by it.
+    /// Number of the frame, from 0; `explain` asks by it.
     pub n: u64,
     /// When: since the server's start, in a capture since its first frame.
     pub t_us: f64,
@@ -15,16 +15,16 @@ pub struct FrameItem {
     /// Sender of the frame; `null` if unknown.
     #[schema(required)]
     pub dir: Option<FrameDirection>,
-    /// Its bytes in hexadecimal; on CAN `30B#5443` as in candump's log.
+    /// Bytes of the frame in hexadecimal; on CAN `30B#5443` as in candump's log.
     pub raw: String,
-    /// Its meaning.
+    /// Meaning of the frame.
     pub text: String,
     /// The protocol's word; empty where none fits.
     pub protocol: String,
     /// The address that it concerns.
     #[schema(required)]
     pub axis: Option<u32>,
-    /// It keeps to its protocol.
+    /// True if it follows its protocol.
     pub ok: bool,
 }
 
@@ -41,15 +41,15 @@ pub enum FrameDirection {
 /// A field of a frame.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ExplainedField {
-    /// Its first byte.
+    /// First byte of the field, from 0.
     pub from: u16,
     /// The byte after its last; `from` for a field of the CAN identifier.
     pub to: u16,
     /// The protocol's name for it.
     pub name: String,
-    /// Its value as text.
+    /// Value of the field as text.
     pub value: String,
-    /// What that means; empty where there is no name for it.
+    /// Meaning of the value; empty without a name for it.
     pub meaning: String,
 }
 
@@ -62,11 +62,11 @@ pub struct OpenedCapture {
     pub name: String,
     /// The format that it was found to have.
     pub format: String,
-    /// Its links.
+    /// Links of the capture.
     pub links: Vec<String>,
-    /// Its summary, as `polepair summary` prints it.
+    /// Summary of the capture, as `polepair summary` prints it.
     pub summary: String,
-    /// Its first lines.
+    /// First frames of the capture.
     pub page: CapturePage,
 }
 
@@ -77,11 +77,11 @@ pub struct CapturePage {
     pub id: String,
     /// Number of the first frame that was looked at.
     pub from: u64,
-    /// Where the next page begins; `null` at the end.
+    /// Number of the first frame of the next page; `null` at the end.
     #[schema(required)]
     pub next: Option<u64>,
     /// Frames in the whole capture.
     pub total: u64,
-    /// Those that pass the filter.
+    /// Frames that pass the filter.
     pub items: Vec<FrameItem>,
 }

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::GatewayError;
 use crate::scope::Scope;
 
-/// How long a command is good for where it does not say.
+/// Validity of a command that states none.
 pub const DEFAULT_TTL_MS: f64 = 500.0;
 
 /// `POST /api/v1/axes/{id}/lease`.
@@ -21,7 +21,7 @@ pub struct AcquireLease {
 /// A lease that was given or renewed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeaseGrant {
-    /// What commands must carry.
+    /// Epoch that commands must carry.
     pub epoch: u64,
     /// When it ends unless it is renewed.
     pub expires_ms: f64,
@@ -34,7 +34,7 @@ pub struct LeaseGrant {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseEpoch {
-    /// Of the caller's lease.
+    /// Epoch of the caller's lease.
     pub epoch: u64,
 }
 
@@ -46,12 +46,12 @@ pub struct CommandRequest {
     /// Time of the command, by the server's clock: `server_ms` of the lease, the bench or a `pong`, plus the
     /// time since.
     pub issued_ms: f64,
-    /// How long it is good for.
+    /// Validity of the command.
     #[serde(default = "ttl_ms")]
     pub ttl_ms: f64,
-    /// Of the caller's lease.
+    /// Epoch of the caller's lease.
     pub epoch: u64,
-    /// What to do: a word of [`VerbInfo::verb`](super::VerbInfo::verb).
+    /// Verb of the command: a word of [`VerbInfo::verb`](super::VerbInfo::verb).
     pub verb: String,
     /// With what.
     #[serde(default)]
@@ -62,14 +62,14 @@ pub struct CommandRequest {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RawRequest {
-    /// As [`CommandRequest::id`].
+    /// Key of the request, as [`CommandRequest::id`].
     pub id: String,
-    /// As [`CommandRequest::issued_ms`].
+    /// Time of the request, as [`CommandRequest::issued_ms`].
     pub issued_ms: f64,
-    /// As [`CommandRequest::ttl_ms`].
+    /// Validity of the request, as [`CommandRequest::ttl_ms`].
     #[serde(default = "ttl_ms")]
     pub ttl_ms: f64,
-    /// Of the caller's lease.
+    /// Epoch of the caller's lease.
     pub epoch: u64,
     /// A request in the protocol's own text: `GAP 1`, `read 0x1000`. No limits stand for it.
     pub text: String,
@@ -83,7 +83,7 @@ const fn ttl_ms() -> f64 {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CommandArguments {
-    /// Where to, or how far: rad, m, or a ratio.
+    /// Target or distance: rad, m, or a ratio.
     pub target: Option<f64>,
     /// How fast: per second.
     pub velocity: Option<f64>,
@@ -104,9 +104,9 @@ pub struct CommandArguments {
 pub struct CommandOutcome {
     /// The client's id.
     pub id: String,
-    /// Whether the drive did it.
+    /// True if the drive did it.
     pub outcome: OutcomeKind,
-    /// What the drive answered to a raw request, as it stood on the wire.
+    /// Reply of the drive to a raw request, as it was on the wire.
     #[serde(default)]
     pub value: Option<i64>,
     /// The reason of a failure, or of an unknown result.
@@ -122,9 +122,9 @@ pub struct CommandOutcome {
 pub enum OutcomeKind {
     /// The drive did it.
     Done,
-    /// It did not, and will not.
+    /// The drive did not execute it, and will not.
     NotDone,
-    /// It may have, or did it in part: the error says what is known, as where a motion ended.
+    /// The drive may have executed it, or executed a part: the error states what is known, such as the end of a motion.
     Unknown,
 }
 
@@ -136,7 +136,7 @@ pub struct StopRequest {
     pub axes: Option<Vec<u16>>,
     /// For the journal.
     pub reason: String,
-    /// What could not be read: keys and axes as they were written.
+    /// Unreadable parts: keys and axes as they were written.
     #[serde(skip)]
     #[schema(ignore)]
     pub unreadable: Vec<String>,
@@ -180,7 +180,7 @@ fn axis_index(value: &serde_json::Value) -> Option<u16> {
         .then_some(number as u16)
 }
 
-/// How far a stop came.
+/// Result of a stop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StopReport {
     /// Each axis.
@@ -188,17 +188,17 @@ pub struct StopReport {
     /// Targets that a stop of all axes did not reach.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unreached: Vec<UnreachedTarget>,
-    /// What of the request could not be obeyed: axes that do not exist, what could not be read.
+    /// Parts of the request that could not be executed: axes that do not exist, unreadable words.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub refused: Vec<GatewayError>,
 }
 
-/// What a stop of everything did not reach: an axis that is not there, or all of a link that is not open.
+/// A target that a stop of everything did not reach: an axis that is absent, or all of a link that is not open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct UnreachedTarget {
     /// Index among the links.
     pub link: u16,
-    /// Its connection string.
+    /// Connection string of the link.
     pub url: String,
     /// The number of an axis of it that is not there; none where the link is not open: how many motors
     /// it has is not known.
@@ -208,24 +208,24 @@ pub struct UnreachedTarget {
     pub error: GatewayError,
 }
 
-/// How far the stop of one axis came.
+/// Result of the stop of one axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AxisStopReport {
     /// Index among the axes.
     pub id: u16,
-    /// What is certain.
+    /// Certain progress of the stop.
     pub class: StopClass,
     /// After how long that was certain, from the moment that the server took the stop.
     pub ms: f64,
     /// The stop did not slow the motor, so that a quick stop was sent.
     #[serde(default)]
     pub quick: bool,
-    /// What went wrong, if something did.
+    /// Error of the stop, if there was one.
     #[schema(required)]
     pub error: Option<GatewayError>,
 }
 
-/// What is certain of a stop. From `sent` on each includes those before.
+/// Certain progress of a stop. From `sent` on each includes those before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StopClass {
@@ -234,12 +234,12 @@ pub enum StopClass {
     /// The time limit is over, or the link is lost: standstill is not confirmed. The stop is pending and
     /// repeated, see [`AxisState::owed`](super::AxisState::owed).
     Owed,
-    /// It is on the wire.
+    /// The stop was sent.
     Sent,
     /// The drive answered all of it. As an answer: and it has nothing by which it could be seen
     /// standing.
     Acknowledged,
-    /// It was seen standing, by readings that were asked after the drive had answered the stop.
+    /// Standstill was measured, by readings that were requested after the drive had acknowledged the stop.
     Standing,
 }
 
@@ -249,7 +249,7 @@ pub enum StopClass {
 pub struct DismissStop {
     /// Why not.
     pub reason: DismissReason,
-    /// Of the caller's lease, for `taken_over`.
+    /// Epoch of the caller's lease, for `taken_over`.
     #[serde(default)]
     pub epoch: u64,
     /// For the journal; may be empty.
@@ -263,7 +263,7 @@ pub struct DismissStop {
 pub struct DismissAbsent {
     /// The connection string of its link, as the list of links or the server's first lines have it.
     pub link: String,
-    /// Its number on that link.
+    /// Address on that link.
     pub number: u32,
     /// The reason. `taken_over` is for present axes only.
     pub reason: DismissReason,
@@ -292,7 +292,7 @@ pub enum DismissReason {
 pub struct SimulationAction {
     /// A word of [`AxisInfo::acts`](super::AxisInfo::acts).
     pub act: String,
-    /// Its value, where it takes one.
+    /// Value of the act, for acts that take one.
     #[serde(default)]
     pub value: Option<f64>,
 }
@@ -301,7 +301,7 @@ pub struct SimulationAction {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SetTimeScale {
-    /// How many times faster than real motors.
+    /// Number of times faster than real motors.
     pub time_scale: f64,
 }
 
@@ -332,6 +332,6 @@ pub struct Proof {
 /// The identity of the caller.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SessionInfo {
-    /// What the caller may do.
+    /// Scopes of the caller.
     pub scopes: Vec<Scope>,
 }

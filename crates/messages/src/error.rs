@@ -14,15 +14,15 @@ pub struct GatewayError {
     /// explains all of them.
     #[schema(value_type = String)]
     pub code: Cow<'static, str>,
-    /// What is wrong, in a sentence.
+    /// Description of the error, in a sentence.
     pub message: String,
-    /// What to try; empty when there is nothing to add.
+    /// Remedy to try; may be empty.
     #[serde(default)]
     pub hint: String,
-    /// Whether a drive executed it; `null` if unknown, or executed in part. The message does not repeat it.
+    /// True if a drive executed it; `null` if unknown, or executed in part. The message does not repeat it.
     #[schema(required)]
     pub executed: Option<bool>,
-    /// The motor was started, or was moving, and cannot be stopped. The message says so.
+    /// True if the motor was started, or was moving, and cannot be stopped. The message states it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub may_turn: bool,
     /// The server's time, where the time of a command is why it was refused.
@@ -53,8 +53,8 @@ impl GatewayError {
         self
     }
 
-    /// What is wrong, and whether it was executed where that is in doubt: one sentence, without a full
-    /// stop.
+    /// Description of the error, and whether the request was executed where that is in doubt: one sentence, without a
+    /// full stop.
     #[must_use]
     pub fn sentence(&self) -> String {
         match self.executed {
@@ -111,7 +111,7 @@ impl GatewayError {
         }
     }
 
-    /// What the bindings raise for it.
+    /// Exception that the bindings raise for it.
     #[must_use]
     pub fn exception(&self) -> Exception {
         match self.exit() {
@@ -148,6 +148,6 @@ impl axum::response::IntoResponse for GatewayError {
 /// A [`GatewayError`] as the body of an answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ErrorBody {
-    /// What is wrong.
+    /// The error.
     pub error: GatewayError,
 }

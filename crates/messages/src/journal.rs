@@ -12,7 +12,7 @@ pub struct JournalRecord {
     pub ms: f64,
     /// The session; `server` for actions of the server itself.
     pub who: String,
-    /// What.
+    /// Action of the record.
     pub deed: JournalAction,
     /// The axis that it concerns.
     #[schema(required)]
@@ -24,7 +24,7 @@ pub struct JournalRecord {
     pub hash: String,
 }
 
-/// What a record of the journal is about.
+/// Action that a record of the journal documents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JournalAction {
@@ -54,7 +54,7 @@ pub enum JournalAction {
     StopOwed,
     /// A pending stop ended; the detail has the confirmation, or the client and reason of the dismissal.
     StopEnded,
-    /// Motion is let again.
+    /// Motion is allowed again.
     Release,
     /// A scan of a link started.
     Look,

@@ -1,5 +1,5 @@
-//! What goes over the wire between the gateway and whoever uses it: every body of the REST
-//! interface, every message of the WebSocket, typed once.
+//! Messages between the gateway and its clients: every body of the REST interface, every message of the WebSocket,
+//! typed once.
 //!
 //! **Binding** for the server, the page and other clients, because the OpenAPI description and the
 //! page's types are made from it:
@@ -12,9 +12,9 @@
 //!   `…_us` counts from the server's start, which [`Welcome::t0_ms`] places in that time.
 //! - An axis is its index in [`BenchView::axes`], a link its index in [`BenchView::links`]; both stay
 //!   the same while the server runs. Drives that are taken in later come behind all others.
-//! - An answer that is an error is [`ErrorBody`], whatever the path. [`GatewayError::executed`] says whether
-//!   a drive may have done it.
-//! - Epochs of leases only ever rise, over restarts too; 0 is nobody's.
+//! - A reply that is an error is [`ErrorBody`] on every path. [`GatewayError::executed`] states whether a drive may
+//!   have executed the request.
+//! - Epochs of leases only ever rise, over restarts too; 0 means no lease.
 //! - [`telemetry`] is the one binary message.
 #![forbid(unsafe_code)]
 

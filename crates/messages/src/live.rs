@@ -18,7 +18,7 @@ pub enum ClientMessage {
     Subscribe {
         /// The client's number for it.
         channel: u16,
-        /// Of which axis.
+        /// Id of the axis.
         axis: u16,
         /// A signal's word; else `parameter` is there.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -36,7 +36,7 @@ pub enum ClientMessage {
     },
     /// Send frames from now on, or no more.
     Frames {
-        /// Whether.
+        /// True to begin, false to end.
         on: bool,
         /// Which, in the analyser's language; `null` for all.
         #[serde(default)]
@@ -44,7 +44,7 @@ pub enum ClientMessage {
     },
     /// Take a frame apart.
     Explain {
-        /// Its number.
+        /// Number of the frame.
         n: u64,
     },
     /// Move, arm, clear.
@@ -57,11 +57,11 @@ pub enum ClientMessage {
     },
     /// Something about a lease.
     Lease {
-        /// Of which axis.
+        /// Id of the axis.
         axis: u16,
-        /// What.
+        /// Action on the lease.
         act: LeaseAction,
-        /// Of the lease that is renewed or dropped.
+        /// Epoch of the lease that is renewed or dropped.
         #[serde(default)]
         epoch: u64,
     },
@@ -84,7 +84,7 @@ pub enum ClientMessage {
     },
 }
 
-/// What is wanted of a lease.
+/// Action on a lease.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LeaseAction {
@@ -112,9 +112,9 @@ pub enum ServerMessage {
     Subscribed {
         /// The client's number for it.
         channel: u16,
-        /// How often it comes at most.
+        /// Highest rate of the samples, Hz.
         hz: f64,
-        /// Where it comes from.
+        /// Source of the samples.
         source: SampleSource,
         /// SI unit; empty without one.
         unit: String,
@@ -127,16 +127,16 @@ pub enum ServerMessage {
         from_us: u64,
         /// Last sample lost.
         to_us: u64,
-        /// How many.
+        /// Number of lost messages.
         lost: u64,
     },
     /// The answer to `command`.
     Outcome(CommandOutcome),
     /// The answer to `lease`.
     Leased {
-        /// Of which axis.
+        /// Id of the axis.
         axis: u16,
-        /// What commands must carry.
+        /// Epoch that commands must carry.
         epoch: u64,
         /// When it ends unless it is renewed; `null` when it was given back.
         #[schema(required)]
@@ -151,7 +151,7 @@ pub enum ServerMessage {
     },
     /// Motion is locked.
     Locked(MotionLock),
-    /// Motion is let again.
+    /// Motion is allowed again.
     Unlocked,
     /// Progress of a scan, at most ten times a second; its end is always sent.
     Look(ScanView),
@@ -159,21 +159,21 @@ pub enum ServerMessage {
     Search(SearchView),
     /// Frames. A message without frames answers `frames`: those that follow pass the new filter.
     Frames {
-        /// In order.
+        /// Frames in order.
         items: Vec<FrameItem>,
-        /// Those that were dropped before the first of them because the client was slow.
+        /// Frames that were dropped before the first of them because the client was slow.
         lost: u64,
     },
     /// The answer to `explain`.
     Explained {
         /// The frame's number.
         n: u64,
-        /// Its fields, in order.
+        /// Fields of the frame, in order.
         fields: Vec<ExplainedField>,
     },
     /// The answer to `ping`.
     Pong {
-        /// As it was.
+        /// Time of the request, repeated.
         client_ms: f64,
         /// The server's time.
         server_ms: f64,
@@ -200,13 +200,13 @@ pub struct Welcome {
     pub t0_ms: f64,
     /// The client's name for leases and the journal.
     pub session: String,
-    /// What it may do.
+    /// Scopes of the connection.
     pub scopes: Vec<Scope>,
-    /// How long a lease lasts that is not renewed.
+    /// Duration of a lease that is not renewed.
     pub lease_ms: u32,
 }
 
-/// Where a channel's samples come from.
+/// Source of a channel's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SampleSource {

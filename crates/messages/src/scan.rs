@@ -25,7 +25,7 @@ pub struct ScanView {
     pub by: String,
     /// When it began.
     pub began_ms: f64,
-    /// How far it is.
+    /// State of the scan.
     pub state: ScanState,
     /// The address that is asked now; `null` before the first and after the last.
     #[schema(required)]
@@ -38,7 +38,7 @@ pub struct ScanView {
     pub found: Vec<FoundDrive>,
     /// Axes of the link, and whether they replied. Sent at the end.
     pub axes: Vec<ProbedAxis>,
-    /// What was tried, in sentences.
+    /// Attempts, in sentences.
     pub tried: Vec<String>,
     /// Addresses that were not asked because it was broken off.
     pub unasked: u32,
@@ -50,7 +50,7 @@ pub struct ScanView {
     pub error: Option<GatewayError>,
 }
 
-/// How far a look is.
+/// State of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ScanState {
@@ -67,7 +67,7 @@ pub enum ScanState {
 /// A drive that answered.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FoundDrive {
-    /// Its address.
+    /// Address of the drive.
     pub number: u32,
     /// The protocol's word.
     pub protocol: String,
@@ -77,7 +77,7 @@ pub struct FoundDrive {
     pub drive: String,
     /// Source of the identification, with the firmware if known.
     pub known: String,
-    /// Its device information: name, versions, motors; may be empty.
+    /// Device information: name, versions, motors; may be empty.
     pub says: String,
     /// The device with the same address or identifier, in a sentence; `null` if there is none.
     #[schema(required)]
@@ -92,7 +92,7 @@ pub struct FoundDrive {
 pub struct ProbedAxis {
     /// Index among the axes.
     pub axis: u16,
-    /// It replied.
+    /// True if it replied.
     pub answers: bool,
     /// Why another drive may have its address, in a sentence; `null` where nothing shows that.
     #[schema(required)]
@@ -112,7 +112,7 @@ pub struct AddDrives {
 pub struct DriveAddress {
     /// The protocol's word.
     pub protocol: String,
-    /// Its address.
+    /// Address of the drive.
     pub number: u32,
 }
 

@@ -25,7 +25,7 @@ impl Scope {
     /// Every scope, from the mildest to the sharpest.
     pub const ALL: [Self; 5] = [Self::Read, Self::Stop, Self::Move, Self::Configure, Self::Raw];
 
-    /// Its word in options, tokens and messages.
+    /// Name of the scope in options, tokens and messages.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -56,7 +56,7 @@ impl Scopes {
     /// None at all.
     pub const NONE: Self = Self(0);
 
-    /// Whether `scope` is among them.
+    /// Returns whether `scope` is among them.
     #[must_use]
     pub const fn contains(self, scope: Scope) -> bool {
         self.0 & scope.bit() != 0
@@ -74,7 +74,7 @@ impl Scopes {
         Self(self.0 & other.0)
     }
 
-    /// Its scopes, from the mildest to the sharpest.
+    /// Iterates over the scopes, from the mildest to the sharpest.
     pub fn iter(self) -> impl Iterator<Item = Scope> {
         Scope::ALL.into_iter().filter(move |&scope| self.contains(scope))
     }

@@ -1,4 +1,4 @@
-//! Searches of ports whose protocol and rate nobody knows: `/api/v1/search`, and `search` on the WebSocket.
+//! Searches of ports of unknown protocol and rate: `/api/v1/search`, and `search` on the WebSocket.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -20,9 +20,10 @@ pub struct SearchView {
     pub by: String,
     /// When it began.
     pub began_ms: f64,
-    /// How far it is.
+    /// State of the search.
     pub state: ScanState,
-    /// What is asked now, such as `/dev/ttyUSB0: modbus-rtu at 19200 baud`. Empty before the first and after the last.
+    /// The present attempt, such as `/dev/ttyUSB0: modbus-rtu at 19200 baud`. Empty before the first and after the
+    /// last.
     pub step: String,
     /// Attempts that were made.
     pub done: u32,
@@ -40,13 +41,13 @@ pub struct SearchView {
 /// A drive that replied.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SearchedDrive {
-    /// Its connection string: `tmcl+serial:///dev/ttyUSB0:9600#1`.
+    /// Connection string of the drive: `tmcl+serial:///dev/ttyUSB0:9600#1`.
     pub url: String,
     /// The profile's word.
     pub profile: String,
     /// The product's full name.
     pub drive: String,
-    /// Its device information: name, versions, motors; may be empty.
+    /// Device information: name, versions, motors; may be empty.
     pub says: String,
 }
 

@@ -16,8 +16,8 @@ pub enum Amount {
     /// The drive's own number in digits, as the maker's manual and programs state it: `12` for 1.2 A where the
     /// drive counts tenths. Real variables, TML's fixed ones too, have a fraction.
     Own(String),
-    /// A number that could be in the parameter's unit or the drive's own, because the maker's symbol stood before it.
-    /// It is accepted where both are the same.
+    /// A number that could be in the parameter's unit or the drive's own, because it was written behind the maker's
+    /// symbol. It is accepted where both are the same.
     Either(f64),
 }
 
@@ -45,7 +45,7 @@ impl From<String> for Amount {
     }
 }
 
-/// What a given amount means for a parameter.
+/// Meaning of an amount for a parameter.
 pub(crate) enum ResolvedAmount {
     /// A raw value.
     Raw(i64),
@@ -79,7 +79,7 @@ impl ResolvedAmount {
 }
 
 impl Amount {
-    /// What it means for a parameter whose value is shown in `unit`.
+    /// Resolves the amount for a parameter whose value is shown in `unit`.
     pub(crate) fn resolve(
         &self,
         parameter: &Parameter,
@@ -120,10 +120,10 @@ impl Amount {
         }
     }
 
-    /// What the amount means for a parameter that the caller wrote as `written`. Behind our name a bare number is
-    /// in the parameter's unit. Behind the maker's symbol or a number (`AP 6`, `CSPD`, `0x6083`), text without a
-    /// unit is the drive's own number, because that is what the maker's manual and programs write there. A number
-    /// is accepted there where it means the same in both: reading the symbol gives a number in the unit.
+    /// Interprets the amount for a parameter that the caller wrote as `written`. Behind our name a bare number is in
+    /// the parameter's unit. Behind the maker's symbol or a number (`AP 6`, `CSPD`, `0x6083`), text without a unit is
+    /// the drive's own number, because that is what the maker's manual and programs write there. A number is accepted
+    /// there where it means the same in both: reading the symbol gives a number in the unit.
     pub(crate) fn for_written_name(self, written: &str, (name, symbol): (&str, &str)) -> Self {
         if same_name(written, name) && !same_name(written, symbol) {
             return self;
@@ -197,7 +197,7 @@ fn own_raw(parameter: &Parameter, text: &str) -> Result<i64, Error> {
     raw_of_whole(encoding, whole).ok_or_else(|| out_of_bits(text))
 }
 
-/// How many parts the maker's own number is divided into, where it has a fraction.
+/// Number of parts the maker's own number is divided into, where it has a fraction.
 fn own_fraction(encoding: Encoding) -> Option<f64> {
     match encoding {
         Encoding::Fixed => Some(65_536.0),
@@ -251,11 +251,11 @@ fn require_finite(number: f64) -> Result<f64, Error> {
 /// A value that was read.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Value {
-    /// As it lies in the drive.
+    /// Raw value of the drive.
     pub raw: i64,
-    /// In [`unit`](Self::unit); NaN when a parameter that the scale depends on cannot be read.
+    /// Value in [`unit`](Self::unit); NaN if a parameter that the scale depends on cannot be read.
     pub value: f64,
-    /// By how much the value differs from that of the next raw one; 0 when that is not known.
+    /// Difference from the value of the next raw number; 0 if unknown.
     pub step: f64,
     /// The unit that the profile shows it in.
     pub unit: Unit,
@@ -303,7 +303,7 @@ impl fmt::Display for Value {
             return f.write_str(&self.raw_text());
         }
         match decimals(self.step) {
-            // Not a negative zero, nor zeros that say nothing.
+            // Neither a negative zero nor trailing zeros without meaning.
             Some(digits) => {
                 let power = 10_f64.powi(digits);
                 write!(f, "{}", (self.value * power).round() / power + 0.0)?;
@@ -317,9 +317,8 @@ impl fmt::Display for Value {
     }
 }
 
-/// Decimals that tell a value from its neighbours: as many as the step has, where it is a decimal
-/// fraction itself, else as many as its size asks for. More would be the arithmetic's, not the
-/// drive's.
+/// Decimals that distinguish a value from its neighbours: as many as the step has, if it is a decimal fraction itself,
+/// otherwise as many as its size needs. More would come from the arithmetic, not from the drive.
 fn decimals(step: f64) -> Option<i32> {
     const DECIMALS_MAX: i32 = 4;
     if !(1e-12..1e12).contains(&step) {

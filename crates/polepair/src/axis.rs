@@ -70,9 +70,9 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How often a parameter that scales others is read until it is believed.
+/// Reads of a parameter that scales others until two agree.
 const FACTOR_READS_MAX: usize = 3;
-/// What to try with an axis that is armed already.
+/// Hint for an axis that is armed already.
 pub(crate) const ALREADY_ARMED_HINT: &str =
     "move it in the block that armed it: the end of a second block would stop it";
 
@@ -101,7 +101,7 @@ pub struct LocalAxis {
 /// A step of a rehearsal: what a command would send. Nothing was sent.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Rehearsal {
-    /// What the step does, and to which parameter.
+    /// Action of the step, and its parameter.
     pub step: RehearsalAction,
     /// The bytes on the wire.
     pub bytes: Vec<u8>,
@@ -116,7 +116,7 @@ impl LocalAxis {
         self.number
     }
 
-    /// What a rack file calls it; empty for nothing.
+    /// Name in a rack file; empty for none.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -133,7 +133,7 @@ impl LocalAxis {
         }
     }
 
-    /// What is known of the product.
+    /// Profile of the product.
     #[must_use]
     pub fn profile(&self) -> &'static Profile {
         self.profile
@@ -145,7 +145,7 @@ impl LocalAxis {
         self.protocol
     }
 
-    /// What its wire carries.
+    /// Medium of its wire.
     #[must_use]
     pub fn medium(&self) -> MediumKind {
         self.medium
@@ -163,7 +163,7 @@ impl LocalAxis {
         &self.connection
     }
 
-    /// What is known of it without asking: every value carries its age.
+    /// Last known state, without a request: every value carries its age.
     #[must_use]
     pub fn state(&self) -> AxisStatus {
         let state = self.connection.with_axes(|axes, _| axes.state(self.index).copied());
@@ -556,7 +556,7 @@ impl LocalAxis {
         }
     }
 
-    /// What a command would send, step by step. Nothing of it is sent; where a scale depends on
+    /// Rehearses a command, and returns its requests step by step. Nothing of it is sent; if a scale depends on
     /// parameters of the drive that were not read yet, those are read.
     ///
     /// # Errors
@@ -614,7 +614,7 @@ impl LocalAxis {
                 read.push(source.parameter);
             }
         }
-        // Whether it moves says its speed, too.
+        // The speed shows whether it moves, too.
         if let Some(source) = self.profile.signal(Signal::Velocity)
             && signals.contains(&Signal::Moving)
             && !read.contains(&source.parameter)
@@ -659,7 +659,7 @@ impl LocalAxis {
     }
 }
 
-/// A span as people say it: no more digits than a millisecond has.
+/// A span for people: with no more digits than milliseconds.
 fn format_span(span: Duration) -> String {
     format!("{} s", (span.as_secs_f64() * 1e3).round() / 1e3)
 }

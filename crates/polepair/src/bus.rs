@@ -106,7 +106,7 @@ pub(crate) fn guest_ranks(protocols: &[&ProtocolInfo]) -> Vec<usize> {
     all.iter().map(count_hosts).collect()
 }
 
-/// Whether an address has one of those identifiers.
+/// Returns whether an address has one of those identifiers.
 pub(crate) fn uses_claimed(
     claimed: &[bool],
     uses: fn(u32, u32, bool) -> bool,
@@ -143,18 +143,17 @@ pub(crate) fn find_clash(seats: &[BusAddress]) -> Option<String> {
     })
 }
 
-/// What drives make of a bus' time.
+/// Load of a bus by its drives, as shares of its time.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct BusLoadRange {
     /// Share of the bits without a single stuff bit, 0 to 1.
     pub least: f64,
-    /// The same with as many stuff bits as there can be.
+    /// Load with as many stuff bits as possible.
     pub most: f64,
 }
 
 impl BusLoadRange {
-    /// Adds frames of so many bytes each, so many times a second; without lengths a full frame there
-    /// and one back.
+    /// Adds frames of these lengths in bytes, `rate` times a second; without lengths a full frame in each direction.
     pub(crate) fn add(&mut self, bit_rate: u32, extended: bool, rate: f64, lengths: &[u32]) {
         let lengths = if lengths.is_empty() { &EXCHANGE_LENGTHS } else { lengths };
         let share = |bits: u32| rate * f64::from(bits) / f64::from(bit_rate.max(1));

@@ -1,6 +1,6 @@
 //! Texts about drives with the same address, for `get`, `scan`, `doctor` and `info`.
 
-/// What to do about it.
+/// Remedy for a shared address.
 pub(crate) const DUPLICATE_ADDRESS_HINT: &str = "connect one at a time and give each its own \
  address; if only one is connected, the adapter or a gateway repeats its replies";
 

@@ -40,7 +40,7 @@ pub const FILE: &str = "polepair.toml";
 /// Named links and users' profiles.
 #[derive(Clone, Debug, Default)]
 pub struct Config {
-    /// Where the names come from, if a file was found.
+    /// File of the names, if one was found.
     pub file: Option<PathBuf>,
     /// Names and their connection strings, by name.
     pub links: Vec<(String, String)>,
@@ -48,13 +48,13 @@ pub struct Config {
     pub profiles: Vec<&'static Profile>,
     /// Files with errors. They prevent only what needs them. The caller should report them once.
     pub broken: Vec<FileError>,
-    /// What was found and changed at drives while they were identified.
+    /// Notices on drives that were changed during their identification.
     notices: Arc<Mutex<Vec<String>>>,
 }
 
 impl Config {
-    /// What was found and changed at drives while they were identified, since the last call. The caller should
-    /// report it.
+    /// Takes the notices on drives that were changed during their identification, since the last call. The caller
+    /// should report them.
     #[must_use]
     pub fn take_notices(&self) -> Vec<String> {
         std::mem::take(&mut *self.notices.lock().unwrap_or_else(PoisonError::into_inner))
@@ -72,14 +72,13 @@ impl Config {
         Self::discover_from(&here, folder().as_deref())
     }
 
-    /// What is found from `here` upward and in the configuration folder `folder`, as
-    /// [`discover`](Self::discover).
+    /// The configuration found from `here` upward and in the folder `folder`, as [`discover`](Self::discover).
     #[must_use]
     pub fn discover_from(here: &Path, folder: Option<&Path>) -> Self {
         let above = here.ancestors().take(FOLDERS_MAX).chain(folder);
         let mut config = Self::default();
         let mut found = above.map(|folder| folder.join(FILE)).filter(|file| file.is_file());
-        // A file of somebody else could make `@arm` another motor.
+        // A file of another user could make `@arm` another motor.
         let file = found.find(|file| match polepair_link::is_trusted_file(file) {
             Ok(true) => true,
             Ok(false) => {
@@ -154,12 +153,12 @@ impl Config {
         }
     }
 
-    /// Whether a file was found and is wrong.
+    /// Returns whether a file was found and is wrong.
     pub(crate) fn is_broken(&self, file: &Path) -> bool {
         self.broken.iter().any(|error| Path::new(&error.file) == file)
     }
 
-    /// What is wrong with the user's own profile of that name.
+    /// Error of the user's own profile of that name.
     pub(crate) fn broken_profile(&self, name: &str) -> Option<&FileError> {
         let is = |error: &&FileError| {
             let file = Path::new(&error.file);

@@ -68,7 +68,7 @@ pub struct Connector {
     is_for_stop: bool,
     /// Files that were wrong and could be done without.
     ignored_files: Arc<Mutex<Vec<FileError>>>,
-    /// What is odd about the data sheets that were read.
+    /// Peculiarities of the data sheets that were read.
     sheet_warnings: Arc<Mutex<Vec<FileError>>>,
     sent_counter: SentCounter,
 }
@@ -91,7 +91,7 @@ impl Connector {
         Ok(self)
     }
 
-    /// What counts the frames that leave on every link that this connector, or a clone of it, opens.
+    /// Counter of the sent frames on every link that this connector, or a clone of it, opens.
     #[must_use]
     pub fn sent_counter(&self) -> SentCounter {
         self.sent_counter.clone()
@@ -156,8 +156,8 @@ impl Connector {
         self.connect_with(text, true)
     }
 
-    /// Opens a link; unless it is to `ask`, the drives are taken for what the string or the rack says,
-    /// so that one that is silent keeps nobody waiting.
+    /// Opens a link; without `must_ask` the drives are taken from the string or the rack, so that a silent one causes
+    /// no delay.
     pub(crate) fn connect_with(&self, text: &str, must_ask: bool) -> Result<LocalLink, Error> {
         let url = self.url(text)?;
         let (lines, simulation) = self.open_lines(&url)?;
@@ -275,7 +275,7 @@ impl Connector {
 
 /// Opens what the string names. The link is set as the protocol's host wants it.
 fn open(url: &Url, protocol: &ProtocolInfo, options: &HostOptions) -> Result<AnyLink, Error> {
-    // A serial adapter must be told; the other buses have their bit rate already, or none.
+    // A serial adapter needs the bit rate; the other buses have it already, or none.
     let usual = matches!(url.target, LinkTarget::Slcan { .. } | LinkTarget::SlcanTcp { .. });
     let usual = if usual { protocol.baud } else { 0 };
     let bus = CanLine { bit_rate: rate_key(url, "bitrate")?.unwrap_or(usual) };
@@ -328,7 +328,7 @@ fn build_simulation(url: &Url, mut description: RackDescription) -> Result<Simul
     if url.key("echo").is_some() {
         description.set_echo(url.flag("echo")?);
     }
-    // What is behind a rack's file is the file's to say.
+    // Parts of a rack are described by its file.
     let own = if matches!(url.target, LinkTarget::Sim { .. }) {
         url.family_options()
     } else {
@@ -369,7 +369,7 @@ fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Er
     }
     let own = simulate::find_drive(what)?.1.host.map(u64::from);
     let host = url.number("host")?.or(own).filter(|_| own.is_some());
-    // Axes that the string names are there in any case: what is wrong with them is told then.
+    // Axes that the string names exist in any case: their errors are returned then.
     let free = |n: &u64| Some(*n) != host || u32::try_from(*n).is_ok_and(|n| url.axes.contains(&n));
     let numbers: Vec<String> =
         (1..).filter(free).take(count as usize).map(|n| n.to_string()).collect();
@@ -457,7 +457,7 @@ impl ProtocolLine {
         urgent: bool,
     ) -> Result<Connection, Error> {
         let options = self.session_options();
-        // Who looks for drives takes whatever tells of one.
+        // A scan accepts any frame as a sign of a drive.
         let doubt = options.probe_seed.filter(|_| !scanning);
         self.open_connection_with(
             HostOptions { scanning, urgent, probe_seed: doubt, ..options },
@@ -470,7 +470,7 @@ impl ProtocolLine {
         let Ok(axes) = self.probe_axes(&[(profile, number)], true) else { return Vec::new() };
         let Some(axis) = axes.first() else { return Vec::new() };
         axis.connection.with_axes(|axes, now| axes.handle_resume(now));
-        // A link that is lost is told by who scans.
+        // A lost link is reported by the scan.
         axis.device_details().unwrap_or_default()
     }
 
@@ -569,13 +569,13 @@ pub struct LocalLink {
     url: Url,
     axes: Vec<LocalAxis>,
     wires: Vec<OpenWire>,
-    /// Of each wire its connection, where it has axes, and what is spoken on it.
+    /// For each wire its connection, if it has axes, and its protocols.
     line_configs: Vec<(Option<Connection>, Arc<[LineConfig]>)>,
     simulation: Option<Simulation>,
 }
 
 impl LocalLink {
-    /// What it was opened by.
+    /// Connection string of the link.
     #[must_use]
     pub fn url(&self) -> &Url {
         &self.url
@@ -653,13 +653,13 @@ impl LocalLink {
         self.axes.iter().for_each(|axis| axis.connection.close());
     }
 
-    /// What ends waits from elsewhere, for instance upon Ctrl-C: one for each wire.
+    /// Handles that end waits from elsewhere, for instance upon Ctrl-C: one for each wire.
     #[must_use]
     pub fn interrupters(&self) -> Vec<Interrupter> {
         self.axes.iter().map(|axis| axis.connection.interrupter()).collect()
     }
 
-    /// What happened on the wire of an axis so far.
+    /// Counters of the wire of an axis.
     #[must_use]
     pub fn counters(&self, axis: &LocalAxis) -> Counters {
         axis.connection.with_axes(|axes, _| axes.counters())

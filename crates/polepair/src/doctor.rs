@@ -41,11 +41,11 @@ const UNITS_MAX: usize = 20_000;
 /// How a check came out.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Grade {
-    /// As it should be.
+    /// The result is good.
     Ok,
-    /// It may be meant so: look at it.
+    /// The result may be intended: it needs a look.
     Suspicious,
-    /// So it cannot work.
+    /// The result is an error: it cannot work.
     Wrong,
 }
 
@@ -64,13 +64,13 @@ impl Grade {
 /// One thing that was looked at.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct CheckResult {
-    /// What: `port`, `echo`, `axis 1 faults`.
+    /// Subject: `port`, `echo`, `axis 1 faults`.
     pub about: String,
     /// How it came out.
     pub grade: Grade,
-    /// What was found, in a sentence without full stop.
+    /// Finding, in a sentence without full stop.
     pub found: String,
-    /// What to try; empty where there is nothing to do.
+    /// Remedy to try; empty for none.
     pub remedy: String,
     /// Exit code for scripts: [`Exit::Ok`] unless the check failed.
     pub exit: Exit,
@@ -102,7 +102,7 @@ impl CheckResult {
     }
 }
 
-/// What may be tried.
+/// Permitted tests.
 #[derive(Clone, Copy, Default, Debug)]
 pub struct DoctorOptions {
     /// If no drive replies, also try other baud rates, by reads.
@@ -132,7 +132,7 @@ pub fn check_link(
     let mut silent = false;
     let mut received = None;
     for line in &mut lines {
-        // Protocols of one bus share what is to be said of it.
+        // Protocols of one bus share its results.
         let first = received.replace(line.wire) != Some(line.wire);
         if first {
             // A port of this machine is had by one program at a time.
@@ -243,7 +243,7 @@ fn find_drives(
     for &number in &wanted {
         let about = format!("axis {number}");
         let probe = prober.probe(number)?;
-        // Where nobody named it, the host's own address is none that is wanted.
+        // If no axis was named, the host's own address is left out.
         if !named && matches!(probe, ProbeResult::Forbidden(_)) {
             continue;
         }

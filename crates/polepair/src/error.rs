@@ -11,16 +11,16 @@ use polepair_link::{Cause, LinkError};
 use std::borrow::Cow;
 use std::fmt;
 
-/// What an outcome means to the layers that people touch.
+/// Class of an outcome for user interfaces.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct OutcomeClass {
     /// Exit code of the command line.
     pub exit: Exit,
-    /// What the bindings raise.
+    /// Exception of the bindings.
     pub exception: Exception,
     /// Stable code.
     pub code: &'static str,
-    /// Whether the drive executed it; `None` if unknown, or executed in part.
+    /// True if the drive executed it; `None` if unknown, or executed in part.
     pub executed: Option<bool>,
 }
 
@@ -42,7 +42,7 @@ pub fn outcome_class(outcome: Outcome) -> Option<OutcomeClass> {
             (failure, Some(true))
         }
         Outcome::NotDone(failure) => (failure, Some(false)),
-        // Neither yes nor no: the error's words say how far it went.
+        // Neither yes nor no: the error's text has the progress.
         Outcome::Partly(failure, _) | Outcome::Unknown(failure) => (failure, None),
     };
     let (exit, exception, code) = match failure {
@@ -67,7 +67,7 @@ pub fn outcome_class(outcome: Outcome) -> Option<OutcomeClass> {
         Failure::Cancelled => (Exit::Negative, Exception::PolepairError, "E102"),
         Failure::LinkDown => (Exit::Adapter, Exception::PolepairError, "E313"),
         Failure::Impossible(why) => (Exit::Usage, Exception::Unsupported, unsupported_code(why)),
-        // What later versions of the core tell.
+        // Outcomes of later versions of the core.
         _ => (Exit::Corrupt, Exception::ProtocolError, "E500"),
     };
     Some(OutcomeClass { exit, exception, code, executed })
@@ -98,9 +98,9 @@ pub enum Error {
     Usage {
         /// Stable code.
         code: &'static str,
-        /// What is wrong, in a sentence without full stop.
+        /// Description, in a sentence without full stop.
         what: String,
-        /// What to try; empty when there is nothing to add.
+        /// Remedy to try; may be empty.
         hint: String,
     },
     /// A file: a profile, a rack, `polepair.toml`.
@@ -109,11 +109,11 @@ pub enum Error {
     Link(LinkError),
     /// The caller asked for what this drive cannot do. Nothing was sent.
     Unsupported {
-        /// What was asked, with the reason.
+        /// Request, with the reason.
         what: String,
         /// Why not.
         why: Unsupported,
-        /// What to try; empty when there is nothing to add.
+        /// Remedy to try; may be empty.
         hint: String,
     },
     /// The drive, or the wire to it.
@@ -128,44 +128,44 @@ pub enum Error {
         received: Box<NoReplyDetails>,
         /// The motor was started, or was moving, and cannot be stopped from here.
         may_turn: bool,
-        /// What to try; empty when there is nothing to add.
+        /// Remedy to try; may be empty.
         hint: String,
     },
     /// A gateway refused a request, or reports its result.
     Gateway {
         /// Stable code: the library's (`E401`) or the gateway's own (`gateway.lease`).
         code: Cow<'static, str>,
-        /// What is wrong and what the motor may do, in a sentence without full stop.
+        /// Description and state of the motor, in a sentence without full stop.
         what: String,
-        /// The same, and whether a drive executed the request if that is in doubt.
+        /// The description with whether a drive executed the request, if that is in doubt.
         sentence: String,
-        /// What to try; empty when there is nothing to add.
+        /// Remedy to try; may be empty.
         hint: String,
-        /// Whether a drive executed the request; `None` if unknown, or executed in part.
+        /// True if a drive executed the request; `None` if unknown, or executed in part.
         executed: Option<bool>,
         /// The motor was started, or was moving, and the gateway cannot stop it.
         may_turn: bool,
         /// The exit code.
         exit: Exit,
-        /// What the bindings raise.
+        /// Exception of the bindings.
         exception: Exception,
     },
     /// A motion ended before it was stopped: a fault, a motor that stopped or lost its power, a position limit.
     MotionEnded {
         /// Stable code.
         code: &'static str,
-        /// What was read, in a sentence without full stop.
+        /// Reading, in a sentence without full stop.
         what: String,
-        /// What causes it, in a sentence; may be empty.
+        /// Cause, in a sentence; may be empty.
         why: String,
-        /// What to try; empty when there is nothing to add.
+        /// Remedy to try; may be empty.
         hint: String,
         /// The exit code.
         exit: Exit,
     },
     /// The wait was interrupted; the request continues.
     Interrupted {
-        /// What was waited for.
+        /// Condition of the wait.
         what: String,
     },
 }
@@ -229,20 +229,19 @@ impl Error {
         self.outcome_class().exit
     }
 
-    /// What the bindings raise.
+    /// Exception of the bindings.
     #[must_use]
     pub fn exception(&self) -> Exception {
         self.outcome_class().exception
     }
 
-    /// Whether the drive executed the request; `None` if unknown, or executed in part
-    /// ([`Outcome::Partly`]).
+    /// Returns whether the drive executed the request; `None` if unknown, or executed in part ([`Outcome::Partly`]).
     #[must_use]
     pub fn executed(&self) -> Option<bool> {
         self.outcome_class().executed
     }
 
-    /// The same of a request that was sent before as well: that one may have been executed.
+    /// The error of a repeated request: the earlier one may have been executed.
     pub(crate) fn after_earlier_attempt(self) -> Self {
         use polepair_core::error::Failure::{Cancelled, LinkDown, Misbehaved, Silent};
         match self {
@@ -262,7 +261,7 @@ impl Error {
         }
     }
 
-    /// The same for a stop without confirmed standstill.
+    /// The error of a stop without confirmed standstill.
     pub(crate) fn with_unseen_motor(mut self) -> Self {
         if let Self::Failed { may_turn, .. } | Self::Gateway { may_turn, .. } = &mut self {
             *may_turn = true;
@@ -270,14 +269,14 @@ impl Error {
         self
     }
 
-    /// Whether the motor may still turn, and nothing can stop it from here but to cut its supply.
+    /// Returns whether the motor may still turn, and nothing can stop it from here but to cut its supply.
     #[must_use]
     pub const fn may_turn(&self) -> bool {
         matches!(self, Self::Failed { may_turn: true, .. } | Self::Gateway { may_turn: true, .. })
     }
 
-    /// What went wrong, and how far a plan went that was executed in part; whether anything else was
-    /// executed is left to [`executed`](Self::executed).
+    /// Description, and the progress of a plan that was executed in part; whether anything else was executed is left to
+    /// [`executed`](Self::executed).
     #[must_use]
     pub fn brief(&self) -> String {
         let output = match self {
@@ -290,7 +289,7 @@ impl Error {
         if self.may_turn() { format!("{output}; {MAY_TURN}") } else { output }
     }
 
-    /// What went wrong and how far it went, without what the motor may do.
+    /// Description and progress, without the state of the motor.
     #[must_use]
     pub fn sentence(&self) -> String {
         match self {
@@ -308,7 +307,7 @@ impl Error {
         }
     }
 
-    /// What to try; empty when there is nothing to add.
+    /// Remedy to try; may be empty.
     #[must_use]
     pub fn hint(&self) -> &str {
         match self {
@@ -343,7 +342,7 @@ impl fmt::Display for Error {
     /// One sentence, with the execution if there was something to execute.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.sentence())?;
-        // A gateway's sentence says it already.
+        // A gateway's sentence has it already.
         if self.may_turn() && !matches!(self, Self::Gateway { .. }) {
             write!(f, "; {MAY_TURN}")
         } else {

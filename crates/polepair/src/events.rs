@@ -31,7 +31,7 @@ use std::time::Duration;
 
 /// Events that wait for a listener at most; then the oldest go, and [`Events::lost`] counts them.
 pub const EVENTS_MAX: usize = 8192;
-/// How far virtual time goes between two looks.
+/// Step of virtual time between two checks.
 const VIRTUAL_STEP: Duration = Duration::from_millis(1);
 
 /// One thing that happened.
@@ -43,11 +43,11 @@ pub struct Event {
     pub axis: Option<u32>,
     /// The axis' place in [`LocalLink::axes`], the wire's in [`LocalLink::wires`] where there is no axis.
     pub index: usize,
-    /// What happened.
+    /// Kind of the event.
     pub kind: EventKind,
 }
 
-/// What happened.
+/// Kind of an event.
 #[derive(Clone, PartialEq, Debug)]
 #[non_exhaustive]
 pub enum EventKind {
@@ -55,16 +55,16 @@ pub enum EventKind {
     Signal {
         /// Which signal.
         signal: Signal,
-        /// Its value in SI, as the machine has it.
+        /// Value in SI, in the machine's scale.
         reading: Reading,
     },
     /// The drive sent the value of a parameter that is not a signal.
     Parameter {
         /// Which parameter of the axis' profile.
         parameter: ParameterId,
-        /// As it lies in the drive.
+        /// Raw value of the drive.
         raw: i64,
-        /// In `unit`; NaN while a parameter that the scale depends on was never read.
+        /// Value in `unit`; NaN while a parameter that the scale depends on was never read.
         value: f64,
         /// The unit in which the axis shows it.
         unit: Unit,
@@ -73,20 +73,19 @@ pub enum EventKind {
     FaultAppeared {
         /// The drive's code, or the bit of its fault word.
         code: u32,
-        /// Its name, cause and remedy, where the profile knows it.
+        /// Name, cause and remedy, if the profile knows it.
         fault: Option<&'static Fault>,
     },
     /// The drive has a fault no more.
     FaultCleared {
-        /// As in [`FaultAppeared`](Self::FaultAppeared).
+        /// Code as in [`FaultAppeared`](Self::FaultAppeared).
         code: u32,
-        /// The same.
+        /// Name, cause and remedy, if the profile knows it.
         fault: Option<&'static Fault>,
     },
-    /// How the drive takes part in its network from now on. One that restarted or is gone is
-    /// disarmed.
+    /// State of the drive in its network from now on. One that restarted or is gone is disarmed.
     Presence(Presence),
-    /// Motion commands are let through from now on.
+    /// Motion commands are allowed from now on.
     Armed,
     /// They are no longer.
     Disarmed,
@@ -99,7 +98,7 @@ pub enum EventKind {
     LinkBack,
 }
 
-/// What happens on a link, or to one of its axes, from when this was made. It keeps the link open.
+/// Events of a link, or of one of its axes, from its creation on. It keeps the link open.
 #[derive(Debug)]
 pub struct Events {
     mailbox: Mailbox,
@@ -107,7 +106,7 @@ pub struct Events {
     listeners: Vec<ListenerGuard>,
     /// The axes of each wire, in the order of its connection, with their places in the link.
     axes: Vec<Vec<(usize, LocalAxis)>>,
-    /// What makes time pass, where it does not by itself.
+    /// Simulation whose time only passes in waits.
     simulation: Option<Simulation>,
 }
 
@@ -116,13 +115,13 @@ impl LocalLink {
     /// yet how what they send is laid out are asked that first.
     ///
     /// # Errors
-    /// What asking brings; drives that refuse to tell are listened to all the same.
+    /// Errors of the reads that it needs; drives that refuse them are listened to nevertheless.
     pub fn events(&self) -> Result<Events, Error> {
         self.events_from(0)
     }
 
-    /// The same of the axes from that place on alone: of those that were
-    /// [taken in](LocalLink::add_drives) later.
+    /// [`events`](Self::events) of the axes from index `first` on: of those that were [added](LocalLink::add_drives)
+    /// later.
     ///
     /// # Errors
     /// As [`events`](Self::events).
@@ -155,7 +154,7 @@ impl LocalAxis {
     /// may have it otherwise, so that what it sends is not understood until this is done again.
     ///
     /// # Errors
-    /// When the drive does not answer. That it refuses to tell is no error.
+    /// A drive without a reply. A refusal is no error.
     pub fn read_event_layout(&self) -> Result<(), Error> {
         if AxisNumber(self.number).is_group() {
             return Ok(());
@@ -254,14 +253,14 @@ impl Events {
         }
     }
 
-    /// Whether an event is available; otherwise `waker` is woken at the next one, or at an
+    /// Returns whether an event is available; otherwise `waker` is woken at the next one, or at an
     /// [interruption](Self::interrupt).
     #[must_use]
     pub fn ready_or_wake(&self, waker: &task::Waker) -> bool {
         self.mailbox.ready_or_wake(waker)
     }
 
-    /// Whether time passes only during a wait here: a simulation in virtual time.
+    /// Returns whether time passes only during a wait here: a simulation in virtual time.
     #[must_use]
     pub fn in_virtual_time(&self) -> bool {
         self.simulation.is_some()
@@ -311,7 +310,7 @@ impl Events {
             AxisEventKind::Presence(presence) => EventKind::Presence(presence),
             AxisEventKind::Armed(true) => EventKind::Armed,
             AxisEventKind::Armed(false) => EventKind::Disarmed,
-            // Those that later versions of the core tell.
+            // Events of later versions of the core.
             _ => return None,
         };
         Some(Event { at: event.at, axis: Some(axis.number), index: *position, kind })

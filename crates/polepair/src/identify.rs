@@ -18,9 +18,9 @@ use polepair_link::{Connection, LinkError};
 use std::cell::Cell;
 use std::time::Duration;
 
-/// How long one question may take, with all its repeats.
+/// Time limit of one question with all its repeats.
 const QUERY_MAX: Duration = Duration::from_secs(5);
-/// So long drives are asked again what they are by those who bring motors to rest.
+/// Time for which a stop repeats the identification of drives.
 pub(crate) const IDENTIFY_RETRY_MAX: Duration = Duration::from_secs(3);
 /// The notice of a drive that stored requests as instructions.
 pub(crate) const STORE_ENDED: &str =
@@ -34,7 +34,7 @@ pub(crate) struct Prober<'a> {
     config: &'a Config,
     profiles: Vec<&'static Profile>,
     candidates: Vec<(&'static Profile, Identity)>,
-    /// Whether a drive that is none of them may be of the catalogue.
+    /// True if a drive that is none of them may be of the catalogue.
     with_catalogue: bool,
     reply_timeout: Option<Duration>,
     /// Time for all questions to one address.
@@ -45,7 +45,7 @@ pub(crate) struct Prober<'a> {
     store_ended: Cell<bool>,
 }
 
-/// What one address gave.
+/// Result of one address.
 #[derive(Clone, Debug)]
 pub(crate) enum ProbeResult {
     /// No reply, with the received frames.
@@ -66,7 +66,7 @@ pub(crate) enum ProbeResult {
         /// The damaged ones among them.
         corrupt: u64,
         doubtful: bool,
-        /// It refused a question of its identity as something that it does not have.
+        /// True if it refused a question of its identity as an object that it does not have.
         lacks_identity: bool,
     },
 }
@@ -181,7 +181,7 @@ impl<'a> Prober<'a> {
         Some((module, format_firmware(raw, firmware)))
     }
 
-    /// The same error for those who bring motors to rest: who names the drive needs no answer.
+    /// The error with a hint for stops: naming the drive makes a reply unnecessary.
     pub(crate) fn with_profile_hint(&self, error: Error) -> Error {
         let Error::Failed { what, execution, outcome, received, may_turn, hint } = error else {
             return error;
@@ -261,8 +261,8 @@ impl<'a> Prober<'a> {
         Ok(result)
     }
 
-    /// Whether two modules answer at the address. Only a session that proves its addresses sees that,
-    /// which one that looks for drives does not.
+    /// Returns whether two modules answer at the address. Only a session that proves its addresses sees that, which a
+    /// scan does not.
     fn answers_twice(&self, number: u32) -> Result<bool, Error> {
         let generic = self.line.protocol.generic;
         let connection = self.line.probe_connection(&[(generic, number)], false, false)?;
@@ -277,7 +277,7 @@ impl<'a> Prober<'a> {
         axes.push((generic, number));
         let urgent = self.reply_timeout.is_some() || self.time_limit.is_some();
         let connection = self.line.probe_connection(&axes, self.single_attempt, urgent)?;
-        // Somebody may have spoken just now: this host has not heard it.
+        // Another host may have sent just now, which this one has not received.
         connection.with_axes(|axes, now| axes.handle_resume(now));
         let until = self.time_limit.map_or(Instant::FAR_FUTURE, |limit| {
             connection.now() + connection.scale_timeout(limit)
@@ -472,13 +472,13 @@ impl<'a> Prober<'a> {
     }
 }
 
-/// The same question, so that its answer can be shared. A parameter's number means another thing
-/// in another profile.
+/// Returns whether two questions are the same, so that their answer can be shared. A parameter's number means another
+/// thing in another profile.
 fn is_same_query(identity: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
     matches!((identity.query, wanted.query), (IdentityQuery::Text(a), IdentityQuery::Text(b)) if a == b)
 }
 
-/// Whether a device replied, a refusal included.
+/// Returns whether a device replied, a refusal included.
 pub(crate) const fn is_answer(outcome: Outcome) -> bool {
     matches!(outcome.failure(), None | Some(Failure::Refused { .. } | Failure::Misbehaved))
 }

@@ -34,7 +34,7 @@ const FILE_MAX: u64 = 1 << 20;
 const INCLUDE_MAX: usize = 16;
 /// Bytes of an instruction in a binary file, as the maker's IDE writes it.
 const RECORD: usize = INSTRUCTION_BYTES + 1;
-/// Where comments of a listing begin.
+/// Column of comments in a listing.
 const COMMENT_COLUMN: usize = 36;
 
 /// A program: instructions, with the lines and labels of the text that they were made of.
@@ -60,9 +60,9 @@ impl std::fmt::Debug for InstructionProgram {
 pub struct SourceLine {
     /// The file, as it was named.
     pub file: String,
-    /// Its number, from 1.
+    /// Number of the line, from 1.
     pub number: u32,
-    /// Its text without surrounding spaces.
+    /// Text without surrounding spaces.
     pub text: String,
 }
 
@@ -182,7 +182,7 @@ impl InstructionProgram {
         Some(pieces.concat())
     }
 
-    /// The same with a label at each place that is jumped to: `L12` where the text has none.
+    /// The program with a label at each jump target: `L12` if the text has none.
     #[must_use]
     pub fn with_labels(&self) -> Self {
         let mut named = self.clone();
@@ -230,7 +230,7 @@ pub fn language_of(path: &Path) -> Option<&'static dyn InstructionLanguage> {
     languages.find(|language| is_called(language.extension()) || is_binary(path))
 }
 
-/// Whether a file holds instructions as bytes, by its name.
+/// Returns whether a file holds instructions as bytes, by its name.
 #[must_use]
 pub fn is_binary(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bin"))
@@ -256,7 +256,7 @@ struct SourceReader {
 /// An instruction of the text.
 struct Statement {
     line: SourceLine,
-    /// Where it begins in the line, bytes; spaces before it counted.
+    /// Position in the line, bytes, with the spaces before it.
     column: usize,
     text: String,
 }

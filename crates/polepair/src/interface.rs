@@ -54,12 +54,12 @@ use crate::amount::Amount;
 use crate::axis::{DeviceDetail, LocalAxis};
 use crate::error::Error;
 
-/// What an axis can do, wherever its wire is.
+/// Methods of an axis on any wire: of this program, or of a gateway.
 ///
 /// Times and values are SI. Requests are sent once. Errors have a stable code ([`Error::code`]) and state
 /// whether the drive may have executed the request ([`Error::executed`]).
 pub trait AxisInterface: fmt::Debug + Send + Sync {
-    /// What is known of the axis without a request.
+    /// Facts on the axis without a request.
     fn facts(&self) -> AxisFacts;
 
     /// The axis, if its wire is opened by this program.
@@ -193,15 +193,15 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
         Ok(())
     }
 
-    /// What tells whether the motor still follows its command. A drive on a wire of this program is read; a
-    /// gateway has sent it already, and what is older than `since` is left out. The speed is read if
-    /// `velocity` is true.
+    /// Readings that show whether the motor still follows its command. A drive on a wire of this program is read; a
+    /// gateway has sent them already, and those older than `since` are left out. The speed is read if `velocity` is
+    /// true.
     ///
     /// # Errors
-    /// By source; `E401` if the gateway has not heard the drive lately.
+    /// Errors by source; `E401` if the gateway has not received the drive lately.
     fn motion_state(&self, since: Instant, velocity: bool) -> Result<MotionState, Error>;
 
-    /// Arms the axis: motion commands are let through. On a gateway this acquires the lease.
+    /// Arms the axis: motion commands are allowed. On a gateway this acquires the lease.
     ///
     /// # Errors
     /// `E220` if it is armed already, `gateway.lease` if another client has the lease.
@@ -214,11 +214,11 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// [`Error::Gateway`] if a gateway does not answer.
     fn disarm(&self) -> Result<(), Error>;
 
-    /// Whether this program armed the axis, and its motion commands are let through.
+    /// Returns whether this program armed the axis, and its motion commands are allowed.
     fn is_armed(&self) -> bool;
 
-    /// Stops the motor, and returns when standstill is confirmed. An axis of a gateway is stopped whoever
-    /// commands it.
+    /// Stops the motor, and returns when standstill is confirmed. An axis of a gateway is stopped also if another
+    /// client commands it.
     ///
     /// # Errors
     /// [`Error::may_turn`] states whether the motor may still turn.

@@ -60,7 +60,7 @@ impl Connector {
         Ok(self.open_wires(text)?.links())
     }
 
-    /// The same, for those who also want to [stop](crate::stop::stop_on) what they set in motion.
+    /// Opens the wires for programs that also want to [stop](crate::stop::stop_on) what they set in motion.
     ///
     /// # Errors
     /// As [`listen`](Self::listen).
@@ -109,7 +109,7 @@ impl WireListener {
         &self.wires
     }
 
-    /// What was noticed on a wire and could not be handed on.
+    /// Units on a wire that were received and could not be handed on.
     #[must_use]
     pub fn losses(&self, wire: usize) -> Losses {
         self.threads

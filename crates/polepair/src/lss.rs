@@ -122,7 +122,7 @@ impl LssMaster {
         Ok(Self { nodes, configures: AtomicBool::new(false), _simulation: None })
     }
 
-    /// What ends a request that waits, from another thread.
+    /// Handle that ends a waiting request from another thread.
     #[must_use]
     pub fn interrupter(&self) -> Interrupter {
         self.axis().connection().interrupter()
@@ -158,7 +158,7 @@ impl LssMaster {
         })
     }
 
-    /// Whether a node answers: it is asked for its device type (1000h).
+    /// Returns whether a node answers a read of its device type (1000h).
     ///
     /// # Errors
     /// [`Error`] by blame.
@@ -178,7 +178,7 @@ impl LssMaster {
         self.axis().connection().describe()
     }
 
-    /// Whether at least one device without node-ID is on the bus (service 4Ch).
+    /// Returns whether at least one device without node-ID is on the bus (service 4Ch).
     ///
     /// # Errors
     /// [`Error::Link`].
@@ -216,7 +216,7 @@ impl LssMaster {
         if self.is_answered(&format!("lss select serial {serial}"))? {
             return Ok(true);
         }
-        // Some devices are selected and do not say so.
+        // Some devices are selected and do not confirm it.
         match self.selected_identity() {
             Ok(selected) => Ok(selected == identity),
             Err(Error::Failed { outcome, .. }) if is_silence(outcome) => Ok(false),
@@ -360,7 +360,7 @@ impl LssMaster {
 impl Drop for LssMaster {
     fn drop(&mut self) {
         if self.configures.load(Ordering::Relaxed) {
-            // Nobody is left to tell of a link that is lost.
+            // A lost link has no reader left.
             let _ = self.leave_configuration();
         }
     }

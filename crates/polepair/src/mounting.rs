@@ -21,7 +21,7 @@ use polepair_core::profile::{AxisKind, Parameter, ParameterId, Profile, Signal};
 use polepair_core::units::Unit;
 use std::sync::Arc;
 
-/// What a table of a drive may say about it.
+/// Keys of a drive's table for its mounting.
 pub(crate) const KEYS: [&str; 5] = ["lead", "gear", "counts", "direction", "limits"];
 const LIMIT_KEYS: [&str; 3] = ["position", "velocity", "torque"];
 
@@ -30,7 +30,7 @@ const LIMIT_KEYS: [&str; 3] = ["position", "velocity", "torque"];
 pub(crate) struct Mounting {
     /// Location of the drive in the file.
     pub(crate) location: FileLocation,
-    /// What a turn behind the gear moves, m.
+    /// Travel of a turn behind the gear, m.
     pub(crate) lead: Option<f64>,
     /// Turns of the motor for one behind the gear.
     pub(crate) gear: f64,
@@ -119,7 +119,7 @@ impl Mounting {
         Ok(())
     }
 
-    /// Whether the axis goes along a line.
+    /// Returns whether the axis goes along a line.
     pub(crate) fn is_linear(&self, profile: &Profile) -> bool {
         self.lead.is_some() || profile.axis == AxisKind::Linear
     }
@@ -195,8 +195,8 @@ fn parse_amount(found: Located<String>, unit: Unit) -> Result<f64, FileError> {
     })
 }
 
-/// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
-/// `None` when it has no use for it.
+/// Destination of an argument in a plan: a parameter or, inner `None`, a request of its own. `None` if the plan does
+/// not use it.
 pub(crate) fn destination(
     profile: &Profile,
     verb: Verb,
@@ -205,7 +205,7 @@ pub(crate) fn destination(
     find_operand(profile, verb, which).map(|(_, id)| id)
 }
 
-/// Whether a plan writes the time of a ramp for an argument that is an acceleration.
+/// Returns whether a plan writes the time of a ramp for an argument that is an acceleration.
 pub(crate) fn is_ramp_time(profile: &Profile, verb: Verb, which: Argument) -> bool {
     let found = find_operand(profile, verb, which);
     matches!(found, Some((Operand::OptionalRampTime { .. }, _)))
@@ -224,7 +224,7 @@ fn find_operand(
     })
 }
 
-/// What a parameter is for the motion of its axis.
+/// Role of a parameter in the motion of its axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum MotionRole {
     /// A position, or how far.
@@ -240,7 +240,7 @@ pub(crate) enum MotionRole {
 }
 
 impl MotionRole {
-    /// What an argument of a verb is.
+    /// Role of a verb's argument.
     pub(crate) fn of_argument(
         verb: Verb,
         which: Argument,
@@ -261,7 +261,7 @@ impl MotionRole {
         })
     }
 
-    /// Whether the sign is turned with the direction of the axis.
+    /// Returns whether the sign is turned with the direction of the axis.
     const fn is_signed(self) -> bool {
         matches!(self, Self::Position | Self::Velocity | Self::Torque)
     }
@@ -277,8 +277,7 @@ impl MotionRole {
     }
 }
 
-/// What the motion's parameters of a profile are. All others are not touched by a mounting: they
-/// keep the motor's own unit.
+/// Roles of a profile's motion parameters. All others are not touched by a mounting: they keep the motor's own unit.
 pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> {
     let mut roles: Vec<(ParameterId, MotionRole)> = Vec::new();
     let mut note = |id: ParameterId, role| {
@@ -314,7 +313,7 @@ pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> 
     roles
 }
 
-/// Whether a drive is given this current where others are given a torque: its sign is then that of the torque.
+/// Returns whether a drive is given this current where others are given a torque: its sign is then that of the torque.
 fn is_torque_substitute(profile: &Profile, current: ParameterId) -> bool {
     let unit = |id: ParameterId| profile.parameter(id).map(|parameter| parameter.unit);
     let given = destination(profile, Verb::Torque, Argument::Torque).flatten();
@@ -347,7 +346,7 @@ impl ResolvedMounting {
         self.roles.iter().find(|(other, _)| *other == id).map(|(_, role)| *role)
     }
 
-    /// Whether a value of that unit is scaled here: what is a share of the whole is not.
+    /// Returns whether a value of that unit is scaled here: what is a share of the whole is not.
     fn scales(&self, role: MotionRole, unit: Unit) -> bool {
         let Some((linear, _)) = role.units() else { return false };
         match unit {
@@ -356,7 +355,7 @@ impl ResolvedMounting {
         }
     }
 
-    /// What is shown of a value whose profile states `unit`.
+    /// Displayed unit of a value whose profile states `unit`.
     pub(crate) fn unit(&self, role: MotionRole, unit: Unit) -> Unit {
         let Some((linear, rotary)) = role.units().filter(|_| self.scales(role, unit)) else {
             return unit;
@@ -368,7 +367,7 @@ impl ResolvedMounting {
         }
     }
 
-    /// What a value of the machine is multiplied with to become the drive's, both in SI.
+    /// Factor from a value of the machine to the drive's, both in SI.
     pub(crate) fn factor(&self, role: MotionRole, unit: Unit) -> f64 {
         const TURN: f64 = core::f64::consts::TAU;
         let Mounting { lead, gear, counts, inverted, .. } = &*self.mounting;

@@ -25,7 +25,7 @@ pub struct NoReplyDetails {
     pub texts: u16,
     /// Frames of other drives, or to other questions.
     pub foreign: u16,
-    /// Those among them that answered what was asked, but from another address than the one asked.
+    /// Frames among them with a matching reply, but from another address than the requested one.
     pub misaddressed: u16,
     /// Destination of the drive's replies instead of this host: its host address, or the CAN id of its
     /// replies.
@@ -38,17 +38,17 @@ pub struct NoReplyDetails {
     pub bytes: u16,
 }
 
-/// What it most likely was, the surest first.
+/// Likely cause, the most certain first.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum NoReplyCause {
     /// Nothing came.
     NothingReceived,
-    /// The drive speaks text.
+    /// The drive is in ASCII mode.
     Text,
     /// Another drive acknowledged in its place.
     Relayed,
-    /// It acknowledged, and did not answer.
+    /// The drive acknowledged, and did not reply.
     Acknowledged,
     /// Answers came too soon to be believed.
     Early,
@@ -69,7 +69,7 @@ pub const ACKNOWLEDGES: &str = "a drive acknowledges: its axis ID is none of the
      FIRST-LAST` tries others, and its host ID may not be this host's";
 
 impl NoReplyDetails {
-    /// What was counted meanwhile.
+    /// Details by the counters.
     #[must_use]
     pub const fn from_counters(counted: &Counters) -> Self {
         Self {
@@ -94,7 +94,7 @@ impl NoReplyDetails {
         }
     }
 
-    /// What kind of silence it is.
+    /// Kind of the silence.
     #[must_use]
     pub const fn cause(&self) -> NoReplyCause {
         match *self {
@@ -111,7 +111,7 @@ impl NoReplyDetails {
         }
     }
 
-    /// Whether nothing at all came.
+    /// Returns whether nothing at all came.
     #[must_use]
     pub const fn is_nothing(&self) -> bool {
         matches!(self.cause(), NoReplyCause::NothingReceived)
@@ -151,7 +151,7 @@ impl NoReplyDetails {
         Some(format!("relay {relay} acknowledges, axis {axis} is silent"))
     }
 
-    /// What to try.
+    /// Remedy to try.
     #[must_use]
     pub fn hint(&self) -> Cow<'static, str> {
         if let Some(host) = self.other_host {
@@ -167,7 +167,7 @@ impl NoReplyDetails {
         self.cause_hint().into()
     }
 
-    /// What to try for the cause alone.
+    /// Remedy for the cause alone.
     const fn cause_hint(&self) -> &'static str {
         match self.cause() {
             NoReplyCause::NothingReceived => {

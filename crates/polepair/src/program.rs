@@ -29,14 +29,14 @@ pub struct Program {
     labels: Vec<(String, u16)>,
 }
 
-/// What a text is made into words with.
+/// Context for assembling a text.
 #[derive(Clone, Copy)]
 pub struct AssemblyContext<'a> {
     /// The language.
     pub language: &'a dyn ProgramLanguage,
     /// Names of the drive's variables.
     pub profile: Option<&'static Profile>,
-    /// Where the first word lies.
+    /// Address of the first word.
     pub origin: u16,
 }
 
@@ -158,13 +158,13 @@ impl Program {
         lines.text
     }
 
-    /// Its words, in pieces.
+    /// Words of the program, in pieces.
     #[must_use]
     pub fn pieces(&self) -> &[MemoryBlock] {
         &self.pieces
     }
 
-    /// How many words.
+    /// Number of words.
     #[must_use]
     pub fn words(&self) -> usize {
         self.pieces.iter().map(|piece| piece.words.len()).sum()
@@ -187,13 +187,13 @@ impl Program {
 #[derive(Default)]
 struct ListingWriter {
     text: String,
-    /// How long the lines are that have ended.
+    /// Length of the completed lines.
     line_start: usize,
     /// The comment of a line.
     comment: String,
 }
 
-/// Where comments begin.
+/// Column of comments.
 const COMMENT_COLUMN: usize = 32;
 
 impl ListingWriter {
@@ -219,7 +219,7 @@ impl ListingSink for ListingWriter {
     }
 }
 
-/// Whether a file is a software file, by its name.
+/// Returns whether a file is a software file, by its name.
 #[must_use]
 pub fn is_software(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("sw"))
@@ -239,7 +239,7 @@ fn not_hex_reason(digits: &str) -> String {
     format!("`{shown}` is no word: a line has one of at most four hexadecimal digits, 0000 to FFFF")
 }
 
-/// Whether the blocks have words, end within memory, and lie apart.
+/// Checks that the blocks have words, end within memory, and do not overlap.
 fn check_layout(file: &str, pieces: &[MemoryBlock]) -> Result<(), FileError> {
     let end = |piece: &MemoryBlock| usize::from(piece.start) + piece.words.len();
     if pieces.is_empty() {

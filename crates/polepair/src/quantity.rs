@@ -10,7 +10,7 @@ pub struct Measure {
     /// The number in SI: rad, m, rad/s, N·m, A, V, s, 1; °C for temperatures. Without a unit, the
     /// number as it was written.
     pub si: f64,
-    /// What it measures; `None` when no unit was given.
+    /// Measured quantity; `None` without a unit.
     pub quantity: Option<Quantity>,
     /// True for what is measured along a line, in m; false for what turns, in rad, and all else.
     pub linear: bool,
@@ -129,7 +129,7 @@ impl Measure {
         self.si(unit)
     }
 
-    /// The same as [`in_unit`](Self::in_unit), but a number without a unit is taken to be SI.
+    /// [`in_unit`](Self::in_unit) that takes a number without a unit as SI.
     ///
     /// # Errors
     /// As [`in_unit`](Self::in_unit).

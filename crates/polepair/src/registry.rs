@@ -18,7 +18,7 @@ use std::ops::RangeInclusive;
 pub(crate) struct ProtocolInfo {
     /// The word in connection strings.
     pub(crate) name: &'static str,
-    /// The wire it speaks on.
+    /// Medium of the protocol.
     pub(crate) medium: MediumKind,
     /// The word in profiles.
     pub(crate) profile: &'static str,
@@ -28,7 +28,7 @@ pub(crate) struct ProtocolInfo {
     pub(crate) all_addresses: RangeInclusive<u32>,
     /// The address of a drive whose set-up leaves it to switches, and that has none.
     pub(crate) switch_address: Option<u32>,
-    /// It speaks differently on RS-232 and on RS-485.
+    /// True if it differs between RS-232 and RS-485.
     pub(crate) has_standards: bool,
     /// Number of drive groups, numbered from 1.
     pub(crate) groups: u8,
@@ -38,13 +38,13 @@ pub(crate) struct ProtocolInfo {
     pub(crate) broadcast: Option<u32>,
     /// The host's own address, which no axis can have.
     pub(crate) host: Option<u32>,
-    /// Its frames are characters of ASCII.
+    /// True if its frames are ASCII characters.
     pub(crate) is_ascii: bool,
-    /// Its keys of connection strings, beside those of every link.
+    /// Keys of connection strings, beside those of every link.
     pub(crate) keys: &'static [OptionKey],
     /// The baud or bit rate from the factory.
     pub(crate) baud: u32,
-    /// What an axis is called when nothing else is known.
+    /// Profile of an unidentified axis.
     pub(crate) generic: &'static Profile,
     /// On CAN, whether what has that address has this identifier, of 29 bits or not.
     pub(crate) uses_identifier: fn(u32, u32, bool) -> bool,
@@ -256,7 +256,7 @@ fn build_driver<P: Protocol>(
     Box::new(P::create_driver(profile, address))
 }
 
-/// What a scan of a CAN bus can know of a protocol without a host.
+/// Detector of a protocol's senders on a CAN bus, without a host.
 pub(crate) struct SenderDetector {
     /// The one question that every drive answers, if there is one.
     pub(crate) question: Option<Frame>,

@@ -32,8 +32,8 @@ use std::ops::{ControlFlow, RangeInclusive};
 
 /// Addresses that one scan tries at most on one wire.
 const ADDRESSES_MAX: usize = 256;
-/// How long a scan listens on a CAN bus before it asks, and for how long drives may answer the
-/// question that goes to all of them, after the last that did.
+/// Time that a scan listens on a CAN bus before it asks, and in which drives may answer the question that goes to all
+/// of them, after the last that did.
 const LISTEN_MS: u32 = 150;
 const ANSWERS_MS: u32 = 250;
 /// Frames that a scan listens to at most.
@@ -42,13 +42,13 @@ const FRAMES_MAX: usize = 20_000;
 /// Interval at which a listening scan checks for cancellation.
 const POLL_MS: u32 = 10;
 
-/// What a scan tried and found.
+/// Attempts and results of a scan.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct ScanReport {
-    /// What was tried, in words: link, protocol, line, addresses.
+    /// Attempts, in words: link, protocol, line, addresses.
     pub tried: Vec<String>,
-    /// Who answered, by address.
+    /// Drives that answered, by address.
     pub found: Vec<DetectedDrive>,
     /// Axes that the link has already, where it was open: whether they answer.
     pub axes: Vec<AxisAnswer>,
@@ -112,7 +112,7 @@ impl ProtocolLine {
     }
 }
 
-/// How far a scan is.
+/// Progress of a scan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ScanProgress {
     /// The address that is asked now.

@@ -36,7 +36,7 @@ const FIRST_REQUESTS: u32 = 10;
 /// Bits on the wire of a request and its reply: no more than 20 characters.
 const EXCHANGE_BITS: u32 = 20 * 11;
 
-/// What a search asks now.
+/// Present attempt of a search.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SearchStep<'a> {
     /// The port: `/dev/ttyUSB0`, `can0`.
@@ -55,7 +55,7 @@ pub type SearchCallback<'a> = &'a mut dyn FnMut(&SearchStep<'_>) -> ControlFlow<
 /// A link on which drives replied.
 #[derive(Clone, Debug)]
 pub struct FoundLink {
-    /// Its connection string, without axes.
+    /// Connection string, without axes.
     pub url: String,
     /// The drives, by address.
     pub drives: Vec<DetectedDrive>,
@@ -74,18 +74,18 @@ pub struct SilentPort {
     pub damaged: Vec<String>,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Clone, Debug, Default)]
 pub struct SearchReport {
     /// Links with drives.
     pub links: Vec<FoundLink>,
     /// The other ports.
     pub silent: Vec<SilentPort>,
-    /// It was broken off.
+    /// True if it was interrupted.
     pub is_interrupted: bool,
 }
 
-/// Whether a word on a command line means a port, and not a connection string.
+/// Returns whether a word on a command line means a port, and not a connection string.
 #[must_use]
 pub fn is_port_name(word: &str) -> bool {
     !word.contains("://")
@@ -95,7 +95,7 @@ pub fn is_port_name(word: &str) -> bool {
             || ports().iter().any(|port| is_called(port, word)))
 }
 
-/// Whether a path leads to a terminal, as the links of pseudo-terminals do.
+/// Returns whether a path leads to a terminal, as the links of pseudo-terminals do.
 #[cfg(unix)]
 fn is_device(path: &str) -> bool {
     use std::os::unix::fs::FileTypeExt as _;
@@ -273,7 +273,7 @@ impl PortSearch {
             match self.ask(connector, at, addresses.clone(), each) {
                 Ok(ControlFlow::Continue(())) if self.found.is_empty() => {}
                 Ok(flow) => return Ok(flow),
-                // An adapter that cannot do a rate says so.
+                // An adapter that cannot do a rate refuses it.
                 Err(Error::Link(error)) if error.cause() == Cause::Unsuitable => {}
                 Err(Error::Link(error)) => {
                     self.error = Some(format!("{error}. {}", error.hint()));
@@ -299,7 +299,7 @@ impl PortSearch {
         let numbers = protocol.addresses.clone().skip(addresses.start).take(addresses.len());
         let on_wire = Duration::from_secs(1) * EXCHANGE_BITS / *baud;
         let patience = on_wire + if addresses.start == 0 { FIRST_PATIENCE } else { PATIENCE };
-        // A port may not tell its rate (USB CDC, pseudo-terminals): the host would wait as long as on a network.
+        // Without a rate of the port (USB CDC, pseudo-terminals) the host would wait as long as on a network.
         line.options.reply_timeout_ms = u32::try_from(patience.as_millis()).ok();
         line.options.ack_timeout_ms = line.options.reply_timeout_ms;
         let line = &lines[0];

@@ -32,7 +32,7 @@ pub use process_data::SettingWrite;
 use std::fmt::{self, Write};
 use std::path::Path;
 
-/// Whether a parameter is a setting: written once and kept, without starting motion.
+/// Returns whether a parameter is a setting: written once and kept, without starting motion.
 #[must_use]
 pub fn is_setting(parameter: &Parameter) -> bool {
     parameter.access == Access::ReadWrite
@@ -42,7 +42,7 @@ pub fn is_setting(parameter: &Parameter) -> bool {
         && parameter.encoding.is_number()
 }
 
-/// What a file holds.
+/// Content of a settings file.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
     /// One for each drive.
@@ -56,7 +56,7 @@ pub struct AxisSettings {
     pub number: u32,
     /// The profile that has these settings.
     pub profile: String,
-    /// The firmware's version when they were read; empty where the drive does not tell it.
+    /// Firmware version when they were read; empty if the drive does not report it.
     pub firmware: String,
     /// Names and values.
     settings: Vec<Setting>,
@@ -71,7 +71,7 @@ pub struct AxisSettings {
 struct Setting {
     name: Located<String>,
     value: SettingValue,
-    /// What the manual calls it.
+    /// Designation in the manual.
     symbol: &'static str,
 }
 
@@ -86,11 +86,11 @@ enum SettingValue {
 pub struct SettingChange {
     /// Which.
     pub id: ParameterId,
-    /// As it is.
+    /// Present value.
     pub now: Value,
-    /// As the file has it.
+    /// Value of the file.
     pub wanted: Value,
-    /// It decides how the drive is reached: see [`Profile::link_settings`].
+    /// True if it decides how the drive is reached: see [`Profile::link_settings`].
     pub reach: bool,
     /// No table describes it, so the effect of a write is unknown: it needs an armed axis.
     pub undescribed: bool,
@@ -196,7 +196,7 @@ impl Settings {
 }
 
 impl fmt::Display for Settings {
-    /// As a file.
+    /// Formats the settings as a file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("# `polepair config diff URL FILE` compares, `polepair config apply URL FILE` writes.\n")?;
         self.axes.iter().try_for_each(|axis| write!(f, "\n{axis}"))
@@ -292,11 +292,11 @@ fn read_setting(table: &TomlTable<'_, '_>, key: Located<&str>) -> Result<Setting
 }
 
 impl AxisSettings {
-    /// Reads the settings of a drive, sorted by name. `progress` hears how many of how many are read.
+    /// Reads the settings of a drive, sorted by name. `progress` gets the number of read settings and the number of
+    /// all.
     ///
     /// # Errors
-    /// [`Error`] by blame; a setting that the drive refuses to tell is noted in
-    /// [`unread`](Self::unread).
+    /// [`Error`] by blame; a setting that the drive refuses is listed in [`unread`](Self::unread).
     pub fn read(axis: &LocalAxis, progress: &mut dyn FnMut(usize, usize)) -> Result<Self, Error> {
         let mut made = Self::empty_for(axis.profile());
         made.number = axis.number();
@@ -355,7 +355,7 @@ impl AxisSettings {
         }
     }
 
-    /// How many settings there are.
+    /// Number of settings there are.
     #[must_use]
     pub fn len(&self) -> usize {
         self.settings.len()
@@ -367,7 +367,7 @@ impl AxisSettings {
         self.settings.is_empty()
     }
 
-    /// What of a DCF is not written to this drive, and why.
+    /// Entries of a DCF that are not written to this drive, with the reasons.
     #[must_use]
     pub fn left_out(&self, axis: &LocalAxis) -> Vec<(String, String)> {
         let unfit = self.settings.iter().filter(|_| self.is_sheet).filter_map(|setting| {
@@ -377,9 +377,9 @@ impl AxisSettings {
         self.unread.iter().cloned().chain(unfit).collect()
     }
 
-    /// What differs at the drive, what scales others first: in this order it is written, and raw
-    /// values are compared. Values are converted by the scales that the settings bring. Every name and
-    /// value is checked before the first is read.
+    /// Differences from the drive, those that scale others first: in this order they are written, and raw values are
+    /// compared. Values are converted by the scales in the settings. Every name and value is checked before the first
+    /// is read.
     ///
     /// # Errors
     /// [`Error::File`] for settings that the drive cannot have; others by blame.
@@ -421,7 +421,7 @@ impl AxisSettings {
 }
 
 impl AxisSettings {
-    /// What the drive holds once all settings are written, what scales others first.
+    /// Raw values of the drive once all settings are written, those that scale others first.
     fn raw_values(&self, axis: &LocalAxis) -> Result<Vec<(ParameterId, i64)>, Error> {
         let fits = |setting: &&Setting| !self.is_sheet || setting.unfit_reason(axis).is_none();
         let named = self.settings.iter().filter(fits);
@@ -496,7 +496,7 @@ impl Setting {
     }
 }
 
-/// Whether no table describes a parameter that was found by its number.
+/// Returns whether no table describes a parameter that was found by its number.
 fn is_undescribed(axis: &LocalAxis, id: ParameterId) -> bool {
     let parameter = axis.parameter(id);
     let undescribed = |p: &Parameter| p.certainty == Certainty::Undocumented && p.moves;

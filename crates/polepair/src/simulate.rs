@@ -51,15 +51,15 @@ const DRIVES_MAX: usize = 64;
 
 /// Characters of a panel.
 const PANEL_MAX: usize = 64;
-/// How many times faster than real motors simulated ones can live.
+/// Number of times faster than real motors simulated ones can live.
 const TIME_SCALES: RangeInclusive<f64> = 0.01..=100.0;
 
 /// How a simulation's time passes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SimulationPace {
-    /// As fast as the processor goes: a wait is over at once.
+    /// Virtual time: a wait is over at once.
     Virtual,
-    /// As fast as real motors.
+    /// Real time, with the pace of real motors.
     Real,
 }
 
@@ -86,9 +86,9 @@ pub struct SimulatedMotor {
 /// The rack's entry of a further axis of a drive.
 #[derive(Clone, Debug)]
 pub(crate) struct RackAxis {
-    /// As connection strings count: 2 is `#5.2`.
+    /// Number in connection strings: 2 is `#5.2`.
     pub(crate) number: u8,
-    /// What it is called; empty for no name.
+    /// Name; empty for none.
     pub(crate) name: String,
     /// How it is built into its machine.
     pub(crate) mounting: Option<Arc<Mounting>>,
@@ -101,17 +101,17 @@ pub(crate) struct RackAxis {
 pub struct WireDescription {
     /// The protocol's word in connection strings.
     pub protocol: &'static str,
-    /// What goes wrong on it, if it is serial.
+    /// Faults of a serial wire.
     pub faults: SerialFaults,
-    /// What goes wrong on it, if it is a CAN bus.
+    /// Faults of a CAN bus.
     pub can_faults: CanFaults,
     /// Bits per second; 0 on a wire without timing.
     pub baud: u32,
-    /// Its drives receive each other's bytes even on a wire without timing.
+    /// True if its drives receive each other's bytes even on a wire without timing.
     pub shared: bool,
-    /// Its timing also applies if the wire is served on a real one.
+    /// True if its timing also applies when the wire is served on a real one.
     pub timed: bool,
-    /// What each drive is called; empty for no name.
+    /// Names of the drives; empty for no name.
     pub names: Vec<String>,
     /// Planned bus load of its drives.
     pub load: BusLoadRange,
@@ -121,7 +121,7 @@ pub struct WireDescription {
     pub(crate) steps: Vec<Option<u32>>,
     /// Further axes of each drive.
     pub(crate) axes: Vec<Vec<RackAxis>>,
-    /// Where the real link is.
+    /// Place of the real link.
     pub(crate) connect: Option<Located<String>>,
     /// Location of the link in its file; `None` without a file.
     pub(crate) location: Option<FileLocation>,
@@ -188,7 +188,7 @@ impl RackDescription {
         Ok(eds.warnings)
     }
 
-    /// The same for every link whose drives can be what a sheet lists and are not already.
+    /// Applies a sheet to every link with a drive that it can describe and that has none.
     pub(crate) fn apply_sheet_where_possible(&mut self, file: &Path) -> Result<(), Error> {
         for link in 0..self.rack.links.len() {
             let fits =
@@ -373,7 +373,7 @@ impl RackDescription {
         let rs485 = self.line_standard(link) == Some(proto::SerialStandard::Rs485);
         let wire = rs485.then(|| "wire=rs485".to_owned());
         let host = self.host_address(link, protocol).map(|host| format!("host={host}"));
-        // An adapter is told the bit rate; any other bus has it.
+        // An adapter needs the bit rate; any other bus has it.
         let rate = self.wires[link].baud;
         let reported = location.starts_with("slcan") && rate != protocol.baud;
         let bit_rate = reported.then(|| format!("bitrate={rate}"));
@@ -408,8 +408,7 @@ impl RackDescription {
         }
     }
 
-    /// The same with another baud rate on every serial line, and another bit rate on every CAN bus;
-    /// 0 takes the timing away.
+    /// Sets another baud rate on every serial line, and another bit rate on every CAN bus; 0 removes the timing.
     pub(crate) fn set_rates(&mut self, baud: Option<u32>, bit_rate: Option<u32>) {
         for (link, wire) in self.rack.links.iter_mut().zip(&mut self.wires) {
             let new = match link.wire {
@@ -432,8 +431,7 @@ impl RackDescription {
         }
     }
 
-    /// The same with these adapters before every serial line: a `timing` of racks, or `off` for a line
-    /// without timing.
+    /// Sets these adapters before every serial line: a `timing` of racks, or `off` for a line without timing.
     pub(crate) fn set_timing(&mut self, word: &str) -> Result<(), Error> {
         let timing = if word == "off" { Ok(Timing::Cdc) } else { rack_file::parse_timing(word) };
         let timing = timing.map_err(|why| Error::usage("E210", format!("timing: {why}"), ""))?;
@@ -446,7 +444,7 @@ impl RackDescription {
         Ok(())
     }
 
-    /// The same with every serial line of that standard.
+    /// Sets the standard of every serial line.
     pub(crate) fn set_standard(&mut self, standard: proto::SerialStandard) {
         for link in &mut self.rack.links {
             if let RackWire::Serial(serial) = &mut link.wire {
@@ -481,7 +479,7 @@ impl RackDescription {
     }
 }
 
-/// Whether a drive speaks that protocol on the link that it is listed on.
+/// Returns whether a drive uses that protocol on the link that it is listed on.
 pub(crate) fn speaks_protocol(drive: &RackDrive, protocol: &ProtocolInfo) -> bool {
     drive.wires.first().is_some_and(|word| word == protocol.name)
 }
@@ -516,13 +514,13 @@ impl Simulation {
         })
     }
 
-    /// How many links it has.
+    /// Number of links it has.
     #[must_use]
     pub fn links(&self) -> usize {
         self.built.links.len()
     }
 
-    /// What it was made from.
+    /// Description that it was built from.
     #[must_use]
     pub fn description(&self) -> &RackDescription {
         &self.description
@@ -545,8 +543,8 @@ impl Simulation {
         })
     }
 
-    /// What the drives of a CAN bus were said to make of its time, and the share of the time so far
-    /// in which it was busy, 0 to 1. `None` for a serial line and a bus without bit timing.
+    /// Planned load of a CAN bus by its drives, and the share of the time so far in which it was busy, 0 to 1. `None`
+    /// for a serial line and a bus without bit timing.
     ///
     /// ```
     /// use polepair::simulate::{SimulationPace, Simulation, rack_of_text};
@@ -582,14 +580,13 @@ impl Simulation {
         self.shared.pace
     }
 
-    /// How many times faster than real motors these live, where their time passes by itself.
+    /// Number of times faster than real motors these live, where their time passes by itself.
     #[must_use]
     pub fn scale(&self) -> f64 {
         self.shared.scale()
     }
 
-    /// Has time pass so many times faster from now on: a hundredth to a hundred times. Means nothing in
-    /// virtual time.
+    /// Sets the factor of time: a hundredth to a hundred. No effect in virtual time.
     ///
     /// # Errors
     /// [`Error::Usage`] `E217`.
@@ -602,7 +599,7 @@ impl Simulation {
         Ok(())
     }
 
-    /// What a drive's own panel shows, where it has one.
+    /// Display of a drive's own panel, where it has one.
     #[must_use]
     pub fn panel(&self, link: usize, drive: usize) -> Option<String> {
         let mut text = [0; PANEL_MAX];
@@ -617,20 +614,20 @@ impl Simulation {
         self.act_on_motor(SimulatedMotor { link, drive, motor: 0 }, act)
     }
 
-    /// The same to any of its motors.
+    /// Executes an act on any of its motors.
     pub fn act_on_motor(&self, motor: SimulatedMotor, act: Act) -> bool {
         let wire = self.built.links.get(motor.link);
         let done = |bench: &mut dyn BenchControl, now| bench.act_on_motor(now, motor.motor, act);
         self.shared.with_bench(wire, motor.drive, done).unwrap_or(false)
     }
 
-    /// What is true of a drive's first motor, whatever the drive reports.
+    /// True state of a drive's first motor, independent of the drive's reports.
     #[must_use]
     pub fn truth(&self, link: usize, drive: usize) -> Option<GroundTruth> {
         self.motor_truth(SimulatedMotor { link, drive, motor: 0 })
     }
 
-    /// The same of any of its motors.
+    /// True state of any of its motors.
     #[must_use]
     pub fn motor_truth(&self, motor: SimulatedMotor) -> Option<GroundTruth> {
         let wire = self.built.links.get(motor.link);

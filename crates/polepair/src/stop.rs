@@ -43,10 +43,9 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 use unidentified::SharedStop;
 
-/// How long an address is given to answer where the string names none, besides the time that the
-/// bytes take.
+/// Time of an address to reply if the string names none, besides the time of the bytes.
 const QUERY_TIMEOUT: Duration = Duration::from_millis(30);
-/// Bits of the longest question and answer that tell who is there, on a serial line.
+/// Bits of the longest question and reply of an identification, on a serial line.
 const QUERY_BITS: u64 = 400;
 /// Time limit for trying addresses; the rest is reported as not tried.
 const SEARCH_MAX: Duration = Duration::from_secs(6);
@@ -54,7 +53,7 @@ const SEARCH_MAX: Duration = Duration::from_secs(6);
 const NAMED_QUERY_MAX: Duration = Duration::from_millis(250);
 /// Pause between two attempts to identify a drive after its stop.
 const REIDENTIFY_PAUSE: Duration = Duration::from_millis(50);
-/// How long a drive that was found may keep the others waiting.
+/// Longest delay of the other drives by a found one.
 const STOP_WAIT_MAX: Duration = Duration::from_millis(150);
 /// Time that a named silent drive may delay the others, after all stops were sent.
 const SILENT_STOP_WAIT_MAX: Duration = Duration::from_secs(1);
@@ -62,7 +61,7 @@ const SILENT_STOP_WAIT_MAX: Duration = Duration::from_secs(1);
 const BROADCAST_PAUSE_MS: u32 = 30;
 /// Motors behind one address at most: a TMCL parameter number shares its byte with four bits of them.
 const MOTORS_MAX: u8 = 16;
-/// After so many in a row that are not answered the drive is gone.
+/// Silent motors in a row after which the drive counts as gone.
 const SILENT_MOTORS_MAX: u8 = 4;
 /// Maximum number of units received in such a silence.
 const UNITS_MAX: usize = 1_000;
@@ -76,13 +75,13 @@ pub struct LinkStopReport {
     pub axes: Vec<(String, Result<Standstill, Error>)>,
     /// Axes whose motor the stop did not slow, so that a quick stop was sent.
     pub quick_stops: Vec<String>,
-    /// What the stops found of the drives' own programs, where the drive runs any.
+    /// Results on the drives' own programs, where a drive runs any.
     pub programs: Vec<(String, DrivePrograms)>,
     /// Drives with more motors than the one that their axis is, in the same order.
     pub motors: Vec<DriveMotors>,
     /// Addresses that were asked.
     pub queried: usize,
-    /// How long each had to answer; `None` where the host's own patience was the measure.
+    /// Time that each had to reply; `None` for the host's own time-outs.
     pub reply_timeout: Option<Duration>,
     /// Frames received from silent addresses that were not named.
     pub received: NoReplyDetails,
@@ -90,7 +89,7 @@ pub struct LinkStopReport {
     pub not_queried: Option<(u32, u32)>,
 }
 
-/// What two stops, one after the other, found of a drive's own program.
+/// Result of two stops, one after the other, on a drive's own program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum DrivePrograms {
     /// One ran, and was ended.
@@ -120,28 +119,28 @@ impl DrivePrograms {
 pub struct DriveMotors {
     /// The axis' label.
     pub axis: String,
-    /// Its address.
+    /// Address of the drive.
     pub number: u32,
-    /// Those that confirmed their stop, the first (0) not counted.
+    /// Motors that confirmed their stop, the first (0) not counted.
     pub confirmed: Vec<u8>,
-    /// Those that did not, and may be there.
+    /// Motors that did not, and may exist.
     pub unconfirmed: Vec<u8>,
     /// Why the first of those did not.
     pub result: Result<(), Error>,
 }
 
-/// What happens meanwhile.
+/// Events of a stop.
 #[derive(Debug)]
 pub enum StopEvent<'a> {
     /// An address is asked.
     Querying(ScanProgress),
     /// A stop was sent to a drive that replied, or was named.
     StopSent(&'a LocalAxis),
-    /// Every stop was sent, and standstill is waited for. Told some 50 times a second.
+    /// Every stop was sent, and standstill is awaited. Reported some 50 times a second.
     Waiting,
 }
 
-/// Hears what happens meanwhile. `Break` ends the wait for standstill; every stop is sent before that.
+/// Observer of the events. `Break` ends the wait for standstill; every stop is sent before that.
 pub type StopObserver<'a> = &'a mut dyn FnMut(StopEvent<'_>) -> ControlFlow<()>;
 
 /// Stops every axis that the string names, or everybody on its link.
@@ -160,8 +159,7 @@ pub fn stop(
     let group = parsed.axes.iter().any(|axis| AxisNumber(*axis).is_group());
     let rack = matches!(parsed.target, LinkTarget::Rack { .. });
     if group || rack || matches!(parsed.target, LinkTarget::Sim { .. }) {
-        // Who is there is known, or cannot be asked. A rack says what each is: nobody waits for one
-        // that is silent.
+        // The drives are known, or cannot be asked. A rack defines each: there is no wait for a silent one.
         let link = connector.connect_with(url, !rack)?;
         stopped.send_first_stops(link.axes(), how);
         stopped.add_axes(link.axes(), how, on_event);
@@ -172,8 +170,8 @@ pub fn stop(
     Ok(stopped)
 }
 
-/// The same on a wire that is open already, for those who set its axes in motion in ways of their
-/// own: those of these numbers, or everybody where there is none.
+/// Stops drives on an open wire, for programs that set its axes in motion in ways of their own: those of these numbers,
+/// or all without any.
 ///
 /// # Errors
 /// As [`stop`].
@@ -269,7 +267,7 @@ struct LineSearch<'a> {
     line: &'a ProtocolLine,
     how: StopOptions,
     prober: Prober<'a>,
-    /// The addresses are named: whoever is there gets a stop, and is missed if it is silent.
+    /// True if the addresses are named: each gets a stop, and is reported as missing if it is silent.
     named: bool,
     wanted: Vec<u32>,
     /// The profile that the string names.
@@ -301,7 +299,7 @@ impl<'a> LineSearch<'a> {
         let named = !url.axes.is_empty();
         let query_timeout = query_timeout(url, line)?;
         let prober = Prober::new(line, &connector.config);
-        // Whoever is named is told soon, whatever it is.
+        // A named address gets its stop soon, whatever it is.
         let prober = match named {
             true => prober.with_time_limit(NAMED_QUERY_MAX.max(2 * query_timeout)),
             false => prober.with_timeout(Some(query_timeout)),
@@ -406,7 +404,7 @@ impl<'a> LineSearch<'a> {
         Ok(())
     }
 
-    /// What all known drives of the protocol obey, for one that cannot be identified.
+    /// Stop that all known drives of the protocol obey, for one that cannot be identified.
     fn shared_stop(&self, number: u32) -> Option<(DetectedDrive, StopOptions)> {
         let verb = self.how.command().verb;
         let (profile, verb) = unidentified::shared_stop(self.prober.profiles(), verb)?;
@@ -471,7 +469,7 @@ impl<'a> LineSearch<'a> {
         on_event: StopObserver<'_>,
     ) -> Result<(), Error> {
         for axis in self.line.axes_of_found(std::slice::from_ref(one))? {
-            // One that only listens may obey. Its reply is heard when all are waited for.
+            // A drive that only receives may obey. Its reply is awaited together with all others.
             let mut stop = begin_stop(&axis, how);
             stopped.wait_first_stop(&axis, &mut stop, clock::scale_timeout(STOP_WAIT_MAX));
             if !stop.is_unsent() {
@@ -504,7 +502,7 @@ fn begin_stop(axis: &LocalAxis, how: StopOptions) -> StopSupervisor {
     StopSupervisor::begin(axis, how, StopPersistence::Within(Duration::ZERO))
 }
 
-/// How long an address has: the string's word, else what a drive needs.
+/// Time limit of an address: the string's, otherwise that of the drives.
 fn query_timeout(url: &Url, line: &ProtocolLine) -> Result<Duration, Error> {
     if let Some(ms) = url.milliseconds("timeout")? {
         return Ok(Duration::from_secs_f64(ms / 1000.0));
@@ -535,7 +533,7 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
                 Ok(()) => received.push(number),
                 Err(Error::Unsupported { .. }) => break,
                 Err(error) if is_no_such_motor(&error) => break,
-                // The axis' own stop tells of a link that is gone.
+                // The axis' own stop reports a lost link.
                 Err(_) if sent(axis) == before => break,
                 Err(error) => silent.push((number, error)),
             }
@@ -570,7 +568,7 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
     all.filter(|motors| !motors.confirmed.is_empty() || motors.result.is_err()).collect()
 }
 
-/// Whether the drive reports that it has no such motor.
+/// Returns whether the drive reports that it has no such motor.
 fn is_no_such_motor(error: &Error) -> bool {
     let Error::Failed { outcome, .. } = error else { return false };
     matches!(outcome, Outcome::NotDone(Failure::Refused { .. }))
@@ -616,7 +614,7 @@ impl LinkStopReport {
             }
             StopNotice::Unconfirmed(_) => true,
         });
-        // All of them were told before, and that may have been executed.
+        // All of them were stopped before, and that may have been executed.
         let ended =
             ended.into_iter().map(|stop| stop.standstill.map_err(Error::after_earlier_attempt));
         self.axes.extend(axes.iter().map(LocalAxis::label).zip(ended));

@@ -6,7 +6,7 @@ use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::time::Instant;
 use polepair_link::{Tap, TapDirection};
 
-/// What sees the units of any link: runs of bytes on serial lines, frames on CAN.
+/// Taps of any link: runs of bytes on serial lines, frames on CAN.
 pub trait AnyTap: Tap<Stream> + Tap<Can> {}
 
 impl<T: Tap<Stream> + Tap<Can>> AnyTap for T {}

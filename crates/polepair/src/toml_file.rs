@@ -10,7 +10,7 @@ use std::sync::Arc;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
-/// What a file gets wrong, and where.
+/// Error in a file, with its place.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FileError {
     /// The file, as it was named.
@@ -19,7 +19,7 @@ pub struct FileError {
     pub line: u32,
     /// Column in characters, counted from 1; 0 when the file as a whole is meant.
     pub column: u32,
-    /// What is wrong, and the nearest known word where there is one.
+    /// Reason, and the nearest known word if there is one.
     pub reason: String,
 }
 
@@ -82,7 +82,7 @@ impl FileLocation {
         Self { file: Arc::clone(file), line: u32::try_from(line).unwrap_or(u32::MAX), column: 1 }
     }
 
-    /// So many characters further on the line.
+    /// The location some characters further on the line.
     pub(crate) fn shifted(&self, characters: usize) -> Self {
         let more = u32::try_from(characters).unwrap_or(0);
         Self { column: self.column + more, ..self.clone() }
@@ -189,7 +189,7 @@ impl<'t, 'a> TomlTable<'t, 'a> {
         Ok(node)
     }
 
-    /// Where the table begins.
+    /// Location of the table.
     pub(crate) fn location(&self) -> FileLocation {
         self.text.location_at(self.start)
     }

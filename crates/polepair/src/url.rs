@@ -36,7 +36,7 @@ const LINK_KINDS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "s
 pub struct Url {
     /// Name of the protocol; empty for simulated drives of a rack.
     pub protocol: String,
-    /// What to open.
+    /// Target to open.
     pub target: LinkTarget,
     /// Keys and their values, in order.
     pub keys: Vec<(String, String)>,
@@ -52,7 +52,7 @@ pub fn protocols() -> Vec<(&'static str, MediumKind)> {
     registry::protocols().iter().map(|protocol| (protocol.name, protocol.medium)).collect()
 }
 
-/// What to open.
+/// Target of a connection string.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum LinkTarget {
     /// A serial port or pseudo-terminal.
@@ -72,14 +72,14 @@ pub enum LinkTarget {
         /// Group and port: `239.74.163.2:43113`.
         group: String,
     },
-    /// A CAN bus behind a serial adapter that speaks slcan.
+    /// A CAN bus behind an slcan adapter on a serial port.
     Slcan {
         /// `/dev/ttyACM0`, `COM3`.
         path: String,
         /// The port's bits per second, where the adapter has a real serial line.
         baud: Option<u32>,
     },
-    /// The same behind a serial server.
+    /// A CAN bus behind an slcan adapter on a serial server.
     SlcanTcp {
         /// Host name and port.
         address: String,
@@ -103,9 +103,9 @@ pub enum LinkTarget {
     },
     /// A link that a program opened itself: no string means it.
     External {
-        /// What it is called.
+        /// Name of the link.
         name: String,
-        /// What it carries.
+        /// Medium of the link.
         medium: MediumKind,
     },
     /// The links of a rack file: real ones if it has `connect`, else simulated.
@@ -116,7 +116,7 @@ pub enum LinkTarget {
 }
 
 impl LinkTarget {
-    /// What its wire carries; a simulation's links say it themselves.
+    /// Medium of the wire; a simulation's links have their own.
     #[must_use]
     pub const fn medium(&self) -> Option<MediumKind> {
         match self {
@@ -188,14 +188,14 @@ impl FromStr for Url {
 }
 
 impl Url {
-    /// As it is parsed; for those who stop motors an axis that is `repeated` is one.
+    /// Parses the string; for stops, a `repeated` axis counts once.
     pub(crate) fn parse_with(text: &str, repeated: bool) -> Result<Self, Error> {
         let url = Self::parse_unchecked(text, repeated)?;
         url.check_keys()?;
         Ok(url)
     }
 
-    /// As it is parsed for one of several protocols of a bus: keys of the others are theirs.
+    /// Parses the string for one of several protocols of a bus: keys of the others are skipped.
     pub(crate) fn parse_among(
         text: &str,
         protocols: &[&str],
@@ -286,8 +286,8 @@ fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result
     url.protocol_info().map(|_| url)
 }
 
-/// What a string without a kind of link means: a path is a port, what else ends in a number is a
-/// host, and a protocol on CAN alone is on a bus of this computer.
+/// Kind of link of a string without one: a path is a port, an end in a number is a host, and a protocol on CAN alone is
+/// on a bus of this computer.
 fn guess_link(protocol: &str, address: &str) -> &'static str {
     let on_serial = registry::find_protocol(protocol, MediumKind::Serial).is_some();
     match (on_serial, is_port(address)) {
@@ -298,7 +298,7 @@ fn guess_link(protocol: &str, address: &str) -> &'static str {
     }
 }
 
-/// Whether it names a serial port.
+/// Returns whether it names a serial port.
 fn is_port(address: &str) -> bool {
     let windows = address.get(..3).is_some_and(|word| word.eq_ignore_ascii_case("com"));
     address.starts_with('/') || windows && address.len() > 3 && !address.contains('.')
@@ -416,7 +416,7 @@ fn parse_range(fragment: &str, piece: &str) -> Result<(u32, u32, usize), Error> 
     }
 }
 
-/// What follows the `g`: group numbers from 1, or a star.
+/// Group in a fragment behind the `g`: numbers from 1, or a star.
 fn parse_group(fragment: &str, groups: &str) -> Result<u32, Error> {
     if groups == "*" {
         return Ok(GROUP);
@@ -490,8 +490,8 @@ impl fmt::Display for Url {
     }
 }
 
-/// The same word as a shell reads it: a connection string may have characters that mean something there. A
-/// command that is shown to be pasted names its drives by this.
+/// The word quoted for a shell: a connection string may have characters that mean something there. A command that is
+/// shown to be pasted names its drives by this.
 ///
 /// ```
 /// use polepair::url::shell_word;

@@ -17,7 +17,7 @@ pub enum AnyLink {
 }
 
 impl AnyLink {
-    /// What it carries.
+    /// Medium of the wire.
     #[must_use]
     pub const fn medium(&self) -> MediumKind {
         match self {
@@ -26,7 +26,7 @@ impl AnyLink {
         }
     }
 
-    /// What ends a wait on it.
+    /// Handle that ends a wait on it.
     #[must_use]
     pub fn waker(&self) -> LinkWaker {
         match self {
@@ -35,7 +35,7 @@ impl AnyLink {
         }
     }
 
-    /// What it is called: `/dev/ttyUSB0`, `10.0.0.5:4001`.
+    /// Name of the link: `/dev/ttyUSB0`, `10.0.0.5:4001`.
     #[must_use]
     pub fn describe(&self) -> String {
         match self {
@@ -54,9 +54,9 @@ impl std::fmt::Debug for AnyLink {
 /// A wire that was opened, for those who watch it.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct OpenWire {
-    /// What it is called: `/dev/ttyUSB0`, `can0`, `sim:cell`.
+    /// Name of the link: `/dev/ttyUSB0`, `can0`, `sim:cell`.
     pub name: String,
-    /// What it carries.
+    /// Medium of the wire.
     pub medium: MediumKind,
     /// Bits per second, where it has such a rate and it is known.
     pub rate: Option<u32>,
@@ -64,13 +64,13 @@ pub struct OpenWire {
     pub protocols: Vec<&'static str>,
 }
 
-/// How many frames, or runs of bytes on a serial line, were handed to the wires of a
-/// [`Connector`](crate::Connector). Clones count together.
+/// Number of frames, or runs of bytes on a serial line, were handed to the wires of a [`Connector`](crate::Connector).
+/// Clones count together.
 #[derive(Clone, Debug, Default)]
 pub struct SentCounter(Arc<AtomicU64>);
 
 impl SentCounter {
-    /// So many left so far.
+    /// Number of sent frames so far.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
@@ -97,12 +97,12 @@ impl SharedLink {
         Self::Serial(CountedLink { link: Arc::from(link), sent_counter: SentCounter::default() })
     }
 
-    /// The same on CAN.
+    /// A borrowed link on CAN.
     pub(crate) fn borrowed_can(link: Box<dyn LinkIo<Can>>) -> Self {
         Self::Can(CountedLink { link: Arc::from(link), sent_counter: SentCounter::default() })
     }
 
-    /// The same link with a tap on its bytes; frames of a bus are not tapped.
+    /// The link with a tap on its bytes; frames of a bus are not tapped.
     pub(crate) fn with_tap(&self, tap: impl Tap<Stream> + 'static) -> Self {
         match self {
             Self::Serial(link) => {

@@ -21,9 +21,9 @@ use crate::process_local::ProcessLocal;
 use crate::request::{PyReading, PyRequest, WAIT_SLICE};
 use crate::watch::PyWatch;
 
-/// What to try with a gateway instead of bytes.
+/// Hint for bytes on a gateway.
 const TEXT_HINT: &str = "send it as text of the protocol";
-/// What to try with a gateway instead of events.
+/// Hint for events on a gateway.
 const EVENTS_HINT: &str = "watch signals, or read `state()` and `faults()` again";
 
 /// An axis of a link.
@@ -37,33 +37,33 @@ impl From<Inner> for PyAxis {
     }
 }
 
-/// What a drive has, as its profile says it.
+/// A parameter of a drive's profile.
 #[pyclass(frozen, get_all, name = "Parameter", module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct PyParameter {
     /// The name that users type.
     pub name: Cow<'static, str>,
-    /// What the manual calls it.
+    /// Designation in the manual.
     pub symbol: Cow<'static, str>,
-    /// What it does.
+    /// Description of the parameter.
     pub about: Cow<'static, str>,
-    /// Its unit; empty for none.
+    /// Unit of the parameter; empty for none.
     pub unit: Cow<'static, str>,
     /// Least and greatest raw value.
     pub raw_range: (i64, i64),
     /// Raw value from the factory.
     pub raw_default: Option<i64>,
-    /// It can be read.
+    /// True if it can be read.
     pub readable: bool,
-    /// It can be written.
+    /// True if it can be written.
     pub writable: bool,
-    /// What a written value survives: volatile, storable, always, unless-ram.
+    /// Persistence of a written value: volatile, storable, always, unless-ram.
     pub persistence: Cow<'static, str>,
     /// Writing it may move the motor.
     pub moves: bool,
     /// Names of raw values.
     pub words: Vec<(i64, Cow<'static, str>)>,
-    /// Where it stands in the manual.
+    /// Section of the manual.
     pub section: Cow<'static, str>,
 }
 
@@ -165,7 +165,7 @@ pub enum ReadInput {
     Raw(i64),
 }
 
-/// What [`PyAxis::raw_of`] returns.
+/// Result of [`PyAxis::raw_of`].
 #[derive(IntoPyObject)]
 pub enum WriteOutput {
     /// A raw number.
@@ -203,7 +203,7 @@ impl PyAxis {
         &self.0.facts().protocol
     }
 
-    /// Whether it belongs to a gateway.
+    /// Returns whether it belongs to a gateway.
     #[getter]
     fn is_remote(&self) -> bool {
         self.0.remote().is_some()
@@ -215,14 +215,14 @@ impl PyAxis {
         (&self.0.facts().profile, &self.0.facts().title)
     }
 
-    /// What to check before and after the first motion.
+    /// Checks before and after the first motion.
     #[getter]
     fn caution(&self) -> &str {
         &self.0.facts().caution
     }
 
-    /// What the drive does when its host is silent: `none`, `fixed` with its seconds, `configurable` by a
-    /// parameter, or `heartbeat` with the parameter that states whose, if this link sends one.
+    /// Reaction of the drive when its host is silent: `none`, `fixed` with its seconds, `configurable` by a parameter,
+    /// or `heartbeat` with the parameter for its sender, if this link sends one.
     #[getter]
     fn watchdog(&self) -> (&'static str, Option<f64>, Option<&str>) {
         match &self.0.facts().watchdog {
@@ -233,8 +233,8 @@ impl PyAxis {
         }
     }
 
-    /// Has the drive stop by itself after so many seconds of silence. Returns the earlier setting as names and
-    /// raw values; nothing if it cannot be read.
+    /// Sets the drive's watchdog to `seconds` of silence. Returns the earlier setting as names and raw values; nothing
+    /// if it cannot be read.
     fn set_watchdog(&self, py: Python<'_>, seconds: f64) -> PyResult<Vec<(String, i64)>> {
         let after = Duration::try_from_secs_f64(seconds)
             .map_err(|_| usage_error(py, "E216", &format!("{seconds} s is no time"), "say 0.5"))?;
@@ -255,7 +255,7 @@ impl PyAxis {
         })
     }
 
-    /// Whether its parameters are known without a request.
+    /// Returns whether its parameters are known without a request.
     #[getter]
     fn is_known(&self) -> bool {
         self.0.remote().is_none_or(|remote| remote.has_parameters())
@@ -280,7 +280,7 @@ impl PyAxis {
         Ok(described.into_iter().map(PyParameter::from).collect())
     }
 
-    /// Whether there is a parameter of that name.
+    /// Returns whether there is a parameter of that name.
     fn has(&self, py: Python<'_>, name: &str) -> PyResult<bool> {
         let name = name.to_owned();
         self.call(py, move |axis| match axis.local() {
@@ -402,7 +402,7 @@ impl PyAxis {
         self.start_request(py, |axis| axis.start(command))
     }
 
-    /// What an amount is in SI, as an argument of a verb: `target`, `velocity`, `torque`.
+    /// Converts an amount to SI, as an argument of a verb: `target`, `velocity`, `torque`.
     fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: PyAmount) -> PyResult<f64> {
         let mut given = [None, None, None, None, None, None];
         let places = ["target", "velocity", "acceleration", "torque"];
@@ -418,7 +418,7 @@ impl PyAxis {
     fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
         let axis = self.inner(py)?;
         if let Some(remote) = axis.remote() {
-            // Whoever is interrupted and disarms comes after what was begun here.
+            // An interrupted caller disarms after the requests that were begun here.
             let lock = wait_sliced(py, None, |slice| Ok(remote.lock_lease_within(slice)))?;
             let Some(lease) = lock else { return Ok(()) };
             let change = move || if armed { lease.arm() } else { lease.disarm() };
@@ -434,7 +434,7 @@ impl PyAxis {
         Ok(())
     }
 
-    /// Whether motion commands of this program are let through.
+    /// Returns whether motion commands of this program are allowed.
     #[getter]
     fn is_armed(&self, py: Python<'_>) -> PyResult<bool> {
         self.detach(py, |axis| Ok(axis.is_armed()))
@@ -486,7 +486,7 @@ impl PyAxis {
         Ok(self.call(py, Inner::faults)?.into_iter().map(fault_tuple).collect())
     }
 
-    /// What is known without a request to the drive.
+    /// The last known state, without a request to the drive.
     fn state(&self, py: Python<'_>) -> PyResult<AxisStateTuple> {
         let state = self.call(py, Inner::state)?;
         let reading = |its: polepair::interface::SignalReading| {
@@ -647,7 +647,7 @@ fn parse_verb(py: Python<'_>, verb: &str) -> PyResult<Verb> {
     known.ok_or_else(|| usage_error(py, "E217", &format!("there is no verb `{verb}`"), ""))
 }
 
-/// Whether that is the name of a signal, which not every drive has.
+/// Returns whether that is the name of a signal, which not every drive has.
 #[pyfunction]
 pub fn is_signal(name: &str) -> bool {
     find_signal(name).is_some()

@@ -20,7 +20,7 @@ impl<T: Send + 'static> Blocking<T> {
         call: impl FnOnce() -> Result<T, Error> + Send + 'static,
     ) -> Self {
         let (sender, receiver) = channel();
-        // Whoever waited may have gone.
+        // The waiting future may have been dropped.
         gateway.spawn_blocking(move || drop(sender.send(call())));
         Self(receiver)
     }

@@ -41,7 +41,7 @@ impl CanWire {
         }
     }
 
-    /// What it is called.
+    /// Name of the bus.
     fn describe(&self, py: Python<'_>) -> String {
         py.detach(|| self.0.describe())
     }
@@ -71,7 +71,7 @@ impl CanWire {
         self.0.waker().wake();
     }
 
-    /// The next frame, if one came before it was woken or so many seconds passed; whether they did.
+    /// The next frame within `seconds`, or before it was woken; and whether the time passed.
     fn receive<'py>(
         &self,
         py: Python<'py>,

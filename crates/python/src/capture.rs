@@ -37,7 +37,7 @@ pub struct Decoder {
     state: Mutex<DecoderState>,
 }
 
-/// What is to be decoded, and how.
+/// Options of a decode.
 #[derive(Debug)]
 struct DecodeOptions {
     path: PathBuf,
@@ -46,7 +46,7 @@ struct DecodeOptions {
     format: Option<CaptureFormat>,
 }
 
-/// How far a capture is read.
+/// Progress of a decode.
 #[derive(Debug)]
 struct DecoderState {
     decoder: Inner,
@@ -58,7 +58,7 @@ struct DecoderState {
 #[pyclass(frozen, get_all, name = "Event", module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct PyFrame {
-    /// Its number in the capture, from 1.
+    /// Number of the frame in the capture, from 1.
     number: u64,
     /// Nanoseconds since the capture's epoch.
     time_ns: Option<u64>,
@@ -68,7 +68,7 @@ pub struct PyFrame {
     direction: Option<&'static str>,
     /// The protocol that explains it.
     protocol: Option<&'static str>,
-    /// Its bytes.
+    /// Bytes of the frame.
     bytes: Py<PyBytes>,
     /// CAN identifier.
     id: Option<u32>,
@@ -76,19 +76,19 @@ pub struct PyFrame {
     extended: bool,
     /// A CAN remote request.
     remote: bool,
-    /// The host's own request, heard back through its adapter.
+    /// True for the host's own request, returned by its adapter.
     echo: bool,
     /// The protocol's word for it.
     kind: String,
     /// The axis, station or module that it concerns.
     axis: Option<u32>,
-    /// Its fields by name.
+    /// Fields of the frame by name.
     fields: Py<PyDict>,
     /// The one-line meaning.
     text: String,
-    /// What is wrong with it.
+    /// Fault of the frame.
     error: Option<String>,
-    /// What its conversation tells at this frame: a kind, and its facts by name.
+    /// Notices of its conversation at this frame: a kind, and its facts by name.
     notices: Vec<(&'static str, Py<PyDict>)>,
 }
 
@@ -124,7 +124,7 @@ impl Decoder {
         Ok(Self { options: decode_options, state: reading })
     }
 
-    /// What each link speaks, and how sure that is, by what was read so far; empty where rules said so.
+    /// Detected protocol of each link and its certainty so far; empty where rules named it.
     #[getter]
     fn verdicts(&self, py: Python<'_>) -> Vec<String> {
         self.lock(py).decoder.detections().iter().map(ToString::to_string).collect()
@@ -229,8 +229,8 @@ impl TableCollector {
         Self { builders, batches, numbering: DictionaryMerger::default() }
     }
 
-    /// Decodes the file to its end. Ctrl-C is looked for where the caller's thread hands over: the
-    /// others know nothing of Python and wait for nobody there.
+    /// Decodes the file to its end. Ctrl-C is checked on the caller's thread between pieces: the other threads use no
+    /// Python and wait for none.
     fn decode(mut self, mut decoder: Inner, file: File) -> PyResult<Vec<Columns>> {
         let Self { builders, batches, numbering } = &mut self;
         let caller = std::thread::current().id();
@@ -241,7 +241,7 @@ impl TableCollector {
         let put = &mut |builder: &mut BatchBuilder| {
             append_batches(batches, numbering, builder.take_built())?;
             match std::thread::current().id() == caller {
-                // While Python ends there is nobody to look for it.
+                // While Python ends, no signal can be checked.
                 true => Python::try_attach(|py| py.check_signals()).unwrap_or(Ok(())),
                 false => Ok(()),
             }

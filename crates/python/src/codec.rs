@@ -70,7 +70,7 @@ impl Codec {
         self.dissector.name()
     }
 
-    /// The bytes of a text. What was said before is looked up.
+    /// Bytes of a text. An earlier result is cached.
     fn encode<'py>(
         &self,
         py: Python<'py>,

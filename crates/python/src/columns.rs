@@ -52,7 +52,7 @@ impl fmt::Debug for Lent {
 
 #[pymethods]
 impl Lent {
-    /// Where it lies, as the third version of NumPy's array interface says it.
+    /// Memory of the array, by the third version of NumPy's array interface.
     #[getter]
     fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let value = PyDict::new(py);
@@ -73,7 +73,7 @@ type LentColumn = (Lent, Option<Lent>, Option<Vec<String>>);
 
 #[pymethods]
 impl Columns {
-    /// Its name: frames, signals, transactions, events.
+    /// Name of the table: frames, signals, transactions, events.
     #[getter]
     fn name(&self) -> &'static str {
         self.table.name()
@@ -224,7 +224,7 @@ impl Columns {
     }
 }
 
-/// Where the values of a piece lie.
+/// Buffer with the values of a piece.
 fn value_buffer(values: &ArrayData) -> Buffer {
     let width = values.data_type().primitive_width().unwrap_or(1);
     values.buffers()[0].slice_with_length(values.offset() * width, values.len() * width)
@@ -238,8 +238,8 @@ fn concatenate(pieces: &[ArrayData]) -> Buffer {
     Buffer::from_vec(whole)
 }
 
-/// Puts pieces one behind the other, each in its part of `whole`, which is so many bytes: on several
-/// threads, for fresh memory costs more than what is put there.
+/// Puts pieces one behind the other, each in its part of `whole`: on several threads, because page faults of fresh
+/// memory cost more than the copy.
 fn copy_parallel<T: Sync>(
     pieces: &[T],
     len: impl Fn(&T) -> usize + Sync,
@@ -282,7 +282,7 @@ fn copy_parallel<T: Sync>(
     });
 }
 
-/// Columns are made of what was decoded; that they cannot be is nobody's mistake but ours.
+/// Error for columns that cannot be built, which is a fault of this library.
 pub fn arrow_error(error: ArrowError) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }

@@ -4,8 +4,8 @@ use std::ffi::OsString;
 
 use pyo3::prelude::*;
 
-/// Runs the program with its command line, of which the first word is its own name, and gives its exit
-/// code. `python` is what `--version` says of the interpreter.
+/// Runs the program with its command line, of which the first word is its own name, and returns its exit code. `python`
+/// is the interpreter in `--version`.
 #[pyfunction]
 pub fn run_command(py: Python<'_>, command_line: Vec<OsString>, python: &str) -> u8 {
     let (program, module) = (polepair_cli::VERSION, env!("CARGO_PKG_VERSION"));

@@ -10,7 +10,7 @@ use pyo3::types::PyTuple;
 
 use crate::errors::usage_error;
 
-/// Whether a name ends as the names of captures do.
+/// Returns whether a name ends as the names of captures do.
 #[pyfunction]
 pub fn is_capture_name(name: &str) -> bool {
     dataset::is_capture_name(name)
@@ -23,7 +23,7 @@ pub fn capture_content(py: Python<'_>, path: PathBuf, place: String) -> PyResult
     Ok(capture.map_err(|error| file_error(&path, &error))?.content().to_line())
 }
 
-/// Those of some contents, as lines, that a capture has grown from.
+/// Earlier contents, as lines, of which a capture is a continuation.
 #[pyfunction]
 pub fn grown_from(
     py: Python<'_>,

@@ -17,7 +17,7 @@ pub fn to_py_error(py: Python<'_>, error: &Error) -> PyErr {
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
-/// The exception for an error, with more to say.
+/// The exception for an error, with a further sentence.
 pub fn to_py_error_with(py: Python<'_>, error: &Error, what: &str) -> PyErr {
     let made = exception_class(py, error.exception().name())
         .and_then(|class| class.call1((what, error.code(), error.executed(), error.hint())));

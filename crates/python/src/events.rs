@@ -14,7 +14,7 @@ use crate::axis::{FaultTuple, fault_tuple};
 use crate::process_local::ProcessLocal;
 use crate::request::{WAIT_SLICE, WakeCallback};
 
-/// What happens on a link from when this was made until it is closed.
+/// Events of a link from its creation until the link is closed.
 #[pyclass(frozen, name = "Events", module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct PyEvents {
@@ -83,7 +83,7 @@ impl PyEvents {
                 ("link lost", (error.to_string(), f64::NAN, 0, "", None))
             }
             EventKind::LinkBack => ("link back", none),
-            // What later versions of the library tell.
+            // Events of later versions of the library.
             other => ("other", (other.to_string(), f64::NAN, 0, "", None)),
         };
         let at = event.at.since(Instant::ZERO).as_secs_f64();
@@ -122,13 +122,13 @@ impl PyEvents {
         Ok(self.with_events(py, |events| events.ready_or_wake(&waker))?.unwrap_or(true))
     }
 
-    /// How many events were thrown away because nobody took them in time.
+    /// Number of events that were dropped because they were not read in time.
     #[getter]
     fn lost(&self, py: Python<'_>) -> PyResult<u64> {
         Ok(self.with_events(py, Inner::lost)?.unwrap_or_default())
     }
 
-    /// Whether time passes there only while somebody waits.
+    /// Returns whether time passes only while a caller waits.
     #[getter]
     fn in_virtual_time(&self) -> bool {
         self.is_virtual

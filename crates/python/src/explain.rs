@@ -19,7 +19,7 @@ type PartTuple<'py> = (u16, u16, &'static str, Bound<'py, PyAny>, &'static str);
 type ExplanationTuple<'py> =
     (Bound<'py, PyBytes>, String, Option<u32>, String, Option<String>, Vec<PartTuple<'py>>);
 
-/// What a protocol says of a code, and the products' faults.
+/// Meaning of a code in a protocol, and the products' faults.
 type CodeTuple = (Option<&'static str>, Vec<(&'static str, FaultTuple)>);
 
 /// A frame as a caller has it: bytes with a CAN identifier, or a line of a capture.
@@ -32,7 +32,7 @@ pub enum FrameInput {
     Line(String),
 }
 
-/// What every byte of a frame means in a protocol, or in that of a product.
+/// Meaning of every byte of a frame in a protocol, or in that of a product.
 #[pyfunction]
 #[pyo3(signature = (subject, frame, to_drive=None))]
 pub fn explain<'py>(
@@ -60,7 +60,7 @@ pub fn explain<'py>(
     Ok((PyBytes::new(py, &bytes), kind, axis, text, wrong, parts))
 }
 
-/// What a number means as a status, an exception, an abort code; and as faults of the products.
+/// Meaning of a number as a status, an exception, an abort code; and as faults of the products.
 #[pyfunction]
 pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<CodeTuple> {
     let (dissector, profile) = find_subject(py, subject)?;

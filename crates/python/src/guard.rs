@@ -11,14 +11,14 @@ use pyo3::prelude::*;
 
 use crate::errors::to_py_error;
 
-/// What is armed, in the order of the arming.
+/// Armed axes, in the order of the arming.
 static ARMED: Mutex<Vec<LocalAxis>> = Mutex::new(Vec::new());
 
 fn lock_armed() -> MutexGuard<'static, Vec<LocalAxis>> {
     ARMED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Held by whoever ends everything: the other waits for that.
+/// Lock of a shutdown: a second one waits for the first.
 fn lock_shutdown() -> MutexGuard<'static, ()> {
     static SHUTDOWN: Mutex<()> = Mutex::new(());
     SHUTDOWN.lock().unwrap_or_else(PoisonError::into_inner)
@@ -46,15 +46,15 @@ pub fn unregister_armed(axis: &LocalAxis) {
 
 /// Forgets in a fork's child what is armed by its parent (PY-5).
 pub fn forked() {
-    // Whoever held the lock is not in the child.
+    // The thread that held the lock does not exist in the child.
     if let Ok(mut armed) = ARMED.try_lock() {
         std::mem::forget(std::mem::take(&mut *armed));
     }
     system::forked();
 }
 
-/// Stops, disables and disarms whatever is armed, and says on stderr who may turn: for who ends at once.
-/// Where a signal does that already, and ends the process, this waits for it.
+/// Stops, disables and disarms all armed axes, and prints those that may turn on stderr. If a signal handler already
+/// does that, and ends the process, this waits for it.
 #[pyfunction]
 pub fn stop_armed(py: Python<'_>) {
     py.detach(|| {
@@ -79,9 +79,8 @@ pub fn stop_link(link: &polepair::LocalLink) -> Result<(), polepair::Error> {
     ended
 }
 
-/// Stops axes, and says it again to those that did not confirm it; the first error, after all were
-/// tried. A first Ctrl-C meanwhile asks for what is done already: it is raised when that has ended. A
-/// second one ends it.
+/// Stops axes, and repeats the stop of those that did not confirm it. Returns the first error, after all were tried. A
+/// first Ctrl-C meanwhile asks for a stop that is running already: it is raised after that. A second one ends it.
 #[pyfunction]
 #[pyo3(name = "stop_owed")]
 pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult<()> {
@@ -119,7 +118,7 @@ fn stop_and_disable(axes: &[LocalAxis]) -> Vec<StopResult> {
 }
 
 fn stop_all_armed() {
-    // Who ends a block, or closes a link, meanwhile does the same: each says its stop until it stands.
+    // The end of a block, or of a link, does the same meanwhile: each repeats its stop until standstill.
     let axes = lock_armed().clone();
     let started: Vec<_> = axes.iter().map(|axis| axis.connection().now()).collect();
     for ((axis, started_at), ended) in axes.iter().zip(started).zip(stop_and_disable(&axes)) {
@@ -134,11 +133,11 @@ fn stop_all_armed() {
         }
     }
     axes.iter().for_each(unregister_armed);
-    // The last handle of a connection waits for its background thread, and nobody need wait for that now.
+    // Dropping the last handle of a connection waits for its background thread, which is not needed now.
     std::mem::forget(axes);
 }
 
-/// Whether an axis has told since then that its motor has no power.
+/// Returns whether an axis has reported since then that its motor has no power.
 fn has_no_power(axis: &LocalAxis, since: Instant) -> bool {
     let enabled = axis.state().reading(Signal::Enabled);
     enabled.at.is_some_and(|at| at >= since) && enabled.raw == 0
@@ -162,7 +161,7 @@ mod system {
     };
     use signal_hook::iterator::Signals;
 
-    /// Signals that end, or suspend, a process that has not said otherwise.
+    /// Signals that end, or suspend, a process without a handler.
     const ENDING_SIGNALS: [i32; 15] = [
         SIGTERM, SIGHUP, SIGQUIT, SIGINT, SIGALRM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGPROF, SIGXCPU,
         SIGABRT, SIGIO, SIGSYS, SIGTRAP, SIGTSTP,
@@ -170,7 +169,7 @@ mod system {
 
     /// Nothing is armed: signals do what they always do.
     static IDLE: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| Arc::new(AtomicBool::new(true)));
-    /// The process whose thread hears signals.
+    /// Process whose thread receives signals.
     static HANDLER_PROCESS: AtomicU32 = AtomicU32::new(0);
 
     pub fn set_idle(idle: bool) {
@@ -181,7 +180,7 @@ mod system {
         set_idle(true);
     }
 
-    /// Hears from now on, on a thread of its own, the signals that the program left as they are.
+    /// Handles from now on, on a thread of its own, the signals that the program left at their defaults.
     pub fn install_handlers(py: Python<'_>) {
         set_idle(false);
         let process = std::process::id();
@@ -217,14 +216,14 @@ mod system {
         let _ = std::thread::Builder::new().name("polepair-signals".to_owned()).spawn(on_event);
     }
 
-    /// The signals that a library of the process catches, the first in bit 0, where the system tells.
+    /// The signals that a library of the process catches, the first in bit 0, where the system reports them.
     fn caught_signals() -> u64 {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
         caught.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
     }
 
-    /// Whether a signal does what it does by default, as far as the interpreter knows.
+    /// Returns whether a signal has its default action, as far as the interpreter knows.
     fn is_default(py: Python<'_>, signal: i32) -> PyResult<bool> {
         let known = py.import("_signal")?;
         known.call_method1("getsignal", (signal,))?.eq(known.getattr("SIG_DFL")?)

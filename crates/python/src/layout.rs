@@ -8,7 +8,7 @@ use pyo3::types::{PyBytes, PyTuple};
 /// Bytes of a frame that hold values; CAN FD has no more.
 const BYTES_MAX: usize = 64;
 
-/// Where each value of a frame lies.
+/// Layout of the values of a frame.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Layout {
@@ -17,7 +17,7 @@ pub struct Layout {
     bytes: usize,
 }
 
-/// Where one value lies, and what it is.
+/// Place and type of one value.
 #[derive(Clone, Copy, Debug)]
 struct ValueLayout {
     bit: u32,
@@ -36,8 +36,8 @@ enum ValueType {
 
 #[pymethods]
 impl Layout {
-    /// `u16 status, i32 position, f32 torque, u1 ready, 7`: a type with its bits and a name each; a
-    /// number alone leaves so many bits out.
+    /// `u16 status, i32 position, f32 torque, u1 ready, 7`: a type with its bits and a name each; a number alone skips
+    /// that many bits.
     #[new]
     fn new(text: &str) -> PyResult<Self> {
         let (mut places, mut names, mut bit) = (Vec::new(), Vec::new(), 0);

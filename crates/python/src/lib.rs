@@ -6,8 +6,8 @@
 //!       └ polepair      the library
 //! ```
 //!
-//! Nothing here decides anything: what a verb or a parameter is stands in the library, how it is
-//! spelt in Python stands in the Python half.
+//! Nothing here decides anything: verbs and parameters are defined in the library, and their Python spelling in the
+//! Python half.
 #![deny(unsafe_code)]
 
 mod axis;

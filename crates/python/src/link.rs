@@ -97,9 +97,9 @@ pub fn connect_over(
     Ok(PyLink { inner: Inner::from(opened).into(), trace: None })
 }
 
-/// Asks who is on a link, and gives address, product, title, firmware and clash of each; only reads
-/// are sent. `progress` is called with address, done and of, and may return False to end the scan. The
-/// second value tells whether a CANopen device without node-ID answered.
+/// Scans a link, and gives address, product, title, firmware and clash of each; only reads are sent. `progress` is
+/// called with address, done and of, and may return False to end the scan. The second value is true if a CANopen device
+/// without node-ID answered.
 #[pyfunction]
 #[pyo3(signature = (url, first=None, last=None, profile=None, progress=None))]
 pub fn scan(
@@ -164,8 +164,8 @@ pub fn profiles() -> Vec<(&'static str, &'static str, &'static str)> {
     polepair::profile::shipped_profiles().map(|p| (p.name, p.title, p.protocol)).collect()
 }
 
-/// How links are opened. A file of the configuration that is wrong is told as Python tells such
-/// things, once, and stands in nobody's way who needs nothing of it.
+/// Connector for new links. A wrong configuration file is reported once, as a Python warning, and affects only links
+/// that need it.
 pub(crate) fn build_connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connector> {
     let connector = py.detach(Connector::discover);
     let category = py.get_type::<PyUserWarning>();
@@ -183,13 +183,13 @@ pub(crate) fn build_connector(py: Python<'_>, profile: Option<PathBuf>) -> PyRes
 
 #[pymethods]
 impl PyLink {
-    /// What it was opened by.
+    /// Connection string of the link.
     #[getter]
     fn url(&self) -> String {
         self.inner.url()
     }
 
-    /// Whether it belongs to a gateway.
+    /// Returns whether it belongs to a gateway.
     #[getter]
     fn is_remote(&self) -> bool {
         self.inner.remote().is_some()
@@ -244,7 +244,7 @@ impl PyLink {
         Ok(link.simulation().cloned().map(PySimulation::from))
     }
 
-    /// Losses of its wires: of each its name, units that nobody took in time, malformed units, errors that the
+    /// Losses of its wires: of each its name, units that were not read in time, malformed units, errors that the
     /// controller reported, units that were not sent.
     fn losses(&self, py: Python<'_>) -> PyResult<Vec<LossesTuple>> {
         let link = self.local(py, "losses of wires", "its page counts what each link lost")?;

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::errors::usage_error;
 
-/// How often this process, or those it comes from, has forked since this module was imported.
+/// Number of forks of this process and its ancestors since this module was imported.
 static FORKS: AtomicU64 = AtomicU64::new(0);
 
 /// A value whose end may wait for a thread that itself waits for the interpreter: the last handle of
@@ -22,7 +22,7 @@ pub struct ProcessLocal<T: Send> {
     forks: u64,
 }
 
-/// Tells a fork's child that it is one.
+/// Records in the child of a fork that it is one.
 #[pyfunction]
 pub fn forked() {
     FORKS.fetch_add(1, Ordering::Relaxed);

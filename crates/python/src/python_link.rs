@@ -14,11 +14,10 @@ use pyo3::types::PyBytes;
 
 use crate::process_local::ProcessLocal;
 
-/// Units that nobody has taken yet at most; further ones are lost and counted.
+/// Limit of unread units; further ones are lost and counted.
 const QUEUE_MAX: usize = 1 << 14;
 
-/// What Python's half does for a link: `send(unit)`, `receive() -> unit | None` within a moment,
-/// `line(rate)`, `close()`.
+/// Python half of a link: `send(unit)`, `receive() -> unit | None` within a moment, `line(rate)`, `close()`.
 type PyAdapter = Arc<ProcessLocal<Py<PyAny>>>;
 
 /// A link over an adapter of Python's. A thread of its own reads it.
@@ -28,11 +27,11 @@ struct PythonLink<M: PythonMedium> {
     received: Arc<ReceiveQueue<M>>,
 }
 
-/// What was read and not yet taken.
+/// Received units that were not read yet.
 struct ReceiveQueue<M: PythonMedium> {
     units: Mutex<VecDeque<(Instant, M::Owned)>>,
     waker: LinkWaker,
-    /// Units that nobody took in time.
+    /// Units that were not read in time.
     overrun: AtomicU64,
     lost: AtomicBool,
     ended: AtomicBool,
@@ -43,7 +42,7 @@ trait PythonMedium: Medium {
     type Owned: Send;
     fn from_python(unit: &Bound<'_, PyAny>) -> PyResult<Self::Owned>;
     fn to_python<'py>(py: Python<'py>, unit: &Self::Unit) -> PyResult<Bound<'py, PyAny>>;
-    /// Puts it where the reader wants it, and says how much that was; the rest stays.
+    /// Copies the unit into the reader's buffer, and returns its length; the rest stays.
     fn copy_into(unit: &mut Self::Owned, buffer: &mut Self::Out) -> (usize, bool);
     fn line_rate(line: &Self::Line) -> u32;
 }

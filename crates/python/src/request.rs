@@ -11,7 +11,7 @@ use crate::blocking::wait_sliced;
 use crate::errors::{to_py_error, usage_error};
 use crate::process_local::ProcessLocal;
 
-/// How long a wait continues before it looks whether Ctrl-C was pressed.
+/// Length of a wait between two checks for Ctrl-C.
 pub const WAIT_SLICE: Duration = Duration::from_millis(50);
 
 /// A request that is being executed. Dropped before its end, it continues.

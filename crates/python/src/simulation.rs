@@ -23,7 +23,7 @@ impl From<Inner> for PySimulation {
     }
 }
 
-/// What is true of a motor, whatever its drive reports.
+/// True state of a motor, independent of the reports of its drive.
 #[pyclass(frozen, get_all, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Truth {
@@ -67,13 +67,13 @@ impl PySimulation {
         Ok(py.detach(|| simulation.now()).since(Instant::ZERO).as_secs_f64())
     }
 
-    /// Its time passes only while somebody waits, and then at once.
+    /// Returns whether its time passes only while a caller waits, and then at once.
     #[getter]
     fn is_virtual(&self) -> bool {
         self.0.pace() == SimulationPace::Virtual
     }
 
-    /// Lets so many seconds pass: at once in virtual time, by sleeping in real time.
+    /// Lets `seconds` pass: at once in virtual time, by sleeping in real time.
     fn run(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         let simulation = self.0.in_own_process(py)?;
         let span = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
@@ -101,7 +101,7 @@ impl PySimulation {
         Ok(py.detach(|| simulation.act_on_motor(motor, act)))
     }
 
-    /// What is true of a motor; links, drives and motors count from 0.
+    /// True state of a motor; links, drives and motors count from 0.
     fn truth(&self, py: Python<'_>, link: usize, drive: usize, motor: u8) -> PyResult<Truth> {
         let simulation = self.0.in_own_process(py)?;
         let which = SimulatedMotor { link, drive, motor };

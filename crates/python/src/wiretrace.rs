@@ -22,7 +22,7 @@ impl WireTrace {
         TraceTap(TraceWriter::new(self.clone(), &format!("wire{wire}")))
     }
 
-    /// What was heard, oldest first.
+    /// Traced frames, oldest first.
     pub fn lines(&self) -> Vec<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }

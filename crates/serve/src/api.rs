@@ -38,7 +38,7 @@ pub const BODY_MAX: usize = 1 << 20;
 /// Captures that are taken in at once.
 const UPLOADS_MAX: usize = 2;
 
-/// What every route works with.
+/// State shared by all routes.
 #[derive(Debug)]
 pub(crate) struct AppState {
     pub bench: Bench,
@@ -48,7 +48,7 @@ pub(crate) struct AppState {
     pub metrics: Metrics,
     pub broadcaster: live::Broadcaster,
     pub uploads: Arc<Semaphore>,
-    /// What viewers are shown is written there, apart from what reads commands.
+    /// Runtimes for writers of viewers, apart from the readers of commands.
     pub runtimes: live::LiveRuntimes,
     sessions: AtomicU64,
 }
@@ -81,18 +81,18 @@ impl AppState {
     /// A name for a client that stays.
     pub fn new_session(&self, caller: &Caller) -> SessionName {
         let n = self.sessions.fetch_add(1, Ordering::Relaxed);
-        // A token's name has no space in it: this is nobody's else.
+        // A token's name has no space in it, so this name is unique.
         format!("{} {n}", caller.name).into()
     }
 }
 
-/// Whoever asks by REST, by the name of the token: leases last from one request to the next.
+/// Session of a REST client, by the name of the token: leases last from one request to the next.
 pub(crate) fn rest_session(caller: &Caller) -> SessionName {
     caller.name.as_str().into()
 }
 
-/// The same, where a page that has the lease by its WebSocket asks by REST: its session, if the caller
-/// goes by the same name and knows the epoch.
+/// [`rest_session`], or the session of a page that has the lease by its WebSocket and asks by REST, if the caller has
+/// the same name and knows the epoch.
 pub(crate) fn lease_session(
     app_state: &SharedAppState,
     caller: &Caller,
@@ -107,7 +107,7 @@ pub(crate) fn lease_session(
     }
 }
 
-/// What a caller needs.
+/// Access rule of a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AccessRule {
     /// Not even a token.
@@ -117,7 +117,7 @@ pub enum AccessRule {
 }
 
 impl AccessRule {
-    /// Whether these scopes are enough.
+    /// Returns whether these scopes are enough.
     #[must_use]
     pub fn is_met_by(self, scopes: Scopes) -> bool {
         match self {
@@ -146,9 +146,9 @@ pub struct ApiRoute {
     pub method: &'static str,
     /// With `{…}` where something is put in.
     pub path: &'static str,
-    /// Who may.
+    /// Required access.
     pub access: AccessRule,
-    /// Its body is a file, not JSON.
+    /// True if its body is a file, not JSON.
     pub accepts_file: bool,
     handler: fn() -> MethodRouter<SharedAppState>,
 }
@@ -179,17 +179,17 @@ const STOP: &[Scope] = &[Scope::Stop];
 const MOVE: &[Scope] = &[Scope::Move];
 const CONFIGURE: &[Scope] = &[Scope::Configure];
 const RAW: &[Scope] = &[Scope::Raw];
-/// Whoever may do something that needs a lease may have one.
+/// Scopes of which a lease needs one.
 pub(crate) const LEASE_SCOPES: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw];
 
-/// Taking one in moves nothing and writes nothing: whoever may see, may.
+/// Opening a capture moves nothing and writes nothing, so it needs only the scope to see.
 const CAPTURES_PATH: &str = "/api/v1/captures";
 
 const SEARCH_PATH: &str = "/api/v1/search";
 
 const SCAN_PATH: &str = "/api/v1/links/{id}/look";
 
-/// Who asks for it does not show a token before it has the answer.
+/// The client shows its token only after it has checked this reply.
 const PROOF_PATH: &str = "/api/v1/proof/{challenge}";
 
 /// Every route but the page's files, which any caller may read that has a token.
@@ -259,10 +259,10 @@ pub(crate) fn router(state: &SharedAppState) -> Router {
         .with_state(Arc::clone(state))
 }
 
-/// What routes answer.
+/// Result of a route.
 pub(crate) type ApiResult<T> = Result<axum::Json<T>, GatewayError>;
 
-/// Does what takes a while where nobody else's answer waits for it.
+/// Runs work that takes a while on a thread where it delays no other reply.
 async fn run_blocking<T: Send + 'static>(
     state: &SharedAppState,
     act: impl FnOnce(&AppState) -> Result<T, GatewayError> + Send + 'static,

@@ -19,29 +19,29 @@ use crate::scope::Scopes;
 use crate::token::{AccessToken, Grant};
 use session_file::{SessionFile, SessionRecord};
 
-/// Browsers that are let in at once; the one that came in first has to log in again.
+/// Limit of logged-in browsers; beyond it the oldest has to log in again.
 const COOKIES_MAX: usize = 256;
-/// How long a browser is let in.
+/// Duration of a browser's login.
 const COOKIE_LASTS: Duration = Duration::from_secs(12 * 3600);
 /// Wrong tokens of one address within `TRIES_WITHIN`.
 pub const TRIES_MAX: usize = 5;
-/// How long a wrong token is held against its address.
+/// Time for which a wrong token counts against its address.
 const TRIES_WITHIN: Duration = Duration::from_secs(60);
 /// Addresses whose tries are remembered.
 const PEERS_MAX: usize = 1024;
 
-/// Who somebody is, and what they may do.
+/// An authenticated client and its scopes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Caller {
-    /// As the journal names them.
+    /// Name in the journal.
     pub name: String,
-    /// What they may do.
+    /// Scopes of the client.
     pub scopes: Scopes,
-    /// A browser vouched for them by a cookie, which it sends whoever asks it to.
+    /// True for a login by a cookie, which a browser also sends for foreign pages.
     pub by_cookie: bool,
 }
 
-/// Every secret that lets somebody in.
+/// All secrets that authenticate clients.
 #[derive(Debug)]
 pub struct Authenticator {
     grants: Vec<Grant>,
@@ -54,7 +54,7 @@ pub struct Authenticator {
 
 #[derive(Debug, Default)]
 struct AuthState {
-    /// By digest, so that looking one up tells nothing of the others.
+    /// Logged-in browsers by the digest of their cookie, so that the time of a lookup reveals nothing of the others.
     cookies: HashMap<[u8; 32], BrowserSession>,
     /// The one that came in first is first.
     order: VecDeque<[u8; 32]>,
@@ -62,7 +62,7 @@ struct AuthState {
     tries: VecDeque<(IpAddr, VecDeque<Instant>)>,
 }
 
-/// What a browser was given.
+/// Login of a browser.
 #[derive(Debug)]
 struct BrowserSession {
     caller: Caller,
@@ -82,11 +82,11 @@ impl Authenticator {
         Self { grants, cookie_name, secure, state: Mutex::default(), session_file: None }
     }
 
-    /// Keeps who is let in in that file, and lets in whom it names: those whose token is still one of
-    /// ours, for what it grants now, until the end that they were told.
+    /// Keeps logins in that file, and restores those whose token still exists, with its present scopes, until their
+    /// end.
     ///
-    /// A file that is not as it has to be lets nobody in, and is written anew with the next who comes:
-    /// a server that can stop motors is worth more.
+    /// An invalid file restores no login, and is written anew with the next one: a server that can stop motors is worth
+    /// more.
     #[must_use]
     pub fn with_session_file(mut self, path: &Path) -> Self {
         let session_file = SessionFile::new(path);
@@ -114,8 +114,7 @@ impl Authenticator {
         self
     }
 
-    /// A new token that lets a browser in once, as whoever the first token is for. The one before it
-    /// is good no more.
+    /// A new token that logs a browser in once, with the rights of the first token. The previous one becomes invalid.
     ///
     /// # Errors
     /// When there is no randomness.
@@ -125,8 +124,8 @@ impl Authenticator {
         Ok(token)
     }
 
-    /// Who sends these headers: `Authorization: Bearer …`, else our cookie. Another scheme is no token: a proxy
-    /// may ask for HTTP Basic, which browsers then send to the server too.
+    /// Authenticates a client by its headers: `Authorization: Bearer …`, otherwise the cookie. Another scheme is no
+    /// token: a proxy may ask for HTTP Basic, which browsers then send to the server too.
     ///
     /// # Errors
     /// `gateway.token`; `gateway.limit` after too many wrong ones.
@@ -154,8 +153,8 @@ impl Authenticator {
         }
     }
 
-    /// Lets a browser in by a token. Returns who it is and the cookie that says so. Waits for the disk
-    /// where it is [kept](Self::with_session_file).
+    /// Logs a browser in by a token. Returns the client and its cookie. Waits for the disk if logins are
+    /// [kept](Self::with_session_file).
     ///
     /// # Errors
     /// As [`authenticate`](Self::authenticate).
@@ -192,7 +191,7 @@ impl Authenticator {
         self.open_session(grant)
     }
 
-    /// What shows that this is the server of the file's first token, to who asks at that address.
+    /// Proof for a client at that address that this is the server of the file's first token.
     ///
     /// # Errors
     /// `gateway.request` for what is no challenge, `gateway.missing` where there is no token.
@@ -207,7 +206,7 @@ impl Authenticator {
     }
 
     fn find_grant(&self, token: &AccessToken) -> Option<&Grant> {
-        // All are compared, so that the time taken does not tell which.
+        // All are compared, so that the time does not reveal the matching one.
         self.grants
             .iter()
             .fold(None, |found, grant| if grant.token.matches(token) { Some(grant) } else { found })
@@ -233,10 +232,10 @@ impl Authenticator {
         Ok((caller, format!("{name}={value}; {rest}")))
     }
 
-    /// Writes down who is let in. Where that cannot be, they log in again once the server has ended.
+    /// Writes the logins to the file. If that fails, browsers log in again after the server's end.
     fn save_sessions(&self) {
         let Some(session_file) = &self.session_file else { return };
-        // Who asks whether somebody may stop has the same lock: no disk is waited for under it.
+        // The check for permission to stop has the same lock: no disk is waited for under it.
         if let Err(error) = session_file.write(|| self.lock().session_records(clock::now())) {
             tracing::warn!(%error, "cannot write the session file; sessions end with this server");
         }
@@ -253,7 +252,7 @@ impl Authenticator {
         if recent < TRIES_MAX { Ok(()) } else { Err(too_many_tries_error()) }
     }
 
-    /// Remembers a wrong token, and says so.
+    /// Counts a wrong token, and returns its error.
     fn record_failure(&self, peer: IpAddr) -> GatewayError {
         if let Err(refused) = self.check_tries(peer) {
             return refused;
@@ -289,7 +288,7 @@ impl AuthState {
         self.cookies.insert(digest, cookie);
     }
 
-    /// Whose time is not over, as the file has them.
+    /// Logins that have not ended, as records of the file.
     fn session_records(&self, now: Instant) -> Vec<SessionRecord> {
         let known =
             self.order.iter().filter_map(|digest| Some((digest, self.cookies.get(digest)?)));

@@ -106,15 +106,15 @@ pub(crate) use telemetry::ChannelRequest;
 pub use telemetry::{SampleGap, TelemetryChannel};
 pub(crate) use wire::overtaken_error;
 
-/// How long a lease lasts that is not renewed.
+/// Duration of a lease that is not renewed. Clients renew every 500 ms, so two renewals may be lost.
 pub const LEASE_DURATION: Duration = Duration::from_millis(1500);
-/// How long a command may be good for, ms.
+/// Longest validity of a command, ms.
 const TTL_MAX_MS: f64 = 10_000.0;
 /// Characters of a stop's reason that are kept: its record must be written, however they are spelt.
 const REASON_MAX: usize = 10_000;
-/// How long closing waits for motors to come to rest.
+/// Time limit for motors to come to standstill at the end.
 const CLOSE_MAX: Duration = Duration::from_secs(12);
-/// How long it waits for the journal's disk.
+/// Time limit for the journal's disk at the end.
 const WRITE_MAX: Duration = Duration::from_secs(5);
 
 /// Axes of a bench.
@@ -124,14 +124,14 @@ pub(super) const AXES_MAX: usize = 256;
 pub struct BenchOptions {
     /// With which names and profiles.
     pub connector: Connector,
-    /// How long a lease lasts that is not renewed.
+    /// Duration of a lease that is not renewed.
     pub lease_duration: Duration,
-    /// Who is told what is done.
+    /// Journal of the actions.
     pub journal: Arc<dyn JournalSink>,
-    /// No lease before this bench had a higher epoch: what was said under one is not taken for its own.
+    /// Highest epoch of any lease before this bench: a command of an older lease is not taken for one of its own.
     pub last_epoch: u64,
-    /// Axes that the server before this one owed a stop when it ended, by connection string and number:
-    /// they are owed it still.
+    /// Axes whose stop was pending when the previous server ended, by connection string and number: their stops are
+    /// still pending.
     pub inherited_stops: Vec<(String, u32)>,
     /// Ports that may be searched for drives, besides those that the system lists: pseudo-terminals.
     pub search_ports: Vec<String>,
@@ -177,31 +177,31 @@ struct BenchInner {
     traffic: Arc<FrameTraffic>,
     captures: Captures,
     port_search: BenchSearch,
-    /// In virtual time, what threads do otherwise: those that wait for nothing, and those that may.
+    /// Work of the threads in virtual time that waits for nothing, and work that may wait.
     non_blocking: Mutex<NonBlockingWorkers>,
     blocking: Mutex<BlockingWorkers>,
-    /// The same of those that hear; there are more whenever drives are taken in.
+    /// Event listeners in virtual time; more are added with each drive.
     event_listeners: Mutex<Vec<DriveEventListener>>,
     threads: Mutex<Vec<JoinHandle<()>>>,
-    /// What writes the journal; it ends last.
+    /// Thread that writes the journal; it ends last.
     journal_thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// What looks after a bench in virtual time and waits for no drive.
+/// Workers of a bench in virtual time that wait for no drive.
 #[derive(Default)]
 struct NonBlockingWorkers {
     command_workers: Vec<Arc<Mutex<CommandWorker>>>,
     journal_writer: Option<JournalWriter>,
 }
 
-/// What asks drives, and so lets virtual time pass itself.
+/// Workers that send requests, and so let virtual time pass themselves.
 #[derive(Default)]
 struct BlockingWorkers {
     pollers: Vec<AxisPoller>,
     traffic_decoder: Option<TrafficDecoder>,
 }
 
-/// Where an axis is found.
+/// Link and wire of an axis.
 struct AxisEntry {
     link: usize,
     local_index: usize,
@@ -280,19 +280,19 @@ impl Bench {
         BenchClock::wall_ms(self.0.context.now())
     }
 
-    /// How long a lease lasts that is not renewed.
+    /// Duration of a lease that is not renewed.
     #[must_use]
     pub fn lease_duration(&self) -> Duration {
         self.0.context.lease_duration
     }
 
-    /// Hears what happens from now on. Who listens too slowly loses the oldest.
+    /// Subscribes to later events. A slow receiver loses the oldest.
     #[must_use]
     pub fn subscribe_events(&self) -> broadcast::Receiver<BenchEvent> {
         self.0.context.events.subscribe()
     }
 
-    /// What there is. Scopes are the caller's to fill in.
+    /// Description of links and axes. The caller fills in the scopes.
     #[must_use]
     pub fn snapshot(&self) -> BenchView {
         let BenchInner { links, axes, context, .. } = &*self.0;
@@ -311,7 +311,7 @@ impl Bench {
         }
     }
 
-    /// What is told of an axis, with what its drive was seen to send.
+    /// Description of an axis, with the signals that its drive was seen to send.
     fn with_pushed_signals(&self, info: &AxisInfo) -> AxisInfo {
         let mut info = info.clone();
         for signal_info in &mut info.signals {
@@ -322,7 +322,7 @@ impl Bench {
         info
     }
 
-    /// What is known of an axis; nothing is asked.
+    /// Last known state of an axis; nothing is sent.
     ///
     /// # Errors
     /// `E212` where there is none.
@@ -368,11 +368,11 @@ impl Bench {
         }
     }
 
-    /// Stops axes, whoever commands them: their leases end. All of them where none is named, and then
+    /// Stops axes, also those that other clients command: their leases end. Without names all axes are stopped, and
     /// motion is locked until it is [released](Self::release).
     ///
-    /// The reply tells, when nothing is left to be seen, how far each stop came; until then
-    /// [`BenchEvent::Stopped`] does.
+    /// The reply comes when all axes are at standstill, or at the time limit, with the result of each stop; until then
+    /// [`BenchEvent::Stopped`] reports them.
     pub fn stop(&self, session: &SessionName, request: &StopRequest) -> PendingReply<StopReport> {
         let since = self.0.context.now();
         let reason: String = request.reason.chars().take(REASON_MAX).collect();
@@ -415,7 +415,7 @@ impl Bench {
         PendingReply::from_receiver(reply, Ok(()))
     }
 
-    /// What of a request to stop cannot be obeyed.
+    /// Parts of a stop request that cannot be executed.
     #[must_use]
     pub fn refused_targets(&self, request: &StopRequest) -> Vec<GatewayError> {
         let axes = request.axes.iter().flatten();
@@ -429,10 +429,10 @@ impl Bench {
         absent.chain(unreadable).collect()
     }
 
-    /// Owes an axis its stop no more, though nobody saw it stand. The journal keeps who said so, and why.
-    /// Done as well where it is owed none.
+    /// Clears the pending stop of an axis without measured standstill. The journal keeps the session and the reason.
+    /// Executed also without a pending stop.
     ///
-    /// The reply is `gateway.lease` when whoever takes it over does not hold its lease.
+    /// The reply is `gateway.lease` if the client that takes it over does not hold its lease.
     pub fn dismiss(
         &self,
         axis: u16,
@@ -453,14 +453,14 @@ impl Bench {
         PendingReply::from_receiver(receiver, result)
     }
 
-    /// How often everything was stopped so far, for [`release`](Self::release).
+    /// Number of stops of everything so far, for [`release`](Self::release).
     #[must_use]
     pub fn lock_count(&self) -> u64 {
         self.0.context.lock_count()
     }
 
-    /// Lets motion again after a stop of everything. `locks` is how often everything had been stopped
-    /// when this was said: whoever says it knows of no later stop.
+    /// Allows motion again after a stop of everything. `locks` is the number of such stops that the client knows of: a
+    /// later one stays in force.
     ///
     /// The reply is `gateway.expired` when everything was stopped since.
     pub fn release(&self, session: &SessionName, locks: u64) -> PendingReply<()> {
@@ -502,7 +502,7 @@ impl Bench {
         )
     }
 
-    /// What is true of a simulated motor, whatever its drive reports.
+    /// True state of a simulated motor, independent of the reports of its drive.
     #[must_use]
     pub fn truth(&self, axis: u16) -> Option<GroundTruth> {
         self.0.axes.get(usize::from(axis))?.drive.as_ref()?.truth()
@@ -533,9 +533,9 @@ impl Bench {
         link.simulation().map(|(simulation, _)| simulation.clone())
     }
 
-    /// Runs in virtual time what workers and event listeners have to do now, without waiting. For whoever
-    /// lets time pass in a link of his own while a question waits for its answer there: the threads of
-    /// a bench in real time do not wait for each other either. [`advance_time`](Self::advance_time) does this, too.
+    /// Runs the work of workers and event listeners in virtual time, without waiting. For callers that let time pass in
+    /// a link of their own during a request: the threads of a bench in real time do not wait for each other either.
+    /// [`advance_time`](Self::advance_time) does this, too.
     pub fn run_non_blocking(&self) {
         lock_unpoisoned(&self.0.non_blocking).run_once();
         lock_unpoisoned(&self.0.event_listeners)
@@ -564,9 +564,9 @@ impl Bench {
         }
     }
 
-    /// Stops what moves, and ends. Commands are refused from now on; the journal is still kept, until
-    /// it is [closed](Self::close_journal). Returns who was not seen standing within 10 s: they are
-    /// still owed a stop, and their supply is to be cut.
+    /// Stops all moving axes, and ends. Commands are refused from now on; the journal is still written, until it is
+    /// [closed](Self::close_journal). Returns the axes without measured standstill after 10 s: their stops stay
+    /// pending, and their supply is to be cut.
     pub fn shutdown(&self) -> Vec<String> {
         self.0.context.close();
         self.0.links.iter().for_each(|link| link.wire.wake_worker());
@@ -651,13 +651,13 @@ impl BlockingWorkers {
 
 impl Drop for BenchInner {
     fn drop(&mut self) {
-        // Threads hold what they need, and end by themselves once all that moved was told to stop.
+        // Threads hold their data, and end by themselves once all moving axes were stopped.
         self.context.close();
         self.links.iter().for_each(|link| link.wire.wake_worker());
     }
 }
 
-/// What a command's words mean.
+/// Parses the words of a command.
 fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError> {
     let a = &request.arguments;
     let given = [a.target, a.velocity, a.acceleration, a.deceleration, a.torque, a.jerk_time];

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::oneshot;
 
-/// Connections at once, where the system lets a process have so many.
+/// Limit of simultaneous connections, where the system allows that many.
 pub const CONNECTIONS_MAX: usize = 16_384;
 /// Files that are left for links, the journal and captures.
 const FILES_RESERVED: u64 = 128;
@@ -22,9 +22,9 @@ pub(crate) struct ConnectionLimiter(Arc<Mutex<OpenConnections>>);
 struct OpenConnections {
     most: usize,
     next: u64,
-    /// Those that have not shown a token, with what ends them.
+    /// Connections without a valid token yet, with the sender that ends them.
     unauthenticated: BTreeMap<u64, oneshot::Sender<()>>,
-    /// Those that have.
+    /// Authenticated connections.
     authenticated: BTreeMap<u64, oneshot::Sender<()>>,
 }
 
@@ -37,7 +37,7 @@ pub(crate) struct PeerConnection {
     limiter: ConnectionLimiter,
 }
 
-/// Where a connection ends, at this side.
+/// Local address of a connection.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LocalAddress(pub SocketAddr);
 
@@ -46,7 +46,7 @@ pub(crate) struct LocalAddress(pub SocketAddr);
 pub(crate) struct ConnectionSlot(PeerConnection);
 
 impl ConnectionLimiter {
-    /// None yet, and at most so many as a process with that many open files can have.
+    /// Creates the empty list, with a limit that fits the limit of open files.
     pub fn new(files: Option<u64>) -> Self {
         let left = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
         let max = usize::try_from(left).unwrap_or(usize::MAX).min(CONNECTIONS_MAX);
@@ -59,8 +59,8 @@ impl ConnectionLimiter {
         })))
     }
 
-    /// A place for a new connection, and what tells it to go. `None` when all places are taken by
-    /// connections that have shown a token.
+    /// Slot of a new connection, and the receiver that ends it. `None` if all slots are taken by authenticated
+    /// connections.
     pub fn acquire_slot(&self, peer: IpAddr) -> Option<(ConnectionSlot, oneshot::Receiver<()>)> {
         let mut open = self.lock();
         if open.count() >= open.most {
@@ -81,7 +81,7 @@ impl ConnectionLimiter {
         self.lock().make_room();
     }
 
-    /// How many there are.
+    /// Number of connections.
     pub fn count(&self) -> usize {
         self.lock().count()
     }
@@ -106,7 +106,7 @@ impl OpenConnections {
 }
 
 impl PeerConnection {
-    /// It has shown a token.
+    /// Marks the connection as authenticated.
     pub fn mark_authenticated(&self) {
         let mut open = self.limiter.lock();
         if let Some(end) = open.unauthenticated.remove(&self.id) {
@@ -116,7 +116,7 @@ impl PeerConnection {
 }
 
 impl ConnectionSlot {
-    /// What its requests know.
+    /// Connection data for its requests.
     pub fn connection(&self) -> PeerConnection {
         self.0.clone()
     }

@@ -14,11 +14,11 @@ pub struct SetupError {
     pub exit: Exit,
     /// Stable code; the page on exit codes explains it.
     pub code: &'static str,
-    /// What is wrong, in a sentence without full stop.
+    /// Description of the error, in a sentence without full stop.
     pub what: String,
     /// Why, in a sentence; empty when there is nothing to add.
     pub why: String,
-    /// What to try; empty when there is nothing to add.
+    /// Remedy to try; may be empty.
     pub hint: String,
 }
 

@@ -20,13 +20,13 @@ use crate::options::HostName;
 use crate::page;
 use crate::scope::Scope;
 
-/// How long an answer may take; a capture's upload is part of it.
+/// Time limit of a reply, including the upload of a capture.
 const ANSWER_MAX: Duration = Duration::from_secs(60);
-/// What no form and no foreign page can send without asking first.
+/// A header that no form and no foreign page can send without a preflight request.
 const CSRF_HEADER: &str = "x-polepair";
-/// What bodies are.
+/// Content type of bodies.
 const JSON: &str = "application/json";
-/// What files are.
+/// Content type of files.
 const OCTET_STREAM: &str = "application/octet-stream";
 /// Headers of every answer.
 const HEADERS: [(HeaderName, &str); 7] = [
@@ -93,7 +93,7 @@ impl AllowedHosts {
         (ours && same).then_some(host)
     }
 
-    /// Whether an origin is this server, by the name that the request itself uses.
+    /// Returns whether an origin is this server, by the name that the request itself uses.
     fn is_own_origin(&self, origin: &str, host: &str) -> bool {
         let own = origin
             .split_once("://")
@@ -164,7 +164,7 @@ pub(crate) async fn guard(
     answer
 }
 
-/// Who may go on; `None` for what anybody may.
+/// Authorizes a request; `None` for public routes.
 fn authorize(state: &SharedAppState, request: &Request) -> Result<Option<Caller>, GatewayError> {
     let headers = request.headers();
     let target = request.uri().authority().map(|authority| authority.as_str());
@@ -188,7 +188,7 @@ fn authorize(state: &SharedAppState, request: &Request) -> Result<Option<Caller>
     }
     let needs = match (path, route.flatten()) {
         (_, Some(route)) => route.access,
-        // What the table does not know is the page's, for whoever may see it.
+        // Paths outside the table belong to the page, which needs the scope to see.
         (None, None) if reads => AccessRule::AnyOf(&[Scope::Read]),
         (None, None) => {
             return Err(GatewayError::new("gateway.missing", "not found"));
@@ -212,14 +212,14 @@ fn authenticate(state: &SharedAppState, request: &Request) -> Result<Caller, Gat
     state.authenticator.authenticate(authorization, &cookies, peer)
 }
 
-/// Whom the request came from, by its socket.
+/// Address of the client, by its socket.
 pub(crate) fn peer(request: &Request) -> IpAddr {
     let connection = request.extensions().get::<PeerConnection>();
     connection.map_or(IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED), |connection| connection.peer)
 }
 
-/// Refuses what a page of another origin asks. A plain read that somebody's link leads to is none of
-/// that: it changes nothing, and the other page cannot see the answer.
+/// Refuses requests of pages of another origin. A plain read by a link on another page is allowed: it changes nothing,
+/// and the other page cannot see the reply.
 fn check_origin(
     state: &SharedAppState,
     headers: &HeaderMap,

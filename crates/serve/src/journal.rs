@@ -35,7 +35,7 @@ pub const RECORD_MAX: usize = 64 * 1024;
 #[derive(Debug)]
 pub struct JournalFile {
     path: PathBuf,
-    /// Whoever writes has it while the disk takes its time.
+    /// End of the file, locked by its writer while the disk takes its time.
     tail: Mutex<JournalTail>,
     index: Mutex<JournalIndex>,
 }
@@ -46,16 +46,16 @@ struct JournalTail {
     hash: [u8; 32],
 }
 
-/// What there is to be read.
+/// Index for readers.
 #[derive(Debug)]
 struct JournalIndex {
     records: u64,
     length: u64,
-    /// Where records 0, [`STRIDE`], 2 [`STRIDE`], … begin.
+    /// Offsets of records 0, [`STRIDE`], 2 [`STRIDE`], …
     offsets: Vec<u64>,
 }
 
-/// What of a record its hash covers, in the order in which it is written.
+/// Fields of a record that its hash covers, in written order.
 #[derive(Serialize)]
 struct HashedRecord<'a> {
     n: u64,
@@ -149,13 +149,13 @@ impl JournalFile {
         Ok(n)
     }
 
-    /// How many records it has. Each lease is one, so by this its epochs are never given twice.
+    /// Number of records it has. Each lease is one, so by this its epochs are never given twice.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.lock_index().records
     }
 
-    /// Axes that are owed a stop by what it says, by their link's connection string and their number.
+    /// Axes with a pending stop by its records, by their link's connection string and their number.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -196,7 +196,7 @@ impl JournalFile {
         Ok(records)
     }
 
-    /// Whether the file is still at its path. One that was removed or renamed records what nobody will find, and
+    /// Checks that the file is still at its path. A removed or renamed one would keep records that no user finds, and
     /// another server may begin a journal in its place.
     fn check_place(&self, file: &File) -> Result<(), GatewayError> {
         let is_there = match (file.metadata(), std::fs::metadata(&self.path)) {
@@ -216,7 +216,7 @@ impl JournalFile {
     }
 }
 
-/// Axes that are owed a stop by what a journal says, though some of its records may be broken.
+/// Axes with a pending stop by a journal with broken records.
 fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
     let mut pending = Vec::new();
     for line in BufReader::new(File::open(path)?).split(b'\n') {
@@ -239,7 +239,7 @@ fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
     Ok(pending)
 }
 
-/// The same in a sentence for whoever cannot go on with that journal; empty where nobody is.
+/// A sentence that names them, for a user whose server cannot continue that journal; empty if there are none.
 fn pending_stops_hint(path: &Path) -> String {
     let pending = read_pending_stops(path).unwrap_or_default();
     let stop = |(link, number): (String, u32)| {
@@ -270,7 +270,7 @@ fn is_same_file(open: &std::fs::Metadata, there: &std::fs::Metadata) -> bool {
     (open.dev(), open.ino()) == (there.dev(), there.ino())
 }
 
-/// The file's number is not told here. Its length and creation time are those of the open file, unless it was
+/// The file's number is not available here. Its length and creation time are those of the open file, unless it was
 /// replaced.
 #[cfg(not(unix))]
 fn is_same_file(open: &std::fs::Metadata, there: &std::fs::Metadata) -> bool {

@@ -1,11 +1,11 @@
 //! The WebSocket of a viewer: a reader that never waits for drives, and a writer that sends replies before
 //! subscribed data.
 //!
-//! A stop overtakes open requests of its viewer ([`said`]). Data that are the same for all viewers are made
-//! once by the [`Broadcaster`]. The writer takes telemetry and frames from the bench when nothing else is
-//! pending ([`subscriptions`]). Writers have a runtime of low-priority threads, and share no socket with
-//! readers ([`split_socket`]), so no stop waits for them. A viewer that accepts no data for five seconds is
-//! disconnected; its leases end.
+//! A stop overtakes open requests of its viewer ([`incoming`]). Data that are the same for all viewers are made once by
+//! the [`Broadcaster`]. The writer takes telemetry and frames from the bench when nothing else is pending
+//! ([`subscriptions`]). Writers have a runtime of low-priority threads, and share no socket with readers
+//! ([`split_socket`]), so no stop waits for them. A viewer that accepts no data for five seconds is disconnected; its
+//! leases end.
 
 mod broadcaster;
 mod incoming;
@@ -55,9 +55,9 @@ const SUBSCRIPTION_REQUESTS_MAX: usize = 64;
 /// Commands of one viewer that are under way; as many orders about leases have places of their own,
 /// so that long motions keep no lease from being renewed.
 const COMMANDS_MAX: usize = 64;
-/// How long a viewer may take nothing.
+/// Time limit of a viewer that accepts no data.
 const SILENT_MAX: Duration = Duration::from_secs(5);
-/// How often it is asked whether it is there.
+/// Interval of pings.
 const PING_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Watch and command
@@ -89,7 +89,7 @@ pub(crate) async fn upgrade(
     let upgrading = hyper::upgrade::on(&mut request);
     let handle = state.runtimes.inbound.clone();
     handle.spawn(async move {
-        // Whoever is gone by now does not watch.
+        // A viewer that is disconnected by now watches nothing.
         let Ok(upgraded) = upgrading.await else { return };
         state.metrics.viewers.inc();
         let session = state.new_session(&caller);
@@ -102,7 +102,7 @@ pub(crate) async fn upgrade(
     answer
 }
 
-/// Whether the sub-protocol is among those that are offered.
+/// Returns whether the sub-protocol is among those that are offered.
 fn offers_protocol(headers: &HeaderMap) -> bool {
     let offers = headers.get_all(header::SEC_WEBSOCKET_PROTOCOL).into_iter();
     let mut words = offers.flat_map(|offer| offer.as_bytes().split(|byte| *byte == b','));
@@ -116,7 +116,7 @@ pub(crate) struct LiveRuntimes {
     pub inbound: Handle,
     /// They send to viewers.
     pub outbound: Handle,
-    /// Whether connections are encrypted; else those that write stand back.
+    /// True if connections are encrypted; else those that write stand back.
     pub encrypted: bool,
 }
 
@@ -190,7 +190,7 @@ impl Viewer {
         }
     }
 
-    /// What is said first: who it is, the bench, and every axis.
+    /// First messages: the connection, the bench, and every axis.
     fn initial_messages(&self) -> Vec<Message> {
         let bench = &self.state.bench;
         let welcome = ServerMessage::Welcome(Welcome {
@@ -210,7 +210,7 @@ impl Viewer {
             .collect()
     }
 
-    /// Hears what is said, and does it: a stop at once, all else in its turn.
+    /// Reads messages and executes them: a stop at once, all others in order.
     async fn read(&self, mut from: WebSocketStream<SocketReader>) {
         let (mut pace, mut waiting) = (RateLimiter::default(), IncomingQueue::default());
         let mut silent = clock::now() + clock::scale_timeout(SILENT_MAX);
@@ -239,7 +239,7 @@ impl Viewer {
                     pace.count();
                     self.process_next(turn, &mut waiting);
                 }
-                // It says at least that it is there, unless it takes nothing.
+                // The client sends at least a ping reply, unless it accepts nothing.
                 () = sleep(silent.since(clock::now())) => return,
             }
         }
@@ -272,7 +272,7 @@ impl Viewer {
         let report = match queued {
             QueuedMessage::Request(message, locks) => self.handle_message(message, locks, permit),
             QueuedMessage::Reply(report) => Some(*report),
-            // Where its answers are not taken, it need not be told that we are here.
+            // A client that does not accept its replies needs no ping.
             QueuedMessage::Ping(its) => return drop(self.replies.try_send(Message::Pong(its))),
             QueuedMessage::Pong => None,
         };
@@ -284,7 +284,7 @@ impl Viewer {
         }
     }
 
-    /// Takes what was said. A stop is done now, whatever was said before it.
+    /// Receives a message. A stop is executed now, before all earlier messages.
     fn receive_text(&self, text: &str, pace: &mut RateLimiter, waiting: &mut IncomingQueue) {
         let locks = self.state.bench.lock_count();
         let message = match serde_json::from_str::<ClientMessage>(text) {
@@ -309,8 +309,7 @@ impl Viewer {
         }
     }
 
-    /// Does what was said when motion had been locked so often. What cannot be answered at once is
-    /// answered later.
+    /// Executes a message that was received when motion had been locked `locks` times. Slow replies are sent later.
     fn handle_message(
         &self,
         message: ClientMessage,
@@ -340,7 +339,7 @@ impl Viewer {
         }
     }
 
-    /// What only looks is the writer's to do; whether it is there to be watched is found out here.
+    /// Subscriptions are the writer's work; their existence is checked here.
     fn request_subscription(
         &self,
         message: ClientMessage,
@@ -386,12 +385,12 @@ impl Viewer {
         }
     }
 
-    /// How far it came is told by events, to everybody. What of it could not be obeyed is the reply.
+    /// The progress of the stop is sent to all clients as events. The reply has the parts that could not be executed.
     fn stop(&self, request: StopRequest) -> Option<ServerMessage> {
         let since = clock::now();
         let refused = self.state.bench.refused_targets(&request).into_iter().next();
         let stopped = self.state.bench.stop(&self.session, &request);
-        // Whoever floods us with stops is obeyed, not measured.
+        // Stops beyond the rate limit are executed, not measured.
         if let Ok(permit) = Arc::clone(&self.command_slots).try_acquire_owned() {
             let state = Arc::clone(&self.state);
             tokio::spawn(async move {
@@ -404,7 +403,7 @@ impl Viewer {
         refused.map(|error| error_message(error, Some("stop"), None))
     }
 
-    /// That motion is let again is told by an event, to everybody.
+    /// The release is sent to all clients as an event.
     fn release(&self, locks: u64) -> Option<ServerMessage> {
         let about = Some("release");
         let Ok(permit) = Arc::clone(&self.lease_slots).try_acquire_owned() else {
@@ -483,7 +482,7 @@ impl Viewer {
     }
 }
 
-/// What a viewer is shown.
+/// Writer of a viewer.
 struct ViewerWriter {
     state: SharedAppState,
     caller: Caller,
@@ -506,8 +505,8 @@ impl ViewerWriter {
                     return;
                 }
             }
-            // What is wanted no more is not sent behind the answers to what was said later. What was
-            // asked comes before what happens, and that before what is merely shown.
+            // An ended subscription is not sent behind later replies. Replies come before events, and these before
+            // telemetry.
             tokio::select! {
                 biased;
                 look = self.subscription_requests.recv() => match look {

@@ -12,7 +12,7 @@ use prometheus_client::registry::{Registry, Unit};
 
 use crate::message::{BenchView, LinkState};
 
-/// How long commands and stops take, from the client's message to the outcome: 0.1 ms to 6.5 s.
+/// Buckets of the durations of commands and stops, from the client's message to the outcome: 0.1 ms to 6.5 s.
 const STEPS: u16 = 17;
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]

@@ -7,23 +7,23 @@ use crate::error::SetupError;
 use crate::message::PORT;
 use crate::scope::{Scope, Scopes};
 
-/// What a server is told at its start.
+/// Options of a server.
 #[derive(Debug, Clone)]
 pub struct ServerOptions {
-    /// Where it listens; port 0 takes a free one.
+    /// Listening address; port 0 takes a free one.
     pub bind: SocketAddr,
     /// Encrypts, with the certificate in the folder or a new one.
     pub tls: bool,
-    /// Certificates of those who vouch for clients: nobody else gets as far as showing a token.
+    /// CA certificates of clients: without a certificate of these, a client cannot even show a token.
     pub client_ca: Option<PathBuf>,
     /// Names by which clients may call it, besides the loopback's and the address that it listens on: a host,
     /// or a host and the port of a proxy or tunnel.
     pub host_names: Vec<String>,
     /// Origins of its page behind a proxy with another scheme: `https://bench.example`.
     pub origins: Vec<String>,
-    /// What anybody may do at most, whatever the token says.
+    /// Scopes that limit all tokens.
     pub scopes: Scopes,
-    /// Where tokens, certificate and journal are.
+    /// Folder of tokens, certificate and journal.
     pub folder: PathBuf,
     /// Ports that clients may have searched for drives, besides those that the system lists.
     pub search_ports: Vec<String>,
@@ -75,7 +75,7 @@ impl ServerOptions {
         Ok(())
     }
 
-    /// What goes before `://`.
+    /// Scheme before `://`.
     #[must_use]
     pub const fn scheme(&self) -> &'static str {
         if self.tls { "https" } else { "http" }
@@ -112,7 +112,7 @@ impl<'a> HostName<'a> {
     }
 }
 
-/// Whether it can be the origin of a page: a scheme and a host, without a path.
+/// Returns whether it can be the origin of a page: a scheme and a host, without a path.
 fn is_origin(origin: &str) -> bool {
     let host = origin.strip_prefix("https://").or_else(|| origin.strip_prefix("http://"));
     host.is_some_and(|host| HostName::parse(host).is_some())

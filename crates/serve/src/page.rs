@@ -5,13 +5,13 @@ use axum::response::{IntoResponse as _, Response};
 
 include!(concat!(env!("OUT_DIR"), "/page.rs"));
 
-/// What is shown where a program was built without the page.
+/// Page of a program that was built without the page.
 const LEFT_OUT: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Polepair</title>\
 <h1>The page was left out</h1><p>This polepair was built without its dashboard. The gateway works: \
 REST and WebSocket are at <code>/api/v1</code>, described by <a href=\"/api/v1/openapi.json\">\
 openapi.json</a>.</p><p>To have the page: <code>make web</code> where Node is, then build again.</p>";
 
-/// What is shown to a browser that was not let in.
+/// Page for a browser without a login.
 const TOKEN_REQUIRED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Polepair</title>\
 <h1>This needs a token</h1><p>Open the URL that <code>polepair serve</code> printed when it started. \
 It lets one browser in, once; start the server again for another one.</p>";
@@ -30,7 +30,7 @@ pub(crate) fn file(path: &str) -> Option<Response> {
     (path == "/index.html").then(|| html(StatusCode::OK, LEFT_OUT))
 }
 
-/// What a browser shows instead of an error in JSON.
+/// Response for a browser instead of an error in JSON.
 pub(crate) fn token_required_page(status: StatusCode) -> Response {
     html(status, TOKEN_REQUIRED)
 }

@@ -36,26 +36,26 @@ use crate::options::ServerOptions;
 use crate::tls::{self, ServerTls};
 use crate::token;
 
-/// How long a request's head may take, and the time between two; a TLS greeting likewise.
+/// Time limit of a request's head, and of the pause between two; a TLS greeting likewise.
 const HEAD_MAX: Duration = Duration::from_secs(5);
 /// Bytes of a request's head.
 const HEAD_BYTES_MAX: usize = 32 * 1024;
-/// How long open connections have to end.
+/// Time limit of open connections at the end.
 const SHUTDOWN_MAX: Duration = Duration::from_millis(500);
-/// How long nothing is accepted when the system gives no more sockets.
+/// Pause in accepting when the system has no more sockets.
 const ACCEPT_BACKOFF: Duration = Duration::from_millis(20);
 /// The tokens' file in the server's folder.
 const TOKENS: &str = "tokens";
 /// The journal's.
 const JOURNAL: &str = "journal.jsonl";
-/// That of browsers that are logged in.
+/// Name of the file with logins of browsers.
 const SESSIONS: &str = "sessions";
 
 /// A server that runs.
 pub struct GatewayServer {
-    /// What takes requests and commands, and what shows.
+    /// Runtimes of readers and of writers.
     runtimes: Option<Runtimes>,
-    /// What looks for viewers, and what ends that.
+    /// Thread that polls for viewers, and the sender that ends it.
     broadcaster: Option<(JoinHandle<()>, oneshot::Sender<()>)>,
     state: SharedAppState,
     address: SocketAddr,
@@ -77,7 +77,7 @@ struct Runtimes {
 }
 
 impl std::fmt::Debug for GatewayServer {
-    /// Not its URL: that lets somebody in.
+    /// Without its URL, which contains a login.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Server at {}", self.address)
     }
@@ -175,13 +175,13 @@ impl GatewayServer {
         })
     }
 
-    /// Where it listens.
+    /// Listening address.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What lets one browser in, once.
+    /// URL that logs one browser in, once.
     #[must_use]
     pub fn url(&self) -> &str {
         &self.url
@@ -199,27 +199,27 @@ impl GatewayServer {
         self.truncated_bytes
     }
 
-    /// Axes that the server before owed a stop when it ended, by connection string and number: those
-    /// that are there are stopped now.
+    /// Axes whose stop was pending when the previous server ended, by connection string and number: present ones are
+    /// stopped now.
     #[must_use]
     pub fn inherited_stops(&self) -> &[(String, u32)] {
         &self.inherited_stops
     }
 
-    /// What it serves.
+    /// The bench.
     #[must_use]
     pub fn bench(&self) -> &Bench {
         &self.state.bench
     }
 
-    /// What ends it.
+    /// Handle that ends the server.
     #[must_use]
     pub fn shutdown_handle(&self) -> ShutdownHandle {
         ShutdownHandle(self.end.clone())
     }
 
-    /// Waits until somebody ends it, then stops what moves and closes everything. Returns who was not
-    /// seen standing: see [`Bench::shutdown`].
+    /// Waits until the server is ended, then stops all motion and closes everything. Returns the axes without measured
+    /// standstill: see [`Bench::shutdown`].
     pub fn wait(mut self) -> Vec<String> {
         if let Some(Runtimes { http, .. }) = &self.runtimes {
             let mut end = self.end.subscribe();
@@ -257,7 +257,7 @@ impl GatewayServer {
 
 impl Drop for GatewayServer {
     fn drop(&mut self) {
-        // Nobody is left to hear of it but the journal.
+        // Only the journal is left to record it.
         let _ = self.close();
     }
 }
@@ -279,7 +279,7 @@ fn runtime(first: impl Fn() + Send + Sync + 'static) -> Result<Runtime, SetupErr
     })
 }
 
-/// Its journal does not take its first record: no server runs that could stop anything.
+/// Error of a journal that does not accept its first record: without it no server runs that could stop anything.
 fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
     let link = |url: &String| url.split('#').next().unwrap_or_default().to_owned();
     let stops = urls.iter().filter(|url| !url.starts_with("sim:"));
@@ -303,7 +303,7 @@ fn create_folder(path: &Path) -> Result<(), SetupError> {
     builder.create(path).map_err(|error| SetupError::file(path, "make", &error))
 }
 
-/// Where a browser on this machine finds it.
+/// Address for a browser on this machine.
 fn browser_ip(address: SocketAddr) -> std::net::IpAddr {
     let ip = address.ip();
     if !ip.is_unspecified() {
@@ -367,7 +367,7 @@ async fn serve_connection(
     app: Router,
     slot: ConnectionSlot,
 ) {
-    // A socket that cannot be told so is slower, no worse.
+    // Without this option the socket is slower, no worse.
     let _ = stream.set_nodelay(true);
     let Ok(here) = stream.local_addr().map(LocalAddress) else { return };
     match tls {
@@ -399,7 +399,7 @@ async fn serve_requests(
     http.timer(TokioTimer::new())
         .header_read_timeout(clock::scale_timeout(HEAD_MAX))
         .max_buf_size(HEAD_BYTES_MAX);
-    // Whoever breaks off or sends no HTTP hears no more.
+    // A client that disconnects or sends no HTTP gets no reply.
     let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
 }
 

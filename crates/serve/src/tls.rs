@@ -21,7 +21,7 @@ use crate::token::{require_private, write_private_file};
 
 /// The certificate's file in the server's folder.
 const CERTIFICATE: &str = "certificate.pem";
-/// Its key's.
+/// File name of the private key.
 const KEY: &str = "key.pem";
 /// Certificates of a file.
 const CHAIN_MAX: usize = 8;
@@ -37,7 +37,7 @@ impl Acceptor {
     }
 }
 
-/// What encrypts, and the fingerprint by which people know it.
+/// TLS settings of a server, with the certificate's fingerprint for people.
 pub struct ServerTls {
     /// Takes connections.
     pub acceptor: Acceptor,
@@ -80,7 +80,7 @@ pub fn load(options: &ServerOptions) -> Result<ServerTls, SetupError> {
     Ok(ServerTls { acceptor: Acceptor(TlsAcceptor::from(Arc::new(config))), fingerprint })
 }
 
-/// What lets in whoever shows a certificate that one of a file's signed, and nobody else.
+/// Verifier of client certificates by the CA certificates of a file.
 fn client_cert_verifier(
     path: &Path,
     provider: Arc<CryptoProvider>,

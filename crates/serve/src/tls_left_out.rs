@@ -1,4 +1,4 @@
-//! Stands for encryption in a program that was built without it.
+//! Replaces encryption in a program that was built without it.
 
 use tokio::net::TcpStream;
 

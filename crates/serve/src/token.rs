@@ -45,25 +45,25 @@ impl AccessToken {
         parse_hex(text).map(Self)
     }
 
-    /// Its hexadecimal digits. For the file, the URL and the cookie alone.
+    /// Hexadecimal digits of the token. For the file, the URL and the cookie alone.
     #[must_use]
     pub fn reveal(&self) -> String {
         to_hex(&self.0)
     }
 
-    /// Whether both are the same; takes as long whatever differs.
+    /// Returns whether both are the same; takes as long whatever differs.
     #[must_use]
     pub fn matches(&self, other: &Self) -> bool {
         self.0.ct_eq(&other.0).into()
     }
 
-    /// What shows that it is known, to who asks at that address.
+    /// Proof of knowing the token, for a client at that address.
     #[must_use]
     pub fn proof(&self, challenge: &[u8; TOKEN_BYTES], address: SocketAddr) -> String {
         token_proof(&self.0, challenge, address)
     }
 
-    /// What stands for it where it must not be kept itself.
+    /// Digest of the token, for places where it must not be kept itself.
     #[must_use]
     pub fn digest(&self) -> [u8; 32] {
         *blake3::hash(&self.0).as_bytes()
@@ -90,9 +90,9 @@ pub(crate) fn to_hex(bytes: &[u8; TOKEN_BYTES]) -> String {
 pub struct Grant {
     /// The secret.
     pub token: AccessToken,
-    /// What it grants.
+    /// Scopes that the token grants.
     pub scopes: Scopes,
-    /// Whom the journal names.
+    /// Name for the journal.
     pub name: String,
 }
 
@@ -177,7 +177,7 @@ fn parse_grant(path: &Path, line: usize, text: &str) -> Result<Grant, SetupError
     Ok(Grant { token, scopes, name: name.to_owned() })
 }
 
-/// What is wrong, without what stands there.
+/// Error of a line, without its content.
 fn invalid_line(path: &Path, line: usize, why: &str) -> SetupError {
     SetupError::usage("E230", format!("{}:{line}: {why}", path.display()))
         .hint("remove the file to get a new one")

@@ -24,10 +24,11 @@ mod tests;
 
 /// An error flag with those of the others behind it, and its delimiter.
 const ERROR_BITS: u32 = 12 + 8;
-/// What a failed transmission adds to the transmit error counter, and beyond what it is bus-off.
+/// Increase of the transmit error counter by a failed transmission, and the count beyond which the controller is
+/// bus-off.
 const ERROR_WEIGHT: u16 = 8;
 const ERRORS_MAX: u16 = 255;
-/// Recessive bits that a controller waits before it takes part again.
+/// Recessive bits that a controller waits before it leaves bus-off.
 const RECOVERY_BITS: u64 = 128 * 11;
 /// Frames that a host's controller holds, and a drive's: what is in line there cannot be called back.
 const HOST_FRAMES_MAX: usize = 1;
@@ -35,7 +36,7 @@ const DRIVE_FRAMES_MAX: usize = 3;
 /// Frames that an adapter holds back at most; beyond them they are lost.
 pub(crate) const DELAYED_MAX: usize = 256;
 
-/// Who has a controller on the bus.
+/// Role of a controller on the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) enum PlugRole {
     /// The commanding end.
@@ -43,44 +44,44 @@ pub(crate) enum PlugRole {
     Host,
     /// A drive: what it sends while it takes a frame answers that frame.
     Drive,
-    /// Who belongs to nobody here.
+    /// A sender that belongs to no host and no drive.
     Intruder,
 }
 
-/// What the world knows of a frame and no station sees.
+/// Facts on a frame that the world knows and no station sees.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct CanFrameLabel {
     /// Number of the frame; 0 for none.
     pub tag: u32,
     /// Hash of identifier and payload as they were meant.
     pub content_hash: u64,
-    /// Its identifier, and whether that has 29 bits.
+    /// CAN identifier, and whether it has 29 bits.
     pub id: (u32, bool),
     /// Place of its sender on the bus.
     pub sender: usize,
-    /// The frame that it answers, and the content of that; `None` for what is said unasked, and where
-    /// the world cannot tell.
+    /// Number and content of the frame that it answers; `None` for unsolicited frames, and where the world cannot
+    /// determine it.
     pub answers: Option<(u32, u64)>,
     /// An intruder sent it, or what it answers.
     pub from_intruder: bool,
-    /// It is taken a second time, or answers what was.
+    /// True if it is received a second time, or answers a copy.
     pub is_copy: bool,
-    /// What it answers is not known: its sender's controller was full.
+    /// True if the answered frame is unknown: its sender's controller was full.
     pub cause_unknown: bool,
     /// Bits that it takes at least.
     pub bits_min: u32,
 }
 
-/// What the world knows about one node's place on a CAN bus and the node does not.
+/// Facts on one node's place on a CAN bus that the world knows and the node does not.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct CanPlugStatus {
     /// Place on the bus, as in [`CanFrameLabel::sender`].
     pub plug: usize,
-    /// What it heard last.
+    /// Label of the last received frame.
     pub last_received: CanFrameLabel,
-    /// How many frames it heard.
+    /// Number of received frames.
     pub received_count: u64,
-    /// What it handed to its controller last, and when.
+    /// Label and time of the last frame that it gave to its controller.
     pub last_sent: CanFrameLabel,
     /// See [`last_sent`](Self::last_sent).
     pub sent_at: Instant,
@@ -90,10 +91,10 @@ pub struct CanPlugStatus {
     pub taken_twice: u64,
     /// Frames of hosts that it did not get, or not whole.
     pub missed: u64,
-    /// How often its controller went bus-off.
+    /// Number of times its controller went bus-off.
     pub bus_off_count: u64,
-    /// It last did because another host had a frame of this identifier and other data in the very same
-    /// instants, from the first try to the last.
+    /// Identifier of the last bus-off whose cause was another host with a frame of this identifier and other data at
+    /// the same instants, from the first try to the last.
     pub clash_id: Option<(u32, bool)>,
     /// Intruders' frames that it took and that may have been meant for it.
     pub intruder_frames: u64,
@@ -109,7 +110,7 @@ pub(crate) struct CanBus {
     random: Random,
     plugs: Vec<CanPlug>,
     on_wire: Option<ActiveFrame>,
-    /// An appointment to start is made: until then whoever has something to say joins in.
+    /// True if a start is scheduled: until then further senders join the arbitration.
     start_pending: bool,
     /// Bits that were on the wire so far.
     busy_bits: u64,
@@ -125,14 +126,14 @@ struct CanPlug {
     queue: VecDeque<QueuedFrame>,
     sending: bool,
     error_count: u16,
-    /// How many of its last transmissions, running, ended in that of another host.
+    /// Number of consecutive transmissions that collided with a frame of another host.
     clash_count: u16,
     bus_off: bool,
-    /// Its connector is pulled.
+    /// True while its connector is pulled.
     unplugged: bool,
-    /// What it is taking now: what it sends meanwhile answers that.
+    /// Label of the frame that it is receiving: it sends its replies meanwhile.
     answering: Option<CanFrameLabel>,
-    /// Its station may hold frames back whose cause is no longer known.
+    /// True if its station may hold frames back whose cause is no longer known.
     cause_unknown: bool,
     delayed: VecDeque<(Instant, Frame, CanFrameLabel)>,
     status: CanPlugStatus,
@@ -147,7 +148,7 @@ struct QueuedFrame {
     received: bool,
 }
 
-/// What is on the wire.
+/// The frame on the wire.
 #[derive(Clone, Copy, Debug)]
 struct ActiveFrame {
     frame: Frame,
@@ -164,7 +165,7 @@ enum TransmissionEnd {
     Destroyed,
 }
 
-/// What becomes of a frame at one plug.
+/// Result of a frame at one plug.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Delivery {
     Missed,
@@ -200,21 +201,21 @@ impl CanBus {
         self.plugs[plug].status
     }
 
-    /// Whether a plug's controller can take a frame.
+    /// Returns whether a plug's controller can take a frame.
     pub(crate) fn has_room(&self, plug: usize) -> bool {
         let CanPlug { role, queue, bus_off, unplugged, .. } = &self.plugs[plug];
         let max = if *role == PlugRole::Drive { DRIVE_FRAMES_MAX } else { HOST_FRAMES_MAX };
         queue.len() < max && !bus_off && !unplugged
     }
 
-    /// What a plug sends from here on answers the frame that it heard last.
+    /// Marks frames that a plug sends from here on as replies to its last received frame.
     pub(crate) fn begin_answering(&mut self, plug: usize) {
         let plug = &mut self.plugs[plug];
         plug.answering = Some(plug.status.last_received);
     }
 
-    /// What a plug sends from here on answers nothing. `empty` says that its station has no more to
-    /// say now.
+    /// Marks frames that a plug sends from here on as replies to none. `empty` is true if its station has no more to
+    /// send now.
     pub(crate) fn end_answering(&mut self, plug: usize, empty: bool) {
         let plug = &mut self.plugs[plug];
         plug.cause_unknown = !empty && (plug.cause_unknown || plug.answering.is_some());
@@ -291,7 +292,7 @@ impl CanBus {
         Some(now.plus_ns(self.bits_ns(bits.into())))
     }
 
-    /// Ends what is on the wire: the frame if it arrived. When all have heard it,
+    /// Ends the transmission on the wire: the frame if it arrived. After its delivery to all plugs,
     /// [`start_frame`](Self::start_frame) the next.
     pub(crate) fn finish_frame(&mut self) -> Option<(Frame, CanFrameLabel)> {
         let ActiveFrame { frame, label, end, clash } = self.on_wire.take()?;
@@ -325,7 +326,7 @@ impl CanBus {
         (end != TransmissionEnd::Destroyed).then_some((frame, label))
     }
 
-    /// What a plug hears of the frame that has just ended, and when.
+    /// The copy of the just ended frame that a plug receives, and its time.
     pub(crate) fn deliver_to(
         &mut self,
         to: usize,
@@ -382,7 +383,7 @@ impl CanBus {
         Some((frame, mark)).filter(|_| !self.down && !self.plugs[plug].unplugged)
     }
 
-    /// The same frame, or a shorter one where it is meant for that plug and the fault hits it.
+    /// The frame, shortened if it is addressed to that plug and the fault applies.
     fn shorten_payload(&mut self, to: usize, mut frame: Frame, mark: &CanFrameLabel) -> Frame {
         if self.faults.cut == Ppm::NEVER {
             return frame;
@@ -444,7 +445,7 @@ impl CanBus {
         plug.status.is_waiting = false;
     }
 
-    /// How long a controller stays away after it went bus-off.
+    /// Time that a controller stays disconnected after it went bus-off.
     pub(crate) fn recovery_ns(&self) -> u64 {
         self.bits_ns(RECOVERY_BITS)
     }
@@ -459,7 +460,7 @@ impl CanBus {
         if now == Instant::ZERO { 0.0 } else { busy / now.0 as f64 }
     }
 
-    /// Nanoseconds that so many bits take; 0 on a bus without bit timing.
+    /// Time of `bits` bits, ns; 0 on a bus without bit timing.
     fn bits_ns(&self, bits: u64) -> u64 {
         (bits * 1_000_000_000).checked_div(self.line.bit_rate.into()).unwrap_or(0)
     }

@@ -25,11 +25,11 @@ const OPEN_MAX: usize = 16;
 /// An invariant that was broken.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Violation {
-    /// Its number: `I1`.
+    /// Number of the invariant: `I1`.
     pub invariant: &'static str,
     /// When.
     pub at: Instant,
-    /// What happened, with the axis and the values.
+    /// Description of the violation, with the axis and the values.
     pub what: String,
 }
 
@@ -52,9 +52,9 @@ pub struct SerialChecker {
     pending_question: Option<u64>,
     /// The reply that was matched last was changed on the wire, or answers a changed request.
     pub(crate) last_match_tainted: bool,
-    /// It was the second copy of the reply to an earlier request.
+    /// True if the last match was the second copy of the reply to an earlier request.
     pub(crate) last_match_copied: bool,
-    /// How often that happened.
+    /// Number of such copies.
     pub(crate) copies_taken: u64,
 }
 
@@ -65,7 +65,7 @@ impl std::fmt::Debug for SerialChecker {
 }
 
 impl SerialChecker {
-    /// A watch over `host`, which speaks `protocol` on `wire`.
+    /// Creates the watch of `host`, which uses `protocol` on `wire`.
     #[must_use]
     pub fn new(host: NodeId, wire: WireId, protocol: &str) -> Self {
         Self {
@@ -82,8 +82,8 @@ impl SerialChecker {
         }
     }
 
-    /// To be called after every event that touched the host. `gave_up` says that a ticket ended
-    /// without an answer: from then on no reply to what was sent for it may be taken.
+    /// Checks the host; call it after every event that touched it. `gave_up` is true if a ticket ended without a reply:
+    /// from then on no reply to its requests may be accepted.
     pub fn check_event(&mut self, world: &mut World, gave_up: bool) -> Option<Violation> {
         let counters = world.inspect(self.host, |n, _| n.axes().map(|a| a.counters()))?;
         let before = std::mem::replace(&mut self.counters, counters);
@@ -130,7 +130,7 @@ impl SerialChecker {
             && known.last_received.answers != transmission_label.tag
             && known.last_received.begun_by >= transmission_label.left_at;
         if known.last_received.tainted || (index.is_some() && !behind) {
-            // A second copy that says what is asked is right, but the answer itself is to come.
+            // A second copy with the right value is right, but the reply itself will still arrive.
             let ahead = known.last_received.is_copy
                 && known.last_received.answers != transmission_label.tag;
             self.pending_question = ahead.then_some(transmission_label.content_hash);
@@ -138,7 +138,7 @@ impl SerialChecker {
         }
         self.last_match_copied |= behind;
         if self.last_match_copied && known.last_received.begun_by >= transmission_label.left_at {
-            // It was kept back until the request had left: nothing tells it from an answer.
+            // It was kept back until the request had left: it cannot be distinguished from a reply.
             self.copies_taken += 1;
             self.pending_question = Some(transmission_label.content_hash);
             return None;
@@ -151,7 +151,7 @@ impl SerialChecker {
         Some(Violation { invariant: "I1", at: world.now(), what })
     }
 
-    /// Whether what the host heard lately holds a frame that passes every check of its protocol:
+    /// Returns whether the recently received bytes of the host contain a frame that passes every check of its protocol:
     /// then a wrong value is a wire collision.
     #[must_use]
     pub fn is_wire_collision(&self, world: &World) -> bool {
@@ -160,8 +160,8 @@ impl SerialChecker {
         frames.is_some_and(|mut frames| frames.next().is_some())
     }
 
-    /// Whether what `drive` heard lately holds a frame that passes every check of its protocol and
-    /// that is not what was sent just then: the drive may have done what nobody asked for.
+    /// Returns whether the recently received bytes of `drive` contain a frame that passes every check of its protocol
+    /// and was not sent just then: the drive may have executed a request of no host.
     #[must_use]
     pub fn accepted_unsent(&self, world: &World, drive: NodeId) -> bool {
         let (bytes, fresh) = world.received_bytes(self.wire, drive);
@@ -170,7 +170,7 @@ impl SerialChecker {
             .any(|frame| !world.is_as_sent(self.wire, drive, frame))
     }
 
-    /// Whether what `drive` heard last passes every check of its protocol as a frame that was not
+    /// Returns whether the last received bytes of `drive` pass every check of its protocol as a frame that was not
     /// sent: it was changed on the way.
     #[must_use]
     pub fn accepted_changed(&self, world: &World, drive: NodeId) -> bool {
@@ -183,7 +183,7 @@ impl SerialChecker {
     }
 }
 
-/// Where every frame is that passes its check, wherever it begins, and ends behind `fresh`.
+/// Places of every frame that passes its check, wherever it begins, and ends behind `fresh`.
 fn valid_frames(
     dissector: &'static dyn Dissector,
     bytes: &[u8],
@@ -223,7 +223,7 @@ impl PossibleValues {
         }
     }
 
-    /// Whether reading `value` agrees with what is known. From then on it is what is known.
+    /// Returns whether reading `value` agrees with what is known. From then on it is what is known.
     pub fn observe(&mut self, value: i64) -> bool {
         let agrees = self.0.as_ref().is_none_or(|values| values.contains(&value));
         self.set(value);

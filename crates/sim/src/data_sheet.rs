@@ -43,7 +43,7 @@ pub struct DataSheetEntry {
     pub sub: u8,
     /// Number of its data type (CiA 301).
     pub data_type: u8,
-    /// What it is called.
+    /// Name of the object.
     pub name: String,
     /// An SDO may read it.
     pub readable: bool,
@@ -62,7 +62,7 @@ pub struct DataSheetEntry {
 /// A value from the factory.
 #[derive(Clone, PartialEq, Debug)]
 pub enum FactoryValue {
-    /// None is told.
+    /// The sheet gives no default.
     Unset,
     /// A number, or the bits of one.
     Number(i64),
@@ -72,7 +72,7 @@ pub enum FactoryValue {
     Bytes(Vec<u8>),
 }
 
-/// What the devices of a sheet share.
+/// Data shared by the devices of a sheet.
 #[derive(Debug)]
 pub struct DataSheet {
     dictionary: &'static Dictionary,
@@ -86,11 +86,11 @@ pub struct DataSheet {
 #[derive(Clone, Debug)]
 struct DataSheetAxis {
     objects: Objects,
-    /// Its modes, a bit each; 0 if the sheet tells none.
+    /// Supported modes, a bit each; 0 if the sheet lists none.
     modes: u32,
 }
 
-/// What keeps a value, as from the factory.
+/// An object that stores a value, with its factory value.
 #[derive(Clone, Debug)]
 struct StoredObject {
     index: u16,
@@ -136,7 +136,7 @@ impl DataSheet {
         }
     }
 
-    /// Whether there is a motor.
+    /// Returns whether there is a motor.
     #[must_use]
     pub const fn is_drive(&self) -> bool {
         !self.axes.is_empty()
@@ -144,7 +144,7 @@ impl DataSheet {
 }
 
 impl DataSheetEntry {
-    /// Who keeps its value: the protocol, the drive, or a cell of its own.
+    /// Storage of its value: the protocol, the drive, or a cell of its own.
     fn assign_tag(&self, axes: u16, cells: &mut Vec<StoredObject>) -> u16 {
         if is_protocol_object(self.index, self.sub, PDOS_MAX as u16)
             && ValueType(self.data_type).bytes().is_some()

@@ -28,7 +28,7 @@ pub struct SerialFaults {
     pub chunk_gap_us: u32,
     /// Per reply: it is sent twice.
     pub duplicate: Ppm,
-    /// Per reply: it is late, and so is whatever this drive says after it.
+    /// Per reply: it is late, and so are all later frames of this drive.
     pub late: Ppm,
     /// The host's patience, ms: half of the late replies arrive within a hair of it.
     pub host_timeout_ms: u32,
@@ -38,17 +38,17 @@ pub struct SerialFaults {
     pub lose_request: Ppm,
     /// Per reply: it never arrives.
     pub lose_reply: Ppm,
-    /// Per reply: somebody else talks at the same time.
+    /// Per reply: another sender transmits at the same time.
     pub collide: Ppm,
-    /// The host's line driver lets go so many bits too late (half duplex).
+    /// Delay of the host's line driver in releasing the line, bits (half duplex).
     pub release_late_bits: u8,
-    /// Bytes to the host come at multiples of so many ms, as from a USB adapter; 0 = at once.
+    /// Period of an adapter that hands bytes to the host, as on USB, ms; 0 = at once.
     pub latency_ms: u8,
     /// The host's end is set to this baud rate; 0 = the right one.
     pub host_baud: u32,
 }
 
-/// How many faults were made, by kind. Shows that a test tested something.
+/// Number of faults were made, by kind. Shows that a test tested something.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct InjectedSerialFaults {
     /// Bytes changed, lost or inserted.

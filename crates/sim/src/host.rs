@@ -20,7 +20,7 @@ pub struct HostProtocol {
     pub profile: &'static str,
     /// The first address that a scan tries.
     pub first_address: u32,
-    /// The wire it speaks on.
+    /// Kind of the wire.
     pub medium: MediumKind,
     /// The baud or bit rate from the factory.
     pub baud: u32,
@@ -51,8 +51,8 @@ pub fn host_lane(
 /// A lane of a program: the protocol's word, the host's settings, the axes.
 pub type LaneSpec<'a> = (&'a str, HostOptions, Vec<(&'static Profile, u32)>);
 
-/// A program on a CAN bus: one lane for each protocol that it speaks, as one set of axes, those of
-/// the first lane first. `None` when some protocol is unknown on CAN.
+/// A program on a CAN bus: one lane for each of its protocols, as one set of axes, those of the first lane first.
+/// `None` for a protocol that is unknown on CAN.
 #[must_use]
 pub fn can_program(lanes: &[LaneSpec<'_>]) -> Option<Box<dyn SimNode>> {
     let lane = |(protocol, options, axes): &LaneSpec<'_>| {
@@ -112,7 +112,7 @@ impl proto::ProtocolVisitor for HostLaneBuilder<'_> {
     }
 }
 
-/// The lane's medium is known to the protocol only; here the two kinds of wire are told apart.
+/// Node of a lane. Only the protocol knows the medium of its lane; here the two kinds of wire are distinguished.
 fn lane_node(lane: Box<dyn Any>) -> Option<Box<dyn SimNode>> {
     let lane = match lane.downcast::<Box<dyn AnyLane<Stream>>>() {
         Ok(lane) => return Some(Box::new(HostLane(*lane))),

@@ -10,7 +10,7 @@ use polepair_core::time::{Instant, earliest};
 use polepair_drives::SimulatedDevice;
 use polepair_drives::bench::{Act, BenchControl};
 
-/// What a world holds: an object with ports.
+/// A member of a world: an object with ports.
 pub trait SimNode: Timed + Send {
     /// The station behind a serial port, counted from 0.
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
@@ -36,9 +36,9 @@ pub trait SimNode: Timed + Send {
 #[derive(Debug)]
 pub struct DriveNode<D>(pub D);
 
-/// Where the serial end of a [`DriveNode`] is.
+/// Port number of the serial end of a [`DriveNode`].
 pub const SERIAL_PORT: u8 = 0;
-/// Where the CAN end of a [`DriveNode`] is.
+/// Port number of the CAN end of a [`DriveNode`].
 pub const CAN_PORT: u8 = 1;
 
 /// A host lane on a serial port.
@@ -62,7 +62,7 @@ pub struct ScheduledAct {
     pub at: Instant,
     /// To which of its motors, from 0.
     pub motor: u8,
-    /// What.
+    /// The act.
     pub act: Act,
 }
 
@@ -74,7 +74,7 @@ pub struct ScheduledActs {
 }
 
 impl ScheduledActs {
-    /// That drive, with these acts.
+    /// Creates a node with these scheduled acts.
     #[must_use]
     pub fn new(node: Box<dyn SimNode>, mut acts: Vec<ScheduledAct>) -> Self {
         acts.sort_by_key(|act| std::cmp::Reverse(act.at));

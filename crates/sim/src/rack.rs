@@ -26,7 +26,7 @@ pub struct RackSpec {
 /// One link: a wire with its drives.
 #[derive(Clone, Debug)]
 pub struct RackLink {
-    /// What people call it.
+    /// Name for users.
     pub name: String,
     /// How the wire is built.
     pub wire: RackWire,
@@ -44,7 +44,7 @@ pub enum RackWire {
 }
 
 impl RackWire {
-    /// What the wire carries.
+    /// Medium of the wire.
     #[must_use]
     pub const fn medium(&self) -> MediumKind {
         match self {
@@ -53,7 +53,7 @@ impl RackWire {
         }
     }
 
-    /// The standard that a serial wire follows: who hears whom.
+    /// The standard of a serial wire, which decides the receivers of each sender.
     #[must_use]
     pub const fn standard(&self) -> Option<proto::SerialStandard> {
         match self {
@@ -90,7 +90,7 @@ pub struct RackDrive {
     /// The protocol words of its wires, that of the link it is listed on first: `tmcl`,
     /// `modbus-rtu`.
     pub wires: Vec<String>,
-    /// The standard that its serial wire follows, where it speaks differently on each.
+    /// The standard of its serial wire, for families that differ by it.
     pub standard: Option<proto::SerialStandard>,
     /// The link of another medium that it is plugged into besides, by its place in the rack.
     pub second_link: Option<usize>,
@@ -98,17 +98,17 @@ pub struct RackDrive {
     pub address: Option<u32>,
     /// Seed of whatever is random in the drive.
     pub seed: u64,
-    /// What the family knows beyond these: `variant=position`.
+    /// Further keys of the family: `variant=position`.
     pub extra: Vec<(String, String)>,
-    /// Its data sheet, where that says what it is.
+    /// Data sheet of the drive, where one describes it.
     pub data_sheet: Option<Arc<DataSheet>>,
-    /// What is done to it before power is given: its load, its switches.
+    /// Acts before power is given: its load, its switches.
     pub acts: Vec<(u8, Act)>,
-    /// What is done to it later.
+    /// Acts at later times.
     pub scheduled_acts: Vec<ScheduledAct>,
 }
 
-/// Where the parts of a rack are in a world.
+/// Places of the parts of a rack in a world.
 #[derive(Clone, Debug, Default)]
 pub struct BuiltRack {
     /// A wire for each link, with a node for each drive: first those listed on the link, then those
@@ -140,7 +140,7 @@ pub enum RackError {
     Wire {
         /// The profile's name.
         profile: &'static str,
-        /// What the wire carries.
+        /// Medium of the wire.
         medium: MediumKind,
     },
     /// The drive has no such thing as an act of the description is done to.
@@ -246,7 +246,7 @@ impl RackDrive {
         Ok(node)
     }
 
-    /// Whether the drive has what is done to it later: tried on another one.
+    /// Checks that the drive supports its scheduled acts, by trying them on another one.
     fn check_scheduled_acts(&self) -> Result<(), RackError> {
         if self.scheduled_acts.is_empty() {
             return Ok(());
@@ -306,7 +306,7 @@ impl RackDrive {
         Ok(Box::new(DriveNode(data_sheet::DataSheetDevice::new(Arc::clone(sheet), node, serial))))
     }
 
-    /// Does to the drive what the description says, before power is given.
+    /// Executes the acts of the description on the drive before power is given.
     ///
     /// # Errors
     /// [`RackError::Act`].

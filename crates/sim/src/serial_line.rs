@@ -12,7 +12,7 @@ use crate::fault::{InjectedSerialFaults, SerialFaults};
 use crate::random::{HistoryHash, Random};
 use crate::uart;
 
-/// Bytes that are kept of what a station heard.
+/// Received bytes that are kept of a station.
 const MEMORY_MAX: usize = 1200;
 
 /// How the stations on a serial wire hear each other.
@@ -30,10 +30,10 @@ const NETWORK_NS: u64 = 20_000_000;
 /// An adapter of FTDI hands bytes on at multiples of this, from the factory, ns.
 const FTDI_NS: u64 = 16_000_000;
 
-/// What is between the host and a serial wire, and when bytes are handed on by it.
+/// Device between the host and a serial wire, which decides the time at which bytes are handed on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Timing {
-    /// A serial port: bytes take the time that the baud rate says.
+    /// A serial port: the baud rate decides the time of bytes.
     #[default]
     Uart,
     /// An adapter that hands bytes on to the host every 16 ms.
@@ -46,10 +46,10 @@ pub enum Timing {
 }
 
 impl Timing {
-    /// What a packet takes on the network at most, ms.
+    /// Longest time of a packet on the network, ms.
     pub const NETWORK_MS: u32 = (NETWORK_NS / 1_000_000) as u32;
 
-    /// Whether bytes take the time that the baud rate says.
+    /// Returns whether the baud rate decides the time of bytes.
     #[must_use]
     pub const fn has_byte_timing(self) -> bool {
         !matches!(self, Self::Cdc)
@@ -59,11 +59,11 @@ impl Timing {
 /// How a serial wire is built.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SerialWireConfig {
-    /// Who hears whom.
+    /// Duplex of the line, which decides the receivers of each sender.
     pub duplex: Duplex,
     /// When bytes are handed on.
     pub timing: Timing,
-    /// The host's adapter hears its own bytes (half duplex).
+    /// True if the host's adapter returns its own bytes (half duplex).
     pub echo: bool,
     /// Every station is as good as set to this baud rate; each to its own if `None`.
     pub baud: Option<u32>,
@@ -81,13 +81,13 @@ impl SerialWireConfig {
         Self { duplex: Duplex::Full, timing: Timing::Cdc, echo: false, baud: None };
 }
 
-/// What the world knows of a transmission and no station sees.
+/// Facts on a transmission that the world knows and no station sees.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct TransmissionLabel {
     /// Number of the transmission; 0 for none.
     pub tag: u32,
-    /// The transmission that its sender had last heard, 0 for none. For a drive's reply: the
-    /// request that it answers.
+    /// The last transmission that its sender had received, 0 for none. For a drive's reply: the request that it
+    /// answers.
     pub answers: u32,
     /// Hash of the bytes that the sender meant.
     pub content_hash: u64,
@@ -95,7 +95,7 @@ pub struct TransmissionLabel {
     pub question_hash: u64,
     /// The wire changed it, or changed what it answers.
     pub tainted: bool,
-    /// It is the second copy that a fault made of a reply.
+    /// True if it is the second copy that a fault made of a reply.
     pub is_copy: bool,
     /// When its last byte can have left at the earliest, clocks being a twentieth apart.
     pub left_at: Instant,
@@ -109,31 +109,31 @@ pub struct TransmissionLabel {
 pub(crate) struct SerialPlug {
     /// The commanding end: drives answer it, and its adapter may echo.
     pub(crate) is_host: bool,
-    /// Its own transmissions queue behind each other.
+    /// End of its own transmissions, which queue behind each other.
     busy_until: Instant,
     /// When it drove the wire last.
     drove_from_until: (Instant, Instant),
-    /// What it sent last.
+    /// Label of the last sent transmission.
     pub(crate) last_sent: TransmissionLabel,
-    /// What it heard last; tainted if anything was since it last sent.
+    /// Label of the last received transmission; tainted if any was since it last sent.
     pub(crate) last_received: TransmissionLabel,
-    /// The same, its own bytes left out.
+    /// The last received transmission of other stations.
     pub(crate) last_from_others: TransmissionLabel,
     tainted: bool,
     pub(crate) history: ReceiveHistory,
 }
 
-/// The last bytes that a station heard, and where among them it spoke.
+/// The last bytes that a station received, and the positions of its own transmissions among them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ReceiveHistory {
     pub(crate) bytes: Vec<u8>,
     sent_offsets: [usize; 2],
-    /// Where each transmission among them begins, and the hash of what it was meant to be.
+    /// Start of each transmission among them, and the hash of its intended content.
     intended: Vec<(usize, u64)>,
 }
 
 impl ReceiveHistory {
-    /// Takes what was heard; `begins` is the content of a transmission that begins with it.
+    /// Records received bytes; `begins` is the content of a transmission that begins with them.
     fn record(&mut self, received: &[u8], begins: Option<u64>) {
         if self.bytes.len() + received.len() > MEMORY_MAX {
             let old = self.bytes.len().saturating_sub(MEMORY_MAX / 2);
@@ -150,13 +150,13 @@ impl ReceiveHistory {
         self.sent_offsets = [self.sent_offsets[1], self.bytes.len()];
     }
 
-    /// Whether these of the bytes are what the transmission they came in was meant to be.
+    /// Returns whether these of the bytes are what the transmission they came in was meant to be.
     pub(crate) fn is_as_sent(&self, range: std::ops::Range<usize>) -> bool {
         let within = self.intended.iter().rfind(|(at, _)| *at <= range.start);
         within.is_some_and(|(_, content)| *content == hash_bytes(&self.bytes[range]))
     }
 
-    /// Where those bytes begin that were heard between the last two times it spoke, or since.
+    /// Start of the bytes received between its last two transmissions, or since the last.
     pub(crate) const fn fresh_from(&self) -> usize {
         self.sent_offsets[0]
     }
@@ -205,7 +205,7 @@ impl Receivers {
         }
     }
 
-    /// Whether nobody is left to hear it afterwards.
+    /// Returns whether no station is left to receive it afterwards.
     pub(crate) const fn is_final(self) -> bool {
         !matches!(self, Self::Drives)
     }
@@ -378,7 +378,7 @@ impl SerialWire {
         self.in_flight.retain(|&flying| flying != at);
     }
 
-    /// Whether plug `to` hears what plug `from` sends.
+    /// Returns whether plug `to` receives transmissions of plug `from`.
     pub(crate) fn can_hear(&self, to: usize, from: usize) -> bool {
         if to == from {
             return self.config.echo && self.plugs[to].is_host;
@@ -386,8 +386,8 @@ impl SerialWire {
         self.config.duplex == Duplex::Half || self.plugs[to].is_host != self.plugs[from].is_host
     }
 
-    /// What of `chunk` the station at plug `to`, set to `line`, hears, into `heard`. Returns
-    /// whether there was a framing error.
+    /// Appends the bytes of `chunk` that the station at plug `to`, set to `line`, receives to `heard`. Returns whether
+    /// there was a framing error.
     pub(crate) fn receive_chunk(
         &mut self,
         to: usize,
@@ -469,7 +469,7 @@ impl SerialWire {
         self.faults.lateness_ns(&mut self.random)
     }
 
-    /// What a packet takes on the network, if there is one.
+    /// Time of a packet on the network, if there is one.
     fn network_ns(&mut self) -> u64 {
         if self.config.timing == Timing::Tcp { self.random.below(NETWORK_NS) } else { 0 }
     }

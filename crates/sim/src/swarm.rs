@@ -27,7 +27,7 @@ pub const RECOVERY_MS: u32 = 2_000;
 /// Violations that one report holds at most.
 pub const VIOLATIONS_MAX: usize = 8;
 
-/// What came of one seed.
+/// Result of one seed.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct WorldReport {
     /// The seed that it replays from.
@@ -36,7 +36,7 @@ pub struct WorldReport {
     pub events: u64,
     /// Hash over all events.
     pub history: u64,
-    /// How long the world lived.
+    /// Time at which the world ended.
     pub world_time: Instant,
     /// Requests that hosts put on a wire.
     pub requests: u64,
@@ -52,14 +52,14 @@ pub struct WorldReport {
     pub wire_collisions: u64,
     /// Requests that were changed on the way, passed every check, and were answered by a drive.
     pub requests_collided: u64,
-    /// Second copies of a reply that a host took for the answer to its next request: they come
-    /// just when an answer could, and the protocol cannot tell them from one.
+    /// Second copies of a reply that a host took for the reply to its next request: they arrive just when a reply
+    /// could, and the protocol cannot distinguish them.
     pub copies_taken: u64,
     /// The faults made.
     pub injected: InjectedSerialFaults,
-    /// Those made on CAN buses.
+    /// Faults injected on CAN buses.
     pub injected_on_can: InjectedCanFaults,
-    /// Copies taken on CAN, by the protocol whose replies cannot be told from copies.
+    /// Copies taken on CAN, by the protocol whose replies cannot be distinguished from copies.
     pub copies_on: BTreeMap<&'static str, u64>,
     /// Verbs that were reported as done though the drive missed their frame, by the protocol that
     /// has no answer for them.
@@ -77,7 +77,7 @@ pub struct WorldReport {
     pub cable_pulls: u64,
     /// Invariants broken.
     pub violations: Vec<Violation>,
-    /// What happened since somebody was told; kept in replays only.
+    /// Events since the last report; kept in replays only.
     log: Vec<String>,
     logs: bool,
 }
@@ -127,8 +127,8 @@ impl WorldReport {
     }
 }
 
-/// Lives through the world of a seed and tells everything: what is in it, who asks what and how it ends, what
-/// breaks, and every byte that is heard.
+/// Runs the world of a seed and reports everything: its members, each request and its end, each violation, and every
+/// received byte.
 pub fn replay(medium: MediumKind, seed: u64, report_line: &mut dyn FnMut(&str)) -> WorldReport {
     let mut scene = scenario::Scenario::new(medium, seed);
     scene.enable_log();

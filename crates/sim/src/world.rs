@@ -35,12 +35,11 @@ use outside_end::OutsideEnd;
 
 /// Transmissions that one station may make in answer to one event.
 const TRANSMISSIONS_MAX: usize = 64;
-/// Events that may happen at one instant before whoever wants more time is made to wait.
+/// Events at one instant before a node that wants more time must wait.
 const SAME_INSTANT_MAX: u32 = 1_000;
-/// How long such a node waits.
+/// Pause of such a node, ns.
 const BUSY_LOOP_PAUSE_NS: u64 = 1_000_000;
-/// How long a node waits that wants to send, while its CAN controller takes nothing more; unless
-/// that has room before.
+/// Pause of a node that wants to send while its CAN controller is full; shorter if that has room before.
 const CONTROLLER_FULL_NS: u64 = 1_000_000;
 
 /// A node of a world.
@@ -55,7 +54,7 @@ pub struct WireId(usize);
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct EndId(usize);
 
-/// What the last step did.
+/// Result of the last step.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StepResult {
     /// A node's time came.
@@ -66,27 +65,27 @@ pub enum StepResult {
     Nothing,
 }
 
-/// What the world knows about one end of a serial wire and its station does not: see [`TransmissionLabel`].
+/// Facts on one end of a serial wire that the world knows and its station does not: see [`TransmissionLabel`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct SerialPlugStatus {
-    /// What it sent last.
+    /// Label of the last sent transmission.
     pub last_sent: TransmissionLabel,
-    /// What it heard last.
+    /// Label of the last received transmission.
     pub last_received: TransmissionLabel,
-    /// What it heard last of others: not its own bytes, which an adapter may hand back.
+    /// The last received transmission of others: not its own bytes, which an adapter may return.
     pub last_from_others: TransmissionLabel,
 }
 
-/// What somebody heard.
+/// A reception of a station.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Reception {
     /// When it had arrived.
     pub at: Instant,
     /// On which wire.
     pub wire: WireId,
-    /// Who; `None` for an outside end.
+    /// The receiver; `None` for an outside end.
     pub node: Option<NodeId>,
-    /// What it was.
+    /// The received data.
     pub data: ReceptionData,
 }
 
@@ -184,19 +183,19 @@ impl World {
         self.history.value()
     }
 
-    /// How often a node was made to wait because it wanted time again and again at one instant.
-    /// Anything but zero is a fault of that node: on a real link it would keep a processor busy.
+    /// Number of times a node had to wait because it wanted time again and again at one instant. Anything but zero is a
+    /// fault of that node: on a real link it would keep a processor busy.
     #[must_use]
     pub const fn busy_loops(&self) -> u64 {
         self.busy_loops
     }
 
-    /// Begins to keep what everybody hears, for [`World::take_log`].
+    /// Begins to record receptions, for [`World::take_log`].
     pub fn enable_log(&mut self) {
         self.log = Some(Vec::new());
     }
 
-    /// What everybody heard since this was last called.
+    /// Takes the receptions since the last call.
     pub fn take_log(&mut self) -> Vec<Reception> {
         self.log.as_mut().map(std::mem::take).unwrap_or_default()
     }
@@ -220,7 +219,7 @@ impl World {
         WireId(self.wires.len() - 1)
     }
 
-    /// What a wire carries.
+    /// Medium of a wire.
     #[must_use]
     pub fn medium(&self, wire: WireId) -> MediumKind {
         match self.wires[wire.0].medium {
@@ -237,8 +236,8 @@ impl World {
         id
     }
 
-    /// Plugs the host's end of `wire` into a node's port. On RS-232 everybody else hears the host
-    /// only; an echoing adapter is the host's.
+    /// Plugs the host's end of `wire` into a node's port. On RS-232 all others receive from the host only; an echoing
+    /// adapter is the host's.
     pub fn plug_host(&mut self, wire: WireId, node: NodeId, port: u8) {
         self.plug(wire, PlugOwner::Node(node.0, port), PlugRole::Host);
     }
@@ -271,7 +270,7 @@ impl World {
         }
     }
 
-    /// What the world knows about a node's place on a serial wire.
+    /// State of a node's place on a serial wire.
     #[must_use]
     pub fn serial_status(&self, wire: WireId, node: NodeId) -> SerialPlugStatus {
         let (at, wire) = (self.plug_index(wire, node), &self.wires[wire.0]);
@@ -288,23 +287,22 @@ impl World {
         }
     }
 
-    /// The last bytes that a node heard on a serial wire, and how many of them, from the first on,
-    /// it had heard before the last but one time it spoke.
+    /// The last bytes that a node received on a serial wire, and the number of them, from the first on, that it had
+    /// received before its last transmission but one.
     #[must_use]
     pub fn received_bytes(&self, wire: WireId, node: NodeId) -> (&[u8], usize) {
         self.receive_history(wire, node)
             .map_or((&[], 0), |memory| (&memory.bytes, memory.fresh_from()))
     }
 
-    /// Whether these of the [received bytes](World::received_bytes) are what the transmission they
-    /// came in was meant to be.
+    /// Returns whether these of the [received bytes](World::received_bytes) are what the transmission they came in was
+    /// meant to be.
     #[must_use]
     pub fn is_as_sent(&self, wire: WireId, node: NodeId, range: std::ops::Range<usize>) -> bool {
         self.receive_history(wire, node).is_some_and(|memory| memory.is_as_sent(range))
     }
 
-    /// Cuts a wire or joins it again, and tells every station on it, if that changes anything.
-    /// Returns whether it does.
+    /// Cuts a wire or joins it again, and notifies every station on it of a change. Returns whether it changed.
     pub fn set_wire_down(&mut self, wire: WireId, down: bool) -> bool {
         let is_down = match &mut self.wires[wire.0].medium {
             WireMedium::Serial(serial) => &mut serial.down,
@@ -328,7 +326,7 @@ impl World {
         result
     }
 
-    /// Lends a node to `f`, for what gives it nothing to say.
+    /// Lends a node to `f`, for access that makes it send nothing.
     pub fn inspect<R>(
         &mut self,
         node: NodeId,
@@ -378,20 +376,20 @@ impl World {
         self.ends[end.0].read_bytes(buffer)
     }
 
-    /// Whether something waits at an outside end.
+    /// Returns whether something waits at an outside end.
     #[must_use]
     pub fn has_pending(&self, end: EndId) -> bool {
         self.ends[end.0].has_pending()
     }
 
-    /// Bytes and frames that were dropped because nobody took them from an outside end.
+    /// Number of bytes and frames that were dropped because an outside end was not read.
     #[must_use]
     pub fn dropped(&self, end: EndId) -> u64 {
         self.ends[end.0].dropped
     }
 }
 
-/// What is scheduled.
+/// A scheduled event.
 #[derive(Clone, Copy, Debug)]
 enum ScheduledEvent {
     NodeTimeout(usize),
@@ -534,7 +532,7 @@ impl World {
         StepResult::Arrival(WireId(wire))
     }
 
-    /// Gives what was heard to whom it concerns.
+    /// Gives received bytes to their station.
     fn deliver_bytes(&mut self, party: PlugOwner, broken: bool) {
         let (node, port) = match party {
             PlugOwner::Outside(end) => {

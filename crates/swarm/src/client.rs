@@ -1,4 +1,4 @@
-//! A client: what it holds, and what it says next.
+//! A client: its leases, and its next action.
 
 use std::collections::BTreeMap;
 
@@ -6,29 +6,29 @@ use polepair_core::time::Instant;
 use polepair_serve::bench::SessionName;
 use polepair_sim::random::{Ppm, Random};
 
-/// How far a client came with an axis that it holds.
+/// Progress of a client with an axis that it holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum LeaseProgress {
     /// It has the lease.
     Held,
-    /// Motion is let through.
+    /// Motion is allowed.
     Armed,
     /// The motor is powered, where that is a verb of its own.
     Enabled,
-    /// It was told to turn.
+    /// A speed was commanded.
     Moved,
-    /// It was sent to a position.
+    /// A position was commanded.
     Sent,
 }
 
 /// A lease that a client has.
 #[derive(Clone, Copy, Debug)]
 pub struct HeldLease {
-    /// Its epoch.
+    /// Epoch of the lease.
     pub epoch: u64,
     /// When it is renewed next.
     pub renew_at: Instant,
-    /// How far the client came.
+    /// Progress of the client.
     pub progress: LeaseProgress,
     /// A command is under way.
     pub command_pending: bool,
@@ -37,11 +37,11 @@ pub struct HeldLease {
 /// How a client is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ClientPresence {
-    /// It works.
+    /// The client is running.
     Present,
-    /// It says and renews nothing until then, and goes on as if nothing had been.
+    /// The client sends and renews nothing until then, and then continues as before.
     Hung(Instant),
-    /// It went. The server notices at the first instant, if at all; it comes back at the second.
+    /// The client left. The server notices at the first instant, if at all; the client returns at the second.
     Gone(Option<Instant>, Instant),
 }
 
@@ -50,24 +50,24 @@ pub enum ClientPresence {
 pub struct GatewayClient {
     /// The session that it has now.
     pub name: SessionName,
-    /// How often it came back with a new one.
+    /// Number of its reconnections.
     pub reconnects: u32,
     /// How it is.
     pub presence: ClientPresence,
     /// When it does something next.
     pub next_at: Instant,
-    /// What it holds.
+    /// Leases of the client.
     pub leases: BTreeMap<u16, HeldLease>,
-    /// Its next word is a stop: this share of a million.
+    /// Chance that its next action is a stop, ppm.
     stop_ppm: u32,
-    /// It vanishes or hangs: this share of a million.
+    /// Chance that it leaves or hangs, ppm.
     leave_ppm: u32,
 }
 
-/// What a client does.
+/// Action of a client.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum ClientAction {
-    /// Wants the lease; `true` takes it from whoever has it.
+    /// Requests the lease; `true` takes it from another holder.
     TakeLease(u16, bool),
     /// A verb of an axis that it holds.
     Command(u16, &'static str),
@@ -83,7 +83,7 @@ pub enum ClientAction {
     ReadSpeed(u16),
     /// Goes without a word.
     Vanish,
-    /// Says nothing for a while.
+    /// Sends nothing for a while.
     Hang,
     /// Nothing.
     Wait,
@@ -103,7 +103,7 @@ impl GatewayClient {
         }
     }
 
-    /// What it does now.
+    /// Chooses the next action.
     pub fn choose_action(&self, random: &mut Random, axes: u16, locked: bool) -> ClientAction {
         let axis = random.below(u64::from(axes)) as u16;
         if locked && random.chance(Ppm(250_000)) {

@@ -19,11 +19,11 @@ pub struct DriveKind {
     axes_max: u64,
     /// Speeds that are asked for, rad/s.
     pub speeds: (u32, u32),
-    /// How long it may take from such a speed to stand, ms.
+    /// Longest time from such a speed to standstill, ms.
     pub ramp_ms: u32,
     /// Drives answer what starts motion: `done` means that they executed it.
     pub confirms_motion: bool,
-    /// Its position is measured: a stepper module without an encoder counts the steps that it asked for.
+    /// True if its position is measured: a stepper module without an encoder counts the commanded steps.
     pub measures_position: bool,
 }
 
@@ -146,9 +146,9 @@ pub const DRIVE_KINDS: [DriveKind; 10] = [
 pub struct RandomRack {
     /// The rack file.
     pub text: String,
-    /// What each axis is, in the order of the bench, and the wire that it is on.
+    /// Kind and wire of each axis, in the order of the bench.
     pub axes: Vec<(&'static DriveKind, usize)>,
-    /// How many wires there are.
+    /// Number of wires there are.
     pub wires: usize,
 }
 

@@ -1,9 +1,9 @@
 //! Whole gateways from one number: a bench in virtual time, clients that vanish, hang, stop, take over
 //! and come back, drives of every family, and wires that are cut, refused, flapping, silent and slow.
 //!
-//! A seed decides everything, and running it again gives the same history. After every event it is held
-//! against the truth of each simulated motor what the bench did and what it told; see [`INVARIANTS`].
-//! First everything may fail, then all wires are well again, and all that is owed a stop must stand.
+//! A seed decides everything, and running it again gives the same history. After every event the actions and reports of
+//! the bench are compared with the truth of each simulated motor; see [`INVARIANTS`]. First everything may fail, then
+//! all wires are well again, and all that is owed a stop must stand.
 #![forbid(unsafe_code)]
 
 mod client;
@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use polepair_core::time::Instant;
 pub use polepair_sim::check::Violation;
 
-/// What must hold after every event: the number that a violation names, and what it means.
+/// Invariants that must hold after every event: number and meaning.
 pub const INVARIANTS: [(&str, &str); 14] = [
     ("G1", "3 s after its wire is well, and within its ramp, an axis that is owed a stop stands"),
     ("G2", "the alarm stands while an axis turns that is owed a stop"),
@@ -40,16 +40,16 @@ pub const INVARIANTS: [(&str, &str); 14] = [
 /// Violations that one report holds at most.
 pub const VIOLATIONS_MAX: usize = 8;
 
-/// What came of one seed, or of many.
+/// Result of one seed, or of many.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct GatewayReport {
     /// The seed that it replays from.
     pub seed: u64,
     /// Hash over all that happened.
     pub history: u64,
-    /// How long the world lived.
+    /// Time at which the world ended.
     pub world_time: Instant,
-    /// What was counted, by name, in the order of the alphabet.
+    /// Counted events by name, in alphabetical order.
     pub counts: BTreeMap<&'static str, u64>,
     /// Violations that were excused, by what proves that no host could know better.
     pub excused: BTreeMap<&'static str, u64>,
@@ -82,8 +82,8 @@ pub fn run(seed: u64) -> GatewayReport {
     run_guarded(seed, None)
 }
 
-/// The same, and tells everything: who says what, every frame with what it says and what became of it,
-/// what each was told, and the truth of each motor.
+/// Runs a seed and reports everything: each request, every frame with its meaning and fate, each reply, and the truth
+/// of each motor.
 pub fn replay(seed: u64, report_line: impl Fn(&str) + 'static) -> GatewayReport {
     run_guarded(seed, Some(Box::new(report_line)))
 }

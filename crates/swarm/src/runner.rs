@@ -1,5 +1,4 @@
-//! What lives in a world: clients that say things and hear what came of it, wires that fail, and those
-//! who watch.
+//! Members of a world: clients that send requests and receive results, wires that fail, and observers.
 
 mod replies;
 
@@ -30,14 +29,14 @@ use crate::{GatewayReport, HistorySink, VIOLATIONS_MAX, Violation};
 const MOTION_VERBS: [&str; 3] = ["velocity", "move-to", "enable"];
 /// A lease is renewed so often, ms.
 const RENEW_MS: u32 = 450;
-/// What is not known to be executed may still be for so long.
+/// Time in which a request of unknown execution may still be executed, ms.
 const MAY_EXECUTE_MS: u32 = 4_000;
-/// Nothing of what was said before moves an axis that long after its wire is well and it is to stand.
+/// Time after which no earlier request moves an axis, once its wire works and it must be at standstill.
 const SETTLE_TIME: Duration = Duration::from_millis(3_000);
 
 /// A world that lives on for so long after its last word does not end by itself.
 const WORLD_MAX: Duration = Duration::from_secs(120);
-/// What was certain longer ago than this is not held against what is true now.
+/// Age of a certain fact above which it is not compared with the present truth.
 const CERTAIN_MAX_AGE: Duration = Duration::from_millis(20);
 
 /// Something that a client waits for.
@@ -82,16 +81,16 @@ pub struct WorldRunner {
     locked_since: Option<Instant>,
     last_id: u32,
     begin: Instant,
-    /// Nobody says anything from then on.
+    /// Time from which no client sends anything.
     quiet_from: Instant,
     closing: bool,
-    /// What came of the world.
+    /// Result of the world.
     pub report: GatewayReport,
     history: HistoryHash,
     now: Instant,
     history_sink: Option<HistorySink>,
     frames: Option<FrameSubscription>,
-    /// What was started, and since when each axis was owed when it was.
+    /// Starts of each axis, and the time of its pending stop at each start.
     seen_starts: Vec<u64>,
 }
 
@@ -157,7 +156,7 @@ impl WorldRunner {
         }
     }
 
-    /// Tells a line of the history, where somebody listens, and hashes it.
+    /// Records a line of the history for a listener, and hashes it.
     pub fn log(&mut self, line: impl FnOnce() -> String) {
         let line = line();
         hash_text(&mut self.history, &line);
@@ -192,7 +191,7 @@ impl WorldRunner {
         if tends {
             bench.run_non_blocking();
         }
-        // What is told is held against what is true now.
+        // Reports are compared with the present truth.
         self.check_motors(bench);
         self.process_events(bench);
         self.log_frames();
@@ -216,7 +215,7 @@ impl WorldRunner {
         }
     }
 
-    /// Another host says START DOWNLOAD (132) to a TMCL module on a line.
+    /// Another host sends START DOWNLOAD (132) to a TMCL module on a line.
     fn begin_download(&mut self, axis: usize, drive: usize) {
         let StopObserver { kind, wire, .. } = self.observers[axis];
         let address = kind.first_address as u8 + drive as u8;
@@ -455,7 +454,7 @@ impl WorldRunner {
         self.pending.push(PendingCall { client: who, axis: 0, sent_at: self.now, kind: what });
     }
 
-    /// Somebody whom nobody knows stops everything.
+    /// An unknown client stops everything.
     pub fn stop_all(&mut self, bench: &Bench) {
         self.log(|| "the supervisor says STOP ALL".to_owned());
         self.send_stop_as(0, &"supervisor".into(), None, bench);
@@ -471,7 +470,7 @@ impl WorldRunner {
             .for_each(|watch| watch.require_stop(now));
     }
 
-    /// It has ended, and these were told as not seen standing.
+    /// Checks the end of the bench, which named these axes as not at standstill.
     pub fn check_shutdown(&mut self, bench: &Bench, left: &[String]) {
         self.step(bench, false);
         let view = bench.snapshot();
@@ -564,7 +563,7 @@ impl WorldRunner {
         }
     }
 
-    /// Nothing starts an axis while motion is locked, once all that was said before has arrived.
+    /// Checks that nothing starts an axis while motion is locked, once all earlier requests have arrived.
     fn check_start(&mut self, n: usize, well: Option<Instant>) {
         let settled =
             |since: Instant| well.is_some_and(|well| self.now.since(well.max(since)) > SETTLE_TIME);
@@ -642,7 +641,7 @@ impl WorldRunner {
 
 fn error_text(error: Option<&GatewayError>) -> String {
     error.map_or(String::new(), |refused| {
-        // How old something is told to be is rounded by the machine's clock.
+        // A reported age is rounded by the machine's clock.
         let message = if refused.code == "gateway.expired" { "" } else { &*refused.message };
         format!("({}: {message}; executed {:?})", refused.code, refused.executed)
     })

@@ -17,7 +17,7 @@ use crate::schedule;
 use crate::wire::{self, AnyPort};
 use crate::{GatewayReport, HistorySink, Violation};
 
-/// How long things fail, and how long they are watched after that, ms.
+/// Time of the faults, and of the watch after them, ms.
 const FAULTS_MS: (i64, i64) = (3_000, 9_000);
 const FAULT_FREE_MS: u32 = 9_500;
 /// Clients act so long after the last calamity.
@@ -29,9 +29,9 @@ type SharedPorts = Arc<Mutex<Vec<Arc<dyn AnyPort>>>>;
 /// How a world ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum WorldEnd {
-    /// Nobody says anything any more: leases end.
+    /// No client sends anything any more: leases end.
     Silence,
-    /// Somebody stops everything.
+    /// A client stops everything.
     Stop,
     /// The server ends.
     Shutdown,

@@ -1,4 +1,4 @@
-//! What happens to the wires, and when.
+//! Faults of the wires and drives, with their times.
 
 use polepair_core::time::Instant;
 use polepair_drives::bench::Act;
@@ -24,20 +24,20 @@ pub struct DriveEvent {
     pub at: Instant,
     /// To which axis.
     pub axis: usize,
-    /// What.
+    /// The event.
     pub kind: DriveEventKind,
 }
 
-/// What happens to a drive.
+/// Event of a drive.
 #[derive(Clone, Copy, Debug)]
 pub enum DriveEventKind {
-    /// It stays so to the end of the world: a motor that is let go again turns without a command.
+    /// An act that lasts to the end of the world: a released motor turns again without a command.
     Act(Act),
     /// Another host begins to load a program into it, and goes: it stores each request from then on.
     Download,
 }
 
-/// What happens to drives until `calm`, in order.
+/// Plans the events of drives until `calm`, in order.
 pub fn plan_drive_events(
     random: &mut Random,
     axes: usize,

@@ -1,4 +1,4 @@
-//! Who stands beside a motor and knows what its axis is owed, whatever the bench believes.
+//! An observer that knows the truth of a motor and its pending stop, whatever the bench believes.
 
 #[cfg(test)]
 mod tests;
@@ -15,51 +15,51 @@ use crate::drives::DriveKind;
 const TURNING_SPEED: f64 = 1.0;
 /// A shaft is at its target if it is so near, rad: the window of 0.5 deg, and what a servo swings.
 const ARRIVAL_WINDOW: f64 = 0.03;
-/// An axis that is owed a stop has executed it so long after its wire is well.
+/// Time in which an axis with a pending stop has executed it, once its wire works.
 const STOP_ARRIVAL: Duration = Duration::from_secs(3);
 /// The command worker checks its link so often at least; an alarm may be as late, and a little.
 const ALARM_DELAY: Duration = Duration::from_millis(250);
 /// The stop of a lease's holder raises no alarm for so long, while it goes well.
 const HOLDER_STOP_GRACE: Duration = Duration::from_secs(2);
-/// So long a rest is none between two turns of a motor that swings.
+/// Shortest rest that is no turning point of a swinging motor.
 const REST_MIN: Duration = Duration::from_millis(60);
-/// Whoever says STOP is answered within so long.
+/// Longest time to the reply of a stop.
 pub const STOP_REPLY_MAX: Duration = Duration::from_millis(10_300);
 
 /// An invariant that was found broken, and how.
 pub type StopViolation = (&'static str, String);
 
-/// What is known of one axis.
+/// Knowledge about one axis.
 #[derive(Debug)]
 pub struct StopObserver {
-    /// What it is.
+    /// Kind of the drive.
     pub kind: &'static DriveKind,
     /// The wire that it is on.
     pub wire: usize,
-    /// What is true of its motor.
+    /// True state of its motor.
     pub truth: GroundTruth,
     /// Since when it turns by its drive's power; `None` where it does not.
     turning_since: Option<Instant>,
-    /// Since when it stands.
+    /// Time since which it is at standstill.
     standing_since: Option<Instant>,
-    /// Since when it is owed a stop, by what was said and what the bench told of its lease.
+    /// Time since which a stop is pending, by the requests and the bench's reports on its lease.
     pub stop_pending_since: Option<Instant>,
-    /// The holder of its lease said that stop, and nobody else since.
+    /// True if the holder of its lease requested that stop, and no other client since.
     asked_by_holder: bool,
-    /// The epoch of its lease, while somebody has it.
+    /// Epoch of its lease, while a client holds it.
     pub epoch: Option<u64>,
     /// Since when that lease is held, and when its holder last had it move.
     lease_since: Instant,
     moved_at: Instant,
-    /// The epoch under which it was last told to move.
+    /// Epoch of its last motion command.
     pub moved_epoch: Option<u64>,
     /// Commands under way that move it.
     pub open_commands: u32,
-    /// When it was last told to stop, by whomever: what a stop writes may look like motion.
+    /// Time of its last stop of any client: what a stop writes may look like motion.
     pub stopped_at: Instant,
-    /// Its drive lost its supply, or steps: positions count from another place since.
+    /// True if its drive lost its supply, or steps: positions have another origin since.
     pub counts_anew: bool,
-    /// Where it was sent, rad, and when that was done; `None` once anything else may have moved it.
+    /// Commanded target, rad, and the time at which that was done; `None` once anything else may have moved it.
     pub target: Option<(f64, Instant)>,
     /// Until when something may still be executed whose outcome is unknown.
     pub unknown_until: Instant,
@@ -71,7 +71,7 @@ pub struct StopObserver {
 }
 
 impl StopObserver {
-    /// An axis that stands.
+    /// Creates the observer of an axis at standstill.
     pub fn new(kind: &'static DriveKind, wire: usize) -> Self {
         Self {
             kind,
@@ -96,30 +96,30 @@ impl StopObserver {
         }
     }
 
-    /// Whether it turns by its drive's power.
+    /// Returns whether it turns by its drive's power.
     pub fn is_turning(&self) -> bool {
         self.turning_since.is_some()
     }
 
-    /// It is to stand from now on.
+    /// Requires standstill from now on.
     pub fn require_stop(&mut self, now: Instant) {
         self.stopped_at = now;
         self.target = None;
         if std::mem::take(&mut self.asked_by_holder) {
-            // From now on it is owed with its alarm.
+            // From now on its stop is pending together with its alarm.
             self.stop_pending_since = None;
         }
         self.stop_pending_since.get_or_insert(now);
     }
 
-    /// The same, by whoever says that lease is theirs: what they have it do next ends it.
+    /// [`require_stop`](Self::require_stop) by the holder of that lease: its next motion command ends it.
     pub fn require_holder_stop(&mut self, epoch: u64, now: Instant) {
         if self.epoch == Some(epoch) && self.stop_pending_since.is_none() {
             (self.stop_pending_since, self.asked_by_holder) = (Some(now), true);
         }
     }
 
-    /// Somebody else has its lease, or nobody.
+    /// Records the new holder of its lease, or none.
     pub fn record_lease(&mut self, epoch: Option<u64>, now: Instant) {
         if self.epoch.is_some() && self.epoch != epoch {
             self.stopped_at = now;
@@ -134,7 +134,7 @@ impl StopObserver {
         self.epoch = epoch;
     }
 
-    /// Whoever has that lease has it move.
+    /// Records a motion command of the holder of that lease.
     pub fn record_motion_order(&mut self, epoch: u64, now: Instant) {
         if self.epoch == Some(epoch) {
             self.moved_at = now;
@@ -152,7 +152,7 @@ impl StopObserver {
         }
     }
 
-    /// Somebody who asked at that time is told that it arrived.
+    /// Checks a report of arrival to a client that asked at that time.
     pub fn check_arrival(&self, asked_at: Instant) -> Option<StopViolation> {
         let (target, since) =
             self.target.filter(|_| self.unknown_until < asked_at && !self.counts_anew)?;
@@ -162,7 +162,7 @@ impl StopObserver {
             .then(|| ("G13", format!("told `arrived` at {target:.3} rad, and is at {position:.3}")))
     }
 
-    /// How far a stop came, as somebody was told.
+    /// Checks the reported class of a stop.
     pub fn check_stop_report(&mut self, class: StopClass, now: Instant) -> Option<StopViolation> {
         let speed = self.truth.velocity;
         match class {
@@ -177,8 +177,8 @@ impl StopObserver {
         }
     }
 
-    /// Takes what is true now, and tells what is broken. `alarm` is whether the bench says that it is
-    /// owed a stop, `None` where benches say no such thing; `dismissed` that somebody ended the debt.
+    /// Takes the present truth, and returns violations. `alarm` is whether the bench reports a pending stop, `None`
+    /// where benches report none; `dismissed` that a client dismissed it.
     pub fn check(
         &mut self,
         now: Instant,
@@ -234,7 +234,7 @@ impl StopObserver {
                 ));
             }
         }
-        // Each is told once an axis.
+        // Each is reported once an axis.
         found.retain(|(invariant, _)| !self.reported.contains(invariant));
         self.reported.extend(found.iter().map(|(invariant, _)| *invariant));
         found
@@ -271,7 +271,7 @@ impl StopObserver {
         let since = alarm.then(|| before.unwrap_or(now));
         self.alarm = Some(since);
         let speed = self.truth.velocity;
-        // Who held its lease when the alarm began said that stop, and has it move again.
+        // The holder of its lease at the begin of the alarm requested that stop, and has it move again.
         let goes_on = before.is_some_and(|before| {
             self.epoch.is_some() && self.lease_since <= before && self.moved_at >= before
         });

@@ -1,4 +1,4 @@
-//! A wire that fails: it stands between a bench and the host's end of a simulated wire.
+//! A wire that fails, between a bench and the host's end of a simulated wire.
 //!
 //! Why: SWARM-4.
 
@@ -14,7 +14,7 @@ use polepair_core::time::Instant;
 use polepair_link::error::Cause;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Losses, Received};
 
-/// While somebody waits for a drive, everything else goes on so often, ns.
+/// Step of the world's time while the bench waits for a drive, ns.
 const SLICE_NS: u64 = 1_000_000;
 /// Units that are thrown away when a link is opened again.
 const STALE_MAX: usize = 4096;
@@ -22,22 +22,22 @@ const STALE_MAX: usize = 4096;
 /// How a wire is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum WireCondition {
-    /// What is sent arrives.
+    /// All units arrive.
     Working,
-    /// The port is gone, or nobody listens there.
+    /// The port is gone, or no server listens there.
     Gone,
-    /// The port opens, and is lost again after so many ms.
+    /// The port opens, and is lost again after this time, ms.
     Drops(u32),
-    /// The port stays open, and what is said does not arrive.
+    /// The port stays open, and units are lost.
     Silent {
-        /// What the host says.
+        /// True if units of the host are lost.
         to_drives: bool,
-        /// What drives say.
+        /// True if units of drives are lost.
         to_host: bool,
     },
-    /// What is said takes so many ms longer each way.
+    /// Units take this much longer each way, ms.
     Slow(u32),
-    /// CANopen nodes refuse to tell speed and position in their present state.
+    /// CANopen nodes refuse reads of speed and position in their present state.
     Busy,
 }
 
@@ -56,16 +56,16 @@ impl std::fmt::Display for WireCondition {
     }
 }
 
-/// What became of a unit.
+/// Fate of a unit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum UnitOutcome {
-    /// It went on.
+    /// The unit was forwarded.
     Forwarded,
-    /// It goes on later.
+    /// The unit is forwarded later.
     Delayed,
-    /// It was lost on the way.
+    /// The unit was lost on the way.
     Lost,
-    /// It never left: the port was gone.
+    /// The unit was never sent: the port was gone.
     NotSent,
 }
 
@@ -76,9 +76,9 @@ pub struct ObservedUnit {
     pub at: Instant,
     /// From the host to drives, or the other way.
     pub to_drives: bool,
-    /// Its bytes, those of a frame with its identifier before them.
+    /// Bytes of the unit, those of a frame with its identifier before them.
     pub bytes: Vec<u8>,
-    /// What became of it.
+    /// Fate of the unit.
     pub outcome: UnitOutcome,
 }
 
@@ -90,17 +90,17 @@ pub trait AnyPort: Send + Sync {
     fn working_since(&self) -> Option<Instant>;
     /// Changes it.
     fn set_condition(&self, condition: WireCondition);
-    /// Sends what another host says; false on a bus, where nobody does.
+    /// Sends bytes of another host; false on a bus, where there is none.
     fn send_foreign(&self, bytes: &[u8]) -> bool;
     /// Sends on what was delayed for long enough.
     fn forward_due(&self);
-    /// How often its link was lost, how often opened again, how many units left the host.
+    /// Numbers of losses and openings of its link, and of sent units.
     fn counts(&self) -> WireCounts;
-    /// What passed since this was last called.
+    /// Takes the units that passed since the last call.
     fn take_observed(&self) -> Vec<ObservedUnit>;
 }
 
-/// What happened to a wire.
+/// Counted events of a wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct WireCounts {
     /// Links lost.
@@ -117,9 +117,9 @@ pub struct WireCounts {
 
 /// A medium whose units can be kept.
 pub trait OwnedMedium: Medium<Unit: ToOwned<Owned: Send>> {
-    /// Writes a unit where a link's reader wants it. Tells its length there.
+    /// Writes a unit into the buffer of a link's reader. Returns its length there.
     fn write_unit(unit: &Self::Unit, out: &mut Self::Out) -> usize;
-    /// Its bytes, for people and for the history.
+    /// Bytes of a unit, for people and for the history.
     fn unit_bytes(unit: &Self::Unit) -> Vec<u8>;
     /// The unit that these bytes are, on a line.
     fn foreign_unit(bytes: &[u8]) -> Option<&Self::Unit>;
@@ -215,7 +215,7 @@ impl<M: OwnedMedium> WireState<M> {
         });
     }
 
-    /// Whether a link of that generation is lost by now.
+    /// Returns whether a link of that generation is lost by now.
     fn is_lost(&mut self, generation: u64, now: Instant) -> bool {
         if let WireCondition::Drops(ms) = self.condition
             && generation == self.generation
@@ -232,7 +232,7 @@ impl<M: OwnedMedium> FaultyWire<M> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Units that arrived and that nobody is to hear any more.
+    /// Drops units that arrived too late for any reader.
     fn discard_stale(&self) {
         let mut buffer = M::buffer();
         for _ in 0..STALE_MAX {
@@ -472,7 +472,7 @@ thread_local! {
     static TICK: RefCell<Option<Rc<dyn Fn()>>> = const { RefCell::new(None) };
 }
 
-/// What goes on while somebody waits for a drive. `None` ends it.
+/// Sets the function that runs while the bench waits for a drive. `None` removes it.
 pub fn set_wait_hook(tick: Option<Rc<dyn Fn()>>) {
     TICK.with(|slot| *slot.borrow_mut() = tick);
 }

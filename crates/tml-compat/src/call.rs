@@ -1,4 +1,4 @@
-//! What every function does around its work: it keeps the error's text, and lets no panic out.
+//! The frame of every exported function: it keeps the error's text, and lets no panic out.
 #![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
 
 use std::cell::RefCell;
@@ -90,7 +90,7 @@ pub fn run<T>(function: &str, failed: T, work: impl FnOnce() -> CallResult<T>) -
     })
 }
 
-/// The same for a function whose result is `TRUE` or `FALSE`. It may send instructions.
+/// [`run`] for a function whose result is `TRUE` or `FALSE`. It may send instructions.
 pub fn run_bool(function: &str, work: impl FnOnce() -> CallResult<()>) -> Bool {
     SENT.with_borrow_mut(String::clear);
     run(function, 0, || work().map(|()| 1))

@@ -42,7 +42,7 @@ pub const BROADCAST: u32 = GROUP;
 
 /// An open channel.
 pub struct Channel {
-    /// What it was opened by. A program that opens the same again gets a second descriptor of this channel.
+    /// The arguments of the open call. A program that opens the same again gets a second descriptor of this channel.
     text: String,
     link: LocalLink,
     protocol: &'static str,
@@ -50,8 +50,8 @@ pub struct Channel {
     setups: BTreeMap<u32, &'static Profile>,
     messages: MessageQueue,
     listener: Option<MessageListener>,
-    /// How the channel is opened again for its first axis, where the program did not say which drive is at the
-    /// cable.
+    /// Connector and connection string to reopen the channel for its first axis, if the program did not name the drive
+    /// at the cable.
     reopen: Option<(Connector, String)>,
 }
 
@@ -74,7 +74,7 @@ thread_local! {
     static SELECTED: Cell<Selection> = const { Cell::new(NOTHING) };
 }
 
-/// What any thread has selected last, for threads that have not.
+/// Last selection of any thread, for threads without one.
 static LAST_SELECTED: Mutex<Selection> = Mutex::new(NOTHING);
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -11,7 +11,7 @@ use crate::power::position;
 /// The bit of an ID word that names a group.
 const GROUP_BIT: u16 = 1 << 8;
 
-/// What a master sends, and to whom.
+/// Values that a master sends, and their receiver.
 fn master(
     group: Bool,
     slave: u8,
@@ -58,7 +58,7 @@ pub extern "system" fn TS_SetGearingMaster(
     })
 }
 
-/// Where a slave gets its master's position from.
+/// Source of the master position of a slave.
 fn source(enable: c_short) -> CallResult<Option<&'static str>> {
     Ok(match enable {
         0 => None,
@@ -116,7 +116,7 @@ pub extern "system" fn TS_CamInitialization(load: u16, run: u16) -> Bool {
     })
 }
 
-/// What both kinds of cam have: table, offset and factors; 0 keeps what was set before.
+/// Common settings of both kinds of cam: table, offset and factors; 0 keeps the previous value.
 fn cam(run: u16, offset: c_long, [input, output]: [f64; 2]) -> CallResult<String> {
     let table = match run {
         0 => String::new(),

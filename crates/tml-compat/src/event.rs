@@ -61,7 +61,7 @@ fn position_event(
     Ok(format!("!{} {}", over_or_under(over, names), position(value)?))
 }
 
-/// Whether the event that was set last has occurred.
+/// True if the event that was set last has occurred.
 ///
 /// # Safety
 /// `occurred` is valid.

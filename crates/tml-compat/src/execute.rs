@@ -16,7 +16,7 @@ pub struct Target {
     pub axis: LocalAxis,
     /// Names of its variables.
     pub setup: &'static Profile,
-    /// Whether its wire lets drives send without being asked.
+    /// True if its wire lets drives send without being asked.
     pub may_send_unasked: bool,
 }
 

@@ -1,8 +1,8 @@
 //! `libTML_lib`: the functions of Technosoft's TML_LIB on Polepair, so that programs relink instead of being
 //! rewritten. The header is `include/TML_lib.h`; `docs/guides/tml-lib.md` lists what differs.
 //!
-//! - A function returns `TRUE` when the drive has confirmed what it was told. Otherwise it returns `FALSE` and
-//!   keeps a text for [`TS_GetLastErrorText`](session::TS_GetLastErrorText), of the calling thread.
+//! - A function returns `TRUE` when the drive has confirmed the command. Otherwise it returns `FALSE` and keeps a text
+//!   for [`TS_GetLastErrorText`](session::TS_GetLastErrorText), of the calling thread.
 //! - Each thread has its own channel and axis. A thread that has selected none uses what was selected last.
 //! - Each motion function is a few instructions of TML, sent one after the other;
 //!   [`TS_GetOutputOfExecute`](program::TS_GetOutputOfExecute) returns them. After a failed instruction, the rest

@@ -11,7 +11,7 @@ use crate::variable::fixed;
 /// UPGRADE.2: an external reference is limited.
 const LIMIT_REFERENCE: &str = "SRBL UPGRADE, 0xFFFF, 0x0004;";
 
-/// What stands at the end of a motion: where it begins, and when.
+/// Last instructions of a motion: reference of the motion and moment of its start.
 pub fn start(base: Option<c_short>, moment: c_short) -> CallResult<String> {
     let from = match base {
         None => "",
@@ -288,7 +288,7 @@ fn test_mode(
     })
 }
 
-/// Applies a voltage that rises by an increment each slow loop; the electrical angle turns as it is told.
+/// Applies a voltage that rises by an increment each slow loop; the electrical angle turns at the given rate.
 #[allow(unsafe_code, reason = "programs in C call it")]
 #[unsafe(no_mangle)]
 pub extern "system" fn TS_VoltageTestMode(
@@ -302,7 +302,7 @@ pub extern "system" fn TS_VoltageTestMode(
     test_mode("TS_VoltageTestMode", "V", values, "MODE VT", moment)
 }
 
-/// Applies a torque that rises by an increment each slow loop; the electrical angle turns as it is told.
+/// Applies a torque that rises by an increment each slow loop; the electrical angle turns at the given rate.
 #[allow(unsafe_code, reason = "programs in C call it")]
 #[unsafe(no_mangle)]
 pub extern "system" fn TS_TorqueTestMode(

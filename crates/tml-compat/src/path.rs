@@ -80,7 +80,7 @@ fn pt_point(to: c_long, time: c_uint, counter: c_short) -> CallResult<String> {
     Ok(format!("PTP {to}, {time}, {}", within("the counter", counter, COUNTER_MAX)?))
 }
 
-/// What is before the first point: absolute from an initial position, or relative.
+/// Instructions before the first point: absolute from an initial position, or relative.
 fn beginning(kind: c_short, initial: c_long, mode: &str) -> CallResult<String> {
     match kind {
         0 => Ok(format!("PVTPOS0 = {};CPA;{mode};", position(initial)?)),

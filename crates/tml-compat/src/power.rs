@@ -61,7 +61,7 @@ pub extern "system" fn TS_Save() -> Bool {
     command("TS_Save", "SAVE")
 }
 
-/// Powers the motor (`AXISON`), or takes the power off it (`AXISOFF`). SRL.15 says when it has power.
+/// Powers the motor (`AXISON`), or takes the power off it (`AXISOFF`). SRL.15 is set while it has power.
 #[unsafe(no_mangle)]
 pub extern "system" fn TS_Power(enable: Bool) -> Bool {
     command("TS_Power", if enable == 0 { "AXISOFF" } else { "AXISON" })

@@ -12,7 +12,7 @@ use crate::channel::target;
 use crate::power::command;
 use crate::{Bool, Text};
 
-/// Where programs of text lie: the start of the EEPROM.
+/// Address of text programs: the start of the EEPROM.
 const PROGRAM_START: u16 = 0x4000;
 /// The largest script, bytes.
 const SCRIPT_MAX: u64 = 1 << 20;

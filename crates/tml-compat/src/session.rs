@@ -21,7 +21,7 @@ pub extern "system" fn TS_GetLastErrorText() -> Text {
 pub unsafe extern "system" fn TS_Basic_GetLastErrorText(buffer: *mut c_char, capacity: c_int) {
     let text = last_error_text();
     let capacity = usize::try_from(capacity).unwrap_or(0);
-    // SAFETY: as promised by the caller. Without a buffer there is nobody to tell.
+    // SAFETY: as promised by the caller. Without a buffer there is no text to give.
     let _ = unsafe { write_text(&text, buffer, capacity) };
 }
 
@@ -84,7 +84,7 @@ pub extern "system" fn TS_SetupGroup(group: u8, setup: c_int) -> Bool {
     run_bool("TS_SetupGroup", || channel::set_up(group_address(group)?, setup))
 }
 
-/// Gives all axes of the selected channel, when they are told something together, the names of a set-up.
+/// Gives the broadcast of the selected channel, to all of its axes, the names of a set-up.
 #[unsafe(no_mangle)]
 pub extern "system" fn TS_SetupBroadcast(setup: c_int) -> Bool {
     run_bool("TS_SetupBroadcast", || channel::set_up(BROADCAST, setup))

@@ -1,4 +1,4 @@
-//! Functions that programs may link and that cannot be done: each fails and says why. Nothing is sent.
+//! Functions that programs may link and that are not supported: each fails with the reason. Nothing is sent.
 #![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
 
 use std::ffi::c_short;

@@ -19,7 +19,7 @@ pub fn fixed(what: &str, value: f64) -> CallResult<String> {
             "{what} {value} is out of range: it is -32768 to less than 32768"
         )));
     }
-    // Five digits tell all values apart.
+    // Five digits distinguish all values.
     let text = format!("{:.5}", raw / 65536.0);
     Ok(text.trim_end_matches('0').trim_end_matches('.').to_owned())
 }

@@ -27,7 +27,7 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
     broken
 }
 
-/// What looks like an id of a known subject and is none of `ids`.
+/// Words that look like an id of a known subject and are not in `ids`.
 pub(crate) fn undecided_ids(text: &str, ids: &BTreeSet<String>) -> BTreeSet<String> {
     let subject = |id: &str| id.split_once('-').map(|(subject, _)| subject.to_owned());
     let subjects: BTreeSet<String> = ids.iter().filter_map(|id| subject(id)).collect();

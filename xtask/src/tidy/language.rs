@@ -149,7 +149,7 @@ fn without_targets(line: &str) -> String {
     parts.fold(first, |text, part| text + part.split_once(')').map_or("", |(_, rest)| rest))
 }
 
-/// What is wrong with a text for users.
+/// Faults of a text for users.
 pub(crate) fn faults(text: &str) -> Vec<String> {
     let mut found = refused(text);
     for paragraph in text.split("\n\n").filter(|paragraph| !paragraph.contains("\n  ")) {

@@ -1,11 +1,11 @@
-//! Tests from outside are one program a crate: a file that it does not name runs nothing, and another
-//! program is linked anew, so it says what for.
+//! Tests from outside are one program a crate: a file that it does not name runs nothing, and another program is linked
+//! anew, so it states its reason.
 
 use std::path::{Path, PathBuf};
 
 /// The folder of that program, in `tests`.
 const INTEGRATION: &str = "integration";
-/// How whoever is not in it says why.
+/// First words of a program of its own, followed by the reason.
 const OWN_PROGRAM: &str = "//! A program of its own: ";
 
 /// Every test file that no program has, and every program without a reason.
@@ -23,7 +23,7 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
     broken
 }
 
-/// What is wrong with one file; `rest` is its path below `tests`.
+/// Faults of one file; `rest` is its path below `tests`.
 pub(crate) fn check_test_file(
     path: &Path,
     rest: &[&str],

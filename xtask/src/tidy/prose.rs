@@ -1,4 +1,4 @@
-//! Rule 14: what a message says decides nothing. Types, fields and codes do.
+//! Rule 14: the text of a message decides nothing. Types, fields and codes do.
 
 use syn::{BinOp, Expr};
 
@@ -34,7 +34,7 @@ const LOOKING: [&str; 12] = [
     "matches",
 ];
 
-/// Whether an expression looks for words in a message, or compares one with words.
+/// Returns whether an expression looks for words in a message, or compares one with words.
 pub fn depends_on_prose(expression: &Expr) -> bool {
     match expression {
         Expr::MethodCall(call) => {
@@ -50,7 +50,7 @@ pub fn depends_on_prose(expression: &Expr) -> bool {
     }
 }
 
-/// Whether an expression is what people read.
+/// Returns whether an expression is what people read.
 fn is_prose(expression: &Expr) -> bool {
     let of = |name: &syn::Ident| PROSE.iter().any(|word| name == word);
     match expression {
@@ -77,7 +77,7 @@ fn is_error(expression: &Expr) -> bool {
     }
 }
 
-/// A text that says something: that a message is empty is no prose.
+/// A text literal with content: a test for an empty message reads no prose.
 fn is_text_literal(expression: &Expr) -> bool {
     matches!(expression, Expr::Lit(literal)
         if matches!(&literal.lit, syn::Lit::Str(text) if !text.value().is_empty()))

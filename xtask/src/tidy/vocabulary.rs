@@ -7,7 +7,7 @@ use syn::visit::{self, Visit};
 
 use super::{SourceLocation, is_test, item_attributes};
 
-/// Verbs that do not say what is done: none of them is a function's whole name.
+/// Verbs without a specific meaning: none of them is a function's whole name.
 const VAGUE: [&str; 15] = [
     "take", "tell", "told", "look", "keep", "put", "turn", "give", "say", "said", "hear", "heard",
     "go", "come", "owe",
@@ -26,7 +26,7 @@ pub(crate) struct Vocabulary {
     vague: Vec<String>,
     /// Functions and methods; methods of a trait are counted where the trait is defined.
     functions: usize,
-    /// Those of them whose name is one word.
+    /// Number of them whose name is one word.
     one_word: usize,
 }
 
@@ -35,7 +35,7 @@ impl Vocabulary {
     pub(crate) fn add_file(&mut self, path: &str, text: &str, parsed: &syn::File) {
         let location = SourceLocation::from_path(path);
         let generated = text.starts_with("//! Generated");
-        // It stands for another file in a build without a feature, so its names are the same.
+        // It replaces another file in a build without a feature, so its names are the same.
         let is_stand_in = path.ends_with("_left_out.rs");
         if location.is_test || generated || is_stand_in {
             return;
@@ -67,7 +67,7 @@ impl fmt::Display for Vocabulary {
 struct NameVisitor<'a> {
     vocabulary: &'a mut Vocabulary,
     path: &'a str,
-    /// In a protocol or a drive family, whose types are told apart by their module.
+    /// True in a protocol or a drive family, whose types are distinguished by their module.
     specific: bool,
     in_trait_impl: bool,
 }
@@ -98,7 +98,7 @@ impl NameVisitor<'_> {
     }
 }
 
-/// Whether a function gives what may not be there, as `Option::take` does.
+/// Returns whether a function gives what may not be there, as `Option::take` does.
 fn returns_option(signature: &syn::Signature) -> bool {
     let syn::ReturnType::Type(_, output) = &signature.output else { return false };
     let syn::Type::Path(path) = &**output else { return false };

@@ -123,7 +123,7 @@ impl CaptureDecoder {
         self.layout = head;
     }
 
-    /// Whether a frame changes nothing; then it is put into the batch.
+    /// Returns whether a frame changes nothing; then it is put into the batch.
     #[inline]
     fn batch_process_data(
         &mut self,
@@ -143,8 +143,8 @@ impl CaptureDecoder {
         added
     }
 
-    /// Whether a frame says what an earlier one said; then its conversation takes it, and it is put
-    /// into the batch.
+    /// Returns whether a frame says what an earlier one said; then its conversation takes it, and it is put into the
+    /// batch.
     fn batch_repeat(
         &mut self,
         at: usize,

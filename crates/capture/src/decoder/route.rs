@@ -120,7 +120,7 @@ impl StatedProfiles {
     }
 }
 
-/// Whether drives of a profile speak a protocol.
+/// Returns whether drives of a profile speak a protocol.
 pub(crate) fn profile_speaks(profile: &Profile, dissector: &dyn Dissector) -> bool {
     dissector.language().starts_with(profile.protocol)
 }

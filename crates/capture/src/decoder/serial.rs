@@ -165,7 +165,7 @@ impl CaptureDecoder {
     }
 }
 
-/// Whether a frame is valid as a request.
+/// Returns whether a frame is valid as a request.
 fn is_valid_request(dissector: &dyn Dissector, bytes: &[u8]) -> bool {
     let mut explanation = Explanation::values_only();
     let context = Context { direction: Some(Direction::ToDrive), ..Context::default() };

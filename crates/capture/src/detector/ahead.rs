@@ -52,7 +52,7 @@ impl LookAhead {
         Ok(self.detector.weighing.verdict())
     }
 
-    /// Whether the result holds for a frame of a link too, or for a link without a frame.
+    /// Returns whether the result holds for a frame of a link too, or for a link without a frame.
     pub fn covers(&self, link: &str, frame: Option<&Frame>) -> bool {
         let is_claimed = |frame: &Frame| {
             proto::dissectors().iter().any(|dissector| score::claims_frame(*dissector, frame))

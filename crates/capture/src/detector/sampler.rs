@@ -64,7 +64,7 @@ impl Default for RecordSampler {
 }
 
 impl RecordSampler {
-    /// Whether a record is weighed.
+    /// Returns whether a record is weighed.
     pub fn select(&mut self, record: &Record<'_>) -> bool {
         self.records += 1;
         let at = self.links.iter().position(|link| link.name == record.link);
@@ -102,8 +102,8 @@ impl RecordSampler {
         }
     }
 
-    /// Whether the result is to be looked at: after records without anything new. What becomes of it
-    /// is [told](Self::end_window).
+    /// Returns whether the result is to be looked at: after records without anything new. What becomes of it is
+    /// [told](Self::end_window).
     pub fn is_checkpoint(&mut self) -> bool {
         let Window { start, len, last_new } = self.window;
         if self.certain || self.records < start + len {
@@ -122,7 +122,7 @@ impl RecordSampler {
         self.window.len *= 2;
     }
 
-    /// Whether the result was certain for all that came so far.
+    /// Returns whether the result was certain for all that came so far.
     pub const fn is_certain(&self) -> bool {
         self.certain
     }
@@ -132,7 +132,7 @@ impl RecordSampler {
         self.link(name).is_some_and(|link| link.skipped > 0)
     }
 
-    /// Whether a link came, and the identifier on it.
+    /// Returns whether a link came, and the identifier on it.
     pub fn has_seen(&self, name: &str, frame: Option<&Frame>) -> bool {
         let Some(link) = self.link(name) else { return self.links.len() == LINKS_MAX };
         frame.is_none_or(|frame| {
@@ -164,7 +164,7 @@ impl SampledLink {
         first || fresh || (number / BLOCK_RECORDS).is_multiple_of(BLOCK_PERIOD)
     }
 
-    /// How many frames with the identifier came before; `None` where nobody counts them.
+    /// Number of frames with the identifier came before; `None` where nobody counts them.
     fn count_frame(&mut self, key: u32) -> Option<u8> {
         let has_room = self.ids.len() < IDS_MAX;
         match self.ids.get_mut(&key) {

@@ -54,7 +54,7 @@ impl CandidateProtocol {
         CandidateScores { dissector: self.dissector, scores }
     }
 
-    /// Whether the host hears its own requests on a link.
+    /// Returns whether the host hears its own requests on a link.
     pub fn has_echo(&self, link: &str) -> bool {
         self.decoder.echo_links().any(|name| name == link)
     }
@@ -151,7 +151,7 @@ impl LinkScore {
         self.good_bytes + self.broken_bytes + self.stray_bytes
     }
 
-    /// Whether frames that could have been wrong support the protocol. On serial lines all valid frames do.
+    /// Returns whether frames that could have been wrong support the protocol. On serial lines all valid frames do.
     pub fn has_support(&self) -> bool {
         if !self.is_can || self.pairs.found >= PROOF_PAIRS {
             return true;
@@ -186,7 +186,7 @@ impl LinkScore {
     }
 }
 
-/// Whether a frame's identifier can belong to a protocol.
+/// Returns whether a frame's identifier can belong to a protocol.
 pub(super) fn claims_frame(dissector: &dyn Dissector, frame: &Frame) -> bool {
     match frame.remote {
         true => dissector.claims_remote(frame.id, frame.extended),

@@ -24,7 +24,7 @@ pub(crate) struct Verdict {
 }
 
 impl Verdict {
-    /// Whether more of the same links and identifiers would not change it.
+    /// Returns whether more of the same links and identifiers would not change it.
     pub fn is_certain(&self) -> bool {
         let certain = |link: &LinkDetection| {
             link.protocol.is_some()

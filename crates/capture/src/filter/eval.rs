@@ -91,7 +91,7 @@ const fn as_field_value(value: ExplanationValue<'_>) -> FieldValue<'_> {
     }
 }
 
-/// Whether a frame is about a parameter: it asks for it, or carries its value.
+/// Returns whether a frame is about a parameter: it asks for it, or carries its value.
 fn concerns(
     event: &DecodedFrame<'_>,
     address: &ParameterAddress,

@@ -11,13 +11,13 @@ impl Glob {
         Self(pattern.to_owned())
     }
 
-    /// Whether all of a word fits.
+    /// Returns whether all of a word fits.
     #[must_use]
     pub fn matches(&self, word: &str) -> bool {
         glob_matches(self.0.as_bytes(), word.len(), |at| word.as_bytes()[at])
     }
 
-    /// Whether a signal fits, by its name or as `AXIS/NAME`.
+    /// Returns whether a signal fits, by its name or as `AXIS/NAME`.
     #[must_use]
     pub fn matches_signal(&self, axis: u32, name: &str) -> bool {
         let mut head = [0; 11];
@@ -68,7 +68,7 @@ fn glob_matches(pattern: &[u8], len: usize, byte: impl Fn(usize) -> u8) -> bool 
     pattern[p..].iter().all(|c| *c == b'*')
 }
 
-/// Whether a text has a part, letter case ignored.
+/// Returns whether a text has a part, letter case ignored.
 pub(super) fn contains_ignore_case(text: &str, part: &str) -> bool {
     let part = part.as_bytes();
     part.is_empty()

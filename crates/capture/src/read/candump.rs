@@ -59,8 +59,8 @@ fn parse_separate_bytes<'t>(text: &'t [u8], bytes: &mut Vec<u8>) -> Result<&'t [
     }
 }
 
-/// Whether this is what candump shows on the screen: an identifier, and a length in brackets or, as with
-/// `-8`, in braces.
+/// Returns whether this is what candump shows on the screen: an identifier, and a length in brackets or, as with `-8`,
+/// in braces.
 pub(crate) fn is_screen_line(rest: &[u8]) -> bool {
     let (_, rest) = split_direction(rest);
     let (id, rest) = split_word(rest);
@@ -117,7 +117,7 @@ fn split_direction(rest: &[u8]) -> (Option<Direction>, &[u8]) {
     (Some(direction), split_word(split_word(after).1).1)
 }
 
-/// Whether a word is the length of a frame on the screen.
+/// Returns whether a word is the length of a frame on the screen.
 pub(crate) fn is_length(word: &[u8]) -> bool {
     parse_length(word).is_some()
 }

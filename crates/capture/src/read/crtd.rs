@@ -29,7 +29,7 @@ fn parse_kind(word: &str) -> Option<(u32, bool, bool)> {
     Some((bus, sent, extended))
 }
 
-/// Whether a line is one of such a log.
+/// Returns whether a line is one of such a log.
 pub(crate) fn is_line(line: &[u8]) -> bool {
     let Ok(line) = std::str::from_utf8(line) else { return false };
     let mut words = line.split_ascii_whitespace();

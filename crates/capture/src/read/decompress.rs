@@ -34,7 +34,7 @@ pub fn unpack_bounded(bytes: Vec<u8>, max: usize) -> Option<Vec<u8>> {
     Some(plain).filter(fits)
 }
 
-/// How many bytes more there are in a plain capture once all of it is unpacked.
+/// Number of bytes more there are in a plain capture once all of it is unpacked.
 fn nested_size(plain: &[u8]) -> u64 {
     match plain.get(..Compression::HEAD).and_then(|head| CaptureFormat::detect(head, false)) {
         Some(CaptureFormat::Blf) => blf::unpacked_size(plain),

@@ -145,7 +145,7 @@ impl PcapReader {
         sound && (!self.resyncing || head.captured_len > 0 && self.last_seconds.is_none_or(near))
     }
 
-    /// Whether another packet stands where this one would end, as far as can be seen.
+    /// Returns whether another packet stands where this one would end, as far as can be seen.
     fn has_next(&self, bytes: &[u8], head: PacketHeader) -> bool {
         let next = bytes.get(HEAD + head.captured_len as usize..).unwrap_or_default();
         self.parse_header(next).is_none_or(|next| self.is_plausible(next))

@@ -29,7 +29,7 @@ const WAITING_MAX: usize = 64;
 /// Protocol numbers of IP in a cooked header.
 const IP_PROTOCOLS: [[u8; 2]; 2] = [[0x08, 0x00], [0x86, 0xDD]];
 
-/// Whether packets of that link type may be network packets.
+/// Returns whether packets of that link type may be network packets.
 pub(super) fn is_network(kind: u32, packet: &[u8]) -> bool {
     match kind {
         ETHERNET => true,

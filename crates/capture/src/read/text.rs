@@ -128,7 +128,7 @@ fn strip_colours(line: &[u8], plain: &mut Vec<u8>) {
     }
 }
 
-/// Whether a line is text without data: no frame, and no two bytes one after the other.
+/// Returns whether a line is text without data: no frame, and no two bytes one after the other.
 fn is_prose(line: &[u8]) -> bool {
     let is_byte =
         |word: &[u8]| matches!(word, [a, b] if a.is_ascii_hexdigit() && b.is_ascii_hexdigit());

@@ -223,7 +223,7 @@ fn parse_marked(text: &str, lower: &str, scratch: &mut Vec<u8>) -> Option<Option
     None
 }
 
-/// Whether text after the bytes is one that the libraries append, and not the rest of other data.
+/// Returns whether text after the bytes is one that the libraries append, and not the rest of other data.
 fn is_trailer(rest: &str) -> bool {
     let first = rest.chars().next();
     first.is_none_or(|c| matches!(c, '(' | '<' | '>' | '[' | '\'' | '"'))

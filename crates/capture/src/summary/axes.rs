@@ -29,7 +29,7 @@ pub struct AxisSummary {
 pub struct StateHistory {
     /// The first changes, with their times.
     pub changes: Vec<(Option<Timestamp>, InternedName)>,
-    /// How many there were.
+    /// Number of frames.
     pub count: u64,
     /// How long it was in each state, ns; the last one lasts to the end of the capture.
     pub durations: Vec<(InternedName, u64)>,
@@ -98,7 +98,7 @@ impl StateHistory {
 /// Requests of one sort to one axis.
 #[derive(Clone, Debug, Default)]
 pub struct RequestSummary {
-    /// How many ended in each way, in the order of [`ExchangeOutcome`].
+    /// Number of ended in each way, in the order of [`ExchangeOutcome`].
     pub outcomes: [u64; OUTCOMES.len()],
     /// How often one was sent again.
     pub retries: u64,

@@ -28,7 +28,7 @@ impl Histogram {
         self.sum += u128::from(value);
     }
 
-    /// How many there were.
+    /// Number of recorded values.
     #[must_use]
     pub const fn count(&self) -> u64 {
         self.count

@@ -18,7 +18,7 @@ impl<K, V> Default for IndexedMap<K, V> {
 }
 
 impl<K: Ord, V> IndexedMap<K, V> {
-    /// How many there are.
+    /// Number of entries.
     #[must_use]
     pub const fn len(&self) -> usize {
         self.values.len()

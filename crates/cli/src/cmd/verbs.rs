@@ -186,7 +186,7 @@ fn power_off_text(axis: &Axis) -> Result<String> {
     })
 }
 
-/// Whether the motor turns, by what was read of it last.
+/// Returns whether the motor turns, by what was read of it last.
 fn is_turning(axis: &Axis) -> bool {
     match axis.local() {
         Some(axis) => axis.is_turning() == Some(true),

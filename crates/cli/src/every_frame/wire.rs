@@ -42,12 +42,12 @@ pub enum FailureMode {
 }
 
 impl WireFault {
-    /// Whether it costs one frame, or a few that went out together.
+    /// Returns whether it costs one frame, or a few that went out together.
     pub fn is_glitch(&self) -> bool {
         self.recovers_after == Some(GLITCH_TIME)
     }
 
-    /// Whether that is one of the host's, and no more is wrong.
+    /// Returns whether that is one of the host's, and no more is wrong.
     pub fn is_one_frame_lost(&self) -> bool {
         self.is_glitch() && self.mode == FailureMode::HostMuted
     }

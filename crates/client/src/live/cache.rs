@@ -20,7 +20,7 @@ const SAMPLES_MAX: usize = 65_536;
 /// Frames that wait likewise.
 const FRAMES_MAX: usize = 16_384;
 
-/// What is known of the server and of what we hold.
+/// Last known state of the server, and the leases and channels of this client.
 #[derive(Debug)]
 pub(crate) struct LiveCache {
     /// Our name there.
@@ -104,8 +104,7 @@ impl LiveCache {
         cached.states.insert(state.id, (state, clock::now()));
     }
 
-    /// Whether the last state of an axis was sent after this lease began: a state has named it, or a later
-    /// one.
+    /// Returns whether the last state of an axis was sent after this lease began: a state has named it, or a later one.
     pub fn has_state_since(&self, axis: u16, epoch: u64) -> bool {
         self.lock_state().newest_epochs.get(&axis).is_some_and(|newest| *newest >= epoch)
     }
@@ -135,7 +134,7 @@ impl LiveCache {
         self.lock_state().bench.0.clone()
     }
 
-    /// Axes behind the first so many.
+    /// Axes from index `first` on.
     pub fn axes_from(&self, first: usize) -> Vec<AxisInfo> {
         self.lock_state().bench.1.get(first..).unwrap_or_default().to_vec()
     }
@@ -264,7 +263,7 @@ struct BufferedSamples {
     waiting: VecDeque<Sample>,
     /// And when it came.
     last: Option<(Sample, Instant)>,
-    /// What the server lost on the way, and what was lost here.
+    /// Samples lost by the server, and samples lost here.
     lost: (u64, u64),
     /// The waiting reader.
     waker: Option<Waker>,

@@ -8,7 +8,7 @@ use polepair_messages::LeaseAction;
 use super::ResponseSender;
 use crate::GatewayError;
 
-/// What is not answered yet, in the order in which it was asked.
+/// Lease requests without a reply yet, oldest first.
 #[derive(Debug, Default)]
 pub(super) struct PendingLeaseRequests {
     waiting: VecDeque<PendingLeaseRequest>,
@@ -19,7 +19,7 @@ pub(super) struct PendingLeaseRequests {
 #[derive(Debug)]
 pub(super) struct PendingLeaseRequest {
     pub act: LeaseAction,
-    /// Of the lease that it is about; 0 where there is none yet.
+    /// Epoch of the lease; 0 if there is none yet.
     pub epoch: u64,
     /// The waiting caller; `None` for a renewal.
     pub reply: Option<ResponseSender<u64>>,

@@ -24,9 +24,9 @@ use crate::dialer::{Dialer, ServerStream, connection_error};
 use crate::lease::outcome_result;
 use crate::rest::{action_error, invalid_response, query_error, server_lost};
 
-/// How often leases are renewed: they last three times as long.
+/// Interval of lease renewals: a third of a lease's duration, so that two may be lost.
 const RENEW: Duration = Duration::from_millis(500);
-/// How long a server may say nothing: it asks each second whether we are there.
+/// Longest silence of a server: it sends a ping each second.
 const SILENT_MAX: Duration = Duration::from_secs(5);
 
 type ClientSocket = WebSocketStream<Box<dyn ServerStream>>;
@@ -92,7 +92,7 @@ async fn await_welcome(socket: &mut ClientSocket) -> Result<(String, f64), Gatew
     Err(server_lost("it hung up"))
 }
 
-/// What is on its way.
+/// The task that reads and writes the socket, with the requests in flight.
 struct SocketTask {
     socket: ClientSocket,
     cache: Arc<LiveCache>,
@@ -116,7 +116,7 @@ impl SocketTask {
                 _ = renew.tick() => self.renew_leases().await,
                 request = requests.recv() => match request {
                     Some(live_request) => self.handle_request(live_request).await,
-                    // Nobody holds or watches anything any more.
+                    // No handle of the client is left.
                     None => {
                         let _ = timeout(RENEW, self.socket.close(None)).await;
                         return;
@@ -128,14 +128,14 @@ impl SocketTask {
                 break why;
             }
         };
-        // From here on nothing more is taken, and what was not said yet never will be.
+        // From here on nothing is accepted, and what is still queued is never sent.
         requests.close();
         self.cache.set_disconnected(ended.clone());
         self.wake_streams();
         while let Some(live_request) = requests.recv().await {
             live_request.fail(GatewayError { executed: Some(false), ..ended.clone() });
         }
-        // Who waited has gone, or hears it; here and below.
+        // A waiter that was dropped needs no result; here and below.
         let (done, error) = (action_error(ended.clone()), query_error(ended));
         self.commands.into_values().for_each(|tell| drop(tell.send(Err(done.clone()))));
         let leases = self.lease_requests.into_values().flat_map(PendingLeaseRequests::into_senders);
@@ -224,7 +224,7 @@ impl SocketTask {
         self.last_received = clock::now();
         match result {
             Some(Ok(Message::Text(text))) => {
-                // What a later version says besides is nothing to this one.
+                // A message of a later version is ignored.
                 if let Ok(message) = serde_json::from_str(&text) {
                     self.handle_message(message);
                 }
@@ -297,7 +297,7 @@ impl SocketTask {
     fn handle_leased(&mut self, axis: u16, epoch: u64, held: bool) {
         let asked = self.lease_requests.entry(axis).or_default();
         if let Some(one) = asked.match_reply(epoch, held) {
-            // One that nobody waits for any more is not renewed, and ends.
+            // A lease without a handle is not renewed, and ends.
             if one.is_acquire() && one.reply.as_ref().is_some_and(|tell| !tell.is_closed()) {
                 self.cache.set_lease(axis, Ok(epoch));
             }
@@ -329,7 +329,7 @@ impl SocketTask {
         for (PendingLeaseRequest { epoch, reply, .. }, error) in settled {
             match reply {
                 Some(reply_sender) => drop(reply_sender.send(Err(error))),
-                // A renewal came too late: somebody stopped or took the axis, or we slept.
+                // A renewal was too late: the axis was stopped or taken, or this machine slept.
                 None if self.cache.holds(axis, epoch) => {
                     self.cache.set_lease(axis, Err(lease_end_error(&error)));
                 }

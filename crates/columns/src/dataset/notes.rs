@@ -42,7 +42,7 @@ impl DatasetLock {
     }
 }
 
-/// What is locked: the folder itself, so that no file is left in the data set.
+/// Opens the file to lock: the folder itself, so that no file is left in the data set.
 #[cfg(unix)]
 fn open_lock(root: &Path) -> io::Result<File> {
     File::open(root)
@@ -115,7 +115,7 @@ impl<'a> DatasetNotes<'a> {
         lines.iter().filter_map(|line| CaptureContent::from_line(line)).collect()
     }
 
-    /// Whether another capture has this content too.
+    /// Returns whether another capture has this content too.
     pub fn is_shared(&self, blake3: &str, name: &str) -> io::Result<bool> {
         let own = self.source_path(name);
         for entry in std::fs::read_dir(self.root.join(SOURCES))? {

@@ -26,7 +26,7 @@ pub(super) struct EventRows {
     frame: NumberColumn<Int64Type>,
 }
 
-/// What a row says beside where and when.
+/// Values of an event row beside place and time.
 struct EventRow<'a> {
     axis: Option<u32>,
     event: &'a str,

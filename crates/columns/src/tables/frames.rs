@@ -21,19 +21,19 @@ pub mod flags {
     pub const EXTENDED: i32 = 1;
     /// A remote request.
     pub const REMOTE: i32 = 1 << 1;
-    /// What a controller reported of its bus.
+    /// A report of a controller about its bus.
     pub const ERROR: i32 = 1 << 2;
-    /// The host's own request, heard back.
+    /// The host's own request, received as an echo.
     pub const ECHO: i32 = 1 << 3;
-    /// The same request again.
+    /// A repetition of the same request.
     pub const RETRY: i32 = 1 << 4;
-    /// Its check fails.
+    /// A failed check (CRC, LRC or checksum).
     pub const BAD_CHECK: i32 = 1 << 5;
     /// Bytes that belong to no frame.
     pub const STRAY: i32 = 1 << 6;
     /// CAN FD.
     pub const FD: i32 = 1 << 7;
-    /// It breaks its protocol.
+    /// A violation of the protocol.
     pub const WRONG: i32 = 1 << 8;
 }
 
@@ -52,10 +52,10 @@ pub(super) struct FrameRows {
     seq: NumberColumn<Int64Type>,
 }
 
-/// What frames have in common that change nothing: words by their numbers.
+/// Constant columns of frames by template: words by their numbers.
 #[derive(Debug)]
 pub(super) struct EncodedTemplates {
-    /// What all frames of a template have in common.
+    /// Constant columns of each template.
     templates: Vec<EncodedTemplate>,
     /// On which link, which way and in which protocol, where it is the same for all of them.
     bus: Option<i32>,
@@ -63,7 +63,7 @@ pub(super) struct EncodedTemplates {
     protocol: Option<i32>,
 }
 
-/// The same, of one template.
+/// Constant columns of one template.
 #[derive(Debug)]
 struct EncodedTemplate {
     bus: i32,
@@ -107,7 +107,7 @@ impl FrameRows {
         self.seq.push(to_i64(event.number));
     }
 
-    /// Makes room for so many rows.
+    /// Reserves memory for `rows` rows.
     pub fn reserve(&mut self, rows: usize) {
         let Self { t_ns, bus, dir, protocol, can_id, flags, data, file_pos, seq, .. } = self;
         [t_ns, file_pos, seq].into_iter().for_each(|column| column.reserve(rows));
@@ -139,7 +139,7 @@ impl FrameRows {
         self.seq.extend(run.iter().map(|plain| to_i64(plain.number)));
     }
 
-    /// What frames of these templates have in common.
+    /// Encodes the constant columns of these templates.
     pub fn templates(&mut self, voices: &[FrameTemplate]) -> EncodedTemplates {
         let voiced = |voice: &FrameTemplate| EncodedTemplate {
             bus: self.bus.dictionary.number(&voice.link),

@@ -28,11 +28,11 @@ pub(super) struct SignalRows {
     frame: NumberColumn<Int64Type>,
 }
 
-/// What the values of frames have in common that change nothing: words by their numbers.
+/// Constant columns of values by template: words by their numbers.
 #[derive(Debug)]
 pub(super) struct SignalTemplates(Vec<SignalTemplate>);
 
-/// What all values of a template have in common.
+/// Constant columns of all values of a template.
 #[derive(Debug)]
 struct SignalTemplate {
     values: Vec<ValueTemplate>,
@@ -83,7 +83,7 @@ impl SignalRows {
         self.frame.push(at.seq.map_or(0, to_i64));
     }
 
-    /// Makes room for so many rows.
+    /// Reserves memory for `rows` rows.
     pub fn reserve(&mut self, rows: usize) {
         let Self { t_ns, bus, axis, signal, value, exact, unit, quality, request, frame, .. } =
             self;
@@ -136,7 +136,7 @@ impl SignalRows {
         self.request.repeat(None, rows);
     }
 
-    /// What values of these templates have in common.
+    /// Encodes the constant columns of values of these templates.
     pub fn templates(&mut self, voices: &[FrameTemplate]) -> SignalTemplates {
         SignalTemplates(voices.iter().map(|voice| self.template(voice)).collect())
     }

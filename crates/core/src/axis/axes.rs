@@ -22,7 +22,7 @@ pub struct GroupAnswer {
     pub ticket: Ticket,
     /// The drive's address on the wire.
     pub address: u32,
-    /// Its value, raw.
+    /// Raw value.
     pub raw: i64,
 }
 
@@ -53,14 +53,14 @@ pub trait Axes {
         None
     }
 
-    /// Whether the drive replies to requests that change something; see
+    /// Returns whether the drive replies to requests that change something; see
     /// [`Host`](crate::station::Host::CONFIRMED).
     fn is_confirmed(&self, axis: AxisIndex) -> bool {
         let _ = axis;
         true
     }
 
-    /// What a refusal with this code means.
+    /// Meaning of a refusal with this code.
     fn refusal(&self, axis: AxisIndex, code: u32) -> Refusal {
         let _ = (axis, code);
         Refusal::Final
@@ -391,9 +391,9 @@ pub trait Axes {
         show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported>;
 
-    /// Whether the drive has reported that it does not have this [optional](Profile::optional) parameter.
-    /// It is not read again until the drive restarts; plans leave out the steps that use it, and values
-    /// that it scales stay raw.
+    /// Returns whether the drive has reported that it does not have this [optional](Profile::optional) parameter. It is
+    /// not read again until the drive restarts; plans leave out the steps that use it, and values that it scales stay
+    /// raw.
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         let _ = (axis, parameter);
         false
@@ -405,7 +405,7 @@ pub trait Axes {
         None
     }
 
-    /// What is known of the last motion: of a group, of the n-th drive that answered.
+    /// Report of the last motion: of a group, that of the n-th drive that answered.
     fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
         let _ = (axis, n);
         None
@@ -459,12 +459,12 @@ pub trait Axes {
         None
     }
 
-    /// Whether an axis of that address could be added, apart from the limit on the number of axes.
+    /// Returns whether an axis of that address could be added, apart from the limit on the number of axes.
     fn can_add_axis(&self, _lane: usize, _address: u32) -> bool {
         false
     }
 
-    /// Whether the host sends by itself to keep drives alive or synchronised. The wire cannot be lent then.
+    /// Returns whether the host sends by itself to keep drives alive or synchronised. The wire cannot be lent then.
     fn sends_keepalive(&self) -> bool {
         false
     }

@@ -21,15 +21,15 @@ pub enum DriveReport {
 /// Network state of a drive, as the drive reports it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Presence {
-    /// It restarted: cached values are invalid, and it is disarmed.
+    /// The drive restarted: cached values are invalid, and it is disarmed.
     Restarted,
-    /// It accepts settings and sends no process data.
+    /// The drive accepts settings and sends no process data.
     Preparing,
-    /// It takes part in everything.
+    /// The drive is operational: all services work.
     Operating,
-    /// It obeys nothing but the network's management.
+    /// The drive obeys only the network's management.
     Halted,
-    /// It is there no more: as [`Restarted`](Self::Restarted).
+    /// The drive left the network: treated as [`Restarted`](Self::Restarted).
     Gone,
 }
 
@@ -46,7 +46,7 @@ impl Presence {
         }
     }
 
-    /// Whether cached values of the drive become invalid.
+    /// Returns whether cached values of the drive become invalid.
     #[must_use]
     pub const fn invalidates_state(self) -> bool {
         matches!(self, Self::Restarted | Self::Gone)
@@ -58,7 +58,7 @@ impl Presence {
 pub struct AxisEvent {
     /// When it arrived, or was found out.
     pub at: Instant,
-    /// Whom it concerns.
+    /// The axis.
     pub axis: AxisIndex,
     /// The event.
     pub kind: AxisEventKind,
@@ -77,15 +77,14 @@ pub enum AxisEventKind {
     Address(ParameterAddress, i64),
     /// The drive now has this fault code, or this bit of its fault word; or it has it no more.
     Fault {
-        /// As in [`Fault::code`](crate::profile::Fault::code), or the whole word where the profile
-        /// knows nothing of it.
+        /// Code as in [`Fault::code`](crate::profile::Fault::code), or the whole word if the profile does not know it.
         code: u32,
-        /// Whether it appeared, or was cleared.
+        /// True if it appeared, or was cleared.
         appeared: bool,
     },
     /// The drive's network state changed.
     Presence(Presence),
-    /// Motion commands are let through from now on, or no longer.
+    /// Motion commands are allowed from now on, or no longer.
     Armed(bool),
     /// Number of events, of any axis, that were dropped because the queue was full.
     Missed(u32),

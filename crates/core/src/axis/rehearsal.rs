@@ -4,14 +4,14 @@ use crate::explain::Effect;
 use crate::medium::Frame;
 use crate::profile::ParameterId;
 
-/// What is known of a request in the protocol's own text before it is sent.
+/// Effects of a request in the protocol's own text, determined before it is sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct TextRehearsal {
     /// The effect that it may have. What may move a motor needs an armed axis.
     pub effect: Effect,
-    /// It brings the motor to rest.
+    /// True if it stops the motor.
     pub is_stop: bool,
-    /// It [moves bytes](crate::station::Request::moves_bytes).
+    /// True if it [moves bytes](crate::station::Request::moves_bytes).
     pub moves_bytes: bool,
 }
 

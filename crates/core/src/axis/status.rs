@@ -26,16 +26,16 @@ pub enum ProgramEnd {
     Ended,
 }
 
-/// What is known of an axis' last motion. Positions are raw.
+/// Report of an axis' last motion. Positions are raw.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct MotionReport {
     /// Address of the drive: of a group, each has a report of its own.
     pub address: u32,
-    /// Where it was before the command.
+    /// Position before the command.
     pub start: Option<i64>,
-    /// Where it was at the last reading.
+    /// Position at the last reading.
     pub position: Option<i64>,
-    /// Where it was to go.
+    /// Target position.
     pub target: Option<i64>,
     /// The drive's own report that the motion is over.
     pub flag: Option<bool>,
@@ -47,7 +47,7 @@ pub struct MotionReport {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AxisStatus {
     readings: [Reading; Signal::COUNT],
-    /// Motion commands are let through.
+    /// True if motion commands are allowed.
     pub armed: bool,
     /// Writes to permanent memory that this lane made.
     pub flash_writes: u32,

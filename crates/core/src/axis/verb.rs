@@ -42,9 +42,9 @@ pub enum Verb {
     Store,
     /// Powers the motor at the present position, ready to follow positions cycle by cycle.
     FollowPosition,
-    /// The same for speeds.
+    /// Prepares to follow speeds cycle by cycle.
     FollowVelocity,
-    /// The same for torques.
+    /// Prepares to follow torques cycle by cycle.
     FollowTorque,
     /// Take back what following needed of the drive. Moves nothing.
     Unfollow,
@@ -154,7 +154,7 @@ impl Verb {
         matches!(self, MoveTo | MoveBy | MoveOn | CurveTo | CurveBy)
     }
 
-    /// Whether the verb takes this argument. Arguments that it does not take are always absent.
+    /// Returns whether the verb takes this argument. Arguments that it does not take are always absent.
     #[must_use]
     pub const fn accepts(self, argument: Argument) -> bool {
         use Argument::{Acceleration, Deceleration, JerkTime, Period, Target, Torque, Velocity};

@@ -70,14 +70,14 @@ pub enum ReplyCount {
     Zero,
     /// Any number; not known in advance.
     Unknown,
-    /// So many.
+    /// Exactly this number.
     Exactly(u8),
 }
 
 /// A value that a frame carries.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct FrameValue<'a> {
-    /// Of what.
+    /// Source of the value.
     pub source: ValueSource<'a>,
     /// The integer on the wire.
     pub raw: i64,

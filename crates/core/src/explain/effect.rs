@@ -8,7 +8,7 @@ use crate::station::RequestClass;
 pub struct Effect {
     /// To its motor and its settings.
     pub impact: Impact,
-    /// It writes to permanent memory, or restores values from it.
+    /// True if it writes to permanent memory, or restores values from it.
     pub persistent: bool,
 }
 
@@ -17,9 +17,9 @@ pub struct Effect {
 pub enum Impact {
     /// None: a read, a reply, or a stop.
     Nothing,
-    /// It changes settings that move no motor.
+    /// Changes of settings that move no motor.
     Settings,
-    /// It may start or change motion, or power a motor.
+    /// A start or change of motion, or power for a motor.
     Motion,
     /// Unknown: treated as the most severe.
     Unknown,
@@ -28,16 +28,16 @@ pub enum Impact {
 impl Effect {
     /// A read, a reply, or a stop.
     pub const NOTHING: Self = Self { impact: Impact::Nothing, persistent: false };
-    /// It changes settings that move no motor.
+    /// A change of settings that move no motor.
     pub const SETTINGS: Self = Self { impact: Impact::Settings, persistent: false };
-    /// It may start or change motion, or power a motor.
+    /// A start or change of motion, or power for a motor.
     pub const MOTION: Self = Self { impact: Impact::Motion, persistent: false };
     /// Writes to permanent memory, or restores values from it.
     pub const PERSISTENT: Self = Self { impact: Impact::Settings, persistent: true };
     /// Unknown effect.
     pub const UNKNOWN: Self = Self { impact: Impact::Unknown, persistent: false };
 
-    /// Of a request by what may be done with it after silence.
+    /// Effect of a request by its class, which states the treatment after silence.
     #[must_use]
     pub const fn from_class(class: RequestClass) -> Self {
         match class {
@@ -47,7 +47,7 @@ impl Effect {
         }
     }
 
-    /// Of writing a parameter; `None` is one that no table has.
+    /// Effect of writing a parameter; `None` is one that no table has.
     #[must_use]
     pub fn from_write(parameter: Option<&Parameter>) -> Self {
         let Some(parameter) = parameter else { return Self::UNKNOWN };
@@ -56,7 +56,7 @@ impl Effect {
         Self { impact: act, persistent: stores }
     }
 
-    /// Of both.
+    /// The more severe of both effects.
     #[must_use]
     pub fn combine(self, other: Self) -> Self {
         Self {

@@ -4,7 +4,7 @@ use core::f64::consts::PI;
 
 /// Slower than this means standstill, rad/s: 0.5 rpm.
 pub const STANDSTILL_ROTARY: f64 = 0.5 * PI / 30.0;
-/// The same of a linear axis, m/s: 0.1 mm/s.
+/// Standstill of a linear axis, m/s: 0.1 mm/s.
 pub const STANDSTILL_LINEAR: f64 = 1e-4;
 
 /// The set-point counts as reached within this share of it.
@@ -13,7 +13,7 @@ const REACHED_SHARE: f64 = 0.05;
 const REACHED_MIN: f64 = 2.0 * PI / 30.0;
 /// A motor that has passed this share of its set-point turns, however slow that is.
 const TURNING_SHARE: f64 = 0.5;
-/// What a motor that is held reports at most, as a multiple of standstill.
+/// Largest reported speed of a motor that is held, as a multiple of standstill.
 const NOISE_SHARE: f64 = 20.0;
 /// A position has to change by more, rad or m: a motor that is held twitches.
 const MOVED_ROTARY: f64 = PI / 180.0;
@@ -21,16 +21,16 @@ const MOVED_LINEAR: f64 = 1e-4;
 /// Or by more than the way at the set-point in this time, s, which is less where that is slow.
 const MOVED_TIME: f64 = 0.1;
 
-/// What is known of a motion at a speed.
+/// Verdict on a motion at a speed.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum SpeedVerdict {
     /// The drive reports neither speed nor position.
     Unknown,
     /// The motor was never seen to turn.
     NeverTurned,
-    /// It turned, at most at this speed, and did not reach its set-point.
+    /// The axis turned, at most at this speed, and did not reach its set-point.
     Slower(f64),
-    /// It reached its set-point, or turned where no set-point is known.
+    /// The axis reached its set-point, or turned where no set-point is known.
     Reached,
 }
 
@@ -43,7 +43,7 @@ pub struct SpeedJudge {
     fastest: Option<f64>,
     first: Option<f64>,
     way: Option<f64>,
-    /// It was reported near its set-point once: true where it turned as well.
+    /// True if it was reported near its set-point once, and turned as well.
     was_near: bool,
 }
 
@@ -73,7 +73,7 @@ impl SpeedJudge {
         }
     }
 
-    /// Whether the motor was seen to turn.
+    /// Returns whether the motor was seen to turn.
     #[must_use]
     pub fn has_turned(&self) -> bool {
         let (slow, moved) = match self.linear {
@@ -93,7 +93,7 @@ impl SpeedJudge {
         fast.or(far) == Some(true) && far.or(fast) == Some(true)
     }
 
-    /// Whether a motor was seen at half of its set-point at least: a ramp may end after the motion does.
+    /// Returns whether a motor was seen at half of its set-point at least: a ramp may end after the motion does.
     #[must_use]
     pub fn has_come_near(&self) -> bool {
         match self.verdict() {
@@ -105,7 +105,7 @@ impl SpeedJudge {
         }
     }
 
-    /// What is known now.
+    /// The present verdict.
     #[must_use]
     pub fn verdict(&self) -> SpeedVerdict {
         match (self.fastest, self.way) {

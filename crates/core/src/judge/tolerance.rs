@@ -1,4 +1,4 @@
-//! By how much readings of an axis may differ, and for how long they have to agree.
+//! Allowed differences of readings of an axis, and the time for which they have to agree.
 
 use core::time::Duration;
 
@@ -15,11 +15,11 @@ pub struct Tolerance {
     pub encoding: Encoding,
     /// Greatest distance from the target of an axis that has arrived.
     pub window: f64,
-    /// Greatest difference of positions of an axis that stands.
+    /// Greatest difference of positions of an axis at standstill.
     pub noise: f64,
     /// Greatest speed that means standstill; `None` if the drive reports no speed.
     pub standstill: Option<f64>,
-    /// The same speed in counts of the position per second; zero if that is not known.
+    /// Standstill speed in counts of the position per second; zero if unknown.
     pub drift: f64,
     /// Commanded speed in counts per second, if it is known.
     pub speed: Option<f64>,
@@ -37,7 +37,7 @@ impl Tolerance {
         ((to.wrapping_sub(from) << shift) >> shift) as f64
     }
 
-    /// How long two positions must lie apart in time so that equal ones mean standstill.
+    /// Time between two equal positions that proves standstill.
     pub(super) fn coarse_span(&self, at_least: Duration) -> Duration {
         let seconds = if self.drift > 0.0 { self.noise / self.drift } else { 0.0 };
         at_least.max(span(seconds)).min(SLOW_REST_MAX)

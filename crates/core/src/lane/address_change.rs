@@ -15,8 +15,8 @@ const DRIVE_ADDRESS: &str =
     "a drive of this link has that address: answers would look like requests to it";
 
 impl<M: Medium, H: Host<M>> Lane<M, H> {
-    /// What a write changes at once of how the drive is reached. Refuses an address at which nobody
-    /// could talk with it any more, or with another one.
+    /// Changes of the drive's address by a write, in force at once. Refuses an address at which the drive could not be
+    /// reached any more, or which another one has.
     pub(super) fn check_address_change(
         &self,
         axis: AxisIndex,

@@ -15,7 +15,7 @@ use crate::program::ProgramCommand;
 use crate::station::{Request, RequestClass};
 use crate::time::Instant;
 
-/// How long a request to a busy drive is repeated, and what the drive accepted is read back.
+/// Time for which a request to a busy drive is repeated, and accepted values are read back.
 pub const BUSY_MAX_MS: u32 = 1000;
 /// Pause before a request to a busy drive is repeated.
 pub const BUSY_PAUSE_MS: u32 = 20;
@@ -49,7 +49,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
         run.stage = StepStage::First;
         return JobState::Ready;
     }
-    // A module that somebody loads a program into stores the stop as one more instruction.
+    // A module that is receiving a program stores the stop as one more instruction.
     if let Err(Failure::Refused { code }) = raw
         && run.is_stop()
         && run.stage == StepStage::First
@@ -233,7 +233,7 @@ fn handle_guard_answer<R: Request, A: Copy + 'static>(
     run.stage = StepStage::First;
     let raw = match raw {
         Ok(raw) => raw,
-        // What it does not tell is not looked at.
+        // A signal that the value does not carry is not changed.
         Err(Failure::Refused { .. }) if read != GuardRead::FaultWithoutPower => {
             return JobState::Ready;
         }

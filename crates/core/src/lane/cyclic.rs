@@ -19,10 +19,9 @@ use crate::stream::cyclic::{
 };
 use crate::time::Instant;
 
-/// So much of the motion waits before it begins, so that a caller who is late now and then is not
-/// felt.
+/// Part of the motion that is buffered before it begins, so that a caller who is late at times causes no gap.
 const PREFILL: Duration = Duration::from_millis(100);
-/// A drive that tells nothing for so long, and for so many beats, is lost.
+/// Silence of a drive, together with a number of beats, after which it counts as lost.
 const SILENCE_MAX: Duration = Duration::from_millis(100);
 const SILENT_CYCLES: u32 = 4;
 /// A host that is late by more than this is no hiccup: drives that watch it have given up.
@@ -48,12 +47,12 @@ struct CyclicAxis {
     axis: u8,
     target: ParameterId,
     bounds: SetpointBounds,
-    /// Where what was fed so far ends; `None` before its first set-point.
+    /// End of the fed set-points; `None` before the first.
     tracker: Option<SetpointTracker>,
-    /// What goes out with this beat, raw, and what went out with the one before.
+    /// Raw set-point of this beat, and of the previous one.
     raw: i64,
     previous_raw: i64,
-    /// When it last told where it is, and whether it has since the last beat.
+    /// Time of its last reported position, and whether one arrived since the last beat.
     reported_at: Instant,
     reported: bool,
 }
@@ -125,7 +124,7 @@ impl CyclicMotion {
         })
     }
 
-    /// Whether it commands an axis now.
+    /// Returns whether it commands an axis now.
     pub fn is_commanding(&self, axis: AxisIndex) -> bool {
         self.is_running() && self.has_axis(axis)
     }
@@ -147,7 +146,7 @@ impl CyclicMotion {
         self.stage != CyclicStage::Ended
     }
 
-    /// When it next has something to say.
+    /// Time of its next request.
     #[inline]
     pub fn due(&self) -> Option<Instant> {
         self.is_running().then_some(self.due)
@@ -221,7 +220,7 @@ impl CyclicMotion {
         Ok(())
     }
 
-    /// The next thing to say, if it is time.
+    /// The next request, if it is due.
     #[inline]
     pub fn poll_request<R: Request, A: Copy + 'static>(
         &mut self,
@@ -244,7 +243,7 @@ impl CyclicMotion {
             CyclicStage::Stop(_) => SetpointCommand::Stop,
             CyclicStage::Hold | CyclicStage::Run => SetpointCommand::Follow,
         };
-        // A drive whose mapping is no longer known cannot be told; it has restarted.
+        // A drive of unknown mapping cannot be commanded; it has restarted.
         while let Some(member) = self.axes.get(self.next_axis) {
             self.next_axis += 1;
             let driver = &slots[usize::from(member.axis)].driver;
@@ -464,7 +463,7 @@ impl CyclicAxis {
     }
 }
 
-/// What tells how well a drive obeys.
+/// Signal that shows how well a drive follows.
 const fn actual_signal(setpoint: SetpointKind) -> Signal {
     match setpoint {
         SetpointKind::Position => Signal::Position,

@@ -20,7 +20,7 @@ pub struct EventQueue {
     reported: Vec<ReportedState>,
 }
 
-/// What listeners know of an axis: the next time, only what differs is told.
+/// Last state of an axis that was given to listeners: only changes are reported.
 #[derive(Clone, Copy)]
 struct ReportedState {
     armed: bool,

@@ -17,19 +17,19 @@ use crate::program::ProgramCommand;
 use crate::station::{Request, RequestClass};
 use crate::time::Instant;
 
-/// How often a condition that is waited for is read.
+/// Interval of reading a condition of a wait.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Next state of a job.
 #[derive(Debug)]
 pub enum JobState {
-    /// It has something to send.
+    /// Ready, with a request to send.
     Ready,
-    /// It waits.
+    /// Sleeping until then.
     Sleeping(Instant),
-    /// It waits for points of its path.
+    /// Waiting for points of its path.
     NeedsPoints,
-    /// It is over.
+    /// Ended with this outcome.
     Ended(Outcome),
 }
 
@@ -124,7 +124,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
     // Each turn of this loop passes a step that sends nothing; plans are bounded.
     loop {
         if run.is_program_end_due() && matches!(run.undo_reason, Some(Failure::Silent)) {
-            // Nobody hears: the whole stop is said again.
+            // No drive receives: the whole stop is repeated.
             run.resume_stop(false);
         }
         if run.is_program_end_due() && run.stage == StepStage::First {
@@ -339,7 +339,7 @@ pub fn abort_outcome<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
     }
 }
 
-/// Whether the value of one drive of a group passes the test of the job's step.
+/// Returns whether the value of one drive of a group passes the test of the job's step.
 pub fn passes_test<R: Request>(job: &Job<R>, raw: i64) -> bool {
     let JobTask::Run(run) = &job.task else { return true };
     match run.current_step() {

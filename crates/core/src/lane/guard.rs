@@ -9,7 +9,7 @@ use crate::profile::{ParameterId, Signal, SignalSource};
 use crate::station::Request;
 use crate::time::Instant;
 
-/// How often what the step does not read by itself is read.
+/// Interval of reads that the step does not make by itself.
 const PERIOD_MS: u32 = 200;
 
 /// Values seen during one run.
@@ -43,7 +43,7 @@ pub enum GuardVerdict {
     WaitOn,
     /// This is read first.
     Read(GuardRead, ParameterId),
-    /// It waits in vain.
+    /// The wait is in vain.
     Fail(Failure),
 }
 

@@ -19,10 +19,10 @@ pub struct Job<R> {
     pub in_flight: InFlight,
     /// A stop arrived during its request: the job ends with that request.
     pub cancelled: bool,
-    /// Its requests are never sent again, whatever their class.
+    /// True if its requests are never sent again, whatever their class.
     pub no_retry: bool,
     pub group_result: GroupResult,
-    /// It sleeps until then.
+    /// Time until which it sleeps.
     pub sleeps_until: Instant,
     /// The drive has been busy since.
     pub busy_since: Option<Instant>,
@@ -30,7 +30,7 @@ pub struct Job<R> {
 }
 
 impl<R: Request> Job<R> {
-    /// Whether one of its requests starts a motion.
+    /// Returns whether one of its requests starts a motion.
     pub fn starts_motion<A: Copy + 'static>(
         &self,
         slot: &AxisSlot<R, A>,
@@ -51,7 +51,7 @@ impl<R: Request> Job<R> {
         }
     }
 
-    /// Whether the axis is at rest, or without power, once the job is done.
+    /// Returns whether the axis is at rest, or without power, once the job is done.
     pub fn ends_motion(&self) -> bool {
         match &self.task {
             JobTask::Run(run) => run.verb.is_some_and(Verb::ends_motion),
@@ -119,7 +119,7 @@ pub enum InFlight {
 }
 
 impl InFlight {
-    /// Whether it can change the drive or start a motion.
+    /// Returns whether it can change the drive or start a motion.
     pub const fn changes_drive(self) -> bool {
         match self {
             Self::Send(class) => !matches!(class, RequestClass::Idempotent),
@@ -128,7 +128,7 @@ impl InFlight {
         }
     }
 
-    /// Whether it can change the drive, or checks whether an earlier request did.
+    /// Returns whether it can change the drive, or checks whether an earlier request did.
     pub const fn may_have_changed(self) -> bool {
         match self {
             Self::Nothing | Self::Factor(_) | Self::Read(_) => false,
@@ -155,7 +155,7 @@ impl InFlight {
 /// Steps that wait for so long at least wait for a motion, others for a drive that changes its state.
 const MOTION_WAIT_MIN_MS: u32 = 10_000;
 
-/// How often a step is sent again at most, because readings prove it not executed.
+/// Limit of repetitions of a step that readings prove not executed.
 const RESENDS_MAX: u8 = 2;
 
 /// A walk along steps.
@@ -186,11 +186,11 @@ pub struct PlanRun {
     pub resends: u8,
     /// Values that wait steps check beside their condition.
     pub guard: WaitGuard,
-    /// What is read to judge a motion.
+    /// Readings for the judge of a motion.
     pub watch: WatchReads,
     /// The drive accepted the write of the current step and was not done with it.
     pub accepted: bool,
-    /// The drive stored the stop as an instruction, and was told to execute requests again.
+    /// True if the drive stored the stop as an instruction, and was set to execute requests again.
     pub ended_store: bool,
 }
 
@@ -198,7 +198,7 @@ pub struct PlanRun {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum StepStage {
     First,
-    /// It is read where the axis stands, before a motion is started.
+    /// The position of the axis is read, before a motion is started.
     Before,
     /// Readings have to show whether a start without acknowledgement was executed.
     StartProof,
@@ -236,7 +236,7 @@ pub struct WriteSteps {
     store: bool,
     ram: Option<RamMode>,
     storable: bool,
-    /// It is read first.
+    /// True if it is read first.
     reads: bool,
 }
 
@@ -315,17 +315,17 @@ impl PlanRun {
         }
     }
 
-    /// Whether the drive's program must be ended before the plan starts.
+    /// Returns whether the drive's program must be ended before the plan starts.
     pub fn is_program_end_due(&self) -> bool {
         self.program_end == Some(self.index)
     }
 
-    /// Whether the readings before the start of a motion are under way.
+    /// Returns whether the readings before the start of a motion are under way.
     pub fn is_before_start(&self) -> bool {
         self.stage == StepStage::Before
     }
 
-    /// Whether all of a homing's start was sent, so that readings show whether it runs.
+    /// Returns whether all of a homing's start was sent, so that readings show whether it runs.
     pub fn is_homing_under_way(&self) -> bool {
         let left = (self.index..=u8::MAX).map_while(|at| self.steps.step(at));
         let next = left.into_iter().find(|step| step.may_change_drive() || step.is_judged());
@@ -334,7 +334,7 @@ impl PlanRun {
             && matches!(next, Some(Step::Homed { .. }))
     }
 
-    /// Whether the current step is the last one.
+    /// Returns whether the current step is the last one.
     pub fn is_last_step(&self) -> bool {
         let next = self.index.saturating_add(1);
         self.undo_reason.is_none()
@@ -424,7 +424,7 @@ impl PlanRun {
         extent.done = if executed { extent.done | bit } else { extent.done & !bit };
     }
 
-    /// Whether the current step may be sent once more after a reading showed that it was not executed.
+    /// Returns whether the current step may be sent once more after a reading showed that it was not executed.
     pub fn may_resend(&mut self) -> bool {
         let allowed = self.resends < RESENDS_MAX && !self.is_stop() && self.undo_reason.is_none();
         self.resends += u8::from(allowed);

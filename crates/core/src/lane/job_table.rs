@@ -21,14 +21,14 @@ pub struct JobTable<R> {
     ready: u64,
     /// Goes before the others.
     urgent: u64,
-    /// Runs a plan that moves or powers the motor: until it waits, nothing but a stop comes between
-    /// its steps, so that nobody changes what an earlier step made sure of.
+    /// Jobs of plans that move or power the motor, a bit each: until such a plan waits, only a stop comes between its
+    /// steps, so that no other request undoes an earlier step.
     motion: u64,
     /// Waits for a time.
     sleeping: u64,
     /// Has its outcome.
     ended: u64,
-    /// Those behind who was served last: the next one is looked for among them first.
+    /// Jobs behind the last served one: the next is searched among them first.
     after_last: u64,
     /// When the first of those that wait goes on.
     pub wake_at: Option<Instant>,
@@ -229,7 +229,7 @@ impl<R: Request> JobTable<R> {
         if let Some(id) = parameter_id {
             slot::record_group_answer(now, slots, &part, (profile, id));
         }
-        // What the lane asks for itself is nobody else's business.
+        // Requests of the lane itself concern no other job.
         matches!(job.in_flight, InFlight::Read(_) | InFlight::Send(_)).then_some(part)
     }
 
@@ -315,7 +315,7 @@ impl<R: Request> JobTable<R> {
         }
     }
 
-    /// Whether an axis runs a plan that moves or stops it.
+    /// Returns whether an axis runs a plan that moves or stops it.
     pub fn is_moving(&self, axis: AxisIndex) -> bool {
         set_bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref()).any(|job| {
             let moves = match &job.task {
@@ -327,7 +327,7 @@ impl<R: Request> JobTable<R> {
         })
     }
 
-    /// Whether a memory transfer of an axis is running.
+    /// Returns whether a memory transfer of an axis is running.
     pub fn has_transfer(&self, axis: AxisIndex) -> bool {
         let jobs = set_bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref());
         let mut transfers = jobs.filter(|job| matches!(job.task, JobTask::Transfer(_)));

@@ -12,7 +12,7 @@ use crate::units::Unit;
 const STANDSTILL_RAW: f64 = 50.0;
 /// Window around the target unless the drive has its own: 0.5 deg.
 const WINDOW_ROTARY: f64 = 0.5 * core::f64::consts::PI / 180.0;
-/// The same of a linear axis: 0.05 mm.
+/// Window of a linear axis: 0.05 mm.
 const WINDOW_LINEAR: f64 = 5e-5;
 /// The default window in counts, at least: a coarse encoder has no better one.
 pub const WINDOW_COUNTS_MIN: f64 = 4.0;
@@ -20,8 +20,8 @@ pub const WINDOW_COUNTS_MIN: f64 = 4.0;
 const OWN_WINDOW_COUNTS_MIN: f64 = 2.0;
 /// The default window where no unit is known, as a share of the way.
 pub const WINDOW_SHARE: f64 = 1e-3;
-/// What a motor that stands may move by, in counts and as a share of the default window: a servo that holds
-/// its position is never quite still.
+/// Motion of a motor at standstill, in counts and as a share of the default window: a servo that holds its position is
+/// never quite still.
 const NOISE_COUNTS: f64 = 2.0;
 const NOISE_SHARE: f64 = 0.25;
 
@@ -84,7 +84,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         Some(counts.max(OWN_WINDOW_COUNTS_MIN))
     }
 
-    /// All that a raw value of a parameter tells.
+    /// All signals in a raw value of a parameter.
     pub fn observation(
         &self,
         id: ParameterId,

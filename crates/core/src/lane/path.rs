@@ -16,14 +16,14 @@ use crate::stream::{
 use crate::time::Instant;
 use core::time::Duration;
 
-/// How often the drive's buffer is looked at: seldom enough for a line that points nearly fill, and
-/// often enough for clocks that differ by a thousandth.
+/// Interval of reading the drive's buffer: seldom enough for a line that points nearly fill, and often enough for
+/// clocks that differ by a thousandth.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// After the last point's time the drive must be through within so long.
 const GRACE: Duration = Duration::from_secs(2);
 /// Times a point that was lost on the way is sent again; its number makes that harmless.
 const RESENDS_MAX: u8 = 3;
-/// Room in a buffer whose drive does not tell.
+/// Assumed room of a buffer whose drive does not report it.
 const ROOM_MIN: i64 = 2;
 
 /// A path under way.
@@ -37,14 +37,14 @@ pub struct PathStream {
     stage: PathStage,
     buffer_model: Box<BufferModel>,
     low_mark: u8,
-    /// Where the last point sent ends, raw.
+    /// End of the last sent point, raw.
     end_position: i64,
     /// When the drive's buffer is looked at next.
     next_status: Instant,
     /// The drive's counter less ours, once known.
     counter_offset: Option<u32>,
     resends: u8,
-    /// How it ends once the drive was told to stop.
+    /// Outcome once the drive was stopped.
     failure_outcome: Option<Outcome>,
 }
 
@@ -282,7 +282,7 @@ impl PathStream {
         }
     }
 
-    /// Whether the pending request, sent while the buffer fills, starts the path.
+    /// Returns whether the pending request, sent while the buffer fills, starts the path.
     fn is_starting(&self) -> bool {
         self.buffer_model.is_filled() || self.complete && self.points.is_empty()
     }
@@ -362,7 +362,7 @@ impl PathStream {
         }
     }
 
-    /// Whether the drive's counter has the value that follows from this number of points.
+    /// Returns whether the drive's counter has the value that follows from this number of points.
     fn counter_matches(&self, status: &PathStatus, count: u32) -> bool {
         self.counter_offset == Some(status.offset(count))
     }
@@ -393,7 +393,7 @@ impl PathStream {
         }
         if self.complete && self.points.is_empty() {
             let state = self.check_end(now, &status);
-            // An empty buffer only tells when to look where the axis is.
+            // An empty buffer only means that the position must be read.
             if let JobState::Ended(Outcome::Done(_)) = state {
                 slot.expect_position(now, self.end_position);
             }

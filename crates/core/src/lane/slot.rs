@@ -34,7 +34,7 @@ struct ScaleFactor {
     /// A value that was read and is not believed until it is read again: one that it cannot have, or one that may
     /// belong to another request.
     unconfirmed: Option<i64>,
-    /// How often it was asked: a drive that refuses it is not asked for ever.
+    /// Number of reads: a drive that refuses it is not asked for ever.
     attempts: u8,
 }
 
@@ -48,7 +48,7 @@ impl ScaleFactor {
         Self { parameter, raw: None, unconfirmed: None, attempts: 0 }
     }
 
-    /// Whether it is to be asked: once, and again after a value that is not believed yet.
+    /// Returns whether it is to be asked: once, and again after a value that is not believed yet.
     const fn is_due(&self) -> bool {
         let max = if self.unconfirmed.is_some() { ATTEMPTS_MAX } else { 1 };
         self.raw.is_none() && self.attempts < max
@@ -72,7 +72,7 @@ impl ScaleFactor {
     }
 }
 
-/// What is known of a parameter's scale.
+/// State of a parameter's scale.
 #[derive(Clone, Copy, Debug)]
 enum ScaleState {
     /// SI value of one raw unit.
@@ -96,18 +96,18 @@ pub struct AxisSlot<R, A> {
     /// Counters when its last request was submitted, and the counts during the last request that timed out.
     pub counters_at_request: Counters,
     pub silence_counters: Counters,
-    /// It sent an implausible value, which may belong to another request.
+    /// True if the drive sent an implausible value, which may belong to another request.
     pub implausible_reply: bool,
     /// The test of the last wait step that timed out.
     pub unmet_wait: Option<UnmetWait>,
     /// The last motion, and what was measured of it.
     pub motion: MotionWatch,
     factors: Vec<ScaleFactor>,
-    /// What is needed of a parameter again and again, by [`ParameterId`].
+    /// Cached properties of parameters, by [`ParameterId`].
     entries: Vec<ParameterEntry<R>>,
 }
 
-/// What is needed of a parameter again and again, worked out once.
+/// Properties of a parameter that are needed often, computed once.
 #[derive(Clone, Debug)]
 struct ParameterEntry<R> {
     parameter: &'static Parameter,
@@ -116,13 +116,13 @@ struct ParameterEntry<R> {
     scale: ScaleState,
     /// The places among the factors of what its scale depends on.
     inputs: Box<[usize]>,
-    /// Its place among the factors.
+    /// Index among the factors.
     factor_index: Option<usize>,
-    /// The signals that it tells.
+    /// Signals that the parameter carries.
     signal_sources: Box<[SignalSource]>,
     /// Not every drive of the profile has it.
     optional: bool,
-    /// This one said that it does not.
+    /// True if this drive answered that it does not have the parameter.
     missing: bool,
 }
 
@@ -213,7 +213,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         entry.read_request.as_ref().map_err(|unsupported| *unsupported)
     }
 
-    /// The same, where the scale needs nothing else: what happens most, looked up once.
+    /// [`read_request`](Self::read_request) for a scale that needs no other parameter: the usual case, looked up once.
     #[inline]
     pub fn plain_read_request(&self, id: ParameterId) -> Option<&R> {
         let entry = self.entry(id)?;
@@ -304,7 +304,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Whether the drive reported that it does not have this parameter.
+    /// Returns whether the drive reported that it does not have this parameter.
     #[inline]
     pub fn lacks_parameter(&self, id: ParameterId) -> bool {
         self.entry(id).is_some_and(|entry| entry.missing)
@@ -326,7 +326,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// What the drive has at this address is of another type, so that it has no such value.
+    /// Records that the drive's object at this address has another type, so that it has no such value.
     #[cold]
     pub fn mark_lacking(&mut self, id: ParameterId) {
         let Some(entry) = self.entries.get_mut(usize::from(id.0)) else { return };
@@ -362,7 +362,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Whether a setting that scales a parameter reads zero. This may be known only after an SI value was
+    /// Returns whether a setting that scales a parameter reads zero. This may be known only after an SI value was
     /// computed with the profile's unit, so no SI value is written then.
     fn is_zero_scaled(&self, id: ParameterId) -> bool {
         let Some(entry) = self.entry(id) else { return false };
@@ -384,9 +384,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// Whether a step is skipped because the drive lacks its parameter: a write without effect, or a read
-    /// that decides nothing. A step that carries the caller's argument, or checks whether the drive is
-    /// ready, is never skipped.
+    /// Returns whether a step is skipped because the drive lacks its parameter: a write without effect, or a read that
+    /// decides nothing. A step that carries the caller's argument, or checks whether the drive is ready, is never
+    /// skipped.
     pub fn skips_step(&self, step: &Step) -> bool {
         match *step {
             Step::Write(id, Operand::Constant(_))

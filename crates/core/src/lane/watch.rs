@@ -1,10 +1,10 @@
 //! Steps that wait for the end of a motion: which parameters are read when, and what the
 //! [judge](crate::judge) of the axis concludes.
 //!
-//! An axis has one judge for its last motion; a group has one for each drive that answers. A round reads
-//! the drive's own report every 20 ms. Position and speed are added every 100 ms, and at once when the report
-//! says that the motion is over; power, fault and limits every 200 ms. Only when the motor stands elsewhere
-//! than at its target are the reasons read.
+//! An axis has one judge for its last motion; a group has one for each drive that answers. A round reads the drive's
+//! own report every 20 ms. Position and speed are added every 100 ms, and at once when the report shows the end of the
+//! motion; power, fault and limits every 200 ms. The reasons are read only when the motor stopped elsewhere than at its
+//! target.
 
 use alloc::vec::Vec;
 use core::time::Duration;
@@ -20,17 +20,17 @@ use crate::profile::{ParameterId, RelativeBase, Signal};
 use crate::station::Request;
 use crate::time::Instant;
 
-/// How often the drive's own report is read.
+/// Interval of reading the drive's own report.
 const FLAG_MS: u32 = 20;
-/// How often position and speed are read while the report says that the motion goes on.
+/// Interval of reading position and speed while the report shows a running motion.
 const MEASURE_MS: u32 = 100;
-/// How often power, fault and limits are read.
+/// Interval of reading power, fault and limits.
 const SAFETY_MS: u32 = 200;
-/// What is read besides the report is read again after so many times its duration.
+/// Pause before further readings are repeated, as a multiple of their duration.
 const ROUND_PAUSE_FACTOR: u32 = 2;
 /// Drives of a group that are judged, at most.
 const MEMBERS_MAX: usize = 32;
-/// How long evidence of a start is looked for that was not acknowledged.
+/// Time to look for evidence of a start that was not acknowledged.
 const PROOF_MS: u32 = 300;
 
 /// Something that is read while a motion is waited for.
@@ -101,18 +101,18 @@ pub struct WatchReads {
     examining: bool,
 }
 
-/// What a wait does next.
+/// Next step of a wait.
 #[derive(Debug)]
 pub enum WatchStep {
-    /// It reads this parameter.
+    /// Read this parameter.
     Read(ParameterId),
-    /// It reads this parameter, which the unit of a position or a speed depends on.
+    /// Read this parameter, on which the unit of a position or a speed depends.
     Factor(ParameterId),
-    /// It reads nothing before then.
+    /// Read nothing before then.
     Sleep(Instant),
-    /// It is over.
+    /// The wait is over.
     Done,
-    /// It is over for this reason.
+    /// The wait ended for this reason.
     Failed(Failure),
 }
 
@@ -173,7 +173,7 @@ impl MotionWatch {
         (self.epoch, self.first, self.last_target) = (epoch, first, last_target);
     }
 
-    /// What is known of the n-th drive's motion.
+    /// Report of the n-th drive's motion.
     pub fn report(&self, n: usize) -> Option<MotionReport> {
         let (address, judge) = self.members.get(n)?;
         Some(MotionReport {
@@ -186,7 +186,7 @@ impl MotionWatch {
         })
     }
 
-    /// Takes a mode that was read, whoever asked for it.
+    /// Records a mode reading of any request.
     pub fn note_mode(&mut self, mode: i64) {
         self.members.iter_mut().for_each(|(_, judge)| judge.observe_mode(mode));
     }
@@ -284,7 +284,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         run.stage = StepStage::Before;
     }
 
-    /// What was known of a motion is no longer true: a stop, or a command without a target, replaces it.
+    /// Forgets the motion: a stop, or a command without a target, replaces it.
     pub fn forget_motion(&mut self) {
         self.motion.replace(None);
     }
@@ -301,7 +301,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         self.next_item(&mut run.watch.pending, None)
     }
 
-    /// The targets of the motion, once it is known where the axis stands.
+    /// Computes the targets of the motion, once the position of the axis is known.
     pub fn set_targets(&mut self, run: &PlanRun) {
         let command = run.command;
         let Some(verb) = run.verb.filter(|verb| targets_position(*verb)) else { return };
@@ -361,7 +361,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         self.motion.members.iter_mut().for_each(|(_, judge)| judge.begin(now));
     }
 
-    /// Where an item is read, for a wait whose step has a flag of its own.
+    /// Source of a reading, for a wait whose step has a flag of its own.
     fn source(
         &self,
         item: Item,
@@ -413,7 +413,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         None
     }
 
-    /// What a wait does next.
+    /// Next step of a wait.
     pub fn poll_watch(&mut self, now: Instant, run: &mut PlanRun, step: Step) -> WatchStep {
         let Some((flag, within_ms)) = wait_of(step) else { return WatchStep::Done };
         if run.watch.began.is_none() {
@@ -552,7 +552,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
     fn end_watch(&self, step: Step, verdict: MotionVerdict) -> WatchStep {
         match verdict {
             MotionVerdict::Arrived => WatchStep::Done,
-            // Whoever stops a motor is told elsewhere that nothing could be measured.
+            // The caller of a stop learns elsewhere that nothing could be measured.
             MotionVerdict::Unconfirmed if matches!(step, Step::Standstill { .. }) => {
                 WatchStep::Done
             }
@@ -603,7 +603,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
-    /// A parameter turned out to be missing: what it would have told is never known.
+    /// Marks a parameter as missing: its signals are never known.
     pub fn mark_missing(&mut self, id: ParameterId) {
         let is = |signal| self.profile.signal(signal).is_some_and(|source| source.parameter == id);
         let (position, speed) = (is(Signal::Position), is(Signal::Velocity));
@@ -633,7 +633,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         true
     }
 
-    /// Whether the time is over in which a start without acknowledgement may be proven.
+    /// Returns whether the time is over in which a start without acknowledgement may be proven.
     pub fn is_proof_over(&self, now: Instant, run: &PlanRun) -> bool {
         let late = run.watch.began.is_none_or(|began| now > began.plus_ms(PROOF_MS));
         let proven = self.motion.members.iter().all(|(_, judge)| judge.proves_start());
@@ -654,7 +654,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
     }
 }
 
-/// What a value is read for.
+/// Purpose of a reading.
 #[derive(Clone, Copy, Debug)]
 pub struct WatchValue {
     /// Before the start of a motion.
@@ -664,7 +664,7 @@ pub struct WatchValue {
 }
 
 impl WatchValue {
-    /// Of the current step of a run.
+    /// Purpose in the current step of a run.
     pub fn of(run: &PlanRun) -> Self {
         let flag = run.current_step().and_then(wait_of).and_then(|(flag, _)| flag);
         Self { before: run.is_before_start(), flag }
@@ -681,7 +681,7 @@ fn wait_of(step: Step) -> Option<(Option<(ParameterId, ParameterTest)>, u32)> {
     }
 }
 
-/// Whether a verb goes to a position.
+/// Returns whether a verb goes to a position.
 pub fn targets_position(verb: Verb) -> bool {
     verb.is_move() || matches!(verb, Verb::PrepareTo | Verb::PrepareBy)
 }

@@ -27,15 +27,14 @@ pub fn wire_bits(frame: &Frame) -> u32 {
     stuffed_len(bits, count) + TAIL_BITS + INTERFRAME_BITS
 }
 
-/// Bits that a data frame of so many bytes takes without a single stuff bit, the interframe space
-/// counted.
+/// Bits of a data frame of `bytes` bytes without a single stuff bit, with the interframe space.
 #[must_use]
 pub const fn unstuffed_bits(extended: bool, bytes: u32) -> u32 {
     bits_before_crc(extended, bytes) + CRC_BITS + TAIL_BITS + INTERFRAME_BITS
 }
 
-/// The same with as many stuff bits as there can be: one behind the first five bits, and one behind
-/// each four from then on.
+/// Bits of a data frame with as many stuff bits as possible: one behind the first five bits, and one behind each four
+/// from then on.
 #[must_use]
 pub const fn max_wire_bits(extended: bool, bytes: u32) -> u32 {
     unstuffed_bits(extended, bytes) + (bits_before_crc(extended, bytes) + CRC_BITS - 1) / 4
@@ -78,8 +77,8 @@ fn stuffed_len(bits: u128, count: u32) -> u32 {
 /// One recessive bit behind a dominant one, as a row of [`STUFFING`].
 const RECESSIVE: u8 = 4;
 
-/// What a byte does: the row for the next byte in the lowest three bits, and stuff bits in those above. A
-/// row is the value of the last bit (4 if recessive) and how many equal ones stand before it.
+/// Effect of a byte: the row for the next byte in the lowest three bits, and stuff bits in those above. A row is the
+/// value of the last bit (4 if recessive) and the number of equal ones before it.
 static STUFFING: [[u8; 256]; 8] = {
     let mut table = [[0; 256]; 8];
     let mut entry = 0;
@@ -125,7 +124,7 @@ fn crc15(bits: u128, count: u32) -> u16 {
     shares.fold(0, |crc, (byte, share)| crc ^ share[usize::from(*byte)])
 }
 
-/// What a byte adds to the CRC, by how many bytes stand behind it.
+/// Contribution of a byte to the CRC, by the number of bytes behind it.
 static CRC_SHARES: [[u16; 256]; 16] = {
     let mut shares = [[0; 256]; 16];
     let mut entry = 0;

@@ -61,7 +61,7 @@ impl Encoder {
         count.wrapping_sub(self.offset) as f64 / self.counts_per_rad()
     }
 
-    /// It stops counting at shaft `position` (rad), or counts on from where it stopped.
+    /// Breaks it, so that it stops counting at shaft `position` (rad), or repairs it, so that it counts on from there.
     pub fn set_broken(&mut self, position: f64, broken: bool) {
         match (self.frozen, broken) {
             (None, true) => self.frozen = Some(self.count(position)),
@@ -79,7 +79,7 @@ impl Encoder {
         self.frozen.is_some()
     }
 
-    /// Whether the index pulse, once per turn at whole turns of the shaft, lies between two shaft positions
+    /// Returns whether the index pulse, once per turn at whole turns of the shaft, lies between two shaft positions
     /// (rad).
     #[must_use]
     pub fn index_between(&self, before: f64, after: f64) -> bool {

@@ -37,7 +37,7 @@ use crate::time::Instant;
 /// Nanoseconds of a tick: current, speed and position loops run at 1 kHz.
 pub const TICK_NS: u64 = 1_000_000;
 
-/// The same in seconds.
+/// Length of a tick, s.
 pub const TICK_S: f64 = 1e-3;
 
 /// Ticks per second.
@@ -46,7 +46,7 @@ pub const TICKS_PER_S: f64 = 1e3;
 /// Most ticks that [`Ticks`] runs at one call: a day, so that a clock gone wrong cannot hang it.
 pub const TICKS_MAX: u64 = 86_400_000;
 
-/// How far a lazily advanced plant has come.
+/// Progress of a lazily advanced plant.
 ///
 /// ```
 /// use polepair_core::{plant::Ticks, time::Instant};

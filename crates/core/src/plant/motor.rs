@@ -119,13 +119,13 @@ pub struct Motor {
 /// A part of a step, and what follows from its length.
 #[derive(Clone, Copy, Debug)]
 struct SubStep {
-    /// Its length, s.
+    /// Length of the step, s.
     h: f64,
     /// Twice the inductance by it, Ω.
     l: f64,
     /// Twice the inertia by it, N·m·s/rad.
     j: f64,
-    /// The same with viscous friction.
+    /// The step's coefficient with viscous friction.
     c: f64,
 }
 
@@ -159,7 +159,7 @@ impl Motor {
         }
     }
 
-    /// Its parameters.
+    /// Parameters of the motor.
     #[must_use]
     pub const fn parameters(&self) -> &MotorParameters {
         &self.parameters
@@ -201,7 +201,7 @@ impl Motor {
         (self.energy.copper - self.copper_before) / TICK_S
     }
 
-    /// Its energy balance.
+    /// Energy balance of the motor.
     #[must_use]
     pub const fn energy(&self) -> Energy {
         self.energy

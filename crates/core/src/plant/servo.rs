@@ -4,7 +4,7 @@ use super::{
     Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding, clamp_abs,
 };
 
-/// What rounding adds to a speed that is taken from the way of a tick, rad/s.
+/// Rounding error of a speed that is computed from the positions of a tick, rad/s.
 const ROUNDING: f64 = 1e-6;
 
 /// Gains of the loops, SI.
@@ -129,7 +129,7 @@ impl Servo {
         self.integral = 0.0;
     }
 
-    /// Whether the drive is enabled.
+    /// Returns whether the drive is enabled.
     #[must_use]
     pub const fn is_enabled(&self) -> bool {
         self.enabled
@@ -250,7 +250,7 @@ impl Servo {
         self.step_measured(motor, conditions, position, velocity);
     }
 
-    /// The same with the `position` (rad) and `velocity` (rad/s) that a sensor claims.
+    /// [`step`](Self::step) with the `position` (rad) and `velocity` (rad/s) of a sensor.
     #[inline]
     pub fn step_measured(
         &mut self,
@@ -330,7 +330,7 @@ pub struct StallDetector {
     pub velocity: f64,
     /// Share of the limit that counts as at the limit.
     pub share: f64,
-    /// For so many ticks.
+    /// Duration, ticks.
     pub ticks: u32,
     stalled_ticks: u32,
 }

@@ -80,25 +80,25 @@ impl Stepper {
         }
     }
 
-    /// Its parameters.
+    /// Parameters of the motor.
     #[must_use]
     pub const fn parameters(&self) -> &StepperParameters {
         &self.parameters
     }
 
-    /// Of the shaft, rad.
+    /// Position of the shaft, rad.
     #[must_use]
     pub const fn position(&self) -> f64 {
         self.position
     }
 
-    /// Of the shaft, rad/s.
+    /// Speed of the shaft, rad/s.
     #[must_use]
     pub const fn velocity(&self) -> f64 {
         self.velocity
     }
 
-    /// Of the field on the rotor, N·m.
+    /// Torque of the field on the rotor, N·m.
     #[must_use]
     pub const fn torque(&self) -> f64 {
         self.torque
@@ -121,7 +121,7 @@ impl Stepper {
         self.field - self.position
     }
 
-    /// Whether the rotor is at rest while the field and the load stay the same.
+    /// Returns whether the rotor is at rest while the field and the load stay the same.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.velocity == 0.0

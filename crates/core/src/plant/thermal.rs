@@ -5,9 +5,9 @@
 pub struct ThermalModel {
     /// To the air, K/W.
     pub resistance: f64,
-    /// Of the body, J/K.
+    /// Heat capacity of the body, J/K.
     pub capacity: f64,
-    /// Of the air, °C.
+    /// Temperature of the air, °C.
     pub ambient: f64,
     temperature: f64,
 }

@@ -6,9 +6,9 @@ use crate::units::Unit;
 /// A parameter by its number: `0x2030:1:u16`, `R 51`, `AP 6`, `@0x03B0`.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct ParameterAddress {
-    /// As [`Parameter::index`].
+    /// Index, as in [`Parameter::index`].
     pub index: u16,
-    /// As [`Parameter::space`].
+    /// Space, as in [`Parameter::space`].
     pub space: u8,
     /// The type, where the text gives one.
     pub encoding: Option<Encoding>,

@@ -28,17 +28,17 @@ pub enum Encoding {
     F32,
     /// IEEE 754, 64 bits. The raw value is its bits.
     F64,
-    /// As [`U32`](Self::U32), low word first.
+    /// [`U32`](Self::U32), low word first.
     U32LowFirst,
-    /// As [`I32`](Self::I32), low word first.
+    /// [`I32`](Self::I32), low word first.
     I32LowFirst,
-    /// As [`U64`](Self::U64), low word first.
+    /// [`U64`](Self::U64), low word first.
     U64LowFirst,
-    /// As [`I64`](Self::I64), low word first.
+    /// [`I64`](Self::I64), low word first.
     I64LowFirst,
-    /// As [`F32`](Self::F32), low word first.
+    /// [`F32`](Self::F32), low word first.
     F32LowFirst,
-    /// As [`F64`](Self::F64), low word first.
+    /// [`F64`](Self::F64), low word first.
     F64LowFirst,
     /// Signed 32 bits of which the lower 16 are the fraction: raw counts 65536ths.
     Fixed,
@@ -53,7 +53,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// Whether raw values may be negative.
+    /// Returns whether raw values may be negative.
     #[must_use]
     pub const fn is_signed(self) -> bool {
         matches!(
@@ -69,13 +69,13 @@ impl Encoding {
         )
     }
 
-    /// Whether it is a floating-point number.
+    /// Returns whether it is a floating-point number.
     #[must_use]
     pub const fn is_real(self) -> bool {
         matches!(self, Self::F32 | Self::F64 | Self::F32LowFirst | Self::F64LowFirst)
     }
 
-    /// Whether it is a number of at most 64 bits, and neither text nor bytes.
+    /// Returns whether it is a number of at most 64 bits, and neither text nor bytes.
     #[must_use]
     pub const fn is_number(self) -> bool {
         !matches!(self, Self::Text | Self::Bytes)
@@ -91,7 +91,7 @@ impl Encoding {
         }
     }
 
-    /// Whether the low word comes first, where a value takes several registers.
+    /// Returns whether the low word comes first, where a value takes several registers.
     #[must_use]
     pub const fn is_low_first(self) -> bool {
         matches!(
@@ -153,7 +153,7 @@ impl Encoding {
         }
     }
 
-    /// Whether a raw value is between two others.
+    /// Returns whether a raw value is between two others.
     #[must_use]
     pub fn is_between(self, raw: i64, min: i64, max: i64) -> bool {
         match self {

@@ -5,7 +5,7 @@ use core::fmt;
 /// Flag of an address that names groups of drives instead of one. The bits below are a mask: bit
 /// n - 1 is group number n. None set is everybody.
 pub const GROUP: u32 = 1 << 31;
-/// In an address: which of several axes of one drive is meant, as people number them; 0 is the first.
+/// Bits of an address for one of several axes of a drive, as people number them; 0 is the first.
 pub const SUB_AXIS: u32 = 0xFF << 16;
 
 /// An address without the [`SUB_AXIS`]: the drive that the axis belongs to.
@@ -33,19 +33,19 @@ pub const fn with_sub_axis(address: u32, sub: u8) -> u32 {
 pub struct AxisNumber(pub u32);
 
 impl AxisNumber {
-    /// Whether it addresses several drives, which do not reply.
+    /// Returns whether it addresses several drives, which do not reply.
     #[must_use]
     pub const fn is_group(self) -> bool {
         self.0 & GROUP != 0
     }
 
-    /// Whether it is an address alone: no group, and no further axis of a drive.
+    /// Returns whether it is an address alone: no group, and no further axis of a drive.
     #[must_use]
     pub const fn is_plain(self) -> bool {
         self.0 & (GROUP | SUB_AXIS) == 0
     }
 
-    /// The same as a value of JSON: a number, or a string where it is more than an address.
+    /// Value in JSON: a number, or a string if it is more than an address.
     #[must_use]
     pub const fn json(self) -> JsonAxisNumber {
         JsonAxisNumber(self)

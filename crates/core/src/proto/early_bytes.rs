@@ -53,7 +53,7 @@ impl EarlyBytes {
         }
     }
 
-    /// So many of the first bytes are done with.
+    /// Removes the first `count` bytes.
     #[inline]
     pub const fn consume(&mut self, count: usize) {
         self.count = self.count.saturating_sub(count);

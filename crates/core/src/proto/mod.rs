@@ -42,9 +42,9 @@ pub fn find_dissector(name: &str) -> Option<&'static dyn Dissector> {
 
 /// The host end of a protocol.
 pub trait Protocol {
-    /// The wire it speaks on.
+    /// Medium of the protocol.
     type Medium: Medium;
-    /// Its host.
+    /// Host of the protocol.
     type Host: Host<Self::Medium> + Send + 'static;
     /// The word in connection strings: `tmcl`, `modbus-rtu`. Two protocols may share it that differ
     /// in the medium.
@@ -62,17 +62,17 @@ pub trait Protocol {
     const VALID_ADDRESSES: core::ops::RangeInclusive<u32>;
     /// The address of a drive whose set-up leaves it to switches (address 0), and that has none.
     const SWITCH_ADDRESS: Option<u32> = None;
-    /// It speaks differently on RS-232 and on RS-485.
+    /// True if it differs between RS-232 and RS-485.
     const HAS_SERIAL_STANDARDS: bool = false;
     /// Groups of drives that an address can name by [`GROUP`]: numbers 1 to this.
     const GROUPS: u8 = 0;
     /// The numbers of the axes that a drive can have at one address, the first one's first.
     const SUB_AXES: core::ops::RangeInclusive<u8> = 1..=1;
-    /// The address that means everybody: to it can be said what needs no answer.
+    /// Broadcast address, for requests without a reply.
     const BROADCAST_ADDRESS: Option<u32> = if Self::GROUPS > 0 { Some(GROUP) } else { None };
-    /// Its keys of connection strings, beside those of every link.
+    /// Keys of connection strings, beside those of every link.
     const KEYS: &'static [OptionKey];
-    /// Its frames are characters of ASCII, for which seven data bits are enough.
+    /// True if its frames are ASCII characters, for which seven data bits are enough.
     const IS_ASCII: bool = false;
     /// The baud or bit rate from the factory.
     const DEFAULT_RATE: u32;

@@ -54,7 +54,7 @@ pub struct HostOptions {
     /// A stop waits for the reply: the check for two drives with one address, which takes longer, is left
     /// out.
     pub urgent: bool,
-    /// All time-outs of the host are so many times as long, for tests on a busy machine; 1 otherwise.
+    /// Factor of all time-outs of the host, for tests on a busy machine; 1 otherwise.
     pub timeout_scale: u32,
 }
 
@@ -62,7 +62,7 @@ impl HostOptions {
     /// [`gap_us`](Self::gap_us) of 3.5 characters at the line's baud rate.
     pub const GAP_CHARACTERS: u32 = u32::MAX;
 
-    /// A time-out of so many milliseconds, scaled.
+    /// Scales a time-out in milliseconds.
     #[must_use]
     pub const fn scaled_ms(&self, timeout_ms: u32) -> u32 {
         timeout_ms.saturating_mul(self.timeout_scale)
@@ -74,7 +74,7 @@ impl HostOptions {
         self.scaled_ms(self.reply_timeout_ms.unwrap_or(usual_ms))
     }
 
-    /// Whether a drive on the line has this address for itself.
+    /// Returns whether a drive on the line has this address for itself.
     #[must_use]
     pub fn is_distinct_address(&self, address: u32) -> bool {
         self.relay_axis_max.is_none_or(|max| (1..=max).contains(&address))
@@ -115,23 +115,23 @@ impl HostOptions {
 /// A key of a connection string.
 #[derive(Clone, Copy, Debug)]
 pub struct OptionKey {
-    /// Its name: `timeout`.
+    /// Name of the key: `timeout`.
     pub name: &'static str,
-    /// What its value is.
+    /// Kind of the value.
     pub kind: OptionKind,
-    /// What it sets, in a phrase.
+    /// Effect of the key, in a phrase.
     pub help: &'static str,
-    /// It describes the drive: a simulated one is made so.
+    /// True if it describes the drive: a simulated one is built by it.
     pub is_of_drive: bool,
     apply: fn(&mut HostOptions, u32),
 }
 
-/// What the value of a key is.
+/// Kind of a key's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OptionKind {
     /// A time of at most an hour: milliseconds, or with a unit.
     Milliseconds,
-    /// A silence: a time, or `3.5c` for so many characters at the line's baud rate.
+    /// A silence: a time, or `3.5c` in characters at the line's baud rate.
     Gap,
     /// A whole number of this range.
     Number(u32, u32),
@@ -156,7 +156,7 @@ impl OptionKey {
         Self { name, kind, help, is_of_drive: false, apply }
     }
 
-    /// A key that whoever opens the link reads.
+    /// A key that the opener of the link reads.
     #[must_use]
     pub const fn for_link(name: &'static str, kind: OptionKind, help: &'static str) -> Self {
         Self { name, kind, help, is_of_drive: false, apply: |_, _| {} }

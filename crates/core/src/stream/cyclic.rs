@@ -10,7 +10,7 @@ pub const AXES_MAX: usize = 127;
 pub const CYCLES_MAX: usize = 512;
 /// Largest planned load of the wire, in percent. The rest is for other requests and for repeated frames.
 pub const LOAD_MAX_PERCENT: u64 = 80;
-/// The first position lies at most so far from the axis, which stands: rad or m.
+/// Greatest distance of the start position from the axis at standstill: rad or m.
 const START_OFFSET_MAX: f64 = 0.01;
 
 /// Quantity commanded cycle by cycle.
@@ -44,7 +44,7 @@ pub struct CyclicConfig<'a> {
     pub setpoint: SetpointKind,
     /// From one beat to the next.
     pub period: Duration,
-    /// So many times as long as usual a drive may be silent, or the host may pause; 1 outside tests.
+    /// Factor of the time that a drive may be silent, or the host may pause; 1 outside tests.
     pub timeout_scale: u32,
 }
 
@@ -73,7 +73,7 @@ impl SetpointBounds {
 /// The bound that a set-point exceeds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum BoundsViolation {
-    /// It is not a number.
+    /// The value is not a number.
     NotANumber,
     /// The position limits.
     Position,
@@ -162,7 +162,7 @@ impl SetpointTracker {
         }
     }
 
-    /// Whether a motion may end here: the commanded speed or torque is zero. A position always may.
+    /// Returns whether a motion may end here: the commanded speed or torque is zero. A position always may.
     #[must_use]
     pub fn may_end(&self, setpoint: SetpointKind) -> bool {
         setpoint == SetpointKind::Position || self.last == 0.0

@@ -151,7 +151,7 @@ impl Drive {
         }
     }
 
-    /// The same with other values from the factory.
+    /// [`new`](Self::new) with other factory values.
     #[must_use]
     pub fn with_objects(mut self, objects: Objects) -> Self {
         self.objects = objects.clone();
@@ -386,7 +386,7 @@ impl Drive {
     }
 }
 
-/// What is refused though it lies within the entry's limits.
+/// Returns false for values that are refused although they lie within the entry's limits.
 const fn is_allowed(tag: u16, value: i64) -> bool {
     match tag {
         stored::MODE => matches!(

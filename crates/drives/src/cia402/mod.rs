@@ -55,7 +55,7 @@ impl Family for Cia402 {
                 ("serial", number) => serial = number.parse().map_err(|_| number)?,
                 // Without node-ID, to be given one by LSS.
                 ("node", "none") => node = 255,
-                // Whoever commands needs no address here.
+                // A host of this protocol needs no address of its own.
                 ("host", _) => {}
                 ("node", value) => return Err(value),
                 (key, _) => return Err(key),

@@ -35,7 +35,7 @@ pub const STREAM_MAX: u32 = 16 << 20;
 /// Tags of the values that are kept as written.
 pub mod stored;
 
-/// The first so many of [`stored`] are commands, not settings.
+/// Number of entries at the start of [`stored`] that are commands, not settings.
 const COMMAND_COUNT: usize = stored::TARGET_TORQUE as usize + 1;
 
 /// Tags of objects that are computed, not stored as written.
@@ -314,9 +314,9 @@ const fn default_number(index: u16, sub: u8, value: i64) -> (u16, u8, DefaultVal
     (index, sub, DefaultValue::Number(value))
 }
 
-/// Mappings as CiA 402 has them from the factory. Only the statusword is on, by change and every
-/// 100 ms: python canopen's drive node takes what came twice for periodic, its own frames on UDP
-/// among them, so what it is to send must be switched on by whoever wants it.
+/// Mappings as CiA 402 has them from the factory. Only the statusword is on, by change and every 100 ms: python
+/// canopen's drive node takes what came twice for periodic, its own frames on UDP among them, so a master must switch
+/// on each further one.
 const DEFAULTS: [(u16, u8, DefaultValue); 34] = [
     default_number(0x1018, 1, 0x0000_FFFF),
     default_number(0x1018, 2, 0x0000_0402),
@@ -359,7 +359,7 @@ const fn default_text(index: u16, name: &'static str, value: &'static str) -> Ob
         .with_default_value(DefaultValue::Text(value))
 }
 
-/// What the node says of itself.
+/// Device information of the node.
 const DEVICE_ENTRIES: [ObjectEntry; 4] = [
     entry(0x1000, 0, ValueType::U32, RO_UNMAPPED, PROTOCOL_TAG, "device type")
         .with_default(0x0002_0192),
@@ -398,7 +398,7 @@ pub struct Objects {
     rad_per_unit: f64,
     rad_per_velocity_unit: f64,
     rad_per_acceleration_unit: f64,
-    /// The same of a position and of a speed, with the sign of 607Eh.
+    /// Radians in a unit of position and of speed, with the sign of 607Eh.
     rad_per_position: f64,
     rad_per_velocity: f64,
     /// User units of a rad, and of a rad/s.
@@ -412,7 +412,7 @@ pub struct Objects {
 }
 
 impl Objects {
-    /// As from the factory.
+    /// Objects with their factory values.
     #[must_use]
     pub fn factory() -> Self {
         let mut objects = Self {

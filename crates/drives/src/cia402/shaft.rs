@@ -15,7 +15,7 @@ pub const RATED_CURRENT: f64 = 12.7;
 const SUPPLY_V: f64 = 48.0;
 /// Supply below and above which it trips, V.
 const SUPPLY_LIMITS: (f64, f64) = (20.0, 60.0);
-/// A stall trips after so many ticks.
+/// Ticks of a stall before it trips.
 const STALL_TICKS: u32 = 1000;
 /// 1/A², of the rated current.
 const PER_RATED_SQUARE: f64 = 1.0 / (RATED_CURRENT * RATED_CURRENT);
@@ -23,7 +23,7 @@ const PER_RATED_SQUARE: f64 = 1.0 / (RATED_CURRENT * RATED_CURRENT);
 const OVERLOAD: f64 = 16.0;
 /// Temperature of the power stage that trips, °C.
 const HOT_C: f64 = 85.0;
-/// Temperatures change slowly: they are reckoned once in so many ticks.
+/// Ticks between two computations of temperatures, which change slowly.
 const THERMAL_TICKS: u32 = 16;
 
 /// Motor, loops and protections. They lie in memory in this order: what each tick needs together,
@@ -81,7 +81,7 @@ impl Shaft {
         &self.motor
     }
 
-    /// Its torque, share of the rated one.
+    /// Torque, share of the rated one.
     #[must_use]
     pub fn torque(&self) -> f64 {
         self.motor.current() / RATED_CURRENT
@@ -127,7 +127,7 @@ impl Shaft {
         self.frozen_position = broken.then(|| self.motor.position());
     }
 
-    /// Whether the power stage is on.
+    /// Returns whether the power stage is on.
     #[must_use]
     pub const fn is_powered(&self) -> bool {
         self.servo.is_enabled()
@@ -158,7 +158,7 @@ impl Shaft {
         !self.is_powered() && self.motor.velocity() == 0.0 && self.load == 0.0
     }
 
-    /// So many ticks of rest at once.
+    /// Passes `ticks` ticks of rest at once.
     pub fn pass_rest(&mut self, ticks: u64) {
         let seconds = ticks as f64 * TICK_S;
         self.stage.step(0.0, seconds);
@@ -208,8 +208,8 @@ impl Shaft {
         if self.is_fault_free() { None } else { self.lasting_fault() }
     }
 
-    /// Whether [`lasting_fault`](Self::lasting_fault) would return `None`; checks all signs at once, for
-    /// every tick.
+    /// Returns whether [`lasting_fault`](Self::lasting_fault) would return `None`; checks all signs at once, for every
+    /// tick.
     #[inline]
     fn is_fault_free(&self) -> bool {
         (self.supply >= SUPPLY_LIMITS.0)

@@ -102,10 +102,10 @@ const SI_POSITION: ObjectKey = (0x60A8, 0);
 const SI_VELOCITY: ObjectKey = (0x60A9, 0);
 const SI_ACCELERATION: ObjectKey = (0x60AA, 0);
 
-/// By how much two ways to the same unit may differ, of it: 6283 units a turn are milliradians.
+/// Relative difference up to which two units count as the same: 6283 units a turn are milliradians.
 const SAME: f64 = 1e-3;
 
-/// What the drive has; zero is absent.
+/// Objects of the drive; zero is absent.
 struct Objects<'a>(&'a dyn Fn(ObjectKey) -> Option<i64>);
 
 impl Objects<'_> {
@@ -139,14 +139,14 @@ impl Objects<'_> {
 #[derive(Clone, Copy)]
 struct SiUnit(u32);
 
-/// What a numerator counts.
+/// Physical quantity of a numerator.
 #[derive(Clone, Copy)]
 enum Length {
-    /// So many turns.
+    /// Turns.
     Turns(f64),
     /// Increments of the encoder.
     Increments(f64),
-    /// So many metres.
+    /// Metres.
     Metres(f64),
 }
 
@@ -197,7 +197,7 @@ const fn time(code: u8) -> Option<f64> {
     }
 }
 
-/// Units of position in a turn, and the objects that say so.
+/// Units of position in a turn, and the objects that define them.
 struct PositionScale {
     units_per_turn: f64,
     /// Metres of a turn, where positions are lengths.

@@ -19,7 +19,7 @@ use polepair_core::time::{Instant, earliest};
 const ASCII_WORDS_MAX: u16 = 12;
 /// Words of an RTU frame at most, by the standard.
 const READ_WORDS_MAX: u16 = 125;
-/// The same for writing.
+/// Words of one write at most.
 const WRITE_WORDS_MAX: u16 = 123;
 /// Baud rates by Fn_3C (§2.2, 192000 and 512000 as printed).
 const BAUDS: [u32; 7] = [2400, 9600, 38_400, 57_600, 115_200, 192_000, 512_000];
@@ -71,7 +71,7 @@ impl Timed for Device {
 
     fn poll_timeout(&self) -> Option<Instant> {
         let drive = &self.modbus.drive;
-        // Whatever changes is to be told on the bus within a tick.
+        // A change is to be reported on the bus within a tick.
         let due = drive
             .next_due()
             .map(|due| if self.can.is_active() { due.min(drive.next_tick()) } else { due });

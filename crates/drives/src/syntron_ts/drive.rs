@@ -35,13 +35,13 @@ pub const MODE_TORQUE: u16 = 4;
 pub const MODE_POSITION: u16 = 14;
 /// CANopen mode.
 pub const MODE_CANOPEN: u16 = 20;
-/// What opens the locked registers (TS manual V2 §1.4.1).
+/// Password of the locked registers (TS manual V2 §1.4.1).
 const PASSWORD: u16 = 9876;
 /// Speed of jogging, rpm `[I]`.
 const JOG_RPM: f64 = 200.0;
 /// Top speed of the set-point where no path gives one, rpm.
 const TOP_RPM: f64 = 6000.0;
-/// Version that Dn_08 tells (DS102).
+/// Version in Dn_08 (DS102).
 const VERSION: u16 = 0x0102;
 
 /// Why a register access is refused.
@@ -79,7 +79,7 @@ struct DriveCore {
     jogging: bool,
     jog: f64,
     external: ExternalSignals,
-    /// Where the pulses have brought the set-point, rad.
+    /// Set-point that the pulses have reached, rad.
     pulse_target: f64,
     previous_inputs: [bool; 4],
     unrepeatable: u64,
@@ -336,7 +336,7 @@ pub fn register_numbers(start: u16) -> impl Iterator<Item = u16> {
     (0..=u16::MAX).map(move |offset| start.wrapping_add(offset))
 }
 
-/// Whether such a write sets something going, in the modes where its register counts.
+/// Returns whether such a write sets something going, in the modes where its register counts.
 const fn starts_motion(number: u16, before: u16, value: u16) -> bool {
     match number {
         fn_registers::SPEED => value != 0,
@@ -346,7 +346,7 @@ const fn starts_motion(number: u16, before: u16, value: u16) -> bool {
     }
 }
 
-/// A drive that is not at rest is looked at so often, ms, so that nobody waits for a long past.
+/// Interval of updates of a drive that is not at rest, ms, so that no request waits for a long past.
 const WAKE_MS: u32 = 50;
 
 impl DriveCore {

@@ -39,7 +39,7 @@ impl ExternalSignals {
         self.pulse_rate = hertz.clamp(-PULSES_MAX, PULSES_MAX);
     }
 
-    /// So many pulses at once.
+    /// Adds `count` pulses at once.
     pub fn add_pulses(&mut self, count: i32) {
         self.pending_pulses += f64::from(count);
     }

@@ -33,9 +33,9 @@ pub enum HomingMark {
 pub enum HomingStart {
     /// Never.
     Never,
-    /// As soon as the motor is powered.
+    /// Homing starts as soon as the motor is powered.
     AtEnable,
-    /// By the trigger, while the motor is powered.
+    /// Homing starts by the trigger, while the motor is powered.
     ByTrigger,
     /// A digit that the manual does not name: never.
     Unknown(u8),

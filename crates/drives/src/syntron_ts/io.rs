@@ -120,7 +120,7 @@ impl InputLines {
         }
     }
 
-    /// Whether the input of that function is closed with the shaft at `position` (rad).
+    /// Returns whether the input of that function is closed with the shaft at `position` (rad).
     #[inline]
     #[must_use]
     pub fn is_closed(&self, purpose: InputPurpose, position: f64) -> bool {

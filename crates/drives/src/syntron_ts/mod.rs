@@ -47,7 +47,7 @@ impl Family for SyntronTs {
         options: &DeviceOptions<'a>,
     ) -> Result<Self::Device, &'a str> {
         let ds102 = profile.name == profile::SYNTRON_DS102.name;
-        // What is known of the registers stands in the Modbus profiles.
+        // All facts on the registers are in the Modbus profiles.
         let registers = if ds102 { &profile::SYNTRON_DS102 } else { &profile::SYNTRON_TS };
         options::Options::from_device_options(options, ds102)
             .map(|made| device::Device::new(registers, made))

@@ -13,7 +13,7 @@ use super::shaft::Shaft;
 use polepair_core::plant::Limits;
 use polepair_core::time::Instant;
 
-/// The torque signal must last so many ticks to count as a stop `[I]`.
+/// Ticks of the torque signal that count as a stop `[I]`.
 const TORQUE_TICKS: u16 = 50;
 /// Ramp of homing, of jogging and of internal speed mode: from rest to 3000 rpm in 200 ms `[I]`.
 pub const RAMP: f64 = 3000.0 / 60.0 * TAU / 0.2;
@@ -50,7 +50,7 @@ impl TickContext<'_> {
     }
 }
 
-/// What the motor is doing.
+/// Task of the motor.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum MotionTask {
     /// Holding.

@@ -13,7 +13,7 @@ const LOCKED_MAX: usize = 16;
 pub enum Variant {
     /// Modbus with internal speed mode.
     Standard,
-    /// The same with internal position mode.
+    /// Speed mode and internal position mode.
     Position,
     /// CANopen.
     Canopen,
@@ -42,7 +42,7 @@ const CAN_QUIRKS: can::Quirks = can::Quirks {
 pub struct Options {
     /// Variant.
     pub variant: Variant,
-    /// It has the registers that only drivers of the DS102 name.
+    /// True if it has the registers that only drivers of the DS102 name.
     pub ds102: bool,
     /// Address, baud rate and framing act at once rather than at the next power-on `[I]`.
     pub applies_at_once: bool,
@@ -103,13 +103,13 @@ impl Options {
         Ok(made)
     }
 
-    /// Whether the password locks that register.
+    /// Returns whether the password locks that register.
     #[must_use]
     pub fn is_locked(&self, number: u16) -> bool {
         self.locked.contains(&Some(number))
     }
 
-    /// Whether Fn_3D accepts that value (TS manual V2 §2.2).
+    /// Returns whether Fn_3D accepts that value (TS manual V2 §2.2).
     #[must_use]
     pub const fn accepts_format(&self, value: u16) -> bool {
         match value {
@@ -144,7 +144,7 @@ impl Options {
             ("time", "0" | "1") => self.can.time = value == "1",
             ("guarding", "0" | "1") => self.can.guarding = value == "1",
             ("segments", "0" | "1") => self.can.segmented_sdo = value == "1",
-            // Whoever commands needs no address here.
+            // A host of this protocol needs no address of its own.
             ("host", _) => {}
             ("inputs", _) => self.lines.assign(InputPurpose::of_digits(value).ok_or(value)?),
             ("closed", _) => self.close_inputs(value)?,

@@ -74,7 +74,7 @@ pub trait DriveView {
     fn is_jog_mode(&self) -> bool;
 }
 
-/// Where the panel is.
+/// Menu level of the panel.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum PanelLayer {
     State,
@@ -285,7 +285,7 @@ fn hex_character(digit: u16) -> u8 {
     b"0123456789AbcdEF"[usize::from(digit & 0xF)]
 }
 
-/// What stands on the display.
+/// Text on the display.
 #[derive(Default)]
 struct DisplayText {
     bytes: [u8; DISPLAY_MAX],
@@ -300,7 +300,7 @@ impl DisplayText {
         }
     }
 
-    /// A decimal number with at least so many digits.
+    /// Appends a decimal number with at least `at_least` digits.
     fn push_number(&mut self, value: i32, at_least: u8) {
         if value < 0 {
             self.push(b'-');

@@ -37,9 +37,9 @@ pub struct DecodedPath {
     pub kind: PathType,
     /// AutoLoadIndex: the next path, 1 to 32.
     pub next: Option<u8>,
-    /// Its end.
+    /// End of the path.
     pub end: PathEnd,
-    /// It may interrupt the path that runs.
+    /// True if it may interrupt the running path.
     pub interrupts: bool,
     /// Coordinate in thousandths of the mechanics' unit.
     pub thousandths: i32,
@@ -84,7 +84,7 @@ impl DecodedPath {
     }
 }
 
-/// Whether an S-time fits an acceleration time: Ta/2 must be greater than Ts, or Ts is 0.
+/// Returns whether an S-time fits an acceleration time: Ta/2 must be greater than Ts, or Ts is 0.
 #[must_use]
 pub const fn s_time_fits(acceleration_ms: u16, s_ms: u16) -> bool {
     s_ms == 0 || (acceleration_ms as u32) > 2 * s_ms as u32
@@ -105,9 +105,8 @@ fn decode_next(word: u16) -> Option<u8> {
     (1..=PATH_MAX).contains(&index).then_some(index)
 }
 
-/// Digit C of both words: the first says absolute or relative, the second relative to what. A
-/// relative path whose second word says "the coordinate itself" goes from the last command's end
-/// `[I]`.
+/// Digit C of both words: the first says absolute or relative, the second relative to what. A relative path whose
+/// second word is "the coordinate itself" goes from the last command's end `[I]`.
 const fn decode_end(first: u16, second: u16) -> PathEnd {
     match (first / 1000 % 10, second / 1000 % 10) {
         (1, _) => PathEnd::Coordinate,

@@ -59,7 +59,7 @@ pub mod fn_registers {
     pub const HOMING_PATH: u16 = 0x208;
     /// How a path stops.
     pub const STOP_SETTING: u16 = 0x209;
-    /// What starts a path.
+    /// Source of the trigger of a path.
     pub const TRIGGER_SOURCE: u16 = 0x20A;
     /// Path that the trigger starts.
     pub const PATH_NUMBER: u16 = 0x20B;

@@ -21,7 +21,7 @@ const SUPPLY_LIMITS: (f64, f64) = (20.0, 60.0);
 const FOLLOWING_ERROR: f64 = TAU;
 /// Nearer than this the motor is in position, rad `[I]`: three counts.
 const IN_POSITION: f64 = 3.0 * TAU / COUNTS_PER_TURN;
-/// A stall trips after so many ticks `[I]`.
+/// Ticks of a stall before it trips `[I]`.
 const STALL_TICKS: u32 = 1000;
 /// Overload that trips: three times rated current for two seconds `[I]`.
 const OVERLOAD: f64 = 16.0;
@@ -86,7 +86,7 @@ impl Shaft {
         self.frozen_position.unwrap_or(self.motor.position())
     }
 
-    /// The same a tick before.
+    /// Position one tick before.
     #[must_use]
     pub const fn previous_position(&self) -> f64 {
         self.previous_position
@@ -166,7 +166,7 @@ impl Shaft {
         self.servo.disable();
     }
 
-    /// Whether the power stage is on.
+    /// Returns whether the power stage is on.
     #[must_use]
     pub const fn is_powered(&self) -> bool {
         self.servo.is_enabled()
@@ -261,7 +261,7 @@ impl Shaft {
         !self.is_powered() && self.motor.velocity() == 0.0 && self.load == 0.0
     }
 
-    /// So many ticks of rest at once.
+    /// Passes `ticks` ticks of rest at once.
     pub fn pass_rest(&mut self, ticks: u64) {
         let seconds = ticks as f64 * TICK_S;
         self.stage.step(0.0, seconds);

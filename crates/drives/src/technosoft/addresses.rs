@@ -99,7 +99,7 @@ addresses! {
     FUNCTION_TABLE = 0x09C9;
 }
 
-/// Where SRL_MASK is: the one address here in which the families differ.
+/// Address of SRL_MASK in F514L: the one address here in which the families differ.
 pub(super) const SRL_MASK_F514L: u16 = 0x0962;
-/// The same in FA00G.
+/// Address of SRL_MASK in FA00G.
 pub(super) const SRL_MASK_FA00G: u16 = 0xA3CD;

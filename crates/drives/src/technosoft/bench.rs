@@ -11,7 +11,7 @@ use polepair_core::time::Instant;
 const LOGIC_V: f64 = 7.0;
 
 impl Drive {
-    /// Whether the logic has no supply.
+    /// Returns whether the logic has no supply.
     pub fn is_unpowered(&self) -> bool {
         self.shaft.supply < LOGIC_V
     }

@@ -12,12 +12,12 @@ use polepair_core::proto::tml::rules::TmlWire;
 use polepair_core::proto::tml::wire::{IdCode, Instruction, operand_address};
 use polepair_core::time::{Instant, earliest};
 
-/// Bits of PVTSTS whose change is told: all but the counter.
+/// Bits of PVTSTS whose change is reported: all but the counter.
 const POINTS_BITS: u16 = 0xF800;
-/// How often a drive that stands still is looked at while its host wants to hear of changes, ticks.
+/// Interval of checks of a drive at standstill while its host wants reports of changes, ticks.
 const STANDSTILL_POLL_TICKS: u64 = 10;
 
-/// What was told last, and what is to be told.
+/// Last reported values, and reports that wait.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct ChangeReports {
     reported: Status,

@@ -13,7 +13,7 @@ pub(super) struct DriveClock {
     ticks: Ticks,
     /// Own time at which absolute time was zero, ns; may lie before the start.
     absolute_zero: i64,
-    /// The same of relative time.
+    /// Tick at which relative time was zero.
     relative_zero: i64,
 }
 
@@ -59,12 +59,12 @@ impl DriveClock {
         self.relative_zero = self.zero_for(now, periods);
     }
 
-    /// Moves absolute time by so many periods.
+    /// Moves absolute time by `periods`.
     pub fn adjust_absolute(&mut self, periods: i32) {
         self.absolute_zero -= i64::from(periods) * self.slow_ns.cast_signed();
     }
 
-    /// When so many ticks from now on have ended.
+    /// The instant `count` ticks from now.
     pub fn after_ticks(&self, count: u64) -> Instant {
         let own = self.ticks.at().plus_ns(count * TICK_NS);
         if self.ppm == 0 {

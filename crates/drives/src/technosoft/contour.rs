@@ -16,7 +16,7 @@ use polepair_core::proto::tml::wire::{Instruction, operand_address};
 /// One segment.
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Segment {
-    /// What is left of it, slow loop periods.
+    /// Rest of the segment, slow loop periods.
     periods: f64,
     /// Added to the reference in each period, in its internal units.
     step: f64,
@@ -35,7 +35,7 @@ impl Contour {
     /// No segment.
     pub const EMPTY: Self = Self { current: None, next: None, reference: 0.0 };
 
-    /// Whether `SEG` has to wait.
+    /// Returns whether `SEG` has to wait.
     pub const fn is_full(&self) -> bool {
         self.next.is_some()
     }

@@ -148,7 +148,7 @@ fn rate_of_code(rates: &[u32], code: u16) -> Result<u32, ExecuteError> {
     rates.get(usize::from(code)).copied().ok_or(ExecuteError::NotPossible)
 }
 
-/// ENCAPI0 and its like: bit 7 ends the watch, bit 8 says which edge.
+/// ENCAPI0 and its like: bit 7 ends the watch, bit 8 selects the edge.
 const fn capture_edge(opcode: u16) -> Option<bool> {
     match opcode & 0x80 {
         0 => Some(opcode & 0x100 != 0),

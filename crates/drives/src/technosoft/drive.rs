@@ -63,7 +63,7 @@ pub(super) struct Drive {
     pub notice: Option<&'static str>,
     /// End of the present EEPROM write; the drive does not reply before.
     pub busy_until: Instant,
-    /// What programs and hosts read is as old as the last tick or instruction.
+    /// True if the variables that programs and hosts read are as old as the last tick or instruction.
     published: bool,
 }
 
@@ -180,8 +180,8 @@ impl Drive {
         }
     }
 
-    /// Whether nothing happens without an action from outside. Changes of inputs and supply are seen at a
-    /// tick, so the bench requests one.
+    /// Returns whether nothing happens without an action from outside. Changes of inputs and supply are seen at a tick,
+    /// so the bench requests one.
     fn is_idle(&self) -> bool {
         self.shaft.is_at_rest()
             && self.sync.ticks_left().is_none()

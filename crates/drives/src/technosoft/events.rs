@@ -10,7 +10,7 @@ use super::status::{isr, set_bits, srh, srl};
 use polepair_core::plant::TICK_S;
 use polepair_core::proto::tml::wire::Instruction;
 
-/// What is watched.
+/// Condition of an event.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum EventCondition {
     /// !MC.
@@ -23,7 +23,7 @@ enum EventCondition {
     Variable { address: u16, over: bool, value: i32 },
 }
 
-/// What UPD! and STOP! ordered for the moment of the event.
+/// Action of UPD! and STOP! at the event.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum EventAction {
     Update,
@@ -41,7 +41,7 @@ impl EventMonitor {
     /// None.
     pub const NONE: Self = Self { condition: None, action: None };
 
-    /// Whether an event is set that has not occurred.
+    /// Returns whether an event is set that has not occurred.
     pub const fn is_pending(&self) -> bool {
         self.condition.is_some()
     }
@@ -65,7 +65,7 @@ impl Drive {
         Ok(())
     }
 
-    /// WAIT!, for so many slow loop periods at most.
+    /// WAIT!, for at most `periods` slow loop periods.
     pub fn wait_for_event(&mut self, periods: Option<u32>) {
         let ticks = |n: u32| (f64::from(n) * self.shaft.scale.slow_s / TICK_S) as u64;
         self.program.wait = Some(ProgramWait::Event(periods.map(ticks)));

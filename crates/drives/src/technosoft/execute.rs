@@ -18,7 +18,7 @@ pub(super) enum ExecuteError {
     Unknown,
     /// There is no memory where it wants to write.
     NoMemory,
-    /// It cannot be done as things are. \[I\]
+    /// The instruction is impossible in the present state. \[I\]
     NotPossible,
     /// Bits of DER.
     DerBits(u16),

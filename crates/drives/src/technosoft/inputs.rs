@@ -21,7 +21,7 @@ const SOFTWARE_LIMITS: u16 = 1 << 12;
 /// ACR.3: ENABLE going up switches the axis on.
 const ENABLE_SWITCHES_ON: u16 = 1 << 3;
 
-/// What is around the drive: the bench's side.
+/// Surroundings of the drive: the bench's side.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Surroundings {
     /// Levels that the bench gives.
@@ -85,7 +85,7 @@ impl Drive {
         }
     }
 
-    /// Whether a limit switch blocks this direction.
+    /// Returns whether a limit switch blocks this direction.
     pub fn is_direction_blocked(&self, way: f64) -> bool {
         let bar = if way > 0.0 { mer::LSP } else { mer::LSN };
         way != 0.0 && self.status.mer & bar != 0

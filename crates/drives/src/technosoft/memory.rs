@@ -22,8 +22,8 @@ const PAGES: Range<u16> = 0x0200..0x0A00;
 const EEPROM: Range<u16> = 0x4000..0x8000;
 const RAM: Range<u16> = 0x8000..0xC000;
 
-/// Where a set-up table is kept: an image of both data pages behind a sum and in front of nothing.
-/// \[I\] Its true place and format are the set-up tool's secret.
+/// Address of the set-up table: an image of both data pages behind a sum. \[I\] Its true place and format are the
+/// set-up tool's secret.
 const SETUP_TABLE: u16 = 0x7C00;
 const SETUP_TABLE_PARTS: [Range<u16>; 2] = [0x0200..0x03B0, 0x0800..0x0A00];
 /// The last axis ID that came from a valid table.
@@ -155,7 +155,7 @@ impl Memory {
         self.write(Space::Spi, SETUP_TABLE, !sum)
     }
 
-    /// Whether the check sum of the set-up table is valid.
+    /// Returns whether the check sum of the set-up table is valid.
     pub fn is_table_valid(&self) -> bool {
         let words = SETUP_TABLE_PARTS.into_iter().flatten().count() as u16;
         let stored = (SETUP_TABLE + 1..=SETUP_TABLE + words).map(|at| self.read(Space::Spi, at));

@@ -32,7 +32,7 @@ pub(super) enum ControlLoop {
     Voltage,
 }
 
-/// Where the reference comes from.
+/// Source of the reference.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum MotionMode {
     /// The axis stays where it is.
@@ -61,7 +61,7 @@ pub(super) enum MotionMode {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Motion {
     pub mode: MotionMode,
-    /// It has not come to its end.
+    /// True until it has reached its end.
     pub moving: bool,
     /// Target of the last positioning, counts.
     target_counts: i32,
@@ -86,7 +86,7 @@ impl Motion {
 }
 
 impl MotionMode {
-    /// What MCR selects: the closed loops in bits 10 to 8, the reference in bits 4 to 0.
+    /// Selection by MCR: the closed loops in bits 10 to 8, the reference in bits 4 to 0.
     const fn of(word: u16) -> Option<Self> {
         let outer = match word >> 8 & 7 {
             7 => ControlLoop::Position,
@@ -109,7 +109,7 @@ impl MotionMode {
         })
     }
 
-    /// Whether the reference ends by itself.
+    /// Returns whether the reference ends by itself.
     const fn ends(self) -> bool {
         matches!(
             self,
@@ -165,7 +165,7 @@ impl Drive {
         self.starts += u64::from(self.shaft.servo.is_enabled());
     }
 
-    /// Whether a deceleration to rest is running.
+    /// Returns whether a deceleration to rest is running.
     pub fn is_stopping(&self) -> bool {
         self.motion.mode == MotionMode::Stopping
     }
@@ -290,7 +290,7 @@ impl Drive {
         self.shaft.servo.set_limits(limits);
     }
 
-    /// CSPD and CACC, with the acceleration rounded over so many slow loop periods.
+    /// CSPD and CACC, with the acceleration rounded over `jerk_periods` slow loop periods.
     fn profile_limits(&self, jerk_periods: f64) -> Limits {
         let scale = &self.shaft.scale;
         let velocity = scale.speed_of_counts(self.memory.fixed(addresses::CSPD)).abs();

@@ -9,7 +9,7 @@ use polepair_core::proto::tml::rules::TmlWire;
 /// How a drive is built, wired and set up.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Options {
-    /// Its wires.
+    /// Properties of its wires.
     pub quirks: Quirks,
     /// Axis ID in the set-up table, 1 by default; 0 uses the switches.
     pub axis: u8,
@@ -93,7 +93,7 @@ impl Options {
             ("wire", "rs485") => self.quirks.wire = Some(TmlWire::Rs485),
             ("can", "tmlcan") => self.quirks.can = Some(TmlWire::TmlCan),
             ("can", "technocan") => self.quirks.can = Some(TmlWire::TechnoCan),
-            // It answers whoever asks.
+            // It replies to every host.
             ("host", _) => {}
             ("address-from", "switches") => self.axis = 0,
             ("setup", "valid" | "invalid") => self.setup = value == "valid",

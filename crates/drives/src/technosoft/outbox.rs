@@ -28,7 +28,7 @@ impl Outbox {
         true
     }
 
-    /// Whether messages are pending.
+    /// Returns whether messages are pending.
     pub const fn is_empty(&self) -> bool {
         self.len == 0
     }

@@ -50,7 +50,7 @@ pub(super) struct PathBuffer {
     running: bool,
     linear: bool,
     absolute: bool,
-    /// Where the last segment ends, whole counts of the shaft.
+    /// End of the last segment, whole counts of the shaft.
     end: i64,
     segment: Option<PathSegment>,
 }
@@ -134,7 +134,7 @@ impl PathBuffer {
         Some(point)
     }
 
-    /// Whether points were sent or a path was started.
+    /// Returns whether points were sent or a path was started.
     pub const fn is_used(&self) -> bool {
         self.running || self.len > 0 || self.error_bits != 0
     }

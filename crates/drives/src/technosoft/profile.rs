@@ -32,7 +32,7 @@ const fn mapped(name: &'static str, index: u16, encoding: Encoding) -> Parameter
     Parameter { name, symbol, index, encoding, min, max, certainty, moves: true, ..P }
 }
 
-/// As [`mapped`], in a unit.
+/// [`mapped`] with a unit.
 const fn scaled(mut mapped: Parameter, unit: Unit, scale: Scale) -> Parameter {
     (mapped.unit, mapped.scale) = (unit, scale);
     mapped

@@ -19,14 +19,14 @@ const INSTRUCTIONS_MAX: usize = 20;
 const HELD_MAX: usize = 16;
 /// Ticks that a drive waits for what it asked of another. \[I\]
 const ANSWER_TICKS: u64 = 100;
-/// Where a program that runs at power-up begins.
+/// Address of a program that runs at power-up.
 const AUTORUN: u16 = 0x4000;
 const BEGIN_OPCODE: u16 = 0x649C;
 
-/// What execution waits for.
+/// Condition that execution waits for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum ProgramWait {
-    /// The event that is watched, for so many ticks at most.
+    /// The watched event, with a limit in ticks.
     Event(Option<u64>),
     /// Another drive's value, for this variable.
     Answer { address: u16, long: bool, ticks: u64 },
@@ -37,7 +37,7 @@ pub(super) enum ProgramWait {
 pub(super) struct ProgramExecution {
     /// The next instruction; `None` while no program runs.
     next_address: Option<u16>,
-    /// Where calls return to; `None` is where nothing runs.
+    /// Return addresses of calls; `None` returns to no program.
     stack: [Option<u16>; STACK_MAX],
     depth: usize,
     /// Depth at which the cancelable call was made.
@@ -64,7 +64,7 @@ impl ProgramExecution {
         held_messages_len: 0,
     };
 
-    /// Whether an instruction is being executed or waited for.
+    /// Returns whether an instruction is being executed or waited for.
     pub const fn is_active(&self) -> bool {
         self.next_address.is_some() || self.wait.is_some() || self.held_messages_len > 0
     }
@@ -74,7 +74,7 @@ impl ProgramExecution {
         self.halted = on;
     }
 
-    /// Whether a message must wait behind a WAIT! that came as a message.
+    /// Returns whether a message must wait behind a WAIT! that came as a message.
     pub const fn must_hold(&self, opcode: u16) -> bool {
         let waiting =
             self.next_address.is_none() && (self.wait.is_some() || self.held_messages_len > 0);
@@ -82,7 +82,7 @@ impl ProgramExecution {
     }
 }
 
-/// What never waits: what stops and resets, and the points of a path. \[I\]
+/// Returns whether an instruction never waits: stops and resets, and the points of a path. \[I\]
 const fn is_immediate(opcode: u16) -> bool {
     matches!(opcode, 0x0001 | 0x0002 | 0x0104 | 0x0144 | 0x0184 | 0x01C4 | 0x0402)
         || matches!(opcode, 0x1000 | 0x1401 | 0x1C02 | 0x1C04)

@@ -1,7 +1,7 @@
 //! The factory set-up table.
 //!
-//! Its values are a plausible set-up for the model's motor \[I\]. KPP is the value that example 2 of the
-//! communication manual reads (chapter 3).
+//! The values are a plausible set-up for the model's motor \[I\]. KPP is the value that example 2 of the communication
+//! manual reads (chapter 3).
 
 use super::addresses;
 use super::memory::Memory;

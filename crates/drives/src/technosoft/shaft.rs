@@ -146,7 +146,7 @@ impl Shaft {
         self.winding.step(self.motor.copper_w(), TICK_S);
     }
 
-    /// Whether nothing moves without an action from outside.
+    /// Returns whether nothing moves without an action from outside.
     pub fn is_at_rest(&self) -> bool {
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0

@@ -30,8 +30,8 @@ impl TimeSync {
 }
 
 impl Drive {
-    /// SETSYNC: from now on this drive is the master and synchronises every so many periods; 0
-    /// ends it. Less than a tick of the model is a tick.
+    /// SETSYNC: this drive becomes the master and synchronises every `periods` slow loop periods; 0 ends it. Less than
+    /// a tick of the model is a tick.
     pub fn set_sync(&mut self, periods: u32) {
         let ns = u64::from(periods) * self.options.slow_ns;
         self.sync.period_ticks = if periods == 0 { 0 } else { (ns / TICK_NS).max(1) };

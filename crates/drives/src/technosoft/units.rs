@@ -6,7 +6,7 @@ pub(super) const PEAK_A: f64 = 20.0;
 pub(super) const MEASURED_V: f64 = 102.4;
 /// I2TINTLIM_M from the factory: twice the nominal current for three seconds.
 pub(super) const I2T_LIMIT: i32 = 900_000;
-/// What one unit of the I2t integral is, A²·s: so that [`I2T_LIMIT`] is 900 A²·s. \[I\]
+/// Unit of the I2t integral, A²·s, such that [`I2T_LIMIT`] is 900 A²·s. \[I\]
 pub(super) const I2T_A2S: f64 = 1e-3;
 
 /// Current in A of internal units: 65,520 of them are twice the peak current.

@@ -99,7 +99,7 @@ impl Drive {
         }
     }
 
-    /// Whether the logic has no supply.
+    /// Returns whether the logic has no supply.
     pub fn is_unpowered(&self) -> bool {
         self.shaft.supply < LOGIC_V
     }
@@ -129,7 +129,7 @@ impl Drive {
         let shaft = &self.shaft;
         let whole = |celsius: f64| libm::round(celsius) as i16;
         let tenths = |value: f64| libm::round(value * 10.0);
-        // Without an encoder nobody knows a position (section 1.2): the third report carries none.
+        // Without an encoder there is no position (section 1.2): the third report carries none.
         let (absolute, relative) = match self.options.encoder {
             true => (
                 self.absolute_position() as i32,

@@ -1,4 +1,4 @@
-//! What a drive keeps over its restarts (protocol manual, sections 2.2, 2.5, 4.1).
+//! Settings that a drive keeps over its restarts (protocol manual, sections 2.2, 2.5, 4.1).
 
 use polepair_core::proto::thruster::wire::{ID_MAX, POSITION_MAX};
 
@@ -22,7 +22,7 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// As from the factory. \[I\] Nothing by itself, the whole range.
+    /// Factory settings. \[I\] No automatic reports, the whole range.
     pub fn new(id: u8) -> Self {
         let max = POSITION_MAX as i16;
         Self {

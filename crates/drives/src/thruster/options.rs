@@ -10,11 +10,11 @@ use polepair_core::proto::thruster::interpretation::Interpretation;
 pub(super) struct Options {
     /// Deviations on the wire.
     pub quirks: Quirks,
-    /// Its id.
+    /// CAN id of the drive.
     pub id: u8,
-    /// It has an encoder, and with it positions.
+    /// True if it has an encoder, and with it positions.
     pub encoder: bool,
-    /// Its absolute position goes round at half a turn instead of counting on.
+    /// True if its absolute position wraps at half a turn instead of counting on.
     pub wraps_around: bool,
     /// VC below 30 rpm runs at 30 instead of being refused.
     pub runs_slowly: bool,

@@ -109,7 +109,7 @@ impl Shaft {
         self.encoder_broken_at.unwrap_or(self.motor.position())
     }
 
-    /// The same in tenths of a degree from a zero.
+    /// Position in tenths of a degree from `zero`.
     pub fn position_tenths(&self, zero: f64) -> i64 {
         libm::round((self.position() - zero) * TENTHS) as i64
     }
@@ -134,7 +134,7 @@ impl Shaft {
         self.winding.step(self.motor.copper_w(), TICK_S);
     }
 
-    /// Whether nothing moves without an action from outside.
+    /// Returns whether nothing moves without an action from outside.
     pub fn is_at_rest(&self) -> bool {
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0

@@ -53,11 +53,11 @@ pub mod number {
 pub const STALL_ERROR: i32 = 1;
 /// Speeds of the TMC428 and TMC429.
 pub const DIVIDED_SPEED_MAX: i32 = 2047;
-/// So long a motor is looked at after something changed.
+/// Ticks in which a motor is computed after a change.
 const SETTLING_TICKS: u32 = 1000;
 /// Part of the load that a tick's reading moves.
 const LOAD_FILTER: f64 = 0.2;
-/// What an unloaded motor's stallGuard2 reads, and what a step of the threshold adds.
+/// stallGuard2 reading of an unloaded motor, and its increase by a step of the threshold.
 const STALL_UNLOADED: f64 = 500.0;
 const STALL_STEP: f64 = 10.0;
 /// Greatest stallGuard2 reading.
@@ -92,15 +92,15 @@ pub struct Channel {
     pub target: i32,
     /// Last target speed, in the module's unit.
     pub target_speed: i32,
-    /// Where the field stands at position 0, rad.
+    /// Electrical angle of the field at position 0, rad.
     zero: f64,
     /// rad of a microstep.
     microstep: f64,
-    /// Whether speeds have divisors (TMC428, TMC429).
+    /// True if speeds have divisors (TMC428, TMC429).
     pub has_divisors: bool,
     /// The motor.
     pub motor: Stepper,
-    /// Its winding.
+    /// Thermal model of the winding.
     pub winding: ThermalModel,
     /// Current at full scale, A RMS.
     pub full_current: f64,
@@ -239,7 +239,7 @@ impl Channel {
         self.search.map_or(0, |search| search.at as i32 + 1)
     }
 
-    /// Whether the last move has reached its target.
+    /// Returns whether the last move has reached its target.
     #[must_use]
     pub fn has_arrived(&self) -> bool {
         self.mode == RampMode::Position
@@ -275,7 +275,7 @@ impl Channel {
         self.current
     }
 
-    /// Whether the driver holds the motor.
+    /// Returns whether the driver holds the motor.
     #[must_use]
     pub fn is_powered(&self) -> bool {
         self.current > 0.0
@@ -304,7 +304,7 @@ impl Channel {
         }
     }
 
-    /// Whether a switch is closed.
+    /// Returns whether a switch is closed.
     #[must_use]
     pub fn is_closed(&self, switch: SwitchKind) -> bool {
         let at = self.motor.position();
@@ -315,7 +315,7 @@ impl Channel {
         }
     }
 
-    /// Whether nothing but temperatures changes without an action.
+    /// Returns whether nothing but temperatures changes without an action.
     #[must_use]
     pub fn is_idle(&self, settings: &Settings) -> bool {
         let standby = Self::ticks_of(settings[number::POWER_DOWN_DELAY]);

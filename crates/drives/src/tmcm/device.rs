@@ -144,7 +144,7 @@ impl BenchControl for Device {
             Act::PowerCycle => module.power_up(now),
             _ => return false,
         }
-        // What changed may move a motor that stood.
+        // A change may move a motor that was at standstill.
         module.channels.iter_mut().for_each(Channel::wake);
         true
     }

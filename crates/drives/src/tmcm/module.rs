@@ -24,19 +24,19 @@ const FLAG_STALL: i32 = 1;
 const FLAG_OVERTEMPERATURE: i32 = 2;
 const FLAG_TEMPERATURE_WARNING: i32 = 4;
 const FLAG_STANDSTILL: i32 = 128;
-/// What of these switches a motor off: over-temperature, shorts to ground.
+/// Driver flags that switch a motor off: over-temperature, shorts to ground.
 pub(super) const DRIVER_FAULTS: i32 = 0x1A;
 /// Off above, warning above, °C (TMC262).
 const OVERTEMPERATURE_C: f64 = 150.0;
 const TEMPERATURE_WARNING_C: f64 = 100.0;
-/// What stands before the number of the module in its name.
+/// Prefix of the module's number in its name.
 const NAME_PREFIX: &str = "tmcm-";
-/// Firmware version that 136 tells.
+/// Firmware version in the reply to 136.
 const VERSION: (u8, u8) = (1, 48);
 
 /// Positions of a motor that can be stored; number 0 is for programs (TMCL reference, SCO).
 const COORDINATES: usize = 21;
-/// In the motor of MVP COORD: the lower bits are a mask of motors that start together.
+/// Flag in the motor of MVP COORD: the lower bits are a mask of motors that start together.
 const SEVERAL_MOTORS: u8 = 0x40;
 
 /// A module with its motors.
@@ -80,7 +80,7 @@ impl Module {
         new
     }
 
-    /// One motor, or each, has so many full steps a turn.
+    /// Sets the full steps a turn of one motor, or of all.
     pub(super) fn set_full_steps(&mut self, motor: Option<usize>, full_steps: u32) {
         let channels = self.channels.iter_mut().zip(&self.state.memory.axis).enumerate();
         for (_, (channel, settings)) in channels.filter(|(n, _)| motor.is_none_or(|it| it == *n)) {

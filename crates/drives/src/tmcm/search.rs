@@ -17,7 +17,7 @@ pub enum SearchStep {
     /// Turns at the search speed until the switch closes; where the stop switch of that direction closes
     /// first, it turns round, if it may.
     Find {
-        /// What is looked for.
+        /// Switch that is searched.
         switch: SwitchKind,
         /// To the right.
         forward: bool,
@@ -26,7 +26,7 @@ pub enum SearchStep {
     },
     /// Turns at the switch speed until the switch opens: the place is exact.
     Leave {
-        /// What is left.
+        /// Switch that is left.
         switch: SwitchKind,
         /// To the right.
         forward: bool,
@@ -43,7 +43,7 @@ pub struct Search {
     pub at: usize,
     /// The present step has found its edge, and the motor brakes.
     pub is_braking: bool,
-    /// It has turned round at the stop switch.
+    /// True once it has reversed at the stop switch.
     pub turned: bool,
     /// Position at which the last switch opened, rad of the field.
     pub edge: f64,

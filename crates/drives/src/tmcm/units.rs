@@ -17,7 +17,7 @@ const EXPONENT_MAX: i64 = 13;
 /// Axis parameters: microstep resolution, full steps, pulse divisor, ramp divisor.
 pub const MICROSTEPS: ObjectKey = (140, 0);
 const MOTOR_STEPS: ObjectKey = (202, 0);
-/// Whether speeds are in microsteps per second: 1 where the module has the choice.
+/// True if speeds are in microsteps per second: 1 where the module has the choice.
 const UNIT_MODE: ObjectKey = (255, 0);
 /// The divisors of the TMC428 and TMC429.
 pub const PULSE_DIVISOR: ObjectKey = (154, 0);

@@ -8,7 +8,7 @@ use polepair_core::proto::tmcl::module::{ModuleState, TmclModule};
 use polepair_core::proto::tmcl::{Opcode, Request, Status};
 use polepair_core::time::Instant;
 
-/// Firmware version that 136 tells: the manual's.
+/// Firmware version in the reply to 136, that of the manual.
 const VERSION: (u8, u8) = (1, 14);
 
 impl TmclModule for Module {

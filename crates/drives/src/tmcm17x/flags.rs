@@ -45,7 +45,7 @@ pub const TEMPWARN_C: f64 = 85.0;
 pub struct Flags(pub u32);
 
 impl Flags {
-    /// Whether any of these is set.
+    /// Returns whether any of these is set.
     #[must_use]
     pub const fn any(self, mask: u32) -> bool {
         self.0 & mask != 0

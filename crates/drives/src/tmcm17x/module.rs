@@ -35,7 +35,7 @@ pub struct Module {
     pub(super) encoder: Encoder,
     pub(super) flags: Flags,
     pub(super) mode: ControlMode,
-    /// Where the last move goes, counts.
+    /// Target of the last move, counts.
     pub(super) target: i32,
     /// Speed last asked for, rpm.
     pub(super) target_rpm: i32,
@@ -53,7 +53,7 @@ pub struct Module {
     switch_was_active: bool,
 }
 
-/// What is around the module: the bench's side.
+/// Surroundings of the module: the bench's side.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ModuleSurroundings {
     pub supply: f64,
@@ -69,8 +69,8 @@ pub(super) struct ModuleSurroundings {
     pub backward: bool,
 }
 
-/// Where the bench's stop switch closes unless it is put elsewhere, rad: two and a half turns to the
-/// right. It is not watched from the factory (parameter 164), so that it stops nobody unasked.
+/// Default position at which the bench's stop switch closes, rad: two and a half turns to the right. It is not watched
+/// from the factory (parameter 164), so that it stops no motor by default.
 const SWITCH_AT: f64 = 5.0 * core::f64::consts::PI;
 
 impl Module {
@@ -159,7 +159,7 @@ impl Module {
         self.encoder.count(self.motor.position()) as i32
     }
 
-    /// Whether the stop switch is active and watched (parameters 164 and 166).
+    /// Returns whether the stop switch is active and watched (parameters 164 and 166).
     #[must_use]
     pub fn switch_active(&self) -> bool {
         let closed = self.surroundings.switch_at.is_some_and(|at| self.motor.position() >= at);
@@ -357,7 +357,7 @@ impl Module {
         }
     }
 
-    /// Where the last tick was.
+    /// Instant of the last tick.
     pub(super) const fn ticked_to(&self) -> Instant {
         self.ticks.at()
     }

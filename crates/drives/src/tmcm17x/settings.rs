@@ -179,7 +179,7 @@ impl Module {
         Ok(value)
     }
 
-    /// Makes the loops what the parameters say.
+    /// Sets the loops by the parameters.
     pub(super) fn apply_settings(&mut self) {
         let (counts, inverted) = (self.axis(250).unsigned_abs(), self.axis(251) != 0);
         let turned = inverted != (self.encoder.counts_per_rad() < 0.0);
@@ -201,7 +201,7 @@ impl Module {
         self.set_limits();
     }
 
-    /// What the parameters hold the motor to, read from them and not from the loops.
+    /// Limits of the motor by the parameters, read from them and not from the loops.
     pub(super) fn bounds(&self) -> ServoBounds {
         if !self.servo.is_enabled() {
             return ServoBounds::NONE;

@@ -12,16 +12,16 @@ use super::ConnectionInner;
 use super::leader::{StateGuard, hand_over_lead, lead_round, reopen_link};
 use super::state::{BackgroundState, ConnectionState, Leader};
 
-/// How often the watching background thread looks whether it is needed; also the quiet that it waits for before
-/// it leads in a caller's place.
+/// Interval at which the background thread checks whether it is needed; also the pause before it leads in a caller's
+/// place.
 const CHECK_INTERVAL: Duration = Duration::from_millis(5);
-/// How often it looks while the link is lost.
+/// Interval of these checks while the link is lost.
 const LINK_CHECK_INTERVAL: Duration = Duration::from_millis(50);
-/// After so many looks without need it sleeps.
+/// Checks without need before it sleeps.
 const IDLE_CHECKS_MAX: u32 = 100;
-/// How long it goes on leading for wakers (asyncio), so that their next request finds it there.
+/// Time that it goes on leading for wakers (asyncio), so that their next request finds it reading.
 const LINGER_NS: u64 = 500_000_000;
-/// Attempts to open a lost link, four a second; later ones only when somebody asks for something.
+/// Attempts to open a lost link, four a second; later ones only at a request.
 const REOPEN_ATTEMPTS_MAX: u32 = 480;
 
 #[derive(Default)]
@@ -30,9 +30,8 @@ pub(super) struct BackgroundThread {
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// True when time must pass though no caller waits. Where time passes only while somebody waits, it
-/// is not for the background thread to let it pass for plans and links that nobody waits for: their callers do,
-/// and the same happens each time.
+/// Returns true if time must pass without a waiting caller. In virtual time only a waiting caller lets time pass, so
+/// that runs repeat exactly; the background thread does not.
 pub(super) fn is_needed<M: Medium>(state: &ConnectionState<M>) -> bool {
     match state.link_error {
         None if !state.link.is_real_time() => state.slots.has_wakers(),
@@ -59,7 +58,7 @@ pub(super) fn ensure_watching<M: Medium>(
     }
 }
 
-/// Makes it lead now, if nobody does.
+/// Makes the background thread lead now, if no caller does.
 pub(super) fn request_lead<M: Medium>(shared: &ConnectionInner<M>, state: &mut ConnectionState<M>) {
     ensure_watching(shared, state);
     if state.leader == Leader::Nobody {
@@ -105,7 +104,7 @@ fn run_thread<M: Medium>(shared: &ConnectionInner<M>) {
         if state.link_error.is_some() && is_needed(&state) {
             state = run_wakers(shared, reopen_link(shared, state));
         }
-        // In virtual time, time would pass that nobody waits for.
+        // In virtual time, time would pass without a waiting caller.
         if state.slots.has_wakers() && state.link.is_real_time() {
             linger_until = state.link.now().plus_ns(LINGER_NS);
         }
@@ -145,7 +144,7 @@ fn run_wakers<'a, M: Medium>(
     shared.lock()
 }
 
-/// Whether the background thread has to read: no other thread does, or is about to.
+/// Returns whether the background thread has to read: no other thread does, or is about to.
 fn may_lead<M: Medium>(
     state: &ConnectionState<M>,
     rounds_seen: u64,

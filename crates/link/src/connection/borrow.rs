@@ -29,8 +29,8 @@ impl<M: Medium> std::fmt::Debug for BorrowedLink<M> {
 }
 
 impl<M: Medium> BorrowedLink<M> {
-    /// The connection's link. What arrives on a CAN bus is shown to the connection as well, which
-    /// would miss what its own drives say unasked.
+    /// The link of the connection. Frames of a CAN bus are given to the connection too, which would otherwise miss
+    /// unsolicited messages of its drives.
     #[must_use]
     pub fn link(&self) -> Box<dyn LinkIo<M>> {
         Box::new(LinkProxy(Arc::clone(&self.0)))
@@ -68,7 +68,7 @@ struct BorrowState<M: Medium> {
     shared: Arc<ConnectionInner<M>>,
     link: Arc<dyn LinkIo<M>>,
     ended: AtomicBool,
-    /// Somebody set the line otherwise.
+    /// True if a borrower changed the line's settings.
     line_changed: AtomicBool,
 }
 
@@ -166,8 +166,8 @@ impl<M: Medium> LinkIo<M> for LinkProxy<M> {
     }
 }
 
-/// Waits until nothing is pending and nobody reads, leading meanwhile where nobody does, and keeps
-/// everybody from sending. `None` when it did not come to that until then.
+/// Waits until nothing is pending and no thread reads, and keeps all others from sending. Reads meanwhile if no other
+/// thread does. `None` at the deadline.
 pub(super) fn borrow_link<M: Medium>(
     shared: &ConnectionInner<M>,
     until: Instant,
@@ -180,12 +180,12 @@ pub(super) fn borrow_link<M: Medium>(
         if let Some(trouble) = &state.link_error {
             break Err(trouble.clone());
         }
-        // Refused at once: while it waited here, the program would not be heard of.
+        // Refused at once: a wait here would keep the program from reading.
         if state.lane.sends_keepalive() {
             break Ok(false);
         }
-        // Not even a question of the lane's own may be under way: on a line its answer would be
-        // taken for another's. On a bus it is heard as well.
+        // A query of the lane itself must have ended too: on a line its reply would be taken for another's. On a bus
+        // both receive it.
         let waits = M::KIND == MediumKind::Serial && state.due().is_some();
         let quiet = state.slots.pending().all(|ticket| ticket == own) && !waits;
         state = match state.leader {
@@ -206,7 +206,7 @@ fn start_borrow<M: Medium>(
     shared: Arc<ConnectionInner<M>>,
     state: &mut StateGuard<'_, M>,
 ) -> Box<dyn Any + Send> {
-    // Nobody's sleep is to be cut short.
+    // No thread's sleep is to be cut short.
     (state.leader, state.sleeps_until) = (Leader::Borrower, Instant::ZERO);
     let (over, set) = (AtomicBool::new(false), AtomicBool::new(false));
     Box::new(BorrowedLink(Arc::new(BorrowState {

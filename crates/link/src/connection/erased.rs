@@ -14,7 +14,7 @@ use super::{ConnectionInner, WaitResult, background, borrow, leader};
 use crate::error::LinkError;
 use crate::link::Losses;
 
-/// What is submitted; called at most once.
+/// Function that submits a request; called at most once.
 pub(super) type SubmitFn<'a> =
     dyn FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported> + 'a;
 

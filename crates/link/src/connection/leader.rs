@@ -16,15 +16,14 @@ use super::state::{ConnectionState, Leader};
 use super::{ConnectionInner, NOT_SENT_OUTCOME, SubmitFn, WaitResult};
 use crate::link::Received;
 
-/// Reads before a submission that throw out what came while nobody read.
+/// Reads before a submission, to drop what arrived while no thread read.
 pub(super) const STALE_READS_MAX: usize = 64;
-/// The same, for those who catch up with what came.
+/// Reads to catch up with received units.
 const CATCH_UP_READS_MAX: usize = 1 << 17;
-/// What has lain unread for less than this before a request goes out is no different from what
-/// comes as much later; the host tells that from an answer, or nobody can. So exchanges back to
-/// back save a system call.
+/// Age of received bytes below which they need no read before a request: they cannot be distinguished from bytes that
+/// arrive that much later, and the host checks them as replies. Back-to-back exchanges save a system call.
 const FRESH_NS: u64 = 200_000;
-/// With fewer requests pending, a lane that says busy means something else.
+/// With fewer requests pending, a busy lane means something else.
 const BUSY_PENDING_MIN: usize = 16;
 /// A follower looks again after this long, whatever happens to its leader.
 const PARK_MAX: Duration = Duration::from_millis(500);
@@ -156,7 +155,7 @@ pub(super) fn lead_round<'a, M: Medium>(
     let mut state = shared.lock();
     state.leader = Leader::Nobody;
     state.read_count = state.read_count.wrapping_add(1);
-    // Otherwise a sender has found the link lost meanwhile; what this one says is of the past.
+    // Otherwise a sender has found the link lost meanwhile; this error is older.
     if state.link_error.is_none() && Arc::ptr_eq(&link, &state.link) {
         state.handle_received(received, (*buffer).borrow());
     }
@@ -205,9 +204,8 @@ pub(super) fn hand_over_lead<M: Medium>(state: &ConnectionState<M>) {
     }
 }
 
-/// Releases the lock as everybody must who has changed something: the leader's sleep is cut short
-/// if the lane now wants time earlier, the background thread is nudged if nobody else sees to the lane, and
-/// wakers are woken.
+/// Releases the lock after a change: the leader's sleep is cut short if the lane now wants time earlier, the background
+/// thread is notified if no other thread serves the lane, and wakers are woken.
 pub(super) fn release_lock<M: Medium>(shared: &ConnectionInner<M>, mut state: StateGuard<'_, M>) {
     if state.room_waiters > 0 && std::mem::take(&mut state.room_freed) {
         shared.room_available.notify_one();
@@ -250,7 +248,7 @@ pub(super) fn reopen_link<'a, M: Medium>(
     state
 }
 
-/// Takes a listener in. The background thread reads for it when nobody else does.
+/// Adds a listener. The background thread reads for it while no other thread does.
 pub(super) fn add_listener<M: Medium>(shared: &ConnectionInner<M>, listener: MailboxListener) {
     let mut state = shared.lock();
     if state.listeners.is_empty() {
@@ -273,7 +271,7 @@ pub(super) fn remove_listener<M: Medium>(
     state.listeners.retain(|listener| !listener.is_same(mailbox, source));
     if state.listeners.is_empty() {
         state.lane.enable_events(false);
-        // The background thread may read for nobody now.
+        // The background thread may have no listener left.
         if state.leader == Leader::Background {
             state.link.waker().wake();
         }
@@ -303,8 +301,8 @@ pub(super) fn catch_up<M: Medium>(shared: &ConnectionInner<M>) {
     release_lock(shared, state);
 }
 
-/// Takes what came while nobody read: before the next request goes out, a late answer must not
-/// pass for an answer to that.
+/// Reads what arrived while no thread read: before the next request goes out, so that a late reply does not pass for
+/// the reply to that.
 pub(super) fn read_stale<M: Medium>(state: &mut ConnectionState<M>, reads_max: usize) {
     let mut buffer = M::buffer();
     for _ in 0..reads_max {

@@ -86,7 +86,7 @@ impl Mailbox {
         }
     }
 
-    /// Whether there is a notice; if not, `waker` is woken by the next one, or by an interrupt.
+    /// Returns whether there is a notice; if not, `waker` is woken by the next one, or by an interrupt.
     #[must_use]
     pub fn ready_or_wake(&self, waker: &task::Waker) -> bool {
         let mut queue = self.lock();
@@ -114,7 +114,7 @@ impl Mailbox {
         }
     }
 
-    /// The same. Gives the waker to be woken once the connection's lock is released.
+    /// Marks it as interrupted. Returns the waker to be woken once the connection's lock is released.
     pub(super) fn set_interrupted(&self) -> Option<task::Waker> {
         let mut queue = self.lock();
         queue.interrupted = true;

@@ -9,7 +9,7 @@ use polepair_core::station::Ticket;
 /// Requests of one connection that are pending at once.
 pub const PENDING_MAX: usize = 1024;
 
-/// A ticket is the index of its slot and a count that tells its uses apart.
+/// A ticket is the index of its slot and the number of its use.
 const INDEX_BITS: u32 = 10;
 
 #[derive(Default)]
@@ -115,7 +115,7 @@ impl RequestSlots {
         self.slots.iter().filter(open).map(|slot| slot.ticket)
     }
 
-    /// True while somebody waits who does not read himself.
+    /// Returns true while a thread or task waits that does not read itself.
     pub(super) fn has_wakers(&self) -> bool {
         self.slots.iter().any(|slot| slot.waker.is_some())
     }

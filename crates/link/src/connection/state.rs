@@ -18,9 +18,9 @@ use crate::error::{Cause, LinkError};
 use crate::link::{LinkIo, Received};
 use crate::waker::LinkWaker;
 
-/// Units sent and outcomes told in one pump; what is left waits for the next.
+/// Units sent and outcomes delivered in one pump; the rest waits for the next.
 const PUMP_MAX: usize = 4096;
-/// Changes that are told in one go.
+/// Changes that are delivered at once.
 const EVENTS_MAX: usize = 4096;
 /// Pause after an expiry that left the lane wanting time at once, lest it eats a core.
 const TICK_MIN_NS: u64 = 20_000;
@@ -43,21 +43,21 @@ pub(super) struct ConnectionState<M: Medium> {
     pub(super) background: BackgroundState,
     /// Woken by the thread that releases the lock.
     pub(super) to_wake: Vec<task::Waker>,
-    /// Who wants to hear what nobody asked for.
+    /// Listeners of unsolicited messages.
     pub(super) listeners: Vec<MailboxListener>,
     /// Threads that wait for the lane to have room.
     pub(super) room_waiters: u32,
-    /// A request has ended since one of them was told.
+    /// True if a request has ended since a listener was notified.
     pub(super) room_freed: bool,
     /// The latest time known: clocks cost as much as the rest of a round.
     pub(super) latest_time: Instant,
-    /// When somebody last read.
+    /// Time of the last read.
     pub(super) read_at: Instant,
     line: M::Line,
     out_buffer: M::Buffer,
 }
 
-/// Who reads.
+/// The thread that reads.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Leader {
     Nobody,
@@ -67,7 +67,7 @@ pub(super) enum Leader {
     Borrower,
 }
 
-/// Where a link was that this program closed.
+/// A link that this program closed, for reopening.
 struct ClosedLink {
     name: String,
     /// When it was closed, by its own clock and by this machine's: its time goes on.
@@ -112,7 +112,7 @@ impl<M: Medium> LinkIo<M> for ClosedLink {
     }
 }
 
-/// What the background thread does.
+/// State of the background thread.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum BackgroundState {
     NotStarted,
@@ -196,11 +196,11 @@ impl<M: Medium> ConnectionState<M> {
         self.due().map_or(Instant::FAR_FUTURE, |due| due.max(self.latest_time.plus_ns(TICK_MIN_NS)))
     }
 
-    /// Sends what the lane has to say and tells what it has found out.
+    /// Sends the lane's units and delivers its outcomes.
     pub(super) fn pump(&mut self, now: Instant) {
         self.latest_time = now;
         for _ in 0..PUMP_MAX {
-            // What the host ends at once, unsent, is told too.
+            // Requests that the host ends at once, unsent, are delivered too.
             if !self.deliver_outcome() && !self.transmit(now) && !self.deliver_outcome() {
                 break;
             }
@@ -215,13 +215,13 @@ impl<M: Medium> ConnectionState<M> {
         self.deliver_axis_events(now);
     }
 
-    /// Whether somebody must read though nobody asks: where time passes only while somebody waits,
-    /// reading for listeners would find nothing.
+    /// Returns whether a thread must read although no caller waits. In virtual time only a waiting caller lets time
+    /// pass, and a read for listeners would find nothing.
     pub(super) fn must_read_for_listeners(&self) -> bool {
         !self.listeners.is_empty() && self.link.is_real_time()
     }
 
-    /// Tells listeners what happened to the axes.
+    /// Delivers events of the axes to listeners.
     pub(super) fn deliver_axis_events(&mut self, now: Instant) {
         if self.listeners.is_empty() {
             return;
@@ -276,13 +276,13 @@ impl<M: Medium> ConnectionState<M> {
         self.link =
             Arc::new(ClosedLink { name, at, closed_at: clock::now(), waker: waker.clone() });
         self.link_error = self.link.reopen().err();
-        // Nobody has to look whether it comes back.
+        // Its return needs no check.
         self.reopening.attempts = u32::MAX - 1;
         // A leader may still be listening to the link that it holds.
         waker.wake();
     }
 
-    /// Sets the line as the lane has it, whoever set it otherwise.
+    /// Sets the line as the lane needs it, after another user changed it.
     pub(super) fn restore_line(&mut self) {
         if let Err(error) = self.link.set_line(self.line) {
             self.handle_loss(error);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use super::{Port, PortKind, UsbInfo};
 use crate::error::{Cause, LinkError};
 
-/// How far up its device tree a port's USB device is looked for.
+/// Levels of its device tree in which a port's USB device is searched.
 const PARENTS_MAX: usize = 8;
 /// Processes and their open files that are looked through for who holds a port.
 const PROCESSES_MAX: usize = 65_536;
@@ -64,7 +64,7 @@ pub(super) fn open_holder(path: &str) -> Option<(String, u32)> {
     })
 }
 
-/// Whether a process was suspended: by SIGSTOP, by Ctrl-Z, or in the background by its terminal.
+/// Returns whether a process was suspended: by SIGSTOP, by Ctrl-Z, or in the background by its terminal.
 pub(super) fn is_suspended(pid: u32) -> bool {
     let stat = read_text(&Path::new("/proc").join(pid.to_string()), "stat");
     // `4711 (name) T 1 …`; a name may have brackets.

@@ -4,7 +4,7 @@ pub(super) fn ports() -> Vec<Port> {
     serialport::available_ports().unwrap_or_default().into_iter().map(port).collect()
 }
 
-/// Where drivers enter their ports: `\\Device\\USBSER000` is COM5.
+/// Registry key in which drivers list their ports: `\\Device\\USBSER000` is COM5.
 const PORT_MAP: &str = r"HARDWARE\DEVICEMAP\SERIALCOMM";
 
 /// The driver's name in the map of ports, without its number: `usbser`, `vcp` (FTDI), `serial`.

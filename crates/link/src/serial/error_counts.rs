@@ -14,14 +14,14 @@ const BUFFER_OVERRUN: usize = 10;
 /// Characters since the driver began to count, modulo 2³².
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ErrorCounts {
-    /// Thrown away because nobody took them in time.
+    /// Bytes dropped because they were not read in time.
     lost: u32,
     /// With a wrong stop or parity bit.
     damaged: u32,
 }
 
 impl ErrorCounts {
-    /// What the driver counted so far; nothing where it does not count (ptys).
+    /// Counts of the driver so far; zero where it does not count (ptys).
     pub(super) fn read_from(fd: &OwnedFd) -> Self {
         Self::from_icounter(&read_icounter(fd).unwrap_or_default())
     }
@@ -41,7 +41,7 @@ impl ErrorCounts {
 
 fn read_icounter(fd: &OwnedFd) -> Option<IcounterStruct> {
     use rustix::ioctl::{Opcode, Updater, ioctl};
-    /// As on these processors; on others it has another number.
+    /// Number of the request on these processors; others have another.
     const TIOCGICOUNT: Opcode = 0x545D;
     if !cfg!(all(
         target_os = "linux",

@@ -11,12 +11,11 @@ type SerialStruct = [u32; 32];
 
 const FLAGS: usize = 4;
 const ASYNC_LOW_LATENCY: u32 = 1 << 13;
-/// As on x86, Arm and RISC-V; `mod serial` compiles this for no other.
+/// Number of the request on x86, Arm and RISC-V; `mod serial` compiles this for no other.
 const TIOCGSERIAL: Opcode = 0x541E;
 const TIOCSSERIAL: Opcode = 0x541F;
 
-/// Asks for low latency. What cannot do it (ptys, adapters without a timer) says so, and nothing
-/// is lost by that.
+/// Requests low latency. A device without it (ptys, adapters without a timer) refuses, which loses nothing.
 pub(super) fn request_low_latency(fd: &OwnedFd) {
     let mut settings: SerialStruct = [0; 32];
     // SAFETY: TIOCGSERIAL writes one serial_struct through the pointer; `settings` is larger, and

@@ -24,7 +24,7 @@ pub struct SerialPort {
     /// The name that survives replugging.
     stable_path: String,
     line: std::sync::Mutex<SerialLine>,
-    /// What the driver had counted when the port was opened.
+    /// Counts of the driver when the port was opened.
     counts_at_open: ErrorCounts,
 }
 

@@ -14,7 +14,7 @@ use crate::waker::LinkWaker;
 
 /// A read ends with the first bytes; without any it lasts for as long as the system allows.
 const READ_TIMEOUT: Duration = Duration::from_millis(u32::MAX as u64 - 1);
-/// How long a write may take.
+/// Time limit of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// An open serial port. One thread reads while others write.
@@ -157,7 +157,7 @@ fn lost_error(path: &str, error: &io::Error) -> LinkError {
 fn explain_error(path: &str, error: &io::Error) -> LinkError {
     let exists = || ports::serial_paths().iter().any(|name| name.eq_ignore_ascii_case(path));
     let cause = match error.kind() {
-        // Windows says "access denied" for a port that another program has open.
+        // Windows reports "access denied" for a port that another program has open.
         io::ErrorKind::PermissionDenied => Cause::Busy,
         io::ErrorKind::NotFound if exists() => Cause::Gone,
         io::ErrorKind::NotFound => Cause::NotFound,

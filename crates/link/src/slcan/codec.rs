@@ -7,7 +7,7 @@ use crate::hex::{self, TextWriter};
 
 /// The longest line with its end: an extended frame with eight bytes and a time stamp.
 pub const LINE_MAX: usize = 32;
-/// What `S0` to `S8` mean, bits per second.
+/// Bit rates of `S0` to `S8`, bits per second.
 const STANDARD_RATES: [u32; 9] =
     [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
 /// The clock that the bit timing registers of `s` divide: half of the SJA1000's 16 MHz.
@@ -28,7 +28,7 @@ pub struct LineSplitter {
 /// Result of a byte: the end of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum LineEnd {
-    /// A line, which [`LineSplitter::line`] shows until the next byte; empty when its end stood alone.
+    /// A line, which [`LineSplitter::line`] returns until the next byte; empty if only an end arrived.
     Line,
     /// The bell: the adapter refuses.
     Bell,
@@ -73,8 +73,8 @@ impl LineSplitter {
         &self.line[..self.len]
     }
 
-    /// Whether this byte starts a new frame: the letter of a frame is not a digit, so inside a frame it
-    /// means that the end of the previous one was lost.
+    /// Returns whether this byte starts a new frame: the letter of a frame is not a digit, so inside a frame it means
+    /// that the end of the previous one was lost.
     fn starts_next_frame(&self, byte: u8) -> bool {
         is_frame_letter(byte) && self.len > 0 && is_frame_letter(self.line[0])
     }
@@ -203,7 +203,7 @@ impl StatusFlags {
     /// Receive queue full, data overrun.
     pub const OVERRUN: u8 = 1 << 0 | 1 << 3;
 
-    /// Whether any of these is set.
+    /// Returns whether any of these is set.
     #[must_use]
     pub const fn any(self, of: u8) -> bool {
         self.0 & of != 0
@@ -213,13 +213,13 @@ impl StatusFlags {
 /// Error state of a controller.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ErrorState {
-    /// Takes part.
+    /// The controller sends and receives.
     Active,
     /// An error counter has reached 96.
     Warning,
     /// 128: it no longer destroys others' frames.
     Passive,
-    /// 256: it no longer takes part.
+    /// Error count of 256: the controller is disconnected from the bus.
     BusOff,
 }
 

@@ -23,7 +23,7 @@ pub struct SlcanSession {
     bus: CanLine,
     lines: LineSplitter,
     channel: ChannelMode,
-    /// What the client has set, bits per second; until then the bus's.
+    /// Bit rate set by the client, bits per second; until then that of the bus.
     bit_rate: u32,
     timestamps: bool,
 }

@@ -17,19 +17,19 @@ const WIRE_ERRORS: u32 = 0x01 | 0x08 | 0x10 | 0x20 | 0x80;
 const OVERFLOW: u8 = 0x03;
 const ACTIVE: u8 = 0x40;
 
-/// What the kernel handed over.
+/// Content of a frame from the kernel.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum UnpackedFrame {
     Frame(Frame),
     Error(CanErrorReport),
 }
 
-/// What the controller reports of itself and of the wire.
+/// Report of the controller about itself and the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct CanErrorReport {
-    /// It no longer takes part.
+    /// True if the controller is disconnected from the bus.
     pub(super) bus_off: bool,
-    /// It takes part again, if it did not.
+    /// True if the controller is connected to the bus again.
     pub(super) active: bool,
     /// Frames were lost in the controller.
     pub(super) overflow: bool,

@@ -15,7 +15,7 @@ const INTERFACES_MAX: usize = 256;
 const ANSWERS_MAX: usize = 256;
 /// The kernel fills what the reader offers, 32 KiB at most.
 const ANSWER_MAX: usize = 32 * 1024;
-/// How long the kernel may take.
+/// Time limit of the kernel's reply.
 const ANSWER_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// `linux/netlink.h`, `linux/rtnetlink.h`.
@@ -137,7 +137,7 @@ impl<'a> Iterator for Attributes<'a> {
     type Item = (u16, &'a [u8]);
 
     fn next(&mut self) -> Option<Self::Item> {
-        // The two highest bits say how the value is to be read, which we know.
+        // The two highest bits give the type of the value, which is known here.
         let (len, kind) = (usize::from(read_u16(self.0, 0)?), read_u16(self.0, 2)? & 0x3FFF);
         let value = self.0.get(4..len)?;
         self.0 = self.0.get(aligned(len)..).unwrap_or_default();

@@ -7,8 +7,8 @@ use crate::hex::{self, TextWriter};
 
 /// The longest element taken; socketcand's own buffer.
 pub const ELEMENT_MAX: usize = 128;
-/// Words of an element that are looked at: `filter`, seconds, microseconds, identifier, length and
-/// eight bytes, and one more to tell that there are too many.
+/// Words of an element that are parsed: `filter`, seconds, microseconds, identifier, length and eight bytes, and one
+/// more to detect too many.
 const WORDS_MAX: usize = 14;
 
 /// Cuts a stream of bytes into elements, from `<` to `>`.
@@ -146,7 +146,7 @@ impl<'a> ClientRequest<'a> {
 /// A reply of the server.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ServerReply<'a> {
-    /// It is there.
+    /// Greeting of the server.
     Hi,
     /// The request succeeded.
     Ok,
@@ -238,7 +238,7 @@ fn parse_frame(id: &[u8], data: &[&[u8]]) -> Option<Frame> {
     Some(frame)
 }
 
-/// Writes the request to send a frame; false when it cannot be said (remote frames).
+/// Writes the request to send a frame; false for frames that the protocol cannot carry (remote frames).
 pub(crate) fn write_send(frame: &Frame, text: &mut TextWriter<'_>) -> bool {
     if frame.remote {
         return false;

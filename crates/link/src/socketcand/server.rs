@@ -27,7 +27,7 @@ pub struct SocketcandSession {
 #[derive(Clone, Copy, Debug)]
 struct Subscription {
     request: SubscribeRequest,
-    /// When its client was told last, and which bytes.
+    /// Time and data of the last frame sent to the client.
     last_sent: Option<(Instant, [u8; 8])>,
 }
 
@@ -46,7 +46,7 @@ impl Subscription {
     }
 }
 
-/// How far a client has come.
+/// Mode of a client's session.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum SessionMode {
     NoBus,

@@ -39,7 +39,7 @@ impl TcpServer {
         })
     }
 
-    /// Its address.
+    /// Address of the listener.
     #[must_use]
     pub const fn address(&self) -> SocketAddr {
         self.address

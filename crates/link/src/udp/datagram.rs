@@ -18,8 +18,7 @@ pub enum UnpackedDatagram {
     ErrorFrame,
 }
 
-/// What stands between the values, in python-can's order: keys, and values that a classic frame
-/// always has alike.
+/// Bytes between the values, in python-can's order: keys, and values that are alike in every classic frame.
 const STAMP: &[u8; 12] = b"\x8B\xA9timestamp\xCB";
 const ID: &[u8; 15] = b"\xAEarbitration_id";
 const EXTENDED: &[u8; 15] = b"\xAEis_extended_id";
@@ -64,7 +63,7 @@ impl MsgpackWriter<'_> {
         self.len += bytes.len();
     }
 
-    /// In the shortest form, as python-can writes it.
+    /// Appends an integer in the shortest form, as python-can writes it.
     fn push_unsigned(&mut self, value: u32) {
         let bytes = value.to_be_bytes();
         match value {
@@ -86,8 +85,8 @@ pub fn unpack(datagram: &[u8]) -> Option<UnpackedDatagram> {
     parse_usual(datagram).or_else(|| parse_any_order(datagram))?.validate()
 }
 
-/// In the order and the forms in which python-can and we write; else `None`. Five times as fast as
-/// to look at every key.
+/// Parses a datagram in the order and the forms in which python-can and this program write; otherwise `None`. Five
+/// times as fast as a search for every key.
 fn parse_usual(datagram: &[u8]) -> Option<MessageFields<'_>> {
     let rest = datagram.strip_prefix(STAMP)?.get(8..)?.strip_prefix(ID)?;
     let (id, rest) = match *rest {
@@ -127,7 +126,7 @@ fn parse_any_order(datagram: &[u8]) -> Option<MessageFields<'_>> {
     reader.rest.is_empty().then_some(fields)
 }
 
-/// What the map said, else what python-can takes for granted.
+/// Fields of the map, with python-can's defaults for missing ones.
 struct MessageFields<'a> {
     id: Option<u64>,
     extended: bool,
@@ -311,7 +310,7 @@ fn child_count(item: MsgpackValue<'_>) -> Option<usize> {
     }
 }
 
-/// A signed integer of so many bits, if it is not negative.
+/// A signed integer of `bits` bits, if it is not negative.
 fn signed_value<'a>(value: u64, bits: u32) -> MsgpackValue<'a> {
     if value >> (bits - 1) == 0 { MsgpackValue::Unsigned(value) } else { MsgpackValue::Other }
 }

@@ -13,7 +13,7 @@ const JUMP_EQUAL: u16 = 0x15;
 const RETURN: u16 = 0x06;
 /// Places that count from the network header, not from the UDP header (`SKF_NET_OFF`).
 const NETWORK: u32 = -0x10_0000_i32 as u32;
-/// Where the source address stands in the header.
+/// Offset of the source address in the IPv4 header.
 const SOURCE_IPV4: u32 = 12;
 const SOURCE_IPV6: u32 = 8;
 

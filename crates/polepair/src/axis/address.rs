@@ -25,9 +25,9 @@ static DESCRIBED: Mutex<Option<HashMap<(usize, ParameterAddress), &'static Param
 impl LocalAxis {
     /// The parameter of that name or symbol, or at that address.
     ///
-    /// In a name, case, spaces, hyphens and underscores do not matter. An address is a number in the
-    /// protocol's own notation, with or without a type: `0x2030:1:u16` (CANopen), `R 51` (Modbus),
-    /// `AP 6` (TMCL), `@0x0228:i32` (TML), `SP 12` (thruster); see `docs/reference/addresses.md`.
+    /// Names ignore case, spaces, hyphens and underscores. An address is a number in the protocol's own notation, with
+    /// or without a type: `0x2030:1:u16` (CANopen), `R 51` (Modbus), `AP 6` (TMCL), `@0x0228:i32` (TML), `SP 12`
+    /// (thruster); see `docs/reference/addresses.md`.
     ///
     /// # Errors
     /// [`Error::Usage`] `E213` with the nearest name, or for an address that the protocol cannot
@@ -50,7 +50,7 @@ impl LocalAxis {
         Err(Error::usage("E213", what, hint))
     }
 
-    /// As [`AxisInterface::amount_for_name`](crate::AxisInterface::amount_for_name).
+    /// Interprets an amount as [`AxisInterface::amount_for_name`](crate::AxisInterface::amount_for_name) does.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for an id that the drive does not have.
@@ -150,7 +150,7 @@ fn describe(
     Ok(parameter)
 }
 
-/// What is known of an address: from the drive's profile, from a standard's, or from the protocol.
+/// Description of an address: from the drive's profile, from a standard's, or from the protocol.
 fn new_description(
     profile: &'static Profile,
     dissector: &dyn Dissector,

@@ -14,8 +14,8 @@ impl LocalAxis {
     /// The SI value of a verb's argument: text must have a unit that fits the drive's parameter.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E217`, also for text where the profile does not tell the parameter's unit;
-    /// `E218` where the drive carries out the verb without such an argument.
+    /// [`Error::Usage`] `E217`, also for text where the profile does not have the parameter's unit; `E218` where the
+    /// drive carries out the verb without such an argument.
     pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
         let planned = self.profile.plan(verb).is_some();
         if planned && mounting::destination(self.profile, verb, which).is_none() {
@@ -33,8 +33,7 @@ impl LocalAxis {
         Ok(value)
     }
 
-    /// Refuses a value with a unit for an argument that has none, because of what the drive's own objects
-    /// say.
+    /// Refuses a value with a unit for an argument that has none by the drive's own objects.
     ///
     /// # Errors
     /// [`Error::Usage`] `E217`.
@@ -81,8 +80,8 @@ impl LocalAxis {
         if si.is_finite() { Ok(si) } else { Err(no("has a value with an unknown scale")) }
     }
 
-    /// What a drive with a data sheet lacks of what a verb needs in its family, or one of its arguments:
-    /// `6099h:1 (homing speed switch)`. Empty where nothing is known to be missing.
+    /// Objects that a drive with a data sheet lacks for a verb of its family, or for one of its arguments: `6099h:1
+    /// (homing speed switch)`. Empty if none is known to be missing.
     #[must_use]
     pub fn missing_for(&self, verb: Verb, which: Option<Argument>) -> String {
         let of_family = |profile: &&&Profile| profile.name == self.profile.family;
@@ -133,8 +132,8 @@ impl LocalAxis {
         Some(if unit == Unit::None { customary_unit(self.profile.axis, which) } else { unit })
     }
 
-    /// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
-    /// `None` when it has no use for it.
+    /// Destination of an argument in a plan: a parameter or, inner `None`, a request of its own. `None` if the plan
+    /// does not use it.
     #[must_use]
     pub fn destination(&self, verb: Verb, which: Argument) -> Option<Option<&'static Parameter>> {
         let id = mounting::destination(self.profile, verb, which)?;
@@ -142,7 +141,7 @@ impl LocalAxis {
     }
 }
 
-/// What people say for an axis of that kind.
+/// Customary unit for an axis of that kind.
 const fn customary_unit(kind: AxisKind, argument: Argument) -> Unit {
     match (kind, argument) {
         (AxisKind::Rotary, Argument::Target) => Unit::Degree,

@@ -17,7 +17,7 @@ use polepair_core::stream::cyclic::{
 };
 use std::time::Duration;
 
-/// How often set-points are handed over; a lane holds hundreds of cycles.
+/// Interval of handing over set-points; a lane holds hundreds of cycles.
 const FEED_INTERVAL: Duration = Duration::from_millis(20);
 /// From rest to the greatest speed in less than this is no motion, but a mistake in the path, where
 /// the drive names no greatest acceleration, s \[I\].
@@ -27,8 +27,7 @@ const FULL_SPEED_S: f64 = 0.010;
 /// this host. Dropping it stops and disables them and takes back what it set; errors are then lost,
 /// so that who needs to know calls [`release`](Self::release).
 ///
-/// The beat is this computer's: it is as regular as its scheduler lets it be. [`CycleStatistics`] tells how
-/// regular that was.
+/// The beat is this computer's: it is as regular as its scheduler permits. [`CycleStatistics`] measures the regularity.
 ///
 /// ```
 /// use polepair::CyclicAxes;
@@ -69,7 +68,7 @@ impl CyclicAxes {
         Self::inspect_axes(axes, setpoint, period)?.power_up()
     }
 
-    /// The same for a whole path, as in [`check`](Self::check): the limits and the actual positions are
+    /// [`begin`](Self::begin) with a whole path, as in [`check`](Self::check): the limits and the actual positions are
     /// checked before any axis is powered.
     ///
     /// # Errors
@@ -87,7 +86,7 @@ impl CyclicAxes {
         looked_at.power_up()
     }
 
-    /// What can be known without changing anything.
+    /// Checks that need no change of the drives.
     fn inspect_axes(
         axes: &[LocalAxis],
         setpoint: SetpointKind,
@@ -125,7 +124,7 @@ impl CyclicAxes {
         self.released = true;
         let powered = self.axes.iter().zip(enabled).filter(|(_, enabled)| !**enabled);
         let disable = Command::new(Verb::Disable);
-        // The error of the preparation is the one that is told.
+        // The error of the preparation is the one that is returned.
         let _ = run_all(&powered.map(|(axis, _)| (axis, disable)).collect::<Vec<_>>());
         let _ = run_all(&self.command_for_each(Command::new(Verb::Unfollow)));
         self.axes.iter().for_each(|axis| axis.arm(false));
@@ -170,7 +169,7 @@ impl CyclicAxes {
         Err(Error::Unsupported { what, why: Unsupported::Forbidden("bus load"), hint })
     }
 
-    /// What the set-points of each axis are held to, by the drives' own limits.
+    /// Limits of the set-points of each axis, by the drives' own limits.
     #[must_use]
     pub fn bounds(&self) -> &[SetpointBounds] {
         &self.bounds
@@ -265,7 +264,7 @@ impl CyclicAxes {
                 Err(error) => break Err(error),
             }
         };
-        // The last cycle only tells when to look; an axis may have stood all the time.
+        // The last cycle only gives the time for a measurement; an axis may never have moved.
         let arrived = ended.and_then(|_| match self.setpoint {
             SetpointKind::Position => self.axes.iter().try_for_each(|axis| axis.wait(SETTLING_MAX)),
             SetpointKind::Velocity | SetpointKind::Torque => Ok(()),
@@ -313,7 +312,7 @@ impl Drop for CyclicAxes {
     }
 }
 
-/// Whether the motor has power, as far as the drive reports it.
+/// Returns whether the motor has power, as far as the drive reports it.
 fn is_enabled(axis: &LocalAxis) -> Result<bool, Error> {
     match axis.provides_signal(Signal::Enabled)? {
         true => Ok(axis.signals(&[Signal::Enabled])?.iter().any(|reading| reading.raw != 0)),
@@ -321,7 +320,7 @@ fn is_enabled(axis: &LocalAxis) -> Result<bool, Error> {
     }
 }
 
-/// What to try where an enabled drive refuses its preparation.
+/// Adds a hint to the error of an enabled drive that refuses its preparation.
 fn with_mapping_hint(error: Error) -> Error {
     match error {
         Error::Failed { what, execution, outcome, received, may_turn, hint }

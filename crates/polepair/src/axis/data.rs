@@ -12,11 +12,11 @@ use polepair_core::proto;
 use std::fmt;
 use std::time::Duration;
 
-/// How often bytes are moved between the caller and the host, whose buffer holds one block.
+/// Interval of moving bytes between the caller and the host, whose buffer holds one block.
 const PUMP_INTERVAL: Duration = Duration::from_millis(2);
 /// The most bytes that are read of one value.
 pub const DATA_MAX: usize = 256 << 20;
-/// What the host's buffer holds.
+/// Size of the host's buffer, bytes.
 const BUFFER_MAX: usize = 1024;
 /// A value of more bytes is written in blocks, which need an answer for each block and not for each
 /// segment of seven bytes.
@@ -48,9 +48,9 @@ impl LocalAxis {
         Ok(data)
     }
 
-    /// Writes all bytes of a parameter of any length. `progress` hears how many bytes the host has
-    /// taken to send. A long value goes in blocks where the drive has them, else in segments: a drive
-    /// that has none refuses before the first byte is sent.
+    /// Writes all bytes of a parameter of any length. `progress` gets the number of bytes that the host has accepted. A
+    /// long value goes in blocks if the drive has them, otherwise in segments: a drive with neither refuses before the
+    /// first byte is sent.
     ///
     /// # Errors
     /// [`Error`] by blame; `E219` for what may move an unarmed axis. After a loss the transfer is not
@@ -87,7 +87,7 @@ impl LocalAxis {
         self.read_data(self.find(name)?, false, &mut |_| {})
     }
 
-    /// Whether the drive refused because it has no block transfer: nothing was transferred then.
+    /// Returns whether the drive refused because it has no block transfer: nothing was transferred then.
     fn has_no_blocks(&self, error: &Error) -> bool {
         let Error::Failed { outcome, .. } = error else { return false };
         let Some(Failure::Refused { code }) = outcome.failure() else { return false };
@@ -109,7 +109,7 @@ impl LocalAxis {
             data.extend_from_slice(&buffer[..count.unwrap_or(0)]);
             progress(data.len());
             match ended? {
-                // What the drive said and what arrived have to agree.
+                // The announced and the received length have to agree.
                 Some(count) if usize::try_from(count).is_ok_and(|count| count == data.len()) => {
                     return Ok(data);
                 }

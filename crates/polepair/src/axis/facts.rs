@@ -14,15 +14,15 @@ use polepair_core::profile::Encoding;
 /// An item of a drive's device information.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct DeviceDetail {
-    /// What it is: `device name`, `firmware`.
+    /// Name of the detail: `device name`, `firmware`.
     pub name: Cow<'static, str>,
-    /// Its value.
+    /// Value of the detail.
     pub text: String,
 }
 
 /// Characters of a fact at most.
 const FACT_MAX: usize = 240;
-/// How long a fact may take.
+/// Time limit of reading one detail.
 const FACT_TIME: Duration = Duration::from_secs(1);
 /// A text of a drive that sends more and more of it.
 const ENDLESS: &str = "(the text does not end)";
@@ -117,7 +117,7 @@ impl LocalAxis {
     }
 }
 
-/// Whether the drive answered, if only with a refusal.
+/// Returns whether the drive answered, if only with a refusal.
 fn is_answer(error: &Error) -> bool {
     match error {
         Error::Failed { outcome: Outcome::NotDone(failure), .. } => {

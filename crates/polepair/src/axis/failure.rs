@@ -17,7 +17,7 @@ use polepair_link::Cause;
 /// The kind of a request, for the text of its error.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum RequestKind {
-    /// It changes nothing: there is nothing to execute.
+    /// A query, which changes nothing.
     Query,
     /// A check of standstill after a stop.
     StandstillQuery,
@@ -29,7 +29,7 @@ pub(crate) enum RequestKind {
     Command,
 }
 
-/// What to do where a drive does not take another mode of operation.
+/// Hint for a drive that refuses another mode of operation.
 const MODE_HINT: &str =
     "some drives change their mode only without power: `polepair disable` first";
 /// Steps that are named one by one at most.
@@ -39,7 +39,7 @@ impl LocalAxis {
     /// The error for an outcome that is not [`Outcome::Done`].
     pub(crate) fn outcome_error(&self, what: &str, kind: RequestKind, outcome: Outcome) -> Error {
         let failure = outcome.failure().unwrap_or(Failure::Misbehaved);
-        // The stop was told: it is the question that was not carried out.
+        // The stop was sent: it is the question that was not executed.
         let outcome = match (kind, outcome) {
             (RequestKind::StandstillQuery, Outcome::NotDone(failure)) => Outcome::Unknown(failure),
             // The move was started: it is its end that is not known.
@@ -112,8 +112,8 @@ impl LocalAxis {
         }
     }
 
-    /// Whether the motor may turn, and nothing can be done about it from here: the link is lost, or
-    /// its stop was not answered.
+    /// Returns whether the motor may turn, and nothing can be done about it from here: the link is lost, or its stop
+    /// was not answered.
     fn is_out_of_reach(&self, kind: RequestKind, failure: Failure) -> bool {
         let stop = matches!(
             kind,
@@ -129,8 +129,8 @@ impl LocalAxis {
         }
     }
 
-    /// Whether the motor may turn: it was started, or was moving at the last reading, and since then
-    /// neither arrived, nor acknowledged a stop, nor was switched off, as far as this link knows.
+    /// Returns whether the motor may turn: it was started, or was moving at the last reading, and since then neither
+    /// arrived, nor acknowledged a stop, nor was switched off, as far as this link knows.
     #[must_use]
     pub fn may_turn(&self) -> bool {
         self.state().motion_active || self.is_turning() == Some(true)
@@ -154,7 +154,7 @@ impl LocalAxis {
         }
     }
 
-    /// How far a plan went, step by step.
+    /// Progress of a plan, step by step.
     fn partial_execution_text(&self, kind: RequestKind, extent: Extent) -> String {
         let steps = match kind {
             RequestKind::Verb(verb) => self.profile.plan(verb).map(|plan| plan.steps.to_vec()),
@@ -185,7 +185,7 @@ impl LocalAxis {
         format!("it was executed in part; {}", messages.join("; "))
     }
 
-    /// Whether what was refused of a verb is its mode of operation.
+    /// Returns whether what was refused of a verb is its mode of operation.
     fn refused_mode(&self, verb: Verb, extent: Extent) -> bool {
         let (Some((id, mode)), Some(plan)) = (self.mode_for(verb), self.profile.plan(verb)) else {
             return false;
@@ -273,14 +273,14 @@ impl LocalAxis {
         }
     }
 
-    /// Where the last motion ended and where it was to end: of a group, each drive that is elsewhere.
+    /// End and target of the last motion: of a group, those of each drive that is elsewhere.
     fn motion_text(&self) -> Option<String> {
         let away = self.motion_reports().into_iter().filter(|report| !report.arrived);
         let texts: Vec<String> = away.filter_map(|report| self.place_text(&report)).collect();
         (!texts.is_empty()).then(|| texts.join("; "))
     }
 
-    /// What is known of the last motion: of a group, of each drive that answered.
+    /// Reports of the last motion: of a group, one for each drive that answered.
     pub(crate) fn motion_reports(&self) -> Vec<MotionReport> {
         self.connection
             .with_axes(|axes, _| (0..).map_while(|n| axes.motion_report(self.index, n)).collect())
@@ -564,7 +564,7 @@ impl LocalAxis {
     }
 }
 
-/// Whether a request waits for the end of a motion.
+/// Returns whether a request waits for the end of a motion.
 fn is_motion(kind: RequestKind) -> bool {
     matches!(kind, RequestKind::Verb(verb) if verb == Verb::Reached || verb.is_move())
 }

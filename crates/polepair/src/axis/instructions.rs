@@ -10,17 +10,17 @@ use polepair_core::program::{
 };
 use polepair_core::proto;
 
-/// How often a download goes on behind a lost reply.
+/// Attempts to resume a download after a lost reply.
 const RESUMED_MAX: usize = 8;
-/// So many places without an instruction in a row end a program.
+/// Empty places in a row that end a program.
 const EMPTY_RUN: usize = 8;
 /// Noise of the measured speed of a brushless motor at standstill, in rpm.
 const NOISE_RPM: i64 = 5;
 
-/// What a module's program is doing.
+/// State of a module's program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ProgramStatus {
-    /// Whether it runs.
+    /// True if it runs.
     pub running: bool,
     /// The address of the next instruction.
     pub counter: u16,
@@ -38,9 +38,9 @@ impl LocalAxis {
             .ok_or_else(|| self.unsupported_error("programs of instructions", Unsupported::NoPlan))
     }
 
-    /// Stores a program in the module's memory, which keeps it without power, and reads it back. Each
-    /// instruction's reply must say that it was stored. No program may run and no motor of the module may
-    /// turn. The axis must be armed: a module that is not in download mode would execute the instructions.
+    /// Stores a program in the module's memory, which keeps it without power, and reads it back. Each instruction's
+    /// reply must confirm its storage. No program may run and no motor of the module may turn. The axis must be armed:
+    /// a module that is not in download mode would execute the instructions.
     ///
     /// ```
     /// use polepair::InstructionProgram;
@@ -124,7 +124,7 @@ impl LocalAxis {
         Ok(())
     }
 
-    /// How many instructions the module has as the program has them.
+    /// Number of instructions the module has as the program has them.
     fn count_same(&self, program: &InstructionProgram, from: usize) -> Result<usize, Error> {
         for (at, wanted) in program.instructions().iter().enumerate().skip(from) {
             if self.read_instruction(at as u16)? != *wanted {
@@ -154,8 +154,7 @@ impl LocalAxis {
         Err(differs(what, at, "load the program again", false))
     }
 
-    /// Reads a program from the module's memory: so many instructions, or up to the first eight places
-    /// without one.
+    /// Reads a program from the module's memory: `count` instructions, or up to the first eight empty places.
     ///
     /// # Errors
     /// [`Error`] by blame: refused by a module whose program is protected (global parameter 81).
@@ -194,7 +193,7 @@ impl LocalAxis {
         Ok(InstructionProgram::from_instructions(language, read))
     }
 
-    /// Whether the module's program runs, and where it is.
+    /// State of the module's program, and its address.
     ///
     /// # Errors
     /// [`Error`] by blame.
@@ -281,7 +280,7 @@ impl LocalAxis {
     }
 }
 
-/// Whether the profile has a motor whose speed is that of its steps.
+/// Returns whether the profile has a motor whose speed is that of its steps.
 fn is_stepper(profile: &Profile) -> bool {
     let velocity =
         profile.signal(Signal::Velocity).and_then(|source| profile.parameter(source.parameter));
@@ -308,7 +307,7 @@ fn failure(error: &Error) -> Option<Failure> {
     }
 }
 
-/// Whether the module may have done it and its reply was lost.
+/// Returns whether the module may have done it and its reply was lost.
 fn is_lost(error: &Error) -> bool {
     matches!(error, Error::Failed { outcome: Outcome::Unknown(_), .. })
         || matches!(failure(error), Some(Failure::Silent | Failure::Misbehaved))

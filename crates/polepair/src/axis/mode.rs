@@ -62,9 +62,8 @@ impl LocalAxis {
         Some(word.map_or_else(number, str::to_owned))
     }
 
-    /// Whether the motor moves, by the last readings: the drive reports a move, or the speed is above the
-    /// limit of its stop. A drive's own flag often means only that a target is not reached. `None` until
-    /// either was read.
+    /// Returns whether the motor moves, by the last readings: the drive reports a move, or the speed is above the limit
+    /// of its stop. A drive's own flag often means only that a target is not reached. `None` until either was read.
     #[must_use]
     pub fn moving(&self, state: &AxisStatus) -> Option<bool> {
         let reading = state.reading(Signal::Moving);
@@ -87,8 +86,8 @@ impl LocalAxis {
         state
     }
 
-    /// Whether a speed in counts is at most one count: an encoder between two counts reports this at
-    /// standstill too.
+    /// Returns whether a speed in counts is at most one count: an encoder between two counts reports this at standstill
+    /// too.
     fn is_within_one_count(&self, state: &AxisStatus) -> bool {
         const COUNT: u64 = 1 << 16;
         let source = self.profile.signal(Signal::Velocity);

@@ -16,7 +16,7 @@ use std::time::Duration;
 
 /// Points of a path that is checked as a whole before it begins.
 const PATH_POINTS_MAX: usize = 1_000_000;
-/// By how much more than a limit a value may be, of the limit: rounding on its way through units.
+/// Tolerance of a limit, as a share of it: rounding in the conversion of units.
 const ROUNDING: f64 = 1e-9;
 
 impl LocalAxis {
@@ -44,8 +44,8 @@ impl LocalAxis {
         Ok(())
     }
 
-    /// Whether [`prepare`](Self::prepare) asks the drive for what scales the command's arguments. Who
-    /// must not wait prepares it elsewhere.
+    /// Returns whether [`prepare`](Self::prepare) asks the drive for what scales the command's arguments. Who must not
+    /// wait prepares it elsewhere.
     #[must_use]
     pub fn has_unread_scales(&self, command: &Command) -> bool {
         self.optionally_scaled(command).any(|(_, parameter)| !self.knows_factors(parameter))
@@ -85,15 +85,15 @@ impl LocalAxis {
         Ok(())
     }
 
-    /// The SI unit in which a signal is read, as people write it: `rad/s`, or `m/s` of an axis that
-    /// goes along a line. Empty for flags and codes, and for what the drive does not tell.
+    /// SI unit of a signal, as people write it: `rad/s`, or `m/s` of a linear axis. Empty for flags and codes, and
+    /// where it is unknown.
     #[must_use]
     pub fn signal_unit(&self, signal: Signal) -> &'static str {
         let source = self.profile.signal(signal).filter(|_| signal.is_measured());
         source.map_or("", |source| self.unit(source.parameter).si_symbol())
     }
 
-    /// Whether a rack file limits the position.
+    /// Returns whether a rack file limits the position.
     #[must_use]
     pub fn has_position_limits(&self) -> bool {
         self.own_mounting().is_some_and(|mounted| mounted.mounting.position.is_some())
@@ -138,13 +138,13 @@ impl LocalAxis {
         ))
     }
 
-    /// What the axis itself is mounted as; a group has no scale of its own.
+    /// Mounting of the axis itself; a group has no scale of its own.
     pub(super) fn own_mounting(&self) -> Option<&ResolvedMounting> {
         let mounted = self.mounted.as_deref()?;
         (!AxisNumber(self.number).is_group()).then_some(mounted)
     }
 
-    /// What a parameter's value is multiplied with on its way to the drive.
+    /// Factor of a parameter's value on its way to the drive.
     pub(crate) fn factor(&self, id: ParameterId) -> f64 {
         let Some(mounted) = self.own_mounting() else { return 1.0 };
         let unit = self.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
@@ -162,7 +162,7 @@ impl LocalAxis {
         state
     }
 
-    /// The same of one signal.
+    /// Converts a reading of one signal to the machine's scale.
     pub(crate) fn reading_in_machine_scale(&self, signal: Signal, read: Reading) -> Reading {
         match self.profile.signal(signal).filter(|source| is_value(source)) {
             Some(source) => Reading { value: read.value / self.factor(source.parameter), ..read },
@@ -333,7 +333,7 @@ impl LocalAxis {
         }
     }
 
-    /// Whether some verb writes its target there.
+    /// Returns whether some verb writes its target there.
     fn is_target(&self, id: ParameterId) -> bool {
         let mut verbs = Verb::ALL.into_iter().filter(|verb| verb.is_move());
         verbs.any(|verb| destination(self.profile, verb, Argument::Target) == Some(Some(id)))
@@ -386,7 +386,7 @@ impl LocalAxis {
         Ok(Box::new(path.into_iter().map(of_drive)))
     }
 
-    /// Where it is, read now.
+    /// Reads the position.
     fn read_position(&self) -> Result<f64, Error> {
         let position = self.signals(&[Signal::Position])?[0].value;
         if position.is_finite() {
@@ -471,14 +471,14 @@ impl LocalAxis {
     }
 }
 
-/// Whether a signal is a value of its parameter and no bits of it.
+/// Returns whether a signal is a value of its parameter and no bits of it.
 fn is_value(source: &SignalSource) -> bool {
     source.equals.is_none() && source.mask == -1
 }
 
 /// The way from one point of a path to the next: a cubic where velocities are given, else straight.
 struct PathSegment {
-    /// Its derivative by the share of the time, highest power first.
+    /// Derivative by the share of the time, highest power first.
     slope: [f64; 3],
     start: f64,
     time: f64,
@@ -501,7 +501,7 @@ impl PathSegment {
         self.start + ((a / 3.0 * share + b / 2.0) * share + c) * share
     }
 
-    /// Its ends, and wherever it turns round between them.
+    /// Positions of its ends and of its turning points.
     fn extreme_positions(&self) -> impl Iterator<Item = f64> {
         let [a, b, c] = self.slope;
         let root = (b * b - 4.0 * a * c).sqrt();
@@ -513,7 +513,7 @@ impl PathSegment {
         [0.0, 1.0].into_iter().chain(between).map(|share| self.position_at(share))
     }
 
-    /// Its speeds at both ends, and where it is fastest between them.
+    /// Speeds at both ends, and the highest between them.
     fn extreme_speeds(&self) -> impl Iterator<Item = f64> {
         let [a, b, c] = self.slope;
         let fastest = Some(-b / (2.0 * a)).filter(|share| (0.0..1.0).contains(share));

@@ -26,7 +26,7 @@ impl PendingWrites {
 }
 
 impl LocalAxis {
-    /// Whether other parameters are scaled by this one: it is written before they are converted.
+    /// Returns whether other parameters are scaled by this one: it is written before they are converted.
     #[must_use]
     pub fn scales(&self, id: ParameterId) -> bool {
         let mut scales = self.profile.parameters.iter().map(|parameter| parameter.scale);

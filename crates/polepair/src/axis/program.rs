@@ -29,7 +29,7 @@ impl LocalAxis {
         language.ok_or_else(|| self.unsupported_error("programs", Unsupported::NoPlan))
     }
 
-    /// What a program's text is made into words with, to lie from `origin` on.
+    /// Context for assembling a program's text, from address `origin` on.
     ///
     /// # Errors
     /// As [`language`](Self::language).
@@ -37,11 +37,10 @@ impl LocalAxis {
         Ok(AssemblyContext { language: self.language()?, profile: Some(self.profile), origin })
     }
 
-    /// Writes a program into the drive's memory, chunk by chunk, each proven before the next, and has
-    /// the drive's sum of each piece agree. `permanent` allows writes to memory that wears. The axis
-    /// must have no power, and its program must not run. While permanent memory is written, an
-    /// instruction that ends at once stands where the drive starts by itself; the true one comes
-    /// last.
+    /// Writes a program into the drive's memory, chunk by chunk, each proven before the next, and has the drive's sum
+    /// of each piece agree. `permanent` allows writes to memory that wears. The axis must have no power, and its
+    /// program must not run. While permanent memory is written, the start address holds an instruction that ends at
+    /// once; the true one is written last.
     ///
     /// ```
     /// use polepair::Program;
@@ -80,8 +79,8 @@ impl LocalAxis {
         self.run_transfer(WHAT, TransferKind::Write, program.pieces(), show)
     }
 
-    /// Whether the drive's sums over a program's pieces are the program's. Changes nothing. Sums do
-    /// not see words that changed places.
+    /// Compares the drive's sums over a program's pieces with the program. Changes nothing. Sums cannot detect
+    /// exchanged words.
     ///
     /// # Errors
     /// [`Error`] by blame; `E103` names the addresses where they differ.
@@ -90,7 +89,7 @@ impl LocalAxis {
         self.run_transfer("verifying a program", TransferKind::Verify, pieces, |_| ()).map(drop)
     }
 
-    /// Reads so many words of the drive's memory for programs.
+    /// Reads `count` words of the drive's memory for programs.
     ///
     /// # Errors
     /// [`Error`] by blame.
@@ -132,7 +131,7 @@ impl LocalAxis {
         self.run_order("calling a routine", ProgramCommand::Call(address)).map(drop)
     }
 
-    /// Whether a routine that was [called](Self::call) runs.
+    /// Returns whether a routine that was [called](Self::call) runs.
     ///
     /// # Errors
     /// [`Error`] by blame.
@@ -162,7 +161,7 @@ impl LocalAxis {
             .map(drop)
     }
 
-    /// What is to be known of the memory that its programs lie in.
+    /// Rules of the memory for its programs.
     pub(crate) fn memory_rules(&self, what: &str) -> Result<&'static MemoryRules, Error> {
         let rules = self.connection.with_axes(|axes, _| axes.memory_rules(self.index));
         rules.ok_or_else(|| self.unsupported_error(what, Unsupported::NoPlan))

@@ -9,15 +9,14 @@ use polepair_core::error::Unsupported;
 use polepair_core::explain::{EncodeError, EncodeOptions, Impact};
 use polepair_core::medium::STREAM_UNIT_MAX;
 
-/// What a request in the protocol's own text would send: see [`LocalAxis::rehearse_raw`].
+/// Rehearsal of a request in the protocol's own text: see [`LocalAxis::rehearse_raw`].
 #[derive(Clone, PartialEq, Debug)]
 pub struct RawRehearsal {
-    /// Its frames.
+    /// Frames of the request.
     pub frames: Vec<Rehearsal>,
-    /// It may start or change motion, or do something that cannot be taken back: it needs an armed
-    /// axis.
+    /// True if it may start or change motion, or has an effect that cannot be undone: it needs an armed axis.
     pub needs_arming: bool,
-    /// It brings the motor to rest.
+    /// True if it stops the motor.
     pub is_stop: bool,
 }
 
@@ -45,7 +44,7 @@ impl LocalAxis {
         started.map_err(|error| self.locate_in_text(text, error))
     }
 
-    /// What a request in the protocol's own text would send. Nothing is sent.
+    /// Rehearses a request in the protocol's own text. Nothing is sent.
     ///
     /// # Errors
     /// `E221` for text that is not of that language, with the place.

@@ -6,10 +6,10 @@ use polepair_core::profile::{ParameterId, Signal};
 use std::time::Duration;
 
 impl LocalAxis {
-    /// Makes the drive send these signals by itself, every `interval`: 1 ms to 65.535 s, not shorter than
-    /// the drive allows. Without signals, it stops sending. One write, which replaces the earlier setting;
-    /// drives store it if the parameter says so (thruster family: SR, manual section 2.5). The values are
-    /// in [`state`](Self::state), and in [`events`](Self::events) while a stream is open.
+    /// Sets the signals that the drive sends by itself, with their interval: 1 ms to 65.535 s, not shorter than the
+    /// drive permits. Without signals, it stops sending. One write, which replaces the earlier setting; drives store it
+    /// if the parameter is stored (thruster family: SR, manual section 2.5). The values are in [`state`](Self::state),
+    /// and in [`events`](Self::events) while a stream is open.
     ///
     /// # Errors
     /// [`Error::Usage`] `E213` for a signal that the drive does not send by itself, `E216` for another

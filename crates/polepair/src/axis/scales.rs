@@ -6,7 +6,7 @@ use polepair_core::profile::{NoScale, ParameterId, Scale, Signal};
 use polepair_core::units::{Quantity, Unit};
 
 impl LocalAxis {
-    /// Whether a parameter is known to have no unit: it is then shown raw.
+    /// Returns whether a parameter is known to have no unit: it is then shown raw.
     pub(super) fn is_unscaled(&self, id: ParameterId) -> bool {
         self.scale_error(id).is_some()
     }
@@ -32,15 +32,15 @@ impl LocalAxis {
         Some((why, self.scale_inputs(id)))
     }
 
-    /// What the drive's own objects say of the scale of a parameter: `608Fh:1 = 2000, 60A8h =
-    /// FF410000h`. Those that it lacks are left out.
+    /// Objects of the drive that determine the scale of a parameter: `608Fh:1 = 2000, 60A8h = FF410000h`. Missing ones
+    /// are left out.
     #[must_use]
     pub fn scale_inputs(&self, id: ParameterId) -> String {
         let Some(parameter) = self.parameter(id) else { return String::new() };
         self.format_inputs(parameter.scale, parameter.scale.inputs(self.profile))
     }
 
-    /// What the unit of a parameter was computed from, where a standard's rule did that.
+    /// Source of the unit of a parameter, if a standard's rule computed it.
     #[must_use]
     pub fn scale_source(&self, id: ParameterId) -> Option<String> {
         let parameter = self.parameter(id)?;
@@ -73,8 +73,8 @@ impl LocalAxis {
         shown.collect::<Vec<_>>().join(", ")
     }
 
-    /// What the drive's own objects make of its units, a line for each kind: `position` and `3600 a turn,
-    /// from 60A8h = FF410000h`. Empty where the profile states them.
+    /// Units by the drive's own objects, a line for each kind: `position` and `3600 a turn, from 60A8h = FF410000h`.
+    /// Empty if the profile defines them.
     ///
     /// # Errors
     /// What reading these objects brings.

@@ -1,18 +1,19 @@
 //! The stop of an axis: the one place that decides what is sent, how often, and when it is over.
 //!
-//! Whoever stops a motor has a [`StopSupervisor`]: the command line, the gateway, the bindings, and the end of an
+//! Every stop of a motor uses a [`StopSupervisor`]: the command line, the gateway, the bindings, and the end of an
 //! armed motion. It is polled, has neither a thread nor a clock, and follows six rules:
 //!
 //! 1. **A stop goes first.** It overtakes what waits for the wire, and it is sent before anything is asked.
 //! 2. **The order** is: stop the motor, end the drive's own program, stop the motor again. If the motor does not
 //!    become slower within 300 ms, a quick stop follows, where the drive has one. Power is taken off last, and
 //!    only if the caller asked for it.
-//! 3. **Standstill is measured** after the drive replied to the stop. What a drive does not have cannot confirm
-//!    it; what it cannot tell now is asked for again.
-//! 4. **A stop is repeated** while the motor turns, and while no reply came: by a gateway until standstill, by
-//!    others as long as they said.
-//! 5. **Until then it is pending.** An error says that the motor may still turn.
-//! 6. **Who started the motion owes the stop.** The end of a verb, of an armed axis and of a process sends it.
+//! 3. **Standstill is measured** after the drive replied to the stop. A signal that a drive lacks cannot confirm it;
+//!    one that it refuses for the moment is read again.
+//! 4. **A stop is repeated** while the motor turns, and while no reply came: by a gateway until standstill, by others
+//!    for their own time limit.
+//! 5. **Until then it is pending.** An error states that the motor may still turn.
+//! 6. **The program that started the motion must stop it.** The end of a verb, of an armed axis and of a process sends
+//!    the stop.
 //!
 //! docs/concepts/safety.md states them for users. Why: STOP-4, STOP-7, STOP-9, STOP-20, STOP-21.
 
@@ -49,7 +50,7 @@ const TURNING_PAUSE: Duration = Duration::from_secs(1);
 const TURNING_PAUSE_MAX: Duration = Duration::from_secs(2);
 /// Pause between a stop without a reply and the next.
 const SILENT_PAUSE: Duration = Duration::from_millis(100);
-/// The longest such pause: on a wire that nobody else uses, and on one that is shared.
+/// The longest such pause: on a wire without other users, and on a shared one.
 const OWN_PAUSE_MAX: Duration = Duration::from_millis(250);
 const SHARED_PAUSE_MAX: Duration = Duration::from_secs(2);
 /// Interval at which the other axes are looked at while one is waited for.
@@ -58,7 +59,7 @@ const POLL_SLICE: Duration = Duration::from_millis(20);
 /// How to stop.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct StopOptions {
-    /// As fast as the drive can.
+    /// True for a stop as fast as the drive can.
     pub quick: bool,
     /// Leave the drive's own program running, which may move the motor again.
     pub keep_program: bool,
@@ -75,16 +76,16 @@ impl StopOptions {
     }
 }
 
-/// How long a stop is repeated after a missing reply.
+/// Time for which a stop is repeated after a missing reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StopPersistence {
     /// For this time after the first stop. A motor that keeps turning ends it after 5 s without becoming slower.
     Within(Duration),
-    /// Until standstill is confirmed, or somebody dismisses it. The wire is shared with other requests.
+    /// Until standstill is confirmed, or a client dismisses the stop. The wire is shared with other requests.
     UntilStandstill,
 }
 
-/// What is known of a motor whose stop was executed.
+/// Evidence on a motor whose stop was executed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Standstill {
     /// Standstill by measured speed, or by two positions.
@@ -98,9 +99,9 @@ pub enum Standstill {
 /// How a stop ended.
 #[derive(Clone, PartialEq, Debug)]
 pub struct StopResult {
-    /// What is known of the motor.
+    /// Evidence on the motor.
     pub standstill: Result<Standstill, Error>,
-    /// Whether its power was taken off. `None` if nobody asked for that, or the drive has no power switch.
+    /// True if its power was taken off. `None` if that was not requested, or the drive has no power switch.
     pub power_off: Option<Result<(), Error>>,
 }
 
@@ -129,11 +130,12 @@ impl StopResult {
 /// News of a stop.
 #[derive(Clone, PartialEq, Debug)]
 pub enum StopNotice {
-    /// It was not confirmed, for this reason, and will be repeated unless [`StopSupervisor::give_up`] is called.
+    /// Standstill was not confirmed, for this reason, and the stop will be repeated unless [`StopSupervisor::give_up`]
+    /// is called.
     Unconfirmed(Error),
     /// The stop had no effect, and a quick stop was sent.
     QuickStop,
-    /// It is still waited for. Only [`await_stops`] tells this, some 50 times a second.
+    /// Standstill is still awaited. Only [`await_stops`] reports this, some 50 times a second.
     Waiting,
 }
 
@@ -225,9 +227,9 @@ impl StopSupervisor {
         }
     }
 
-    /// Sends it again now, because somebody asked for it, or the link is open again. `is_new` for a request:
-    /// nothing is asked before. After a lost link the drive may have restarted, and would write permanent
-    /// memory; it is asked first.
+    /// Sends the stop again now, because it was requested again, or the link is open again. `is_new` for a request:
+    /// nothing is read before. After a lost link the drive may have restarted, and would write permanent memory; it is
+    /// read first.
     pub fn send_again(&mut self, is_new: bool) {
         let now = self.axis.connection.now();
         (self.silent_pause, self.turning_pause) = (SILENT_PAUSE, TURNING_PAUSE);
@@ -245,7 +247,7 @@ impl StopSupervisor {
         let interrupted =
             |what: &str| Error::Interrupted { what: format!("{}: {what}", self.axis.label()) };
         let error = match self.progress() {
-            // It says whether anything was sent.
+            // The result shows whether anything was sent.
             StopProgress::Failed(error) if self.may_be_executed => {
                 error.clone().after_earlier_attempt()
             }
@@ -267,7 +269,7 @@ impl StopSupervisor {
             false => StopAttempt::begin(&self.axis, command),
         };
         self.attempt = Some(match self.persistence {
-            // Nobody else waits for the wire: a missing reply to a query is asked for again.
+            // No other request waits for the wire: a query without a reply is repeated.
             StopPersistence::Within(_) => attempt.with_retries(),
             StopPersistence::UntilStandstill => attempt,
         });
@@ -281,14 +283,14 @@ impl StopSupervisor {
         StopOptions { quick, ..self.options }.command()
     }
 
-    /// How far the last attempt has come.
+    /// Progress of the last attempt.
     #[must_use]
     pub fn progress(&self) -> &StopProgress {
         self.attempt.as_ref().map_or(&StopProgress::Sent, StopAttempt::progress)
     }
 
-    /// Why it does not proceed: the drive became silent after its reply, does not tell its speed now, or reports
-    /// standstill while its position changes.
+    /// Reason why it does not proceed: the drive became silent after its reply, does not report its speed now, or
+    /// reports standstill while its position changes.
     #[must_use]
     pub fn trouble(&self) -> Option<&Error> {
         self.attempt.as_ref()?.trouble()
@@ -309,7 +311,7 @@ impl StopSupervisor {
         self.attempt.as_ref().map_or(Duration::ZERO, StopAttempt::elapsed)
     }
 
-    /// Whether it has ended well, and this was reported for so long.
+    /// Returns whether it has ended well, and this was reported for so long.
     #[must_use]
     pub fn is_expired(&self, reported_for: Duration) -> bool {
         let age = self.axis.connection.now().since(self.sent_at);
@@ -317,37 +319,37 @@ impl StopSupervisor {
             && age > self.elapsed() + reported_for
     }
 
-    /// Whether a request of it is unanswered: nothing that moves may be sent meanwhile.
+    /// Returns whether a request of it is unanswered: nothing that moves may be sent meanwhile.
     #[must_use]
     pub fn is_under_way(&self) -> bool {
         self.attempt.as_ref().is_some_and(StopAttempt::is_under_way)
     }
 
-    /// Whether nothing of the last attempt is on the wire.
+    /// Returns whether nothing of the last attempt is on the wire.
     #[must_use]
     pub fn is_unsent(&self) -> bool {
         self.attempt.as_ref().is_none_or(StopAttempt::is_held_back)
     }
 
-    /// Whether the last attempt has ended without confirmation, or there was none.
+    /// Returns whether the last attempt has ended without confirmation, or there was none.
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.result.is_none() && self.attempt.as_ref().is_none_or(StopAttempt::has_ended)
     }
 
-    /// Whether the drive replied to all of it, and the motor turned at the last reading, as far as is known.
+    /// Returns whether the drive replied to all of it, and the motor turned at the last reading, as far as is known.
     #[must_use]
     pub fn may_be_turning(&self) -> bool {
         self.attempt.as_ref().is_some_and(StopAttempt::may_be_turning)
     }
 
-    /// Whether the motor did not become slower, so that a quick stop was sent.
+    /// Returns whether the motor did not become slower, so that a quick stop was sent.
     #[must_use]
     pub fn sent_quick_stop(&self) -> bool {
         self.escalated
     }
 
-    /// How often the stop was sent.
+    /// Number of times the stop was sent.
     #[must_use]
     pub fn attempts(&self) -> u32 {
         self.attempts
@@ -380,7 +382,7 @@ impl StopSupervisor {
                         self.end(Ok(Standstill::Observed));
                         return None;
                     }
-                    // The stop of a drive that did not say what it is may not be a stop to it.
+                    // The stop of an unidentified drive may have another meaning to it.
                     StopProgress::Unobservable if !is_identified => {
                         return self.supervise_unidentified(now);
                     }
@@ -445,7 +447,7 @@ impl StopSupervisor {
         };
         let pause_max = if shares_wire { SHARED_PAUSE_MAX } else { OWN_PAUSE_MAX };
         let woke = airtime.woke_since(ended_at);
-        // The second is sent soon, whoever else is not answered: one reply may just have been lost.
+        // The second is sent soon, also while others are not answered: a single reply may just have been lost.
         let is_free = !shares_wire || self.attempts == 1 || airtime.is_free(now);
         let is_due = replied || woke || is_free && now >= ended_at + self.silent_pause;
         // A local link opens a lost adapter again when something is sent.
@@ -459,7 +461,7 @@ impl StopSupervisor {
         None
     }
 
-    /// Whether the drive refused it for another reason than that it does not have what is written.
+    /// Returns whether the drive refused it for another reason than that it does not have what is written.
     fn is_refused_for_now(&self, error: &Error) -> bool {
         let Some(Failure::Refused { code }) = failure_of(error) else { return false };
         let index = self.axis.index;
@@ -501,7 +503,7 @@ impl StopSupervisor {
             let after = now.since(self.brakes_since);
             self.end(match attempt.trouble() {
                 Some(error) => Err(error.clone()),
-                // Drives of a group rarely tell the same.
+                // Drives of a group rarely report the same.
                 None if is_group && !may_be_turning => Ok(self.axis.unobserved()),
                 None => Err(self.axis.not_at_rest_error(after)),
             });
@@ -536,7 +538,7 @@ impl StopSupervisor {
         true
     }
 
-    /// Whether the axis told something just now, after a silence.
+    /// Returns whether the axis sent a value just now, after a silence.
     fn replied_after_silence(&mut self) -> bool {
         let state = self.axis.state();
         let signals = self.axis.profile.signals.iter();
@@ -675,17 +677,17 @@ fn failure_of(error: &Error) -> Option<Failure> {
     outcome.failure()
 }
 
-/// Whether a later stop or motion replaced it. The stop is still pending then.
+/// Returns whether a later stop or motion replaced it. The stop is still pending then.
 fn is_superseded(error: &Error) -> bool {
     failure_of(error) == Some(Failure::Cancelled)
 }
 
-/// Whether a repeated stop may still arrive. A drive that refused it has received it.
+/// Returns whether a repeated stop may still arrive. A drive that refused it has received it.
 fn may_be_lost(error: &Error) -> bool {
     matches!(failure_of(error), Some(Failure::Silent | Failure::Misbehaved | Failure::LinkDown))
 }
 
-/// Whether the drive has no stop, so that a repetition is of no use.
+/// Returns whether the drive has no stop, so that a repetition is of no use.
 fn is_impossible(error: &Error) -> bool {
     matches!(error, Error::Unsupported { why, .. } if *why != Unsupported::Busy)
 }

@@ -12,14 +12,13 @@ use std::time::Duration;
 
 /// Points handed over at a time.
 const CHUNK_POINTS: usize = 64;
-/// How often more are handed over; the lane holds hundreds.
+/// Interval of handing over further points; the lane holds hundreds.
 const FEED_INTERVAL: Duration = Duration::from_millis(20);
 
-/// A path whose first point asks for more than so many times the greatest speed of all that follows
-/// begins somewhere else.
+/// Factor of the path's greatest speed. A first point that needs more belongs to another start.
 const FIRST_SPEED_MAX: f64 = 10.0;
 
-/// How long an axis may take to arrive at its last set-point.
+/// Time limit of an axis to arrive at its last set-point.
 pub(super) const SETTLING_MAX: Duration = Duration::from_secs(5);
 
 impl LocalAxis {
@@ -42,9 +41,9 @@ impl LocalAxis {
         self.check_start_position(first.position, FIRST_SPEED_MAX * fastest * first.time)
     }
 
-    /// Moves along points, from where the axis stands, and waits until the last one is reached. The
-    /// axis must be armed and enabled. Positions are in rad or m, and the last point should be one at
-    /// rest. Where a file limits the axis, the whole path is looked at before it begins.
+    /// Moves along points, from the present position, and waits until the last one is reached. The axis must be armed
+    /// and enabled. Positions are in rad or m, and the last point should be one at rest. Where a file limits the axis,
+    /// the whole path is looked at before it begins.
     ///
     /// ```
     /// use polepair_core::stream::{PathKind, Point};
@@ -94,7 +93,7 @@ impl LocalAxis {
             };
             let ended = if fed { running.finish().map(Some) } else { running.wait(FEED_INTERVAL) };
             if let Some(count) = ended.map_err(|error| self.reason_of_end(WHAT, error))? {
-                // A buffer that is empty says nothing of the motor.
+                // An empty buffer is no evidence on the motor.
                 self.wait(SETTLING_MAX)?;
                 return Ok(count);
             }

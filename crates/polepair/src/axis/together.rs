@@ -70,7 +70,7 @@ fn prepare_commands(moves: &[(LocalAxis, Command)]) -> Result<Vec<(&LocalAxis, C
     prepared.collect()
 }
 
-/// Whether the profile has steps for a verb.
+/// Checks that the profile has steps for a verb.
 pub(super) fn require_plan(axis: &LocalAxis, verb: Verb) -> Result<(), Error> {
     match axis.profile.plan(verb) {
         Some(_) => Ok(()),

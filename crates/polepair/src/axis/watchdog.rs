@@ -8,7 +8,7 @@ use polepair_core::profile::{Access, ParameterId, Persistence, Signal, Watchdog}
 use std::fmt;
 use std::time::Duration;
 
-/// What 6007h is to be where it is nothing: quick stop (CiA 402-2).
+/// New value of 6007h if it is 0 (nothing): quick stop (CiA 402-2).
 const QUICK_STOP: i64 = 3;
 /// Bits of a time in 1016h (CiA 301), behind which its node-ID lies.
 const TIME_BITS: u32 = 16;
@@ -21,18 +21,18 @@ const HEARTBEAT_PERIODS: u32 = 3;
 pub enum WatchdogState {
     /// The drive has none: it continues its last command.
     None,
-    /// It has one that is off.
+    /// The drive has a watchdog that is off.
     Off,
-    /// It stops after so long without a word of its host.
+    /// The drive stops after this time without a message of its host.
     On(Duration),
-    /// It watches a heartbeat that is not this host's.
+    /// The drive watches a heartbeat that is not this host's.
     OtherNode {
-        /// Whose.
+        /// Node-ID of the heartbeat.
         node: u8,
     },
-    /// It notices so long a silence, and does nothing then.
+    /// The drive notices a silence of this length, and does nothing then.
     NoReaction(Duration),
-    /// It can be set, and the drive does not tell how it is set.
+    /// The watchdog can be set, and the drive does not report its setting.
     Unknown,
 }
 
@@ -72,7 +72,7 @@ impl fmt::Display for WatchdogState {
     }
 }
 
-/// A time as people say it.
+/// A time for people.
 fn format_time(time: Duration) -> String {
     match time.as_millis() {
         ms if ms % 1000 == 0 => format!("{} s", ms / 1000),
@@ -92,7 +92,7 @@ impl LocalAxis {
         }
     }
 
-    /// What the drive does when its host falls silent, as its profile has it. Nothing is asked.
+    /// Reaction of the drive when its host falls silent, by its profile. Nothing is sent.
     #[must_use]
     pub fn watchdog_rule(&self) -> String {
         let name = |id| self.parameter(id).map_or("?", |parameter| parameter.name);
@@ -132,7 +132,7 @@ impl LocalAxis {
         }
     }
 
-    /// Whether the drive watches heartbeats and this connection sends none.
+    /// Returns whether the drive watches heartbeats and this connection sends none.
     pub(crate) fn needs_heartbeat(&self) -> bool {
         matches!(self.profile.watchdog, Watchdog::Heartbeat { .. }) && self.heartbeat.is_none()
     }
@@ -143,8 +143,8 @@ impl LocalAxis {
         self.heartbeat
     }
 
-    /// What to know before [`set_watchdog`](Self::set_watchdog) sets it, or switches it `off`: that the
-    /// drive keeps it over power-off by itself, that the host has to send a heartbeat. Nothing is asked.
+    /// Caution before [`set_watchdog`](Self::set_watchdog) sets it, or switches it `off`: that the drive keeps it over
+    /// power-off by itself, that the host has to send a heartbeat. Nothing is sent.
     #[must_use]
     pub fn watchdog_caution(&self, off: bool) -> Option<String> {
         if let Watchdog::Heartbeat { .. } = self.profile.watchdog {
@@ -302,8 +302,8 @@ impl LocalAxis {
         Ok(Some([found, now]))
     }
 
-    /// Whether the drive has a signal: its profile has a source for it, and the drive does not lack it. It
-    /// is read if this is unknown.
+    /// Returns whether the drive has a signal: its profile has a source for it, and the drive does not lack it. It is
+    /// read if this is unknown.
     ///
     /// # Errors
     /// [`Error`] by source.
@@ -316,8 +316,8 @@ impl LocalAxis {
         self.read_optional(source.parameter).map(|raw| raw.is_some())
     }
 
-    /// Its watchdog's setting, as parameters and raw values, to be written back later; `None` where the
-    /// drive does not tell it.
+    /// Setting of its watchdog, as parameters and raw values, to be written back later; `None` if the drive does not
+    /// report it.
     ///
     /// # Errors
     /// [`Error`] by blame.
@@ -359,8 +359,8 @@ impl LocalAxis {
         }
     }
 
-    /// Whether the drive refused a parameter as missing. Only parameters that the profile calls optional
-    /// can be missing; it is not read again.
+    /// Returns whether the drive refused a parameter as missing. Only parameters that the profile calls optional can be
+    /// missing; it is not read again.
     #[must_use]
     pub fn lacks(&self, id: ParameterId) -> bool {
         self.connection.with_axes(|axes, _| axes.lacks_parameter(self.index, id))

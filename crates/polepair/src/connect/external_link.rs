@@ -6,9 +6,8 @@ use crate::url::{self, LinkTarget, Url};
 use crate::wire::AnyLink;
 
 impl Connector {
-    /// Finds out what is on a link that the caller opened: any adapter becomes one that polepair can
-    /// use. `protocol`, `axes` and `query` (`profile=tmcm-171&timeout=50`) are what a connection
-    /// string says.
+    /// Identifies the drives on a link that the caller opened: any adapter becomes one that polepair can use.
+    /// `protocol`, `axes` and `query` (`profile=tmcm-171&timeout=50`) are parts of a connection string.
     ///
     /// ```
     /// let connector = polepair::Connector::default();

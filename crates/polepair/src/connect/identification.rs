@@ -20,8 +20,7 @@ impl Connector {
         let (mut lines, simulation) = self.open_lines(&url)?;
         match self.assemble_link(url.clone(), &lines, simulation.clone(), true) {
             Ok(link) => return Ok((link, Vec::new())),
-            // Of several, the others are looked for: on the same link, for a serial server may let
-            // nobody in a second time.
+            // Several addresses are searched on the same link, for a serial server may accept only one connection.
             Err(Error::Failed { .. }) if url.axes.len() != 1 => {}
             Err(error) => return Err(error),
         }
@@ -86,7 +85,7 @@ impl Connector {
         Ok(found)
     }
 
-    /// What one axis of a line is, by its place.
+    /// Identifies one axis of a line, by its index.
     fn identify_axis(
         &self,
         line: &ProtocolLine,

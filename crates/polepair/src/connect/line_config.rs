@@ -17,7 +17,7 @@ use polepair_link::{BorrowedLink, Connection};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a look waits until nothing else is under way on a link.
+/// Time limit of a scan's wait until no other request is active on a link.
 const IDLE_WAIT_MAX: Duration = Duration::from_secs(6);
 
 /// One protocol on a wire, without the wire.
@@ -66,7 +66,7 @@ impl AnyBorrowedLink {
 }
 
 impl ProtocolLine {
-    /// What is remembered of it.
+    /// Configuration of the line, for reopening.
     pub(super) fn to_config(&self) -> LineConfig {
         let Self { wire, protocol, options, rack_entries, .. } = self;
         let (info, all) = (protocol.clone(), Arc::clone(rack_entries));
@@ -75,12 +75,12 @@ impl ProtocolLine {
 }
 
 impl LineConfig {
-    /// The same, where its wire is the only one that matters.
+    /// The error reduced to a single wire, if only one matters.
     pub(crate) fn with_single_wire(self) -> Self {
         Self { wire: 0, ..self }
     }
 
-    /// The same on a link.
+    /// Builds the line on a link.
     pub(crate) fn on_link(&self, link: SharedLink) -> ProtocolLine {
         let Self { wire, protocol, options, rack_entries } = self.clone();
         let (numbers, seats) = (Vec::new(), Vec::new());
@@ -135,7 +135,7 @@ impl LocalLink {
         self.line_configs.iter().position(|(connection, _)| connection.as_ref().is_some_and(its))
     }
 
-    /// What is spoken on a wire.
+    /// Protocols on a wire.
     pub(crate) fn line_configs_on(&self, wire: usize) -> Result<&Arc<[LineConfig]>, Error> {
         self.line_configs.get(wire).map(|(_, stored)| stored).ok_or_else(|| {
             let what = format!("this link has no wire {wire}");
@@ -143,9 +143,9 @@ impl LocalLink {
         })
     }
 
-    /// The same link with drives that a [`DriveScanner`](crate::scan::DriveScanner) found on a wire, after
-    /// its existing axes. Nothing is sent. Running requests continue, and both links have the same axes.
-    /// The rack's entry of an address (name, mounting, limits) is applied.
+    /// The link with further drives that a [`DriveScanner`](crate::scan::DriveScanner) found on a wire, after its
+    /// existing axes. Nothing is sent. Running requests continue, and both links have the same axes. The rack's entry
+    /// of an address (name, mounting, limits) is applied.
     ///
     /// # Errors
     /// [`Error::Usage`] `E212` for a missing wire, for an address that is already an axis or is invalid;

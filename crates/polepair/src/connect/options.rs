@@ -10,7 +10,7 @@ use std::hash::{BuildHasher, RandomState};
 
 /// Replies to an earlier program may be pending; each session draws its own probes.
 const IN_DOUBT: Option<u32> = Some(0);
-/// What a serial server and the network may take for each step of bringing a line back into step, ms.
+/// Time that a serial server and the network may take for each step of a resynchronisation, ms.
 const TCP_PAUSE_MS: u32 = 100;
 
 /// The host's settings that every kind of link has.
@@ -21,7 +21,7 @@ pub(super) fn host_options(
 ) -> Result<HostOptions, Error> {
     let is_virtual = url.key("time") == Some("virtual");
     let mut options = HostOptions {
-        // Nothing on a pty or TCP tells frames apart by silence.
+        // On a pty or TCP, silence does not separate frames.
         gap_us: (baud == 0).then_some(0),
         untimed: !has_timing(url)?,
         echo: url.flag("echo")?,
@@ -106,8 +106,8 @@ pub(super) fn serial_line(
     Ok(line)
 }
 
-/// Whether bytes take the time of the baud rate. `timing=off` and drivers of USB CDC switch this off; the
-/// baud rate is set in any case.
+/// Returns whether bytes take the time of the baud rate. `timing=off` and drivers of USB CDC switch this off; the baud
+/// rate is set in any case.
 fn has_timing(url: &Url) -> Result<bool, Error> {
     match (url.key("timing"), &url.target) {
         (None, LinkTarget::Serial { path, .. }) => Ok(!polepair_link::has_no_baud_rate(path)),

@@ -11,13 +11,13 @@ use crate::url::{AxisNumber, LinkTarget, Url};
 use polepair_core::medium::MediumKind;
 use std::path::Path;
 
-/// What is opened by itself: one wire, or one simulation with all of its wires.
+/// A part of a link that is opened by itself: one wire, or one simulation with all of its wires.
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub struct LinkPart {
     /// The connection string that opens it alone.
     pub url: String,
-    /// What its wire carries; `None` where it is simulated.
+    /// Medium of the wire; `None` for a simulation.
     pub medium: Option<MediumKind>,
 }
 
@@ -59,7 +59,7 @@ impl Connector {
         }
     }
 
-    /// What is spoken there, where the string is right as far as that is known before the link is opened.
+    /// Protocol of the string, if it is valid as far as that can be checked before the link is opened.
     fn check_url(&self, url: &Url) -> Result<ProtocolInfo, Error> {
         let protocol = url.protocol_info()?;
         url.axes.iter().try_for_each(|axis| protocol.check_address(*axis))?;

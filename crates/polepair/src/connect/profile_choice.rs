@@ -27,8 +27,7 @@ impl Connector {
         self.config.broken.iter().chain(more.iter()).cloned().collect()
     }
 
-    /// What is odd about the data sheets (EDS, DCF) that were read, and which of their entries are left
-    /// out.
+    /// Peculiarities of the data sheets (EDS, DCF) that were read, and entries of them that are left out.
     #[must_use]
     pub fn sheet_warnings(&self) -> Vec<FileError> {
         self.sheet_warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -93,7 +93,7 @@ impl Connector {
         options: &dyn Fn(&ProtocolInfo, u32) -> Result<HostOptions, Error>,
     ) -> Result<Vec<ProtocolLine>, Error> {
         let mut protocols = description.protocols_on(n);
-        // Who has no groups is not meant by one, unless nobody has.
+        // A protocol without groups is skipped, unless none has groups.
         if url.axes.iter().any(|axis| AxisNumber(*axis).is_group())
             && protocols.iter().any(|protocol| protocol.groups > 0)
         {
@@ -107,7 +107,7 @@ impl Connector {
     }
 }
 
-/// A link of a rack does not say where it is, though others do.
+/// Error of a link of a rack without a place, while others have one.
 pub(super) fn missing_connect_error(description: &RackDescription, n: usize) -> Error {
     let name = &description.rack.links[n].name;
     let reason = format!(

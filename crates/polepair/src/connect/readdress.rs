@@ -6,8 +6,8 @@ use crate::url::Url;
 use polepair_core::profile::{AddressRole, ParameterId};
 
 impl LocalAxis {
-    /// What a write of a parameter changes at once of how the drive is reached, if it does. This axis
-    /// then speaks to nobody: [`Url::readdressed`] is where the drive is.
+    /// Change of the drive's address by a write of a parameter, if it has one. This axis then reaches no drive:
+    /// [`Url::readdressed`] has the new address.
     ///
     /// ```
     /// use polepair_core::profile::AddressRole;
@@ -20,7 +20,7 @@ impl LocalAxis {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Unsupported`] `E222` for an address at which nobody could talk with it any more.
+    /// [`Error::Unsupported`] `E222` for an address at which the drive could not be reached any more.
     pub fn readdress_effect(
         &self,
         id: ParameterId,

@@ -6,11 +6,11 @@ use crate::tap::{AnyTap, SharedTap};
 use crate::wire::{AnyLink, SharedLink};
 use std::sync::Arc;
 
-/// What makes the tap of a wire, by its number.
+/// Factory of the tap of a wire, by its number.
 #[derive(Clone)]
 pub(super) struct TapFactory(Arc<dyn Fn(usize) -> SharedTap + Send + Sync>);
 
-/// What becomes of a link that was opened, by the number of its wire.
+/// Wrapper of an opened link, by the number of its wire.
 #[derive(Clone)]
 pub(super) struct LinkWrapper(Arc<WrapLinkFn>);
 

@@ -12,7 +12,7 @@ use polepair_core::station::LineEvent;
 use polepair_link::{LinkIo as _, Received};
 use polepair_sim::can_bus::bits;
 
-/// How long a bus is listened to.
+/// Time of listening to a bus.
 const LISTEN_MS: u32 = 500;
 /// Speakers that are named at most.
 const SENDERS_SHOWN_MAX: usize = 12;
@@ -108,7 +108,7 @@ fn record_frames(link: &CountedLink<Can>) -> Result<BusSample, Error> {
     Ok(bus_sample)
 }
 
-/// Who sent, by the first protocol that knows: that of the string goes first.
+/// Senders of the frames, by the first protocol that knows them: that of the string goes first.
 fn count_senders(line: &ProtocolLine, frames: &[Frame]) -> Vec<(String, usize)> {
     let on_can = registry::protocols().into_iter().filter(|p| p.medium == MediumKind::Can);
     let mut names: Vec<&str> = on_can.map(|protocol| protocol.name).collect();

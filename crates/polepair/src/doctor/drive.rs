@@ -12,17 +12,17 @@ use polepair_core::profile::{ParameterId, Signal};
 const VOLTS_MIN: f64 = 5.0;
 /// Power stages switch off at 80 to 130 °C [inferred].
 const TEMPERATURE_MAX: f64 = 75.0;
-/// What no sensor reads that is plugged.
+/// Temperature below every plugged sensor, °C.
 const TEMPERATURE_MIN: f64 = -30.0;
 
-/// Looks at one thing; nothing to say where the drive does not tell it.
+/// One check of a drive; no result if the drive does not report the value.
 type DriveCheck = fn(&LocalAxis, &str) -> Result<Option<CheckResult>, Error>;
 
 /// Text for a function that a drive lacks.
 pub const ABSENT_TEXT: &str = "this firmware has none";
 
-/// Whether a drive that refused a read said by it that it has no such thing. Profiles tell what drives
-/// of a kind have; their firmwares differ.
+/// Returns whether a drive's refusal of a read means that it lacks the object. Profiles describe a kind of drive;
+/// firmwares differ.
 ///
 /// ```
 /// let link = polepair::connect_local("sim:cia402:5?time=virtual")?;
@@ -72,11 +72,11 @@ pub(super) fn check_drive(axis: &LocalAxis, on_event: &mut dyn FnMut(CheckResult
     on_event(check_watchdog(axis));
 }
 
-/// Whether a drive has a signal.
+/// True if a drive has a signal.
 enum Availability<T> {
-    /// Its profile knows of none.
+    /// The profile has no source for it.
     NoSource,
-    /// Its maker left it out, which the standard lets him.
+    /// The maker left it out, which the standard permits.
     Absent(&'static str),
     Present(T),
 }

@@ -17,7 +17,7 @@ use polepair_link::{LinkIo as _, Received};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// How long a line is listened to at each baud rate.
+/// Time of listening to a line at each baud rate.
 const LISTEN_MS: u32 = 300;
 
 /// Listens without sending, and reports silence or noise.
@@ -92,7 +92,7 @@ fn find_better_rate(
     })
 }
 
-/// What arrives within a while, and how many breaks.
+/// Bytes received within a while, and the number of breaks.
 fn receive_bytes(link: &CountedLink<Stream>) -> Result<(Vec<u8>, usize), Error> {
     let until = link.now().plus_ms(LISTEN_MS);
     let (mut bytes, mut breaks, mut buffer) = (Vec::new(), 0, [0; 256]);
@@ -149,7 +149,7 @@ fn answers_in_text(dissector: &dyn Dissector, line: &[u8]) -> bool {
     (0..line.len()).any(|at| dissector.is_text_answer(&line[at..]))
 }
 
-/// How many of the bytes are in frames whose check agrees.
+/// Number of bytes in frames whose check agrees.
 fn count_framed_bytes(dissector: &dyn Dissector, mut bytes: &[u8]) -> usize {
     let mut good = 0;
     while !bytes.is_empty() {
@@ -186,14 +186,14 @@ impl EchoDetector {
         echo
     }
 
-    /// Whether own bytes come back; `None` where nothing came at all.
+    /// Returns whether own bytes come back; `None` if nothing was received.
     fn echo_seen(&self) -> Option<bool> {
         let stored = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (sent, received) = &*stored;
         (!received.is_empty()).then(|| !sent.is_empty() && received.starts_with(sent))
     }
 
-    /// Whether the host counts on another kind of adapter than this one.
+    /// Returns whether the host counts on another kind of adapter than this one.
     pub(super) fn differs_from_options(&self, line: &ProtocolLine) -> bool {
         self.echo_seen().is_some_and(|echo| echo != line.options.echo)
     }
@@ -245,7 +245,7 @@ pub(super) fn check_other_rates(
     for &rate in BAUD_RATES.iter().filter(|rate| Some(**rate) != *baud) {
         let mut other = url.clone();
         other.target = LinkTarget::Serial { path: path.clone(), baud: Some(rate) };
-        // An adapter that cannot do a rate says so here.
+        // An adapter that cannot do a rate refuses here.
         let Ok((lines, _)) = connector.open_lines(&other) else { continue };
         for line in &lines {
             let number =
@@ -259,7 +259,7 @@ pub(super) fn check_other_rates(
         }
         tried.push(rate);
     }
-    // Perhaps it is another drive than the connection string says.
+    // The drive may be another one than in the connection string.
     let report = search(connector, std::slice::from_ref(path), &mut |_| ControlFlow::Continue(()))?;
     if let Some(link) = report.links.first() {
         let number = link.drives.first().map_or(0, |drive| drive.number);

@@ -11,13 +11,13 @@ use polepair_link::clock;
 use std::fmt;
 use std::time::Duration;
 
-/// How long the motor may take until it is seen to turn.
+/// Time limit until the motor is seen to turn.
 const SPIN_UP_MAX: Duration = Duration::from_secs(3);
-/// How long it may take to brake from so slow a speed.
+/// Time limit of braking from such a slow speed.
 const BRAKING_MAX: Duration = Duration::from_secs(2);
-/// How long a host's heartbeat goes on after the program's last question.
+/// Time for which a host's heartbeat continues after the program's last request.
 const HEARTBEAT_LEASE: Duration = Duration::from_secs(1);
-/// How long it is spoken to before that ends: longer than a heartbeat's usual period.
+/// Time of requests before that ends: longer than a heartbeat's usual period.
 const HOST_ALIVE_TIME: Duration = Duration::from_millis(500);
 /// Between two looks whether it turns.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -33,12 +33,12 @@ pub const fn proving_speed(kind: AxisKind) -> &'static str {
     }
 }
 
-/// Who has a watchdog proven. A closure that takes checks is one that never ends it.
+/// Observer of a proof. A closure that takes checks is one that never ends it.
 pub trait ProofObserver {
     /// Takes what was found, as soon as it is.
     fn report_check(&mut self, check: CheckResult);
 
-    /// Whether it is to end now: the motor is then stopped at once. It is asked all the time.
+    /// Returns whether it is to end now: the motor is then stopped at once. It is asked all the time.
     fn is_cancelled(&self) -> bool {
         false
     }
@@ -60,11 +60,11 @@ impl<F: FnMut(CheckResult)> ProofObserver for F {
 /// Why nothing was proven.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ProofError {
-    /// What went wrong; [`Error::Interrupted`] where the observer ended it.
+    /// Error of the proof; [`Error::Interrupted`] if the observer ended it.
     pub error: Box<Error>,
     /// The motor was started.
     pub moved: bool,
-    /// It was not seen to stand since.
+    /// True if standstill was not measured since.
     pub may_turn: bool,
 }
 
@@ -99,7 +99,7 @@ pub fn prove_watchdog(
     if let Watchdog::None | Watchdog::Fixed { .. } = axis.profile().watchdog {
         return Ok(axis.set_watchdog(Some(after)).map(drop)?);
     }
-    // Its firmware may have none, whatever its profile says.
+    // The firmware may have none, although its profile does.
     if read_watchdog(axis)? == WatchdogState::None {
         return run_proof(axis, WatchdogState::None, witness);
     }
@@ -158,9 +158,9 @@ fn restore_watchdog(axis: &LocalAxis, before: Option<Vec<(ParameterId, i64)>>) -
     }
 }
 
-/// What was seen of a motor whose host fell silent.
+/// Observation of a motor whose host fell silent.
 enum MotorObservation {
-    /// It had not turned before.
+    /// The motor had not turned before.
     NeverTurned,
     StandingStill,
     StillTurning,
@@ -214,7 +214,7 @@ fn run_proof(
     };
     let seen = match (seen, &released.result) {
         (Ok(seen), _) => seen,
-        // Whoever ended it is told that the motor was not stopped.
+        // The observer that ended it learns that the motor was not stopped.
         (Err(Error::Interrupted { .. }), Err(stop)) => return unproven(stop.clone()),
         (Err(error), _) => return unproven(error),
     };
@@ -277,7 +277,7 @@ fn sleep_unless_cancelled(
     }
 }
 
-/// Whether it is seen to turn, by asking.
+/// Reads whether it turns.
 fn poll_turning(axis: &LocalAxis) -> Result<bool, Error> {
     axis.signals(&[Signal::Velocity])?;
     Ok(axis.is_turning() == Some(true))
@@ -294,7 +294,7 @@ struct ArmedMotor<'a> {
 /// How a motor was stopped and switched off.
 struct ReleaseResult {
     result: Result<(), Error>,
-    /// It was seen to stand.
+    /// True if standstill was measured.
     at_standstill: bool,
 }
 

@@ -40,7 +40,7 @@ pub(crate) fn load_sheet(path: &Path) -> Result<(Arc<DataSheet>, Eds), Error> {
     Ok((sheet, eds))
 }
 
-/// The same sheet again for the same entries.
+/// Cached sheet of the same entries.
 fn cached_sheet(listed: Vec<DataSheetEntry>, has_lss: bool) -> Result<Arc<DataSheet>, String> {
     type CachedSheet = (Vec<DataSheetEntry>, bool, Arc<DataSheet>);
     static SHEET_CACHE: Mutex<Vec<CachedSheet>> = Mutex::new(Vec::new());
@@ -60,7 +60,7 @@ fn cached_sheet(listed: Vec<DataSheetEntry>, has_lss: bool) -> Result<Arc<DataSh
     Ok(sheet)
 }
 
-/// Whether the device has LSS; true unless the sheet denies it.
+/// Returns whether the device has LSS; true unless the sheet denies it.
 fn has_lss(eds: &Eds) -> bool {
     eds.device_info("LSS_Supported").is_none_or(|word| word != "0")
 }
@@ -119,7 +119,7 @@ fn entry_name(object: &EdsObject, entry: &EdsEntry) -> String {
 fn entry_limits(entry: &EdsEntry) -> (i64, i64) {
     let whole = |literal: &Option<Literal>| literal.as_ref().and_then(|it| it.integer(0));
     match (whole(&entry.low), whole(&entry.high)) {
-        // Limits that leave nothing are none: files have 0 and 0 where nobody filled them in.
+        // Limits that leave no value are none: files have 0 and 0 in unused fields.
         (Some(low), Some(high)) if low >= high => (i64::MIN, i64::MAX),
         (low, high) => (low.unwrap_or(i64::MIN), high.unwrap_or(i64::MAX)),
     }

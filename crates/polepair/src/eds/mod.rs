@@ -56,7 +56,7 @@ pub struct Eds {
     pub objects: Vec<EdsObject>,
     /// Sections that describe no object, as they stand.
     pub others: Vec<(String, Vec<(String, String)>)>,
-    /// What was taken although the standard has it otherwise.
+    /// Accepted deviations from the standard.
     pub warnings: Vec<FileError>,
 }
 
@@ -65,14 +65,14 @@ pub struct Eds {
 pub struct EdsObject {
     /// Index, 0x0001 to 0xFFFF.
     pub index: u16,
-    /// Its name.
+    /// Name of the object.
     pub name: String,
-    /// What it is.
+    /// Type of the object.
     pub kind: ObjectType,
     /// `ObjFlags`: bit 0 refuses to be written by a download of the whole file, bit 1 refuses to be
     /// read by a scan.
     pub flags: u32,
-    /// Its entries by sub-index; a variable or domain has sub-index 0 alone.
+    /// Entries by sub-index; a variable or domain has sub-index 0 alone.
     pub entries: Vec<EdsEntry>,
     /// Other keys of its section.
     pub others: Vec<(String, String)>,
@@ -83,13 +83,13 @@ pub struct EdsObject {
 pub struct EdsEntry {
     /// Sub-index.
     pub sub: u8,
-    /// Its name; the object's for a variable.
+    /// Name of the entry; the object's for a variable.
     pub name: String,
     /// How its value lies on the wire.
     pub data_type: DataType,
-    /// What SDO and PDO may do with it.
+    /// Access by SDO and PDO.
     pub access: ObjectAccess,
-    /// Whether a PDO may carry it.
+    /// True if a PDO may carry it.
     pub mappable: bool,
     /// Least value.
     pub low: Option<Literal>,
@@ -113,7 +113,7 @@ impl EdsEntry {
         }
     }
 
-    /// Whether its value is one node's although the factory's adds the node-ID: of node `configured`, or of one
+    /// Returns whether its value is one node's although the factory's adds the node-ID: of node `configured`, or of one
     /// that the file does not name. Another node would have the identifiers of that one.
     fn pins_node(&self, configured: Option<u8>) -> bool {
         let (
@@ -213,8 +213,8 @@ fn utf16_text(bytes: &[u8]) -> Option<String> {
     Some(String::from_utf16_lossy(&units))
 }
 
-/// What is odd about a data sheet, and which of its entries become no parameters: nothing for a file
-/// that is none, or that cannot be read.
+/// Peculiarities of a data sheet, and its entries that become no parameters: nothing for a file that is none, or that
+/// cannot be read.
 pub(crate) fn sheet_warnings(path: &Path) -> Vec<FileError> {
     let Some(eds) = is_eds_file(path).then(|| load(path).ok()).flatten() else {
         return Vec::new();
@@ -226,7 +226,7 @@ pub(crate) fn sheet_warnings(path: &Path) -> Vec<FileError> {
 /// The largest file, bytes.
 const FILE_MAX: u64 = 16 << 20;
 
-/// Whether a file is an EDS or DCF, by its name.
+/// Returns whether a file is an EDS or DCF, by its name.
 #[must_use]
 pub fn is_eds_file(path: &Path) -> bool {
     let extension = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);

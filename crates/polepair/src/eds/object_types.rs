@@ -1,6 +1,6 @@
 //! Types of the object dictionary: object type, data type, access.
 
-/// What an object is (CiA 301, table 42).
+/// Type of an object (CiA 301, table 42).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ObjectType {
     /// No data.
@@ -36,13 +36,13 @@ impl ObjectType {
         Self::ALL.iter().find(|(known, _)| *known == code).map(|(_, kind)| *kind)
     }
 
-    /// Its code.
+    /// Code of the type.
     #[must_use]
     pub fn code(self) -> u32 {
         Self::ALL.iter().find(|(_, kind)| *kind == self).map_or(0, |(code, _)| *code)
     }
 
-    /// Whether it has sub-indices.
+    /// Returns whether it has sub-indices.
     #[must_use]
     pub const fn has_subs(self) -> bool {
         matches!(self, Self::Array | Self::Record | Self::DefStruct)
@@ -91,7 +91,7 @@ impl DataType {
     pub const BYTES: Self = Self(0x0A);
     /// Text of 16-bit characters.
     pub const UNICODE: Self = Self(0x0B);
-    /// What a domain holds.
+    /// Content of a domain.
     pub const DOMAIN: Self = Self(0x0F);
     /// IEEE 754, 64 bits.
     pub const F64: Self = Self(0x11);
@@ -100,25 +100,25 @@ impl DataType {
         TYPES.iter().find(|(code, ..)| *code == self.0)
     }
 
-    /// Its name; `None` for types that the file defines itself.
+    /// Name of the type; `None` for types that the file defines itself.
     #[must_use]
     pub fn name(self) -> Option<&'static str> {
         self.table_row().map(|(_, name, ..)| *name)
     }
 
-    /// Its length on the wire; `None` where the value has any length, or nothing is known.
+    /// Length on the wire, bits; `None` for any length, or an unknown one.
     #[must_use]
     pub fn bits(self) -> Option<u8> {
         self.table_row().map(|(_, _, bits, _)| *bits).filter(|bits| *bits > 0)
     }
 
-    /// Whether it is a whole number.
+    /// Returns whether it is a whole number.
     #[must_use]
     pub const fn is_integer(self) -> bool {
         matches!(self.0, 0x01..=0x07 | 0x10 | 0x12..=0x16 | 0x18..=0x1B)
     }
 
-    /// Whether it has a sign.
+    /// Returns whether it has a sign.
     #[must_use]
     pub fn is_signed(self) -> bool {
         self.table_row().is_some_and(|(.., signed)| *signed)
@@ -137,7 +137,7 @@ impl DataType {
     }
 }
 
-/// Who may touch a value (CiA 306-1, `AccessType`).
+/// Access to a value (CiA 306-1, `AccessType`).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ObjectAccess {
     /// Never changes.
@@ -171,19 +171,19 @@ impl ObjectAccess {
         Self::ALL.iter().find(same).map(|(_, access)| *access)
     }
 
-    /// Its word.
+    /// Word of the access.
     #[must_use]
     pub fn word(self) -> &'static str {
         Self::ALL.iter().find(|(_, access)| *access == self).map_or("", |(word, _)| word)
     }
 
-    /// Whether an SDO may write it.
+    /// Returns whether an SDO may write it.
     #[must_use]
     pub const fn is_writable(self) -> bool {
         !matches!(self, Self::Const | Self::Ro)
     }
 
-    /// Whether TPDOs and RPDOs may carry it, if it is mappable at all.
+    /// Returns whether TPDOs and RPDOs may carry it, if it is mappable at all.
     #[must_use]
     pub const fn pdo_directions(self) -> (bool, bool) {
         match self {
@@ -193,7 +193,7 @@ impl ObjectAccess {
         }
     }
 
-    /// Whether an SDO may read it.
+    /// Returns whether an SDO may read it.
     #[must_use]
     pub const fn is_readable(self) -> bool {
         !matches!(self, Self::Wo)

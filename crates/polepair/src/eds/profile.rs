@@ -11,7 +11,7 @@ use polepair_core::units::Unit;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// What every device's profile starts from, and what a drive's does.
+/// Base profiles of a device, and of a drive.
 const BASE_PROFILES: (&str, &str) = ("canopen", "cia402");
 /// The parameter that identifies the product.
 const PRODUCT_CODE: &str = "product code";
@@ -48,8 +48,7 @@ pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     Ok(draft)
 }
 
-/// Whether simulated drives of a profile can be what a sheet lists: those that have nothing of their
-/// own.
+/// Returns whether simulated drives of a profile can be what a sheet lists: those that have nothing of their own.
 pub(crate) fn accepts_sheet(profile: &Profile) -> bool {
     profile.name == BASE_PROFILES.0 || profile.name == BASE_PROFILES.1
 }

@@ -83,7 +83,7 @@ fn without_remark(value: &str) -> &str {
     value.split(';').next().unwrap_or(value).trim_end()
 }
 
-/// What a section is about.
+/// Kind of a section.
 enum SectionKind {
     FileInfo,
     DeviceInfo,

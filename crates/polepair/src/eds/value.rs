@@ -12,7 +12,7 @@ pub enum Literal {
         value: i64,
         /// The node-ID is added.
         plus_node: bool,
-        /// It was written in hexadecimal.
+        /// True if it was written in hexadecimal.
         hex: bool,
     },
     /// Other values, unchanged: real numbers, text, bytes.

@@ -8,8 +8,8 @@ use std::fmt;
 const MANDATORY: [u16; 3] = [0x1000, 0x1001, 0x1018];
 
 impl fmt::Display for Eds {
-    /// As a file: an EDS, or a DCF where values or a node-ID are given. Lines end as the standard
-    /// has it, with CR and LF.
+    /// Formats it as a file: an EDS, or a DCF if values or a node-ID are given. Lines end as the standard has it, with
+    /// CR and LF.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write_section(f, "FileInfo", &self.file)?;
         write_section(f, "DeviceInfo", &self.device)?;

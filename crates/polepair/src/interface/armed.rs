@@ -10,7 +10,7 @@ use crate::error::Error;
 
 /// An axis that can be armed for a scope.
 pub trait ArmableAxis: Clone {
-    /// Its methods.
+    /// The axis interface.
     fn interface(&self) -> &dyn AxisInterface;
 }
 

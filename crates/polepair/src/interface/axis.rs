@@ -33,7 +33,7 @@ impl<A: AxisInterface + 'static> From<A> for Axis {
 }
 
 impl Axis {
-    /// What is known of it without a request: product, verbs, signals.
+    /// Facts without a request: product, verbs, signals.
     #[must_use]
     pub fn facts(&self) -> &AxisFacts {
         &self.facts
@@ -52,7 +52,7 @@ impl Axis {
         self.interface.local()
     }
 
-    /// The same, or the one error that says that a gateway does not offer `what`, with what to try instead.
+    /// The local axis, or the one error for `what` that a gateway does not offer, with `hint`.
     ///
     /// # Errors
     /// [`Error::Usage`] `E257`.
@@ -73,7 +73,7 @@ impl Axis {
         self.facts.number
     }
 
-    /// Its name in a rack file; empty without one.
+    /// Name in a rack file; empty without one.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.facts.name
@@ -85,13 +85,13 @@ impl Axis {
         &self.facts.label
     }
 
-    /// Whether the drive has this verb.
+    /// Returns whether the drive has this verb.
     #[must_use]
     pub fn has_verb(&self, verb: Verb) -> bool {
         self.facts.verbs.contains(&verb)
     }
 
-    /// Whether the drive reports this signal.
+    /// Returns whether the drive reports this signal.
     #[must_use]
     pub fn has_signal(&self, signal: Signal) -> bool {
         self.facts.signals.contains(&signal)
@@ -236,7 +236,7 @@ impl Axis {
         self.interface.start_raw(text)?.finish()?.raw(text)
     }
 
-    /// Arms the axis: motion commands are let through. [`armed`](Self::armed) does it for a scope.
+    /// Arms the axis: motion commands are allowed. [`armed`](Self::armed) does it for a scope.
     ///
     /// # Errors
     /// As [`AxisInterface::arm`].
@@ -252,7 +252,7 @@ impl Axis {
         self.interface.disarm()
     }
 
-    /// Whether this program armed the axis.
+    /// Returns whether this program armed the axis.
     #[must_use]
     pub fn is_armed(&self) -> bool {
         self.interface.is_armed()

@@ -1,16 +1,16 @@
-//! What is known of an axis and of its parameters without a request.
+//! Facts on an axis and on its parameters, known without a request.
 
 use std::borrow::Cow;
 
 use polepair_core::axis::Verb;
 use polepair_core::profile::{Access, AxisKind, Parameter, Signal, same_name};
 
-/// What is known of an axis without a request.
+/// Facts on an axis, known without a request.
 #[derive(Clone, PartialEq, Debug)]
 pub struct AxisFacts {
     /// The drive's address on the wire, or a group, as in [`AxisNumber`](crate::url::AxisNumber).
     pub number: u32,
-    /// Its name in a rack file; empty without one.
+    /// Name in a rack file; empty without one.
     pub name: String,
     /// `axis 1`, or `axis 1 (x)` if it has a name.
     pub label: String,
@@ -22,30 +22,30 @@ pub struct AxisFacts {
     pub title: String,
     /// Rotary, linear or ratio.
     pub kind: AxisKind,
-    /// What to check before the first motion; empty if there is nothing.
+    /// Checks before the first motion; may be empty.
     pub caution: String,
-    /// What the drive does when its host falls silent, in a sentence.
+    /// Reaction of the drive when its host falls silent, in a sentence.
     pub watchdog_rule: String,
     /// The kind of its watchdog.
     pub watchdog: WatchdogKind,
     /// The drive is simulated.
     pub is_simulated: bool,
-    /// Its verbs.
+    /// Verbs of the axis.
     pub verbs: Vec<Verb>,
     /// The signals that it reports.
     pub signals: Vec<Signal>,
 }
 
-/// What a drive has against a silent host.
+/// Protection of a drive against a silent host.
 #[derive(Clone, PartialEq, Debug)]
 pub enum WatchdogKind {
     /// Nothing.
     None,
-    /// It stops after this time, in seconds.
+    /// The drive stops after this time, in seconds.
     Fixed(f64),
     /// A parameter has the time.
     Configurable(String),
-    /// It watches a heartbeat; the parameter states whose. `None` if this link sends none.
+    /// The drive watches a heartbeat; the parameter states its sender. `None` if this link sends none.
     Heartbeat(Option<String>),
 }
 
@@ -54,11 +54,11 @@ pub enum WatchdogKind {
 pub struct ParameterDescription {
     /// The name that users type.
     pub name: Cow<'static, str>,
-    /// What the manual calls it.
+    /// Designation in the manual.
     pub symbol: Cow<'static, str>,
-    /// What it does.
+    /// Description of the parameter.
     pub about: Cow<'static, str>,
-    /// Its unit; empty for none.
+    /// Unit; empty for none.
     pub unit: Cow<'static, str>,
     /// `number`, `text` or `bytes`.
     pub kind: Cow<'static, str>,
@@ -66,11 +66,11 @@ pub struct ParameterDescription {
     pub raw_range: (i64, i64),
     /// Raw value from the factory.
     pub raw_default: Option<i64>,
-    /// It can be read.
+    /// True if it can be read.
     pub readable: bool,
-    /// It can be written.
+    /// True if it can be written.
     pub writable: bool,
-    /// What a written value survives: `volatile`, `storable`, `always`, `unless-ram`.
+    /// Persistence of a written value: `volatile`, `storable`, `always`, `unless-ram`.
     pub persistence: Cow<'static, str>,
     /// Writing it may move the motor.
     pub moves: bool,
@@ -81,7 +81,7 @@ pub struct ParameterDescription {
 }
 
 impl ParameterDescription {
-    /// Whether this is its name or its symbol, as users type it.
+    /// Returns whether this is its name or its symbol, as users type it.
     #[must_use]
     pub fn is_called(&self, name: &str) -> bool {
         same_name(&self.name, name) || same_name(&self.symbol, name)

@@ -25,7 +25,7 @@ pub fn connect(url: &str) -> Result<Link, Error> {
     Connector::discover().connect(url)
 }
 
-/// Whether a connection string is a gateway's address.
+/// Returns whether a connection string is a gateway's address.
 #[must_use]
 pub fn is_gateway(url: &str) -> bool {
     GATEWAY_SCHEMES.iter().any(|scheme| url.starts_with(scheme))
@@ -88,7 +88,7 @@ impl From<RemoteLink> for Link {
 }
 
 impl Link {
-    /// What it was opened by: the connection string, or the gateway's address.
+    /// Connection string, or the gateway's address.
     #[must_use]
     pub fn url(&self) -> String {
         match &self.backend {
@@ -137,8 +137,8 @@ impl Link {
         }
     }
 
-    /// Stops every axis: all stops are sent before the first is waited for. On a gateway they are stopped
-    /// whoever commands them.
+    /// Stops every axis: all stops are sent before the first is waited for. On a gateway this includes axes that other
+    /// clients command.
     ///
     /// # Errors
     /// The first error, after every axis was tried.
@@ -170,7 +170,7 @@ impl Link {
         }
     }
 
-    /// The same, or the one error that says that a gateway does not offer `what`, with what to try instead.
+    /// The local link, or the one error for `what` that a gateway does not offer, with `hint`.
     ///
     /// # Errors
     /// [`Error::Usage`] `E257`.

@@ -17,11 +17,11 @@ use crate::axis::{
 };
 use crate::error::{Error, Exit};
 
-/// How often a monitor reads the motion.
+/// Interval of a monitor's readings of the motion.
 const READ_INTERVAL: Duration = Duration::from_millis(250);
 /// A shorter motion may end before its speed was read twice.
 const MEASURED_MIN: Duration = Duration::from_millis(500);
-/// How far a monitor looks ahead on an axis with position limits: reading and stopping take time.
+/// Time by which a monitor looks ahead on an axis with position limits: reading and stopping take time.
 const LOOKAHEAD: Duration = Duration::from_millis(150);
 /// The motor has turned once it was faster than this share of the commanded speed.
 const TURNING_SHARE: f64 = 0.5;
@@ -246,9 +246,9 @@ pub fn start_each(commands: &[(Axis, Command)]) -> Result<Vec<AxisRequest>, Erro
 /// How a motion of this program was ended.
 #[derive(Debug)]
 pub struct EndedMotion {
-    /// Whether the stop was confirmed.
+    /// True if the stop was confirmed.
     pub stopped: Result<(), Error>,
-    /// Whether the power was taken off; `None` if nobody asked for that, or the axis has no power switch.
+    /// True if the power was taken off; `None` if that was not requested, or the axis has no power switch.
     pub power_off: Option<Result<(), Error>>,
 }
 

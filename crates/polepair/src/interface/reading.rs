@@ -16,14 +16,14 @@ use crate::error::{Error, Exit};
 pub struct ReadValue {
     /// The parameter's name.
     pub name: Cow<'static, str>,
-    /// What the manual calls it: `AP 6`, `1018h:1`.
+    /// Designation in the manual: `AP 6`, `1018h:1`.
     pub symbol: Cow<'static, str>,
     /// The raw value; `None` for text and bytes. An unsigned one of 64 bits may be negative here:
     /// [`raw_text`](Self::raw_text) has it as it is.
     pub raw: Option<i64>,
     /// How the raw value lies on the wire; `None` on a gateway.
     pub encoding: Option<Encoding>,
-    /// In [`unit`](Self::unit); NaN if the scale is not known.
+    /// Value in [`unit`](Self::unit); NaN if the scale is unknown.
     pub value: f64,
     /// Symbol of the unit that the profile shows the value in; empty without one.
     pub unit: Cow<'static, str>,
@@ -101,7 +101,7 @@ pub struct AxisSnapshot {
     pub mode: Option<String>,
     /// The motor has power; `None` while that is not known.
     pub enabled: Option<bool>,
-    /// Motion commands are let through.
+    /// True if motion commands are allowed.
     pub armed: bool,
     /// The motor moves; `None` while that is not known.
     pub moving: Option<bool>,
@@ -126,11 +126,11 @@ pub struct FaultReport {
     pub code: u32,
     /// The manual's short name.
     pub name: Cow<'static, str>,
-    /// Its name in words.
+    /// Name in words.
     pub text: Cow<'static, str>,
-    /// What causes it.
+    /// Usual cause.
     pub cause: Cow<'static, str>,
-    /// What to do about it.
+    /// Remedy.
     pub remedy: Cow<'static, str>,
     /// The drive continues.
     pub is_warning: bool,
@@ -173,7 +173,7 @@ pub struct WatchdogReport {
     pub after: Option<Duration>,
     /// The parameter that is written to set it. `None` for a drive without one, or whose firmware lacks it.
     pub parameter: Option<String>,
-    /// What to know before it is set; may be empty.
+    /// Caution before it is set; may be empty.
     pub caution: String,
 }
 
@@ -208,7 +208,7 @@ impl Reply {
     }
 }
 
-/// What tells whether a motor still follows its command.
+/// Readings that show whether a motor still follows its command.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct MotionState {
     /// The fault that stopped it.

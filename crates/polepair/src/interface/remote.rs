@@ -7,8 +7,8 @@
 //!       └ SampleRows      subscribed signals
 //! ```
 //!
-//! The gateway executes stops without a lease, whoever commands the axis. A command is sent once; what was not
-//! answered may have been executed.
+//! The gateway executes stops without a lease, also of axes that other clients command. A command is sent once; one
+//! without a reply may have been executed.
 
 mod axis;
 mod convert;
@@ -62,13 +62,13 @@ impl RemoteLink {
         self.server.gateway()
     }
 
-    /// What the gateway has: links and axes, as it described them when this link was opened.
+    /// Links and axes of the gateway, as it described them when this link was opened.
     #[must_use]
     pub fn bench(&self) -> &BenchView {
         self.server.bench()
     }
 
-    /// Its axes, in the gateway's order.
+    /// Axes in the gateway's order.
     #[must_use]
     pub fn axes(&self) -> &[RemoteAxis] {
         &self.axes
@@ -84,7 +84,7 @@ impl RemoteLink {
         Ok(found.into_iter().map(axis).collect())
     }
 
-    /// Stops every axis of this link, whoever commands it. The gateway's motion lock is not set.
+    /// Stops every axis of this link, also those that other clients command. The gateway's motion lock is not set.
     ///
     /// # Errors
     /// The first error, after every axis was tried.
@@ -102,7 +102,7 @@ impl RemoteLink {
     }
 }
 
-/// Stops axes, whoever commands them; the first error, after every axis was tried.
+/// Stops axes, also those that other clients command; returns the first error, after every axis was tried.
 fn stop_axes(gateway: &Gateway, axes: Vec<u16>) -> Result<(), GatewayError> {
     let request = StopRequest { axes: Some(axes), ..StopRequest::default() };
     let stopped = gateway.stop(&request)?.axes;

@@ -46,7 +46,7 @@ pub fn catalogue() -> &'static [Listed] {
 }
 
 impl Listed {
-    /// Its profile.
+    /// Profile of the module.
     ///
     /// # Panics
     /// Where the file that was compiled in is wrong, which a test rules out.
@@ -55,7 +55,7 @@ impl Listed {
         parse(&format!("{}.toml", self.name), self.text).expect("a profile that was compiled in")
     }
 
-    /// Whether a drive of its kind can be simulated.
+    /// Returns whether a drive of its kind can be simulated.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.text.contains("\nfamily = \"tmcm\"\n")

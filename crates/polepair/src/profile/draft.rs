@@ -43,7 +43,7 @@ pub(crate) struct Draft {
     pub(crate) motion: DraftMotion,
 }
 
-/// By what the end of a motion is judged: [`MotionRules`](polepair_core::profile::MotionRules) with names.
+/// Rules for judging the end of a motion: [`MotionRules`](polepair_core::profile::MotionRules) with names.
 #[derive(Clone, Debug)]
 pub(crate) struct DraftMotion {
     pub(crate) window: Option<ParameterName>,
@@ -54,7 +54,7 @@ pub(crate) struct DraftMotion {
 }
 
 impl DraftMotion {
-    /// Of a drive that has none of these.
+    /// Rules of a drive without such parameters.
     pub(crate) const fn new() -> Self {
         Self {
             window: None,
@@ -84,7 +84,7 @@ pub(crate) struct DraftIdentity {
     pub(crate) firmware: i64,
 }
 
-/// What keeps writes in RAM: the parameter, the value for RAM, the value for flash.
+/// Switch that keeps writes in RAM: the parameter, the value for RAM, the value for flash.
 #[derive(Clone, Debug)]
 pub(crate) struct DraftRam {
     pub(crate) parameter: ParameterName,

@@ -11,7 +11,7 @@ use polepair_core::profile::{Access, Certainty, Encoding, Persistence};
 use polepair_core::units::Unit;
 use std::collections::{HashMap, HashSet};
 
-/// What speeds and positions are computed with.
+/// Variable with which speeds and positions are computed.
 const COUNTS_PER_TURN: &str = "ENCRESLONG";
 
 /// Types for which the drive has instructions.
@@ -43,7 +43,7 @@ pub(crate) fn apply_map(draft: &mut Draft, map: &Located<String>) -> Result<(), 
     Ok(())
 }
 
-/// As [`apply_map`], of names that are read already.
+/// [`apply_map`] with names that are read already.
 pub(crate) fn apply_entries(
     draft: &mut Draft,
     entries: Vec<MapEntry<'_>>,

@@ -49,7 +49,7 @@ pub(crate) fn remove_missing(draft: &mut Draft) {
     draft.optional.retain(|name| there.access.contains_key(&fold(&name.value)));
 }
 
-/// What is scaled by a parameter that this drive lacks is shown raw.
+/// Shows values raw that are scaled by a parameter which this drive lacks.
 fn unscale_missing(draft: &mut Draft) {
     let there = AvailableParameters::from_draft(draft);
     let lacks = |name: &Option<ParameterName>| {
@@ -63,7 +63,7 @@ fn unscale_missing(draft: &mut Draft) {
     }
 }
 
-/// What a step does with a parameter.
+/// Use of a parameter by a step.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum ParameterUse {
     Read,
@@ -72,9 +72,9 @@ pub(super) enum ParameterUse {
     Scale,
 }
 
-/// What a drive has.
+/// Parameters of a drive.
 pub(super) struct AvailableParameters {
-    /// By name and by symbol.
+    /// Access by name and by symbol.
     access: HashMap<String, Access>,
     optional: HashSet<String>,
 }
@@ -98,7 +98,7 @@ impl AvailableParameters {
         }
     }
 
-    /// Whether the drive has the parameter and lets it be read.
+    /// Returns whether the drive has the parameter and lets it be read.
     pub(super) fn reads(&self, name: &ParameterName) -> bool {
         self.supports(name, ParameterUse::Read)
     }
@@ -146,8 +146,7 @@ impl AvailableParameters {
         Some(steps)
     }
 
-    /// Whether a plan works without this step. The lane uses the same rule for a drive that lacks an
-    /// object.
+    /// Returns whether a plan works without this step. The lane uses the same rule for a drive that lacks an object.
     fn may_drop(&self, verb: Verb, step: &DraftStep) -> bool {
         let names = step_parameters(step);
         let lacking = names.iter().filter(|(name, how)| !self.supports(name, *how));
@@ -158,7 +157,7 @@ impl AvailableParameters {
             | DraftStep::NoFault { .. }
             | DraftStep::Until { .. }
             | DraftStep::Arrival { .. } => optional || verb.is_stop(),
-            // Whoever does not give the argument misses nothing.
+            // A caller without the argument needs no step for it.
             DraftStep::Write(
                 _,
                 Operand::OptionalArgument(_) | Operand::OptionalRampTime { .. },
@@ -174,13 +173,13 @@ impl AvailableParameters {
     }
 }
 
-/// Those behind a step that it may leave out.
+/// Steps that a skip may leave out.
 fn skipped_steps(at: usize, count: u8, keep: &mut [bool]) -> &mut [bool] {
     let end = (at + 1 + usize::from(count)).min(keep.len());
     &mut keep[at + 1..end]
 }
 
-/// Whether a step writes to the drive.
+/// Returns whether a step writes to the drive.
 fn is_sending(step: &DraftStep) -> bool {
     matches!(
         step,
@@ -216,7 +215,7 @@ fn step_parameters(step: &DraftStep) -> Vec<(&ParameterName, ParameterUse)> {
     }
 }
 
-/// The same, to be called otherwise.
+/// [`step_parameters`] with mutable names.
 pub(super) fn step_parameters_mut(step: &mut DraftStep) -> Vec<&mut ParameterName> {
     match step {
         DraftStep::Write(name, ..) | DraftStep::Keep(name) | DraftStep::Ensure(name, ..) => {

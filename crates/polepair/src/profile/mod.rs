@@ -54,8 +54,8 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// What every drive of a protocol has, by the protocol's word in connection strings: `tmcl`, `canopen`,
-/// `modbus-rtu`. A drive that no profile describes is served by it.
+/// Generic profile of a protocol, by the protocol's word in connection strings: `tmcl`, `canopen`, `modbus-rtu`. It
+/// serves a drive without a profile.
 ///
 /// ```
 /// let tmcl = polepair::profile::generic_profile("tmcl").unwrap();
@@ -114,8 +114,8 @@ fn intern_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
     static PROFILE_CACHE: Mutex<Option<HashMap<String, &'static Profile>>> = Mutex::new(None);
     let mut stored = PROFILE_CACHE.lock().unwrap_or_else(PoisonError::into_inner);
     let stored = stored.get_or_insert_with(HashMap::new);
-    // The draft's own words are its content; places are part of it, which only costs a repetition
-    // when the same profile stands in two files.
+    // The draft's own words are its content; locations are part of it, which only costs a repetition if two files have
+    // the same profile.
     let content = format!("{draft:?}");
     if let Some(profile) = stored.get(&content) {
         return Ok(profile);
@@ -130,7 +130,7 @@ fn intern_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
     Ok(profile)
 }
 
-/// Where the profile that another extends is looked for.
+/// Search path of the profile that another extends.
 struct BaseProfiles {
     folder: Option<PathBuf>,
 }

@@ -435,7 +435,7 @@ impl ProfileReader {
         Ok(())
     }
 
-    /// Whether two entries are one: their names are, or in a memory the names that the map gives them.
+    /// Returns whether two entries are one: their names are, or in a memory the names that the map gives them.
     fn is_same(&self, one: &(String, String), other: &(String, String)) -> bool {
         let memory = self.dialect.protocol == MEMORY_PROTOCOL;
         one.0 == other.0 || (memory && !one.1.is_empty() && one.1 == other.1)
@@ -584,7 +584,7 @@ fn read_unit(table: &TomlTable<'_, '_>) -> Result<Unit, FileError> {
     found.try_map(|word| parse_choice(&word, &Unit::ALL.map(|unit| (unit.symbol(), unit))))
 }
 
-/// What a scale is made of: factor, what multiplies and divides it, a standard's rule.
+/// Parts of a scale: factor, parameters that multiply and divide it, a standard's rule.
 type ScaleParts =
     (f64, Option<Located<String>>, Option<Located<String>>, Option<&'static ScaleRule>);
 

@@ -17,7 +17,7 @@ use polepair_core::profile::{
 };
 use std::collections::HashMap;
 
-/// Longest time that an arrival is waited for, where its plan does not say.
+/// Longest wait for an arrival whose plan states none.
 const ARRIVAL_MAX_MS: u32 = 600_000;
 
 /// Checks the draft and makes a static profile of it.
@@ -118,7 +118,7 @@ fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
     Ok(())
 }
 
-/// What a step or a signal does with a parameter.
+/// Access that a step or a signal needs.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum RequiredAccess {
     Read,
@@ -415,8 +415,7 @@ impl<'a> NameResolver<'a> {
     }
 }
 
-/// The steps of a plan that waits for the arrival: what it waits for says when to look, and the position
-/// decides.
+/// Steps of a plan that waits for the arrival: its condition gives the time of the check, and the position decides.
 fn judged_arrival(steps: &[DraftStep]) -> Vec<DraftStep> {
     let judged = |step: &DraftStep| match step {
         DraftStep::Until { read, test, within_ms, required: true } => {

@@ -26,7 +26,7 @@ const FILES_MAX: usize = 256;
 /// The longest list of variables, bytes unpacked.
 const VARIABLES_MAX: u64 = 1 << 20;
 
-/// Whether a path is an archive, by its name, or a folder.
+/// Returns whether a path is an archive, by its name, or a folder.
 pub(super) fn is_setup(path: &Path) -> bool {
     path.is_dir() || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zip"))
 }

@@ -58,7 +58,7 @@ const RELATIVE_BASES: [(&str, RelativeBase); 3] = [
     ("either", RelativeBase::Either),
 ];
 
-/// By what the end of a motion is judged.
+/// Reads the rules for judging the end of a motion.
 pub(super) fn read_motion(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
     let keys = ["window", "relative-from", "halted", "stalled", "unpowered"];
     let Some(table) = node.table("motion", &keys)? else { return Ok(()) };

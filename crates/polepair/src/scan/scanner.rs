@@ -23,10 +23,9 @@ const MISADDRESSED_MIN: usize = 2;
 
 /// A look for drives, one address after the other. Only reads are sent.
 ///
-/// On an open link its axes are told apart from what is new: they are asked as always, and only
-/// whether they answer. Before each other address the link is waited for until nothing else is under
-/// way, and between two addresses whatever else was said meanwhile goes first. So what waits, waits
-/// for one address at most; and where `broken` says that somebody cannot wait, for one question.
+/// On an open link its axes are distinguished from new drives: they are asked as usual, and only for a reply. Before
+/// each other address the scan waits until no other request is active on the link, and between two addresses other
+/// requests go first. So a request waits for one address at most; and if `broken` returns true, for one question.
 ///
 /// ```
 /// # if polepair_drives::profiles().iter().any(|p| p.protocol == "tmcl") {
@@ -47,13 +46,13 @@ const MISADDRESSED_MIN: usize = 2;
 #[derive(Debug)]
 pub struct DriveScanner {
     connector: Connector,
-    /// What is asked one after the other.
+    /// Targets in their order.
     targets: Vec<ScanTarget>,
     addresses: ScanAddresses,
     /// The addresses that a connection string names.
     named_axes: Vec<u32>,
     known_axes: Vec<KnownAxis>,
-    /// Whose turn it is, and whether it began.
+    /// Index of the present target, and whether it began.
     current: usize,
     started: bool,
     queue: VecDeque<u32>,
@@ -67,7 +66,7 @@ pub struct DriveScanner {
     acknowledged: u16,
     /// Drives that were found on the lines before.
     found_before: usize,
-    /// Of each that was found.
+    /// Addresses of each found drive.
     found_addresses: Vec<(usize, BusAddress)>,
     report: ScanReport,
 }
@@ -88,14 +87,14 @@ struct KnownAxis {
     bus_address: (usize, BusAddress),
 }
 
-/// Whether an axis that the link has answered.
+/// True if an axis that the link has answered.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct AxisAnswer {
-    /// Its place in [`LocalLink::axes`].
+    /// Index in [`LocalLink::axes`].
     pub index: usize,
-    /// Its address.
+    /// Address of the axis.
     pub number: u32,
-    /// Whether it replied.
+    /// True if it replied.
     pub answers: bool,
     /// Set when more came back than was asked for: another drive may have its address.
     pub clash: Option<String>,
@@ -247,7 +246,7 @@ impl DriveScanner {
         let seats: Vec<(usize, BusAddress)> = known.chain(&self.found_addresses).cloned().collect();
         let tried = &mut self.report.tried;
         let mut wanted = addresses_to_query(&line, numbers, every, tried, broken)?;
-        // Who was not heard for a moment is asked all the same where it should be there.
+        // An axis that was silent for a moment is asked all the same at its address.
         if !own.is_empty() {
             wanted.extend(own);
             wanted.sort_unstable();
@@ -420,7 +419,7 @@ impl DriveScanner {
         self.report.link_error = Some(error);
     }
 
-    /// What was tried and found.
+    /// Attempts and results.
     #[must_use]
     pub fn finish(mut self) -> ScanReport {
         if self.started {

@@ -11,13 +11,12 @@ use std::collections::BTreeSet;
 
 /// Communication and mapping parameters of all PDOs, 512 each: 1400h, 1600h, 1800h, 1A00h.
 const PROCESS_DATA: std::ops::Range<u16> = 0x1400..0x1C00;
-/// Bits of an index that tell the kind of parameter, and where a mapping lies behind its
-/// communication parameters.
+/// Index offset of a mapping from its communication parameters.
 const MAPPING: u16 = 0x200;
 /// The bit of a COB-ID that switches a PDO off.
 const INVALID: i64 = 0x8000_0000;
 
-/// Whether a DCF maps nothing by an entry: it counts fewer.
+/// Returns whether a DCF maps nothing by an entry: it counts fewer.
 pub(super) fn is_unused_entry(eds: &Eds, index: u16, sub: u8) -> bool {
     let is_mapping = PROCESS_DATA.contains(&index) && index & MAPPING != 0;
     let count = eds.entry(index, 0).and_then(|entry| entry.value.as_ref());
@@ -25,7 +24,7 @@ pub(super) fn is_unused_entry(eds: &Eds, index: u16, sub: u8) -> bool {
     is_mapping && sub > 0 && count.is_some_and(|count| i64::from(sub) > count)
 }
 
-/// Whether an error is the refusal of a drive to tell an entry of a mapping.
+/// Returns whether an error is a drive's refusal of a mapping entry.
 pub(super) fn is_refused_entry(axis: &LocalAxis, id: ParameterId, error: &Error) -> bool {
     let Error::Failed { outcome: Outcome::NotDone(Failure::Refused { .. }), .. } = error else {
         return false;
@@ -39,15 +38,15 @@ pub(super) fn is_refused_entry(axis: &LocalAxis, id: ParameterId, error: &Error)
 pub struct SettingWrite {
     /// Which parameter.
     pub id: ParameterId,
-    /// What is written.
+    /// Raw value to write.
     pub raw: i64,
     /// Others follow that belong to it: it need not be kept over power-off yet.
     pub is_step: bool,
 }
 
 impl AxisSettings {
-    /// What is written for changes, in order. A PDO of a CANopen node of which anything changes is
-    /// configured as a whole, switched off meanwhile.
+    /// Writes for changes, in order. A PDO of a CANopen node with any change is configured as a whole, and disabled
+    /// meanwhile.
     ///
     /// # Errors
     /// [`Error`] by blame: the COB-ID of a PDO that is configured is read.

@@ -8,19 +8,19 @@ use crate::spelling;
 /// One kind of act.
 #[derive(Clone, Copy, Debug)]
 pub struct ActKind {
-    /// Its name; `N` at the end is a number.
+    /// Name of the act; `N` at the end is a number.
     pub word: &'static str,
-    /// What it does, in a sentence.
+    /// Effect of the act, in a sentence.
     pub about: &'static str,
-    /// What its value is.
+    /// Kind of its value.
     pub value: ActValue,
     make: fn(u8, f64) -> Act,
 }
 
-/// What the value of an act is.
+/// Kind of an act's value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ActValue {
-    /// It takes none.
+    /// The act has no value.
     None,
     /// 1 or 0, `on` or `off`; 1 where it is left out.
     Flag,

@@ -25,7 +25,7 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
             RackWire::Serial(serial) if wire.timed => serial.baud = Some(wire.baud),
             RackWire::Serial(serial) => {
                 serial.timing = Timing::Cdc;
-                // Without timing a drive cannot tell a neighbour's reply from a request.
+                // Without timing a drive cannot distinguish a neighbour's reply from a request.
                 if wire.faults == SerialFaults::NONE && !serial.echo && !wire.shared {
                     serial.duplex = Duplex::Full;
                 }
@@ -57,7 +57,7 @@ struct LineWorld {
     ports: Vec<LinePort>,
 }
 
-/// Where a line leaves the world, and what makes its server look there.
+/// Exit of a line from the world, and the waker of its server.
 struct LinePort {
     end: EndId,
     waker: Option<LinkWaker>,
@@ -97,7 +97,7 @@ impl DriveLine {
         ServeThread::new(wire, Box::new(self))
     }
 
-    /// How many drives there are.
+    /// Number of drives there are.
     #[must_use]
     pub fn drives(&self) -> usize {
         self.nodes.len()

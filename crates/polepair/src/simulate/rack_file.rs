@@ -57,7 +57,7 @@ use polepair_sim::random::{Ppm, Random};
 use polepair_sim::serial_line::{Duplex, SerialWireConfig, Timing};
 use std::path::Path;
 
-/// What a file with a rack may hold: also the names of a `polepair.toml`.
+/// Keys of a file with a rack, also the names of a `polepair.toml`.
 pub(crate) const FILE_KEYS: [&str; 4] = ["link", "seed", "name", "links"];
 const LINK_KEYS: [&str; 11] = [
     "name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "timing", "echo", "faults",
@@ -344,7 +344,7 @@ fn read_axes(
     Ok(axes)
 }
 
-/// What a drive is called: connection strings must be able to say it.
+/// Name of a drive, which must be valid in connection strings.
 fn read_name(node: &TomlTable<'_, '_>, others: &[String]) -> Result<String, FileError> {
     let Some(name) = node.text("name")? else { return Ok(String::new()) };
     name.try_map(|name| {
@@ -399,7 +399,7 @@ fn read_serial(
     Ok((serial, request == Some(Duplex::Half)))
 }
 
-/// What lies between the host and a serial wire, by its word in racks and connection strings.
+/// Timing between the host and a serial wire, by its word in racks and connection strings.
 pub(super) fn parse_timing(word: &str) -> Result<Timing, String> {
     match word {
         "uart" => Ok(Timing::Uart),
@@ -532,7 +532,7 @@ fn read_drive(
     Ok(drive)
 }
 
-/// What is around a motor, and what is done to it later.
+/// Surroundings of a motor, and later acts on it.
 fn read_bench(node: &TomlTable<'_, '_>, motor: u8, drive: &mut RackDrive) -> Result<(), FileError> {
     let real = |key| node.float(key).map(|found| found.map(|found| found.value));
     drive.acts.extend(real("load")?.map(|torque| (motor, Act::Load(torque))));
@@ -543,7 +543,7 @@ fn read_bench(node: &TomlTable<'_, '_>, motor: u8, drive: &mut RackDrive) -> Res
     Ok(())
 }
 
-/// What is done to a motor while it runs: `[[link.drive.act]]` with `at = "5 s"` and `do = "jam"`.
+/// Acts on a motor while it runs: `[[link.drive.act]]` with `at = "5 s"` and `do = "jam"`.
 fn read_acts(node: &TomlTable<'_, '_>, motor: u8) -> Result<Vec<ScheduledAct>, FileError> {
     let mut acts = Vec::new();
     for table in node.tables("act", &ACT_KEYS)? {

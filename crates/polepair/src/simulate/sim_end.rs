@@ -19,7 +19,7 @@ pub(super) struct SharedWorld {
     pub(super) pace: SimulationPace,
     /// How the machine's time becomes the simulation's, where that passes by itself.
     time_scale: Mutex<TimeScale>,
-    /// Who may be waiting for a time by the old flow.
+    /// Waiters for a time by the old pace.
     wakers: Mutex<Vec<LinkWaker>>,
 }
 
@@ -43,7 +43,7 @@ impl TimeScale {
     }
 }
 
-/// A span that is so many times longer; to the nanosecond where it is as long.
+/// A span multiplied by `scale`; exact to the nanosecond for 1.
 fn scale_span(span: Duration, scale: f64) -> Duration {
     if scale == 1.0 { span } else { Duration::from_nanos((span.as_nanos() as f64 * scale) as u64) }
 }
@@ -59,12 +59,12 @@ impl SharedWorld {
         self.time_scale.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How many times faster than the machine's its time passes.
+    /// Number of times faster than the machine's its time passes.
     pub(super) fn scale(&self) -> f64 {
         self.lock_time_scale().scale
     }
 
-    /// Has time pass so many times faster from now on.
+    /// Sets the factor of time.
     pub(super) fn set_scale(&self, scale: f64) {
         {
             let (mut flow, wall) = (self.lock_time_scale(), clock::now());
@@ -78,7 +78,7 @@ impl SharedWorld {
         self.world.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What the simulation's clock shows, the world locked or not.
+    /// Present time of the simulation's clock, with the world locked or not.
     fn current_time(&self, world: &World) -> Instant {
         match self.pace {
             SimulationPace::Virtual => world.now(),

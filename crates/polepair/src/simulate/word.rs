@@ -5,7 +5,7 @@ use crate::{profile, registry, spelling};
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 
-/// Whether a word of [`rack_of_words`](super::rack_of_words), without addresses, means a drive.
+/// Returns whether a word of [`rack_of_words`](super::rack_of_words), without addresses, means a drive.
 #[must_use]
 pub fn is_drive(word: &str) -> bool {
     find_drive(word).is_ok()

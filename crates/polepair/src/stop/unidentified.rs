@@ -19,8 +19,8 @@ const SHARED_STOP_SENT: &str = "it was sent the common stop of this protocol's k
 /// A write by where it lies on the wire: space, number, encoding, raw value.
 type WireWrite = (u8, u16, Encoding, i64);
 
-/// The stop that all known drives of a protocol share, as the profile and the verb that say it. A quick
-/// stop serves where a reading decides about the usual one. `None` where drives differ.
+/// The stop that all known drives of a protocol share, as a profile and a verb. A quick stop serves if a reading
+/// decides about the usual one. `None` if drives differ.
 pub(super) fn shared_stop(
     known: &[&'static Profile],
     wanted: Verb,
@@ -34,7 +34,7 @@ pub(super) fn shared_stop(
     })
 }
 
-/// What a plan writes before it waits; `None` where it does anything else first.
+/// Writes of a plan before it waits; `None` if it does anything else first.
 fn plan_writes(profile: &'static Profile, verb: Verb) -> Option<Vec<WireWrite>> {
     let write = |step: &Step| {
         let Step::Write(id, Operand::Constant(raw)) = step else { return None };
@@ -44,7 +44,7 @@ fn plan_writes(profile: &'static Profile, verb: Verb) -> Option<Vec<WireWrite>> 
     profile.plan(verb)?.before_wait().iter().map(write).collect()
 }
 
-/// Who is at the address after all.
+/// Identifies the address again.
 pub(super) fn reidentify(
     prober: &Prober<'_>,
     line: &ProtocolLine,
@@ -62,20 +62,20 @@ pub(super) fn reidentify(
     })
 }
 
-/// Whether a device is none of the known drives of a protocol where a write may mean anything to another device:
-/// a register number of Modbus. On CANopen a device without the object refuses the write.
+/// Returns whether a device is none of the known drives of a protocol where a write may mean anything to another
+/// device: a register number of Modbus. On CANopen a device without the object refuses the write.
 pub(super) fn is_other_device(line: &ProtocolLine, probe: &ProbeResult) -> bool {
     let is_modbus = line.protocol.name.starts_with("modbus");
     is_modbus && matches!(probe, ProbeResult::Found { lacks_identity: true, .. })
 }
 
-/// What became of the common stop of a protocol's known drives.
+/// Result of the common stop of a protocol's known drives.
 pub(super) enum SharedStop {
     /// The device is none of them.
     OtherDevice,
     /// They have none in common.
     None,
-    /// It was sent.
+    /// The stop was sent.
     Sent(Result<(), Error>),
 }
 

@@ -206,7 +206,7 @@ impl Url {
         url_error(what, &format!("keys of {this} are {}", known.join(", ")))
     }
 
-    /// Sets what the keys of a protocol say.
+    /// Applies the keys of a protocol.
     ///
     /// # Errors
     /// [`Error::Usage`] `E210`.
@@ -225,7 +225,7 @@ impl Url {
         Ok(())
     }
 
-    /// What the keys of its protocols say.
+    /// Options by the keys of its protocols.
     ///
     /// # Errors
     /// [`Error::Usage`] `E210`.

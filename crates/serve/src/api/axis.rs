@@ -15,7 +15,7 @@ use crate::message::{
 /// Signals of one question.
 const SIGNALS_MAX: usize = 64;
 
-/// What is known of an axis
+/// Last known state of an axis
 ///
 /// Nothing is asked of the drive.
 #[utoipa::path(get, path = "/api/v1/axes/{id}", operation_id = "axis", tag = "axis",
@@ -32,7 +32,7 @@ pub(super) async fn show(
 
 /// Read signals now
 ///
-/// Words with commas between them: `position,velocity`. What is read stands in this order.
+/// Words with commas between them: `position,velocity`. The result has the same order.
 #[utoipa::path(get, path = "/api/v1/axes/{id}/signals/{words}", tag = "axis",
     params(("id" = u16, Path), ("words" = String, Path)), responses(
     (status = 200, body = Vec<SignalValue>),
@@ -67,7 +67,7 @@ pub(super) async fn parameters(
 
 /// Read a parameter now
 ///
-/// By its name, its symbol, or its address such as `0x2030:1:u16`.
+/// The name, the symbol, or the address of the parameter, such as `0x2030:1:u16`.
 #[utoipa::path(get, path = "/api/v1/axes/{id}/parameters/{name}", tag = "axis",
     params(("id" = u16, Path), ("name" = String, Path)), responses(
     (status = 200, body = ParameterReading),
@@ -140,7 +140,7 @@ pub(super) async fn write(
     state.bench.write_parameters(id, &session, wanted).await.map(Json)
 }
 
-/// What a drive does by itself when its host falls silent
+/// Reaction of a drive when its host falls silent
 ///
 /// Read just now.
 #[utoipa::path(get, path = "/api/v1/axes/{id}/watchdog", tag = "axis",

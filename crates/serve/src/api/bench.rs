@@ -8,9 +8,9 @@ use super::{ApiResult, SharedAppState, rest_session};
 use crate::auth::Caller;
 use crate::message::{BenchView, ErrorBody, SetTimeScale, SimulationAction};
 
-/// What there is
+/// Links and axes of the gateway
 ///
-/// Links, axes, what each can be told.
+/// Links, axes, and the commands of each.
 #[utoipa::path(get, path = "/api/v1/bench", operation_id = "bench", tag = "bench", responses(
     (status = 200, body = BenchView),
     (status = "default", body = ErrorBody),

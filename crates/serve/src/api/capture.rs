@@ -11,10 +11,10 @@ use super::input::read_body;
 use super::{ApiResult, SharedAppState, run_blocking};
 use crate::message::{CapturePage, ErrorBody, ExplainedField, GatewayError, OpenedCapture};
 
-/// Frames of a page, where nobody says how many.
+/// Frames of a page, if the request has no count.
 const PAGE_FRAMES: usize = 200;
 
-/// What a capture is called.
+/// Name of a capture.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CaptureQuery {

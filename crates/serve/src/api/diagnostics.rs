@@ -19,7 +19,7 @@ pub(super) struct JournalQuery {
     count: Option<usize>,
 }
 
-/// What was done, by whom
+/// Journal of actions, with their sessions
 ///
 /// At most 1,000 records after the one of that number.
 #[utoipa::path(get, path = "/api/v1/journal", tag = "gateway",
@@ -46,7 +46,7 @@ pub(super) async fn openapi() -> impl IntoResponse {
     ([(header::CONTENT_TYPE, "application/json")], openapi_json())
 }
 
-/// What was counted, for Prometheus
+/// Counters for Prometheus
 #[utoipa::path(get, path = "/metrics", tag = "gateway",
     responses((status = 200, body = String, content_type = "text/plain")))]
 pub(super) async fn metrics(State(state): State<SharedAppState>) -> impl IntoResponse {

@@ -18,7 +18,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for JsonBody<T> {
     }
 }
 
-/// What a body in JSON says.
+/// Parses a body in JSON.
 pub(super) fn parse_json<T: DeserializeOwned>(body: &[u8]) -> Result<T, GatewayError> {
     serde_json::from_slice(body)
         .map_err(|error| GatewayError::new("gateway.request", format!("the body: {error}")))

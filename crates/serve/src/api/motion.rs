@@ -100,9 +100,8 @@ pub(super) async fn command(
 
 /// Send a request in the protocol's own text, at most once
 ///
-/// No limits stand for it, and it may move the motor or write its permanent memory: so it needs the
-/// scope `raw`, which no token has unless somebody writes it beside one, and which the server does not
-/// grant unless it is started so.
+/// No limits apply, and the text may move the motor or write its permanent memory. It needs the scope `raw`, which a
+/// token has only if it is written beside it, and which the server grants only if it is started with it.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/raw", tag = "motion",
     params(("id" = u16, Path)), request_body = RawRequest, responses(
     (status = 200, body = CommandOutcome),
@@ -134,7 +133,7 @@ async fn await_outcome(
     }
 }
 
-/// Stop axes, whoever commands them
+/// Stop axes, also those that other clients command
 ///
 /// All of them, and motion is locked until it is released, where no axes are named. Needs no lease, and
 /// ends those of the axes that stop. This is not a certified safety function: hard-wire STO and
@@ -157,11 +156,11 @@ pub(super) async fn stop(
     Ok(Json(stopped))
 }
 
-/// Owe an axis its stop no more, though nobody saw it stand
+/// Clear the pending stop of an axis without measured standstill
 ///
-/// For who knows better than the server: the drive is gone, another master has it, something else turns
-/// its shaft; or, by whoever holds its lease, to command it on though it may be turning. The journal
-/// keeps who said so.
+/// For clients that know more than the server: the drive is gone, another master has it, something else turns its
+/// shaft; or, for the holder of the lease, to command the axis on although it may be turning. The journal keeps the
+/// session.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/dismiss", tag = "motion",
     params(("id" = u16, Path)), request_body = DismissStop,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
@@ -178,8 +177,8 @@ pub(super) async fn dismiss(
 
 /// Owe a drive that is not there its stop no more
 ///
-/// For a drive that the server before owed a stop when it ended and that does not answer any more. The
-/// journal keeps who said so.
+/// For a drive whose stop was pending when the previous server ended and that does not answer any more. The journal
+/// keeps the session.
 #[utoipa::path(post, path = "/api/v1/dismiss", tag = "motion", request_body = DismissAbsent,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn dismiss_absent(

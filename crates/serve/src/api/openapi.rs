@@ -5,7 +5,7 @@ use utoipa::OpenApi;
 use super::{axis, bench, capture, diagnostics, login, motion, scan, search};
 use crate::message::{ClientMessage, ServerMessage};
 
-/// What is described.
+/// Description of the interface.
 #[derive(OpenApi)]
 #[openapi(
     info(

@@ -23,10 +23,9 @@ pub(super) async fn show(
 
 /// Look for drives on a link
 ///
-/// By reads only. It answers when it has begun; `look` on the WebSocket tells how far it is. 409
-/// (`gateway.look`) while another look is under way, or an axis of the link is commanded, armed,
-/// powered, turning or being stopped. Until its end nobody gets an axis of the link; any stop there
-/// breaks it off.
+/// Only reads are sent. The reply comes when the scan has begun; `look` on the WebSocket reports its progress. 409
+/// (`gateway.look`) during another scan, or while an axis of the link is commanded, armed, powered, turning or being
+/// stopped. Until its end no client gets an axis of the link; any stop there ends it.
 #[utoipa::path(post, path = "/api/v1/links/{id}/look", operation_id = "begin_look", tag = "look",
     params(("id" = u16, Path)), request_body = ScanRequest, responses(
     (status = 200, body = ScanView),

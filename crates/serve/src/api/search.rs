@@ -1,4 +1,4 @@
-//! Searches ports for drives whose protocol and rate nobody knows.
+//! Searches ports for drives of unknown protocol and rate.
 
 use axum::Json;
 use axum::extract::{Extension, State};
@@ -19,9 +19,9 @@ pub(super) async fn show(State(state): State<SharedAppState>) -> ApiResult<Searc
 
 /// Search ports for drives
 ///
-/// By reads only, with all protocols and the usual rates, on ports of the server's machine that no link uses. It
-/// answers when it has begun; `search` on the WebSocket tells how far it is. 409 (`gateway.look`) while another search
-/// is under way, and for a port that a link uses.
+/// Only reads are sent, with all protocols and the usual rates, on ports of the server's machine that no link uses. The
+/// reply comes when the search has begun; `search` on the WebSocket reports its progress. 409 (`gateway.look`) during
+/// another search, and for a port that a link uses.
 #[utoipa::path(post, path = "/api/v1/search", operation_id = "begin_search", tag = "look",
     request_body = SearchRequest, responses(
     (status = 200, body = SearchView),

@@ -15,18 +15,18 @@ use crate::token::{require_private, to_hex};
 /// Bytes of the file: more than as many lines as there are cookies.
 const FILE_MAX: u64 = 64 * 1024;
 
-/// A browser that is let in.
+/// A login of a browser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SessionRecord {
-    /// Of its cookie.
+    /// Digest of its cookie.
     pub cookie_digest: [u8; 32],
-    /// Of the token that it came in by.
+    /// Digest of the token of its login.
     pub token_digest: [u8; 32],
     /// Until when, in ms since 1970.
     pub until_ms: u64,
 }
 
-/// Where they are kept.
+/// The file with the logins.
 #[derive(Debug)]
 pub(super) struct SessionFile {
     path: PathBuf,
@@ -38,7 +38,7 @@ impl SessionFile {
         Self { path: path.to_owned(), writing: Mutex::new(()) }
     }
 
-    /// What the file has, at most so many lines. None where there is no file.
+    /// Reads the file, at most `max` lines. None without a file.
     ///
     /// # Errors
     /// It cannot be read, others may read or write it, or a line is something else: then nothing of it

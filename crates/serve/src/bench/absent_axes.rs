@@ -20,7 +20,7 @@ use crate::message::{GatewayError, JournalAction};
 
 /// Between two questions at least; no longer where questions are short.
 const PROBE_INTERVAL: Duration = Duration::from_secs(2);
-/// A question takes one part of the wire's time in so many.
+/// Divisor of the wire's time for searches of absent drives.
 const AIRTIME_DIVISOR: u32 = 20;
 
 impl Bench {
@@ -32,7 +32,7 @@ impl Bench {
         asks.map(drop).map_err(|error| thread_error(&error))
     }
 
-    /// Whose turn it is: those that the server before owed a stop, and one of the others between them.
+    /// The next absent drive: those with an inherited pending stop, and one of the others between them.
     fn next_absent(&self, n: usize, queue: &mut VecDeque<u32>, others: &mut usize) -> Option<u32> {
         let link = &self.0.links[n];
         let absent: Vec<u32> = link.absent().iter().map(|axis| axis.number).collect();
@@ -48,8 +48,8 @@ impl Bench {
         queue.pop_front()
     }
 
-    /// Whether a drive may be asked for now. One that is owed a stop is asked for whatever the others
-    /// do: a stop of theirs waits for one question at most. Any other waits until they are at rest.
+    /// Returns whether a drive may be asked now. One with a pending stop is asked at any time: a stop of the other axes
+    /// waits for one question at most. Any other waits until they are at rest.
     fn may_probe(&self, n: usize, number: u32) -> bool {
         let link = &self.0.links[n];
         let is_free = link.wire.link_error().is_none() && !link.wire.scan_flag.is_active();
@@ -93,7 +93,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Stops the axes of a link from that place on, where somebody stopped everything before they joined.
+    /// Stops the axes of a link from index `first` on, if everything was stopped before they joined.
     pub(super) fn stop_if_locked(&self, n: usize, first: usize) {
         let (wire, shared) = (&self.0.links[n].wire, &self.0.context);
         let lock = shared.current_lock().clone();

@@ -23,7 +23,7 @@ impl<T> AppendOnlyVec<T> {
         grown
     }
 
-    /// Adds one, and tells its place. `None` when there is no room. One at a time.
+    /// Appends an element, and returns its index. `None` without room. One caller at a time.
     pub fn push(&self, one: T) -> Option<usize> {
         let index = self.len();
         self.slots.get(index)?.set(Box::new(one)).ok()?;

@@ -40,7 +40,7 @@ struct Capture {
     bytes: Vec<u8>,
     links: Vec<String>,
     total: u64,
-    /// Where the last page ended: who reads on need not begin anew.
+    /// Position behind the last page: the next page need not start at the beginning.
     cursor: Mutex<Option<Cursor>>,
     /// The fields of frames that were shown last.
     recent_fields: Mutex<VecDeque<FrameFields>>,
@@ -63,7 +63,7 @@ struct Cursor {
 }
 
 impl Bench {
-    /// Takes a capture in, tells what it holds, and shows its first frames. It takes a while.
+    /// Opens a capture, and returns its summary and its first frames. It takes a while.
     ///
     /// # Errors
     /// `gateway.size` for one that is too long, `E510` for what is no capture.

@@ -12,13 +12,13 @@ use polepair_core::time::Instant;
 const UNEXPLAINED_FOR: Duration = Duration::from_secs(3);
 /// Between two looks at what was counted.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
-/// How long a request without an answer explains one that comes late: a drive or a gateway in between that
-/// stalled sends what it kept.
+/// Time for which a request without a reply explains a late one: a drive or a gateway in between that stalled sends its
+/// stored replies.
 const LATE_ALLOWED_FOR: Duration = Duration::from_secs(30);
-/// How long a clash is shown that was not seen again.
+/// Time for which a clash is shown that was not seen again.
 const SHOWN_FOR: Duration = Duration::from_secs(10);
 
-/// What counts tell of others on a wire.
+/// Detects other hosts and drives on a wire by counters.
 #[derive(Default)]
 pub(super) struct ClashDetector {
     next: Instant,
@@ -33,7 +33,7 @@ pub(super) struct ClashDetector {
 }
 
 impl ClashDetector {
-    /// What is to be shown from now on, where that changes; the inner `None` is nothing any more.
+    /// New display of a clash, if it changes; the inner `None` ends the display.
     pub fn check(
         &mut self,
         counters: impl FnOnce() -> Counters,
@@ -62,8 +62,8 @@ impl ClashDetector {
         self.count_unsolicited(counters, now);
     }
 
-    /// How many are found now that nobody asked for: frames of somebody else's talk, and late answers
-    /// beyond those that are owed, for each request is answered once at most.
+    /// Number of new unsolicited replies: frames of other exchanges, and late replies beyond the outstanding ones, for
+    /// each request is answered once at most.
     fn count_unsolicited(&mut self, counters: Counters, now: Instant) -> u64 {
         let last = core::mem::replace(&mut self.last, counters);
         let answers = |counters: &Counters| counters.late - counters.late_acknowledged;

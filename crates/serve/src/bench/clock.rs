@@ -9,7 +9,7 @@ use polepair_link::clock;
 /// Longest step of virtual time between two looks.
 pub(super) const STEP: Duration = Duration::from_millis(1);
 
-/// What tells the time.
+/// Clock of a bench.
 #[derive(Clone, Debug)]
 pub(super) enum BenchClock {
     /// The machine's clock; threads look after the wires.
@@ -38,7 +38,7 @@ impl BenchClock {
         clock::wall_ns(at) as f64 / 1e6
     }
 
-    /// Whether threads look after the wires.
+    /// Returns whether threads look after the wires.
     pub const fn is_real(&self) -> bool {
         matches!(self, Self::Real)
     }

@@ -16,18 +16,18 @@ use crate::message::{CommandOutcome, GatewayError};
 const IDS_MAX: usize = 16_384;
 /// Characters of an id.
 const ID_MAX: usize = 64;
-/// Who may wait for one command besides the first.
+/// Limit of the clients that wait for one command besides the first.
 const WAITING_MAX: usize = 8;
 
 /// Commands by id.
 #[derive(Debug, Default)]
 pub(super) struct CommandHistory {
     records: HashMap<String, CommandRecord>,
-    /// In the order in which they came, with the time after which they are too old anyhow.
+    /// Commands in order of arrival, with the time after which they are too old anyway.
     order: VecDeque<(String, Instant)>,
 }
 
-/// What makes two commands with one id the same command.
+/// Key by which two commands with one id are the same command.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct CommandKey {
     /// Name of the client's token: a client that connects again has another session.
@@ -38,7 +38,7 @@ pub(super) struct CommandKey {
 }
 
 impl CommandKey {
-    /// Of the command of a session.
+    /// Key of a command of a session.
     pub fn new(session: &SessionName, axis: u16, content: &serde_json::Value) -> Self {
         let client = session.split(' ').next().unwrap_or_default().to_owned();
         Self { client, axis, content: content.to_string() }
@@ -57,14 +57,14 @@ enum CommandProgress {
     Finished(CommandOutcome),
 }
 
-/// What is to be done about a command.
+/// Treatment of a command.
 #[derive(Debug)]
 pub(super) enum CommandLookup {
-    /// It is new: carry it out, and tell [`CommandHistory::finish`].
+    /// The command is new: execute it, and call [`CommandHistory::finish`].
     New,
-    /// It was seen, and ended so.
+    /// The command was received before, and has this outcome.
     Finished(CommandOutcome),
-    /// It was seen and has not ended yet.
+    /// The command was received before and has not ended yet.
     Active(oneshot::Receiver<Result<CommandOutcome, GatewayError>>),
 }
 
@@ -114,7 +114,7 @@ impl CommandHistory {
         }
     }
 
-    /// Notes how a command ended, and tells whoever said it again meanwhile.
+    /// Records the outcome of a command, and sends it to all clients that repeated it meanwhile.
     pub fn finish(&mut self, outcome: &CommandOutcome) {
         let Some(seen) = self.records.get_mut(&outcome.id) else { return };
         let finished = CommandProgress::Finished(outcome.clone());

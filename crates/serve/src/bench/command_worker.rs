@@ -39,7 +39,7 @@ use crate::message::{
     StopCause, StopReport,
 };
 
-/// A command said so far ahead of the server's clock is no better than one that is too old, ms.
+/// Advance of a command's time before the server's clock beyond which it counts as too old, ms.
 const CLOCK_AHEAD_MAX_MS: f64 = 1000.0;
 /// Between two looks at what is under way: while it is fresh, and later.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
@@ -48,14 +48,14 @@ const SLOW_POLL_INTERVAL: Duration = Duration::from_millis(5);
 const FAST_POLL_TIME: Duration = Duration::from_millis(20);
 /// Between two looks when nothing is under way: a link may be lost.
 const IDLE: Duration = Duration::from_millis(100);
-/// Stops that took no longer to send are sent in the thread of whoever says them.
+/// Longest time of sending a stop on the thread of its caller.
 const FAST_SEND_MAX: Duration = Duration::from_millis(1);
 /// Commands that wait for stops at most.
 const WAITING_MAX: usize = 64;
 /// Orders that are taken before everything else is looked at again.
 const REQUESTS_PER_ROUND_MAX: usize = 64;
 
-/// What looks after a wire.
+/// Worker that executes the commands of a wire.
 pub(super) struct CommandWorker {
     wire: Arc<BenchWire>,
     request_worker: Arc<RequestWorker>,
@@ -66,7 +66,7 @@ pub(super) struct CommandWorker {
     active: Vec<ActiveCommand>,
     /// Commands that wait until their axis is seen standing, with their places among all orders.
     deferred: Vec<(u64, Box<QueuedCommand>)>,
-    /// Stops that were said under a lease, and what comes of them.
+    /// Stops by holders of leases, and their results.
     holder_stops: Vec<(QueuedCommand, oneshot::Receiver<Result<StopReport, GatewayError>>)>,
     airtime: WireAirtime,
     lost: bool,
@@ -83,11 +83,11 @@ struct WorkerAxis {
     id: u16,
     axis: LocalAxis,
     lease: LeaseSlot,
-    /// The stop that it is owed.
+    /// Pending stop of the axis.
     pending_stop: Option<PendingStop>,
     /// Why its last lease ended, if that was because its link went away.
     link_loss: Option<String>,
-    /// What was said before the stop of that number, and would have it moved, comes too late.
+    /// Number of the last stop: motion commands that were received before it are refused.
     last_stop_number: u64,
 }
 
@@ -98,13 +98,13 @@ struct ActiveCommand {
     id: String,
     action: CommandAction,
     running: RunningRequest,
-    /// Faults were cleared, and what is under way reads whether one stands.
+    /// True if faults were cleared, and the running request reads whether one remains.
     faults_cleared: bool,
     reply: ReplySender<CommandOutcome>,
 }
 
 impl WorkerAxis {
-    /// Why nobody has its lease: where its link went away, that is not somebody who stopped it.
+    /// Reason that the axis has no lease: after a lost link that is not a stop by a client.
     fn lease_error(&self, refused: GatewayError) -> GatewayError {
         let Some(why) = self.link_loss.as_ref().filter(|_| self.lease.holder().is_none()) else {
             return refused;
@@ -157,7 +157,7 @@ impl CommandWorker {
         command_worker
     }
 
-    /// Looks after axes that joined: they are on the wire's list before anything is said of them.
+    /// Adds axes that joined: they are on the wire's list before they are reported.
     fn add_joined_axes(&mut self) {
         let last_epoch = self.context.last_epoch;
         let known = self.axes.len();
@@ -177,7 +177,7 @@ impl CommandWorker {
         }
     }
 
-    /// Looks after the wire until the bench closes and all that moved was told to stop.
+    /// Serves the wire until the bench closes and all moving axes were stopped.
     pub fn run(this: &Mutex<Self>) {
         let wire = Arc::clone(&lock_unpoisoned(this).wire);
         loop {
@@ -195,14 +195,14 @@ impl CommandWorker {
         }
     }
 
-    /// Whether a stop can be sent without waiting, as far as is known: to open a lost link again may
-    /// take seconds.
+    /// Returns whether a stop can be sent without waiting, as far as is known: to open a lost link again may take
+    /// seconds.
     pub fn can_send_fast(&self) -> bool {
         let first = self.axes.first().map(|watched| watched.axis.connection());
         self.fast_send && first.is_some_and(|connection| connection.link_error().is_none())
     }
 
-    /// Whether the bench is closed and all that moved was seen standing, or waited for long enough.
+    /// Returns whether the bench is closed and all that moved was seen standing, or waited for long enough.
     pub fn is_over(&self) -> bool {
         let now = self.context.now();
         let waited = self.closed.is_some_and(|closed| now.since(closed) >= REPLY_MAX);
@@ -256,13 +256,13 @@ impl CommandWorker {
         self.record_lease_end(axis, &lost.holder, why);
     }
 
-    /// Whether something was set in motion under a lease, or is about to be.
+    /// Returns whether something was set in motion under a lease, or is about to be.
     fn has_moved(&self, axis: usize, lost: &EndedLease) -> bool {
         let powers = |going: &ActiveCommand| going.axis == axis && going.action.may_move();
         lost.moved || self.active.iter().any(powers)
     }
 
-    /// Tells that a lease ended.
+    /// Reports the end of a lease.
     fn record_lease_end(&mut self, axis: usize, holder: &LeaseHolder, why: &str) {
         let id = self.axes[axis].id;
         let detail = json!({ "epoch": holder.epoch, "reason": why });
@@ -387,7 +387,7 @@ impl CommandWorker {
         }
     }
 
-    /// Whether nobody would have to wait for a look, and nothing moves that it may not delay.
+    /// Checks that a scan would delay no client, and nothing moves that it may not delay.
     fn check_scan_allowed(&self) -> Result<(), GatewayError> {
         if self.context.is_closing() || self.lost {
             return Err(unavailable_error(self.lost));
@@ -417,7 +417,7 @@ impl CommandWorker {
         }
     }
 
-    /// Whether a session may have an axis do something now.
+    /// Checks that a session may command an axis now.
     fn check_allowed(
         &self,
         axis: usize,
@@ -444,7 +444,7 @@ impl CommandWorker {
         Ok(())
     }
 
-    /// Whether what moves an axis waits a moment, because its stop is just about to be over.
+    /// Returns whether what moves an axis waits a moment, because its stop is just about to be over.
     fn must_wait_for_stop(&self, commanded: &QueuedCommand) -> bool {
         let pending = self.axes[commanded.axis].pending_stop.as_ref();
         let pending = pending.filter(|pending| !pending.is_holder_stop(commanded.header.epoch));
@@ -459,8 +459,8 @@ impl CommandWorker {
         let started = self.start_command(&commanded);
         let QueuedCommand { axis, session, header, action, .. } = &commanded;
         if action.ends_motion() && self.check_allowed(*axis, session, header.epoch, false).is_ok() {
-            // It did not wait for the journal, as what was said before it may still do: that is not
-            // done any more, whatever became of this.
+            // A stop does not wait for the journal, as commands before it may still do: these are not executed any
+            // more, whatever the stop's result.
             let stopped = &mut self.axes[commanded.axis].last_stop_number;
             *stopped = sequence.max(*stopped);
         }
@@ -488,8 +488,8 @@ impl CommandWorker {
             }
             Ok(StartResult::Done) => self.finish_command(commanded, None),
             Ok(StartResult::NeedsPreparation) => {
-                // Where the limits depend on where it stands, that is asked first, and so is what
-                // scales the arguments. Not here: a command worker never waits.
+                // Limits that depend on the position need a read first, and so do the scales of the arguments. Not
+                // here: a command worker never waits.
                 self.request_worker.prepare_command(sequence, commanded);
             }
             Err(error) => self.finish_command(commanded, Some(error)),
@@ -565,8 +565,8 @@ impl CommandWorker {
 }
 
 impl CommandWorker {
-    /// Reads whether a fault stands after faults were cleared: what is told of the axis afterwards was
-    /// read afterwards. False where there is nothing to read.
+    /// Reads whether a fault remains after faults were cleared: later reports of the axis use later readings. False if
+    /// there is nothing to read.
     fn start_fault_read(&mut self, at: usize) -> bool {
         let going = &mut self.active[at];
         let clears =
@@ -584,7 +584,7 @@ impl CommandWorker {
     }
 }
 
-/// What became of a command that was let through.
+/// Result of the start of an allowed command.
 enum StartResult {
     Running(Box<RunningRequest>),
     Done,
@@ -592,12 +592,12 @@ enum StartResult {
     NeedsPreparation,
 }
 
-/// How long a command is good for, ms.
+/// Validity of a command, ms.
 pub(super) fn scaled_ttl_ms(ttl_ms: f64) -> f64 {
     ttl_ms * f64::from(clock::timeout_scale())
 }
 
-/// Whether a command is still good.
+/// Checks that a command is still valid.
 fn check_age(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), GatewayError> {
     let (age, ttl_ms) = (now_ms - issued_ms, scaled_ttl_ms(ttl_ms));
     if age > ttl_ms {

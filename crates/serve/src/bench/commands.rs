@@ -77,7 +77,7 @@ impl Bench {
                     shared.report_outcome((&session, axis), outcome, false, reply_sender);
                 }
                 (Err(error), _) => {
-                    // Nothing was sent, and nothing will be: also for whoever says it again.
+                    // Nothing was sent, and nothing will be: a repetition gets the same reply.
                     let outcome = command_outcome(order.id, Some(error));
                     shared.lock_history().finish(&outcome);
                     // Who has gone does not want to know.
@@ -95,7 +95,7 @@ impl Bench {
         PendingReply::from_receiver(receiver, Ok(()))
     }
 
-    /// Whether a command was seen, and the number that it has on its wire if not. What ends motion has no key: it is
+    /// Looks a command up, and gives a new one its number on the wire. Commands that end motion have no key: they are
     /// always new.
     fn register_command(
         &self,
@@ -111,7 +111,7 @@ impl Bench {
         }
         let sequence = link.wire.reserve_number()?;
         let now = self.0.context.now();
-        // However far ahead its clock is, within what is let through.
+        // With any advance of its clock, within the limit.
         let stale = now + Duration::from_secs_f64((scaled_ttl_ms(*ttl_ms) + 1000.0) / 1e3);
         let lookup = match key {
             Some(key) => self.0.context.lock_history().register(id, key, stale, now)?,
@@ -137,7 +137,7 @@ impl Bench {
         PendingReply::from_receiver(reply, Ok(()))
     }
 
-    /// Has the journal keep what is no matter of links. The reply tells when it does.
+    /// Writes a record that concerns no link. The reply comes when it is written.
     pub fn write_journal(
         &self,
         who: &str,

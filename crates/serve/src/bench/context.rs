@@ -24,7 +24,7 @@ use crate::message::{
     StopCause,
 };
 
-/// Things that happened and that a listener has not heard yet.
+/// Limit of events that a listener has not received yet.
 const EVENTS_MAX: usize = 1024;
 
 /// Something that happened.
@@ -34,16 +34,16 @@ pub enum BenchEvent {
     Lease {
         /// Which axis.
         axis: u16,
-        /// Who commands it.
+        /// New holder of the lease.
         lease: Option<LeaseView>,
     },
     /// A stop came further.
     Stopped(AxisStopReport),
-    /// An axis is owed a stop, or none any more: its state has it.
+    /// An axis has a pending stop, or none any more: its state has it.
     PendingStop(u16),
     /// Motion is locked.
     Locked(MotionLock),
-    /// Motion is let again.
+    /// Motion is allowed again.
     Unlocked,
     /// A look for drives is further, or has ended.
     Scan(ScanView),
@@ -53,23 +53,23 @@ pub enum BenchEvent {
     BenchChanged,
 }
 
-/// What the wires share.
+/// State shared by the wires.
 pub(super) struct BenchContext {
     pub clock: BenchClock,
     pub lease_duration: Duration,
     pub last_epoch: u64,
-    /// Axes that the server before this one owed a stop: connection string and number.
+    /// Axes with a pending stop of the previous server: connection string and number.
     inherited_stops: Mutex<Vec<(String, u32)>>,
     pub journal: Arc<JournalQueue>,
     pub events: broadcast::Sender<BenchEvent>,
-    /// Somebody looks for drives: one at a time.
+    /// True during a scan: one at a time.
     pub scan_active: AtomicBool,
     command_history: Arc<Mutex<CommandHistory>>,
     motion_lock: Mutex<Option<MotionLock>>,
-    /// How often motion was locked; changed with the lock in hand.
+    /// Number of locks of motion; changed with the lock in hand.
     lock_count: AtomicU64,
     closing: AtomicBool,
-    /// Who was not seen standing when the bench was closed.
+    /// Axes without measured standstill when the bench was closed.
     not_standing: Mutex<Vec<String>>,
 }
 
@@ -101,7 +101,7 @@ impl BenchContext {
         self.clock.now()
     }
 
-    /// Whether the server before this one owed that axis of a link a stop.
+    /// Returns whether that axis of a link has a pending stop of the previous server.
     pub fn has_inherited_stop(&self, url: &str, number: u32) -> bool {
         self.inherited_stops_on(url).contains(&number)
     }
@@ -112,13 +112,13 @@ impl BenchContext {
             .then(|| PendingStop::new(axis, StopCause::ServerBefore, SERVER.into(), self.now()))
     }
 
-    /// The numbers of those that it owed one on a link.
+    /// Numbers of axes on a link with a pending stop of the previous server.
     pub fn inherited_stops_on(&self, url: &str) -> Vec<u32> {
         let pending = lock_unpoisoned(&self.inherited_stops);
         pending.iter().filter(|(link, _)| link == url).map(|(_, number)| *number).collect()
     }
 
-    /// Owes that axis nothing more of what the server before owed it.
+    /// Clears the inherited pending stop of that axis.
     pub fn remove_inherited_stop(&self, url: &str, number: u32) {
         lock_unpoisoned(&self.inherited_stops)
             .retain(|(link, axis)| (&**link, *axis) != (url, number));
@@ -128,17 +128,17 @@ impl BenchContext {
         lock_unpoisoned(&self.command_history)
     }
 
-    /// Who locked motion.
+    /// The present lock of motion.
     pub fn current_lock(&self) -> MutexGuard<'_, Option<MotionLock>> {
         lock_unpoisoned(&self.motion_lock)
     }
 
-    /// How often motion was locked so far.
+    /// Number of locks of motion so far.
     pub fn lock_count(&self) -> u64 {
         self.lock_count.load(Ordering::SeqCst)
     }
 
-    /// Locks motion. Who listens is told in the order in which it is locked and let again.
+    /// Locks motion. Listeners receive locks and releases in their order.
     pub fn lock_motion(&self, motion_lock: MotionLock) {
         let mut lock = self.current_lock();
         self.lock_count.fetch_add(1, Ordering::SeqCst);
@@ -146,7 +146,7 @@ impl BenchContext {
         self.publish(BenchEvent::Locked(motion_lock));
     }
 
-    /// Lets motion again, unless it was locked since somebody counted so many locks.
+    /// Allows motion again, unless it was locked more often than `locks` times.
     pub fn unlock_motion(&self, locks: u64) -> bool {
         let mut lock = self.current_lock();
         let newest = self.lock_count() == locks;
@@ -156,9 +156,9 @@ impl BenchContext {
         newest
     }
 
-    /// Tells whoever listens.
+    /// Sends an event to all listeners.
     pub fn publish(&self, event: BenchEvent) {
-        // Nobody may be listening.
+        // There may be no listener.
         let _ = self.events.send(event);
     }
 
@@ -173,13 +173,13 @@ impl BenchContext {
         self.journal.record((who, action, axis), detail, self.now(), None);
     }
 
-    /// Has the journal keep what nobody asked for.
+    /// Records an action of the server itself in the journal.
     pub fn record_by_server(&self, action: JournalAction, axis: u16, detail: Value) {
         self.record(&SERVER.into(), action, Some(axis), detail);
     }
 
-    /// Has the journal keep how a command ended, and then tells it to whoever said it, then or again.
-    /// What ends motion is told at once.
+    /// Records the end of a command in the journal, and then sends it to all clients that requested it. The outcome of
+    /// a stop is sent at once.
     pub fn report_outcome(
         &self,
         (who, axis): (&SessionName, u16),
@@ -228,7 +228,7 @@ impl BenchContext {
 }
 
 impl Drop for BenchContext {
-    /// Whoever could note something has gone.
+    /// No thread is left that could record anything.
     fn drop(&mut self) {
         self.journal.close();
     }

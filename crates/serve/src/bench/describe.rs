@@ -21,7 +21,7 @@ const ARGUMENTS: [(Argument, &str); 7] = [
     (Argument::JerkTime, "jerk_time"),
     (Argument::Period, "period"),
 ];
-/// What limits an axis: a verb's argument, by the parameter that the drive has for it.
+/// Limits of an axis: a verb's argument, and the parameter of the drive for it.
 const LIMITS: [(Verb, Argument, &str); 4] = [
     (Verb::MoveTo, Argument::Target, "position"),
     (Verb::Velocity, Argument::Velocity, "velocity"),
@@ -76,8 +76,8 @@ pub(super) fn axis_info(
     }
 }
 
-/// Whether a verb is one that a client may give by itself: what needs a beat or a signal to go on, or
-/// permanent memory, is not.
+/// Returns whether a verb is one that a client may give by itself: what needs a beat or a signal to go on, or permanent
+/// memory, is not.
 pub(super) fn is_offered(verb: Verb) -> bool {
     use Verb::{Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime};
     let others = [Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime];

@@ -14,17 +14,17 @@ use crate::message::telemetry::Sample;
 
 /// Between two looks whether the bench closes.
 const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(100);
-/// How long those that came together are gathered.
+/// Time in which simultaneous events are gathered.
 const GATHER: Duration = Duration::from_millis(2);
 /// Events that are taken before anything else is done.
 const AT_ONCE_MAX: usize = 8192;
 
-/// What hears an opened connection string, whatever wires it has.
+/// Listener of an opened connection string, with all of its wires.
 pub(super) struct DriveEventListener {
     pub events: Events,
     /// The number of its first axis.
     pub base: u16,
-    /// That axis' place on the link.
+    /// Index of that axis on the link.
     pub first: usize,
     /// For each axis, when the bench's time began on its wire.
     pub time_origins: Vec<Instant>,

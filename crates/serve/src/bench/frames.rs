@@ -25,12 +25,12 @@ const UNITS_MAX: usize = 1 << 15;
 const EXPLAINED_MAX: usize = 8192;
 /// Frames that wait for one who watches.
 const WAITING_MAX: usize = 4096;
-/// Who may watch frames at once.
+/// Limit of simultaneous viewers of frames.
 const VIEWERS_MAX: usize = 256;
 /// Between two looks whether the bench closes.
 const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// What taps heard, and who wants to see it.
+/// Frames of the taps, and their subscribers.
 #[derive(Default)]
 pub(super) struct FrameTraffic {
     tapped: Mutex<TappedUnits>,
@@ -66,7 +66,7 @@ pub(super) struct TrafficTap {
     traffic: Arc<FrameTraffic>,
 }
 
-/// The frames that somebody watches. Dropped, they are watched no more.
+/// Frames that a viewer watches. Dropping it ends the subscription.
 pub struct FrameSubscription {
     queue: Arc<Mutex<FrameQueue>>,
     traffic: Arc<FrameTraffic>,
@@ -151,7 +151,7 @@ impl FrameSubscription {
         Ok(())
     }
 
-    /// Takes at most so many frames, and tells how many were dropped before the first of them.
+    /// Takes at most `max` frames. The number is that of frames dropped before the first of them.
     pub fn drain(&mut self, max: usize) -> (Vec<FrameItem>, u64) {
         let mut waiting = lock_unpoisoned(&self.queue);
         let count = max.min(waiting.items.len());
@@ -186,7 +186,7 @@ impl FrameTraffic {
         if self.subscriber_count.load(Ordering::Relaxed) == 0 {
             return;
         }
-        // This is on the way to the wire: nothing is made, and nobody woken, under the lock.
+        // This is on the way to the wire: nothing is allocated, and no thread woken, under the lock.
         let unit = TappedUnit { wire, at, direction, data: what() };
         let first = {
             let mut tapped = lock_unpoisoned(&self.tapped);
@@ -249,7 +249,7 @@ impl Tap<Can> for TrafficTap {
     }
 }
 
-/// What explains frames: a decoder for each wire.
+/// Decoder of frames, with one for each wire.
 pub(super) struct TrafficDecoder {
     pub traffic: Arc<FrameTraffic>,
     pub context: Arc<BenchContext>,
@@ -267,7 +267,7 @@ impl TrafficDecoder {
         }
     }
 
-    /// Explains what was heard; waits for something at most so long.
+    /// Decodes tapped frames; waits for one at most this long.
     pub fn decode_tapped(&mut self, at_most: Duration) {
         let TappedUnits { units, lost } = self.traffic.wait_for_units(at_most);
         for (wire, decoder) in lock_unpoisoned(&self.traffic.new_decoders).drain(..) {

@@ -29,9 +29,9 @@ const ENTRIES_MAX: usize = 4096;
 const BYTES_MAX: usize = 4 << 20;
 /// A disk that has taken nothing for so long stalls: nothing more is announced.
 const STALLED_AFTER: Duration = Duration::from_secs(1);
-/// What was announced longer ago than this is not done any more.
+/// Age of an announced action after which it is not executed any more.
 const WRITE_AHEAD_MAX: Duration = Duration::from_secs(2);
-/// Between two tries to tell how many notes are missing.
+/// Interval of attempts to record the number of missing entries.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// A note that waits.
@@ -42,15 +42,15 @@ struct QueuedEntry {
     detail: Value,
     /// When it was noted.
     at: Instant,
-    /// It is not done yet, and only will be when it is kept.
+    /// True if the action is executed only after it is written.
     write_ahead: bool,
-    /// What goes on once it was written, or could not be.
+    /// Continuation after the write, or its failure.
     then: Option<Continuation>,
 }
 
 enum QueueItem {
     Entry(Box<QueuedEntry>),
-    /// So many found no room.
+    /// Number of entries that found no room.
     Gap(u64),
 }
 
@@ -83,13 +83,13 @@ pub(super) struct JournalWriter {
 struct MissingEntries {
     count: u64,
     why: String,
-    /// When to tell so again.
+    /// Time of the next attempt to record it.
     retry_at: Instant,
 }
 
 impl JournalQueue {
-    /// Notes what is about to be done: `then` does it once it is kept, or hears why that is not to be.
-    /// It must not wait.
+    /// Records an action before its execution: `then` executes it once it is written, or gets the reason of the
+    /// refusal. It must not wait.
     pub fn write_ahead(
         &self,
         (who, action, axis): (&SessionName, JournalAction, Option<u16>),
@@ -116,7 +116,7 @@ impl JournalQueue {
         self.push(QueuedEntry { who, action, axis, detail, at: now, write_ahead: false, then });
     }
 
-    /// Whether something may be announced.
+    /// Checks that an action can be announced.
     ///
     /// # Errors
     /// `gateway.journal` while the disk takes nothing.
@@ -222,7 +222,7 @@ impl JournalWriter {
         match &recorded {
             Err(refused) if !waiting.write_ahead => self.count_missing(1, refused),
             Ok(()) if waiting.write_ahead && self.is_late(&waiting) => {
-                // It says that it was to be done: what follows says that it was not.
+                // The record announces the action: the next one states that it was not executed.
                 let id = waiting.detail.get("id").cloned();
                 let detail = json!({ "id": id, "outcome": "not_done", "error": stalled_error() });
                 let not_done = QueuedEntry {
@@ -245,7 +245,7 @@ impl JournalWriter {
         self.clock.now().since(waiting.at) > WRITE_AHEAD_MAX
     }
 
-    /// Has a record made, behind the one that tells what is missing before it.
+    /// Writes a record, behind one that states the number of missing entries.
     fn store_entry(&mut self, waiting: &QueuedEntry) -> Result<(), GatewayError> {
         if self.missing.count > 0 {
             self.report_missing()?;

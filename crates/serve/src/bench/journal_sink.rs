@@ -1,16 +1,16 @@
-//! Where the bench writes what is done.
+//! The sink of the bench's journal.
 
 use serde_json::Value;
 
 use crate::message::{GatewayError, JournalAction};
 
-/// Who did what nobody asked for.
+/// Session name for actions that no client requested.
 pub(super) const SERVER: &str = "server";
 
 /// Keeps what is done: see [`BenchOptions::journal`](super::BenchOptions::journal).
 ///
-/// It is told before anything is sent, stops excepted: those go first. One thread calls it, which looks
-/// after nothing else, so it may wait for a disk.
+/// Called before anything is sent, stops excepted: those go first. One thread calls it that has no other work, so it
+/// may wait for a disk.
 pub trait JournalSink: Send + Sync {
     /// Takes a note, and returns once it is kept.
     ///
@@ -20,12 +20,12 @@ pub trait JournalSink: Send + Sync {
     fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError>;
 }
 
-/// What is about to be done, or was.
+/// An action, announced or executed.
 #[derive(Debug)]
 pub struct JournalEntry<'a> {
-    /// The session; `server` for what nobody asked for.
+    /// The session; `server` for actions that no client requested.
     pub who: &'a str,
-    /// What.
+    /// Kind of the action.
     pub action: JournalAction,
     /// The axis that it concerns.
     pub axis: Option<u16>,
@@ -33,7 +33,7 @@ pub struct JournalEntry<'a> {
     pub detail: &'a Value,
 }
 
-/// A journal that keeps nothing, for benches that nobody else commands.
+/// A journal that keeps nothing, for benches with a single user.
 #[derive(Debug)]
 pub struct NullJournal;
 

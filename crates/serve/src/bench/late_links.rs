@@ -28,8 +28,8 @@ const RETRY_MIN: Duration = Duration::from_millis(100);
 const RETRY_MAX: Duration = Duration::from_secs(2);
 
 impl Bench {
-    /// Tries a link again until it opens. Nobody waits for the thread that does: a host that does not
-    /// answer keeps it for seconds, and it holds nothing of the bench meanwhile.
+    /// Tries a link again until it opens. The thread is never joined: an unresponsive host keeps it for seconds, and it
+    /// holds nothing of the bench meanwhile.
     pub(super) fn spawn_link_opener(
         &self,
         id: u16,
@@ -48,17 +48,16 @@ impl Bench {
         opens.map(drop).map_err(|error| thread_error(&error))
     }
 
-    /// What is told of a link, with what the server before owed drives that are not there.
+    /// Description of a link, with inherited pending stops of absent drives.
     pub(super) fn link_view(&self, link: &BenchLink) -> LinkView {
         let mut pending = self.0.context.inherited_stops_on(&link.url);
         pending.retain(|number| !link.has_axis(*number));
         LinkView { owed: pending, ..link.view() }
     }
 
-    /// Owes a drive that is not there its stop no more, which the server before owed it. The journal keeps
-    /// who said so, and why.
+    /// Clears the inherited pending stop of an absent drive. The journal keeps the session and the reason.
     ///
-    /// The reply is `E212` where that one is owed none, or is there: then it is dismissed as an axis.
+    /// The reply is `E212` for a drive without one, and for a present drive: that is dismissed as an axis.
     pub fn dismiss_absent(
         &self,
         session: &SessionName,
@@ -95,15 +94,14 @@ impl Bench {
         PendingReply::from_receiver(reply, result)
     }
 
-    /// Names the drives of a link that the server before owed a stop and that are not there still, and
-    /// ends what was set in the others for as long as this server speaks.
+    /// Records the absent drives of a link with an inherited pending stop, and ends the host watch of the others.
     pub(super) fn close_link(&self, link: &BenchLink) {
         let pending = self.link_view(link).owed.into_iter();
         pending.for_each(|n| self.0.context.add_not_standing(format!("axis {n} of {}", link.url)));
         link.wire.end_host_watch();
     }
 
-    /// Links that are not open, whose axes nobody knows, and axes that are not there on the others.
+    /// Links that are not open, whose axes are unknown, and absent axes of the others.
     pub(super) fn unreached(&self) -> Vec<UnreachedTarget> {
         let each = self.0.links.iter().flat_map(|link| {
             let why = link
@@ -186,7 +184,7 @@ fn retry_until_open(bench: &Weak<BenchInner>, n: usize, connector: &Connector, u
         };
         match taken {
             Ok(()) => break,
-            // It is open, and only what it says by itself is not heard.
+            // The link is open, and only its unsolicited messages are lost.
             Err(error) if bench.0.links[n].was_opened() => {
                 tracing::warn!(%error, "cannot listen for unsolicited messages");
                 break;

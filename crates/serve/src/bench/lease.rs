@@ -17,16 +17,16 @@ pub type SessionName = Arc<str>;
 #[derive(Debug, Default)]
 pub(super) struct LeaseSlot {
     holder: Option<LeaseHolder>,
-    /// Of the last lease that was given; 0 is nobody's.
+    /// Epoch of the last lease; 0 before the first.
     epoch: u64,
     /// Something was set in motion under the lease, and no stop followed.
     moved: bool,
 }
 
-/// Whoever has the lease.
+/// Holder of a lease.
 #[derive(Clone, Debug)]
 pub(super) struct LeaseHolder {
-    /// Who.
+    /// Session of the holder.
     pub session: SessionName,
     /// The lease's epoch.
     pub epoch: u64,
@@ -37,19 +37,19 @@ pub(super) struct LeaseHolder {
 /// A lease that ended.
 #[derive(Debug)]
 pub(super) struct EndedLease {
-    /// Whose it was.
+    /// Last holder.
     pub holder: LeaseHolder,
-    /// It set the axis in motion: somebody has to stop it.
+    /// True if it set the axis in motion, which must be stopped.
     pub moved: bool,
 }
 
 impl LeaseSlot {
-    /// Nobody's yet, whose next epoch is higher than that.
+    /// A free lease, whose next epoch is higher than that.
     pub fn after_epoch(epoch: u64) -> Self {
         Self { epoch, ..Self::default() }
     }
 
-    /// Who has it.
+    /// Holder of the lease.
     pub fn holder(&self) -> Option<&LeaseHolder> {
         self.holder.as_ref()
     }
@@ -106,7 +106,7 @@ impl LeaseSlot {
         Ok(self.end())
     }
 
-    /// Ends it, whoever has it. What it set in motion is the caller's to stop.
+    /// Ends the lease. The caller stops what it set in motion.
     pub fn end(&mut self) -> Option<EndedLease> {
         let moved = std::mem::take(&mut self.moved);
         self.holder.take().map(|holder| EndedLease { holder, moved })
@@ -145,7 +145,7 @@ impl LeaseSlot {
         self.moved = true;
     }
 
-    /// Notes that what was set in motion was told to stop.
+    /// Records that its motion was stopped.
     pub fn mark_stopped(&mut self) {
         self.moved = false;
     }

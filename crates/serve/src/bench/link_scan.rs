@@ -12,12 +12,11 @@ use super::lock::lock_unpoisoned;
 use super::scan_flag::scan_error;
 use crate::message::{GatewayError, ScanState, ScanView};
 
-/// What is known of looks on one wire.
+/// State of scans on one wire.
 pub(super) struct LinkScan {
     pub link: u16,
     pub connector: Connector,
-    /// What the connection string opened, with all that was taken in since, and which wire of that it
-    /// is; nothing before it was opened.
+    /// The opened link, with all added drives, and the index of this wire in it; empty before it was opened.
     root: OnceLock<(Arc<Mutex<polepair::LocalLink>>, usize)>,
     pub requested: Mutex<Option<ScanAddresses>>,
     /// The look under way, or the last.
@@ -31,13 +30,13 @@ impl LinkScan {
         Self { link, connector, root: OnceLock::new(), requested, view, found }
     }
 
-    /// Its link is open: the wire of that place.
+    /// Sets the opened link and the index of this wire in it.
     pub fn set_opened(&self, root: &Arc<Mutex<polepair::LocalLink>>, index: usize) {
-        // Nobody opens a link twice.
+        // A link is opened once.
         let _ = self.root.set((Arc::clone(root), index));
     }
 
-    /// What the connection string opened, and which wire of that it is.
+    /// The opened link, and the index of this wire in it.
     pub fn root(&self) -> Result<(MutexGuard<'_, polepair::LocalLink>, usize), GatewayError> {
         let (root, index) = self.root.get().ok_or_else(|| scan_error("the link is not open"))?;
         Ok((lock_unpoisoned(root), *index))
@@ -83,7 +82,7 @@ impl LinkScan {
         view
     }
 
-    /// Changes what is told, and tells it: in this order, whoever else does.
+    /// Changes the view and publishes it, in this order also with several callers.
     pub fn update_view(&self, shared: &BenchContext, change: impl FnOnce(&mut ScanView)) {
         let mut scan_view = lock_unpoisoned(&self.view);
         let Some(view) = scan_view.as_mut() else { return };

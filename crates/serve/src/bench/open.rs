@@ -38,10 +38,10 @@ pub(super) struct BenchLink {
     absent: Mutex<Vec<AbsentAxis>>,
 }
 
-/// What a link is once it was opened.
+/// State of an opened link.
 struct OpenedLink {
     wire: OpenWire,
-    /// Its simulation, and the link's number there.
+    /// Simulation, and the link's number in it.
     simulation: Option<(Simulation, usize)>,
     /// Keeps the link open.
     link: polepair::LocalLink,
@@ -50,7 +50,7 @@ struct OpenedLink {
 /// A bench that was opened.
 pub(super) struct OpenedBench {
     pub links: Vec<BenchLink>,
-    /// What each connection string opened, with the number of its first axis.
+    /// Opened link of each connection string, with the number of its first axis.
     pub roots: Vec<(u16, polepair::LocalLink)>,
     pub axes: Vec<AxisEntry>,
     pub clock: BenchClock,
@@ -156,8 +156,7 @@ fn open_parts(
         });
         let opening: Vec<_> = opening.collect::<Result<_, _>>().map_err(|e| thread_error(&e))?;
         let tried = opening.into_iter().map(|opening| match opening.join() {
-            // What the caller says of it, and asks of it, cannot be: that is told before anything is
-            // served.
+            // Contradictions in the options are reported before anything is served.
             Ok(Err(error)) if is_usage_error(&error) => Err(error.into()),
             Ok(tried) => Ok(tried),
             Err(panic) => std::panic::resume_unwind(panic),
@@ -176,13 +175,13 @@ pub(super) fn tapped_connector(
     connector.clone().with_taps(move |wire| frame_traffic.tap(first + wire))
 }
 
-/// Whether it is the caller's mistake, whatever becomes of ports and drives.
+/// Returns whether it is the caller's mistake, whatever becomes of ports and drives.
 pub(super) const fn is_usage_error(error: &Error) -> bool {
     matches!(error, Error::Usage { .. } | Error::Unsupported { .. } | Error::Interrupted { .. })
 }
 
-/// Whether a link that could not be opened may be there later, without anybody changing a file or a
-/// connection string.
+/// Returns whether a link that could not be opened may be there later, without anybody changing a file or a connection
+/// string.
 fn is_transient(error: &Error) -> bool {
     match error {
         Error::Link(error) => error.cause() != Cause::Unsuitable,
@@ -258,13 +257,13 @@ impl BenchLink {
         Self { id, url: url.to_owned(), wire, request_worker, scan, medium, opened, absent }
     }
 
-    /// Whether the drive of that number is one of its axes.
+    /// Returns whether the drive of that number is one of its axes.
     pub fn has_axis(&self, number: u32) -> bool {
         self.wire.axes.iter().any(|(_, axis)| axis.number() == number)
     }
 
     fn set_opened(&self, opened: OpenedLink) {
-        // Nobody opens a link twice.
+        // A link is opened once.
         let _ = self.opened.set(opened);
     }
 
@@ -273,7 +272,7 @@ impl BenchLink {
         *lock_unpoisoned(&self.absent) = absent.into_iter().map(reported).collect();
     }
 
-    /// Its axes that are not there.
+    /// Absent axes of the link.
     pub fn absent(&self) -> Vec<AbsentAxis> {
         lock_unpoisoned(&self.absent).clone()
     }
@@ -283,7 +282,7 @@ impl BenchLink {
         lock_unpoisoned(&self.absent).retain(|axis| axis.number != number);
     }
 
-    /// It was opened after all, as one wire. Its axes are still to join.
+    /// Sets a link that was opened later, as one wire. Its axes join later.
     pub fn set_opened_later(&self, opened: &polepair::LocalLink, absent: Vec<(u32, Error)>) {
         self.scan.set_opened(&Arc::new(Mutex::new(opened.clone())), 0);
         self.set_absent(absent);
@@ -296,22 +295,22 @@ impl BenchLink {
         }
     }
 
-    /// Whether it was opened, however it is now.
+    /// Returns whether it was opened, however it is now.
     pub fn was_opened(&self) -> bool {
         self.opened.get().is_some()
     }
 
-    /// Its simulation, and the link's number there.
+    /// Simulation, and the link's number in it.
     pub fn simulation(&self) -> Option<&(Simulation, usize)> {
         self.opened.get()?.simulation.as_ref()
     }
 
-    /// Its first axis, which stands for the wire.
+    /// First axis, for properties of the wire.
     fn first_axis(&self) -> Option<&LocalAxis> {
         self.wire.axes.first().map(|(_, axis)| axis)
     }
 
-    /// What explains its frames.
+    /// Decoder of its frames.
     pub fn decoder(&self) -> CaptureDecoder {
         let axes = self.wire.axes.iter().map(|(_, axis)| axis);
         let protocols = self.opened.get().map_or(&[][..], |opened| &opened.wire.protocols);
@@ -374,7 +373,7 @@ impl BenchLink {
     }
 }
 
-/// How many times faster than real motors the simulated ones live.
+/// Number of times faster than real motors the simulated ones live.
 pub(super) fn time_scale(links: &[BenchLink]) -> Option<f64> {
     let mut simulations = links.iter().filter_map(BenchLink::simulation);
     simulations.next().map(|(simulation, _)| simulation.scale())

@@ -103,8 +103,8 @@ impl Bench {
         PendingReply::from_receiver(reply, result)
     }
 
-    /// Tells what parameters have and would get and, unless that is all that is asked, writes those that
-    /// differ: every name and value is checked before the first is written. A dry run needs no lease.
+    /// Reads parameters and returns the changes and, unless it is a dry run, writes those that differ: every name and
+    /// value is checked before the first is written. A dry run needs no lease.
     pub fn write_parameters(
         &self,
         axis: u16,
@@ -168,7 +168,7 @@ fn parse_raw_number(number: f64) -> Result<i64, GatewayError> {
     is_whole.then_some(number as i64).ok_or_else(wrong)
 }
 
-/// What writes the parameters of one request.
+/// Writer of the parameters of one request.
 struct ParameterWriter {
     axis: LocalAxis,
     id: u16,
@@ -198,7 +198,7 @@ impl ParameterWriter {
         Self { axis, id, local_index, session, epoch, values, persist: keep, raw, wire, context }
     }
 
-    /// What would change, and the writes that make it so.
+    /// Changes of the request, and the writes for them.
     fn plan(&self) -> Result<(Vec<ParameterChange>, Vec<PlannedWrite>), GatewayError> {
         // What scales others goes first, and they are what they mean by it.
         let named =
@@ -279,7 +279,7 @@ impl ParameterWriter {
         })
     }
 
-    /// Plans at the desk, announces the plan, and writes there what it says.
+    /// Plans at the desk, announces the plan, and executes its writes there.
     fn run(
         self,
         worker: Arc<RequestWorker>,

@@ -1,5 +1,5 @@
-//! The pending stop of an axis, from the stop until its standstill is confirmed: who asked for it, and what they
-//! are told. What is sent is decided by its [`StopSupervisor`].
+//! The pending stop of an axis, from the stop until its standstill is confirmed: its requesters and their replies. Its
+//! [`StopSupervisor`] decides the frames.
 //!
 //! Why: STOP-7.
 
@@ -26,24 +26,24 @@ use crate::message::{
 
 /// For so long what is commanded behind a stop waits for the motor to be seen standing.
 const BRAKING_GRACE: Duration = Duration::from_secs(2);
-/// Whoever asked for a stop is answered after so long.
+/// Time limit of the reply to a stop.
 pub(super) const REPLY_MAX: Duration = Duration::from_secs(10);
-/// The stop that one axis is owed.
+/// Pending stop of one axis.
 pub(super) struct PendingStop {
-    /// Since when, why, and who said so.
+    /// Time, cause and session of its beginning.
     since: Instant,
     why: StopCause,
     by: SessionName,
-    /// The lease whose holder said so, and may have it move again.
+    /// Epoch of the lease whose holder requested it, and may move the axis again.
     holder_epoch: Option<u64>,
-    /// Everybody was told of it.
+    /// True once it was published as an alarm.
     alarmed: bool,
     stop: StopSupervisor,
     last_report: Option<AxisStopReport>,
     waiters: Vec<StopWaiter>,
 }
 
-/// Somebody who waits to hear of it, and since when.
+/// A client that waits for the result, and the time of its request.
 struct StopWaiter {
     collector: Arc<StopCollector>,
     since: Instant,
@@ -54,15 +54,15 @@ struct StopWaiter {
 pub(super) enum StopResolution {
     /// The motor was seen standing.
     Standing,
-    /// The drive answered all of it, and nothing tells whether its motor stands.
+    /// The drive acknowledged the stop, and the state of its motor cannot be measured.
     NotKnown,
     /// The drive has no stop.
     Impossible(GatewayError),
 }
 
-/// What a poll found.
+/// Result of a poll.
 pub(super) struct StopPoll {
-    /// How far it came, if that is new.
+    /// Progress of the stop, if it is new.
     pub report: Option<AxisStopReport>,
     /// The motor did not become slower, and a quick stop was sent.
     pub sent_quick_stop: bool,
@@ -71,7 +71,7 @@ pub(super) struct StopPoll {
 }
 
 impl PendingStop {
-    /// Owes a stop that is still to be sent.
+    /// Creates a pending stop that is still to be sent.
     pub fn new(axis: &LocalAxis, why: StopCause, by: SessionName, now: Instant) -> Self {
         let options = StopOptions::default();
         Self {
@@ -86,26 +86,25 @@ impl PendingStop {
         }
     }
 
-    /// The same, said by whoever holds the lease of that epoch.
+    /// Marks it as requested by the holder of the lease of that epoch.
     pub fn for_holder(mut self, epoch: u64) -> Self {
         self.holder_epoch = Some(epoch);
         self
     }
 
-    /// Whether nobody said so but who held the lease of that epoch.
+    /// Returns whether the holder of the lease of that epoch is the only requester.
     pub fn is_holder_stop(&self, epoch: u64) -> bool {
         self.holder_epoch == Some(epoch)
     }
 
-    /// Somebody else says so as well: it is no longer the holder's alone.
+    /// Adds a further requester: it is no longer the holder's alone.
     pub fn add_requester(&mut self, why: StopCause, by: &SessionName) {
         if self.holder_epoch.take().is_some() {
             (self.why, self.by) = (why, by.clone());
         }
     }
 
-    /// Sends it because somebody says so, though one may be on its way: whoever asked for that one hears
-    /// of this one.
+    /// Sends the stop for a requester, although one may be on its way: earlier requesters get the result of this one.
     pub fn send(&mut self, since: Instant, report: Option<Arc<StopCollector>>) {
         self.waiters.extend(report.map(|report| StopWaiter { collector: report, since }));
         self.last_report = None;
@@ -117,18 +116,18 @@ impl PendingStop {
         self.stop.send_again(false);
     }
 
-    /// Whether it is young and goes well, so that the motor will soon be seen standing.
+    /// Returns whether it is young and goes well, so that the motor will soon be seen standing.
     pub fn is_ending(&self, now: Instant) -> bool {
         let goes_well = !self.stop.is_lost() && !self.stop.may_be_turning();
         now.since(self.since) < BRAKING_GRACE && goes_well
     }
 
-    /// How often it was sent.
+    /// Number of times it was sent.
     pub fn attempts(&self) -> u32 {
         self.stop.attempts()
     }
 
-    /// What everybody is told of it.
+    /// View of the stop for all clients.
     pub fn view(&self) -> PendingStopView {
         let (class, error) = self.progress();
         let since_ms = BenchClock::wall_ms(self.since);
@@ -142,9 +141,8 @@ impl PendingStop {
         }
     }
 
-    /// What everybody is told of it now, and whether that is news. A stop that the holder of the lease
-    /// said is no alarm while it is young and goes well: a motor that brakes obeys. Once it is one, it
-    /// is until the debt ends.
+    /// The present view of the stop, and whether it changed. A stop by the holder of the lease is no alarm while it is
+    /// young and proceeds: a braking motor obeys. An alarm lasts until the pending stop ends.
     pub fn update_alarm(&mut self, now: Instant) -> (Option<PendingStopView>, bool) {
         let goes_well = !self.stop.is_lost();
         let is_young = now.since(self.since) < BRAKING_GRACE;
@@ -154,7 +152,7 @@ impl PendingStop {
         (Some(self.view()), !std::mem::replace(&mut self.alarmed, true))
     }
 
-    /// What is certain of the one that was said last.
+    /// Certain progress of the last sent stop.
     fn progress(&self) -> (StopClass, Option<GatewayError>) {
         let trouble = self.stop.trouble().map(|error| GatewayError::from(error.clone()));
         match self.stop.progress() {
@@ -191,7 +189,7 @@ impl PendingStop {
     fn new_report(&mut self, id: u16, now: Instant, ended: bool) -> Option<AxisStopReport> {
         let (class, error) = self.progress();
         let rises = self.last_report.as_ref().is_none_or(|last| class > last.class);
-        // What may still be said again is no news while it fails.
+        // A failure that will be repeated is not reported.
         let fails = error.is_some() && !ended;
         if fails || (!rises && !ended) || (class == StopClass::Failed && !ended) {
             return None;
@@ -215,8 +213,8 @@ impl PendingStop {
         now.since(since).as_secs_f64() * 1e3
     }
 
-    /// Answers whoever waited long enough, or for nothing more; all of them when the debt has ended,
-    /// which everybody sees by then.
+    /// Replies to clients that reached their time limit or their goal; to all of them at the end of the pending stop,
+    /// which all clients see by then.
     pub fn reply_to_waiters(&mut self, id: u16, axis: &LocalAxis, now: Instant, ended: bool) {
         let (class, error) = self.progress();
         // Over a link that is lost nothing comes for a while.
@@ -234,7 +232,7 @@ impl PendingStop {
         });
     }
 
-    /// Answers whoever waits: it is dismissed, or the server ends.
+    /// Replies to all waiting clients: it is dismissed, or the server ends.
     pub fn abandon(&mut self, id: u16, now: Instant, why: &GatewayError) {
         for StopWaiter { collector, since } in self.waiters.drain(..) {
             let ms = now.since(since).as_secs_f64() * 1e3;
@@ -245,12 +243,12 @@ impl PendingStop {
     }
 }
 
-/// What came of a stop of several axes, for whoever asked for it.
+/// Results of a stop of several axes, for its requester.
 #[derive(Debug)]
 pub(super) struct StopCollector {
     /// Links that it does not reach.
     unreached: Vec<UnreachedTarget>,
-    /// What could not be obeyed.
+    /// Parts of the request that could not be executed.
     refused: Vec<GatewayError>,
     axes: Mutex<BTreeMap<u16, Option<(AxisStopReport, bool)>>>,
     reply: Mutex<Option<ReplySender<StopReport>>>,
@@ -285,7 +283,7 @@ impl StopCollector {
         }
         let axes = axes.values().flatten().map(|(stopped, _)| stopped.clone()).collect();
         if let Some(reply_sender) = lock_unpoisoned(&self.reply).take() {
-            // Whoever asked may have gone.
+            // The requester may have disconnected.
             let (unreached, refused) = (self.unreached.clone(), self.refused.clone());
             let _ = reply_sender.send(Ok(StopReport { axes, unreached, refused }));
         }

@@ -20,25 +20,25 @@ use super::wire::{BenchWire, StopBatch};
 use crate::message::telemetry::Sample;
 use crate::message::{GatewayError, JournalAction};
 
-/// How often an axis is asked for its state.
+/// Interval of reads of an axis' state.
 const STATE_EVERY: Duration = Duration::from_millis(100);
-/// How long an axis that does not answer is left alone.
+/// Pause after an axis did not answer.
 const SILENT_BACKOFF: Duration = Duration::from_secs(1);
-/// How far ahead an axis that turns is kept from leaving its limits.
+/// Time ahead by which a turning axis is kept from leaving its limits.
 const LIMIT_LOOKAHEAD: Duration = Duration::from_millis(200);
 /// Between two looks whether there is anything to do.
 const IDLE: Duration = Duration::from_millis(20);
 /// Watched values that are asked for between two addresses of a look for drives.
 const DUE_AT_ONCE_MAX: usize = 16;
 
-/// What looks at a wire.
+/// Poller of a wire.
 pub(super) struct AxisPoller {
     wire: Arc<BenchWire>,
     request_worker: Arc<RequestWorker>,
     context: Arc<BenchContext>,
     telemetry: Arc<Telemetry>,
     axes: Vec<PolledAxis>,
-    /// Whose turn it is.
+    /// Index of the next axis.
     current: usize,
     /// Questions take half of the time at most.
     rest_until: Instant,
@@ -54,7 +54,7 @@ struct PolledAxis {
     signal_parameters: Vec<ParameterId>,
     reads_left: Vec<ParameterId>,
     next: Instant,
-    /// Its drive is still to be had to watch this host.
+    /// True if its drive is still to be set to watch this host.
     needs_host_watch: bool,
 }
 
@@ -122,23 +122,23 @@ impl AxisPoller {
                 self.request_worker.wait(self.idle());
             }
         }
-        // What is left is told that it comes too late.
+        // Remaining requests get the reply that they are too late.
         while self.request_worker.run_next() {}
     }
 
-    /// Asks the next address of a look for drives. False when nobody looks.
+    /// Asks the next address of a scan. False without a scan.
     pub fn scan_next(&mut self) -> bool {
         let is_scanning = self.scanner.step();
         if is_scanning && let Some(first) = self.axes.first() {
-            // What an address asked in vain may still say is nobody's clash.
+            // A late reply to a scanned address is no clash.
             let counters = first.axis.connection().with_axes(|axes, _| axes.counters());
             self.clash_detector.skip_counted(counters, self.context.now());
         }
         is_scanning
     }
 
-    /// Asks for what somebody watches and the drive does not send, once, if it is due: what waits
-    /// longest first, so that all come where the wire cannot carry all. False when nothing is.
+    /// Reads a subscribed value that the drive does not send, once, if it is due: the longest waiting first, so that
+    /// all get their turn on a wire that cannot carry all. False if none is due.
     pub fn poll_subscribed(&mut self) -> bool {
         self.add_joined_axes();
         let Some((now, zero)) = self.wire.time() else { return false };
@@ -159,7 +159,7 @@ impl AxisPoller {
         true
     }
 
-    /// How long nothing is due.
+    /// Time until the next value is due.
     fn idle(&self) -> Duration {
         let Some((now, zero)) = self.wire.time() else { return IDLE };
         let now_us = now.since(zero).as_micros() as u64;
@@ -204,7 +204,7 @@ impl AxisPoller {
         false
     }
 
-    /// Tells of somebody else on the wire.
+    /// Reports other hosts on the wire.
     fn check_clashes(&mut self, now: Instant) {
         let Some(first) = self.axes.first() else { return };
         let counters = || first.axis.connection().with_axes(|axes, _| axes.counters());
@@ -237,7 +237,7 @@ impl AxisPoller {
     }
 }
 
-/// What signals read, each once; the most telling is asked first, being last.
+/// Parameters of the signals, each once; the last one is asked first, being the most important.
 fn polled_parameters(axis: &LocalAxis) -> Vec<ParameterId> {
     let mut ids = Vec::new();
     let plain = axis.profile().signals.iter().filter(|source| source.signal != Signal::Time);
@@ -251,7 +251,7 @@ fn polled_parameters(axis: &LocalAxis) -> Vec<ParameterId> {
 }
 
 impl PolledAxis {
-    /// What is watched, as it is now; `None` where it is not told.
+    /// Present value of a subscribed target; `None` if it is unknown.
     fn read_target(&self, what: WatchTarget) -> Option<(Instant, f64)> {
         let (at, value) = match what {
             WatchTarget::Signal(signal) => {
@@ -266,7 +266,7 @@ impl PolledAxis {
         value.is_finite().then_some((at, value))
     }
 
-    /// Whether all that a parameter tells was sent or asked for just now.
+    /// Returns whether all values of a parameter were received just now.
     fn is_fresh(&self, id: ParameterId) -> bool {
         let (state, now) = (self.axis.state(), self.axis.connection().now());
         let mut its = self.axis.profile().signals.iter().filter(|s| s.parameter == id);

@@ -1,6 +1,6 @@
-//! Searches ports that no link uses for drives whose protocol and rate nobody knows.
+//! Searches ports that no link uses for drives of unknown protocol and rate.
 //!
-//! A thread of its own does that: silence is waited for, minutes long, and no wire of the bench takes part.
+//! The search has its own thread: it waits for silence, minutes long, and uses no wire of the bench.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,10 +26,10 @@ use crate::message::{
     GatewayError, JournalAction, ScanState, SearchRequest, SearchView, SearchedDrive, SearchedPort,
 };
 
-/// How often it is told how far a search is.
+/// Interval of progress reports.
 const REPORT_INTERVAL: Duration = Duration::from_millis(100);
 
-/// What is known of searches of this bench.
+/// State of searches of this bench.
 pub(super) struct BenchSearch {
     /// With which names and profiles.
     connector: Connector,
@@ -52,7 +52,7 @@ impl BenchSearch {
 }
 
 impl Bench {
-    /// Searches ports by reads only. [`BenchEvent::Search`] tells how far it is, and its end.
+    /// Searches ports by reads only. [`BenchEvent::Search`] reports its progress and its end.
     ///
     /// # Errors
     /// `gateway.look` while a search is under way, or for a port that a link uses; `gateway.missing` for what is
@@ -106,7 +106,7 @@ impl Bench {
     /// Breaks a search off: nothing is asked after what is being asked.
     ///
     /// # Errors
-    /// `gateway.missing` where nobody searches.
+    /// `gateway.missing` without a search.
     pub fn cancel_search(&self, session: &SessionName) -> Result<(), GatewayError> {
         let view = self.search_view()?;
         if view.state != ScanState::UnderWay {
@@ -118,8 +118,8 @@ impl Bench {
         Ok(())
     }
 
-    /// The wanted ports. Others than the system lists, and the server's own `--search-port`, are refused: whoever is
-    /// let in must not have the server write to any terminal.
+    /// The requested ports. Ports that the system does not list, and that no `--search-port` names, are refused: a
+    /// client must not have the server write to any terminal.
     fn searchable_ports(&self, request: &SearchRequest) -> Result<Vec<String>, GatewayError> {
         let used: Vec<String> =
             self.0.links.iter().filter_map(|link| port_of_url(&link.url)).collect();
@@ -188,7 +188,7 @@ fn run_search(bench: &Weak<BenchInner>, ports: &[String]) {
 }
 
 impl BenchInner {
-    /// Changes what is told, and tells it.
+    /// Changes the view, and publishes it.
     fn update_search(&self, change: impl FnOnce(&mut SearchView)) {
         let mut last = lock_unpoisoned(&self.port_search.view);
         let Some(view) = last.as_mut() else { return };

@@ -9,13 +9,13 @@ use tokio::sync::oneshot::{self, Receiver};
 
 use crate::message::GatewayError;
 
-/// What goes on when it is known whether it may. It must not wait.
+/// Continuation that gets the permission or its refusal. It must not wait.
 pub(super) type Continuation = Box<dyn FnOnce(Result<(), GatewayError>) + Send>;
 
-/// Tells what came of something.
+/// Sender of the result of a request.
 pub(super) type ReplySender<T> = oneshot::Sender<Result<T, GatewayError>>;
 
-/// What comes of something that was asked. Dropped, it goes on by itself.
+/// Result of a request, available later. Dropping it does not end the request.
 #[derive(Debug)]
 #[must_use = "the operation continues, but its result is lost"]
 pub struct PendingReply<T>(ReplyState<T>);

@@ -28,7 +28,7 @@ impl RequestWorker {
         Self { wire: Arc::downgrade(wire), jobs: Mutex::default(), wakeup: Condvar::new() }
     }
 
-    /// Leaves a job here. Where there is no room it is told so, at once.
+    /// Queues a job. Without room it is refused at once.
     pub fn submit(&self, job: Continuation) {
         let mut jobs = lock_unpoisoned(&self.jobs);
         if jobs.len() < JOBS_MAX {
@@ -41,7 +41,7 @@ impl RequestWorker {
         job(Err(GatewayError::new("gateway.busy", what).hint("ask less often")));
     }
 
-    /// Leaves a question here, whose answer is told.
+    /// Queues a request, whose reply is sent later.
     pub fn submit_query<T: Send + 'static>(
         &self,
         reply_sender: ReplySender<T>,

@@ -32,10 +32,10 @@ use crate::message::{
     ScanRequest, ScanState, ScanView,
 };
 
-/// How often it is told how far a look is.
+/// Interval of progress reports.
 const REPORT_INTERVAL: Duration = Duration::from_millis(100);
 
-/// What looks on one wire.
+/// Scanner of one wire.
 pub(super) struct LinkScanner {
     link_scan: Arc<LinkScan>,
     wire: Arc<BenchWire>,
@@ -56,7 +56,7 @@ impl LinkScanner {
         }
     }
 
-    /// Asks the next address. False when nobody looks for drives here.
+    /// Asks the next address. False without a scan here.
     pub fn step(&mut self) -> bool {
         if !self.wire.scan_flag.is_active() {
             return false;
@@ -135,7 +135,7 @@ impl LinkScanner {
             "link": self.link_scan.link, "state": state, "found": numbers, "silent": silent,
         });
         *lock_unpoisoned(&self.link_scan.found) = scan.found;
-        // Who is told of the end may take an axis at once.
+        // A client that receives the end may take an axis at once.
         self.wire.scan_flag.end();
         self.context.record(&SERVER.into(), JournalAction::Look, None, detail);
         self.link_scan.update_view(&self.context, |view| {
@@ -144,7 +144,7 @@ impl LinkScanner {
             (view.found, view.axes, view.tried) = (found, queried, scan.tried);
             view.unasked = scan.not_queried as u32;
             view.has_unconfigured = scan.has_unconfigured;
-            // Before that is told: who hears it may look again.
+            // Before the report: its receiver may start the next scan.
             self.context.scan_active.store(false, Ordering::SeqCst);
         });
     }
@@ -172,8 +172,8 @@ impl LinkScanner {
 }
 
 impl Bench {
-    /// Looks for drives on a link, by reads only. It is told when it has begun; [`BenchEvent::Scan`] tells
-    /// how far it is, and its end.
+    /// Scans a link for drives, by reads only. The reply comes at its start; [`BenchEvent::Scan`] reports its progress
+    /// and its end.
     ///
     /// Refused with `gateway.look` while a look is under way on this bench, or an axis of the link is
     /// commanded, armed, powered, turning or being stopped.
@@ -225,7 +225,7 @@ impl Bench {
     /// Breaks a look off: no address is asked after the one that is being asked.
     ///
     /// # Errors
-    /// `gateway.missing` where nobody looks.
+    /// `gateway.missing` without a scan.
     pub fn cancel_scan(&self, link: u16, session: &SessionName) -> Result<(), GatewayError> {
         let id = link;
         let link = self.find_link(id)?;
@@ -241,9 +241,9 @@ impl Bench {
 
     /// Makes axes of drives that the last look on a link found. What all other axes are doing goes on.
     ///
-    /// The reply is `gateway.missing` for what was not found, `gateway.look` for a drive that clashes
-    /// with another, while somebody looks, and where there is no room; else as
-    /// [`polepair::LocalLink::add_drives`]. No drive is taken in then.
+    /// The reply is `gateway.missing` for drives that were not found, `gateway.look` for a drive that clashes with
+    /// another, during a scan, and without room; otherwise as in [`polepair::LocalLink::add_drives`]. No drive is added
+    /// then.
     pub fn add_drives(
         &self,
         link: u16,

@@ -1,10 +1,10 @@
-//! Whether a scan runs on a wire.
+//! True if a scan runs on a wire.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::message::GatewayError;
 
-/// Whether somebody looks for drives on a wire; whoever stops something there ends that first.
+/// True during a scan of a wire, which a stop there ends.
 #[derive(Default)]
 pub(super) struct ScanFlag {
     active: AtomicBool,

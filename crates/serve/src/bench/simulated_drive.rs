@@ -7,10 +7,10 @@ use crate::message::{GatewayError, PanelView, SimulationActionInfo};
 
 /// Keys of a panel that are looked for.
 const KEYS_MAX: u8 = 16;
-/// What an act that presses a key is called, before the key's number.
+/// Prefix of the act that presses a key, before the key's number.
 const KEY: &str = "key-";
 
-/// The error for a real drive, which nobody acts on.
+/// The error for a real drive, which has no acts.
 pub(super) fn not_simulated_error() -> GatewayError {
     GatewayError::new("gateway.simulated", "this is not a simulated drive")
         .hint("only simulated drives have acts")
@@ -29,13 +29,13 @@ impl SimulatedDrive {
     /// The drive of that address, or of that place, on a link of a simulation or behind a relay on it.
     pub fn find(simulation: &Simulation, link: usize, number: u32, index: usize) -> Option<Self> {
         let motor = simulation.description().motor_of_axis(link, number, index)?;
-        // To let go of a key that nobody holds does nothing, and tells whether there is one.
+        // Releasing a key that is not pressed does nothing, and shows whether it exists.
         let has = |n: &u8| simulation.act_on_motor(motor, Act::Key(*n, false));
         let keys = (0..KEYS_MAX).take_while(has).count() as u8;
         Some(Self { simulation: simulation.clone(), motor, keys })
     }
 
-    /// What can be done to it.
+    /// Acts of the drive.
     pub fn acts(&self) -> Vec<SimulationActionInfo> {
         let info = |act: String, kind: &ActKind| SimulationActionInfo {
             act,
@@ -56,13 +56,13 @@ impl SimulatedDrive {
         (0..self.keys).map(|n| format!("{KEY}{n}"))
     }
 
-    /// Its panel, where it has one.
+    /// Panel of the drive, where it has one.
     pub fn panel(&self) -> Option<PanelView> {
         let shows = self.simulation.panel(self.motor.link, self.motor.drive)?;
         Some(PanelView { shows, keys: self.keys().collect() })
     }
 
-    /// What is true of its motor.
+    /// True state of its motor.
     pub fn truth(&self) -> Option<GroundTruth> {
         self.simulation.motor_truth(self.motor)
     }

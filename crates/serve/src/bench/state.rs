@@ -48,7 +48,7 @@ pub(super) fn signal_value(
     })
 }
 
-/// Faults and warnings that stand; a code that nobody knows is told as it is.
+/// Active faults and warnings; an unknown code is shown as a number.
 fn faults(axis: &LocalAxis, state: &AxisStatus) -> Vec<ActiveFault> {
     let reading = state.reading(Signal::Fault);
     if reading.at.is_none() {

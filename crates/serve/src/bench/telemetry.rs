@@ -25,12 +25,12 @@ const SOURCES_MAX: usize = 256;
 const GAPS_MAX: usize = 64;
 /// The fastest that anything is asked for.
 const HZ_MAX: f64 = 1000.0;
-/// What was not sent for so long is asked for.
+/// Silence of a signal after which it is polled, µs.
 const SILENCE_US: u64 = 1_000_000;
-/// Samples by which a rate is told.
+/// Samples from which a rate is computed.
 const RATE_SAMPLES: usize = 256;
 
-/// What is watched of an axis.
+/// Subscribed value of an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum WatchTarget {
     Signal(Signal),
@@ -50,10 +50,10 @@ pub(super) struct TelemetrySource {
     schedule: Mutex<PollSchedule>,
 }
 
-/// How often something is wanted, and when it is next to be asked for.
+/// Requested rates of a value, and the time of its next poll.
 #[derive(Debug, Default)]
 struct PollSchedule {
-    /// Of each who watches.
+    /// Rate of each subscriber, Hz.
     rates: Vec<f64>,
     next: Instant,
 }
@@ -75,16 +75,16 @@ pub struct SampleGap {
     pub from_us: u64,
     /// Before this time, µs.
     pub to_us: u64,
-    /// How many, at most.
+    /// Number of lost samples, at most.
     pub lost: u64,
 }
 
 /// Everything that is watched on a bench.
 #[derive(Debug)]
 pub(super) struct Telemetry {
-    /// What is watched of each axis.
+    /// Subscribed values of each axis.
     by_axis: Mutex<Vec<Vec<Weak<TelemetrySource>>>>,
-    /// Of each axis a bit for each signal that the drive was seen to send.
+    /// Signals that the drive of each axis was seen to send, one bit each.
     pushed_signals: Vec<AtomicU32>,
 }
 
@@ -97,11 +97,11 @@ pub(crate) struct ChannelRequest {
     hz: f64,
 }
 
-/// What somebody watches. Dropped, it is watched no more.
+/// A subscription. Dropping it ends it.
 #[derive(Debug)]
 pub struct TelemetryChannel {
     source: Arc<TelemetrySource>,
-    /// How often it is wanted here.
+    /// Requested rate, Hz.
     requested_hz: f64,
     /// The number of the next sample.
     next: u64,
@@ -127,7 +127,7 @@ impl Bench {
         self.open_channel(self.resolve_channel(axis, signal, parameter, hz)?)
     }
 
-    /// Whether that can be watched; shares no lock with who watches.
+    /// Checks that a channel exists; shares no lock with the subscribers.
     pub(crate) fn resolve_channel(
         &self,
         axis: u16,
@@ -198,7 +198,7 @@ impl Telemetry {
         self.sources_of(axis).iter().for_each(|source| source.record_loss(lost));
     }
 
-    /// Whether a drive was seen to send a signal.
+    /// Returns whether a drive was seen to send a signal.
     pub fn is_pushed(&self, axis: u16, signal: Signal) -> bool {
         let sends = self.pushed_signals.get(usize::from(axis));
         sends.is_some_and(|sends| sends.load(Ordering::Relaxed) & (1 << signal as u32) != 0)
@@ -226,7 +226,7 @@ impl Telemetry {
         Ok(source.open_channel(hz))
     }
 
-    /// What is watched of an axis.
+    /// Subscribed values of an axis.
     pub fn sources_of(&self, axis: u16) -> Vec<Arc<TelemetrySource>> {
         let by_axis = lock_unpoisoned(&self.by_axis);
         let sources = by_axis.get(usize::from(axis)).into_iter().flatten();
@@ -246,7 +246,7 @@ impl TelemetrySource {
         }
     }
 
-    /// Lets somebody watch, so often.
+    /// Opens a subscription with this rate.
     fn open_channel(self: Arc<Self>, hz: f64) -> TelemetryChannel {
         lock_unpoisoned(&self.schedule).rates.push(hz);
         TelemetryChannel::new(self, hz)
@@ -289,7 +289,7 @@ impl TelemetrySource {
 }
 
 impl PollSchedule {
-    /// As often as the quickest wants it.
+    /// The highest requested rate, Hz.
     fn hz(&self) -> f64 {
         self.rates.iter().copied().fold(0.0, f64::max)
     }
@@ -326,7 +326,7 @@ impl TelemetryChannel {
         Self { source, requested_hz, next, next_gap, seen_us: 0, lost: 0 }
     }
 
-    /// Takes the samples that came since, behind what `out` has, and tells what was lost before them.
+    /// Appends the samples since the last call to `out`, and returns the gap before them.
     pub fn drain_into(&mut self, out: &mut Vec<Sample>) -> Option<SampleGap> {
         let ring = lock_unpoisoned(&self.source.ring);
         let fell_behind = ring.first.saturating_sub(self.next);
@@ -355,7 +355,7 @@ impl TelemetryChannel {
         self.lost
     }
 
-    /// Where the samples come from.
+    /// Source of the samples.
     #[must_use]
     pub fn source(&self) -> From {
         match self.source.pushed.load(Ordering::Relaxed) {
@@ -370,7 +370,7 @@ impl TelemetryChannel {
         self.source.unit
     }
 
-    /// How often it came, by the last samples; how often it is wanted while there are too few.
+    /// Rate of the last samples, Hz; the requested rate while there are too few.
     #[must_use]
     pub fn hz(&self) -> f64 {
         let ring = lock_unpoisoned(&self.source.ring);

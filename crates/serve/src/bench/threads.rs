@@ -45,8 +45,8 @@ impl Bench {
         roots.into_iter().try_for_each(|(base, link)| self.listen_events(base, 0, &link))
     }
 
-    /// Hears what the axes of an opened connection string send, from that place on; the bench's number
-    /// of the first of them is `base`.
+    /// Listens to the axes of an opened connection string, from `first` on; `base` is the bench's number of the first
+    /// of them.
     pub(super) fn listen_events(
         &self,
         base: u16,
@@ -60,7 +60,7 @@ impl Bench {
         }
         let link = link.clone();
         let named = std::thread::Builder::new().name("event-listener".to_owned());
-        // To listen, drives are asked first what they send; nobody waits for that.
+        // A listener first asks drives for their settings, for which no caller waits.
         let listens = named.spawn(move || match link.events_from(first) {
             Ok(events) => new_listener(events).run(),
             Err(error) => tracing::warn!(%error, "cannot listen for unsolicited messages"),
@@ -99,7 +99,7 @@ impl Bench {
         AxisPoller::new(link, &self.0.context, &self.0.telemetry)
     }
 
-    /// What explains frames.
+    /// Decoder of the frames.
     fn new_traffic_decoder(&self) -> TrafficDecoder {
         let BenchInner { links, traffic, context, .. } = &*self.0;
         let decoders = links.iter().map(BenchLink::decoder).collect();
@@ -108,7 +108,7 @@ impl Bench {
         TrafficDecoder { traffic, context: shared, decoders, wires, count: 0 }
     }
 
-    /// What hears axes of an opened connection string, once it has their events.
+    /// Listener of an opened connection string, once its events are subscribed.
     fn new_event_listener(
         &self,
         base: u16,

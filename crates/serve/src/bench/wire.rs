@@ -32,19 +32,19 @@ pub(super) type StopSender = Box<dyn Fn() + Send + Sync>;
 
 /// A wire and its axes.
 pub(super) struct BenchWire {
-    /// Its axes, with their numbers among all of the bench.
+    /// Axes of the wire, with their numbers in the bench.
     pub axes: AppendOnlyVec<(u16, LocalAxis)>,
-    /// Whether somebody looks for drives there.
+    /// True during a scan of the wire.
     pub scan_flag: ScanFlag,
     /// When the bench's time began, on its clock.
     pub time_origin: OnceLock<Instant>,
-    /// With their numbers in the order in which they were said.
+    /// Requests with their numbers, in order of arrival.
     requests: Mutex<VecDeque<(u64, WireRequest)>>,
     stops: Mutex<VecDeque<StopBatch>>,
     worker: OnceLock<(Thread, StopSender)>,
     leases: Mutex<Vec<Option<LeaseView>>>,
     pending_stops: Mutex<Vec<Option<PendingStopView>>>,
-    /// Axes whose drives were had to watch this host by nobody but the server.
+    /// Axes whose drives the server alone set to watch this host.
     host_watched: Mutex<BTreeSet<usize>>,
     /// Axes of the bench whose drives have just started.
     restarted: Mutex<Vec<u16>>,
@@ -64,19 +64,19 @@ pub(super) enum WireRequest {
     Lease(LeaseRequest),
     /// An axis is to do something.
     Command(Box<QueuedCommand>),
-    /// Something is about to be written that moves nothing: `go` hears whether it may.
+    /// A write that moves nothing: `then` gets the permission.
     Write { axis: usize, session: SessionName, epoch: u64, then: Continuation },
-    /// Somebody wants to look for drives: `go` hears whether that may begin.
+    /// A scan: the continuation gets the permission.
     Scan(Continuation),
     /// A client has gone: its leases end.
     SessionEnded(SessionName),
-    /// An axis is to be owed its stop no more.
+    /// Clears the pending stop of an axis.
     Dismiss(DismissRequest),
     /// The journal did not keep that a lease was given.
     LeaseNotRecorded { axis: usize, epoch: u64 },
 }
 
-/// What is wanted of a lease.
+/// Action on a lease.
 #[derive(Debug)]
 pub(super) struct LeaseRequest {
     pub axis: usize,
@@ -86,7 +86,7 @@ pub(super) struct LeaseRequest {
     pub reply: ReplySender<Option<LeaseGrant>>,
 }
 
-/// A stop that is to be owed no more.
+/// Dismissal of a pending stop.
 #[derive(Debug)]
 pub(super) struct DismissRequest {
     pub axis: usize,
@@ -95,7 +95,7 @@ pub(super) struct DismissRequest {
     pub reply: ReplySender<()>,
 }
 
-/// What every command says of itself.
+/// Header of every command.
 #[derive(Debug)]
 pub(super) struct CommandHeader {
     pub id: String,
@@ -116,19 +116,19 @@ pub(super) struct QueuedCommand {
     pub reply: ReplySender<CommandOutcome>,
 }
 
-/// What a command's word means.
+/// Meaning of a command's word.
 #[derive(Clone, PartialEq, Debug)]
 pub(super) enum CommandAction {
     /// Let motion commands through, or no longer.
     Arm(bool),
     /// A verb of the drive.
     Run(Command),
-    /// A request in the protocol's own text: nobody here knows what it does.
+    /// A request in the protocol's own text, of unknown effect.
     Raw(String),
 }
 
 impl CommandAction {
-    /// Whether a motor may move by it.
+    /// Returns whether a motor may move by it.
     pub fn may_move(&self) -> bool {
         match self {
             Self::Arm(armed) => *armed,
@@ -137,12 +137,12 @@ impl CommandAction {
         }
     }
 
-    /// Whether nothing moves once it is done.
+    /// Returns whether nothing moves once it is done.
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Run(command) if command.verb.is_stop())
     }
 
-    /// Whether it only keeps an axis from moving: it waits for no journal.
+    /// Returns whether it only keeps an axis from moving: it waits for no journal.
     pub fn ends_motion(&self) -> bool {
         self.is_stop() || *self == Self::Arm(false)
     }
@@ -161,14 +161,14 @@ pub(super) struct StopBatch {
 }
 
 impl LeaseRequest {
-    /// Whether somebody is to have it who has not.
+    /// Returns whether the lease gets a new holder.
     pub fn is_acquire(&self) -> bool {
         use crate::message::LeaseAction::{Take, TakeOver};
         matches!(self.action, Take | TakeOver)
     }
 }
 
-/// What is said before a stop and comes behind it is not done: it might move what was stopped.
+/// Error of a motion command that arrived behind a stop that was requested after it.
 pub(crate) fn overtaken_error() -> GatewayError {
     GatewayError::new("gateway.expired", "a stop was sent after this")
         .hint("send it again, if it is still wanted")
@@ -223,7 +223,7 @@ impl BenchWire {
         self.axes.push((id, axis))
     }
 
-    /// Its present time, and when the bench's began on it; nothing while it has no axes.
+    /// Present time of the wire, and the time of the bench's start on it; nothing without axes.
     pub fn time(&self) -> Option<(Instant, Instant)> {
         let now = self.axes.first()?.1.connection().now();
         Some((now, *self.time_origin.get_or_init(|| now)))
@@ -296,13 +296,13 @@ impl BenchWire {
         self.wake_worker();
     }
 
-    /// How often one was ordered so far.
+    /// Number of stops ordered so far.
     pub fn stop_count(&self) -> u64 {
         self.stop_count.load(Ordering::SeqCst)
     }
 
-    /// Whether no axis of it is commanded, owed a stop, armed or turning: then nobody waits for what is
-    /// asked of others there.
+    /// Checks that no axis of it is commanded, has a pending stop, is armed or turns: then no client waits for a scan
+    /// there.
     pub fn check_at_rest(&self) -> Result<(), GatewayError> {
         let refused = |what: String, hint: &str| Err(scan_error(what).hint(hint));
         for (index, (id, axis)) in self.axes.iter().enumerate() {
@@ -351,12 +351,12 @@ impl BenchWire {
         }
     }
 
-    /// Whether somebody called since this was last asked.
+    /// Returns whether the worker was woken since the last call.
     pub fn clear_wakeup(&self) -> bool {
         self.wakeup.swap(false, Ordering::SeqCst)
     }
 
-    /// Who commands an axis.
+    /// Holder of an axis' lease.
     pub fn lease(&self, axis: usize) -> Option<LeaseView> {
         lock_unpoisoned(&self.leases).get(axis).cloned().flatten()
     }
@@ -367,7 +367,7 @@ impl BenchWire {
         }
     }
 
-    /// The stop that an axis is owed.
+    /// Pending stop of an axis.
     pub fn pending_stop(&self, axis: usize) -> Option<PendingStopView> {
         lock_unpoisoned(&self.pending_stops).get(axis).cloned().flatten()
     }
@@ -378,8 +378,7 @@ impl BenchWire {
         }
     }
 
-    /// Notes whether the drive of an axis watches this host because the server had it do so, and nobody
-    /// else said anything since.
+    /// Records whether the drive of an axis watches this host by the server's own setting.
     pub fn set_host_watched(&self, axis: usize, own: bool) {
         let mut watching = lock_unpoisoned(&self.host_watched);
         if own {
@@ -389,8 +388,7 @@ impl BenchWire {
         };
     }
 
-    /// Nobody speaks from here any more: drives that were had to watch this host do so no more, those
-    /// that are owed a stop excepted.
+    /// Ends the watch of this host by drives that the server set to it, except those with a pending stop.
     pub fn end_host_watch(&self) {
         let own = std::mem::take(&mut *lock_unpoisoned(&self.host_watched));
         for axis in own.into_iter().filter(|axis| self.pending_stop(*axis).is_none()) {
@@ -410,7 +408,7 @@ impl BenchWire {
         lock_unpoisoned(&self.restarted).push(id);
     }
 
-    /// Those that have since this was last asked.
+    /// Takes the axes that restarted since the last call.
     pub fn drain_restarted(&self) -> Vec<u16> {
         std::mem::take(&mut *lock_unpoisoned(&self.restarted))
     }
@@ -424,7 +422,7 @@ impl BenchWire {
         *lock_unpoisoned(&self.link_error) = why;
     }
 
-    /// Who else seems to be on the wire, if somebody does.
+    /// Description of other hosts on the wire, if any are detected.
     pub fn clash(&self) -> Option<String> {
         lock_unpoisoned(&self.clash).clone()
     }

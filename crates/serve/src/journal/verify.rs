@@ -15,7 +15,7 @@ const BEFORE_HASH: &str = ",\"hash\":\"";
 /// A journal whose chain holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VerifiedJournal {
-    /// How many records it has.
+    /// Number of records it has.
     pub records: u64,
     /// Bytes of them.
     pub length: u64,
@@ -30,7 +30,7 @@ pub struct VerifiedJournal {
 pub struct BrokenRecord {
     /// Which, from 0.
     pub record: u64,
-    /// What is wrong with it.
+    /// Reason that it is broken.
     pub why: &'static str,
 }
 
@@ -50,7 +50,7 @@ pub fn verify(path: &Path) -> Result<Result<VerifiedJournal, BrokenRecord>, Setu
         .map_err(|error| SetupError::file(path, "read", &error))
 }
 
-/// The same of anything; tells the number and the place of each record.
+/// Reads any journal; calls back with the number and the offset of each record.
 pub(super) fn read(
     mut from: impl BufRead,
     each: &mut dyn FnMut(u64, u64),

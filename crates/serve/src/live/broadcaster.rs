@@ -1,8 +1,8 @@
 //! Data that are the same for all viewers, made once.
 //!
-//! It has its own thread of normal priority, the only one that reads links and axes for viewers. The
-//! viewers' writers have low priority, so a lock that they hold may be held for long. They read the result
-//! here, behind a lock that motion and stops do not need.
+//! It has its own thread of normal priority, the only one that reads links and axes for viewers. The viewers' writers
+//! have low priority, so a lock that they hold may be held for long. They read the result here, behind a lock that
+//! motion and stops do not need.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -24,27 +24,27 @@ use crate::message::{AxisState, BenchView, ServerMessage, StopReport};
 
 /// Viewers at once.
 pub const VIEWERS_MAX: usize = 2048;
-/// How often states are looked at.
+/// Interval of reading the states.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
-/// After how many looks a state is told though only its age has changed.
+/// Reads after which a state is sent although only its age has changed.
 const POLLS_UNCHANGED_MAX: u8 = 10;
 /// States that a slow viewer may be behind.
 const STATES_MAX: usize = 256;
 /// Events that it may be behind.
 const EVENTS_MAX: usize = 1024;
 
-/// What viewers are told.
+/// Broadcaster of data that are the same for all viewers.
 #[derive(Debug, Clone)]
 pub(crate) struct Broadcaster {
     /// States of axes, which may be missed: the next one has it all.
     pub(super) states: broadcast::Sender<Utf8Bytes>,
-    /// What happened.
+    /// Events for viewers.
     pub(super) events: broadcast::Sender<BroadcastEvent>,
     pub(super) viewer_slots: Arc<Semaphore>,
     cache: Arc<Mutex<BroadcastCache>>,
 }
 
-/// What was last looked at; axes, while somebody watches.
+/// Last read bench, and axes while there are viewers.
 #[derive(Debug, Default)]
 struct BroadcastCache {
     /// Scopes are each viewer's own.
@@ -59,7 +59,7 @@ struct PublishedState {
     published: AxisState,
     /// Looks since.
     polls: u8,
-    /// As it was last looked at.
+    /// State at the last read.
     state: AxisState,
     at: Instant,
 }
@@ -68,9 +68,9 @@ struct PublishedState {
 #[derive(Debug, Clone)]
 pub(super) enum BroadcastEvent {
     Message(Utf8Bytes),
-    /// The bench changed: each viewer is told with its own scopes.
+    /// The bench changed: each viewer gets it with its own scopes.
     BenchChanged,
-    /// Too much happened at once: all is told anew.
+    /// Too many events at once: everything is sent again.
     Resync,
     /// The server ends, and this was the last.
     Closed,
@@ -100,16 +100,16 @@ impl Broadcaster {
                 let mut events = state.bench.subscribe_events();
                 let ended = tokio::select! {
                     () = Self::run(&state, &mut events) => return,
-                    // Who could say so may be gone as well.
+                    // The sender of the end may be gone as well.
                     ended = &mut end => ended,
                 };
-                // What stops told at the last is told on.
+                // Events of the last stops are still sent.
                 while let Ok(event) = events.try_recv() {
                     state.broadcaster.publish_event(&state, event);
                 }
                 if ended.is_ok() {
                     state.broadcaster.publish_final_states(&state);
-                    // Nobody may watch.
+                    // There may be no viewer.
                     let _ = state.broadcaster.events.send(BroadcastEvent::Closed);
                 }
             });
@@ -166,22 +166,22 @@ impl Broadcaster {
         }
     }
 
-    /// Says how each axis was left.
+    /// Publishes the final state of each axis.
     fn publish_final_states(&self, app_state: &SharedAppState) {
         for state in (0..=u16::MAX).map_while(|id| app_state.bench.axis_state(id).ok()) {
-            // Nobody may watch.
+            // There may be no viewer.
             let _ = self.events.send(BroadcastEvent::Message(to_json(&ServerMessage::Axis(state))));
         }
     }
 
-    /// Waits until nobody watches any more, or for so long.
+    /// Waits until no viewer is left, at most `max`.
     pub async fn wait_until_empty(&self, max: Duration) {
         let all = self.viewer_slots.acquire_many(VIEWERS_MAX as u32);
         // Who still watches then is left alone.
         let _ = timeout(max, all).await;
     }
 
-    /// Tells everybody everything anew.
+    /// Sends everything again to all viewers.
     fn resync(&self, state: &SharedAppState) {
         self.refresh_bench(state);
         self.poll_states(state);
@@ -207,12 +207,12 @@ impl Broadcaster {
                 None => known.axes.push(shown),
             }
         }
-        // Nobody may look any more.
+        // There may be no viewer any more.
         let _ = self.states.send(to_json(&ServerMessage::Axis(state)));
     }
 
     fn publish_event(&self, app_state: &SharedAppState, event: BenchEvent) {
-        // Also while nobody watches: who comes next finds it.
+        // Also without viewers: the next one finds it.
         if matches!(
             event,
             BenchEvent::Locked(_)

@@ -22,19 +22,19 @@ const STOPS_MAX: u32 = 20;
 /// Messages that wait; what is more waits in the viewer's socket.
 const WAITING_MAX: usize = 256;
 
-/// What waits for its turn.
+/// A queued message.
 pub(super) enum QueuedMessage {
     /// A message, and how often motion had been locked when it was read.
     Request(ClientMessage, u64),
-    /// What is to be answered.
+    /// A reply.
     Reply(Box<ServerMessage>),
-    /// Its client asks whether we are there.
+    /// A ping of the client.
     Ping(Bytes),
-    /// It is there itself.
+    /// A pong of the client.
     Pong,
 }
 
-/// Where what comes of a message needs a place.
+/// Queue in which the result of a message needs a place.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum OutputQueue {
     NotNeeded,
@@ -42,8 +42,8 @@ pub(super) enum OutputQueue {
     Subscription,
 }
 
-/// What waits: what may move or stop axes, which waits for no answers that are not taken, and the
-/// rest. Each in the order in which it came.
+/// Queued messages: those that may move or stop axes, which wait for no unread replies, and the others. Each in order
+/// of arrival.
 #[derive(Default)]
 pub(super) struct IncomingQueue {
     motion: VecDeque<(QueuedMessage, usize)>,
@@ -51,7 +51,7 @@ pub(super) struct IncomingQueue {
     bytes: usize,
 }
 
-/// Keeps whoever floods us from taking a processor that others need.
+/// Limits the rate of a client, so that a flood takes no processor from others.
 pub(super) struct RateLimiter {
     since: Instant,
     count: u32,
@@ -59,18 +59,18 @@ pub(super) struct RateLimiter {
 }
 
 impl IncomingQueue {
-    /// Whether more is read.
+    /// Returns whether more is read.
     pub fn has_room(&self) -> bool {
         self.motion.len() + self.other.len() < WAITING_MAX && self.bytes < MESSAGE_MAX
     }
 
-    /// What is next needs a place there. None when nothing waits.
+    /// Queue in which the next result needs a place. None without a message.
     pub fn next_output(&self) -> Option<OutputQueue> {
         let (queued, _) = self.motion.front().or_else(|| self.other.front())?;
         Some(queued.output_queue())
     }
 
-    /// Takes what was said in so many bytes.
+    /// Queues a message of `bytes` bytes.
     pub fn push(&mut self, queued: QueuedMessage, bytes: usize) {
         self.bytes += bytes;
         let orders = matches!(queued, QueuedMessage::Request(..))
@@ -78,20 +78,19 @@ impl IncomingQueue {
         if orders { &mut self.motion } else { &mut self.other }.push_back((queued, bytes));
     }
 
-    /// Takes what is to be answered to what was said in so many bytes.
+    /// Queues a reply to a message of `bytes` bytes.
     pub fn push_reply(&mut self, message: ServerMessage, bytes: usize) {
         self.push(QueuedMessage::Reply(Box::new(message)), bytes);
     }
 
-    /// Whose turn it is, and its bytes.
+    /// Takes the next message, and its size in bytes.
     pub fn pop(&mut self) -> Option<(QueuedMessage, usize)> {
         let (queued, bytes) = self.motion.pop_front().or_else(|| self.other.pop_front())?;
         self.bytes -= bytes;
         Some((queued, bytes))
     }
 
-    /// A stop of these axes, or of all, goes before what waits: what of that would move them again, or
-    /// let them move, is not done any more, for it was said before.
+    /// Refuses queued motion commands and releases for these axes, or for all, because a stop was received after them.
     pub fn void_for_stop(
         &mut self,
         axes: Option<&[u16]>,
@@ -99,7 +98,7 @@ impl IncomingQueue {
     ) {
         let concerns = |axis: &u16| axes.is_none_or(|axes| axes.contains(axis));
         let void = |message: &ClientMessage| match message {
-            // A stop that is said after it is owed anew.
+            // A stop that is received after it is pending anew.
             ClientMessage::Command { axis, .. } | ClientMessage::Dismiss { axis, .. } => {
                 concerns(axis)
             }
@@ -169,7 +168,7 @@ impl RateLimiter {
         self.count += 1;
     }
 
-    /// Counts a stop. False when there were so many that it waits like everything else.
+    /// Counts a stop. False above the rate limit: it waits like other messages.
     pub fn allow_stop(&mut self) -> bool {
         if clock::now().since(self.since) >= WINDOW {
             *self = Self::default();
@@ -199,7 +198,7 @@ mod tests {
             "epoch": 1, "verb": "velocity", "arguments": {} }))
     }
 
-    /// How many of what waits are refused because of a stop of these axes.
+    /// Number of queued messages that are refused because of a stop of these axes.
     fn void(axes: Option<&[u16]>) -> usize {
         let mut waiting = IncomingQueue::default();
         let all = [

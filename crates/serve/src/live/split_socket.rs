@@ -21,8 +21,8 @@ use super::MESSAGE_MAX;
 
 /// Bytes that are read at once.
 const READ: usize = 8 * 1024;
-/// Frames of one message. Whoever sends more is closed: nobody counts what is within a message, and an
-/// empty frame costs its sender next to nothing.
+/// Limit of frames of one message. More close the connection: no other limit counts them, and an empty frame costs its
+/// sender next to nothing.
 const FRAMES_MAX: u32 = 128;
 
 /// Both ends of a connection.
@@ -80,7 +80,7 @@ impl FrameCounter {
         true
     }
 
-    /// What stands behind the head, once that is whole (RFC 6455, 5.2).
+    /// Length of the payload behind the head, once that is whole (RFC 6455, 5.2).
     fn payload_len(&self) -> Option<usize> {
         let (head, short) = (&self.head[..self.header_len], self.head.get(1)? & 0x7F);
         let wide = match short {
@@ -98,7 +98,7 @@ impl FrameCounter {
     }
 }
 
-/// Sends what is told.
+/// Sender of messages.
 pub(super) struct SocketWriter(Box<dyn AsyncWrite + Send + Unpin>);
 
 /// The ends of a connection that was a request until now. Neither waits for the other, but encrypted,
@@ -111,7 +111,7 @@ pub(super) async fn split(upgraded: Upgraded, encrypts: bool) -> Option<SplitSoc
         .max_frame_size(Some(MESSAGE_MAX));
     let (mut socket_reader, socket_writer, came) = match upgraded.downcast::<TokioIo<TcpStream>>() {
         Ok(parts) => {
-            // From here on by the threads that this runs on, whoever took the connection.
+            // From here on the socket is polled by the threads of this runtime, not by those that accepted it.
             let stream = parts.io.into_inner().into_std().and_then(TcpStream::from_std).ok()?;
             let (read, write) = stream.into_split();
             (SocketReader::new(read), SocketWriter(Box::new(write)), parts.read_buf.to_vec())
@@ -168,7 +168,7 @@ impl AsyncRead for SocketWriter {
         _: &mut Context<'_>,
         _: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        // The other end hears.
+        // The other end receives.
         Poll::Pending
     }
 }
@@ -195,7 +195,7 @@ impl AsyncWrite for SocketWriter {
 mod tests {
     use super::*;
 
-    /// A masked frame of so many bytes, none of which looks like a head's end.
+    /// A masked frame of `length` bytes, none of which looks like a head's end.
     fn frame(first: u8, length: usize) -> Vec<u8> {
         let mut frame = vec![first];
         match length {

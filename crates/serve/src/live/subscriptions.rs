@@ -19,28 +19,28 @@ const CHANNELS_MAX: usize = 64;
 const FRAMES_MAX: usize = 250;
 /// Messages of frames in a round.
 const BATCHES_MAX: usize = 8;
-/// How often what came is sent.
+/// Interval of sending new samples: 30 a second are smooth to the eye.
 const SEND_INTERVAL: Duration = Duration::from_millis(33);
 
-/// What a viewer wants to see, or no longer.
+/// A change of subscriptions.
 pub(super) enum SubscriptionRequest {
     Subscribe(u16, ChannelRequest),
     Unsubscribe(u16),
-    /// That a filter wants.
+    /// Subscribes to frames of a filter.
     StartFrames(Option<String>),
     StopFrames,
     /// The fields of a frame.
     Explain(u64),
 }
 
-/// What a viewer watches. Dropped, nothing of it is watched any more.
+/// Subscriptions of a viewer. Dropping them ends all.
 #[derive(Debug, Default)]
 pub(super) struct Subscriptions {
     channels: BTreeMap<u16, ChannelSubscription>,
     frames: Option<FrameSubscription>,
 }
 
-/// A channel, and what the viewer was told of it.
+/// A channel, and the state that was sent to the viewer.
 #[derive(Debug)]
 struct ChannelSubscription {
     channel: TelemetryChannel,
@@ -48,7 +48,7 @@ struct ChannelSubscription {
 }
 
 impl Subscriptions {
-    /// Changes what is watched, and tells what there is to be told of that.
+    /// Changes subscriptions, and returns the messages about it.
     pub fn handle_request(
         &mut self,
         bench: &Bench,
@@ -147,7 +147,7 @@ impl SubscriptionRound {
                 continue;
             }
             if watched.is_empty() {
-                // Until that changes there is nothing to say.
+                // Until that changes there is no message.
                 std::future::pending::<()>().await;
             }
             self.interval.tick().await;
@@ -185,7 +185,7 @@ impl SubscriptionRound {
 }
 
 impl ChannelSubscription {
-    /// Where it comes from, if that is new; what was lost; what came. Returns how many were lost.
+    /// Queues the source, if it is new, the gap, and the samples. Returns the number of lost samples.
     fn queue_messages(
         &mut self,
         number: u16,

@@ -29,7 +29,7 @@ pub struct CanFaults {
     pub echo: bool,
 }
 
-/// How many faults were made on a CAN bus, by kind.
+/// Number of faults were made on a CAN bus, by kind.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct InjectedCanFaults {
     /// Frames ended by an error frame.

@@ -26,8 +26,8 @@ const OUTSTANDING_MAX: usize = 16;
 /// Such an answer comes within so long, or not at all, ms.
 const OUTSTANDING_MS: u32 = 1_000;
 
-/// What was given up on was sent so long ago: no host waits less. What is newer is still to be
-/// answered, ms; so is a stop that overtook it, or that a verb begins with.
+/// Age above which a request counts as given up: no host waits less, ms. A newer one is still to be answered; so is a
+/// stop that overtook it, or with which a verb begins.
 const GIVEN_UP_MS: u32 = 10;
 
 /// Watches one host on its bus.
@@ -39,20 +39,20 @@ pub struct CanChecker {
     counters: Counters,
     status: CanPlugStatus,
     open: Vec<OpenRequest>,
-    /// What was passed over, since something newer was answered. The host may still wait for it.
+    /// Requests that were passed over, since a newer one was answered. The host may still wait for them.
     passed_over: Vec<OpenRequest>,
     /// The identifier by which a drive, named by its place on the bus, was last asked.
     request_ids: BTreeMap<usize, (u32, bool)>,
     outstanding: Vec<OutstandingReply>,
     pub(crate) last_match: ReplyMatch,
-    /// Place on the bus of whoever sent it.
+    /// Place of the last sender on the bus.
     pub(crate) last_sender: usize,
     /// Copies that were taken for answers, and intruders' frames that were.
     pub(crate) copies_taken: u64,
     pub(crate) intruder_taken: u64,
 }
 
-/// What the reply that was matched last was.
+/// Kind of the last matched reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) enum ReplyMatch {
     #[default]
@@ -180,8 +180,7 @@ impl CanChecker {
         let open = self.open[at];
         self.request_ids.insert(reply.sender, open.label.id);
         if (reply.is_copy || behind.is_some()) && open.label.tag != tag {
-            // It says what is asked; but it was said before it was asked, and before the answers
-            // to what is older.
+            // It has the requested value; but it was sent before the request, and before the replies to older ones.
             self.excuse_copy(now, open);
             return None;
         }
@@ -249,8 +248,8 @@ impl CanChecker {
         Some(Violation { invariant: "I1", at: now, what })
     }
 
-    /// What the sender of a reply was asked last. A drive that was plugged in with the address of another one, and was
-    /// never heard before, was asked whatever was asked last.
+    /// The last request to the sender of a reply. A drive that was plugged in with the address of another one, and has
+    /// received nothing before, counts as the receiver of the last request of all.
     fn last_request_to(&self, reply: &CanFrameLabel) -> Option<OpenRequest> {
         let Some(id) = self.request_ids.get(&reply.sender) else {
             return self.open.last().copied();
@@ -293,9 +292,8 @@ impl CanChecker {
         self.outstanding.drain(..old);
     }
 
-    /// What was to come, if a reply to that request came, and something else had been taken for it.
-    /// Several may come: each copy of the request brings one, and the host may take any of them for
-    /// the answer to what it asks then.
+    /// The outstanding reply, if a reply to that request came, and another frame had been taken for it. Several may
+    /// come: each copy of the request brings one, and the host may take any of them for the reply to its next request.
     fn find_outstanding(&mut self, now: Instant, tag: u32) -> Option<OutstandingReply> {
         self.outstanding.retain(|outstanding| now < outstanding.until);
         self.outstanding.iter().find(|outstanding| outstanding.tag == tag).copied()

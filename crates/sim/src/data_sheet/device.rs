@@ -31,7 +31,7 @@ pub struct DataSheetDevice {
 }
 
 impl DataSheetDevice {
-    /// That device, just powered. A node-ID outside 1 to 127 waits for LSS.
+    /// The device of that sheet, just powered. A node-ID outside 1 to 127 waits for LSS.
     #[must_use]
     pub fn new(sheet: Arc<DataSheet>, node: u8, serial: u32) -> Self {
         let options = Quirks { lss: sheet.has_lss, ..Quirks::STRICT };
@@ -48,19 +48,19 @@ struct DataSheetNode {
     drives: Vec<Drive>,
     values: Vec<ObjectValue>,
     stored: Vec<ObjectValue>,
-    /// What is being written, and where.
+    /// Bytes of the running write, and their object.
     write_buffer: Vec<u8>,
-    /// A fault of a device without motor, and the one that was told.
+    /// Fault of a device without motor, and the last reported one.
     fault: u16,
     reported_fault: u16,
-    /// In force from the next reset on, and over power-off: node-ID and bit rate.
+    /// Node-ID and bit rate from the next reset on; kept over power-off.
     link_settings: (u8, u32),
     stored_link_settings: (u8, u32),
     serial: u32,
     flash_writes: u64,
 }
 
-/// What a cell holds.
+/// Value of a cell.
 #[derive(Clone, Debug)]
 enum ObjectValue {
     Number(u64),
@@ -87,7 +87,7 @@ impl ObjectValue {
     }
 }
 
-/// Whether storing that group stores an object.
+/// Returns whether storing that group stores an object.
 const fn is_in_group(index: u16, group: SettingsGroup) -> bool {
     match group {
         SettingsGroup::All => true,
@@ -146,7 +146,7 @@ impl DataSheetNode {
         Some((drive, tag % AXIS_TAGS))
     }
 
-    /// Whether the sheet says that an axis knows a mode.
+    /// Returns whether an axis supports a mode by the sheet.
     fn has_mode(&self, axis: u16, mode: i8) -> bool {
         let bit = u32::try_from(mode).ok().filter(|mode| (1..=32).contains(mode));
         let modes = self.data_sheet.axes.get(usize::from(axis)).map_or(0, |axis| axis.modes);

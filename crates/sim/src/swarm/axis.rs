@@ -28,11 +28,11 @@ const JUMP_MAX: f64 = 0.3;
 /// A reading of the position may be off by this, rad, besides what the motor moves meanwhile.
 const POSITION_ERROR_MAX: f64 = 0.1;
 
-/// How often a write makes a drive ready for what it is asked, and an axis stays disarmed.
+/// Chance that a write makes a drive ready for a request, and that an axis stays disarmed.
 const READY_CHANCE: Ppm = Ppm(330_000);
 const FORGET_CHANCE: Ppm = Ppm(100_000);
 
-/// What is asked of an axis.
+/// A request to an axis.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum AxisAction {
     /// Reads inert parameter n.
@@ -52,7 +52,7 @@ pub struct OpenAction {
     pub action: AxisAction,
     pub asked_at: Instant,
     truth_before: GroundTruth,
-    /// What the wire had done by then: see [`FrameDamage`].
+    /// Damage by the wire until then: see [`FrameDamage`].
     damage: FrameDamage,
     /// The drive lost its supply, or took a changed request as good, meanwhile.
     pub doubtful: bool,
@@ -75,11 +75,11 @@ pub struct SwarmAxis {
     /// Something outside the wire holds its motor, or has taken its power: its motion is its own.
     pub disturbed: bool,
     disturbed_at: Option<Instant>,
-    /// Somebody armed it since its link was last lost.
+    /// True if it was armed since its link was last lost.
     armed: bool,
     /// The drive's last transmission that was looked at.
     pub last_judged: u32,
-    /// The drive may have done something that nobody asked for.
+    /// True if the drive may have executed a request of no host.
     pub untrusted: bool,
     /// And may no longer be where it was: at another address or baud rate.
     pub address_uncertain: bool,
@@ -88,13 +88,14 @@ pub struct SwarmAxis {
     /// Another drive of the same address is on the wire.
     pub has_twin: bool,
     damage: FrameDamage,
-    /// Verbs executed twice, because their frame was taken twice: nothing tells it from two.
+    /// Verbs executed twice, because their frame was received twice: the drive cannot distinguish that from two
+    /// requests.
     pub repeated: u64,
-    /// Verbs that count as done, though the drive missed their frame: nothing tells the host.
+    /// Verbs that count as done although the drive missed their frame, which the host cannot notice.
     pub unreported: u64,
 }
 
-/// What a bus did so far to the frames of an axis.
+/// Damage by a bus so far to the frames of an axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct FrameDamage {
     /// Frames of the host that were taken twice.
@@ -131,7 +132,7 @@ impl HomingIdle {
         true
     }
 
-    /// Whether that was so already when something was asked then.
+    /// Returns whether that was so already when something was asked then.
     fn is_idle_since(self, then: Instant) -> bool {
         self.0.is_some_and(|since| since <= then)
     }
@@ -172,7 +173,7 @@ impl SwarmAxis {
         }
     }
 
-    /// What is true of the drive now.
+    /// True state of the drive now.
     pub fn truth(&self, world: &mut World) -> GroundTruth {
         world
             .inspect(self.drive, |n, now| n.bench().map(|b| b.ground_truth(now)))
@@ -199,13 +200,13 @@ impl SwarmAxis {
         self.observer.invalidate();
     }
 
-    /// The link was lost: until somebody arms the axis, nothing may set its motor going.
+    /// Records that the link was lost: until the axis is armed, nothing may start its motor.
     pub fn record_disarmed(&mut self) {
         self.armed = false;
         self.observer.record_link_lost();
     }
 
-    /// What must hold of drive and host after every event.
+    /// Checks drive and host after an event.
     pub fn check_event(
         &mut self,
         world: &mut World,
@@ -242,7 +243,7 @@ impl SwarmAxis {
         })
     }
 
-    /// Whether a lane may take such a question now.
+    /// Returns whether a lane may take such a question now.
     pub fn may_execute(&self, what: AxisAction) -> bool {
         self.armed || !starts_motion(what)
     }
@@ -326,7 +327,7 @@ impl SwarmAxis {
             _ => None,
         };
         let id = |n: usize| self.inert[n].0.id;
-        // Now and then somebody forgets to arm it.
+        // In some worlds the axis is not armed.
         let arms = starts_motion(what) && !random.chance(FORGET_CHANCE);
         let armed = self.armed || arms;
         let taken = world.with_node(host, |node, now| {
@@ -374,7 +375,7 @@ impl SwarmAxis {
         taken.is_some()
     }
 
-    /// Checks the end of a question. The text says what is wrong and which invariant it breaks.
+    /// Checks the end of a request. The text has the fault and the invariant that it violates.
     pub fn check_outcome(
         &mut self,
         world: &mut World,
@@ -392,7 +393,7 @@ impl SwarmAxis {
                 self.record_write(n, raw, outcome, open.doubtful);
                 Ok(())
             }
-            // What was read before a drive's restart says nothing of after it.
+            // A value read before a drive's restart does not hold after it.
             (AxisAction::ReadSignal(Signal::Position, id), Outcome::Done(raw))
                 if !open.doubtful
                     && self.observer.rested_since(open.asked_at)
@@ -482,7 +483,7 @@ impl SwarmAxis {
         if self.homing_idle.record_end(world.now(), verb, outcome) {
             self.position_offset = None;
         }
-        // It stood when it was measured; a jam that was let go since has it turn again.
+        // It was at standstill when it was measured; a jam that ended since lets it turn again.
         let let_go = self.disturbed_at.is_some_and(|at| world.now() < at.plus_ms(LET_GO_MS));
         let unknown = self.untrusted || self.has_twin || verb.is_stop() && let_go;
         if !unknown {
@@ -535,13 +536,13 @@ const VERBS: [Verb; 14] = [
     Verb::Reached,
 ];
 
-/// How far two offsets are apart, where what is counted begins again after `turn`, if it does.
+/// Difference of two offsets, for counts that wrap after `turn`, if they do.
 fn offset_error(one: f64, other: f64, turn: Option<f64>) -> f64 {
     let error = one - other;
     (error - turn.map_or(0.0, |turn| turn * (error / turn).round())).abs()
 }
 
-/// Whether it may set the motor going: then the axis must be armed.
+/// Returns whether it may set the motor going: then the axis must be armed.
 const fn starts_motion(what: AxisAction) -> bool {
     matches!(what, AxisAction::Command(verb) if verb.needs_arming())
 }

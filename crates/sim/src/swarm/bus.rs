@@ -26,16 +26,16 @@ use crate::world::{NodeId, WireId};
 /// Drives on a bus, and programs that command them.
 const DRIVES_MAX: i64 = 5;
 const PROGRAMS_MAX: i64 = 2;
-/// Several programs ask one question in so many bits, and have so many open at most.
+/// Bits between two questions of several programs on a bus, which have a limited number open.
 const SHARE_BITS: u64 = 6_000;
 const SHARE_OPEN_MAX: usize = 2;
 const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
-/// The second program's address, between those of drives. Where drives must be told whom they answer,
-/// both programs' would answer with one identifier, and put each other off the bus.
+/// The second program's address, between those of drives. Where drives need the address of their host, both programs'
+/// replies would have one identifier, and put each other off the bus.
 const SECOND_HOST: u32 = 28;
-/// How often a bus has no fault at all.
+/// Chance that a bus has no fault at all.
 const FAULT_FREE_CHANCE: Ppm = Ppm(125_000);
-/// How often each of the rarer calamities happens.
+/// Chance of each of the rarer calamities.
 const FREQUENT: Ppm = Ppm(300_000);
 const RARE: Ppm = Ppm(150_000);
 /// Frames of a drive's own at the slowest bit rate with a busy bus before them, ms.
@@ -71,7 +71,7 @@ impl Scenario {
             self.add_program(wire, bit_rate, &own, random);
         }
         if programs > 1 {
-            // Whoever has the lower identifiers could else keep the others from the bus for ever.
+            // The station with the lower identifiers could otherwise keep the others from the bus for ever.
             let think_us = SHARE_BITS * 1_000_000 / u64::from(bit_rate);
             self.users[first..].iter_mut().for_each(|c| c.limit_rate(think_us, SHARE_OPEN_MAX));
         }

@@ -12,7 +12,7 @@ use crate::check::{CanChecker, ReplyMatch, SerialChecker, Violation};
 use crate::random::Random;
 use crate::world::{NodeId, WireId, World};
 
-/// Changed requests that some drive took as good: so many are kept.
+/// Limit of the list of changed requests that a drive accepted.
 const MISTAKEN_MAX: usize = 16;
 /// Every question must have ended after so long; homing is the longest.
 const ANSWER_MAX_MS: u32 = 120_000;
@@ -29,17 +29,16 @@ pub struct HostUser {
     pub axes: Vec<SwarmAxis>,
     pub next_at: Instant,
     checker: InvariantChecker,
-    /// The last requests that were changed on the way, passed every check and were answered. Where an
-    /// answer names nobody, as TML's acknowledgement, nothing tells the host that another drive gives
-    /// it, or that what was done is not what it asked.
+    /// The last requests that were changed on the way, passed every check and were answered. Where a reply has no
+    /// sender, as TML's acknowledgement, the host cannot notice that another drive sent it, or executed something else.
     mistaken_requests: Vec<u32>,
-    /// The last transmission that the host heard.
+    /// The last transmission that the host received.
     last_heard: u32,
-    /// How often the host's controller went bus-off so far.
+    /// Number of times the host's controller went bus-off so far.
     bus_off_count: u64,
-    /// Its link was lost because another program commanded the network (NMT) in the same instants. CiA
-    /// 301 has one master for that; a host sees nothing of what waits in the controller of another, and
-    /// what waits in its own cannot be called back.
+    /// True if its link was lost because another program commanded the network (NMT) at the same instants. CiA 301 has
+    /// one master for that; a host cannot see the frames that wait in the controller of another, and cannot cancel
+    /// those in its own.
     lost_to_clash: bool,
     random: Random,
     tickets: u32,
@@ -58,11 +57,11 @@ pub struct HostUser {
 enum Excuse {
     /// A second copy was taken for the answer.
     Copy,
-    /// What nobody sent passed every check.
+    /// A frame of no sender passed every check.
     Collision,
 }
 
-/// What checks the host, by its medium.
+/// Checker of the host, by its medium.
 #[derive(Debug)]
 enum InvariantChecker {
     Serial(Box<SerialChecker>),
@@ -107,8 +106,7 @@ impl HostUser {
         }
     }
 
-    /// Others are on the wire too, who must get a word in: at most `open_max` questions, one in so
-    /// many µs.
+    /// Leaves room for others on the wire: at most `open_max` questions, one in `think_us` µs.
     pub fn limit_rate(&mut self, think_us: u64, open_max: usize) {
         self.think_time_us = self.think_time_us.max(think_us);
         self.open_max = self.open_max.min(open_max);
@@ -257,7 +255,7 @@ impl HostUser {
         }
     }
 
-    /// Whether a wrong value comes of what no host can tell.
+    /// Reason for which no host could notice a wrong value, if there is one.
     fn find_excuse(&self, world: &World) -> Option<Excuse> {
         match &self.checker {
             InvariantChecker::Serial(watch) if watch.last_match_copied => Some(Excuse::Copy),
@@ -301,7 +299,7 @@ impl HostUser {
             found if excuse.is_some() => {
                 let collided = found.is_err() && excuse == Some(Excuse::Collision);
                 report.wire_collisions += u64::from(collided);
-                // What nobody sent is no knowledge either where it contradicts nothing yet.
+                // A frame of no sender is no knowledge either if it contradicts nothing yet.
                 axis.invalidate();
             }
             _ => {}

@@ -25,7 +25,7 @@ use crate::world::{NodeId, WireId, World};
 const INERT_MAX: usize = 12;
 /// Parameters of a product that are tried.
 const TRIALS_MAX: usize = 60;
-/// What a drive is made to do in a trial.
+/// Verbs of a trial.
 const TRIAL_VERBS: [Verb; 7] = [
     Verb::Enable,
     Verb::MoveBy,
@@ -35,7 +35,7 @@ const TRIAL_VERBS: [Verb; 7] = [
     Verb::Stop,
     Verb::Disable,
 ];
-/// Who says nothing unasked within so long is quiet, ms.
+/// Silence after which a drive counts as quiet, ms.
 const QUIET_MS: u32 = 100;
 /// The only axis of a trial.
 const AXIS: AxisIndex = AxisIndex(0);
@@ -82,7 +82,7 @@ fn find_inert(protocol: &HostProtocol, profile: &'static Profile) -> Vec<InertPa
         .collect()
 }
 
-/// Whether some plan of the product writes the parameter: then it is not ours alone.
+/// Returns whether some plan of the product writes the parameter: then it is not ours alone.
 fn is_planned(profile: &Profile, id: ParameterId) -> bool {
     let steps = profile.plans.iter().flat_map(|plan| plan.steps.iter().chain(plan.undo));
     profile.ram.is_some_and(|ram| ram.parameter == id)
@@ -92,7 +92,7 @@ fn is_planned(profile: &Profile, id: ParameterId) -> bool {
         })
 }
 
-/// Whether other values change their unit with the parameter.
+/// Returns whether other values change their unit with the parameter.
 fn scales_others(profile: &'static Profile, id: ParameterId) -> bool {
     profile.parameters.iter().any(|other| other.scale.inputs(profile).any(|input| input == id))
 }
@@ -197,7 +197,7 @@ impl ParameterTrial {
         None
     }
 
-    /// Whether the drive says nothing unasked: what it said could fill a bus.
+    /// Returns whether the drive sends nothing unsolicited: such frames could fill a bus.
     fn is_quiet(&mut self) -> bool {
         let last_tag = |world: &World, wire, drive| match world.medium(wire) {
             MediumKind::Serial => world.serial_status(wire, drive).last_sent.tag,

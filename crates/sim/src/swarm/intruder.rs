@@ -8,19 +8,19 @@ use polepair_core::time::Instant;
 
 use crate::random::{Ppm, Random};
 
-/// An identifier that wins against all others and is nobody's: 29 bits, of which TML has bit 10 zero.
+/// An identifier that wins against all others and belongs to no protocol: 29 bits, of which TML has bit 10 zero.
 const LOWEST_ID: u32 = 0x400;
 /// Frames of others that are remembered.
 const RECENT_MAX: usize = 16;
-/// A frame in another's name comes every so many ms at most.
+/// Shortest interval between two frames with another sender's identifier, ms.
 const FORGE_MS: i64 = 80;
 
-/// What an intruder does.
+/// Action of an intruder.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum IntruderAction {
     /// Talks without a pause, before everybody else: a babbling node (F9).
     Babble,
-    /// Takes a frame's place every so many µs, before everybody else (F9).
+    /// Sends a frame in every such interval, µs, before all others (F9).
     Load(u32),
     /// Sends frames with others' identifiers (F25).
     Forge,
@@ -47,7 +47,7 @@ impl Intruder {
         Self { action, until, next: from, recent_frames: VecDeque::new(), random, bit_rate }
     }
 
-    /// A frame in the name of somebody who spoke a moment ago: noise, or nearly what he said.
+    /// A frame with the identifier of a recent sender: noise, or nearly its content.
     fn forge_frame(&mut self) -> Option<Frame> {
         let at = self.random.below(self.recent_frames.len() as u64) as usize;
         let mut frame = *self.recent_frames.get(at)?;

@@ -9,16 +9,16 @@ use polepair_core::plant::TICK_S;
 use polepair_core::time::Instant;
 use polepair_drives::bench::{GroundTruth, ServoBounds};
 
-/// The loops of a drive may overshoot a speed by this share of the step to it, and by so many rad/s. A PI
-/// loop that is critically damped overshoots a step by e⁻² of it (`Gains::tuned`): its answer to a step is
-/// 1 - e^-ωt (1 - ωt), which is greatest at ωt = 2. The step may be from as fast the other way: a set-point
-/// that stops at once, as AXISON has it on an axis that is on, leaves the motor's speed to the loops.
+/// The loops of a drive may overshoot a speed by this share of the step to it, and by a speed in rad/s. A PI loop that
+/// is critically damped overshoots a step by e⁻² of it (`Gains::tuned`): its answer to a step is 1 - e^-ωt (1 - ωt),
+/// which is greatest at ωt = 2. The step may be from as fast the other way: a set-point that stops at once, as AXISON
+/// has it on an axis that is on, leaves the motor's speed to the loops.
 const OVERSHOOT: (f64, f64) = (0.136, 5.0);
 /// After so long, ms, nothing of that is left: e^-ωt (ωt - 1) at 120 rad/s is below 0.04.
 const SETTLED_MS: u32 = 40;
 /// And a current by this share.
 const RIPPLE: f64 = 0.05;
-/// What rounding may add.
+/// Tolerance for rounding.
 const ROUNDING: f64 = 1e-6;
 /// A ramp that starts anew from the motor starts so much, rad/s, above its set-point.
 const LEAD: f64 = 0.1;
@@ -26,29 +26,28 @@ const LEAD: f64 = 0.1;
 const STRAY_MAX: f64 = 0.3;
 /// Looks at speed and current are so far apart, ms, that the loops have settled between them.
 const CHECK_INTERVAL_MS: u32 = 10;
-/// So long after a ticket has ended the last byte of it has landed: pieces pause on the way, and a
-/// drive may wait for silence.
+/// Time after the end of a ticket by which its last byte has arrived, ms: pieces pause on the way, and a drive may wait
+/// for silence.
 const LANDED_MS: u32 = 200;
 /// Slower than this a motor rests, rad/s; after so long a rest, ms, nothing of an earlier move is
 /// to come.
 const REST: (f64, u32) = (0.05, 300);
 
-/// What is wrong, and which invariant it breaks.
+/// Violated invariant, and a description.
 pub type MotionViolation = (&'static str, String);
 
-/// What was seen of one drive.
+/// Observations of one drive.
 #[derive(Debug, Default)]
 pub struct MotionObserver {
     last_check: Option<(Instant, GroundTruth)>,
     /// Nothing that may set the motor going is open since then.
     quiet_since: Option<Instant>,
-    /// What had set the motor going when the last of it had landed.
+    /// Starts of the motor when the last frame had arrived.
     settled_starts: Option<u64>,
-    /// What is not repeatable and had been executed by then, and the verbs asked since, each of
-    /// which may be executed once.
+    /// Unrepeatable requests executed by then, and the verbs requested since, each of which may be executed once.
     settled_executions: Option<u64>,
     pending_verbs: u64,
-    /// The link was lost, and nobody armed the axis since.
+    /// True if the link was lost, and the axis was not armed since.
     link_lost: bool,
     rest_since: Option<Instant>,
     /// Between where a move began and where it ends, rad.
@@ -66,7 +65,7 @@ struct SpeedRange {
 }
 
 impl MotionObserver {
-    /// A verb is asked that sets the motor going, `by` so many rad from where it is now.
+    /// Records a verb that starts the motor, by `by` rad from its present position.
     pub fn record_verb(&mut self, now: Instant, truth: &GroundTruth, by: Option<f64>) {
         let long = |since: Option<Instant>| since.is_some_and(|at| now >= at.plus_ms(REST.1));
         // A motor that was held back goes to its set-point first.
@@ -79,7 +78,7 @@ impl MotionObserver {
         self.quiet_since = None;
     }
 
-    /// So many frames of the host were taken twice: whatever they asked may be done twice.
+    /// Records that `count` frames of the host were received twice: their requests may be executed twice.
     pub fn record_duplicates(&mut self, count: u64) {
         self.pending_verbs += count;
         self.path = self.path.filter(|_| count == 0);
@@ -90,17 +89,17 @@ impl MotionObserver {
         self.link_lost = true;
     }
 
-    /// Whether the motor has been at rest since then.
+    /// Returns whether the motor has been at rest since then.
     pub fn rested_since(&self, then: Instant) -> bool {
         self.rest_since.is_some_and(|since| since <= then)
     }
 
-    /// The drive lost its supply, or may have done what nobody asked for.
+    /// Records that the drive lost its supply, or may have executed a request of no host.
     pub fn invalidate(&mut self) {
         *self = Self { link_lost: self.link_lost, ..Self::default() };
     }
 
-    /// Looks at the drive. `going` says that a verb is open which may set its motor going.
+    /// Checks the drive. `going` is true if a verb is open which may start its motor.
     pub fn check(
         &mut self,
         now: Instant,
@@ -225,8 +224,8 @@ impl MotionObserver {
     }
 }
 
-/// Whether the drive is held to the same as before, and does the same: a ramp may start anew from a
-/// motor that is faster than its set-point.
+/// Returns whether the drive is held to the same as before, and does the same: a ramp may start anew from a motor that
+/// is faster than its set-point.
 fn same_conditions(before: &GroundTruth, truth: &GroundTruth) -> bool {
     before.bounds == truth.bounds
         && before.enabled == truth.enabled

@@ -27,24 +27,24 @@ const DRIVES_MAX: i64 = 3;
 /// When faults begin, and for how long there may be faults, ms.
 pub(super) const BEGIN_MS: u32 = 500;
 const FAULTS_MS: i64 = 6_000;
-/// How long everything must work after the time to recover, ms.
+/// Time in which everything must work after the time to recover, ms.
 const FAULT_FREE_MS: u32 = 500;
-/// A late reply comes within so many times the host's patience: what a profile promises at most.
+/// Longest delay of a late reply, in time-outs of the host: the most that a profile promises.
 pub(super) const LATE_MAX_TIMEOUTS: u32 = 3;
-/// What the drive's own pauses and the host's adapter take of that, ms.
+/// Part of that for the drive's own pauses and the host's adapter, ms.
 pub(super) const OWN_MS: u32 = 40;
 
-/// How often something ends the motions of a drive early.
+/// Chance that an act ends the motions of a drive early.
 const ACTS_CHANCE: Ppm = Ppm(400_000);
 
-/// What is between host and wire, the usual more often.
+/// Timings between host and wire, the usual ones more often.
 const TIMINGS: [Timing; 8] = {
     let mut timings = [Timing::Uart; 8];
     (timings[5], timings[6], timings[7]) = (Timing::Ftdi, Timing::Cdc, Timing::Tcp);
     timings
 };
 
-/// How long the host of such a drive waits for a reply, ms: one of TML's less than the profile says.
+/// Reply time-out of the host of such a drive, ms: for TML less than that of the profile.
 pub(super) fn host_timeout_ms(profile: &Profile) -> u32 {
     let max = if profile.protocol == "tml" { REPLY_TIMEOUT_MS } else { u32::MAX };
     profile.reply_timeout_ms.min(max)
@@ -58,11 +58,11 @@ pub struct Scenario {
     disturbances: Vec<(Instant, Disturbance)>,
     pub(super) faults_end: Instant,
     report: WorldReport,
-    /// What is in the world, and what will break in it.
+    /// Members of the world, and its faults.
     description: Vec<String>,
 }
 
-/// What breaks. The first number is the client whom it hits, or one of those on the bus.
+/// A disturbance. The first number is the client that it affects, or one of those on the bus.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Disturbance {
     /// The client's serial wire begins to do its worst.
@@ -134,12 +134,12 @@ impl Scenario {
         self.report.logs = true;
     }
 
-    /// Lives to the end and tells what came of it.
+    /// Runs the world to its end and returns the result.
     pub fn run(self) -> WorldReport {
         self.run_with_log(&mut |_| {})
     }
 
-    /// The same, and tells what happens meanwhile, if a diary is kept.
+    /// [`run`](Self::run) that also reports the events, if a log is kept.
     pub fn run_with_log(mut self, report_line: &mut dyn FnMut(&str)) -> WorldReport {
         let end = self.faults_end.plus_ms(RECOVERY_MS + FAULT_FREE_MS);
         self.description.iter().for_each(|line| report_line(line));
@@ -327,7 +327,7 @@ impl Scenario {
             probe_seed: random.chance(Ppm(500_000)).then(|| random.next_u64() as u32),
             ..host_options(protocol, bus, echo)
         };
-        // What the host of a connection string is told of a serial server.
+        // The keys of a connection string for a serial server.
         let options = match tcp {
             true => HostOptions { baud: 0, gap_us: Some(0), resync_pause_ms: Some(100), ..options },
             false => options,
@@ -340,7 +340,7 @@ impl Scenario {
             let (profile, address) = (random.pick(&products), protocol.first_address + 2 * n);
             let mut spec = RackDrive::new(profile, protocol.name);
             (spec.address, spec.seed) = (Some(address), random.next_u64());
-            // A family that knows of several standards is told which one this wire follows.
+            // A family that knows several standards gets that of this wire.
             let plain = spec.clone();
             spec.extra.extend(bus.then(|| ("wire".to_owned(), "rs485".to_owned())));
             let spec = if spec.device(cdc).is_ok() { spec } else { plain };

@@ -55,8 +55,8 @@ impl World {
         }
     }
 
-    /// Pulls a node's connector from a CAN bus, or puts it in again. The node itself is not told:
-    /// it has power and a controller that hears nothing.
+    /// Pulls a node's connector from a CAN bus, or puts it in again. The node itself gets no notice: it has power and a
+    /// controller that receives nothing.
     pub fn set_unplugged(&mut self, wire: WireId, node: NodeId, away: bool) {
         let plug = self.plug_index(wire, node);
         if let (Some(plug), Some(bus)) = (plug, self.can_bus(wire.0)) {
@@ -65,12 +65,12 @@ impl World {
         }
     }
 
-    /// Plugs somebody into a CAN bus who belongs to nobody here: what comes of his frames is marked.
+    /// Plugs an intruder into a CAN bus, which belongs to no host and no drive: results of its frames are marked.
     pub fn plug_intruder(&mut self, wire: WireId, node: NodeId) {
         self.plug(wire, PlugOwner::Node(node.0, 0), PlugRole::Intruder);
     }
 
-    /// What the world knows about a node's place on a CAN bus; `None` where it has none.
+    /// State of a node's place on a CAN bus; `None` without one.
     #[must_use]
     pub fn can_status(&self, wire: WireId, node: NodeId) -> Option<CanPlugStatus> {
         let plug = self.plug_index(wire, node)?;
@@ -170,7 +170,7 @@ impl World {
         StepResult::Nothing
     }
 
-    /// Tells a station that its controller left the bus, and notes when it comes back.
+    /// Notifies a station that its controller left the bus, and schedules its return.
     fn begin_bus_off(&mut self, wire: usize, plug: usize) {
         let WireMedium::Can(bus) = &mut self.wires[wire].medium else { return };
         self.queue
@@ -214,7 +214,7 @@ impl World {
         bus.end_answering(plug, empty);
     }
 
-    /// Whether a node has a controller that takes nothing more.
+    /// Returns whether a node has a controller that takes nothing more.
     pub(super) fn has_full_controller(&self, node: usize) -> bool {
         self.nodes[node].plugs.iter().any(|&(wire, plug, _)| match &self.wires[wire].medium {
             WireMedium::Can(bus) => !bus.has_room(plug),

@@ -10,7 +10,7 @@ const INBOX_MAX: usize = 1 << 20;
 /// Frames that wait each way; the same.
 const FRAMES_MAX: usize = 1 << 16;
 
-/// What waits at an end that is held outside of the world.
+/// Data that wait at an end that is held outside of the world.
 pub(super) struct OutsideEnd {
     pub(super) plug: (usize, usize),
     pub(super) line: SerialLine,

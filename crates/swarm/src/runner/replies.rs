@@ -1,4 +1,4 @@
-//! What clients are told, and whether it is true.
+//! Replies to clients, and checks that they are true.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use crate::scenario::seconds;
 use crate::stop_observer::STOP_REPLY_MAX;
 
 impl WorldRunner {
-    /// Whether that was answered; then whoever said it has heard it.
+    /// Returns whether the request was answered; then its client has the reply.
     pub(super) fn poll_reply(&mut self, n: usize) -> bool {
         let (now, PendingCall { client, axis, sent_at, .. }) = (self.now, &self.pending[n]);
         let (who, axis, said_at) = (*client, *axis, *sent_at);
@@ -136,7 +136,7 @@ impl WorldRunner {
             if obeyed && turns {
                 watch.record_motion_done(sent_at);
             }
-            // Anything that was said meanwhile may have come behind it.
+            // A request that was sent meanwhile may have come behind it.
             if outcome == OutcomeKind::Done && alone && watch.stopped_at < sent_at {
                 watch.target = target.map(|target| (target, now));
             }

@@ -205,7 +205,7 @@ const fn is_text(object: ObjectIndex) -> bool {
     matches!(object.index, 0x1008..=0x100A)
 }
 
-/// Whether scales of other objects hang on this one.
+/// Returns whether scales of other objects hang on this one.
 fn is_scale(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
     let Some(profile) = meanings::canopen_profile(profile) else { return false };
     let scales = profile.parameters.iter().flat_map(|p| p.scale.inputs(profile));

@@ -216,7 +216,7 @@ impl LssTracker {
     }
 }
 
-/// Whether a request goes on with what one of its kind began.
+/// Returns whether a request goes on with what one of its kind began.
 const fn is_continuation(request: LssRequest) -> bool {
     use polepair_core::proto::canopen::lss::{IdentifyBound, IdentityNumber};
     match request {

@@ -256,7 +256,7 @@ fn default_value(profile: Option<&'static Profile>, object: ObjectIndex) -> Opti
     meanings::find_parameter(object, profile)?.default
 }
 
-/// Whether a profile is of a product and not of the device that a data sheet describes.
+/// Returns whether a profile is of a product and not of the device that a data sheet describes.
 fn is_built_in(profile: &'static Profile) -> bool {
     polepair_drives::profiles().iter().any(|known| core::ptr::eq(*known, profile))
 }

@@ -75,7 +75,7 @@ impl ProcessText {
         Self { prefix: TextPiece::new(verb.as_bytes()), values, varying, end, kind: name, profile }
     }
 
-    /// Whether the words of each number that eight bytes hold are kept, or are not to be.
+    /// Returns whether the words of each number that eight bytes hold are kept, or are not to be.
     #[inline]
     pub fn has_text(&self, data: u64) -> bool {
         let mut varying = self.varying.iter().map(|at| &self.values[*at]);

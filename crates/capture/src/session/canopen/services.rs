@@ -71,7 +71,7 @@ impl ServiceTable {
         self.standard.get(id as usize).map_or(Service::Unknown, |service| *service)
     }
 
-    /// Whether the capture gave an identifier to a service.
+    /// Returns whether the capture gave an identifier to a service.
     pub fn claims_id(&self, id: u32, extended: bool) -> bool {
         match extended {
             true => self.extended.iter().any(|(long, _)| *long == id),

@@ -403,8 +403,8 @@ impl Pairing {
         }
     }
 
-    /// Whether an answer can belong to what is not waited for any more: soon after it, and where one
-    /// thing is said at a time, before anything else was asked.
+    /// Returns whether an answer can belong to what is not waited for any more: soon after it, and where one thing is
+    /// said at a time, before anything else was asked.
     fn may_come_again(&self, request: &TrackedRequest, observed: &ObservedFrame<'_>) -> bool {
         if request.state == RequestState::GivenUp {
             return true;

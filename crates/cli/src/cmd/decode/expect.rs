@@ -164,7 +164,7 @@ impl ExpectationTest {
         }
     }
 
-    /// How many lines and frames stand before the nearest place where both agree again.
+    /// Number of lines and frames before the nearest place where both agree again.
     fn next_match(&self) -> (usize, usize) {
         let lines = self.expected.lines.len().min(LOOKAHEAD);
         let found = (1..=2 * LOOKAHEAD).find_map(|steps| {

@@ -128,7 +128,7 @@ impl Monitor {
         self.session.as_ref().map(|session| &session.link)
     }
 
-    /// Whether it only listens.
+    /// Returns whether it only listens.
     pub fn is_listening(&self) -> bool {
         self.listener.is_some()
     }
@@ -280,7 +280,7 @@ fn wire_decoding(wire: &OpenWire, axes: &[LocalAxis], stated: Option<&Rules>) ->
     WireDecoding { rules: Rules(rules), drives }
 }
 
-/// How many identifiers of 11 bits a protocol claims.
+/// Number of identifiers of 11 bits that a protocol claims.
 fn claimed_count(word: &str) -> usize {
     let dissector = proto::find_dissector(word);
     (0..0x800).filter(|id| dissector.is_some_and(|found| found.claims_id(*id, false))).count()

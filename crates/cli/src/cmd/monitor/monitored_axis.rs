@@ -278,7 +278,7 @@ impl MonitoredAxis {
         }
     }
 
-    /// Whether it turned when its velocity was last read.
+    /// Returns whether it turned when its velocity was last read.
     pub fn is_turning(&self) -> bool {
         self.axis.is_turning().unwrap_or(false)
     }

@@ -207,7 +207,7 @@ fn signal_value(state: &AxisState, signal: Signal) -> Option<f64> {
     state.signals.iter().find(|value| value.signal == signal.name()).and_then(|value| value.value)
 }
 
-/// Whether it turned when it was last heard of, however long ago that is and whatever else it has.
+/// Returns whether it turned when it was last heard of, however long ago that is and whatever else it has.
 fn is_turning(state: &AxisState) -> bool {
     let by_speed = || {
         signal_value(state, Signal::Velocity).is_some_and(|speed| speed.abs() > STANDSTILL_SPEED)

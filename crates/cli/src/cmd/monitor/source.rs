@@ -24,7 +24,7 @@ pub trait MonitorSource {
     fn traffic(&self) -> &TrafficLog;
     /// The same, to forget them.
     fn traffic_mut(&mut self) -> &mut TrafficLog;
-    /// How many axes there are.
+    /// Number of axes.
     fn count(&self) -> usize;
     /// One of them.
     fn axis(&self, n: usize) -> AxisRow;
@@ -109,7 +109,7 @@ pub enum StopState {
 }
 
 impl StopState {
-    /// Whether it is an alarm.
+    /// Returns whether it is an alarm.
     pub const fn is_failed(&self) -> bool {
         matches!(self, Self::Failed(_))
     }

@@ -57,7 +57,7 @@ pub struct FrameRow {
 pub struct FrameGroup {
     /// The last of them.
     pub last: FrameRow,
-    /// How many there were.
+    /// Number of frames.
     pub count: u64,
     /// Nanoseconds from the last but one to the last.
     pub period: Option<u64>,
@@ -218,7 +218,7 @@ impl TrafficLog {
         self.wires.iter().map(|wire| (wire.name.as_str(), wire.load))
     }
 
-    /// How many frames there were, and how many of them break their protocol.
+    /// Number of frames, and of those that violate their protocol.
     pub fn counts(&self) -> (u64, u64) {
         (self.history.count, self.history.wrong)
     }

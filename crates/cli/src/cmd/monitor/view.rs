@@ -19,7 +19,7 @@ pub struct View {
     pub filter: String,
     /// The filter is being typed.
     pub typing: bool,
-    /// How many frames there were when it was halted, and the kinds as they were.
+    /// Number of frames when it was halted, and the kinds at that time.
     pub halted: Option<(u64, Vec<FrameGroup>)>,
     /// Frames scrolled back from the last, or kinds on from the first.
     pub scrolled: usize,
@@ -133,7 +133,7 @@ impl View {
         }
     }
 
-    /// Whether a frame is one that the person wants to see.
+    /// Returns whether a frame is one that the person wants to see.
     fn shows_row(&self, row: &FrameRow) -> bool {
         let passed = self.halted.as_ref().is_none_or(|(count, _)| row.number < *count);
         passed && self.matches_filter(row)

@@ -28,12 +28,12 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// How long an instruction may take unless the user says otherwise, s.
 const STEP_MAX_S: f64 = 60.0;
 
-/// Whether the drive keeps instructions.
+/// Returns whether the drive keeps instructions.
 pub fn is_module(axis: &LocalAxis) -> bool {
     axis.instruction_language().is_ok()
 }
 
-/// Whether a file is such a program, by its name.
+/// Returns whether a file is such a program, by its name.
 pub fn is_program(path: &Path) -> bool {
     language_of(path).is_some()
 }

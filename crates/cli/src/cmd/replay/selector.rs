@@ -190,7 +190,7 @@ impl FrameSelector {
     }
 }
 
-/// Whether a request is owed an answer.
+/// Returns whether a request is owed an answer.
 fn expects_answer(dissector: &dyn Dissector, raw: &RawFrame<'_>) -> bool {
     let talk = ConversationContext {
         direction: Some(Direction::ToDrive),

@@ -34,7 +34,7 @@ struct SetpointTable {
     rows: Vec<Vec<f64>>,
 }
 
-/// Whether a line names columns.
+/// Returns whether a line names columns.
 pub fn is_header(line: &str) -> bool {
     line.split(',').next().is_some_and(|cell| cell.trim().parse::<f64>().is_err())
 }

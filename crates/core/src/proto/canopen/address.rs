@@ -114,7 +114,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame concerns an address, by its fields.
+/// Returns whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

@@ -30,7 +30,7 @@ use crate::stream::cyclic::{self, SetpointKind};
 
 /// Object 1010h:1, and what is written there: store everything.
 const STORE_ALL: (ObjectIndex, u64) = (ObjectIndex::new(0x1010, 1), 0x6576_6173);
-/// What [`Driver::function_request`] calls SYNC.
+/// Number of SYNC in [`Driver::function_request`].
 const SEND_SYNC: u8 = 5;
 const SWITCH_RPDO: u8 = 6;
 const SWITCH_TPDO: u8 = 7;
@@ -38,7 +38,7 @@ const WATCH_HEARTBEAT: u8 = 8;
 const UNWATCH_HEARTBEAT: u8 = 9;
 const RESTORE_CONNECTION_OPTION: u8 = 10;
 const CONTROLWORD: u16 = 0x6040;
-/// What a lost connection leads to (CiA 402-2), and quick stop among it.
+/// Reaction to a lost connection (CiA 402-2), among them quick stop.
 const CONNECTION_OPTION: ObjectIndex = ObjectIndex::new(0x6007, 0);
 const OPTION_QUICK_STOP: u16 = 3;
 const CONSUMER_HEARTBEAT: ObjectIndex = ObjectIndex::new(0x1016, 1);
@@ -53,11 +53,11 @@ pub struct Axis {
     /// How the node's process data lie, as far as was read or written.
     rpdos: [KnownPdo; 4],
     tpdos: [KnownPdo; 4],
-    /// What brings each kind of set-point.
+    /// PDO of each kind of set-point.
     setpoint_pdos: [Option<SetpointPdo>; 3],
-    /// It watches the host's heartbeat because it was told to.
+    /// True if it was set to watch the host's heartbeat.
     watches_host: bool,
-    /// What the connection option was before it was made a quick stop.
+    /// Connection option before it was set to quick stop.
     original_option: Option<u16>,
 }
 
@@ -188,7 +188,7 @@ impl Axis {
     }
 }
 
-/// In the order of their numbers.
+/// Kinds of set-points, in the order of their numbers.
 const SETPOINTS: [SetpointKind; 3] =
     [SetpointKind::Position, SetpointKind::Velocity, SetpointKind::Torque];
 
@@ -221,7 +221,7 @@ pub const fn encoding_width(encoding: Encoding) -> (u8, bool) {
     (encoding.size(), encoding.is_signed())
 }
 
-/// The number that `len` bytes are; all eight when the node does not say how many.
+/// Number in `len` bytes; in all eight if the node does not state the number of bytes.
 const fn decode_number(bits: u64, len: u32, signed: bool) -> i64 {
     let len = if len == 0 || len > 8 { 8 } else { len };
     let above = 64 - 8 * len;
@@ -352,7 +352,7 @@ impl Driver for Axis {
         let id = id.and_then(|id| u16::try_from(id).ok()).ok_or(Unsupported::BadBytes)?;
         let frame = Frame::standard(id, frame.bytes);
         let statement = text::Statement::of(&frame, false).map_err(|_| Unsupported::BadBytes)?;
-        // What it says does not say to whom.
+        // The reply does not name its receiver.
         let request = if statement.frame(self.node) == frame {
             statement.to_host_request(self.node)
         } else {
@@ -416,7 +416,7 @@ impl Driver for Axis {
                 reports[0] = presence_of(state).map(DriveReport::Presence);
             }
             Answer::HeartbeatLost => reports[0] = Some(DriveReport::Presence(Presence::Gone)),
-            // It does not say which axis of the node it is about; the others are asked for theirs.
+            // The message does not name an axis of the node; the others are read too.
             Answer::Emergency(Emergency { code, .. }) if self.sub_axis == 0 => {
                 reports[0] = self.fault_report(code);
             }

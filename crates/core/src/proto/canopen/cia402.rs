@@ -14,7 +14,7 @@ pub const PROFILE_NUMBER: u16 = 402;
 /// The states of the power drive system (CiA 402-2, finite state automaton).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum DriveState {
-    /// It tests itself.
+    /// Self-test after power-on.
     NotReady,
     /// No power may be switched on.
     SwitchOnDisabled,
@@ -24,7 +24,7 @@ pub enum DriveState {
     SwitchedOn,
     /// The motor is powered and obeys.
     Enabled,
-    /// It brakes, or holds after braking.
+    /// The drive brakes, or holds after braking.
     QuickStop,
     /// A fault happened, it brakes.
     FaultReaction,

@@ -45,7 +45,7 @@ pub enum SettingsGroup {
 /// The firmware of a simulated node. Values are bytes of the object's type in a number, the first byte
 /// lowest.
 pub trait Firmware {
-    /// Its dictionary.
+    /// Object dictionary of the device.
     fn dictionary(&self) -> &'static Dictionary;
     /// Node-ID from the next reset of the communication on; none outside 1 to 127.
     fn node_id(&self) -> u8;
@@ -138,7 +138,7 @@ pub trait Firmware {
     fn set_time_of_day(&mut self, now: Instant, time: TimeOfDay) {
         let _ = (now, time);
     }
-    /// Its own time of day, if it produces one.
+    /// The device's own time of day, if it produces one.
     fn time_of_day(&mut self, now: Instant) -> Option<TimeOfDay> {
         let _ = now;
         None
@@ -153,13 +153,13 @@ pub struct Quirks {
     pub lenient: bool,
     /// The acknowledgement of a write repeats the data.
     pub echoes_writes: bool,
-    /// It supports segmented and block transfer.
+    /// True if it supports segmented and block transfer.
     pub segmented_sdo: bool,
-    /// It has layer setting services.
+    /// True if it has layer setting services.
     pub lss: bool,
-    /// It takes the time of day.
+    /// True if it accepts the time of day.
     pub time: bool,
-    /// It answers guarding requests.
+    /// True if it replies to guarding requests.
     pub guarding: bool,
     /// Emergencies have two bytes, and none reports the end of a fault.
     pub short_emcy: bool,
@@ -172,7 +172,7 @@ pub struct Quirks {
 }
 
 impl Quirks {
-    /// As the standard has it.
+    /// Services as the standard has them.
     pub const STRICT: Self = Self {
         lenient: false,
         echoes_writes: false,
@@ -189,8 +189,8 @@ impl Quirks {
 
 /// The node's end of the bus, with up to `N` PDOs each way.
 ///
-/// It lies in memory in this order: what each cycle needs is together, at the end, where the
-/// firmware that is kept behind it begins with what it needs each cycle.
+/// The fields lie in memory in this order: what each cycle needs is together, at the end, where the firmware that is
+/// kept behind it begins with what it needs each cycle.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct CanEndpoint<const N: usize = 4> {
@@ -301,7 +301,7 @@ impl<const N: usize> CanEndpoint<N> {
         (self.next_due != Instant::FAR_FUTURE).then_some(self.next_due)
     }
 
-    /// Whether something is running whose values change with time.
+    /// Returns whether something is running whose values change with time.
     #[must_use]
     pub const fn is_active(&self) -> bool {
         matches!(self.state, nmt::NmtState::Operational)

@@ -262,7 +262,7 @@ impl Dissector for CanopenDissector {
     }
 
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        // Most frames are process data, which this says with two comparisons.
+        // Most frames are process data, which these two comparisons detect.
         let (Some(id), Some(asked)) = (frame.id, request.id) else { return false };
         if matches!(id, 0x581..=0x5FF) && asked == id + u32::from(SDO_REQUEST - SDO_REPLY) {
             return service_answers(frame.bytes, request.bytes);
@@ -307,8 +307,8 @@ impl Dissector for CanopenDissector {
     }
 }
 
-/// Explains a segment of a block, which nobody but who follows the transfer can tell from a command:
-/// `bytes` are eight, and the identifier that of the node's default channel.
+/// Explains a segment of a block, which can be distinguished from a command only by following the transfer: `bytes` are
+/// eight, and the identifier that of the node's default channel.
 pub fn explain_block_segment(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
     let Some(frame) = to_frame(bytes, context) else { return };
     let node = Cob::of(frame.id as u16).node().unwrap_or(0);
@@ -355,7 +355,7 @@ fn explain_message(
     }
 }
 
-/// What a frame breaks that says something all the same.
+/// Violation of the protocol by a frame that has a meaning nevertheless.
 fn frame_error(statement: &Statement, frame: &Frame) -> Option<WireError> {
     let unexpected = |at: u16| {
         let found = frame.data[usize::from(at)];
@@ -395,7 +395,7 @@ fn frame_error(statement: &Statement, frame: &Frame) -> Option<WireError> {
     }
 }
 
-/// Whether the byte that lacks of eight would not count anyway.
+/// Returns whether the byte that lacks of eight would not count anyway.
 fn is_complete_in_seven(statement: &Statement) -> bool {
     matches!(
         statement,
@@ -411,7 +411,7 @@ fn is_complete_in_seven(statement: &Statement) -> bool {
     )
 }
 
-/// Whether a reply of the same node can be to that request: the same object, or the next of it.
+/// Returns whether a reply of the same node can be to that request: the same object, or the next of it.
 fn service_answers(reply: &[u8], request: &[u8]) -> bool {
     let eight = |bytes: &[u8]| {
         let mut all = [0; 8];
@@ -441,7 +441,7 @@ fn service_answers(reply: &[u8], request: &[u8]) -> bool {
     )
 }
 
-/// Whether a reply of layer setting can be to that request.
+/// Returns whether a reply of layer setting can be to that request.
 #[must_use]
 pub fn lss_answers(reply: &[u8], request: &[u8]) -> bool {
     let (Ok(reply), Ok(request)) = (lss::LssReply::parse(reply), lss::LssRequest::parse(request))
@@ -464,7 +464,7 @@ pub fn lss_answers(reply: &[u8], request: &[u8]) -> bool {
     }
 }
 
-/// How many bytes the answer has, if there is one.
+/// Number of bytes the answer has, if there is one.
 fn answer_len(frame: &Frame) -> Option<usize> {
     match Cob::of(frame.id as u16) {
         Cob::Heartbeat(_) if frame.remote => Some(1),

@@ -1,6 +1,6 @@
-//! Objects of every CANopen device, for devices without a profile. None of them moves a motor but the controlword
-//! of CiA 402, by which a drive is stopped that did not say what it is: 2 enables no drive, whatever its state, and a
-//! device without that object refuses it.
+//! Objects of every CANopen device, for devices without a profile. None of them moves a motor but the controlword of
+//! CiA 402, which also stops a drive of unknown identity: 2 enables no drive, whatever its state, and a device without
+//! that object refuses it.
 
 use super::host::REPLY_TIMEOUT_MS;
 use crate::axis::Verb;

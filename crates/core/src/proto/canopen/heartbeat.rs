@@ -8,7 +8,7 @@ use crate::medium::Frame;
 /// State message of a node: heartbeat, boot-up or a reply to guarding.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Heartbeat {
-    /// Its state; [`NmtState::BootUp`] only once after a reset.
+    /// State of the node; [`NmtState::BootUp`] only once after a reset.
     pub state: NmtState,
     /// Answers to guarding requests alternate; heartbeats have it clear.
     pub toggle: bool,

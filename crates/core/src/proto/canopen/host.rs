@@ -39,20 +39,20 @@ use transfer_buffer::TransferBuffer;
 pub const REPLY_TIMEOUT_MS: u32 = 200;
 /// The host's node-ID: the last one.
 pub const HOST_ID: u8 = NODE_MAX;
-/// A stop waits so long for the answer that its node still owes, ms.
+/// Time that a stop waits for an outstanding reply of its node, ms.
 const STOP_PATIENCE_MS: u32 = 10;
 /// Long transfers at once.
 pub const LONG_TRANSFERS_MAX: usize = 4;
 /// Frames without answer that wait to be sent.
 const FRAMES_MAX: usize = 16;
-/// Room for the end of every request, and as much again for what nodes say unasked.
+/// Room for the end of every request, and as much again for unsolicited messages.
 const EVENTS_MAX: usize = 512;
-/// Of that, room that what is said unasked leaves: every channel, LSS, and frames.
+/// Part of that which unsolicited messages leave free: every channel, LSS, and frames.
 const END_EVENTS_MAX: usize = NODES + FRAMES_MAX + 1;
 const NODES: usize = NODE_MAX as usize + 1;
 /// Segments of blocks that are sent ahead of the wire: whatever comes after them waits for no more.
 const SEGMENTS_AHEAD_MAX: u64 = 8;
-/// The bit rate of a wire that tells none, for them.
+/// Assumed bit rate of a wire that reports none.
 const ASSUMED_BIT_RATE: u32 = 1_000_000;
 /// Bits of a segment without a single stuff bit, with the pause behind it: fewer than it takes, so that
 /// the wire is never left idle.
@@ -68,7 +68,7 @@ pub struct CanHost {
     block_senders: NodeSet,
     /// When the wire is through with those that were sent.
     sent_until: Instant,
-    /// How long it takes for one.
+    /// Time of one segment, ns.
     segment_ns: u64,
     /// Nodes whose transfer is to be aborted.
     aborts: NodeSet,
@@ -95,13 +95,13 @@ const DUPLICATE_NODE: Failure = Failure::NotReady {
            and connect again",
 };
 
-/// Bytes of an SDO, whatever it says (CiA 301, 7.2.4.3).
+/// Length of an SDO, always eight bytes (CiA 301, 7.2.4.3).
 const SDO_BYTES: u8 = 8;
 
 /// Bits of a request and its reply without a single stuff bit, less the pause behind the last.
 const EXCHANGE_BITS: u64 = 2 * (47 + 8 * SDO_BYTES as u64) - 3;
 
-/// A queue of frames that nobody answers.
+/// A queue of frames without a reply.
 #[derive(Debug, Default)]
 struct UnansweredFrames {
     ring: [(Option<Ticket>, Frame); FRAMES_MAX],
@@ -128,7 +128,7 @@ impl UnansweredFrames {
 }
 
 impl CanHost {
-    /// A host as `options` say.
+    /// Creates a host with `options`.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
@@ -406,7 +406,7 @@ impl CanHost {
         }
         let patience = channel.deadline.0.saturating_sub(self.timeout_ns);
         let patience = Instant(patience).plus_ms(STOP_PATIENCE_MS);
-        // In the midst of a block no answer is owed.
+        // In the midst of a block no reply is outstanding.
         if now < patience && !self.block_senders.contains(node) {
             self.stop_deadline = earliest(self.stop_deadline, Some(patience));
             return false;

@@ -15,48 +15,48 @@ use crate::station::{Request, RequestClass};
 /// A request on the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum HostRequest {
-    /// Reads an object of at most eight bytes; of a longer one the first eight, then it is let go.
+    /// Reads an object of at most eight bytes; of a longer one the first eight, then it is aborted.
     Read {
-        /// Whose.
+        /// Node-ID.
         node: u8,
         /// Which.
         object: ObjectIndex,
     },
     /// Writes an object of at most eight bytes.
     Write {
-        /// Whose.
+        /// Node-ID.
         node: u8,
         /// Which.
         object: ObjectIndex,
         /// The bytes, the first one lowest.
         bits: u64,
-        /// How many of them, 1 to 8.
+        /// Number of bytes, 1 to 8.
         len: u8,
-        /// Whether it may be sent again.
+        /// True if it may be sent again.
         class: RequestClass,
     },
     /// Reads an object of any length. The bytes are read with
     /// [`Host::poll_bytes`](crate::station::Host::poll_bytes).
     Upload {
-        /// Whose.
+        /// Node-ID.
         node: u8,
         /// Which.
         object: ObjectIndex,
-        /// In blocks.
+        /// True for a block transfer.
         block: bool,
-        /// It is aborted after more bytes than this; 0 for no limit.
+        /// Limit of bytes after which it is aborted; 0 for none.
         max: u16,
     },
     /// Writes an object of any length. The bytes are fed with
     /// [`Host::feed_bytes`](crate::station::Host::feed_bytes).
     Download {
-        /// Whose.
+        /// Node-ID.
         node: u8,
         /// Which.
         object: ObjectIndex,
-        /// In blocks.
+        /// True for a block transfer.
         block: bool,
-        /// How many bytes there will be.
+        /// Number of bytes there will be.
         size: u32,
     },
     /// Reads a node's state (guarding).
@@ -72,15 +72,15 @@ pub enum HostRequest {
         cob: Cob,
         /// The bytes, the first one lowest.
         data: u64,
-        /// How many of them.
+        /// Number of bytes.
         len: u8,
     },
     /// SYNC, once, with a counter or without. It has no reply.
     Sync(Option<u8>),
-    /// SYNC every so many µs from now on; 0 is no more.
+    /// Sets the period of SYNC, µs; 0 ends it.
     SyncEvery(u32),
-    /// Has a node watch the host's heartbeat, which is to come within so many ms from now on; 0 is no
-    /// more. It is written to the first place of object 1016h.
+    /// Has a node watch the host's heartbeat, which is to arrive within this time, ms; 0 ends it. It is written to the
+    /// first place of object 1016h.
     WatchHeartbeat {
         /// Which.
         node: u8,
@@ -126,8 +126,8 @@ impl HostRequest {
 }
 
 impl HostRequest {
-    /// Whether two expedited requests concern objects of different axes of a node: a stop of one axis waits
-    /// for the reply to the other's.
+    /// Returns whether two expedited requests concern objects of different axes of a node: a stop of one axis waits for
+    /// the reply to the other's.
     #[must_use]
     pub fn is_of_other_axis(&self, other: &Self) -> bool {
         let axis = |request: &Self| address::axis_number(request.object()?.index);
@@ -179,19 +179,19 @@ pub enum Answer {
     Value {
         /// Which object.
         object: ObjectIndex,
-        /// Its first eight bytes, the first one lowest.
+        /// First eight bytes, the first one lowest.
         bits: u64,
-        /// How many bytes it has, as far as is known; 0 when the node does not say.
+        /// Length in bytes, as far as is known; 0 if the node does not state it.
         len: u32,
     },
-    /// It is written.
+    /// The object was written.
     Written {
         /// Which object.
         object: ObjectIndex,
-        /// What was written, its first eight bytes.
+        /// First eight bytes of the written value.
         bits: u64,
     },
-    /// So many bytes went over.
+    /// Number of transferred bytes.
     Transferred(u32),
     /// A frame without a reply was sent.
     Sent,

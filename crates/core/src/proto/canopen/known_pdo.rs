@@ -11,7 +11,7 @@ const ENTRIES_MAX: usize = super::pdo::MAPPED_MAX;
 /// One PDO as far as it is known.
 #[derive(Clone, Copy, Debug)]
 pub struct KnownPdo {
-    /// It is switched on, as far as is known.
+    /// True if it is enabled, as far as is known.
     pub enabled: bool,
     entries: [Option<MappingEntry>; ENTRIES_MAX],
     /// Parameters in it; none until the whole mapping is known.
@@ -40,7 +40,7 @@ impl KnownPdo {
         }
     }
 
-    /// Lays the first so many entries one behind the other; leaves all unknown if one of them is.
+    /// Places the first `count` entries one behind the other; leaves all unknown if one of them is.
     fn lay_out(&mut self, count: usize, profile: &'static Profile, offset: u16) {
         let Some(entries) = self.entries.get(..count) else { return };
         let (mut at, mut places) = (0, self.fields.iter_mut());

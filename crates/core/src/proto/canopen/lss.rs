@@ -64,7 +64,7 @@ pub enum LssRequest {
     SetNode(u8),
     /// Take that bit rate: table, index.
     SetBitTiming(u8, u8),
-    /// Use the bit rate set: so many ms of silence before and after.
+    /// Activates the set bit rate: silence before and after, ms.
     ActivateBitTiming(u16),
     /// Keep node-ID and bit rate over power-off.
     Store,
@@ -94,7 +94,7 @@ pub enum LssRequest {
 /// From a device.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum LssReply {
-    /// It is in configuration now, by its four numbers.
+    /// The node with these four numbers is in configuration now.
     Selected,
     /// Answer to [`LssRequest::SetNode`]: 0 is done, else the error and the maker's own.
     SetNode(u8, u8),
@@ -106,9 +106,9 @@ pub enum LssReply {
     Number(IdentityNumber, u32),
     /// The node-ID.
     Node(u8),
-    /// It fits, or agrees.
+    /// The node fits, or agrees.
     Identified,
-    /// It has no node-ID.
+    /// The node has no node-ID.
     Unconfigured,
     /// None that the standard has.
     Other(u8),

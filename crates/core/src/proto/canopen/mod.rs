@@ -35,7 +35,7 @@ use crate::error::WireError;
 /// Node-IDs go from 1 to this.
 pub const NODE_MAX: u8 = 127;
 
-/// What is wrong with `data` where `need` bytes are the whole.
+/// Error of `data` with a wrong length; `need` is the right one.
 const fn wrong_length(need: u16, data: &[u8]) -> WireError {
     let found = data.len() as u16;
     match found < need {

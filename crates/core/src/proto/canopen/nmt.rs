@@ -13,7 +13,7 @@ pub enum NmtCommand {
     Stop,
     /// To pre-operational: everything but process data.
     PreOperational,
-    /// As after power-on.
+    /// Resets the node as after power-on.
     ResetNode,
     /// The communication objects as after power-on.
     ResetCommunication,
@@ -65,7 +65,7 @@ impl NmtCommand {
 /// State of a node.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum NmtState {
-    /// It has just booted.
+    /// The node has just booted.
     BootUp,
     /// Nothing but network management.
     Stopped,

@@ -83,7 +83,7 @@ impl ValueType {
         }
     }
 
-    /// Whether values are signed.
+    /// Returns whether values are signed.
     #[must_use]
     pub const fn is_signed(self) -> bool {
         matches!(self.0, 0x02..=0x04 | 0x10 | 0x12..=0x15)
@@ -119,45 +119,45 @@ impl ObjectAccess {
     /// Read and written.
     pub const RW: Self = Self(Self::READ | Self::WRITE);
 
-    /// The same, and it may be mapped into PDOs the ways it may be used.
+    /// The access, with mapping into PDOs of the permitted directions.
     #[must_use]
     pub const fn mappable(self) -> Self {
         Self(self.0 | self.0 << 2)
     }
 
-    /// The same, and it may be mapped into PDOs that the node sends alone.
+    /// The access, with mapping into PDOs that the node sends only.
     #[must_use]
     pub const fn sendable(self) -> Self {
         Self(self.0 | Self::TPDO)
     }
 
-    /// The same, and it may be mapped into PDOs that the node receives alone.
+    /// The access, with mapping into PDOs that the node receives only.
     #[must_use]
     pub const fn receivable(self) -> Self {
         Self(self.0 | Self::RPDO)
     }
 
-    /// It may be read.
+    /// Returns whether it may be read.
     #[inline]
     #[must_use]
     pub const fn is_readable(self) -> bool {
         self.0 & Self::READ != 0
     }
 
-    /// It may be written.
+    /// Returns whether it may be written.
     #[inline]
     #[must_use]
     pub const fn is_writable(self) -> bool {
         self.0 & Self::WRITE != 0
     }
 
-    /// It may be mapped into a PDO that the node sends.
+    /// Returns whether it may be mapped into a PDO that the node sends.
     #[must_use]
     pub const fn is_sendable(self) -> bool {
         self.0 & Self::TPDO != 0
     }
 
-    /// It may be mapped into a PDO that the node receives.
+    /// Returns whether it may be mapped into a PDO that the node receives.
     #[must_use]
     pub const fn is_receivable(self) -> bool {
         self.0 & Self::RPDO != 0
@@ -179,7 +179,7 @@ pub enum DefaultValue {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ObjectEntry {
     key: u32,
-    /// Its type.
+    /// Data type.
     pub kind: ValueType,
     /// Access.
     pub access: ObjectAccess,
@@ -211,34 +211,34 @@ impl ObjectEntry {
         Self { key: key(index, sub), kind, access, tag, name, default, limits }
     }
 
-    /// The same with a number from the factory.
+    /// The entry with a factory number.
     #[must_use]
     pub const fn with_default(mut self, number: i64) -> Self {
         self.default = DefaultValue::Number(number);
         self
     }
 
-    /// The same with a value from the factory.
+    /// The entry with a factory value.
     #[must_use]
     pub const fn with_default_value(mut self, worth: DefaultValue) -> Self {
         self.default = worth;
         self
     }
 
-    /// The same with limits.
+    /// The entry with limits.
     #[must_use]
     pub const fn with_limits(mut self, min: i64, greatest: i64) -> Self {
         self.limits = (min, greatest);
         self
     }
 
-    /// Its index.
+    /// Index of the object.
     #[must_use]
     pub const fn index(&self) -> u16 {
         (self.key >> 8) as u16
     }
 
-    /// Its sub-index.
+    /// Sub-index of the object.
     #[must_use]
     pub const fn sub(&self) -> u8 {
         self.key as u8
@@ -250,7 +250,7 @@ impl ObjectEntry {
         self.key
     }
 
-    /// Its value from the factory as the bytes of its type, the first lowest; 0 for a text.
+    /// Factory value as the bytes of its type, the first lowest; 0 for a text.
     #[must_use]
     pub const fn default_bits(&self, node: u8) -> u64 {
         match self.default {
@@ -303,7 +303,7 @@ impl Dictionary {
         places
     }
 
-    /// The same into a slice.
+    /// Fills a slice with the [`hash_slots`](Self::hash_slots) of `entries`.
     ///
     /// # Panics
     /// When its length is no power of two, or less than twice the number of entries.

@@ -12,15 +12,15 @@ pub const BITS_MAX: u8 = 64;
 pub enum Transmission {
     /// With the SYNC after a change.
     OnChange,
-    /// With every so many SYNCs, 1 to 240.
+    /// Triggered by SYNC, one of this many, 1 to 240.
     Cyclic(u8),
     /// Sampled at SYNC, sent on a remote request.
     SampledOnRequest,
     /// Sent on a remote request.
     OnRequest,
-    /// By events of the manufacturer's; with an event timer, by time.
+    /// Triggered by events of the manufacturer; with an event timer, by time.
     Manufacturer,
-    /// By events of the device profile's; with an event timer, by time too.
+    /// Triggered by events of the device profile; with an event timer, by time too.
     Profile,
     /// Reserved numbers, 241 to 251.
     Reserved(u8),
@@ -54,7 +54,7 @@ impl From<Transmission> for u8 {
 }
 
 impl Transmission {
-    /// True where SYNC has a say.
+    /// Returns whether it depends on SYNC.
     #[must_use]
     pub const fn is_synchronous(self) -> bool {
         matches!(self, Self::OnChange | Self::Cyclic(_) | Self::SampledOnRequest)
@@ -85,7 +85,7 @@ impl CobId {
         self.0 & Self::INVALID == 0
     }
 
-    /// It has 29 bits.
+    /// Returns whether it has 29 bits.
     #[must_use]
     pub const fn is_extended(self) -> bool {
         self.0 & Self::EXTENDED != 0
@@ -112,7 +112,7 @@ pub struct PdoParameters {
 pub struct MappingEntry {
     /// Mapped object. Indices 1 to 7 are gaps of that data type's length.
     pub object: ObjectIndex,
-    /// Its length.
+    /// Length in bits.
     pub bits: u8,
 }
 
@@ -130,15 +130,15 @@ impl From<MappingEntry> for u32 {
 }
 
 impl MappingEntry {
-    /// It maps nothing: bits that are there to be skipped.
+    /// Returns whether it is a gap: bits that are skipped.
     #[must_use]
     pub const fn is_gap(self) -> bool {
         self.object.index < 8
     }
 }
 
-/// Bits of a standard frame with so many bytes at most: every stuff bit there can be, and the pause
-/// behind it (ISO 11898-1).
+/// Bits of a standard frame with `bytes` bytes at most: with every possible stuff bit, and the pause behind it (ISO
+/// 11898-1).
 #[must_use]
 pub const fn max_frame_bits(bytes: u8) -> u32 {
     let stuffed = 34 + 8 * bytes as u32;
@@ -148,21 +148,21 @@ pub const fn max_frame_bits(bytes: u8) -> u32 {
 /// Position of a value in the 64 bits of a frame, byte 0 lowest.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct BitField {
-    /// Its lowest bit.
+    /// Lowest bit.
     pub start: u8,
-    /// Its length, 1 to 64.
+    /// Length in bits, 1 to 64.
     pub bits: u8,
 }
 
 impl BitField {
-    /// Its value, without sign.
+    /// Value without sign.
     #[inline]
     #[must_use]
     pub const fn unsigned(self, data: u64) -> u64 {
         data << self.bits_above() >> self.unused_bits()
     }
 
-    /// Its value, the uppermost bit being the sign.
+    /// Value with the uppermost bit as sign.
     #[inline]
     #[must_use]
     pub const fn signed(self, data: u64) -> i64 {
@@ -211,7 +211,7 @@ impl<const N: usize> Default for PdoMapping<N> {
 /// Why an entry does not fit into a mapping.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MappingError {
-    /// It has no bits.
+    /// The entry has no bits.
     EmptyEntry,
     /// There would be more than [`BITS_MAX`] bits.
     TooLong,

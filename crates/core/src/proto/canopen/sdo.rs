@@ -44,7 +44,7 @@ pub struct ExpeditedData {
 }
 
 impl ExpeditedData {
-    /// The bytes; all four when the frame does not say how many there are.
+    /// The bytes; all four if the frame does not state their number.
     #[must_use]
     pub const fn bytes(&self) -> ([u8; 4], usize) {
         let len = if self.len == 0 { 4 } else { self.len as usize };
@@ -116,7 +116,7 @@ pub enum SdoRequest {
     ReadSegment(bool),
     /// Write what follows in blocks.
     WriteBlock {
-        /// What is written.
+        /// Object to write.
         object: ObjectIndex,
         /// The client can compute the check.
         crc: bool,
@@ -132,7 +132,7 @@ pub enum SdoRequest {
     },
     /// Read in blocks.
     ReadBlock {
-        /// What is read.
+        /// Object to read.
         object: ObjectIndex,
         /// The client can compute the check.
         crc: bool,
@@ -144,7 +144,7 @@ pub enum SdoRequest {
     },
     /// Begin with the first block.
     ReadBlockStart,
-    /// So far the segments of this block arrived in order.
+    /// Acknowledges segments of this block that arrived in order.
     ReadBlockAck {
         /// The last one that did; 0 is none.
         arrived: u8,
@@ -174,14 +174,14 @@ pub enum SdoReply {
     ValueSegment(Segment),
     /// Ready for blocks.
     WriteBlockReady {
-        /// What is written.
+        /// Written object.
         object: ObjectIndex,
         /// The server can compute the check.
         crc: bool,
         /// Segments of a block, 1 to 127.
         segments: u8,
     },
-    /// So far the segments of this block arrived in order.
+    /// Acknowledges segments of this block that arrived in order.
     WriteBlockAck {
         /// The last one that did; 0 is none.
         arrived: u8,
@@ -192,7 +192,7 @@ pub enum SdoReply {
     WriteBlockDone,
     /// The value follows in blocks.
     ReadBlockReady {
-        /// What is read.
+        /// Read object.
         object: ObjectIndex,
         /// The server can compute the check.
         crc: bool,
@@ -413,7 +413,7 @@ impl FrameWord {
         Self(head as u64 | multiplexer | (upper as u64) << 32)
     }
 
-    /// `head` says by bit `flag` whether there is a size.
+    /// Bit `flag` of `head` is set if there is a size.
     #[inline]
     const fn with_size(head: u8, flag: u8, object: ObjectIndex, size: Option<u32>) -> Self {
         match size {
@@ -577,9 +577,9 @@ impl AbortCode {
     pub const GENERAL: Self = Self(0x0800_0000);
     /// Data cannot be transferred or stored.
     pub const NOT_STORED: Self = Self(0x0800_0020);
-    /// The same, because of local control.
+    /// Refused because of local control.
     pub const LOCAL: Self = Self(0x0800_0021);
-    /// The same, because of the present device state.
+    /// Refused because of the present device state.
     pub const STATE: Self = Self(0x0800_0022);
     /// No object dictionary is there.
     pub const NO_DICTIONARY: Self = Self(0x0800_0023);

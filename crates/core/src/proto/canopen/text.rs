@@ -94,7 +94,7 @@ pub enum Statement {
         number: u8,
         /// The bytes.
         data: [u8; 8],
-        /// How many of them.
+        /// Number of bytes.
         len: u8,
     },
     /// The remote request for process data of the node: number, bytes.
@@ -217,8 +217,8 @@ impl Statement {
         }
     }
 
-    /// What it asks of `node`, if it is what a host asks. Orders to everybody and process data are
-    /// not: they would move other axes too, or pass by what the lane knows of this one.
+    /// Request to `node`, for frames that a host sends. Broadcasts and process data give none: they would move other
+    /// axes too, or bypass the lane's knowledge of this one.
     pub(super) fn to_host_request(self, node: u8) -> Option<HostRequest> {
         Some(match self {
             Self::Order(NmtCommand::Other(_), _) | Self::Order(_, true) => return None,

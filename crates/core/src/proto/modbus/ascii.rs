@@ -67,11 +67,11 @@ pub const fn hex_value(character: u8) -> Option<u8> {
 /// Result of a character.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FeedResult {
-    /// It belongs to a frame that goes on.
+    /// The character belongs to an incomplete frame.
     Incomplete,
-    /// It ended a frame: see [`AsciiDeframer::bytes`].
+    /// The character ended a frame: see [`AsciiDeframer::bytes`].
     Complete,
-    /// It, and with it so many characters before it, belong to no frame.
+    /// The character, and with it this many before it, belong to no frame.
     Skipped(usize),
 }
 

@@ -21,7 +21,7 @@ const BUFFER_MAX: usize = 2 * ADU_MAX;
 /// An unfinished frame is given up after so long without a byte: longer than any adapter pauses,
 /// shorter than any host waits for a reply.
 const STALE_MS: u32 = 50;
-/// A function without a known length is looked for at most over so many bytes.
+/// Longest search for the end of a function without a known length, bytes.
 const UNKNOWN_LEN_MAX: usize = 32;
 
 /// Serial settings of a drive.
@@ -38,11 +38,11 @@ pub trait Firmware {
     /// The station address it now listens to, 1 to 247.
     fn address(&self) -> u8;
 
-    /// How it now speaks. Asked before every frame: a drive that changes it at power-up says so
-    /// from then on.
+    /// Present settings of the serial line. Asked before every frame: a drive that changes them at power-up returns the
+    /// new ones from then on.
     fn serial_settings(&self) -> SerialSettings;
 
-    /// Whether it supports a function; others are refused with exception 01.
+    /// Returns whether it supports a function; others are refused with exception 01.
     fn supports(&self, function: Function) -> bool {
         !matches!(function, Function::Unknown(_))
     }
@@ -54,9 +54,9 @@ pub trait Firmware {
         if function.read_space().is_some() { READ_WORDS_MAX } else { WRITE_WORDS_MAX }
     }
 
-    /// Whether a read of one bit returns all lines from there on, eight to the byte. The TS manual V2 §2.3
-    /// requests length 1 and receives 0F. If so, [`read_bits`](Self::read_bits) is called for eight, and
-    /// lines that the drive does not have read as 0.
+    /// Returns whether a read of one bit returns all lines from there on, eight to the byte. The TS manual V2 §2.3
+    /// requests length 1 and receives 0F. If so, [`read_bits`](Self::read_bits) is called for eight, and lines that the
+    /// drive does not have read as 0.
     fn reads_whole_bytes(&self) -> bool {
         false
     }
@@ -110,10 +110,9 @@ pub trait Firmware {
 /// How an RTU end separates frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Framing {
-    /// By the length they announce, confirmed by the CRC.
+    /// Framing by the announced length, confirmed by the CRC.
     Length,
-    /// By more than so many microseconds of silence, and nothing else: two requests closer than
-    /// that are one bad frame.
+    /// Framing by silence longer than this, µs, and nothing else: two requests with a shorter gap are one bad frame.
     Silence {
         /// The silence, µs.
         us: u32,
@@ -121,7 +120,7 @@ pub enum Framing {
 }
 
 impl Framing {
-    /// As the TS drive does: more than 10 ms (TS manual V2 §2.3).
+    /// Framing of the TS drive: more than 10 ms (TS manual V2 §2.3).
     pub const TS: Self = Self::Silence { us: 10_000 };
 }
 
@@ -177,7 +176,7 @@ impl SerialEndpoint {
         }
     }
 
-    /// Its counters.
+    /// Counters of the endpoint.
     #[must_use]
     pub const fn counters(&self) -> EndpointCounters {
         self.counters

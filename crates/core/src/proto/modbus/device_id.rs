@@ -86,8 +86,8 @@ pub fn objects(data: &[u8]) -> Option<impl Iterator<Item = (u8, &[u8])>> {
     }))
 }
 
-/// So many bytes of an object's text, from part `part` on, as a number: how many they are, at most
-/// [`PART_LEN`], in the highest byte.
+/// Bytes of an object's text, from part `part` on, as a number: their count, at most [`PART_LEN`], is in the highest
+/// byte.
 #[must_use]
 pub fn part_words(text: &[u8], part: u16) -> [u16; 4] {
     let from = (usize::from(part) * PART_LEN).min(text.len());

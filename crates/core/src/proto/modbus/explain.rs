@@ -1,7 +1,7 @@
 //! Explains frames, and makes frames from text: the dissectors of both wire formats.
 //!
-//! In a capture, the checksum decides where frames end. Without a known direction, a frame is read as a
-//! request first, then as a reply.
+//! A checksum decides the end of a frame in a capture. Without a known direction, a frame is read as a request first,
+//! then as a reply.
 
 mod conversation;
 mod framing;
@@ -27,7 +27,7 @@ use number_text::{write_decimal, write_hex, write_scaled};
 const DEFAULT_UNIT: u8 = 1;
 /// Registers of one reply that the line of text names; the fields have them all.
 const NAMED_MAX: usize = 4;
-/// Lines of a reply that are on and told by number.
+/// Limit of active lines of a reply that are listed by number.
 const BITS_MAX: usize = 16;
 
 /// Modbus RTU or ASCII in captures, dashboards and the encoder.
@@ -263,7 +263,7 @@ fn collect_ascii<'a>(
     Err(WireError::Short { need: found + 1, found })
 }
 
-/// Where the bytes of a frame lie on the wire.
+/// Layout of the bytes of a frame on the wire.
 #[derive(Clone, Copy)]
 struct FrameLayout {
     format: WireFormat,
@@ -362,8 +362,7 @@ fn shift_error_offset(error: WireError) -> WireError {
     }
 }
 
-/// Whether a frame is a reply. Without a direction, a refusal is one, and a frame that fits the last
-/// request.
+/// Returns whether a frame is a reply. Without a direction, a refusal is one, and a frame that fits the last request.
 fn is_reply(pdu: &[u8], direction: Option<Direction>, request: Option<&[u8]>) -> bool {
     let can_be = || ReplyPdu::parse(pdu).is_ok();
     match direction {
@@ -375,7 +374,7 @@ fn is_reply(pdu: &[u8], direction: Option<Direction>, request: Option<&[u8]>) ->
     }
 }
 
-/// Tells a PDU in fields and words.
+/// Explains a PDU in fields and words.
 struct PduExplainer {
     layout: FrameLayout,
     profile: Option<&'static Profile>,
@@ -682,7 +681,7 @@ fn value_meaning(parameter: &'static Parameter, raw: i64) -> &'static str {
     parameter.values.iter().find(|(value, _)| *value == raw).map_or("", |(_, name)| name)
 }
 
-/// Lines that are on, counted from 1 as the TS manual V2 §2.3 does; at most so many by number.
+/// Writes the active lines, counted from 1 as the TS manual V2 §2.3 does; at most `max` by number.
 fn write_bits(bits: &[u8], count: u16, max: usize, sink: &mut dyn ExplainSink) {
     let on = |at: &u16| bits.get(usize::from(at / 8)).is_some_and(|byte| byte >> (at % 8) & 1 == 1);
     let all = (0..count).filter(on).count();

@@ -44,7 +44,7 @@ pub const GAP_TRUE_CHARACTERS: u32 = HostOptions::GAP_CHARACTERS;
 /// silence that end a frame for the TS drive (TS manual V2 §2.3). It receives its neighbours' replies too, so
 /// after a shorter pause it would read the reply and the next request as one bad frame \[I\].
 pub const STATION_GAP_US: u32 = 10_500;
-/// Stands for whoever spoke on the line while it was somebody else's: no station has it.
+/// Unit of a sender that used the line while it was lent: no station has it.
 const INTRUDER_UNIT: u8 = 255;
 
 /// Requests in a row whose only reply came sooner than its bytes can travel, after which the baud
@@ -68,13 +68,13 @@ pub struct SerialHost {
     format: WireFormat,
     line: SerialLine,
     timeout_ns: u64,
-    /// Silence before a frame: what the options say, and what the standard does.
+    /// Silence before a frame: by the options, and by the standard.
     gap_ns: Option<u64>,
     silence_ns: u64,
     echo: EchoState,
     /// Cleared when replies come faster than the baud rate allows: the wire is none.
     is_timed: bool,
-    /// It never is.
+    /// True if the line has no timing.
     untimed: bool,
     early_bytes: EarlyBytes,
     /// The frame in hand began before the request had left.
@@ -95,7 +95,7 @@ pub struct SerialHost {
     sent_len: usize,
     sent_at: Instant,
     sent_unit: Option<u8>,
-    /// How long what was sent last takes on the wire.
+    /// Time of the last sent frame on the wire, ns.
     sent_ns: u64,
     /// Since the last frame was sent: its echo came; bytes came, or were thrown away.
     echo_seen: bool,
@@ -141,14 +141,14 @@ enum PendingSend {
     Probe,
 }
 
-/// Whether we hear our own bytes.
+/// True if we hear our own bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum EchoState {
     /// Stated by the user.
     Always,
     /// Detected in the last exchange that could show it.
     Detected,
-    /// It had none, or there was no such exchange yet.
+    /// The adapter has no echo, or there was no such exchange yet.
     NotDetected,
 }
 
@@ -166,7 +166,7 @@ struct AwaitedReply {
 enum ReplyRole {
     Request,
     Probe,
-    /// Its ticket was closed for a stop.
+    /// The ticket was closed for a stop.
     Abandoned,
 }
 
@@ -413,7 +413,7 @@ impl SerialHost {
         self.add_outstanding(awaited);
     }
 
-    /// Characters of a frame around a PDU of so many bytes.
+    /// Characters of a frame around a PDU of `pdu_len` bytes.
     #[inline]
     fn frame_characters(&self, pdu_len: usize) -> usize {
         match self.format {
@@ -503,7 +503,7 @@ impl SerialHost {
             self.begin_proof(now, ticket, request);
             return Ok(());
         }
-        // Who asked hears why a read was not asked again.
+        // The caller gets the reason for which a read was not repeated.
         let again = |current: &CurrentExchange| {
             current.request.class == RequestClass::Idempotent && current.attempts < ATTEMPTS_MAX
         };
@@ -516,7 +516,7 @@ impl SerialHost {
         }
         self.start_request(now, ticket, request);
         if request.unit == BROADCAST && request.body.function().read_space().is_some() {
-            // Nobody answers a broadcast (MSL 2.1): a read of it is silence without a byte sent.
+            // A broadcast has no reply (MSL 2.1): a read of it is silence without a byte sent.
             self.fail_current(Failure::Silent);
         }
         Ok(())
@@ -686,7 +686,7 @@ impl station::Host<Stream> for SerialHost {
 
     fn handle_resume(&mut self, now: Instant) {
         self.last_activity = Some(now);
-        // To whom nobody here has spoken: that frame is another station's in any case.
+        // This host has sent nothing to that unit: the frame is another station's in any case.
         self.sent_unit = Some(INTRUDER_UNIT);
     }
 

@@ -30,11 +30,11 @@ pub struct HostRequest {
 pub enum RequestBody {
     /// 01 to 04.
     Read {
-        /// Where.
+        /// Address space.
         space: Space,
         /// First address.
         start: u16,
-        /// How many.
+        /// Number of registers or bits.
         count: u16,
     },
     /// 05.
@@ -48,14 +48,14 @@ pub enum RequestBody {
     WriteRegister {
         /// Which.
         address: u16,
-        /// Its new value.
+        /// New value.
         value: u16,
     },
     /// 0F.
     WriteCoils {
         /// First address.
         start: u16,
-        /// How many, at most [`COILS_MAX`].
+        /// Number of bits, at most [`COILS_MAX`].
         count: u16,
         /// Eight to a byte, lowest address in bit 0.
         bits: [u8; COILS_MAX as usize / 8],
@@ -64,7 +64,7 @@ pub enum RequestBody {
     WriteRegisters {
         /// First address.
         start: u16,
-        /// How many of `words` count, at most [`WORDS_MAX`].
+        /// Number of valid `words`, at most [`WORDS_MAX`].
         count: u8,
         /// The values.
         words: [u16; WORDS_MAX],
@@ -79,7 +79,7 @@ pub enum RequestBody {
 }
 
 impl RequestBody {
-    /// Its function.
+    /// Function code.
     #[must_use]
     #[inline]
     pub const fn function(&self) -> Function {
@@ -93,7 +93,7 @@ impl RequestBody {
         }
     }
 
-    /// Whether it only reads.
+    /// Returns whether it only reads.
     #[must_use]
     pub const fn is_read(&self) -> bool {
         matches!(self, Self::Read { .. } | Self::DeviceId { .. })

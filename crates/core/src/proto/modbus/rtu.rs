@@ -16,7 +16,7 @@ pub const ADU_MIN: usize = 4;
 /// Bytes of a read or of a single write.
 pub(super) const SHORT_FRAME_LEN: usize = 8;
 
-/// CRC of one byte followed by so many zero bytes: slicing by eight.
+/// CRC of one byte followed by 0 to 7 zero bytes: slicing by eight.
 static CRC_TABLES: [[u16; 256]; 8] = crc_tables();
 
 /// CRC-16/MODBUS: polynomial 8005 reflected, start FFFF.
@@ -76,7 +76,7 @@ pub(super) fn short_frame(
     (body | u64::from(crc16(&[a, b, c, d, e, f])) << 48).to_le_bytes()
 }
 
-/// Whether the check sum of a frame is valid. The CRC over a frame with its own CRC is zero.
+/// Returns whether the check sum of a frame is valid. The CRC over a frame with its own CRC is zero.
 #[must_use]
 #[inline]
 pub fn crc_matches(adu: &[u8]) -> bool {

@@ -276,7 +276,7 @@ impl Exception {
         }
     }
 
-    /// Its meaning.
+    /// Meaning of the code.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -298,13 +298,13 @@ impl Exception {
 /// A request PDU.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RequestPdu<'a> {
-    /// 01 to 04: so many bits or registers from `start` on.
+    /// 01 to 04: reads `count` bits or registers from `start` on.
     Read {
-        /// Where.
+        /// Address space.
         space: Space,
         /// First address.
         start: u16,
-        /// How many, 1 to [`Space::read_max`].
+        /// Number of bits or registers, 1 to [`Space::read_max`].
         count: u16,
     },
     /// 05: one coil.
@@ -318,14 +318,14 @@ pub enum RequestPdu<'a> {
     WriteRegister {
         /// Which.
         address: u16,
-        /// Its new value.
+        /// New value.
         value: u16,
     },
     /// 0F: several coils.
     WriteCoils {
         /// First address.
         start: u16,
-        /// How many, 1 to [`WRITE_BITS_MAX`].
+        /// Number of bits, 1 to [`WRITE_BITS_MAX`].
         count: u16,
         /// Eight to a byte, lowest address in bit 0.
         bits: &'a [u8],
@@ -339,7 +339,7 @@ pub enum RequestPdu<'a> {
     },
     /// A function without a variant here.
     Unknown {
-        /// Its code.
+        /// Function code.
         function: u8,
         /// Whatever follows.
         data: &'a [u8],
@@ -406,7 +406,7 @@ impl<'a> RequestPdu<'a> {
         Some((self.function().code(), first, second))
     }
 
-    /// Its function.
+    /// Function code.
     #[must_use]
     #[inline(always)]
     pub const fn function(&self) -> Function {
@@ -486,7 +486,7 @@ pub enum ReplyPdu<'a> {
     WroteRegister {
         /// Which.
         address: u16,
-        /// Its new value.
+        /// New value.
         value: u16,
     },
     /// 0F or 10: where and how many.
@@ -495,7 +495,7 @@ pub enum ReplyPdu<'a> {
         coils: bool,
         /// First address.
         start: u16,
-        /// How many.
+        /// Number of registers or bits.
         count: u16,
     },
     /// A refusal.
@@ -507,7 +507,7 @@ pub enum ReplyPdu<'a> {
     },
     /// A function without a variant here.
     Unknown {
-        /// Its code.
+        /// Function code.
         function: u8,
         /// Whatever follows.
         data: &'a [u8],
@@ -593,7 +593,7 @@ impl<'a> ReplyPdu<'a> {
 /// Length of a frame by its head.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AnnouncedLength {
-    /// So many.
+    /// This many bytes.
     Bytes(usize),
     /// The head is incomplete.
     More,

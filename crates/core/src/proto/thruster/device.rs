@@ -1,7 +1,7 @@
 //! The device end: receives frames, calls the firmware, sends replies and reports.
 //!
-//! It implements the protocol: lengths, echoes, refusals, the forms of VM, the reports of ML, MM and SR.
-//! The [`Firmware`] is passed to each call.
+//! This module implements the protocol: lengths, echoes, refusals, the forms of VM, the reports of ML, MM and SR. The
+//! [`Firmware`] is passed to each call.
 
 use super::interpretation::{Interpretation, ReplyFormat};
 use super::wire::{
@@ -87,7 +87,7 @@ const BURST_MAX: usize = 3;
 pub struct CanEndpoint {
     quirks: Quirks,
     reply_format: ReplyFormat,
-    /// ML and MM: every so many ms, from then on.
+    /// ML and MM: interval in ms, and time of the next.
     value_stream: Option<(u32, Instant)>,
     /// SR: when the next reports are due.
     report_at: Option<Instant>,

@@ -202,7 +202,7 @@ fn interpretation_of(profile: Option<&'static Profile>) -> Interpretation {
     own.map_or(Interpretation::default(), Interpretation::of)
 }
 
-/// Whether a reply belongs to a request: it repeats four bytes, or reports on TC and VC.
+/// Returns whether a reply belongs to a request: it repeats four bytes, or reports on TC and VC.
 fn is_answer(reply: &[u8], request: &[u8]) -> bool {
     let (Ok(message), Ok(request)) = (DriveMessage::parse(reply), Request::parse(request)) else {
         return false;

@@ -5,15 +5,15 @@
 pub struct FaultBit {
     /// The bit alone.
     pub mask: u16,
-    /// Its name, for fields.
+    /// Name for fields.
     pub field: &'static str,
-    /// Its name, for people.
+    /// Name for people.
     pub name: &'static str,
     /// 1 closes the output, 2 limits it or only reports. The reaction of the drive is [`OUTPUT_OFF`],
     /// [`OUTPUT_LIMITED`] or [`POSITION_FORBIDDEN`]; the communication timeout is of level 2 and closes the
     /// output.
     pub level: u8,
-    /// It clears itself with its cause; otherwise CF or a restart clears it.
+    /// True if it clears itself with its cause; otherwise CF or a restart clears it.
     pub recovers: bool,
 }
 
@@ -25,7 +25,7 @@ pub const EE_DATA: u16 = 1 << 1;
 pub const OVER_CURRENT: u16 = 1 << 2;
 /// Over-voltage.
 pub const OVER_VOLTAGE: u16 = 1 << 3;
-/// Under-voltage.
+/// Supply voltage below its limit (bit 4).
 pub const UNDER_VOLTAGE: u16 = 1 << 4;
 /// Stalled.
 pub const STALL: u16 = 1 << 6;

@@ -25,7 +25,7 @@ pub struct CanHost {
 }
 
 impl CanHost {
-    /// A host as `options` say.
+    /// Creates a host with `options`.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);

@@ -1,8 +1,8 @@
 //! Ambiguous parts of the manual, selected by the profile.
 //!
-//! In the example traces of section 2.4, bit 0 of VM's flags is "no header" and bit 1 "no reply"; its table
-//! has them swapped. The names of VM's values in the profile decide. The third report has six bytes for two
-//! positions: 16 and 32 bits if the profile's absolute position has 16 bits, 24 and 24 if it has 32.
+//! Example traces of section 2.4 have bit 0 of VM's flags as "no header" and bit 1 as "no reply"; its table has them
+//! swapped. The names of VM's values in the profile decide. The third report has six bytes for two positions: 16 and 32
+//! bits if the profile's absolute position has 16 bits, 24 and 24 if it has 32.
 
 use super::wire::{CommandWord, ReportFrame};
 use crate::profile::{Encoding, Parameter, Profile};
@@ -88,7 +88,7 @@ impl Interpretation {
     }
 }
 
-/// Whether a command of the manual reads or writes a parameter.
+/// Returns whether a command of the manual reads or writes a parameter.
 #[must_use]
 pub const fn is_command(parameter: &Parameter, command: CommandWord) -> bool {
     parameter.space == 0 && parameter.index == command.0

@@ -9,10 +9,10 @@ use crate::time::{Instant, earliest};
 pub const PROBES_MAX: u8 = 4;
 /// Replies that may still come and are remembered of a drive: three attempts and every probe.
 const OUTSTANDING_MAX: usize = 8;
-/// How long a drive's timeout stop (ST) is fed after the application's last request: a program that hangs
-/// does not keep a motor turning.
+/// Time after the application's last request for which a drive's timeout stop (ST) is fed: a program that hangs does
+/// not keep a motor turning.
 pub const LEASE_MS: u32 = 1_000;
-/// A timeout stop is fed so many times within its time.
+/// Feeds of a timeout stop within its time.
 const FEEDS_PER_TIMEOUT: u64 = 3;
 
 /// Queries that change nothing, each with letters of its own.
@@ -24,7 +24,7 @@ const PROBES: [CommandWord; 5] =
 pub(super) struct NodeState {
     /// Format of the replies to TC and VC.
     pub reply_format: ReplyFormat,
-    /// It ever answered.
+    /// True once it has replied.
     pub has_answered: bool,
     /// When something was last sent to it.
     pub last_sent: Instant,
@@ -68,7 +68,7 @@ impl NodeState {
         self.doubt_until = self.doubt_until.max(until);
     }
 
-    /// Whether a reply to an older request may still arrive.
+    /// Returns whether a reply to an older request may still arrive.
     pub fn is_in_doubt(&mut self, now: Instant) -> bool {
         if now >= self.doubt_until {
             (self.outstanding_len, self.probes) = (0, 0);
@@ -95,9 +95,9 @@ impl NodeState {
 #[derive(Debug)]
 pub(super) struct NodeTable {
     nodes: [NodeState; 128],
-    /// Those in doubt.
+    /// Drives in doubt, a bit each.
     in_doubt: u128,
-    /// Those with a timeout stop that this host set.
+    /// Drives with a timeout stop that this host set, a bit each.
     with_stop_timeout: u128,
 }
 
@@ -134,7 +134,7 @@ impl NodeTable {
         self.with_stop_timeout = 0;
     }
 
-    /// Whether a drive is fed, while the application's lease lasts.
+    /// Returns whether a drive is fed, while the application's lease lasts.
     pub fn needs_feeding(&self) -> bool {
         set_bits(self.with_stop_timeout).any(|id| self.nodes[usize::from(id)].feed_due().is_some())
     }

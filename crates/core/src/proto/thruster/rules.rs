@@ -23,8 +23,8 @@ pub fn class_of(request: &Request) -> RequestClass {
     }
 }
 
-/// Whether a drive stores the setting of a request over power-off (sections 2.2, 2.4, 4.1). \[I\] SP and AZ,
-/// of which the manual only says that they set.
+/// Returns whether a drive stores the setting of a request over power-off (sections 2.2, 2.4, 4.1). \[I\] SP and AZ,
+/// which set a value by the manual, without a word on storage.
 #[must_use]
 pub const fn is_stored(request: &Request) -> bool {
     matches!(

@@ -26,7 +26,7 @@ const STOP_SLOTS: usize = 4;
 pub const EVENTS_MAX: usize = 64;
 /// Places among them kept for the ends of requests.
 const EVENT_ROOM_MIN: usize = 2 * PENDING_MAX;
-/// A reply is possible for so many times the reply timeout after its request.
+/// Latest time of a reply after its request, in reply timeouts.
 const LATEST_TIMEOUTS: u64 = 3;
 
 /// A request to one drive.
@@ -36,7 +36,7 @@ pub struct HostRequest {
     pub id: u8,
     /// The request.
     pub request: Request,
-    /// Whether it may be sent again.
+    /// True if it may be sent again.
     pub class: RequestClass,
     /// How the drive's manual is read.
     pub interpretation: Interpretation,
@@ -67,7 +67,7 @@ pub enum Answer {
     },
 }
 
-/// What is being asked of a drive now.
+/// Stage of a request to a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum RequestStage {
     /// The request itself.
@@ -118,7 +118,7 @@ impl PendingExchange {
 pub struct MinExchangeTime {
     /// The shortest request, and its reply.
     pub base_ns: u64,
-    /// So much more where the request has a value.
+    /// Additional time for requests with a value, ns.
     pub value_extra_ns: u64,
 }
 
@@ -224,7 +224,7 @@ impl Session {
         Some((id, request))
     }
 
-    /// Whether a drive stops that is not spoken to.
+    /// Returns whether a drive stops that is not spoken to.
     pub(super) fn needs_feeding(&self) -> bool {
         self.nodes.needs_feeding()
     }
@@ -236,7 +236,7 @@ impl Session {
         self.pending.iter_mut().flatten().filter(of_drive).for_each(|p| p.reply_damaged = true);
     }
 
-    /// Takes what a drive says.
+    /// Handles a message of a drive.
     pub(super) fn handle_message(&mut self, id: u8, message: DriveMessage, now: Instant) {
         match message {
             DriveMessage::Reply(reply) => self.handle_reply(now, id, reply),
@@ -565,8 +565,7 @@ impl Session {
         }
         self.pending[n] = None;
         self.note_doubt(now, &pending);
-        // Who asked hears why it was not asked again; of what changes the drive only that it is
-        // unknown.
+        // The caller gets the reason for which a read was not repeated; for a write only that its execution is unknown.
         let given_up = pending.no_retry
             && pending.attempts < attempts
             && pending.host_request.class == RequestClass::Idempotent;
@@ -598,7 +597,7 @@ impl Session {
     }
 }
 
-/// Whether a reply can belong to this request: refused TC and VC may have another reply.
+/// Returns whether a reply can belong to this request: refused TC and VC may have another reply.
 fn may_answer(out: &Request, data: u32) -> bool {
     match out.command.definition() {
         Some((CommandKind::Set, _)) => data == REFUSED || out.command.is_output(),
@@ -606,7 +605,7 @@ fn may_answer(out: &Request, data: u32) -> bool {
     }
 }
 
-/// Whether a reply repeats the request, in any width. VM's reply in the manual has its bytes swapped.
+/// Returns whether a reply repeats the request, in any width. VM's reply in the manual has its bytes swapped.
 fn is_echo(out: &Request, data: u32) -> bool {
     let width = out.command.width();
     match (out.command, out.command.definition()) {

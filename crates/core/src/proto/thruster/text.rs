@@ -28,7 +28,7 @@ pub enum Statement {
         reply: bool,
         /// The bytes.
         bytes: [u8; 8],
-        /// How many of them.
+        /// Number of bytes.
         len: u8,
     },
 }
@@ -62,7 +62,7 @@ impl fmt::Display for MeasuredNumber {
 /// Unit of a number.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CountUnit {
-    /// Its unit; empty for none.
+    /// Unit; empty for none.
     pub unit: &'static str,
     /// The raw number counts tenths of it.
     pub tenths: bool,
@@ -129,7 +129,7 @@ pub fn write_drive_message(
     };
 }
 
-/// Whether the text form covers the whole request.
+/// Returns whether the text form covers the whole request.
 fn has_words(request: &Request) -> bool {
     let Some((shape, _)) = request.command.definition() else { return false };
     let silent = matches!(shape, CommandKind::Query | CommandKind::Order | CommandKind::Zeros);
@@ -591,7 +591,7 @@ impl<'a> Tokenizer<'a> {
         found
     }
 
-    /// Whether no value follows.
+    /// Returns whether no value follows.
     fn has_no_value(&mut self) -> bool {
         let word = self.peek().map_or("", |(_, word)| word);
         word.is_empty() || ["dlc", "accepted"].iter().any(|w| w.eq_ignore_ascii_case(word))

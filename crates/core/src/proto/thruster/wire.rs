@@ -77,7 +77,7 @@ impl CommandWord {
     pub const CI: Self = Self::of(*b"CI");
     /// The bit rate from the next start on, kbit/s.
     pub const CB: Self = Self::of(*b"CB");
-    /// Stops after so many ms without a command.
+    /// Stops after this time in ms without a command.
     pub const ST: Self = Self::of(*b"ST");
     /// Format of the replies to TC and VC.
     pub const VM: Self = Self::of(*b"VM");
@@ -154,7 +154,7 @@ impl CommandWord {
         entry.map(|(_, shape, text)| (*shape, *text))
     }
 
-    /// Its letters; `??` for what are none.
+    /// The two letters; `??` for bytes that are none.
     #[must_use]
     pub fn letters(&self) -> Letters {
         let [a, b] = self.0.to_be_bytes();

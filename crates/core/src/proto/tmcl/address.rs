@@ -38,7 +38,7 @@ const MOTOR_MAX: u8 = 15;
 const BANK_MAX: u8 = 31;
 
 impl Space {
-    /// Of [`Parameter::space`].
+    /// Address space of a number in [`Parameter::space`].
     #[must_use]
     pub const fn of_number(number: u8) -> Self {
         match number {
@@ -52,7 +52,7 @@ impl Space {
         }
     }
 
-    /// As [`Parameter::space`].
+    /// Number for [`Parameter::space`].
     #[must_use]
     pub const fn number(self) -> u8 {
         match self {
@@ -158,7 +158,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame concerns an address, by its fields.
+/// Returns whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

@@ -1,5 +1,5 @@
-//! ASCII mode: opcode 139 enters it, the line `BIN` leaves it (TMCL manuals, chapter "ASCII
-//! interface"). For old applications only, says the vendor.
+//! ASCII mode: opcode 139 enters it, the line `BIN` leaves it (TMCL manuals, chapter "ASCII interface"). The vendor
+//! keeps it for old applications only.
 //!
 //! A line is the module's letter (A is address 1), the command, and carriage return:
 //! `AMVP ABS, 1, 50000`. The answer is the host's and the module's letter, the status and the value:
@@ -36,7 +36,7 @@ impl AsciiLine {
         text.bytes().for_each(|byte| self.push(byte));
     }
 
-    /// Its bytes.
+    /// Bytes of the line.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.len]

@@ -32,7 +32,7 @@ const MOTORS: core::ops::RangeInclusive<u8> = 0..=5;
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     profile: &'static Profile,
-    /// Its address, or the low byte of its CAN identifier.
+    /// Address of the module, or the low byte of its CAN identifier.
     module: u8,
     can_id: u16,
     motor: u8,
@@ -60,7 +60,7 @@ impl Axis {
         }
     }
 
-    /// The same of a module on CAN.
+    /// Creates the axis of a module on CAN.
     #[must_use]
     pub fn on_can(profile: &'static Profile, address: u32) -> Self {
         Self { address_parameters: CAN_ADDRESS_PARAMETERS, ..Self::new(profile, address) }

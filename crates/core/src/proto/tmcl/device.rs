@@ -51,7 +51,7 @@ impl Response {
 pub struct DeferredEvent {
     /// The opcode that ordered it.
     pub opcode: Opcode,
-    /// Its value: the mask of motors.
+    /// Value of the request: the mask of motors.
     pub value: i32,
 }
 
@@ -87,7 +87,7 @@ pub trait Firmware {
     fn can_reply_id(&self) -> u16;
     /// CAN bit rate that the module now uses (global parameter 69).
     fn can_bit_rate(&self) -> u32;
-    /// Whether the serial interface is in ASCII mode, and its echo.
+    /// Echo setting of a serial interface in ASCII mode; `None` in binary mode.
     fn ascii(&self) -> Option<AsciiEcho> {
         None
     }

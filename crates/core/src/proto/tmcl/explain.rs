@@ -169,7 +169,7 @@ impl Dissector for TmclDissector {
     /// The upper half is the module's number, the lower one the version (TMCL reference, 136).
     fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
         let (module, [major, minor]) = (raw >> 16 & 0xFFFF, [raw >> 8 & 0xFF, raw & 0xFF]);
-        // A text that there is no room for is one that nobody reads.
+        // Without room for the text there is no reader of it.
         let _ = match name {
             "module" => write!(out, "TMCM-{module}"),
             _ => write!(out, "{major}.{minor:02}"),
@@ -287,7 +287,7 @@ fn explain_serial(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSin
         return explain_version(&version, 1, sink);
     }
     let whole = padded;
-    // What did not come is not told as if it were zero.
+    // A missing value is not shown as zero.
     let sink = &mut PartialFrameSink {
         sink,
         available: have as u16,
@@ -369,7 +369,7 @@ fn explain_ascii_line(bytes: &[u8], sink: &mut dyn ExplainSink) {
 struct PartialFrameSink<'a> {
     sink: &'a mut dyn ExplainSink,
     available: u16,
-    /// Enough is there to say it in words.
+    /// True if enough bytes are there for a text.
     enough_for_text: bool,
 }
 
@@ -403,8 +403,8 @@ fn explain_broken(error: WireError, sink: &mut dyn ExplainSink) {
     sink.error(error);
 }
 
-/// Reply or request? The direction says, or that there is a request, or what is likelier: a reply
-/// goes to host address 2 as from the factory and has a status that has a name.
+/// Distinguishes replies from requests: by the direction, by an open request, or by the likelier case: a reply goes to
+/// host address 2, the factory setting, and has a known status.
 fn is_reply(bytes: &[u8; DATAGRAM], context: &Context<'_>) -> bool {
     let status = Status::from(bytes[2]);
     match context.direction {
@@ -475,7 +475,7 @@ fn explain_request(request: &Request, at: u16, context: &Context<'_>, sink: &mut
     conversation::report_request_values(request, context.profile, sink);
 }
 
-/// Names of a drive that nobody stated are marked with whose they are.
+/// Marks names of a drive that was assumed, not stated.
 fn mark_assumed_profile(context: &Context<'_>, sink: &mut dyn ExplainSink) {
     if let Some(profile) = context.profile.filter(|_| context.profile_assumed) {
         sink.text(" (");

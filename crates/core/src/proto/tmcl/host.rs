@@ -17,16 +17,15 @@ use crate::time::Instant;
 
 /// Default time-out of a reply, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
-/// After bytes that were no reply, the line must be silent for so many characters before the host
-/// speaks.
+/// Silence of the line, in characters, after bytes that were no reply and before the next request.
 const QUIET_CHARACTERS: u32 = 2;
 /// The byte that is sent alone, to make a module that lost count of bytes count on.
 const FILLER_BYTE: u8 = 0;
-/// It is followed by so long a silence, that a module with a time limit between bytes drops it.
+/// Silence after a filler byte, so long that a module with a time limit between bytes drops it.
 const FILLER_PAUSE_MS: u32 = 35;
 /// Bytes of a request that goes out at each place of a module's count, without those before and after.
 const BURST_LEN: usize = DATAGRAM * (DATAGRAM + 1);
-/// The same with those.
+/// Longest burst with filler bytes.
 const BURST_LEN_MAX: usize = BURST_LEN + 2 * (DATAGRAM - 1);
 
 /// The host on RS-232, RS-485, a pseudo-terminal or TCP.
@@ -34,7 +33,7 @@ const BURST_LEN_MAX: usize = BURST_LEN + 2 * (DATAGRAM - 1);
 pub struct SerialHost {
     session: Session,
     line: SerialLine,
-    /// How long a request and its reply take on the wire, at least and at most.
+    /// Time of a request and its reply on the wire, ns: least and greatest.
     on_wire_ns: (u64, u64),
     early_bytes: EarlyBytes,
     /// Silence before a request after bytes that were no reply.
@@ -45,18 +44,18 @@ pub struct SerialHost {
     buffer_len: usize,
     sent: [u8; DATAGRAM],
     echo_pending: bool,
-    /// So many bytes that went out alone may come back before anything else.
+    /// Number of sent filler bytes whose echo may arrive first.
     filler_echoes_pending: u8,
     /// Bytes that are still to come of a frame whose check failed.
     corrupt_bytes_left: usize,
-    /// What was thrown away since the end of a line: a module in ASCII mode answers in text.
+    /// Discarded bytes since the end of a line: a module in ASCII mode replies in text.
     discarded_text: ascii::AsciiLine,
     /// Until when the line has to be silent.
     silent_until: Instant,
 }
 
 impl SerialHost {
-    /// A host as `options` say.
+    /// Creates a host with `options`.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let host_address =
@@ -260,7 +259,7 @@ impl Station<Stream> for SerialHost {
         }
         let burst = self.session.burst().filter(|_| out.len() >= BURST_LEN_MAX);
         let on_wire_ns = match burst {
-            // Their own answers may be as many, and are nobody's.
+            // Their own answers may be as many, and belong to no request.
             Some(burst) => {
                 (self.on_wire_ns.0, burst_len(burst) * self.on_wire_ns.1 / DATAGRAM as u64)
             }
@@ -362,7 +361,7 @@ pub struct CanHost {
 const EXCHANGE_BITS: u64 = 2 * (47 + 7 * 8) - 3;
 
 impl CanHost {
-    /// A host as `options` say: `host` is the CAN id of replies.
+    /// Creates a host with `options`: `host` is the CAN id of replies.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let reply_id = reply_id(options);

@@ -13,7 +13,7 @@ use crate::station::RequestClass;
 pub struct HostRequest {
     /// The request.
     pub request: Request,
-    /// Whether it may be sent again.
+    /// True if it may be sent again.
     pub class: RequestClass,
     /// The CAN identifier that it is sent to; its low byte is the address, as replies have it. \[I\]
     pub can_id: u16,
@@ -36,7 +36,7 @@ impl HostRequest {
         Self { request, class, can_id: request.address as u16 }
     }
 
-    /// The same to another CAN identifier.
+    /// Sends the request to another CAN identifier.
     #[must_use]
     pub const fn to_can_id(self, can_id: u16) -> Self {
         Self { can_id, ..self }
@@ -44,8 +44,8 @@ impl HostRequest {
 }
 
 impl crate::station::Request for HostRequest {
-    /// A parameter is a setting, a set-point or a switch of the motor, by its profile; one that the profile
-    /// does not have is what its address says.
+    /// Effect of the request. A parameter is a setting, a set-point or a switch of the motor, by its profile; for an
+    /// unknown one the address decides.
     fn effect(&self, profile: &'static Profile) -> Effect {
         let Request { opcode, kind, motor, .. } = self.request;
         let space = match opcode {

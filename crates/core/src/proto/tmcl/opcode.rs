@@ -34,7 +34,7 @@ macro_rules! named {
                 self.0
             }
 
-            /// Whether the number has a name.
+            /// Returns whether the number has a name.
             #[must_use]
             #[inline]
             pub const fn is_named(self) -> bool {
@@ -50,7 +50,7 @@ macro_rules! named {
                 }
             }
 
-            /// Its meaning; empty for a number without a name.
+            /// Meaning of the status; empty for a number without a name.
             #[must_use]
             pub const fn text(self) -> &'static str {
                 match self.0 {
@@ -218,7 +218,7 @@ impl Opcode {
         Self::NAMED.iter().copied().find(|opcode| opcode.word().eq_ignore_ascii_case(word))
     }
 
-    /// Whether the byte after the type is a motor.
+    /// Returns whether the byte after the type is a motor.
     #[must_use]
     pub const fn has_motor(self) -> bool {
         matches!(
@@ -238,7 +238,7 @@ impl Opcode {
         )
     }
 
-    /// Whether it only reads: a repetition has no effect.
+    /// Returns whether it only reads: a repetition has no effect.
     #[must_use]
     pub const fn only_reads(self) -> bool {
         matches!(
@@ -264,14 +264,14 @@ impl Opcode {
 }
 
 impl Status {
-    /// Whether the module executed the request. \[I\] 100 and above, as in the vendor's host library.
+    /// Returns whether the module executed the request. \[I\] 100 and above, as in the vendor's host library.
     #[must_use]
     #[inline]
     pub const fn is_good(self) -> bool {
         self.0 >= Self::Ok.0
     }
 
-    /// Whether it is the final status of a request.
+    /// Returns whether it is the final status of a request.
     #[must_use]
     #[inline]
     pub const fn ends_request(self) -> bool {

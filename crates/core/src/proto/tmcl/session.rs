@@ -48,7 +48,7 @@ const EVENT_ROOM_MIN: usize = 4;
 const RECENT_MAX: usize = 8;
 /// Opcodes remembered of a suspect: three attempts and every probe.
 const OUTSTANDING_MAX: usize = 10;
-/// A reply is possible for so many times the reply timeout after its request.
+/// Latest time of a reply after its request, in reply timeouts.
 const LATEST_TIMEOUTS: u64 = 3;
 /// After "wrong checksum" the true reply of another module may still come for so long.
 const GRACE_NS: u64 = 20_000_000;
@@ -77,7 +77,7 @@ struct PendingExchange {
     sent: bool,
     /// How it goes out, once that is known.
     send_plan: Option<SendPlan>,
-    /// It went out at each place of its module's count.
+    /// Burst that was sent for each byte position of its module.
     burst: Option<Burst>,
     /// When it could first have been sent.
     ready_at: Instant,
@@ -87,7 +87,7 @@ struct PendingExchange {
     flags: PendingFlags,
 }
 
-/// What makes the next reply less than certain.
+/// Reasons for doubt about the next reply.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct PendingFlags {
     /// Replies of the same opcode that may still come for older requests.
@@ -155,16 +155,16 @@ pub struct Session {
     pending: Option<PendingExchange>,
     pending_stop: Option<(Ticket, HostRequest)>,
     suspects: [Option<SuspectModule>; SUSPECTS_MAX],
-    /// Something is in doubt: a suspect, a module that is not heard, or whose stop a reply is.
+    /// True if anything is in doubt: a suspect, a silent module, or the owner of a stop's reply.
     suspicious: bool,
     silent_modules: [Option<SilentModule>; SUSPECTS_MAX],
-    /// Whose stops may still be answered.
+    /// Motors whose stops may still be answered.
     motor_stops: MotorStops,
     /// Modules of which no older reply can come but those that are known of.
     proven_addresses: ProvenAddresses,
     /// A request that waits for its module to be proven.
     unproven_request: Option<UnprovenRequest>,
-    /// Stops of other motors that wait to be said again.
+    /// Stops of other motors that wait to be repeated.
     repeated_stops: [Option<(Ticket, HostRequest)>; REPEATED_STOPS_MAX],
     /// A stop waits: no second reply is listened for.
     urgent: bool,
@@ -176,7 +176,7 @@ pub struct Session {
     events: EventRing<Answer, EVENTS_MAX>,
     /// Modules that ever answered.
     answered_modules: ModuleSet,
-    /// Modules of which nothing was heard since a request to them was not answered.
+    /// Modules that have sent nothing since a request to them was not answered.
     unanswered_modules: ModuleSet,
     /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
     /// is taken for fiction (USB).
@@ -356,7 +356,7 @@ impl Session {
         self.pending.as_ref().is_some_and(|pending| !pending.sent)
     }
 
-    /// What waits for an answer now.
+    /// Request that waits for a reply.
     pub(super) fn expected_request(&self) -> Option<&Request> {
         self.pending
             .as_ref()
@@ -437,7 +437,7 @@ impl Session {
     #[inline]
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let pending = self.pending.as_ref().map(|p| if p.sent { p.deadline } else { p.not_before });
-        // While something is out, its own deadline comes first; a suspect is let go after it.
+        // While a request is open, its deadline comes first; a suspect is released after it.
         if pending.is_some() {
             return pending;
         }
@@ -615,7 +615,7 @@ impl Session {
         self.mark_suspect(now, &pending, worth);
         if user {
             let damaged = pending.flags.checksum_error && pending.flags.checksum_error_by_module;
-            // Who asked hears why it was not asked again.
+            // The caller gets the reason for which a read was not repeated.
             let given_up = pending.flags.no_retry
                 && pending.attempts < attempts
                 && pending.host_request.class == RequestClass::Idempotent;

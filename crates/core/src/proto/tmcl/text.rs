@@ -128,7 +128,7 @@ impl CommandFields {
         self.type_words.iter().find(|(number, _)| *number == kind).map(|(_, word)| *word)
     }
 
-    /// Whether a line of this form contains the whole request.
+    /// Returns whether a line of this form contains the whole request.
     #[must_use]
     pub const fn covers(&self, request: &Request) -> bool {
         (self.kind || request.kind == 0)

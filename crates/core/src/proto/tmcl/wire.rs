@@ -210,11 +210,11 @@ impl VersionText {
 pub struct Instruction {
     /// Opcode of the instruction stored.
     pub opcode: u8,
-    /// Its type.
+    /// Type of the command.
     pub kind: u8,
-    /// Its motor or bank.
+    /// Motor or bank.
     pub motor: u8,
-    /// Its operand.
+    /// Operand.
     pub value: i32,
 }
 
@@ -231,7 +231,7 @@ impl Instruction {
         }
     }
 
-    /// Its bytes: opcode, type, motor, value with the high byte first.
+    /// Bytes of the datagram: opcode, type, motor, value with the high byte first.
     #[must_use]
     pub const fn bytes(self) -> [u8; CAN_DATAGRAM] {
         let [a, b, c, d] = self.value.to_be_bytes();
@@ -244,7 +244,7 @@ impl Instruction {
         Self { opcode, kind, motor, value: i32::from_be_bytes([a, b, c, d]) }
     }
 
-    /// Its bytes as one number, the opcode highest.
+    /// The bytes as one number, the opcode highest.
     #[must_use]
     pub const fn packed(self) -> i64 {
         let [a, b, c, d, e, f, g] = self.bytes();

@@ -8,7 +8,7 @@ use crate::profile::{
 /// The memories, by their words in TML and as [`Parameter::space`].
 const MEMORIES: [(&str, u8); 3] = [("dm", 0), ("pm", 1), ("spi", 2)];
 
-/// Reads an address: data memory where no word says which, 16 bits where no type does.
+/// Reads an address: data memory without a word for the memory, 16 bits without a type.
 #[must_use]
 pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
     let (memory, place) = text.trim().split_once('@')?;
@@ -57,7 +57,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     }
 }
 
-/// Whether a frame concerns an address, by its fields.
+/// Returns whether a frame concerns an address, by its fields.
 pub fn concerns<'a>(
     address: &ParameterAddress,
     field: &dyn Fn(&str) -> Option<FieldValue<'a>>,

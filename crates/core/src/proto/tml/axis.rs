@@ -26,7 +26,7 @@ use crate::proto::{GROUP, HostOptions, OptionKey, Protocol};
 use crate::station::RequestClass;
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, RawPoint};
 
-/// Parameters whose bits make a drive speak unasked: it is told to whom first.
+/// Parameters whose bits enable unsolicited messages of a drive, which needs the receiver's address first.
 const EVENT_MASKS: [&str; 3] = ["SRL_MASK", "SRH_MASK", "MER_MASK"];
 /// The parameter that silences reports of the PVT buffer while it is not zero.
 const PVT_SILENCE: &str = "PVTSENDOFF";
@@ -55,7 +55,7 @@ impl Axis {
         Self { profile, address, destination }
     }
 
-    /// Whether an assignment makes the drive send by itself.
+    /// Returns whether an assignment makes the drive send by itself.
     fn enables_unsolicited(&self, address: u16, value: u32) -> bool {
         let at_address = |parameter: &&Parameter| parameter.index == address;
         let mut symbols = self.profile.parameters.iter().filter(at_address).map(|p| p.symbol);

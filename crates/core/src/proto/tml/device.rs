@@ -126,7 +126,7 @@ impl SerialEndpoint {
             SerialPiece::Message(message) => Some(message),
             SerialPiece::Sync => self.handle_sync(SYNC),
             SerialPiece::Stray(byte) => self.handle_sync(byte),
-            // On RS-485 the answers and acknowledgements of the others are heard too.
+            // On RS-485 a drive receives the replies and acknowledgements of others too.
             SerialPiece::Ack | SerialPiece::Broken(_) => None,
         }
     }

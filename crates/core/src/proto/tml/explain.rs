@@ -26,7 +26,7 @@ use layout::ParsedFrame;
 
 /// The axis ID that drives have from the factory, and hosts by default.
 const DEFAULT_AXIS: u8 = 255;
-/// What was seen to be sent to synchronise, beside [`SYNC`].
+/// Another byte that hosts were seen to send for synchronisation, beside [`SYNC`].
 const SYNC_ALTERNATE: u8 = 0xFF;
 
 /// TML in captures, dashboards and the encoder, on one of its wires.
@@ -343,7 +343,7 @@ impl TmlDissector {
     }
 }
 
-/// What TechnoCAN does to axis IDs above 31.
+/// Warning about axis IDs above 31 on TechnoCAN.
 const fn warning(wire: TmlWire, to: IdCode) -> &'static str {
     if matches!(wire, TmlWire::TechnoCan) && !to.group && technocan::is_ambiguous(to.id) {
         "TechnoCAN takes axis IDs modulo 32, so another axis may obey too; give drives IDs from 1 to \
@@ -363,8 +363,8 @@ fn to_frame(id: u32, raw: &RawFrame<'_>) -> Frame {
     frame
 }
 
-/// Whether a message replies to another: by the content of both, and by the addressee where a request names
-/// its sender.
+/// Returns whether a message replies to another: by the content of both, and by the addressee where a request names its
+/// sender.
 fn is_answer(parsed: &ParsedFrame, parsed_frame: &ParsedFrame) -> bool {
     let (Some(answer), Some(request)) = (
         OnlineMessage::parse(&parsed.instruction),
@@ -381,7 +381,7 @@ fn is_answer(parsed: &ParsedFrame, parsed_frame: &ParsedFrame) -> bool {
     back && answer.answers(&request, parsed_frame.to.unwrap_or(IdCode::BROADCAST))
 }
 
-/// Whom a text is for; by default the axis with the ID from the factory.
+/// Receiver of a text; by default the axis with the factory ID.
 fn destination(addressing: &EncodeOptions) -> Result<IdCode, TextError> {
     let expected = "an axis ID, 0 to 255";
     let id = addressing.axis.unwrap_or(DEFAULT_AXIS.into());
@@ -429,7 +429,7 @@ fn cut_serial(bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameB
     }
 }
 
-/// Whether a byte between frames is a known one: acknowledgements of drives, synchronisation both ways.
+/// Returns whether a byte between frames is a known one: acknowledgements of drives, synchronisation both ways.
 fn is_single_byte(byte: u8, direction: Option<Direction>) -> bool {
     match direction {
         Some(Direction::ToDrive) => matches!(byte, SYNC | SYNC_ALTERNATE),
@@ -467,7 +467,7 @@ fn is_frame(bytes: &[u8]) -> bool {
     whole.and_then(|whole| bytes.get(..whole)).is_some_and(|frame| serial::decode(frame).is_ok())
 }
 
-/// Whether an ID code follows the length byte, as far as received.
+/// Returns whether an ID code follows the length byte, as far as received.
 fn has_id_code(bytes: &[u8]) -> bool {
     let byte = |at: usize| bytes.get(at).copied().unwrap_or(0);
     IdCode::from_word(u16::from_be_bytes([byte(1), byte(2)])).is_some()

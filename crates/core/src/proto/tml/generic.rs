@@ -45,7 +45,7 @@ pub static GENERIC: Profile = Profile {
               profile=NAME.",
 };
 
-/// In the order of addresses, as every memory.
+/// Parameters in the order of addresses, as in every memory.
 const PARAMETERS: &[Parameter] = &[
     variable(0x0228, "APOS", "actual position", "Where the load is, in counts.", Encoding::I32),
     variable(0x022A, "POSERR", "position error", "In counts.", Encoding::I16),

@@ -23,14 +23,13 @@ use baud_recovery::BaudRecovery;
 
 /// Default time-out of a reply, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
-/// The same on a serial port while somebody looks for drives: a relay acknowledges for each address
-/// behind it, so there silence is known by the missing answer. What a relay and its bus take, and
-/// twice an adapter's latency.
+/// Reply time-out on a serial port during a scan: a relay acknowledges for each address behind it, so there only a
+/// missing reply shows an empty address. Includes a relay, its bus, and twice an adapter's latency.
 const SCAN_ANSWER_MS: u32 = 40;
 /// Time allowed for an acknowledgement, and for each SYNC byte, on a serial port, ms. The manual's
 /// typical value is 2 (chapter 3); adapters need more.
 pub const ACK_SERIAL_MS: u32 = 20;
-/// The same through a serial server or a pseudo-terminal.
+/// Acknowledgement time-out through a serial server or a pseudo-terminal.
 pub const ACK_NETWORK_MS: u32 = 100;
 /// Less is never waited (manual, chapter 3).
 pub const ACK_MIN_MS: u32 = 2;
@@ -59,8 +58,7 @@ pub struct SerialHost {
 }
 
 impl SerialHost {
-    /// A host of these axes, as `options` say. On RS-232 the drive connected is
-    /// `relay_axis`, or the first axis.
+    /// Creates a host of these axes with `options`. On RS-232 the drive connected is `relay_axis`, or the first axis.
     #[must_use]
     pub fn new(options: &HostOptions, axes: &[u32]) -> Self {
         let wire = match options.standard {
@@ -378,7 +376,7 @@ impl Host<Stream> for SerialHost {
 
     fn add_drive(&mut self, _address: u32) {
         self.session.add_drive();
-        // A drive that is not alone is not told another rate, or the others no longer understand.
+        // A drive that is not alone is not set to another rate, or the others would not understand any more.
         if self.session.wire() != TmlWire::Rs232 {
             self.baud_recovery = BaudRecovery::new(self.line.baud, None);
             self.session.fallback = BaudFallback::Exhausted;
@@ -394,7 +392,7 @@ impl Host<Stream> for SerialHost {
 
 /// Encapsulation of TML in CAN frames.
 pub trait Encapsulation: core::fmt::Debug + Send + 'static {
-    /// Its rules.
+    /// Rules of the wire.
     const WIRE: TmlWire;
     /// The frame that carries a message.
     ///
@@ -457,7 +455,7 @@ pub struct CanHost<E> {
 }
 
 impl<E: Encapsulation> CanHost<E> {
-    /// A host of these axes, as `options` say.
+    /// Creates a host of these axes with `options`.
     #[must_use]
     pub fn new(options: &HostOptions, axes: &[u32]) -> Self {
         let waits = Timeouts::new(options, 0);

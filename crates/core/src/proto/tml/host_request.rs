@@ -20,7 +20,7 @@ pub const SRL: u16 = 0x090E;
 pub struct HostRequest {
     /// Message and addressee. In requests the host fills in itself as the sender.
     pub message: Message,
-    /// Whether it may be sent again.
+    /// True if it may be sent again.
     pub class: RequestClass,
     /// Confirmation.
     pub confirmation: Confirmation,
@@ -35,7 +35,7 @@ pub enum Confirmation {
     /// Nothing: it is done when it is sent, or acknowledged where the wire does so. For the points
     /// of a stream, which prove themselves by their counter.
     None,
-    /// As [`Proof`](Self::Proof), but MASTERID is set first, because the drive will send by itself.
+    /// [`Proof`](Self::Proof) with MASTERID set first, because the drive will send unsolicited messages.
     MasterFirst,
 }
 
@@ -45,18 +45,18 @@ pub enum Answer {
     /// An instruction was taken; the value that it assigned, zero if none. To a group, or without
     /// proof: it was sent.
     Accepted(u32),
-    /// A value of so many words.
+    /// A value of one or two words.
     Value {
-        /// Where it was read.
+        /// Address of the value.
         address: u16,
         /// 32 bits, or the 16 of a word.
         value: u32,
-        /// It has 32 bits.
+        /// True for 32 bits.
         long: bool,
     },
     /// The firmware's name: `514L`.
     Version([u8; 4]),
-    /// A question to a group is over; so many axes answered.
+    /// A question to a group has ended; number of axes that replied.
     GroupAnswered(u8),
 }
 
@@ -103,7 +103,7 @@ impl crate::station::Request for HostRequest {
     }
 }
 
-/// What may be done with an instruction whose fate is unknown.
+/// Class of an instruction, which decides its treatment if its execution is unknown.
 pub(super) const fn class_of(instruction: &Instruction) -> RequestClass {
     match instruction.opcode {
         // AXISOFF, STOP, STOP0 to STOP2; END and ABORT, so that no program goes on to move it.
@@ -180,7 +180,7 @@ pub const fn give_me_data(address: u16, long: bool) -> Instruction {
     Instruction::of(if long { 0xB005 } else { 0xB004 }, [0, address])
 }
 
-/// What an instruction asks, if it does.
+/// Question in an instruction, if it is one.
 pub(super) fn query_of(instruction: &Instruction) -> Option<OnlineMessage> {
     OnlineMessage::parse(instruction).filter(OnlineMessage::is_request)
 }
@@ -190,8 +190,7 @@ pub(super) const fn is_group_query(question: &OnlineMessage) -> bool {
     matches!(question, OnlineMessage::GiveMeData2 { .. } | OnlineMessage::Ping { .. })
 }
 
-/// What tells a question's answer from others' of the same axis: the address, or one that no
-/// variable has.
+/// Tag that distinguishes a question's reply from others of the same axis: the address, or one that no variable has.
 pub(super) const fn answer_tag(question: &OnlineMessage) -> u16 {
     match question {
         OnlineMessage::GiveMeData { cell, .. } | OnlineMessage::GiveMeData2 { cell, .. } => {
@@ -204,7 +203,7 @@ pub(super) const fn answer_tag(question: &OnlineMessage) -> u16 {
     }
 }
 
-/// What an answer says.
+/// Answer in a message.
 pub(super) const fn answer_of(message: &OnlineMessage) -> Option<Answer> {
     Some(match *message {
         OnlineMessage::TakeData { cell, value, .. } => {

@@ -19,7 +19,7 @@ pub enum MemorySpace {
 }
 
 impl MemorySpace {
-    /// As the language writes it.
+    /// Name in the language.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -42,9 +42,9 @@ impl MemorySpace {
 /// A place of 16 or 32 bits in a memory.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Cell {
-    /// In which memory.
+    /// Memory space.
     pub memory: MemorySpace,
-    /// Its address, that of the lower word.
+    /// Address, that of the lower word.
     pub address: u16,
     /// 32 bits.
     pub long: bool,
@@ -85,7 +85,7 @@ impl PvtPoint {
     /// The counter wraps after so much.
     pub const COUNTER_MAX: u8 = 0x7F;
 
-    /// Whether all values fit into the wire's bits; a point needs a time above 0.
+    /// Returns whether all values fit into the wire's bits; a point needs a time above 0.
     #[must_use]
     pub const fn fits(&self) -> bool {
         self.position.unsigned_abs() <= Self::POSITION_MAX as u32
@@ -133,32 +133,32 @@ pub struct PtPoint {
 pub enum OnlineMessage {
     /// Reads a value from one axis.
     GiveMeData {
-        /// Whom the answer is for.
+        /// Receiver of the reply.
         sender: IdCode,
-        /// What.
+        /// Requested cell.
         cell: Cell,
     },
     /// Reads a value from axes; may be sent to groups.
     GiveMeData2 {
-        /// Whom the answers are for.
+        /// Receiver of the replies.
         sender: IdCode,
-        /// What.
+        /// Requested cell.
         cell: Cell,
     },
     /// Answers [`GiveMeData`](Self::GiveMeData).
     TakeData {
-        /// Who answers.
+        /// Axis that replies.
         sender: IdCode,
-        /// What was asked.
+        /// Requested cell.
         cell: Cell,
-        /// Its value; 16 bits are not sign-extended.
+        /// Value; 16 bits are not sign-extended.
         value: u32,
     },
     /// Answers [`GiveMeData2`](Self::GiveMeData2), or comes unasked.
     TakeData2 {
         /// Axis ID of the drive that sends it.
         sender: u8,
-        /// Where the value is from, in data memory.
+        /// Address of the value in data memory.
         address: u16,
         /// 32 bits.
         long: bool,
@@ -167,7 +167,7 @@ pub enum OnlineMessage {
     },
     /// Reads a variable by its short address.
     GetData {
-        /// Whom the answer is for.
+        /// Receiver of the reply.
         sender: IdCode,
         /// The variable.
         address: u16,
@@ -176,18 +176,18 @@ pub enum OnlineMessage {
     },
     /// Answers [`GetData`](Self::GetData).
     GotData {
-        /// Who answers.
+        /// Axis that replies.
         sender: IdCode,
         /// The variable.
         address: u16,
         /// 32 bits.
         long: bool,
-        /// Its value; 16 bits are not sign-extended.
+        /// Value; 16 bits are not sign-extended.
         value: u32,
     },
     /// Reads the firmware's version.
     GetVersion {
-        /// Whom the answer is for.
+        /// Receiver of the reply.
         sender: IdCode,
     },
     /// Reply to [`GetVersion`](Self::GetVersion) with three digits and a letter, without the F that firmware
@@ -198,21 +198,21 @@ pub enum OnlineMessage {
     },
     /// Finds axes: each replies.
     Ping {
-        /// Whom the answers are for.
+        /// Receiver of the replies.
         sender: IdCode,
-        /// \[I\] What the word says is not known; 07D0 was seen.
+        /// \[I\] Word of unknown meaning; 07D0 was seen.
         word: u16,
     },
     /// Answers [`Ping`](Self::Ping).
     Pong {
         /// Axis ID of the drive that answers.
         sender: u8,
-        /// As in [`TakeVersion`](Self::TakeVersion).
+        /// Version, as in [`TakeVersion`](Self::TakeVersion).
         version: [u8; 4],
     },
     /// Reads the sum of a memory's words.
     GetChecksum {
-        /// Whom the answer is for.
+        /// Receiver of the reply.
         sender: IdCode,
         /// Which.
         memory: MemorySpace,
@@ -332,7 +332,7 @@ impl OnlineMessage {
         }
     }
 
-    /// Whether drives reply to it with data (type B).
+    /// Returns whether drives reply to it with data (type B).
     #[must_use]
     pub const fn is_request(&self) -> bool {
         matches!(
@@ -346,7 +346,7 @@ impl OnlineMessage {
         )
     }
 
-    /// Whom the answer is for, in a request.
+    /// Receiver of the reply to a request.
     #[must_use]
     pub const fn reply_to(&self) -> Option<IdCode> {
         match *self {
@@ -370,8 +370,8 @@ impl OnlineMessage {
         }
     }
 
-    /// Whether this can be the reply to `request`, sent to `to`: kind, place and sender agree as far as
-    /// both have them.
+    /// Returns whether this can be the reply to `request`, sent to `to`: kind, place and sender agree as far as both
+    /// have them.
     #[must_use]
     pub fn answers(&self, request: &Self, to: IdCode) -> bool {
         let from = |id: u8| to.group || to.id == 0 || to.id == id;

@@ -135,10 +135,10 @@ const EXPECTED_FEWER_LABELS: &str = "fewer labels: at most 1024";
 const EXPECTED_PROGRAM_INSTRUCTION: &str =
     "an instruction that a program can hold: requests and answers go on-line";
 
-/// Stands for labels that are not known yet: every name is one.
+/// Placeholder for labels that are not known yet: every name is one.
 const ANY_LABEL: &[ProgramLabel<'static>] = &[ProgramLabel { name: "", address: 0 }];
 
-/// Where a statement stands.
+/// Position of a statement.
 #[derive(Clone, Copy)]
 struct StatementLocation {
     line: u32,
@@ -296,7 +296,7 @@ pub(super) fn order_instruction(command: ProgramCommand) -> Option<(Instruction,
         ProgramCommand::QueryCall => {
             (give_me_data(RULES.call_flag.0, false), RequestClass::Idempotent)
         }
-        // No variable or bit of the status says whether a program runs; a memory of words has no steps.
+        // No variable or bit of the status shows a running program; a memory of words has no steps.
         _ => return None,
     })
 }

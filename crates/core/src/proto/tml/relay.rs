@@ -172,7 +172,7 @@ fn is_for_others(to: IdCode, axis: u8) -> bool {
     to.group || to.id == 0 || to.id != axis
 }
 
-/// Whether a message replies to a drive's request to another drive on RS-485: a reply is not acknowledged
+/// Returns whether a message replies to a drive's request to another drive on RS-485: a reply is not acknowledged
 /// (manual, chapter 3).
 fn is_answer(message: &Message) -> bool {
     use OnlineMessage::{GotData, Pong, TakeChecksum, TakeData, TakeData2, TakeVersion};

@@ -90,7 +90,7 @@ impl From<WireRule> for Unsupported {
 }
 
 impl TmlWire {
-    /// Whether the host's own ID has the host bit set: it shares its drive's axis ID.
+    /// Returns whether the host's own ID has the host bit set: it shares its drive's axis ID.
     #[must_use]
     pub const fn shares_drive_id(self) -> bool {
         matches!(self, Self::Rs232)
@@ -102,8 +102,8 @@ impl TmlWire {
         IdCode { group: false, id: host, host: self.shares_drive_id() }
     }
 
-    /// Whether a drive acknowledges a message to `to`. On RS-485 neither groups nor axis ID 0 \[I\]: all
-    /// would send at once.
+    /// Returns whether a drive acknowledges a message to `to`. On RS-485 neither groups nor axis ID 0 \[I\]: all would
+    /// send at once.
     #[must_use]
     pub const fn acknowledges(self, to: IdCode) -> bool {
         match self {
@@ -162,7 +162,7 @@ impl TmlWire {
     }
 }
 
-/// Whether drives reply to an instruction of this opcode with data (type B).
+/// Returns whether drives reply to an instruction of this opcode with data (type B).
 #[must_use]
 pub const fn is_request(opcode: u16) -> bool {
     matches!(opcode & 0xF800, 0xA000) // GetTMLData, 16 and 32 bits, both pages
@@ -177,7 +177,7 @@ pub(super) const fn breaks_contact(opcode: u16) -> bool {
     matches!(opcode, 0x0402 | 0x0801 | 0x0901 | 0x0820 | 0x0920 | 0x0804)
 }
 
-/// Whether an instruction of this opcode sets the motion's mode (MCR).
+/// Returns whether an instruction of this opcode sets the motion's mode (MCR).
 #[must_use]
 pub(super) const fn sets_mode(opcode: u16) -> bool {
     opcode == 0x5909

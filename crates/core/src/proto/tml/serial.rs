@@ -68,8 +68,8 @@ pub const fn frame_len(length: u8) -> Option<usize> {
     }
 }
 
-/// Whether a byte between frames requests synchronisation: `0D`, and "larger values are accepted too"
-/// (manual, chapter 3, RS-232 protocol, step 1).
+/// Returns whether a byte between frames requests synchronisation: `0D`, and "larger values are accepted too" (manual,
+/// chapter 3, RS-232 protocol, step 1).
 #[must_use]
 pub const fn is_sync(byte: u8) -> bool {
     byte >= SYNC

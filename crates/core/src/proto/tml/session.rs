@@ -35,16 +35,15 @@ use stale_replies::StaleReplies;
 pub const ATTEMPTS_MAX: u8 = 3;
 /// Synchronisation bytes sent at most before a line is taken for dead (manual, chapter 3).
 pub const SYNCS_MAX: u8 = 15;
-/// The same while somebody looks for drives: most addresses are nobody's, and on most lines some drive
-/// hears the first one.
+/// SYNC bytes of a scan: most addresses are empty, and on most lines some drive receives the first one.
 const SYNCS_SCANNING: u8 = 2;
 /// Most probes to end one doubt.
 pub const PROBES_MAX: u8 = 4;
-/// Events that wait to be taken at most; what drives say unasked beyond that is counted and lost.
+/// Limit of waiting events; further unsolicited messages are counted and lost.
 pub const EVENTS_MAX: usize = 64;
 /// Places among them that the ends of requests need.
 const EVENT_ROOM_MIN: usize = 8;
-/// An acknowledgement or answer is possible for so many times the time allowed for it.
+/// Latest time of an acknowledgement or reply, in time-outs.
 const LATEST_TIMEOUTS: u64 = 3;
 /// Messages whose only acknowledgement came too soon, after which they are taken as they come.
 const FICTION_MIN: u8 = 2;
@@ -101,7 +100,7 @@ pub struct Topology {
 pub enum Outgoing {
     /// A message.
     Message(Message),
-    /// So many bytes that synchronise.
+    /// Number of SYNC bytes.
     Sync(u8, u8),
 }
 
@@ -145,17 +144,17 @@ enum RequestPhase {
     Ready(Instant),
     AwaitAck(Instant),
     AwaitAnswer(Instant),
-    /// So many SYNC bytes are out.
+    /// Number of SYNC bytes that were sent, and the deadline.
     AwaitSync(u8, Instant),
     /// The next SYNC byte is to be sent.
     SendSync(u8),
     Drain(Instant),
 }
 
-/// What the host can still try when a drive is silent: another baud rate.
+/// Remaining attempt when a drive is silent: another baud rate.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum BaudFallback {
-    /// It was tried in vain, or there is none.
+    /// The other rate was tried in vain, or there is none.
     Exhausted,
     /// Not tried since the drive was last received.
     Armed,
@@ -184,7 +183,7 @@ pub struct Session {
     events_len: usize,
     /// Axes that ever answered.
     answered_axes: [u64; 4],
-    /// Until when the last message to somebody behind a relay is taken to be on its way.
+    /// Time until which the last message through a relay is taken to be on its way.
     relay_free_at: Instant,
     /// How sure it is that the line's baud rate is fiction (a virtual port): acknowledgements come
     /// before their messages can have left.
@@ -226,7 +225,7 @@ impl Session {
         self.topology.wire
     }
 
-    /// Whether a drive of that address can be asked: not with the host's own.
+    /// Returns whether a drive of that address can be asked: not with the host's own.
     pub(super) fn can_add_drive(&self, address: u32) -> bool {
         let on_bus = self.topology.wire != TmlWire::Rs232;
         !on_bus || address & GROUP != 0 || !self.same_axis(address as u8, self.topology.own_code.id)
@@ -272,7 +271,7 @@ impl Session {
         Some(&self.current_part)
     }
 
-    /// What to put on the wire now, if anything.
+    /// Bytes to send now, if any.
     #[inline]
     pub(super) fn transmit(&mut self, now: Instant) -> Option<Outgoing> {
         let pending = self.pending.as_mut()?;
@@ -340,8 +339,7 @@ impl Session {
         }
     }
 
-    /// Takes a message that passed every check of the wire. `to` is `None` where the wire does not
-    /// say whom it is for.
+    /// Handles a message that passed every check of the wire. `to` is `None` if the wire does not name the receiver.
     #[inline]
     pub(super) fn handle_message(
         &mut self,
@@ -485,7 +483,7 @@ impl Session {
         }
     }
 
-    /// Whether two axis IDs are the same on this wire: TechnoCAN has five bits for them.
+    /// Returns whether two axis IDs are the same on this wire: TechnoCAN has five bits for them.
     fn same_axis(&self, a: u8, b: u8) -> bool {
         match self.topology.wire {
             TmlWire::TechnoCan => a % 32 == b % 32,
@@ -544,7 +542,7 @@ impl Session {
                 let value = assigned_variable(instruction).map_or(0, |(_, value, _)| value);
                 self.finish_pending(now, Ok(Answer::Accepted(value)));
             }
-            // The drive will be somewhere else, or start anew: nobody is there to be asked.
+            // The drive will have another address, or restart: it cannot be asked.
             _ if breaks_contact(instruction.opcode) => {
                 self.finish_pending(now, Err(Failure::Silent))
             }
@@ -552,7 +550,7 @@ impl Session {
         }
     }
 
-    /// Whether only a reading shows that the drive executed an instruction.
+    /// Returns whether only a reading shows that the drive executed an instruction.
     fn needs_proof(&self, request: &HostRequest) -> bool {
         let to = request.message.to;
         let heard_by_itself = match self.topology.wire {
@@ -630,7 +628,7 @@ pub(super) fn discovery_message(own: IdCode) -> Message {
 
 const EMPTY_EVENT: HostEvent<Answer> = (EventSubject::Unsolicited(0), Err(Failure::Silent));
 
-/// Whoever answers.
+/// Any axis as the sender of a reply.
 const ANYBODY: IdCode = IdCode::axis(0);
 
 const DUPLICATE_AXIS: Failure = Failure::NotReady {

@@ -75,7 +75,7 @@ impl MessageClass {
         }
     }
 
-    /// What is added to the axis or group ID, or the identifier where there is none.
+    /// Offset that is added to the axis or group ID, or the whole identifier without one.
     const fn base(self) -> u16 {
         const BASES: [u16; 9] =
             [0x000, SYNCHRONISATION, 0x040, 0x100, 0x100, 0x120, 0x140, 0x160, BROADCAST];
@@ -105,7 +105,7 @@ impl MessageClass {
 /// Content of a frame. TechnoCAN leaves out some fields of the other wires.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct FrameContent {
-    /// Its class.
+    /// Class of the message.
     pub class: MessageClass,
     /// Addressee. `None` for TakeData2 and PONG, whose identifier is the sender's, and for
     /// [`misprinted`](Self::misprinted) TakeData.
@@ -124,7 +124,7 @@ impl FrameContent {
         self.class == MessageClass::TakeData && self.to.is_none()
     }
 
-    /// As a message, if the frame has an addressee.
+    /// Converts the frame to a message, if it has an addressee.
     #[must_use]
     pub fn message(&self) -> Option<Message> {
         Some(Message { to: self.to?, instruction: self.instruction })
@@ -143,8 +143,8 @@ pub const fn axis_number(id: u8) -> Result<u8, WireRule> {
     }
 }
 
-/// Whether another axis may act on messages to this axis ID: it is above 31, and not the default 255, which
-/// is known to act as 31.
+/// Returns whether another axis may act on messages to this axis ID: it is above 31, and not the default 255, which is
+/// known to act as 31.
 #[must_use]
 pub const fn is_ambiguous(id: u8) -> bool {
     id > AXIS_MAX && id != 255

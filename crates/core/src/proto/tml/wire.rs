@@ -64,8 +64,8 @@ impl IdCode {
         Some(Self { group: word & 0x1000 != 0, id: (word >> 4) as u8, host: word & 1 != 0 })
     }
 
-    /// Whether a drive with this axis ID and these groups accepts a message with this address (manual,
-    /// chapter 2: at least one common group; ID 0 is everybody).
+    /// Returns whether a drive with this axis ID and these groups accepts a message with this address (manual, chapter
+    /// 2: at least one common group; ID 0 is everybody).
     #[must_use]
     pub const fn concerns(self, axis: u8, groups: u8) -> bool {
         if self.group {
@@ -123,7 +123,7 @@ impl Instruction {
         self.len as usize
     }
 
-    /// As [`new`](Self::new), where words from `count` on are zero already.
+    /// [`new`](Self::new) with words that are zero from `count` on.
     #[inline]
     pub(super) const fn from_padded(
         opcode: u16,
@@ -141,7 +141,7 @@ impl Instruction {
         self.data
     }
 
-    /// As [`new`](Self::new), of words that lie in a number as they do on CAN: the first lowest.
+    /// [`new`](Self::new) with words packed in a number as on CAN: the first lowest.
     #[inline]
     pub(super) const fn from_packed(opcode: u16, words: u64, count: usize) -> Self {
         // What a driver left behind the length is no data.
@@ -195,7 +195,7 @@ pub const fn low_first(value: u32) -> [u16; 2] {
 /// An instruction and its addressee.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Message {
-    /// Whom it is for.
+    /// Receiver.
     pub to: IdCode,
     /// The instruction.
     pub instruction: Instruction,

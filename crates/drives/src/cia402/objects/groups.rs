@@ -31,10 +31,10 @@ pub(super) const UNSIGNED: u64 = bits(&[
     stored::FEED,
     stored::FEED_TURNS,
 ]);
-/// What keeps a motor from turning while it is 0, or no target from being reached.
+/// Objects that keep a motor from turning, or a target from being reached, while they are 0.
 pub(super) const NEEDED: u64 =
     UNSIGNED | bits(&[stored::MAX_TORQUE, stored::VELOCITY_WINDOW, stored::STANDSTILL]);
-/// What counts user units of velocity.
+/// Objects in user units of velocity.
 pub(super) const VELOCITIES: u64 = bits(&[
     stored::PROFILE_VELOCITY,
     stored::MAX_PROFILE_VELOCITY,
@@ -43,17 +43,17 @@ pub(super) const VELOCITIES: u64 = bits(&[
     stored::HOMING_FAST,
     stored::HOMING_SLOW,
 ]);
-/// What counts user units of acceleration.
+/// Objects in user units of acceleration.
 pub(super) const ACCELERATIONS: u64 = bits(&[
     stored::ACCELERATION,
     stored::DECELERATION,
     stored::QUICK_STOP,
     stored::HOMING_ACCELERATION,
 ]);
-/// What counts user units.
+/// Objects in user units.
 pub(super) const IN_UNITS: u64 =
     VELOCITIES | ACCELERATIONS | bits(&[stored::FOLLOWING_WINDOW, stored::POSITION_WINDOW]);
-/// What user units are computed from.
+/// Objects from which user units are computed.
 pub(super) const SCALES: u64 = bits(&[
     stored::GEAR_MOTOR,
     stored::GEAR_SHAFT,
@@ -75,7 +75,7 @@ pub(super) const SCALES: u64 = bits(&[
     stored::SI_ACCELERATION,
 ]);
 
-/// Whether the tag is one of them.
+/// Returns whether the tag is one of them.
 pub(super) const fn is_in(tag: u16, bits: u64) -> bool {
     tag < 64 && bits >> tag & 1 != 0
 }

@@ -28,20 +28,20 @@ const MOTION_QUIRKS: MotionQuirks = MotionQuirks {
     homing_by_edge: true,
 };
 
-/// States of which an emergency tells (chapter 4).
+/// States that are reported by an emergency (chapter 4).
 const FORWARD_LIMIT: u16 = 0x8681;
 const REVERSE_LIMIT: u16 = 0x8682;
 const ARRIVED: u16 = 0x8683;
 
-/// What CANopen mode needs beside the registers.
+/// State of CANopen mode beside the registers.
 #[derive(Debug)]
 pub(super) struct CanopenNode {
     axis: MotionAxis<QUEUED_POINTS>,
     objects: Objects,
-    /// The alarm that was told last.
+    /// Alarm of the last report.
     reported_alarm: Alarm,
     arrival_pending: bool,
-    /// Limit switches as they were told last.
+    /// Limit switches of the last report.
     reported_limits: [bool; 2],
 }
 

@@ -42,7 +42,7 @@ impl DriveView for DriveCore {
 }
 
 impl Variant {
-    /// Whether Fn_00 accepts that mode: a drive without the option refuses it `[I]`.
+    /// Returns whether Fn_00 accepts that mode: a drive without the option refuses it `[I]`.
     #[must_use]
     pub const fn has_mode(self, mode: u16) -> bool {
         match mode {
@@ -52,7 +52,7 @@ impl Variant {
         }
     }
 
-    /// Whether this Fn register exists: a standard TS lacks those of the position option `[I]`.
+    /// Returns whether this Fn register exists: a standard TS lacks those of the position option `[I]`.
     #[must_use]
     pub const fn has_register(self, number: u16) -> bool {
         !matches!(self, Self::Standard) || number < fn_registers::HOMING_WAY

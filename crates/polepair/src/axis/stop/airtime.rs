@@ -14,7 +14,7 @@ const AIRTIME_DIVISOR: u32 = 19;
 /// The time of one stop without a reply counts as this at most: a drive has that long to reply.
 const ATTEMPT_TIME_MAX: Duration = Duration::from_millis(100);
 
-/// What all pending stops of a wire share.
+/// State shared by all pending stops of a wire.
 #[derive(Debug, Default)]
 pub struct WireAirtime {
     /// No stop to a silent drive is sent before this time.
@@ -35,7 +35,7 @@ impl WireAirtime {
         now >= self.free_at
     }
 
-    /// Whether the wire replies again after a silence, and a stop had ended within it.
+    /// Returns whether the wire replies again after a silence, and a stop had ended within it.
     pub(super) fn woke_since(&self, ended_at: Instant) -> bool {
         self.silent_since.is_some_and(|since| ended_at > since)
     }

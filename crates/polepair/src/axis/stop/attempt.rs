@@ -20,14 +20,14 @@ pub(super) struct StopAttempt {
     progress: StopProgress,
     elapsed: Duration,
     trouble: Option<Error>,
-    /// Whether a check of standstill is repeated after a missing reply.
+    /// True if a check of standstill is repeated after a missing reply.
     retries: bool,
 }
 
-/// How far a stop is known to have come.
+/// Known progress of a stop.
 #[derive(Clone, PartialEq, Debug)]
 pub enum StopProgress {
-    /// It is on the wire.
+    /// The stop was sent.
     Sent,
     /// The drive answered all of it.
     Acknowledged,
@@ -35,7 +35,7 @@ pub enum StopProgress {
     Standstill,
     /// The drive answered all of it, and measures nothing by which it could be seen to stand.
     Unobservable,
-    /// It could not be sent, or was not confirmed; why.
+    /// The stop could not be sent, or was not confirmed, for this reason.
     Failed(Error),
 }
 
@@ -104,13 +104,13 @@ impl StopAttempt {
         (self.progress, self.stage) = (StopProgress::Failed(error), StopStage::Ended);
     }
 
-    /// How far it has come.
+    /// Progress of the attempt.
     pub fn progress(&self) -> &StopProgress {
         &self.progress
     }
 
-    /// The reason why it does not proceed: the drive became silent after its reply, does not tell its speed
-    /// now, or reports standstill while its position changes.
+    /// Reason why it does not proceed: the drive became silent after its reply, does not report its speed now, or
+    /// reports standstill while its position changes.
     pub fn trouble(&self) -> Option<&Error> {
         match &self.stage {
             StopStage::Observing(monitor) => monitor.trouble(),
@@ -123,27 +123,27 @@ impl StopAttempt {
         self.elapsed
     }
 
-    /// Whether something of it is still to be answered: nothing that moves is to be sent meanwhile.
+    /// Returns whether something of it is still to be answered: nothing that moves is to be sent meanwhile.
     pub fn is_under_way(&self) -> bool {
         !matches!(self.stage, StopStage::Observing(_) | StopStage::Ended)
     }
 
-    /// Whether nothing of it is on the wire yet: its drive is asked something else first.
+    /// Returns whether nothing of it is on the wire yet: its drive is asked something else first.
     pub fn is_held_back(&self) -> bool {
         matches!(self.stage, StopStage::CheckingRamMode(..) | StopStage::SettingRamMode(_))
     }
 
-    /// Whether nothing more will be known without a repetition.
+    /// Returns whether nothing more will be known without a repetition.
     pub fn has_ended(&self) -> bool {
         matches!(self.stage, StopStage::Ended)
     }
 
-    /// Whether the drive answered all of it, and the motor still turned at the last reading.
+    /// Returns whether the drive answered all of it, and the motor still turned at the last reading.
     pub fn is_seen_turning(&self) -> bool {
         matches!(&self.stage, StopStage::Observing(monitor) if monitor.is_seen_turning())
     }
 
-    /// The same, or the drive cannot tell now whether it turns.
+    /// Returns whether the motor turns, or the drive cannot report it now.
     pub fn may_be_turning(&self) -> bool {
         self.is_seen_turning()
             || matches!(self.stage, StopStage::Observing(_)) && self.trouble().is_some()
@@ -200,7 +200,7 @@ impl StopAttempt {
             StopStage::Sending(mut running) => match running.poll() {
                 Ok(None) => self.stage = StopStage::Sending(running),
                 Ok(Some(_)) => {
-                    // Where nobody answers it, it may have been lost.
+                    // Without a reply, the stop may have been lost.
                     let index = axis.index;
                     if axis.connection().with_axes(|axes, _| axes.is_confirmed(index)) {
                         self.set_progress(StopProgress::Acknowledged, now);
@@ -242,7 +242,7 @@ impl StopAttempt {
     }
 }
 
-/// Whether a request failed without a reply, so that a repetition may succeed.
+/// Returns whether a request failed without a reply, so that a repetition may succeed.
 pub(super) fn is_communication_error(error: &Error) -> bool {
     use Failure::{AnsweredTwice, Cancelled, LinkDown, Misbehaved, Silent};
     let failed = matches!(

@@ -59,8 +59,7 @@ impl LocalAxis {
         self.start_read_now(id, what, RequestKind::StandstillQuery, once)
     }
 
-    /// As [`start_read`](Self::start_read), but waits for no room; and a drive that is silent may be
-    /// asked `once`.
+    /// [`start_read`](Self::start_read) without waiting for room; a silent drive may be asked `once`.
     fn start_read_now(
         &self,
         id: ParameterId,

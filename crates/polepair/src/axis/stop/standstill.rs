@@ -1,4 +1,4 @@
-//! Whether a motor stands after a stop: what is read, and what is known by it.
+//! Standstill of a motor after a stop: its readings, and their evidence.
 //!
 //! Standstill is confirmed by measured values, by the rule of [`judge`](polepair_core::judge). Only values that
 //! were read after the reply to the last step of the stop count. Earlier readings and values of the trajectory
@@ -39,9 +39,9 @@ const POSITION_DITHER: u64 = 2;
 const SLOW_FACTOR: f64 = 2.0;
 /// Time limit for the standstill after an executed stop.
 pub(super) const STANDSTILL_WAIT_MAX: Duration = Duration::from_secs(5);
-/// For so long a value that the drive cannot tell now is waited for, if another one confirms standstill too.
+/// Time for which a value that the drive refuses now is awaited, if another one confirms standstill too.
 const UNREADABLE_MAX: Duration = Duration::from_secs(1);
-/// For so long the drives of a group, which do not tell the same, are asked whether they stand.
+/// Time for which the drives of a group, which do not report the same, are asked for standstill.
 const GROUP_WAIT_MAX: Duration = Duration::from_secs(10);
 
 /// Measurements of a motor after a stop, which [`MotionJudge`] judges.
@@ -120,17 +120,17 @@ impl StandstillMonitor {
         self.since
     }
 
-    /// Whether the motor turned at the last reading.
+    /// Returns whether the motor turned at the last reading.
     pub fn is_seen_turning(&self) -> bool {
         self.is_turning || self.mismatch.is_some()
     }
 
-    /// Why nothing is known now: speed and position contradict each other, or the drive cannot tell them.
+    /// Reason why the state is unknown now: speed and position contradict each other, or the drive refuses them.
     pub fn trouble(&self) -> Option<&Error> {
         self.mismatch.as_ref().or(self.unreadable.as_ref().map(|(error, _)| error))
     }
 
-    /// As [`StopAttempt::rate`](super::attempt::StopAttempt::rate).
+    /// Measured rate, as [`StopAttempt::rate`](super::attempt::StopAttempt::rate).
     pub fn rate(&self) -> Option<(f64, Instant)> {
         self.rate.filter(|_| self.is_turning)
     }
@@ -174,7 +174,7 @@ impl StandstillMonitor {
         self.judge.as_deref_mut()
     }
 
-    /// What is known when it is; an error when the drive answers no longer.
+    /// Progress once it is known; an error when the drive does not answer any more.
     pub fn poll(&mut self, axis: &LocalAxis, now: Instant) -> Result<Option<StopProgress>, Error> {
         let Some(source) = self.next_source(axis) else {
             return Ok(Some(StopProgress::Unobservable));
@@ -247,7 +247,7 @@ impl StandstillMonitor {
             return;
         }
         let (_, since) = self.unreadable.get_or_insert((axis.unreadable_error(error), now));
-        // The other one is enough, if the drive tells it.
+        // The other one is enough, if the drive reports it.
         let tells_other = match source {
             StandstillSource::Speed(_) => self.position.is_some(),
             _ => self.speed.is_some(),
@@ -352,8 +352,8 @@ impl StandstillMonitor {
 }
 
 impl LocalAxis {
-    /// Whether the last velocity that was read is more than what the drive's stop takes for standing;
-    /// `None` where none was read.
+    /// Returns whether the last read velocity exceeds the standstill limit of the drive's stop; `None` without a
+    /// reading.
     #[must_use]
     pub fn is_turning(&self) -> Option<bool> {
         self.is_turning_in(&self.state())
@@ -368,8 +368,8 @@ impl LocalAxis {
         Some(speed > slow.unwrap_or(0.0))
     }
 
-    /// What is known of a motor whose standstill nothing shows: of one drive that it acknowledged the stop, of
-    /// a group nothing.
+    /// Evidence on a motor without measurable standstill: of one drive its acknowledgement of the stop, of a group
+    /// none.
     pub(super) fn unobserved(&self) -> Standstill {
         match AxisNumber(self.number).is_group() {
             true => Standstill::Unconfirmed,
@@ -431,7 +431,7 @@ impl LocalAxis {
         self.still_turning_error(&what, "cut its power; then check why its speed is not measured")
     }
 
-    /// The drive replied to the stop, and cannot tell now whether its motor turns.
+    /// Error of a drive that replied to the stop, and cannot report now whether its motor turns.
     fn unreadable_error(&self, error: Error) -> Error {
         match error {
             Error::Failed { what, execution, received, hint, .. } => Error::Failed {
@@ -461,7 +461,7 @@ impl LocalAxis {
         self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw))
     }
 
-    /// Whether a motor went further in that time than one that holds its place, or turns at that speed.
+    /// Returns whether a motor went further in that time than one that holds its place, or turns at that speed.
     fn has_drifted(
         &self,
         id: ParameterId,

@@ -57,7 +57,7 @@ impl RemoteAxis {
         self.server.gateway()
     }
 
-    /// Whether its parameters are known without a request.
+    /// Returns whether its parameters are known without a request.
     #[must_use]
     pub fn has_parameters(&self) -> bool {
         self.server.has_parameters(self.info.id)
@@ -82,8 +82,8 @@ impl RemoteAxis {
         Ok(SampleRows::new(streams.collect::<Result<_, _>>()?))
     }
 
-    /// Starts `stop` or `disable` by the lease of this program, so that nobody else's motion is stopped. `None`
-    /// if this program did not arm the axis.
+    /// Starts `stop` or `disable` by the lease of this program, so that no other client's motion is stopped. `None` if
+    /// this program did not arm the axis.
     ///
     /// # Errors
     /// `gateway.lease` if the lease has ended.
@@ -157,7 +157,7 @@ impl RemoteAxis {
             lease.check()?;
             return lease.start(verb.name(), arguments);
         }
-        // Whoever waits for another client's motion does not take the axis from it.
+        // A wait for another client's motion does not take the axis from it.
         let moves = self.info.verbs.iter().any(|info| info.verb == verb.name() && info.moves);
         if moves || verb == Verb::Reached {
             let what = format!("{}: {}: the axis is not armed", self.info.label, verb.name());
@@ -247,7 +247,7 @@ impl AxisInterface for RemoteAxis {
     ) -> Result<AxisRequest, Error> {
         let (axis, mut name) = (self.info.id, self.server.parameter_name(self.info.id, id)?);
         if let WriteValue::Amount(Amount::Own(_) | Amount::Either(_)) = value {
-            // The gateway has the same rule for what stands behind the symbol.
+            // The gateway has the same rule for amounts behind a symbol.
             let known = self.server.parameters(axis)?.get(usize::from(id.0));
             name = known.map_or(name, |info| info.symbol.clone());
         }

@@ -16,16 +16,16 @@ use crate::error::Error;
 use crate::interface::MotionState;
 use crate::url::{AxisNumber, shell_word};
 
-/// How often the state that the gateway sends is looked at.
+/// Interval of reading the state that the gateway sends.
 const POLL_INTERVAL: Duration = Duration::from_millis(25);
-/// How long a drive may be silent while its motor is held in motion. A gateway sends the state of an axis every
-/// second, also if nothing of it has changed.
+/// Longest silence of a drive while its motor is held in motion. A gateway sends the state of an axis every second,
+/// also if nothing of it has changed.
 const SILENT_MAX: Duration = Duration::from_millis(2500);
-/// How long values are waited for that were read after they were asked for.
+/// Time limit of a wait for values that were read after the request.
 const FRESH_MAX: Duration = Duration::from_secs(1);
-/// How long the gateway may be silent before what it sent of a drive is outdated. It answers twice a second.
+/// Silence of the gateway after which its drive states are outdated. It answers twice a second.
 const GATEWAY_SILENT_MAX: Duration = Duration::from_millis(1500);
-/// How long the standstill of a motor is waited for after its lease has ended.
+/// Time limit of a motor's standstill after its lease has ended.
 const STANDSTILL_MAX: Duration = Duration::from_secs(3);
 
 /// A stop that was started, if the axis has one.
@@ -50,7 +50,7 @@ impl RemoteAxis {
         }
     }
 
-    /// The error for a drive that its gateway has not heard for 2.5 s: `E401`.
+    /// The error for a drive from which its gateway has received nothing for 2.5 s: `E401`.
     #[must_use]
     pub fn silent_error(&self, state: &AxisState) -> Option<Error> {
         is_silent(state).then(|| {
@@ -80,7 +80,7 @@ impl RemoteAxis {
         Err(self.lost_link(&lease).unwrap_or_else(|| GatewayError { may_turn, ..ended }.into()))
     }
 
-    /// What the gateway has sent of the motion since then.
+    /// State of the motion that the gateway has sent since then.
     pub(super) fn pushed_motion_state(&self, since: Instant) -> Result<MotionState, Error> {
         let Some(lease) = self.armed_lease() else { return Ok(MotionState::default()) };
         let Some(state) = lease.state() else { return Ok(MotionState::default()) };
@@ -131,7 +131,7 @@ impl RemoteAxis {
         }
     }
 
-    /// Why nobody can stop the axis from here: the gateway, or its link, is lost.
+    /// Reason why the axis cannot be stopped from here: the gateway, or its link, is lost.
     fn lost_link(&self, lease: &Lease) -> Option<Error> {
         let lost = lease.live().check_link(self.info().id).err()?;
         let lost = GatewayError { executed: None, ..lost };
@@ -189,7 +189,8 @@ impl RemoteAxis {
     }
 }
 
-/// Whether the gateway reported, after this lease began, that the axis stands and no client commands it.
+/// Returns whether the gateway reported, after this lease began, that the axis is at standstill and no client commands
+/// it.
 fn was_left_standing(lease: &Lease) -> bool {
     lease.has_current_state()
         && lease.state().is_some_and(|state| {
@@ -207,7 +208,7 @@ fn held_limit(newest: &impl Fn(Signal) -> Option<f64>) -> Option<String> {
     }
 }
 
-/// Whether nothing of the state was read lately.
+/// Returns whether nothing of the state was read lately.
 fn is_silent(state: &AxisState) -> bool {
     !state.signals.is_empty()
         && newest_ms(state) > clock::scale_timeout(SILENT_MAX).as_secs_f64() * 1e3

@@ -10,7 +10,7 @@ use super::convert::parameter_reading;
 use crate::error::Error;
 use crate::interface::Reply;
 
-/// How long one of the waits of [`RemoteRequest::finish`] takes.
+/// Length of one of the waits of [`RemoteRequest::finish`].
 const WAIT_SLICE: Duration = Duration::from_secs(60);
 
 /// A request to a gateway. Dropped before its end, it continues.

@@ -78,7 +78,7 @@ impl Server {
         Ok(cached.get_or_init(|| read))
     }
 
-    /// Whether the parameters of an axis were read.
+    /// Returns whether the parameters of an axis were read.
     pub fn has_parameters(&self, axis: u16) -> bool {
         self.parameters[usize::from(axis)].get().is_some()
     }
@@ -178,7 +178,7 @@ impl Server {
         (!std::mem::replace(&mut state.locked, true)).then(guard)
     }
 
-    /// The same without a time limit.
+    /// [`try_lock_slot`](Self::try_lock_slot) without a time limit.
     pub fn lock_slot(self: &Arc<Self>, axis: u16) -> LeaseGuard {
         loop {
             if let Some(guard) = self.lock_slot_within(axis, REPLY_MAX) {
@@ -198,7 +198,7 @@ impl Server {
         drop(lease);
         let guard = self.lock_slot(axis);
         self.slot(axis).users -= 1;
-        // The call has its result, whoever has the lease now.
+        // The call has its result, with any present holder of the lease.
         let _ = guard.release_lease();
         done
     }
@@ -255,7 +255,7 @@ impl LeaseGuard {
     /// The lease that this program holds, or a new one, for a write.
     fn borrow_lease(&self) -> Result<Arc<Lease>, GatewayError> {
         let held = self.server.slot(self.axis).lease.clone();
-        // Whoever armed the axis is told that the lease was taken away.
+        // The program that armed the axis learns that the lease was taken away.
         let is_armed = self.server.armed_lease(self.axis).is_some();
         let lease = match held {
             Some(lease) if is_armed => lease.check().map(|()| lease)?,
@@ -268,8 +268,8 @@ impl LeaseGuard {
         Ok(lease)
     }
 
-    /// Acquires the lease and arms the axis. If that fails for an axis that was armed here before, it stays
-    /// marked as armed: whoever armed it is told, and stops nobody else's motion.
+    /// Acquires the lease and arms the axis. If that fails for an axis that was armed here before, it stays marked as
+    /// armed: its program gets the error, and stops no other client's motion.
     pub(super) fn acquire_and_arm(&self) -> Result<(), GatewayError> {
         let held = self.server.slot(self.axis).lease.clone();
         let held = held.filter(|lease| lease.check().is_ok());

@@ -36,7 +36,7 @@ impl CommandWorker {
         Ok(lease_grant(&held, now))
     }
 
-    /// Gives a lease, and tells so once the journal has it: its epoch is never given again.
+    /// Grants a lease, and reports it once the journal has it: its epoch is never given again.
     pub(super) fn acquire_lease(
         &mut self,
         axis: usize,
@@ -80,7 +80,7 @@ impl CommandWorker {
         self.context.journal.write_ahead(what, detail, now, Box::new(then));
     }
 
-    /// Nobody was told that this lease was given.
+    /// Revokes a lease that was granted and not reported.
     pub(super) fn revoke_unrecorded_lease(&mut self, axis: usize, epoch: u64) {
         let slot = &mut self.axes[axis].lease;
         let its = slot.holder().is_some_and(|holder| holder.epoch == epoch);

@@ -49,7 +49,7 @@ impl CommandWorker {
         }
     }
 
-    /// Sends a stop, and disarms the axis. True when none was owed before.
+    /// Sends a stop, and disarms the axis. True if none was pending before.
     fn stop_axis(
         &mut self,
         axis: usize,
@@ -69,8 +69,8 @@ impl CommandWorker {
         is_new
     }
 
-    /// Stops an axis because whoever holds its lease says so. It stays armed and theirs: what they have it
-    /// do next ends the debt.
+    /// Stops an axis on a request of the holder of its lease. It stays armed and leased: its next motion command ends
+    /// the pending stop.
     pub(super) fn stop_for_holder(&mut self, sequence: u64, commanded: QueuedCommand) {
         let QueuedCommand { axis, session, header, .. } = &commanded;
         let axis = *axis;
@@ -79,7 +79,7 @@ impl CommandWorker {
         }
         let (now, epoch) = (self.context.now(), header.epoch);
         let watched = &mut self.axes[axis];
-        // What was said before it and would move is not done any more.
+        // Earlier motion commands are not executed any more.
         watched.last_stop_number = sequence.max(watched.last_stop_number);
         let (report, reply) = StopCollector::for_axes(&[watched.id], Vec::new(), Vec::new());
         let is_new = watched.pending_stop.is_none();
@@ -94,7 +94,7 @@ impl CommandWorker {
         self.holder_stops.push((commanded, reply));
     }
 
-    /// Answers those who hold a lease and said stop.
+    /// Replies to holders of leases that requested a stop.
     pub(super) fn reply_to_holders(&mut self) {
         let mut at = 0;
         while at < self.holder_stops.len() {
@@ -115,13 +115,13 @@ impl CommandWorker {
             if error.is_none() {
                 self.axes[commanded.axis].lease.mark_stopped();
             }
-            // How it was told to stop is known; whether the motor stands is not.
+            // The result of its stop is known; whether the motor is at standstill is not.
             let error = error.map(|error| GatewayError { executed: None, ..error });
             self.finish_command(commanded, error);
         }
     }
 
-    /// Whoever holds the lease has the axis do something else than to stop, as they said before.
+    /// Ends the pending stop of a lease's holder, who commands the axis again.
     pub(super) fn cancel_holder_stop(&mut self, axis: usize, session: &SessionName, epoch: u64) {
         let (id, now) = (self.axes[axis].id, self.context.now());
         let of_holder = |pending: &mut PendingStop| pending.is_holder_stop(epoch);
@@ -131,7 +131,7 @@ impl CommandWorker {
         self.clear_pending_stop(axis, session, json!({ "how": "moved again" }), None);
     }
 
-    /// The same, where nobody said so.
+    /// Stops an axis without a request of a client.
     pub(super) fn stop_unrequested(&mut self, axis: usize, why: StopCause, reason: &str) {
         let is_new = self.stop_axis(axis, self.context.now(), (why, &SERVER.into()), None);
         let (id, detail) = (self.axes[axis].id, json!({ "reason": reason }));
@@ -139,7 +139,7 @@ impl CommandWorker {
         self.publish_pending_stop(axis, is_new);
     }
 
-    /// Has the journal keep that an axis is owed a stop, and shows it.
+    /// Records in the journal that an axis has a pending stop, and shows it.
     pub(super) fn publish_pending_stop(&mut self, axis: usize, is_new: bool) {
         let now = self.context.now();
         let WorkerAxis { id, axis: its, pending_stop: Some(pending), .. } = &mut self.axes[axis]
@@ -163,7 +163,7 @@ impl CommandWorker {
         }
     }
 
-    /// An axis is owed no stop any more.
+    /// Clears the pending stop of an axis.
     fn clear_pending_stop(
         &mut self,
         axis: usize,
@@ -182,7 +182,7 @@ impl CommandWorker {
         self.context.journal.record((who, JournalAction::StopEnded, Some(id)), detail, now, then);
     }
 
-    /// Says stops again that are owed, and looks how far they came.
+    /// Repeats pending stops, and checks their progress.
     pub(super) fn poll_pending_stops(&mut self) {
         let now = self.context.now();
         let pending = |watched: &&WorkerAxis| watched.pending_stop.is_some();
@@ -229,8 +229,8 @@ impl CommandWorker {
         }
     }
 
-    /// Owes an axis its stop no more, though nobody saw it stand: somebody knows better, and the journal
-    /// keeps who.
+    /// Clears the pending stop of an axis without measured standstill: a client knows more, and the journal keeps the
+    /// session.
     pub(super) fn handle_dismiss(
         &mut self,
         DismissRequest { axis, session, dismiss, reply }: DismissRequest,
@@ -261,7 +261,7 @@ impl CommandWorker {
         );
     }
 
-    /// Answers those who still wait when the bench is closed, and names whom nobody saw standing.
+    /// Replies to clients that still wait when the bench is closed, and names the axes without measured standstill.
     pub(in crate::bench) fn abandon_pending_stops(&mut self) {
         let now = self.context.now();
         let why = GatewayError::new(

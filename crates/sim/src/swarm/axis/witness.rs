@@ -17,7 +17,7 @@ use super::OpenAction;
 
 /// A shaft that was stopped turns slower, rad/s: 1 rpm.
 const STOPPED_SPEED: f64 = 0.105;
-/// The same of a shaft whose loops hold it, rad/s: 5 rpm.
+/// Speed limit of standstill for a shaft that its loops hold, rad/s: 5 rpm.
 const SETTLING_SPEED: f64 = 0.52;
 /// A shaft that arrived may be so far from its target, rad: the window of its drive, and the way of the last
 /// reading.
@@ -25,14 +25,14 @@ const ARRIVED_DISTANCE: f64 = 0.15;
 /// A motor that turns slower than this rests, rad/s.
 const REST_SPEED: f64 = 0.05;
 
-/// Where the last motion of a drive is to end, rad of the shaft.
+/// Witness of the end of a drive's last motion, rad of the shaft.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ClaimWitness {
     target: Option<f64>,
     /// The target of the move that is under way.
     pending: Option<f64>,
-    /// A motion was asked for since the motor was last told to stand, so that it may turn by the time the next
-    /// command is executed.
+    /// True if a motion was requested since the last stop, so that the motor may turn by the time the next command is
+    /// executed.
     may_turn: bool,
     /// The drive reports whether its motor has power.
     has_switch: bool,
@@ -116,13 +116,13 @@ impl ClaimWitness {
     }
 }
 
-/// Whether a shaft turns. One whose loops hold it settles for some milliseconds.
+/// Returns whether a shaft turns. One whose loops hold it settles for some milliseconds.
 fn turns(truth: &GroundTruth) -> bool {
     let held = truth.setpoint.is_some_and(|setpoint| setpoint.velocity.abs() <= STOPPED_SPEED);
     truth.velocity.abs() > if held { SETTLING_SPEED } else { STOPPED_SPEED }
 }
 
-/// Whether an outcome says that nothing was executed.
+/// Returns whether an outcome means that nothing was executed.
 fn refused(outcome: Outcome) -> bool {
     matches!(
         outcome,

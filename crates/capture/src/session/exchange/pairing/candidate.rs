@@ -12,8 +12,8 @@ const USUAL_SLACK: u64 = 5_000_000;
 const WAITED_RATIO: u64 = 16;
 
 impl Pairing {
-    /// Whether an answer now would come as soon as answers of this link usually do. Without that, one
-    /// lost answer to a host that asks on would shift all that follow by one.
+    /// Returns whether an answer now would come as soon as answers of this link usually do. Without that, one lost
+    /// answer to a host that asks on would shift all that follow by one.
     fn is_usual_delay(&self, request: &TrackedRequest, now: Option<Timestamp>) -> bool {
         let waited = request.last_sent.zip(now).map_or(0, |(last, now)| now.since(last));
         if self.waits_for_answers() {
@@ -24,8 +24,8 @@ impl Pairing {
         self.answers < USUAL_MIN || waited <= max
     }
 
-    /// Whether the host waits for an answer before it asks an axis again: when it does not, it gave
-    /// the answer up.
+    /// Returns whether the host waits for an answer before it asks an axis again: when it does not, it gave the answer
+    /// up.
     fn waits_for_answers(&self) -> bool {
         self.answers >= WAITED_RATIO * self.overlapping.max(1)
     }

@@ -53,7 +53,7 @@ impl From<Problem> for DatasetError {
     }
 }
 
-/// Whether a name ends as the names of captures do.
+/// Returns whether a name ends as the names of captures do.
 #[must_use]
 pub fn is_capture_name(name: &str) -> bool {
     CaptureFormat::from_path(Path::new(name)).is_some()

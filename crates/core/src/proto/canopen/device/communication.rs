@@ -10,7 +10,7 @@ use crate::time::Instant;
 pub const CONSUMERS_MAX: usize = 4;
 /// Objects of a PDO at most: one a byte.
 pub(super) const MAPPED_MAX: usize = super::super::pdo::MAPPED_MAX;
-/// What it takes to write flash, ms \[I\]: power that goes meanwhile leaves what was there before.
+/// Time of writing flash, ms \[I\]: a power loss meanwhile leaves the previous content.
 const STORE_MS: u32 = 20;
 
 /// One PDO as its objects describe it.
@@ -73,7 +73,7 @@ impl<const N: usize> CommunicationObjects<N> {
         tpdo: [Self::NO_PDO; N],
     };
 
-    /// As from the factory: what the dictionary's entries say.
+    /// Factory values, those of the dictionary's entries.
     pub(super) fn factory(dictionary: &Dictionary, node: u8) -> Self {
         let mut comm = Self { emcy_cob: 0x80 + u32::from(node), ..Self::EMPTY };
         let own = dictionary.entries().iter().filter(|entry| entry.tag == PROTOCOL_TAG);
@@ -83,7 +83,7 @@ impl<const N: usize> CommunicationObjects<N> {
         comm
     }
 
-    /// Sets a value, whatever stands against it.
+    /// Sets a value without any check.
     pub(super) fn set(&mut self, index: u16, sub: u8, value: u64) {
         let consumer = usize::from(sub).wrapping_sub(1);
         match (index, sub) {
@@ -174,7 +174,7 @@ impl PdoObjects {
     }
 }
 
-/// What survives power-off.
+/// Settings that survive power-off.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SettingsStore<const N: usize> {
     stored: Option<StoredSettings<N>>,
@@ -230,8 +230,8 @@ impl<const N: usize> SettingsStore<N> {
         }
     }
 
-    /// What a reset brings. Identifiers with the node-ID in them follow it only where they are from
-    /// the factory: what was stored is stored.
+    /// Values after a reset. Identifiers with the node-ID in them follow it only if they have factory values: stored
+    /// ones stay.
     pub(super) fn load(&self, dictionary: &Dictionary, node: u8) -> CommunicationObjects<N> {
         match self.stored {
             Some(stored_settings) if stored_settings.node == node => stored_settings.comm,
@@ -256,7 +256,7 @@ const fn own_entry(
 /// Entries of an RPDO and a TPDO, with their mappings.
 const PDO_ENTRIES: usize = 5 + 6 + 2 * (MAPPED_MAX + 1);
 
-/// Whether the protocol itself stores that object, of a node with so many PDOs each way, if the node's
+/// Returns whether the protocol itself stores that object, of a node with `pdos` PDOs each way, if the node's
 /// dictionary has it: its entry then has the tag [`PROTOCOL_TAG`].
 #[must_use]
 pub const fn is_protocol_object(index: u16, sub: u8, pdos: u16) -> bool {
@@ -276,7 +276,7 @@ pub const fn is_protocol_object(index: u16, sub: u8, pdos: u16) -> bool {
     index == 0x1003
 }
 
-/// Entries that [`standard_entries`] has for so many PDOs each way, where so many are left out.
+/// Number of entries that [`standard_entries`] has for `pdos` PDOs each way, if `left_out` are left out.
 #[must_use]
 pub const fn standard_len(pdos: usize, left_out: usize) -> usize {
     BASE_ENTRIES.len() + pdos * PDO_ENTRIES - left_out

@@ -27,7 +27,7 @@ pub(super) const BUS_OFF: u16 = 0x8140;
 /// Bit of object 1001h for the protocol's own.
 const COMMUNICATION: u8 = 1 << 4;
 
-/// What waits and what was.
+/// Waiting emergencies, and the error history.
 #[derive(Clone, Debug, Default)]
 pub(super) struct EmergencyQueue {
     queue: [Emergency; WAITING_MAX],
@@ -56,7 +56,7 @@ impl EmergencyQueue {
         *self = Self::default();
     }
 
-    /// What waits is not sent any more.
+    /// Drops the waiting emergencies.
     pub(super) fn clear_queue(&mut self) {
         self.queue_len = 0;
         self.communication_error = false;
@@ -102,7 +102,7 @@ impl<const N: usize> CanEndpoint<N> {
         self.queue_emergency(Emergency { code, register, vendor: [0; 5] });
     }
 
-    /// What lasted is over.
+    /// Ends a lasting error.
     pub(super) fn clear_error(&mut self, firmware: &impl Firmware) {
         if core::mem::take(&mut self.emergencies.communication_error) {
             let register = self.error_register(firmware);

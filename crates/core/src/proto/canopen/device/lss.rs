@@ -8,18 +8,18 @@ use crate::proto::canopen::lss::{
 };
 use crate::time::Instant;
 
-/// Node-ID that stands for none.
+/// Node-ID of an unconfigured node.
 const NO_NODE: u8 = 255;
 /// Error codes of the replies.
 const OUT_OF_RANGE: u8 = 1;
 
-/// What is known of an LSS master's doings.
+/// State of the LSS slave.
 #[derive(Clone, Debug)]
 pub(super) struct LssSlave {
     configuring: bool,
     /// Numbers that agreed so far, a bit each, of a switch selective.
     numbers_matched: u8,
-    /// The same of an identification, a bit for each bound.
+    /// Met bounds of an identification, a bit for each.
     bounds_met: u8,
     /// Which number a fast scan is at.
     scan_number: u8,

@@ -63,7 +63,7 @@ pub trait MotorControl {
     fn has_arrived(&self) -> bool;
     /// Position as the encoder sees it, rad since power-on.
     fn position(&self) -> f64;
-    /// The same a tick before.
+    /// Position one tick before.
     fn previous_position(&self) -> f64;
     /// Speed, rad/s.
     fn velocity(&self) -> f64;
@@ -80,7 +80,7 @@ pub enum Braking {
     Ramp,
     /// Along the ramp of the quick stop.
     Quick,
-    /// As hard as the current limit lets it.
+    /// A stop as hard as the current limit permits.
     Hard,
 }
 
@@ -96,13 +96,13 @@ pub struct Window {
 /// Homing settings.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct HomingSettings {
-    /// Its method (6098h).
+    /// Homing method (6098h).
     pub method: i8,
     /// Speed of the search for the switch, rad/s.
     pub fast: f64,
     /// Speed of the search for the zero, rad/s.
     pub slow: f64,
-    /// Its ramp, rad/s².
+    /// Ramp, rad/s².
     pub acceleration: f64,
     /// From the home position to the zero position, rad.
     pub offset: f64,

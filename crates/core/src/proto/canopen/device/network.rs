@@ -12,9 +12,9 @@ use crate::time::Instant;
 pub(super) struct NetworkTimers {
     /// The next heartbeat of its own.
     heartbeat_at: Instant,
-    /// By when each heartbeat watched must have come.
+    /// Deadline of each watched heartbeat.
     consumer_deadlines: [Instant; CONSUMERS_MAX],
-    /// By when guarding must have come.
+    /// Deadline of the next guarding request.
     guard_deadline: Instant,
     toggle: bool,
 }
@@ -239,7 +239,7 @@ impl<const N: usize> CanEndpoint<N> {
         firmware.handle_link_loss(now);
     }
 
-    /// What 1029h says: sub-index 1 for communication errors, 2 for faults of the drive.
+    /// Behaviour by 1029h: sub-index 1 for communication errors, 2 for faults of the drive.
     pub(super) fn apply_error_behaviour(
         &mut self,
         now: Instant,

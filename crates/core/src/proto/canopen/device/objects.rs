@@ -7,9 +7,9 @@ use crate::proto::canopen::pdo::{self, BITS_MAX, CobId};
 use crate::proto::canopen::sdo::AbortCode;
 use crate::time::Instant;
 
-/// What must be written to 1010h: `save`.
+/// Signature for 1010h: `save`.
 const SAVE: u64 = 0x6576_6173;
-/// What must be written to 1011h: `load`.
+/// Signature for 1011h: `load`.
 const LOAD: u64 = 0x6461_6F6C;
 
 impl<const N: usize> CanEndpoint<N> {

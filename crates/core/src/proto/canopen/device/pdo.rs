@@ -24,7 +24,7 @@ struct MappedSlot {
 impl MappedSlot {
     const SIGNED: u8 = 0x80;
 
-    /// A value of so many bits from bit `at` on.
+    /// A value of `bits` bits from bit `at` on.
     const fn new(tag: u16, at: u8, bits: u8, signed: bool) -> Self {
         let lacks = 64u8.saturating_sub(bits);
         let bits_above = lacks.saturating_sub(at);
@@ -47,12 +47,12 @@ impl MappedSlot {
         top >> (self.bits_missing & 63)
     }
 
-    /// Whether it begins within so many bits of a frame.
+    /// Returns whether it begins within `bits` bits of a frame.
     const fn begins_within(self, bits: u8) -> bool {
         self.bits_missing - self.bits_above < bits
     }
 
-    /// Whether so many bits of a frame hold all of it.
+    /// Returns whether `bits` bits of a frame hold all of it.
     #[inline]
     const fn is_within(self, bits: u8) -> bool {
         64 - self.bits_above <= bits
@@ -97,7 +97,7 @@ impl PdoLayout {
         self.slots().iter().fold(0, |data, slot| data | slot.shift_in(firmware.get(slot.tag)))
     }
 
-    /// Whether a value begins within `bits` bits and does not end there.
+    /// Returns whether a value begins within `bits` bits and does not end there.
     fn cuts(&self, bits: u8) -> bool {
         self.slots().iter().any(|slot| slot.begins_within(bits) && !slot.is_within(bits))
     }
@@ -109,7 +109,7 @@ impl PdoLayout {
             if !slot.is_within(bits) {
                 return;
             }
-            // What the object does not take stays as it was; no service tells the sender.
+            // A value that the object refuses is dropped; no service notifies the sender.
             let _ = firmware.set(now, slot.tag, slot.extract(data));
         }
     }
@@ -119,11 +119,11 @@ impl PdoLayout {
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub(super) struct ReceivePdo {
-    /// By when the next one must have come, once one has.
+    /// Deadline of the next one, once one has arrived.
     pub(super) deadline: Instant,
-    /// How long the next one may take, ns; 0 is for ever.
+    /// Longest pause to the next one, ns; 0 is for ever.
     timeout_ns: u64,
-    /// What came last and may wait for SYNC: data and bits.
+    /// Last received PDO that may wait for SYNC: data and bits.
     last_data: (u64, u8),
     on_sync: bool,
     layout: PdoLayout,
@@ -150,7 +150,7 @@ struct TransmitPdo {
     event_at: Instant,
     /// Least time between two, ns.
     inhibit_ns: u64,
-    /// What is sent next, or was sent last.
+    /// Data of the next or last sent PDO.
     data: u64,
     id: u32,
     kind: Transmission,
@@ -166,13 +166,13 @@ struct TransmitPdo {
 /// The PDOs that are sent.
 #[derive(Clone, Debug)]
 pub(super) struct TransmitPdos<const N: usize> {
-    /// Those to be sent, a bit each.
+    /// PDOs that are to be sent, a bit each.
     pub(super) ready: u32,
-    /// Those that go by change.
+    /// PDOs that are sent by change.
     pub(super) event_driven: u32,
-    /// Those that go by SYNC.
+    /// PDOs that are sent by SYNC.
     sync_driven: u32,
-    /// Those that go by the SYNC after a change.
+    /// PDOs that are sent by the SYNC after a change.
     sync_after_change: u32,
     all: [TransmitPdo; N],
 }
@@ -216,7 +216,7 @@ fn set_bits(mut mask: u32) -> impl Iterator<Item = usize> {
 }
 
 impl<const N: usize> CanEndpoint<N> {
-    /// All PDOs as their objects now say.
+    /// Applies all PDOs by their present objects.
     pub(super) fn apply_pdos(&mut self, now: Instant, firmware: &mut impl Firmware) {
         for n in 0..N {
             self.apply_rpdo(n, firmware);
@@ -425,7 +425,7 @@ impl<const N: usize> CanEndpoint<N> {
         }
     }
 
-    /// What waited for SYNC is taken.
+    /// Applies the PDOs that waited for SYNC.
     #[inline]
     pub(super) fn apply_waiting_rpdos(&mut self, now: Instant, firmware: &mut impl Firmware) {
         for n in set_bits(core::mem::take(&mut self.rpdos_waiting)) {
@@ -434,7 +434,7 @@ impl<const N: usize> CanEndpoint<N> {
         }
     }
 
-    /// What goes with SYNC is sampled and sent.
+    /// Samples and sends the PDOs of this SYNC.
     #[inline]
     pub(super) fn sample_tpdos(&mut self, counter: u8, firmware: &mut impl Firmware) {
         for n in set_bits(self.tpdos.sync_driven) {
@@ -482,7 +482,7 @@ impl<const N: usize> CanEndpoint<N> {
         if send.kind != Transmission::SampledOnRequest {
             send.data = send.layout.pack(firmware);
         }
-        // What is sampled by SYNC is sent outside its window too when somebody asks.
+        // A PDO that is sampled by SYNC is sent outside its window too on a remote request.
         self.sync.window_until = self.sync.window_until.max(now);
         self.tpdos.ready |= 1 << n;
     }

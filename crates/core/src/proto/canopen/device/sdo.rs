@@ -10,7 +10,7 @@ use crate::proto::canopen::sdo::{
 };
 use crate::time::Instant;
 
-/// What the server is in.
+/// State of the server.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 enum ServerState {
     #[default]
@@ -44,13 +44,13 @@ pub(super) struct SdoServer {
     /// A value of fixed length.
     value: [u8; 8],
     toggle: bool,
-    /// Whether a check is made, and what it is so far.
+    /// True if a check is made, and what it is so far.
     uses_crc: bool,
     crc: u16,
     /// Segments of this block: as agreed, and sent or taken in order.
     segments: u8,
     count: u8,
-    /// The latest segment, whose length only the end tells.
+    /// The latest segment, whose length is known only at the end.
     held_segment: Option<[u8; SEGMENT]>,
     /// Last, beside what each cycle needs.
     state: ServerState,
@@ -471,7 +471,7 @@ impl<const N: usize> CanEndpoint<N> {
         Some(BlockSegment { number: count + 1, last, data }.bytes())
     }
 
-    /// So many segments of the block arrived; the others are sent again.
+    /// Handles the receipt of `count` segments of the block; the others are sent again.
     fn handle_block_ack(
         &mut self,
         arrived: u8,

@@ -13,7 +13,7 @@ pub(super) struct SendSlots {
     time: Frame,
     lss: [u8; 8],
     sdo: [u8; 8],
-    /// A bit rate is being changed until then: nothing is sent or heard.
+    /// End of a change of the bit rate: until then nothing is sent or received.
     pub(super) silenced_until: Instant,
     /// The counter of a SYNC to send, if it has one.
     sync: Option<u8>,
@@ -21,7 +21,7 @@ pub(super) struct SendSlots {
     heartbeat_byte: u8,
     /// The SDO reply waits until the settings are stored: it confirms that (CiA 301, object 1010h).
     pub(super) awaits_store: bool,
-    /// Places that hold something, here and elsewhere, a bit each: one look tells that none does.
+    /// Occupied slots, here and elsewhere, a bit each: one comparison shows that none is.
     occupied: u8,
 }
 

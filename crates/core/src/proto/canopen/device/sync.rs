@@ -7,10 +7,10 @@ use crate::proto::canopen::pdo::CobId;
 use crate::proto::canopen::time::TimeOfDay;
 use crate::time::Instant;
 
-/// A producer of TIME sends so often, ms \[I\]: no object says.
+/// Interval of a producer of TIME, ms \[I\]: no object defines it.
 const TIME_EVERY_MS: u32 = 1000;
 
-/// What is known of SYNC.
+/// State of SYNC.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub(super) struct SyncState {
@@ -21,11 +21,11 @@ pub(super) struct SyncState {
     counter: u8,
     /// Bytes that it has: one where it counts (1019h).
     frame_len: u8,
-    /// Its identifier.
+    /// CAN identifier.
     pub(super) id: u32,
     /// Until when what belongs to the last one may be sent and taken (1007h).
     pub(super) window_until: Instant,
-    /// How long that is, ns; 0 is for ever.
+    /// Length of the window, ns; 0 is for ever.
     window_ns: u64,
 }
 

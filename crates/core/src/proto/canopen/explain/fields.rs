@@ -12,7 +12,7 @@ use crate::proto::canopen::pdo::{MappingEntry, PdoMapping};
 use crate::proto::canopen::sdo::{ExpeditedData, ObjectIndex, SdoReply, SdoRequest, Segment};
 use crate::proto::canopen::text::Statement;
 
-/// Where fields go, and what is known of their frame.
+/// Sink of the fields, and the context of their frame.
 pub(super) struct FieldWriter<'a> {
     pub frame: &'a Frame,
     pub profile: Option<&'static Profile>,
@@ -44,7 +44,7 @@ impl FieldWriter<'_> {
         self.emit_field(name, (start, end), FieldValue::Hex(number, 2 * bytes.len() as u8), "");
     }
 
-    /// All fields of what the frame says.
+    /// Emits all fields of the frame.
     pub(super) fn emit_message(&mut self, statement: &Statement) {
         let first = self.frame.data[0];
         match *statement {

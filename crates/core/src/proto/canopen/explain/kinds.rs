@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// What a frame of that identifier is called before its bytes are read.
+/// Name of a frame of that identifier before its bytes are read.
 pub(super) const fn cob_kind(cob: Cob) -> &'static str {
     match cob {
         Cob::Nmt => "NMT",

@@ -43,7 +43,7 @@ pub fn object_name(object: ObjectIndex, profile: Option<&'static Profile>) -> &'
     named.or_else(|| names::standard_name(object).map(|(name, _)| name)).unwrap_or("")
 }
 
-/// Whether an object's values are signed.
+/// Returns whether an object's values are signed.
 #[must_use]
 pub fn is_signed(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
     match find_parameter(object, profile) {
@@ -153,7 +153,7 @@ pub fn write_meaning(
     write_standard_meaning(object, raw, profile, out)
 }
 
-/// Whether an object's values all have the same meaning.
+/// Returns whether an object's values all have the same meaning.
 #[must_use]
 pub fn has_constant_meaning(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
     let steady =
@@ -161,7 +161,7 @@ pub fn has_constant_meaning(object: ObjectIndex, profile: Option<&'static Profil
     meaning_kind(object).is_none() && find_parameter(object, profile).is_none_or(steady)
 }
 
-/// Whether a value can be shown in its unit: not where that depends on other parameters.
+/// Returns whether a value can be shown in its unit: not where that depends on other parameters.
 fn has_fixed_scale(parameter: &Parameter) -> bool {
     !parameter.unit.symbol().is_empty() && parameter.scale.is_constant()
 }
@@ -268,13 +268,13 @@ fn write_transmission(transmission: Transmission, out: &mut dyn Write) -> fmt::R
     }
 }
 
-/// What the orders of a controlword's bits 0 to 3 and 7 are, and which of its others are set.
+/// Command of a controlword in bits 0 to 3 and 7, and its other set bits.
 pub(super) fn write_controlword(word: u16, out: &mut dyn Write) -> fmt::Result {
     out.write_str(ControlCommand::of(word).name())?;
     write_other_bits(word, &CONTROL_BITS, out)
 }
 
-/// The state that a statusword tells, and which of its other bits are set.
+/// State of a statusword, and its other set bits.
 pub(super) fn write_statusword(word: u16, out: &mut dyn Write) -> fmt::Result {
     out.write_str(DriveState::of(word).name())?;
     write_other_bits(word, &STATUS_BITS, out)

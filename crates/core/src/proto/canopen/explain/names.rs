@@ -6,7 +6,7 @@ use crate::proto::canopen::sdo::ObjectIndex;
 /// First index, last index, name, and whether values have a sign.
 type ObjectName = (u16, u16, &'static str, bool);
 
-/// In the order of indices.
+/// Object names in the order of indices.
 const OBJECTS: [ObjectName; 105] = [
     (0x1000, 0x1000, "device type", false),
     (0x1001, 0x1001, "error register", false),

@@ -32,7 +32,7 @@ pub(super) fn write_meaning(
     write_remark(statement, frame, context, sink);
 }
 
-/// What the language does not say, in parentheses.
+/// Remark beyond the language, in parentheses.
 fn write_remark(
     statement: &Statement,
     frame: &Frame,

@@ -19,9 +19,9 @@ const IDLE_CALLER: Failure = Failure::Impossible(Unsupported::Forbidden(
 
 /// Times that a read or a stop is sent in all.
 const ATTEMPTS_MAX: u8 = 3;
-/// So many answers in a row that came twice are of two nodes.
+/// Duplicated replies in a row that prove two nodes.
 const REPEATED_MAX: u8 = 3;
-/// What is asked in between: every node has one, and answers it whatever it says.
+/// Objects of probes: every node has one, and replies with any value.
 const PROBES: [ObjectIndex; 2] = [ObjectIndex::new(0x1000, 0), ObjectIndex::new(0x1001, 0)];
 
 /// Stage of a transfer.
@@ -40,7 +40,7 @@ pub enum ChannelStage {
     Writing,
     /// The blocks may begin.
     BlockStart,
-    /// Segments of a block come; so many did.
+    /// Segments of a block are received; number so far.
     BlockReading(u8),
     /// All data has arrived; only the end is missing.
     BlockReadEnd,
@@ -48,7 +48,7 @@ pub enum ChannelStage {
     BlockReadDone,
     /// The transfer has ended, except for reading its bytes.
     Drain,
-    /// Segments of a block go; so many went.
+    /// Segments of a block are sent; number so far.
     BlockWriting(u8),
     /// All are sent, and acknowledged.
     BlockWriteEnd,
@@ -61,7 +61,7 @@ pub enum ChannelStep {
     Wait,
     /// A frame is to be sent.
     Send,
-    /// It is over.
+    /// The transfer has ended.
     End(Result<Answer, Failure>),
     /// The transfer has ended, and the node receives an abort.
     Abort(AbortCode, Result<Answer, Failure>),
@@ -114,7 +114,7 @@ pub struct NodeChannel {
     pub abort: AbortCode,
     pub(super) stage: ChannelStage,
     pub(super) host_request: HostRequest,
-    /// Its first frame.
+    /// First frame of the transfer.
     first_frame: [u8; 8],
     pub(super) toggle: bool,
     /// One segment had the other's toggle: a copy.
@@ -127,12 +127,12 @@ pub struct NodeChannel {
     pub(super) segments: u8,
     /// Bytes that went over.
     pub(super) bytes_done: u32,
-    /// How many there are, as the node says.
+    /// Size in bytes by the node, if stated.
     pub(super) size: Option<u32>,
     /// The first eight of them.
     pub(super) bits: u64,
     pub(super) stale_answers: StaleAnswers,
-    /// What was asked last: that is what an abort is about.
+    /// Last requested object, to which an abort refers.
     last_object: ObjectIndex,
     /// The answer to it came again, and how many answers in a row did.
     repeated: bool,
@@ -199,24 +199,24 @@ impl NodeChannel {
         self.stage == ChannelStage::Idle
     }
 
-    /// It is at, or before, its first frame.
+    /// Returns whether it is at, or before, its first frame.
     pub fn is_beginning(&self) -> bool {
         matches!(self.stage, ChannelStage::StopFirst | ChannelStage::Probe | ChannelStage::Request)
     }
 
-    /// It is beyond its first frame: only its node can go on with it.
+    /// Returns whether it is beyond its first frame: only its node can continue it.
     pub fn is_mid_transfer(&self) -> bool {
         !matches!(self.stage, ChannelStage::Idle | ChannelStage::Guard | ChannelStage::Drain)
             && !self.is_beginning()
     }
 
-    /// Whether it sends a guarding request.
+    /// Returns whether it sends a guarding request.
     #[inline]
     pub fn sends_guard(&self) -> bool {
         self.stage == ChannelStage::Guard
     }
 
-    /// It waits for a node's state.
+    /// Returns whether it waits for a node's state.
     pub fn awaits_guard(&self) -> bool {
         self.sends_guard() && self.attempts > 0
     }
@@ -279,7 +279,7 @@ impl NodeChannel {
         }
     }
 
-    /// As before the first frame.
+    /// Resets the progress to before the first frame.
     fn reset_progress(&mut self) {
         (self.toggle, self.duplicate_seen, self.stalled) = (false, false, false);
         (self.bytes_done, self.size, self.bits) = (0, None, 0);
@@ -448,7 +448,7 @@ impl NodeChannel {
                 self.reset_progress();
                 (ChannelStep::Send, true)
             }
-            // A stop is sent whatever the probe says.
+            // A stop is sent with any state of the probe.
             (ChannelStage::StopFirst, _) => {
                 self.stage = ChannelStage::Probe;
                 (ChannelStep::Send, false)
@@ -469,8 +469,8 @@ impl NodeChannel {
         }
     }
 
-    /// Its answer is waited for no more, and may still come: a stop comes first, or the link is
-    /// down. Gives how this ends: what may have been executed is not known.
+    /// Ends the wait for a reply, which may still come: a stop goes first, or the link is down. Returns the failure:
+    /// execution may be unknown.
     pub fn preempt(&mut self) -> Failure {
         self.stale_answers.insert(self.object());
         match self.host_request {

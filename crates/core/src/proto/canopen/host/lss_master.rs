@@ -27,7 +27,7 @@ type FinishedTicket = (Ticket, Result<Answer, Failure>);
 
 #[derive(Debug)]
 pub struct LssMaster {
-    /// How long a scan waits for replies to one question.
+    /// Time to wait for replies to one question, ns.
     silence_ns: u64,
     pending: Option<(Ticket, LssTask)>,
     unsent: bool,
@@ -42,7 +42,7 @@ enum LssTask {
     Scan(FastScan),
 }
 
-/// How far a scan is.
+/// State of a scan.
 #[derive(Clone, Copy, Debug)]
 struct FastScan {
     found: [u32; 4],
@@ -51,7 +51,7 @@ struct FastScan {
     answered: bool,
 }
 
-/// What one request of a scan asks.
+/// Question of a scan.
 #[derive(Clone, Copy, Debug)]
 enum ScanQuestion {
     /// Is there a node without node-ID?
@@ -67,7 +67,7 @@ enum ScanQuestion {
 }
 
 impl LssMaster {
-    /// With a silence that is so many times as long as usual.
+    /// Creates a master whose waits are `timeout_scale` times as long.
     pub fn new(timeout_scale: u32) -> Self {
         let silence_ns = u64::from(SILENCE_MS) * u64::from(timeout_scale) * 1_000_000;
         Self { silence_ns, pending: None, unsent: false, deadline: None, scanned: None }
@@ -77,7 +77,7 @@ impl LssMaster {
         self.pending.is_none()
     }
 
-    /// Whether a scan is running, whose requests any number of devices may answer.
+    /// Returns whether a scan is running, whose requests any number of devices may answer.
     pub fn is_scanning(&self) -> bool {
         matches!(self.pending, Some((_, LssTask::Scan(_))))
     }
@@ -235,7 +235,7 @@ impl FastScan {
     }
 }
 
-/// Whether a reply is of the requested service.
+/// Returns whether a reply is of the requested service.
 fn is_answer(request: &LssRequest, reply: &LssReply) -> bool {
     match (request, reply) {
         (LssRequest::SwitchSelective(..), LssReply::Selected)

@@ -18,7 +18,7 @@ const HEARTBEAT_TIME: ObjectIndex = ObjectIndex::new(0x1017, 0);
 const CONSUMER_HEARTBEAT: ObjectIndex = ObjectIndex::new(0x1016, 1);
 /// Heartbeats of the host within the time after which it is missed: one may be late, or lost.
 const BEATS_PER_TIMEOUT: u32 = 3;
-/// A heartbeat is missed after so many of its periods.
+/// Periods after which a heartbeat counts as missed.
 const TIMEOUT_PERIODS: u32 = 2;
 /// The application's lease: our heartbeat continues for this time after the last request, ms.
 pub const LEASE_MS: u32 = 1_000;
@@ -41,7 +41,7 @@ pub struct Network {
     own_heartbeat: OwnHeartbeat,
     /// Nodes that this host had watch its heartbeat.
     watchers: NodeSet,
-    /// Whoever opened the link wants a heartbeat.
+    /// True if the caller requested a heartbeat.
     heartbeat_wanted: bool,
     sync: Option<(u64, Instant)>,
 }
@@ -80,7 +80,7 @@ impl Network {
         self.nodes.get(usize::from(node))?.state
     }
 
-    /// Whether nodes monitor the host's heartbeat or follow its SYNC.
+    /// Returns whether nodes monitor the host's heartbeat or follow its SYNC.
     pub const fn sends_keepalive(&self) -> bool {
         let watched = self.watchers.first().is_some();
         let beats = self.own_heartbeat.next.is_some() && (watched || self.heartbeat_wanted);
@@ -99,7 +99,7 @@ impl Network {
         let node = &mut self.nodes[usize::from(node & NODE_MAX)];
         let new = node.state.replace(state) != Some(state) || state == NmtState::BootUp;
         if state == NmtState::BootUp {
-            // The object has its value from power-on again; nobody knows which.
+            // The object has its unknown power-on value again.
             (node.heartbeat_timeout_ms, node.heartbeat_due, node.guard_toggle) = (0, None, None);
         }
         if node.heartbeat_timeout_ms > 0 {
@@ -171,8 +171,8 @@ impl Network {
         }
     }
 
-    /// A node watches the host's heartbeat, which comes at least thrice within so many ms from now on;
-    /// with none, the node watches it no more.
+    /// Records that a node watches the host's heartbeat, which is sent at least thrice within `ms` from now on; 0 ends
+    /// the watch.
     pub fn set_watch_time(&mut self, now: Instant, node: u8, ms: u16) {
         match ms {
             0 => self.watchers.remove(node),
@@ -187,7 +187,7 @@ impl Network {
         }
     }
 
-    /// SYNC every so many µs from now on, or no more.
+    /// Sets the period of SYNC, µs; 0 ends it.
     pub fn set_sync_period(&mut self, now: Instant, us: u32) {
         self.sync = (us > 0).then_some((u64::from(us) * 1_000, now));
     }

@@ -29,7 +29,7 @@ impl NodeChannel {
                 ReplyKind::Expected,
             );
         }
-        // What is said to a stop ahead of the probe may be said to what was before.
+        // A reply to a stop that was sent before the probe may belong to an earlier request.
         let sure = self.stage != ChannelStage::StopFirst;
         match self.step_for_reply(deadline, SdoReply::of(data), long) {
             Some(step) => (step, if sure { ReplyKind::Expected } else { ReplyKind::Late }),
@@ -262,7 +262,7 @@ impl NodeChannel {
         ChannelStep::Send
     }
 
-    /// The node took so many segments of a block, and the next one has so many.
+    /// The node received `count` segments of a block, and the next one has `next`.
     fn handle_block_ack(
         &mut self,
         deadline: Instant,

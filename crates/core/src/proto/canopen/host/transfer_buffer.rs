@@ -14,7 +14,7 @@ pub struct TransferBuffer {
     /// Bytes go to the node; else they come from there.
     pub writes: bool,
     ring: [u8; BYTES_MAX],
-    /// Where the oldest byte is.
+    /// Index of the oldest byte.
     first: usize,
     len: usize,
     /// Bytes to be written that are not acknowledged yet.
@@ -23,7 +23,7 @@ pub struct TransferBuffer {
     crc: u16,
     /// Bytes of the last segment that do not count.
     unused: u8,
-    /// The last segment of a block that came: how much of it counts is told at the end.
+    /// Last received segment of a block: its valid length is known at the end.
     held_segment: Option<[u8; SEGMENT]>,
     has_last: bool,
 }
@@ -130,12 +130,12 @@ impl TransferBuffer {
         self.has_last = last;
     }
 
-    /// Whether the last segment has arrived.
+    /// Returns whether the last segment has arrived.
     pub fn has_last(&self) -> bool {
         self.has_last
     }
 
-    /// The end of all blocks: so many bytes of the last segment do not count. Gives the check.
+    /// Ends all blocks: `unused` bytes of the last segment are invalid. Returns the CRC.
     pub fn finish_blocks(&mut self, unused: u8) -> u16 {
         if let Some(tail) = self.held_segment.take() {
             let tail = &tail[..SEGMENT.saturating_sub(unused.into())];
@@ -161,7 +161,7 @@ impl TransferBuffer {
         Some(sent)
     }
 
-    /// So many segments arrived; true when they were the last.
+    /// Records that `segments` segments arrived; true for the last ones.
     pub fn acknowledge_segments(&mut self, segments: u8) -> bool {
         for _ in 0..segments {
             let Some(OutgoingSegment { data, len, .. }) = self.segment(0) else { break };

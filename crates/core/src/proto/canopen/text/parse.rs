@@ -606,8 +606,8 @@ impl<'a> Tokenizer<'a> {
         found
     }
 
-    /// A type and a value, or a value of the parameter's type; how many bytes, 0 where the frame
-    /// shall not say.
+    /// A type and a value, or a value of the parameter's type; and the number of bytes, 0 if the frame shall not state
+    /// it.
     fn read_value(&mut self, parameter: Option<&'static Parameter>) -> Result<(u64, u8)> {
         if self.accept_word("unsized") {
             return Ok((self.read_word("a value of 32 bits")?.into(), 0));

@@ -276,7 +276,7 @@ fn write_expedited(short: ExpeditedData, signed: bool, out: &mut dyn Write) -> f
     }
 }
 
-/// Whether unused bytes are zero, so that the text is complete.
+/// Returns whether unused bytes are zero, so that the text is complete.
 fn has_zero_padding(segment: Segment) -> bool {
     segment.data.iter().skip(segment.len.into()).all(|byte| *byte == 0)
 }

@@ -144,8 +144,8 @@ fn parameter_covering(
     })
 }
 
-/// The values that a PDU carries. Where nobody stated the drive, the line of text has the registers'
-/// numbers, and here the names of a usual drive are put behind it.
+/// Reports the values of a PDU. Without a stated drive, the line of text has the registers' numbers, and the names of a
+/// usual drive are added behind it.
 pub(super) fn report_values(
     pdu: &[u8],
     context: &Context<'_>,
@@ -177,11 +177,11 @@ pub(super) fn report_values(
     values.close_remark();
 }
 
-/// Tells values by the parameters that they are of.
+/// Reports values by their parameters.
 struct ValueReporter<'a> {
     profile: Option<&'static Profile>,
     written: bool,
-    /// Whose names have to be marked.
+    /// Profile whose names have to be marked as assumed.
     assumed_profile: Option<&'static Profile>,
     /// Names in the line of text.
     names_shown: usize,

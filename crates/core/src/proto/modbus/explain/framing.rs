@@ -5,7 +5,7 @@ use crate::proto::modbus::rtu::{self, ADU_MAX, ADU_MIN};
 use crate::proto::modbus::wire::AnnouncedLength;
 use crate::proto::modbus::{ascii, wire};
 
-/// How far the beginning of the next frame is looked for.
+/// Longest search for the beginning of the next frame.
 const SEARCH_MAX: usize = 2 * ADU_MAX;
 
 enum HeadScan {
@@ -108,7 +108,7 @@ fn check_span(bytes: &[u8], span: AnnouncedLength) -> HeadScan {
     }
 }
 
-/// Whether the head announces exactly this number of bytes.
+/// Returns whether the head announces exactly this number of bytes.
 fn has_announced_len(bytes: &[u8], direction: Option<Direction>) -> bool {
     let request = rtu::request_span(bytes) == AnnouncedLength::Bytes(bytes.len());
     let reply = rtu::reply_span(bytes) == AnnouncedLength::Bytes(bytes.len());

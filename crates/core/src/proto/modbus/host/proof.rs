@@ -56,7 +56,7 @@ impl SerialHost {
         self.sending = Some(PendingSend::Probe);
     }
 
-    /// What is to be sent as a probe.
+    /// Probe to send.
     pub(super) fn probe_request(&self) -> Option<HostRequest> {
         let (Some(StationProof { space, count, .. }), Some(current)) = (self.proof, &self.current)
         else {
@@ -76,7 +76,7 @@ impl SerialHost {
         })
     }
 
-    /// A probe was answered, and nothing is owed any more.
+    /// Handles the reply to a probe, if no other reply is outstanding.
     pub(super) fn handle_proof(&mut self, now: Instant) {
         let (Some(proof), Some(current)) = (self.proof, &mut self.current) else { return };
         if proof.probes_left > 1 {
@@ -88,8 +88,8 @@ impl SerialHost {
         self.sending = Some(PendingSend::Request);
     }
 
-    /// A probe was not answered in time: others follow, and all are to be answered then. From a wire on
-    /// which nothing was heard one more is enough.
+    /// Handles a probe without a reply in time: others follow, and all must be answered then. On a wire without any
+    /// received byte one more is enough.
     #[cold]
     pub(super) fn handle_proof_timeout(&mut self) {
         let Some(proof) = self.proof else { return };
@@ -105,8 +105,8 @@ impl SerialHost {
         self.fail_current(Failure::Silent);
     }
 
-    /// How many timeouts a probe's answer is waited for: where the first brings none, an older request's
-    /// may still come before it.
+    /// Number of timeouts a probe's answer is waited for: where the first brings none, an older request's may still
+    /// come before it.
     pub(super) fn deadline_timeouts(&self) -> u64 {
         match self.proof {
             Some(StationProof { unanswered: 0, .. }) => 1,

@@ -28,8 +28,8 @@ impl SerialHost {
         self.early_bytes.consume(count);
     }
 
-    /// The data in these bytes, if they are the whole reply to the one read that is owed, and
-    /// nothing is in doubt: what happens most, so it is looked at first and where it lies.
+    /// Data of the complete reply to the one outstanding read, if nothing is in doubt: the usual case, so it is tested
+    /// first and in place.
     #[inline]
     pub(super) fn expected_read_data<'a>(&self, adu: &'a [u8]) -> Option<&'a [u8]> {
         let [awaited] = self.outstanding() else { return None };
@@ -132,7 +132,7 @@ impl SerialHost {
         ReplyScan::Skip(1)
     }
 
-    /// Whether bytes begin like an expected reply.
+    /// Returns whether bytes begin like an expected reply.
     fn is_expected_head(&self, bytes: &[u8]) -> bool {
         let [unit, function, ..] = *bytes else { return false };
         let ours = |awaited: &AwaitedReply| {
@@ -287,7 +287,7 @@ impl SerialHost {
             self.end_quarantine();
             self.handle_proof(now);
         } else if self.quarantine {
-            // A drive answers in order: what it still owes may be as late again.
+            // A drive replies in order: its outstanding replies may be as late again.
             self.deadline = Some(now.plus_ns(QUARANTINE_TIMEOUTS * self.timeout_ns));
         }
         if lost {
@@ -314,9 +314,9 @@ impl SerialHost {
         lost
     }
 
-    /// Whether a reply arrived sooner than its bytes can travel. In the first exchange this shows that the
-    /// wire has no timing, whatever its baud rate (a pseudo-terminal). Later such a reply is ignored, and
-    /// shows the same if nothing else arrives.
+    /// Returns whether a reply arrived sooner than its bytes can travel. In the first exchange this shows that the wire
+    /// has no timing, whatever its baud rate (a pseudo-terminal). Later such a reply is ignored, and shows the same if
+    /// nothing else arrives.
     fn is_too_early(&mut self, now: Instant, len: usize) -> bool {
         let soon = self.frame_is_early || now < self.earliest_reply(len);
         if self.line.baud != 0 && !self.untimed {
@@ -336,8 +336,8 @@ impl SerialHost {
         self.is_timed
     }
 
-    /// Earliest time of a complete reply of so many characters to the last request. One twentieth is left for
-    /// clock differences.
+    /// Earliest time of a complete reply of `len` characters to the last request. One twentieth is left for clock
+    /// differences.
     fn earliest_reply(&self, len: usize) -> Instant {
         let whole = self.sent_ns + self.line.characters_ns(len as u32);
         self.sent_at.plus_ns(whole - whole / 20)
@@ -441,8 +441,8 @@ impl SerialHost {
         };
     }
 
-    /// Whether this may be a duplicate of the previous reply: the same bytes for another request, at once, on
-    /// a wire without timing.
+    /// Returns whether this may be a duplicate of the previous reply: the same bytes for another request, at once, on a
+    /// wire without timing.
     #[inline]
     fn is_suspected_duplicate(&self, now: Instant, data: &[u8]) -> bool {
         let (Some(before), Some(current)) = (&self.last_read, &self.current) else { return false };
@@ -464,7 +464,7 @@ enum ReplyScan {
     More,
 }
 
-/// Whether a reply is of the expected kind: function, byte count, address and value.
+/// Returns whether a reply is of the expected kind: function, byte count, address and value.
 fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
     let coil = |on: bool| if on { 0xFF00 } else { 0 };
     match *reply {

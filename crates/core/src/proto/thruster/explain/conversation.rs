@@ -20,7 +20,7 @@ pub(super) fn frame_role(frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -
             Ok(DriveMessage::Report(ReportFrame { source: ReportFrame::UNSOLICITED, .. })) => {
                 FrameRole::Report
             }
-            // ML and MM make a drive tell these by itself.
+            // ML and MM start unsolicited reports of these.
             Ok(DriveMessage::Reply(Reply {
                 command: CommandWord::QC | CommandWord::QV, ..
             })) => FrameRole::Report,
@@ -34,7 +34,7 @@ pub(super) fn frame_role(frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -
     }
 }
 
-/// What is no command of this protocol is another one's on the same identifiers.
+/// An unknown command of this protocol may belong to another one on the same identifiers.
 pub(super) fn effect_of(frame: &RawFrame<'_>) -> Effect {
     match (frame.id.filter(|_| !frame.extended).and_then(node_of_id), Request::parse(frame.bytes)) {
         (Some(Err(_)), _) => Effect::NOTHING,
@@ -97,8 +97,7 @@ pub(super) fn refusal_reason(
     (set && other).then_some("not what was asked: not accepted, or stopped")
 }
 
-/// From power-up a drive repeats TC and VC; one that was told otherwise by VM and repeats them has
-/// forgotten it.
+/// From power-up a drive repeats TC and VC; one that VM had set to something else and that repeats them has restarted.
 pub(super) fn shows_restart(
     answer: &RawFrame<'_>,
     request: &RawFrame<'_>,
@@ -113,7 +112,7 @@ pub(super) fn shows_restart(
     output && reported && repeats
 }
 
-/// What is set.
+/// Reports the values that a request sets.
 pub(super) fn report_request_values(
     request: &Request,
     profile: Option<&'static Profile>,
@@ -131,7 +130,7 @@ pub(super) fn report_request_values(
     }
 }
 
-/// What a drive says.
+/// Reports the values in a message of a drive.
 pub(super) fn report_message_values(
     message: &DriveMessage,
     requested: Option<u32>,

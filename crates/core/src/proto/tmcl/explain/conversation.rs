@@ -12,7 +12,7 @@ use crate::proto::tmcl::ascii;
 use crate::proto::tmcl::opcode::{Opcode, SEARCH_STATUS, Status};
 use crate::proto::tmcl::wire::{CAN_DATAGRAM, DATAGRAM, HOST, Reply, Request, VersionText};
 
-/// What stands in the place of a motor and is less is one: opcodes from here on are no motors.
+/// First byte in the place of a motor that is no motor but an opcode.
 const MOTORS_MAX: u8 = 4;
 
 pub(super) fn frame_role(frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
@@ -31,7 +31,7 @@ pub(super) fn frame_role(frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -
     }
 }
 
-/// A module that resets or goes into its bootloader may have no time to say so.
+/// A module that resets or enters its bootloader may send no reply.
 fn expected_replies(request: &RawFrame<'_>) -> ReplyExpectation {
     match parse_request(request).map(|request| request.opcode) {
         Some(Opcode::Boot | Opcode::BootStart) => ReplyExpectation::NONE,
@@ -88,8 +88,8 @@ pub(super) fn refusal_reason(answer: &RawFrame<'_>) -> Option<&'static str> {
     (refused && status.is_named()).then(|| status.text())
 }
 
-/// On CAN nothing but their shape tells requests from replies to a host that is not at its usual
-/// address: a reply has a good status where a request has its type, and an opcode for a motor.
+/// Distinguishes requests on CAN from replies to a host that is not at its usual address, by shape alone: a reply has a
+/// good status where a request has its type, and an opcode for a motor.
 pub(super) fn is_can_reply(data: &[u8], id: u32) -> bool {
     let shaped = |data: &[u8]| {
         let good = Status::from(data[1]).is_good();
@@ -177,7 +177,7 @@ pub(super) fn report_request_values(
     }
 }
 
-/// What a parameter was found to be.
+/// Reports the value of a parameter in a reply.
 pub(super) fn report_reply_values(
     request: &Request,
     reply: &Reply,

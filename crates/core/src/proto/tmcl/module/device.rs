@@ -6,7 +6,7 @@ use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::station::{LineEvent, Station, Timed};
 use crate::time::{Instant, earliest};
 
-/// Where bytes may come in pieces at any time (pty, TCP), a datagram may take this long, ms.
+/// Time limit of a datagram whose bytes may come in pieces at any time (pty, TCP), ms.
 const UNTIMED_BYTE_TIMEOUT_MS: u32 = 200;
 
 /// Options of the wire: differences between firmware versions.

@@ -11,7 +11,7 @@ use crate::time::Instant;
 const CONFIRM_VALUE: i32 = 1234;
 /// Value that unlocks the EEPROM.
 const UNLOCK_VALUE: i32 = 4321;
-/// So long a module is silent after its factory settings, ms (TMCL reference, 137).
+/// Silence of a module after its factory reset, ms (TMCL reference, 137).
 const FACTORY_SILENCE_MS: u32 = 5000;
 
 impl<M: TmclModule> Firmware for M {
@@ -106,7 +106,7 @@ impl<M: TmclModule> Firmware for M {
     }
 }
 
-/// Carries out a command and tells the reply's value.
+/// Executes a command and returns the reply's value.
 ///
 /// # Errors
 /// The status to answer.

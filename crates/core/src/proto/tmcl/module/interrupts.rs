@@ -3,7 +3,7 @@
 /// The greatest number of an interrupt.
 const NUMBER_MAX: u8 = 46;
 const NUMBERS: usize = NUMBER_MAX as usize + 1;
-/// The number that stands for all (EI 255).
+/// Number for all interrupts (EI 255).
 const ALL: u8 = 255;
 /// Timers: interrupts 0 to 2, whose settings are their periods in ms.
 const TIMERS: usize = 3;
@@ -27,7 +27,7 @@ pub struct Interrupts {
     enabled: u64,
     all_enabled: bool,
     pending: u64,
-    /// What was there in the last tick, a bit for each number.
+    /// Levels of the last tick, a bit for each number.
     levels: u64,
     timers: [u32; TIMERS],
 }
@@ -91,7 +91,7 @@ impl Interrupts {
         }
     }
 
-    /// Whether an interrupt is due.
+    /// Returns whether an interrupt is due.
     #[must_use]
     pub const fn is_pending(&self) -> bool {
         self.all_enabled && self.pending != 0

@@ -12,7 +12,7 @@ pub const VARIABLES: usize = 256;
 /// Value of global parameter 64 that means "the EEPROM holds settings".
 pub const MAGIC: i32 = 228;
 
-/// What survives a power cycle.
+/// Memory that survives a power cycle.
 #[derive(Clone, Debug)]
 struct Eeprom {
     axis: [[i32; 256]; MOTORS_MAX],
@@ -45,7 +45,7 @@ pub struct Memory {
 const NONE: u16 = u16::MAX;
 
 impl Memory {
-    /// As from the factory.
+    /// Creates a memory with factory values.
     #[must_use]
     pub fn new(profile: &'static Profile) -> Self {
         let (mut axis_at, mut global_at) = ([NONE; 256], [NONE; 256]);
@@ -90,7 +90,7 @@ impl Memory {
         self.profile.parameters.get(usize::from(self.global_index[usize::from(number)]))
     }
 
-    /// Whether the EEPROM is locked (global parameter 73).
+    /// Returns whether the EEPROM is locked (global parameter 73).
     #[must_use]
     pub const fn is_locked(&self) -> bool {
         self.eeprom.locked

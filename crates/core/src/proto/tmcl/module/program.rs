@@ -92,7 +92,7 @@ pub struct Interpreter {
     pub state: ProgramState,
     /// Next instruction.
     pub counter: i32,
-    /// What calculations are about.
+    /// Registers of calculations.
     registers: Registers,
     timed_out: bool,
     calls: [i32; CALLS_MAX],
@@ -106,14 +106,14 @@ pub struct Interpreter {
     interrupted: Option<(Registers, i32, Wait)>,
 }
 
-/// What is waited for, and how long, ms.
+/// Condition of a wait, and its time limit, ms.
 type Wait = Option<(WaitCondition, Option<u32>)>;
 
 #[derive(Clone, Copy, Debug)]
 struct Registers {
     accumulator: i32,
     x: i32,
-    /// What COMP has compared.
+    /// Values compared by COMP.
     compared: (i32, i32),
 }
 
@@ -141,7 +141,7 @@ impl Interpreter {
         self.state = ProgramState::Run;
     }
 
-    /// Whether it has anything to execute.
+    /// Returns whether it has anything to execute.
     #[must_use]
     pub const fn is_active(&self) -> bool {
         matches!(self.state, ProgramState::Run | ProgramState::Step)
@@ -151,7 +151,7 @@ impl Interpreter {
     pub fn accept_outcome(&mut self, outcome: Result<i32, Status>, reads: bool) {
         match outcome {
             Ok(value) if reads => self.registers.accumulator = value,
-            // \[I\] A program hears nothing of a command that is refused.
+            // \[I\] A program gets no notice of a refused command.
             Ok(_) | Err(_) => {}
         }
     }
@@ -438,7 +438,7 @@ pub const fn is_direct(opcode: Opcode) -> bool {
     )
 }
 
-/// Whether an opcode is valid in programs only.
+/// Returns whether an opcode is valid in programs only.
 #[must_use]
 pub const fn is_program_only(opcode: Opcode) -> bool {
     matches!(

@@ -19,11 +19,11 @@ pub struct ModuleState {
     pub download: Option<i32>,
     /// The serial interface is in ASCII mode.
     pub ascii: bool,
-    /// It is in its bootloader.
+    /// True while it is in its bootloader.
     pub booting: bool,
-    /// Its logic has no supply.
+    /// True while its logic has no supply.
     pub is_unpowered: bool,
-    /// It does not answer until then.
+    /// End of a silence without replies.
     pub silent_until: Instant,
     /// When the tick timer (global parameter 132) was zero.
     pub timer_zero: Instant,
@@ -49,7 +49,7 @@ pub struct LastRequests {
 }
 
 impl ModuleState {
-    /// As from the factory, not powered yet.
+    /// Factory state, not powered yet.
     #[must_use]
     pub fn new(profile: &'static Profile) -> Self {
         let mut memory = Memory::new(profile);
@@ -72,7 +72,7 @@ impl ModuleState {
         }
     }
 
-    /// RAM is lost, settings come from the EEPROM. The program starts where the settings say so.
+    /// Powers the module up: RAM is lost, settings come from the EEPROM. The program starts if the settings enable it.
     pub fn power_up(&mut self, now: Instant, has_programs: bool) {
         self.memory.load();
         self.program = Interpreter::NEW;
@@ -88,7 +88,7 @@ impl ModuleState {
         }
     }
 
-    /// Whether it ignores requests.
+    /// Returns whether it ignores requests.
     #[must_use]
     pub fn is_unresponsive(&self, now: Instant) -> bool {
         self.is_unpowered || self.booting || now < self.silent_until
@@ -117,7 +117,7 @@ impl ModuleState {
 pub trait TmclModule {
     /// The state apart from the motors.
     fn state(&self) -> &ModuleState;
-    /// The same, to be changed.
+    /// Mutable access to the state.
     fn state_mut(&mut self) -> &mut ModuleState;
     /// Runs what happens in time up to `now`.
     fn advance(&mut self, now: Instant);
@@ -135,17 +135,17 @@ pub trait TmclModule {
     /// # Errors
     /// The status to answer.
     fn execute_ports(&mut self, request: &Request) -> Result<i32, Status>;
-    /// Whether a request has powered a motor or given it a target.
+    /// Returns whether a request has powered a motor or given it a target.
     fn starts_motion(&self, request: &Request) -> bool;
     /// Motors that have arrived at their targets, a bit each.
     fn arrived_motors(&self) -> i32;
-    /// Whether the condition of a program is met.
+    /// Returns whether the condition of a program is met.
     fn is_met(&self, what: WaitCondition) -> bool;
     /// Causes of interrupts that are there, a bit for each number.
     fn interrupt_levels(&self) -> u64 {
         0
     }
-    /// Whether it runs stand-alone programs.
+    /// Returns whether it runs stand-alone programs.
     fn has_programs(&self) -> bool;
     /// Module number and firmware version, as in the reply to 136 type 1.
     fn version(&self) -> (u16, u8, u8);

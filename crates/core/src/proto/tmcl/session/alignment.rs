@@ -17,34 +17,34 @@ use crate::time::Instant;
 const FILLER_TIMEOUTS: u64 = 2;
 /// Requests that were not answered, before that.
 const UNANSWERED_MIN: u8 = 2;
-/// The same where all of them were stops: a stop that goes out for every place reaches a module whatever it
-/// has counted, so that no answer to one says little of its count. A motor may be silent, and its module
-/// answers for another.
+/// Number of unanswered requests that must be exceeded if all were stops: a stop that is sent for every byte position
+/// reaches a module at any position, so that no reply to one proves little. A motor may be silent, and its module
+/// replies for another.
 const UNANSWERED_STOPS_MIN: u8 = 6;
 
-/// Of so many requests to a module that is searched for, one goes without a byte before it; and of so many
-/// to one of which nothing comes, one goes out for every place and one without a byte.
+/// Length of the cycle of attempts: to a module that is searched for, one of them goes without a filler byte; to a
+/// silent one, one goes for every position and one without a filler byte.
 const ATTEMPT_CYCLE: u8 = 3;
 
 /// Places of a module's count.
 const OFFSETS: u8 = DATAGRAM as u8;
 
-/// A module of which nothing was heard since requests to it were not answered.
+/// A module that has sent nothing since requests to it were not answered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SilentModule {
     module: u8,
     since: Instant,
     unanswered: u8,
-    /// Bytes that were put between requests to it, while nobody had ever answered.
+    /// Filler bytes between requests to it, before any module had replied.
     fillers: u8,
     /// Something else than a stop was not answered.
     missed_non_stop: bool,
     attempt: u8,
-    /// The place that was tried last, while nothing was heard.
+    /// Byte position of the last attempt, during silence.
     last_offset: u8,
-    /// It answered what went out for every place: it is there, and gets what is sent.
+    /// True if it replied to a burst for every position: it exists, and receives what is sent.
     answered_burst: bool,
-    /// It did so just now.
+    /// True if that was just now.
     just_answered_burst: bool,
     /// Places that were tried since it was found.
     offsets_tried: u8,
@@ -74,7 +74,7 @@ impl SilentModule {
         turn
     }
 
-    /// The next place to try while nothing is heard.
+    /// Next byte position to try during silence.
     const fn next_search_offset(&mut self) -> u8 {
         self.last_offset = self.last_offset % (OFFSETS - 1) + 1;
         self.last_offset
@@ -120,9 +120,9 @@ impl SendPlan {
 pub(super) struct ByteAlignment {
     /// They know no frame but by counting bytes: on serial lines.
     counts_bytes: bool,
-    /// Bytes beyond whole datagrams that went out since one was heard.
+    /// Bytes beyond whole datagrams that were sent since the last reply.
     offset: u8,
-    /// What went out last did so for every place.
+    /// True if the last request was a burst for every position.
     last_was_burst: bool,
     /// When its answer was due.
     answer_due: Instant,
@@ -174,8 +174,7 @@ impl Session {
         self.suspicious = true;
     }
 
-    /// Notes that a module was heard: it counts as this host does, unless it answered what went out for every
-    /// place.
+    /// Records a frame of a module: its byte position agrees with this host's, unless it replied to a burst.
     pub(super) fn note_received(&mut self, module: u8) {
         let newest = self.next_recent.wrapping_sub(1) % RECENT_MAX;
         if self.alignment.last_was_burst
@@ -223,7 +222,7 @@ impl Session {
         shift
     }
 
-    /// Whether a module is there, and not every place of its count was tried yet.
+    /// Returns whether a module is there, and not every place of its count was tried yet.
     pub(super) fn is_searching_offset(&self, module: u8) -> bool {
         self.silent_module(module)
             .is_some_and(|quiet| quiet.answered_burst && quiet.offsets_tried < OFFSETS)
@@ -293,20 +292,20 @@ impl Session {
         }
     }
 
-    /// Whether a module of which nothing was ever heard may have lost count still: a program that was killed
-    /// may have left the modules of the line in the middle of it. Where nobody answers, a byte goes before
-    /// each of nine requests, so that who was in step is so again at the end.
+    /// Returns whether a module that never replied may still have lost its byte position: a killed program may have
+    /// left the modules of the line in the middle of a datagram. Without any reply, a byte goes before each of nine
+    /// requests, so that a module that was aligned is aligned again at the end.
     pub(super) fn may_start_misaligned(&self, module: u8) -> bool {
         let shifts = self.silent_module(module).map_or(0, |quiet| quiet.fillers);
         self.alignment.counts_bytes && self.answered_modules.is_empty() && shifts < OFFSETS
     }
 
-    /// Whether a module replied to its last request.
+    /// Returns whether a module replied to its last request.
     fn is_aligned(&self, module: u8) -> bool {
         self.has_answered(module) && !self.unanswered_modules.contains(module)
     }
 
-    /// Whether a module may have lost its byte position, by the requests without reply so far.
+    /// Returns whether a module may have lost its byte position, by the requests without reply so far.
     fn is_misaligned(&self, now: Instant, module: u8) -> bool {
         // Others hear the byte too: it is for none that was never there, and puts out of step who counts.
         let worth = self.has_answered(module) || self.answered_modules.is_empty();
@@ -329,7 +328,7 @@ fn is_stop(pending: &PendingExchange) -> bool {
         && pending.host_request.request.opcode == Opcode::Mst
 }
 
-/// Whether a read may be sent at every byte position: no other piece of these bytes may be a request.
+/// Returns whether a read may be sent at every byte position: no other piece of these bytes may be a request.
 fn is_safe_to_burst(pending: &PendingExchange) -> bool {
     let Request { opcode, kind, .. } = pending.host_request.request;
     let known = PROBES.iter().any(|(probe, _)| *probe == opcode);
@@ -347,7 +346,7 @@ fn is_safe_to_burst(pending: &PendingExchange) -> bool {
     last && has_no_shifted_request(&bytes)
 }
 
-/// Whether the bytes after the first datagram contain no request at any position.
+/// Returns whether the bytes after the first datagram contain no request at any position.
 fn has_no_shifted_request(bytes: &[u8; 2 * DATAGRAM + 1]) -> bool {
     let is_request = |w: &[u8]| {
         let sum = w.try_into().map(|w: &[u8; DATAGRAM]| checksum(w));

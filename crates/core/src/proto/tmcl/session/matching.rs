@@ -7,7 +7,7 @@ use super::{
 };
 
 impl Session {
-    /// Whether a reply, whoever it is to, is what the request that waits would be answered by.
+    /// Returns whether a reply, to any host, has the form of a reply to the pending request.
     pub(in crate::proto::tmcl) fn answers_pending(&self, reply: &Reply) -> bool {
         let expected = self.expected_request();
         expected.is_some_and(|request| {
@@ -60,8 +60,8 @@ impl Session {
         let soon = soon || now < pending.earliest_reply;
         let (module, opcode, again) =
             (request.address, request.opcode.number(), pending.attempts > 1);
-        // What comes too soon is believed where no earlier request could own it; that shows that the
-        // line has no baud rate, unless that was believed: then somebody else asked for it.
+        // A reply that comes too soon is accepted if no earlier request could own it; that shows that the line has no
+        // baud rate, unless it was known to have one: then another host requested it.
         let probe = pending.ticket.is_none() && self.unproven_request.is_some();
         let proof = probe && !self.proven_addresses.contains(module);
         if soon && self.early_streak < EARLY_STREAK_MAX {
@@ -107,9 +107,9 @@ impl Session {
     }
 }
 
-/// Whether a reply of that status is a complaint. One that holds an instruction (134) has its type there: it
-/// is a complaint if it names module and request. If it names the module alone, the request is sent once
-/// more, and the same reply again is an instruction.
+/// Returns whether a reply of that status is a complaint. One that holds an instruction (134) has its type there: it is
+/// a complaint if it names module and request. If it names the module alone, the request is sent once more, and the
+/// same reply again is an instruction.
 fn complains(reply: &Reply, request: &Request, attempts: u8) -> bool {
     request.opcode != Opcode::ReadMemory
         || (reply.module == request.address && (reply.opcode == request.opcode || attempts == 1))

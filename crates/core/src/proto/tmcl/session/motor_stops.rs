@@ -15,7 +15,7 @@ use crate::proto::tmcl::wire::Request;
 use crate::station::Ticket;
 use crate::time::Instant;
 
-/// Stops that wait to be said again at most: of every motor but the one that takes its turn.
+/// Limit of stops that wait to be repeated: of every motor but the one that is sent now.
 pub(super) const REPEATED_STOPS_MAX: usize = 5;
 
 /// Modules that answered nothing else yet since stops were sent to them.
@@ -37,7 +37,7 @@ impl MotorStops {
         }
     }
 
-    /// Whether a reply may come that looks like the one to this stop and is that to another motor's.
+    /// Returns whether a reply may come that looks like the one to this stop and is that to another motor's.
     pub(super) fn is_reply_ambiguous(&self, request: &Request) -> bool {
         let module = request.address;
         self.other_motors.contains(module) || request.motor > 0 && self.first_motor.contains(module)
@@ -56,7 +56,7 @@ impl Session {
         self.update_suspicious();
     }
 
-    /// What came may be the reply to another motor's stop: the present one is said again, behind a probe.
+    /// Repeats the present stop behind a probe, because its reply may have been that of another motor's stop.
     #[cold]
     pub(super) fn repeat_after_probe(&mut self, now: Instant) {
         let Some(pending) = self.pending.take() else { return };
@@ -84,13 +84,13 @@ impl Session {
         }
     }
 
-    /// Those that wait, which will not be said again.
+    /// Takes the waiting stops, which will not be repeated.
     pub(super) fn take_repeated_stops(&mut self) -> impl Iterator<Item = Ticket> + use<> {
         let waiting = core::mem::take(&mut self.repeated_stops);
         waiting.into_iter().flatten().map(|(ticket, _)| ticket)
     }
 
-    /// The next stop that is to be said again takes its turn, where none does.
+    /// Sends the next waiting stop, if none is pending.
     pub(super) fn next_repeated_stop(&mut self) {
         if self.unproven_request.is_some() {
             return;

@@ -18,7 +18,7 @@ use crate::time::Instant;
 
 /// Probes that prove a module of which nothing is known.
 pub(super) const PROOFS_NEEDED: u8 = 3;
-/// How long a second module with the same address may take longer than the first.
+/// Time by which a second module with the same address may reply later than the first.
 pub(super) const SECOND_REPLY_NS: u64 = 50_000_000;
 /// Probes in a row that were answered twice, after which two modules have the address.
 const SECOND_REPLIES_MIN: u8 = 3;
@@ -26,12 +26,12 @@ const SECOND_REPLIES_MIN: u8 = 3;
 const RECHECK_NS: u64 = 1_000_000_000;
 /// Probes into silence to a module that answered before.
 const KNOWN_PROBES_MAX: u8 = 2 * PROOFS_NEEDED;
-/// The same to one that never did.
+/// Probes to a module that never replied.
 const UNKNOWN_PROBES_MAX: u8 = 2;
-/// The same to one that may have lost count.
+/// Probes to a module that may have lost its byte position.
 const MISALIGNED_PROBES_MAX: u8 = 40;
 
-/// Probes that are answered among older replies, after which those are taken for somebody else's.
+/// Answered probes among older replies, after which those are taken for another host's.
 const STALE_PROOFS_MAX: u8 = 16;
 
 /// Reads that change nothing, each with an opcode of its own.
@@ -59,9 +59,9 @@ pub(super) struct UnprovenRequest {
     pub(super) last_probe: Option<u8>,
     /// The last one that was answered.
     pub(super) answered_probe: Option<u8>,
-    /// Since the present probe the module said something else: older replies are on their way.
+    /// True if the module sent another reply since the present probe: older replies are on their way.
     pub(super) stale_reply_seen: bool,
-    /// How many probes were answered so.
+    /// Number of probes were answered so.
     pub(super) stale_proofs: u8,
     /// Nothing is sent until then: a second reply to the last probe may come.
     pub(super) listen_until: Option<Instant>,
@@ -180,14 +180,14 @@ impl Session {
         self.proven_addresses.insert(module);
         self.forget_stops(module);
         if all_early {
-            // Nobody else could own these answers: the line has no baud rate.
+            // No other request could own these replies: the line has no baud rate.
             self.early_streak = EARLY_STREAK_MAX;
         }
         self.start_request(now, Some(ticket), host_request);
     }
 
-    /// A module said what nobody asks now. One that is being proven has older replies under way, or there
-    /// are two; another one that says again what it was asked last is proven before the next request.
+    /// Handles a reply to no pending request. For a module that is being proven, older replies are under way, or there
+    /// are two modules; another one that repeats its last reply is proven before the next request.
     pub(super) fn note_unexpected_reply(&mut self, now: Instant, reply: &Reply) {
         let (module, opcode) = (reply.module, reply.opcode.number());
         match &mut self.unproven_request {
@@ -209,7 +209,7 @@ impl Session {
         }
     }
 
-    /// Whether an earlier request could be answered by such a reply.
+    /// Returns whether an earlier request could be answered by such a reply.
     pub(super) fn may_answer_older(&self, now: Instant, module: u8, opcode: u8) -> bool {
         let newest = self.next_recent.wrapping_sub(1) % RECENT_MAX;
         self.recent_requests(now, module, opcode).any(|n| n != newest)
@@ -236,7 +236,7 @@ impl Session {
         self.counters.foreign += u64::from(!requested);
     }
 
-    /// Whether such a reply belongs to one of the last requests.
+    /// Returns whether such a reply belongs to one of the last requests.
     fn is_recent_request(&self, module: u8, opcode: u8) -> bool {
         self.recent.iter().any(|(to, what, _)| (*to, *what) == (module, opcode))
     }

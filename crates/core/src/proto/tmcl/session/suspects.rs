@@ -28,8 +28,8 @@ impl SuspectModule {
 }
 
 impl Session {
-    /// What a module said of a parameter cannot be: since a copy of an older reply each answer may be the one
-    /// to the question before, and the last is still to come. So a probe of another opcode is asked.
+    /// Quarantines a module that sent an impossible value of a parameter: since a copy of an older reply each reply may
+    /// belong to the request before, and the last is still to come. So a probe of another opcode is sent.
     #[cold]
     pub(in crate::proto::tmcl) fn quarantine_module(&mut self, now: Instant, address: u32) {
         let address = drive_address(address) as u8;
@@ -72,7 +72,7 @@ impl Session {
             }
         }
         suspect.until = suspect.until.max(until);
-        // A module that says "wrong checksum" is there and quick: it is worth trying on.
+        // A module that replies "wrong checksum" exists and is quick: it is worth further attempts.
         suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.flags.checksum_error);
         self.suspicious = true;
     }

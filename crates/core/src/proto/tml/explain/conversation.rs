@@ -61,7 +61,7 @@ const fn is_answer(online: &OnlineMessage) -> bool {
         || matches!(online, OnlineMessage::TakeVersion { .. } | OnlineMessage::TakeChecksum { .. })
 }
 
-/// Points of a path count up; whoever sets the mode begins another path.
+/// Number of a point of a path; a mode command begins another path.
 pub(super) fn sequence_position(parsed: &ParsedFrame) -> Option<SequencePosition> {
     let after = u32::from(PvtPoint::COUNTER_MAX) + 1;
     match OnlineMessage::parse(&parsed.instruction) {

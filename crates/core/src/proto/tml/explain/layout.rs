@@ -7,7 +7,7 @@ use crate::proto::tml::technocan::{self, MessageClass};
 use crate::proto::tml::tmlcan;
 use crate::proto::tml::wire::{DATA_WORDS_MAX, IdCode, Instruction, Message};
 
-/// First byte and the byte after the last; equal for what stands in the identifier.
+/// First byte and the byte after the last; equal for a field of the identifier.
 pub(super) type ByteRange = (u16, u16);
 
 const IN_IDENTIFIER: ByteRange = (0, 0);
@@ -53,7 +53,7 @@ impl ParsedFrame {
         }
     }
 
-    /// The places of data words from `first` on, so many.
+    /// Byte range of `count` data words from `first` on.
     pub fn words_range(&self, first: usize, count: usize) -> ByteRange {
         let last = (first + count).clamp(1, DATA_WORDS_MAX) - 1;
         (self.word_ranges[first.min(DATA_WORDS_MAX - 1)].0, self.word_ranges[last].1)
@@ -66,7 +66,7 @@ fn word_ranges_from(from: u16) -> [ByteRange; DATA_WORDS_MAX] {
     [at(0), at(1), at(2), at(3)]
 }
 
-/// A frame of a serial line. A frame whose sum alone is wrong says something all the same.
+/// Parses a frame of a serial line. A frame whose sum alone is wrong is explained nevertheless.
 pub(super) fn parse_serial(bytes: &[u8]) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
     let locate = |message| ParsedFrame {
         length: bytes.first().copied(),

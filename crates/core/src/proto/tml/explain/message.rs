@@ -160,7 +160,7 @@ impl fmt::Write for SinkWriter<'_> {
     }
 }
 
-/// Whom a message is for, in words.
+/// Receiver of a message, in words.
 pub(super) struct Recipient(pub Option<IdCode>);
 
 impl fmt::Display for Recipient {
@@ -186,7 +186,7 @@ impl fmt::Display for Recipient {
     }
 }
 
-/// What a request asks for.
+/// Memory cell that a request reads.
 pub(super) const fn requested_cell(online: &OnlineMessage) -> Option<Cell> {
     match *online {
         OnlineMessage::GiveMeData { cell, .. } | OnlineMessage::GiveMeData2 { cell, .. } => {
@@ -448,7 +448,7 @@ impl MessageExplainer<'_> {
         }
     }
 
-    /// A value, and what its bits say.
+    /// Writes a value, and the meaning of its bits.
     fn write_value(&mut self, cell: Cell, value: u32) {
         let variable = names::find_variable(cell, self.profile);
         let cell_name = CellName(variable, cell);
@@ -491,7 +491,7 @@ impl MessageExplainer<'_> {
             (Some(from), None) => write!(out, ", from axis {from}"),
             (None, _) => write!(out, ", to {}", Recipient(parsed.to)),
         };
-        // MASTERID has the host bit even where the host is on CAN, so unasked messages do not tell.
+        // MASTERID has the host bit even if the host is on CAN, so unsolicited messages do not show it.
         let relay = parsed.to.filter(|to| to.host && from.is_none_or(|from| from != to.id));
         if let Some(relay) = relay.filter(|_| !unasked) {
             let _ = write!(out, ", by relay axis {}", relay.id);

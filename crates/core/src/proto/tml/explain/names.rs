@@ -6,7 +6,7 @@ use crate::proto::tml::instruction::{self, LanguageScope, VariableKind};
 use crate::proto::tml::online::{Cell, MemorySpace};
 use crate::proto::tml::wire::{IdCode, Instruction, short_operand};
 
-/// What the profile calls a place.
+/// Variable of the profile at an address.
 pub(super) fn find_variable(
     cell: Cell,
     profile: Option<&'static Profile>,
@@ -36,12 +36,12 @@ pub(super) fn category(instruction: &Instruction) -> &'static str {
     form.map_or("unknown instruction", |form| form.category.name())
 }
 
-/// Whether the language has such an instruction.
+/// Returns whether the language has such an instruction.
 pub(super) fn is_known(instruction: &Instruction) -> bool {
     instruction::form_of(instruction, &LanguageScope::default()).is_some()
 }
 
-/// Whether the language has instructions of this opcode.
+/// Returns whether the language has instructions of this opcode.
 pub(super) fn is_opcode(opcode: u16) -> bool {
     instruction::forms().any(|form| opcode & form.mask == form.opcode)
 }

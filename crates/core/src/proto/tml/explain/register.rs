@@ -64,7 +64,7 @@ fn explain_fault(fault: &Fault, sink: &mut dyn ExplainSink) {
     let _ = write!(SinkWriter(sink), "\n{name}: {text}\n  cause   {cause}\n  remedy  {remedy}");
 }
 
-/// What a register's value says, for a line: `axis on, motion complete`.
+/// Meaning of a register's value, for a line: `axis on, motion complete`.
 pub(super) fn write_register_text(
     name: &str,
     value: u32,

@@ -10,7 +10,7 @@ pub const RESET_BAUD: u32 = 9600;
 const BAUDS: [u32; 5] = [RESET_BAUD, 19_200, 38_400, 57_600, 115_200];
 /// RESET.
 const RESET_OPCODE: u16 = 0x0402;
-/// How long a drive takes to be there again after RESET \[I\], ms.
+/// Time of a drive's restart after RESET \[I\], ms.
 const BOOT_MS: u32 = 500;
 /// Between a change of the line's rate and the next byte, ms.
 const SETTLE_MS: u32 = 5;
@@ -21,7 +21,7 @@ const ATTEMPTS_MAX: u8 = 3;
 #[derive(Debug)]
 pub struct BaudRecovery {
     wanted: u32,
-    /// The drive on the line, where there is one alone that could be told.
+    /// The drive on the line, if it is the only one that could be set.
     drive: Option<u8>,
     stage: RecoveryStage,
     attempts_left: u8,
@@ -29,7 +29,7 @@ pub struct BaudRecovery {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum RecoveryStage {
-    /// As it should be.
+    /// The rate is the wanted one.
     AtWanted,
     /// RESET is out.
     Resetting,
@@ -48,17 +48,17 @@ impl BaudRecovery {
         Self { wanted, drive, stage: RecoveryStage::AtWanted, attempts_left: 0 }
     }
 
-    /// Whether the wanted rate can be restored.
+    /// Returns whether the wanted rate can be restored.
     pub const fn can_restore(&self) -> bool {
         self.drive.is_some()
     }
 
-    /// Whether messages may be sent: the line is at the wanted rate.
+    /// Returns whether messages may be sent: the line is at the wanted rate.
     pub const fn is_at_wanted(&self) -> bool {
         matches!(self.stage, RecoveryStage::AtWanted | RecoveryStage::Resetting)
     }
 
-    /// Whether the rate is the wanted one, and no recovery is running.
+    /// Returns whether the rate is the wanted one, and no recovery is running.
     pub const fn is_settled(&self) -> bool {
         matches!(self.stage, RecoveryStage::AtWanted)
     }

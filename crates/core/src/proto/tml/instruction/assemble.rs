@@ -141,9 +141,9 @@ struct InstructionParser<'a, 's> {
     opcode: u16,
     words: [u16; 4],
     count: u8,
-    /// The variable that stands at a place, looked up once for all forms.
+    /// The variable at a position, looked up once for all forms.
     first_variable: (usize, Option<Variable>),
-    /// What the variable before holds: numbers are read as it needs them.
+    /// Kind of the previous variable, by which numbers are read.
     variable_kind: VariableKind,
 }
 

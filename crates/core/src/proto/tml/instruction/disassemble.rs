@@ -9,8 +9,8 @@ use core::fmt::{Error, Result, Write};
 
 /// Writes an instruction as text, in pieces.
 ///
-/// What the table does not know, or knows only with other data, becomes `.word 0x1234, …`. Whatever
-/// is written assembles back to the same words under the same scope.
+/// Words that the table does not have, or has only with other data, become `.word 0x1234, …`. The text assembles to the
+/// same words again under the same scope.
 pub fn disassemble(
     instruction: &Instruction,
     scope: &LanguageScope<'_>,
@@ -71,7 +71,7 @@ impl core::fmt::UpperHex for HexWord {
 struct InstructionWriter<'a, 'o> {
     scope: &'a LanguageScope<'a>,
     instruction: &'a Instruction,
-    /// What the variable before holds.
+    /// Kind of the previous variable.
     variable_kind: VariableKind,
     out: &'o mut dyn FnMut(&str),
 }
@@ -295,7 +295,7 @@ impl InstructionWriter<'_, '_> {
     }
 }
 
-/// Whether a space belongs between two pieces: words and what follows them do not touch.
+/// Returns whether a space belongs between two pieces: words and what follows them do not touch.
 const fn needs_space(before: Option<FormPiece>, piece: FormPiece) -> bool {
     let after_word = matches!(before, Some(FormPiece::Word(_)));
     let operand = !matches!(piece, FormPiece::Sign(_) | FormPiece::Lines(_) | FormPiece::Step);

@@ -5,7 +5,7 @@
 pub struct Form {
     /// Effect, in a few words.
     pub about: &'static str,
-    /// Its group.
+    /// Group of the instruction.
     pub category: Category,
     /// The opcode, operand bits clear.
     pub opcode: u16,
@@ -181,7 +181,7 @@ pub enum FormPiece {
     Narrow(u8),
     /// A 32-bit number, marked by its size, its digits or an `L`.
     Wide(u8),
-    /// A number in so many low bits of the opcode, at most so great.
+    /// A number in this many low bits of the opcode, with a maximum.
     Count(u8, u8),
     /// The integrity counter of a path: seven bits of the opcode.
     Counter,
@@ -210,7 +210,7 @@ pub enum FormPiece {
 }
 
 impl Form {
-    /// Whether an opcode and its data words have this form.
+    /// Returns whether an opcode and its data words have this form.
     #[must_use]
     pub fn matches(&self, opcode: u16, data: &[u16]) -> bool {
         opcode & self.mask == self.opcode
@@ -267,7 +267,7 @@ impl Form {
         self
     }
 
-    /// What its first data words are.
+    /// Sets the first data words.
     pub(super) const fn with(mut self, fixed: &'static [u16]) -> Self {
         self.fixed_words = fixed;
         self

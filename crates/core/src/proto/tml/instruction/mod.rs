@@ -12,8 +12,8 @@
 //! assert_eq!(text, "STOP");
 //! ```
 //!
-//! Sources stand with each row; where only the pattern of neighbours or a single decompiler tells a
-//! coding, the row says `inferred` \[I\].
+//! Each row has its sources; a coding that is known only from the pattern of neighbours or from a single decompiler is
+//! marked `inferred` \[I\].
 
 mod assemble;
 mod disassemble;
@@ -54,7 +54,7 @@ pub fn data_word_count(opcode: u16) -> Option<usize> {
     Some(form.words_for(opcode).into())
 }
 
-/// What begins words that the table does not know.
+/// Directive for words that the table does not have.
 const RAW_DIRECTIVE: &str = ".word";
 
 /// Memories as the language names them, in the order of their bits.

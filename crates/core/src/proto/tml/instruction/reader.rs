@@ -12,11 +12,11 @@ pub(super) struct SourceReader<'a> {
 /// Why a piece does not stand where it should.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ParseFailure {
-    /// Where what is wrong begins.
+    /// Position of the error.
     pub(super) at: usize,
-    /// How far the text made sense: of several attempts the one that came furthest is told.
+    /// Furthest valid position: of several attempts the furthest one is reported.
     pub(super) furthest: usize,
-    /// What should be there.
+    /// Expected text.
     pub(super) expected: &'static str,
 }
 
@@ -31,22 +31,22 @@ pub(super) type Result<T> = core::result::Result<T, ParseFailure>;
 /// A number as it was written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ParsedNumber {
-    /// Where it begins.
+    /// First position.
     pub(super) at: usize,
-    /// Where it ends.
+    /// Position after the last character.
     pub(super) end: usize,
-    /// Its whole part, with its sign.
+    /// Whole part, with its sign.
     pub(super) integer: i64,
     /// The whole of it in 65536ths, when it has a decimal point.
     pub(super) fixed: Option<i64>,
-    /// How many digits, when it is hexadecimal.
+    /// Number of digits, when it is hexadecimal.
     pub(super) hex: Option<usize>,
-    /// It ends in `L`.
+    /// True if it ends in `L`.
     pub(super) long: bool,
 }
 
 impl ParsedNumber {
-    /// It is not what was needed.
+    /// Error of a number that is unsuitable.
     pub(super) const fn failure(&self, expected: &'static str) -> ParseFailure {
         ParseFailure { at: self.at, furthest: self.end, expected }
     }
@@ -58,7 +58,7 @@ impl ParsedNumber {
     }
 }
 
-/// What is wrong when only the first word of several is known.
+/// Error if only the first word of several is known.
 const EXPECTED_MODE: &str = "a mode or reference that exists, such as MODE PP or EXTREF 1";
 
 impl<'a> SourceReader<'a> {
@@ -66,7 +66,7 @@ impl<'a> SourceReader<'a> {
         &self.text[self.at..]
     }
 
-    /// What is missing at this place.
+    /// Error of missing text at this position.
     pub(super) const fn failure_here(&self, expected: &'static str) -> ParseFailure {
         ParseFailure { at: self.at, furthest: self.at, expected }
     }
@@ -116,7 +116,7 @@ impl<'a> SourceReader<'a> {
         Ok(())
     }
 
-    /// Whether that sign follows; if so, it is taken.
+    /// Returns whether that sign follows; if so, it is taken.
     pub(super) fn accept_sign(&mut self, sign: &'static str) -> bool {
         self.expect_sign(sign).is_ok()
     }
@@ -209,14 +209,14 @@ impl<'a> SourceReader<'a> {
         rest[..letters].contains(['l', 'L'])
     }
 
-    /// Whether nothing but a comment is left.
+    /// Returns whether nothing but a comment is left.
     pub(super) fn is_at_end(&mut self) -> bool {
         self.skip_spaces();
         self.remaining().is_empty() || self.remaining().starts_with("//")
     }
 }
 
-/// Whether a byte can be part of a name.
+/// Returns whether a byte can be part of a name.
 pub(super) const fn is_name_byte(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'_'
 }

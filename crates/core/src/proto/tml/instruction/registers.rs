@@ -13,7 +13,7 @@ pub struct Register {
     pub name: &'static str,
     /// Purpose.
     pub about: &'static str,
-    /// Its bits, the highest first; reserved ones are left out.
+    /// Bits of the register, the highest first; reserved ones are left out.
     pub bits: &'static [RegisterField],
 }
 
@@ -66,7 +66,7 @@ pub fn registers() -> impl Iterator<Item = &'static Register> {
     status::REGISTERS.iter().chain(settings::REGISTERS)
 }
 
-/// A bit that says something when it is set.
+/// A bit with a meaning when it is set.
 const fn flag(bit: u8, name: &'static str, meaning: &'static [&'static str; 2]) -> RegisterField {
     RegisterField { high: bit, low: bit, name, values: meaning }
 }

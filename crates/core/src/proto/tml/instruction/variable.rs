@@ -59,7 +59,7 @@ impl VariableKind {
 /// Address and type of a variable.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Variable {
-    /// Its address, that of the lower word.
+    /// Address, that of the lower word.
     pub address: u16,
     /// Type.
     pub kind: VariableKind,

@@ -84,7 +84,7 @@ impl Session {
         }
         if pending.ticket.is_none() {
             return match self.topology.wire {
-                // The drive may be answering: on a line for one at a time nobody speaks into that.
+                // The drive may be sending its reply: on a half-duplex line no other station may send then.
                 TmlWire::Rs485 => self.set_phase(RequestPhase::Drain(now.plus_ns(DRAIN_NS))),
                 _ => self.finish_pending(now, Err(Failure::Silent)),
             };
@@ -117,8 +117,8 @@ impl Session {
     }
 }
 
-/// Whether a read-back shows that an instruction was executed. A drive that lost the frame replies to any
-/// other request as well.
+/// Returns whether a read-back shows that an instruction was executed. A drive that lost the frame replies to any other
+/// request as well.
 fn is_read_back(pending: &PendingExchange) -> bool {
     let instruction = &pending.host_request.message.instruction;
     let itself = pending.stage == RequestStage::Request

@@ -7,9 +7,9 @@ use super::{
 };
 
 impl Session {
-    /// Whether what was said answers what was asked, now or a moment ago.
+    /// Returns whether a message is the reply to a present or recent question.
     pub(super) fn match_answer(&mut self, now: Instant, message: &OnlineMessage) -> bool {
-        // It was asked for, so it is not late; and nobody takes it, so it is no answer.
+        // It was requested, so it is not late; and it has no waiter, so it is no answer.
         if self.answers_overtaken(message) {
             return true;
         }
@@ -32,8 +32,8 @@ impl Session {
         true
     }
 
-    /// Whether this answers the question that a stop overtook, which was on the wire before the
-    /// stop's own: a drive answers in order, so it proves nothing of the stop. It is asked again.
+    /// Returns whether this answers the question that a stop overtook, which was on the wire before the stop's own: a
+    /// drive answers in order, so it proves nothing of the stop. It is asked again.
     pub(super) fn answers_overtaken(&mut self, message: &OnlineMessage) -> bool {
         let aside = self.overtaken.filter(|aside| aside.attempts > 0);
         let Some(question) = aside.and_then(|aside| self.query_of(&aside)) else { return false };

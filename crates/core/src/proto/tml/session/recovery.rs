@@ -35,7 +35,7 @@ impl Session {
         let byte = self
             .pending
             .map_or(SYNC, |p| safe_sync_byte(&self.stage_message(&p.host_request, p.stage)));
-        // A stop does not wait to be told that the drive listens again.
+        // A stop does not wait for a sign that the drive receives again.
         let blind = self.topology.wire == TmlWire::Rs485 || self.pending_stop.is_some();
         let count = if blind { SYNCS_MAX - sent } else { 1 };
         let left = now.plus_ns(u64::from(count + 1) * self.timeouts.character_ns);
@@ -67,7 +67,7 @@ impl Session {
             return self.start_pending_stop(now);
         }
         if let Some(count) = self.group_answers.close() {
-            // Nobody knows how many there are: silence is the end, not a failure, if some spoke.
+            // The number of drives is unknown: silence is the end, not a failure, if some replied.
             let result =
                 if count == 0 { Err(Failure::Silent) } else { Ok(Answer::GroupAnswered(count)) };
             self.counters.answered += u64::from(count > 0);
@@ -135,7 +135,7 @@ fn safe_sync_byte(message: &Message) -> u8 {
     candidates.into_iter().find(|byte| !completes_frame(frame, *byte)).unwrap_or(SYNC)
 }
 
-/// Whether some piece of a frame, cut short or with one byte lost, is a valid frame once this byte follows it
+/// Returns whether some piece of a frame, cut short or with one byte lost, is a valid frame once this byte follows it
 /// repeatedly.
 fn completes_frame(frame: &[u8], filler: u8) -> bool {
     let cut = (1..frame.len()).any(|end| is_completed(frame[..end].iter().copied(), filler));

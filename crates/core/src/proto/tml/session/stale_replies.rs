@@ -38,7 +38,7 @@ pub struct StaleReplies {
     axes: [Option<StaleAxis>; AXES_MAX],
     /// The last answer taken, whose repetition shows a second drive of that ID.
     last_answer: Option<(u8, OnlineMessage)>,
-    /// By axis: answers that came twice, one after another.
+    /// Duplicated replies in a row, by axis.
     duplicates: [u8; 256],
 }
 
@@ -79,11 +79,11 @@ impl StaleReplies {
             until,
             ack_outstanding: false,
         };
-        // A full table is as good as a line in doubt: its last place stands for all others.
+        // A full table counts as a line in doubt: its last place represents all others.
         self.axes[index.unwrap_or(AXES_MAX - 1)].get_or_insert(fresh)
     }
 
-    /// Whether a reply about this variable could be an older one.
+    /// Returns whether a reply about this variable could be an older one.
     pub fn may_answer_be_stale(&self, axis: u8, tag: u16) -> bool {
         let full = self.axes.iter().all(Option::is_some);
         full || self.axes.iter().flatten().any(|doubt| {
@@ -92,7 +92,7 @@ impl StaleReplies {
         })
     }
 
-    /// Whether an acknowledgement could be an older one.
+    /// Returns whether an acknowledgement could be an older one.
     pub fn may_ack_be_stale(&self) -> bool {
         self.axes.iter().flatten().any(|doubt| doubt.ack_outstanding)
     }
@@ -126,7 +126,7 @@ impl StaleReplies {
         self.last_answer = asked_once.then_some((axis, question));
     }
 
-    /// Whether this repeats the last reply.
+    /// Returns whether this repeats the last reply.
     pub fn note_duplicate(&mut self, message: &OnlineMessage) -> bool {
         let Some((axis, question)) = self.last_answer else { return false };
         let same =
@@ -145,7 +145,7 @@ impl StaleReplies {
         *twice = twice.saturating_add(1);
     }
 
-    /// Whether two drives reply as this axis.
+    /// Returns whether two drives reply as this axis.
     pub fn has_duplicate_axis(&self, axis: u8) -> bool {
         self.duplicates[usize::from(axis)] >= DUPLICATES_MIN
     }

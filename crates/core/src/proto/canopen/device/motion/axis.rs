@@ -67,7 +67,7 @@ impl<S: MotorControl, T> MotionContext<'_, S, T> {
         (toward > 0.0 && self.positive) || (toward < 0.0 && self.negative)
     }
 
-    /// Where the edge of a switch is that was just crossed.
+    /// Position of the edge of a switch that was just crossed.
     pub(super) fn edge_position(&self, home: bool) -> f64 {
         self.home_at.filter(|_| home).unwrap_or(self.shaft.position())
     }
@@ -92,7 +92,7 @@ pub struct MotionAxis<const N: usize> {
     controlword: u16,
     /// Bits 10 to 13 of the statusword.
     flags: u16,
-    /// It comes to rest, then leaves for that state.
+    /// State that it enters after it has stopped.
     leaving_for: Option<PowerState>,
     /// Something that the mode goes by has changed.
     needs_update: bool,

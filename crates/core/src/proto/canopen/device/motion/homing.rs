@@ -11,19 +11,18 @@ use super::axis::{MotionContext, signum};
 use super::{HomingSettings, MotionSettings, MotorControl};
 use crate::plant::Limits;
 
-/// Torque must last so many ticks to count as a stop \[I\].
+/// Ticks of torque that count as a stop \[I\].
 const TORQUE_TICKS: u16 = 50;
 /// Turns at limit switches and edges after which a search gives up.
 const REVERSALS_MAX: u8 = 8;
 
-/// Whether a method is one of the standard's or of the four with a stop. 15, 16, 31, 32 and 36 are
-/// reserved.
+/// Returns whether a method is one of the standard's or of the four with a stop. 15, 16, 31, 32 and 36 are reserved.
 #[must_use]
 pub const fn is_method(method: i8) -> bool {
     matches!(method, 0..=14 | 17..=30 | 33..=35 | 37 | -1 | -2 | -17 | -18)
 }
 
-/// What is searched.
+/// Target of the search.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum HomingSwitch {
     Home,
@@ -34,7 +33,7 @@ enum HomingSwitch {
 /// How the zero is found.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum HomingStrategy {
-    /// It is here.
+    /// The present position.
     CurrentPosition,
     /// The first index pulse in that direction.
     Index(f64),
@@ -79,7 +78,7 @@ impl HomingStrategy {
     }
 }
 
-/// What a search does now.
+/// Phase of a search.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum HomingPhase {
     /// No search.
@@ -99,7 +98,7 @@ enum HomingPhase {
 pub enum HomingResult {
     /// The home position, rad of the shaft.
     HomePosition(f64),
-    /// It gave up.
+    /// The search failed.
     NotFound,
 }
 
@@ -134,7 +133,7 @@ impl Homing {
         self.phase != HomingPhase::Idle
     }
 
-    /// It pushes against a stop, so that a blocked shaft is no fault.
+    /// Returns whether it pushes against a hard stop, so that a blocked shaft is no fault.
     #[must_use]
     pub const fn seeks_hard_stop(&self) -> bool {
         matches!(self.phase, HomingPhase::Stop { .. })
@@ -315,7 +314,7 @@ fn is_active<S: MotorControl, T: MotionSettings>(
     }
 }
 
-/// Whether the limit switch in that direction is itself the target of the search.
+/// Returns whether the limit switch in that direction is itself the target of the search.
 fn is_searched_limit(signal: HomingSwitch, toward: f64) -> bool {
     matches!(
         (signal, toward > 0.0),

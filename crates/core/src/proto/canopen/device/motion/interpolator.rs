@@ -30,7 +30,7 @@ impl Interpolator {
         self.position
     }
 
-    /// To be at `position` (rad) within so many ticks.
+    /// Sets the target `position` (rad), to be reached within `ticks`.
     pub const fn set_target(&mut self, position: f64, ticks: u32) {
         self.target = position;
         self.ticks_left = if ticks == 0 { 1 } else { ticks };

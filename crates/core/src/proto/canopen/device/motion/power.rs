@@ -79,7 +79,7 @@ pub enum StateChange {
     To(PowerState),
     /// Operation begins.
     Enable,
-    /// Operation ends: it comes to rest first, as 605Bh (shutdown) or 605Ch (disable) say.
+    /// Operation ends: the axis stops first, as 605Bh (shutdown) or 605Ch (disable) select.
     LeaveOperation(PowerState),
     /// The quick stop begins.
     QuickStop,

@@ -16,12 +16,12 @@ impl WindowTimer {
         self.ticks > ms
     }
 
-    /// The same for a distance that is to be within `window`.
+    /// Updates the timer with a distance that is to be within `window`.
     pub fn within(&mut self, distance: f64, window: Window) -> bool {
         self.tick(distance.abs() <= window.width, window.ms)
     }
 
-    /// The same for a distance that is to be beyond it.
+    /// Updates the timer with a distance that is to be beyond it.
     #[inline]
     pub fn beyond(&mut self, distance: f64, window: Window) -> bool {
         self.tick(distance.abs() > window.width, window.ms)

@@ -26,7 +26,7 @@ const fn with(
     form(Category::Arithmetic, whole(opcode, words), text, source, about)
 }
 
-/// A shift by up to 15 bits, whose number stands in the opcode.
+/// A shift by up to 15 bits, whose number is in the opcode.
 const fn shift(opcode: u16, words: u8, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Arithmetic, (opcode, 0xFFF0, words), text, Labels, about)
 }

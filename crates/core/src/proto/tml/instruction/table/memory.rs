@@ -28,7 +28,7 @@ const fn pointed(
     form(Category::Memory, (opcode, 0xFF73, words), text, source, about)
 }
 
-/// The memory stands in bits 6 and 5.
+/// A sum over memory, whose space is in bits 6 and 5.
 const fn sum(
     opcode: u16,
     text: &'static [FormPiece],

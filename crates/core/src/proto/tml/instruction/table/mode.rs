@@ -23,7 +23,7 @@ const fn with(
     form(Category::Mode, whole(opcode, words), text, source, about)
 }
 
-/// A point of a path: its counter stands in the opcode.
+/// A point of a path, whose counter is in the opcode.
 const fn point(opcode: u16, words: u8, text: &'static [FormPiece], source: CodingSource) -> Form {
     form(Category::Mode, (opcode, 0xFF80, words), text, source, "the next point of a path")
 }

@@ -22,7 +22,7 @@ const fn near(opcode: u16, words: u8, text: &'static [FormPiece], about: &'stati
     form(Category::Online, short(opcode, words), text, Labels, about)
 }
 
-/// The sender's axis ID stands in the opcode.
+/// A message with the sender's axis ID in the opcode.
 const fn signed(
     opcode: u16,
     words: u8,
@@ -33,7 +33,7 @@ const fn signed(
     form(Category::Online, (opcode, 0xFF00, words), text, source, about)
 }
 
-/// The memory stands in bits 6 and 5.
+/// A sum over memory, whose space is in bits 6 and 5.
 const fn sum(words: u8, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Online, (0xDA10, 0xFF9F, words), text, Labels, about)
 }
