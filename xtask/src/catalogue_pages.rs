@@ -79,10 +79,7 @@ fn modules_page(intro: &str, modules: &[&'static Profile]) -> String {
         }
     }
     for ((index, name), which) in rows {
-        let which = match which.len() == modules.len() {
-            true => "all".to_owned(),
-            false => which.join(", "),
-        };
+        let which = if which.len() == modules.len() { "all".to_owned() } else { which.join(", ") };
         let _ = writeln!(text, "| {index} | {name} | {which} |");
     }
     text

@@ -67,9 +67,10 @@ pub fn language_page() -> String {
 }
 
 fn bit_text(bits: &polepair_core::proto::tml::instruction::RegisterField) -> String {
-    let location = match bits.high == bits.low {
-        true => bits.low.to_string(),
-        false => format!("{}-{}", bits.high, bits.low),
+    let location = if bits.high == bits.low {
+        bits.low.to_string()
+    } else {
+        format!("{}-{}", bits.high, bits.low)
     };
     let meaning = match bits.values {
         ["", set] => (*set).to_owned(),
@@ -86,9 +87,10 @@ fn write_row(form: &Form, out: &mut String) {
     };
     let also = if form.alias { " (read only)" } else { "" };
     let fixed: Vec<String> = form.fixed_words.iter().map(|word| format!("{word:04X}")).collect();
-    let words = match fixed.is_empty() {
-        true => form.word_count.to_string(),
-        false => format!("{}: {}", form.word_count, fixed.join(" ")),
+    let words = if fixed.is_empty() {
+        form.word_count.to_string()
+    } else {
+        format!("{}: {}", form.word_count, fixed.join(" "))
     };
     let text = form_text(form);
     let (about, certainty, source) = (form.about, form.certainty.name(), form.source.name());

@@ -44,7 +44,7 @@ pub fn drive_page(profile: &Profile, part: &str) -> String {
     out
 }
 
-/// Of numbered repetitions the first is shown; undocumented parameters are only counted.
+/// Returns whether a parameter is listed: the first of numbered repetitions is, and undocumented ones are only counted.
 fn is_shown(parameter: &Parameter) -> bool {
     let number = parameter.name.split(' ').find_map(|word| word.parse::<u32>().ok());
     parameter.certainty != Certainty::Undocumented

@@ -3,6 +3,7 @@
 //! Code below `#[cfg(test)]`, in `tests.rs`, `tests/`, `benches/` and `examples/` may do what tests must; generated
 //! files may be long.
 
+mod comments;
 mod decisions;
 mod docs;
 mod language;
@@ -82,6 +83,7 @@ pub(crate) fn check_file(
     if !text.starts_with("//! Generated") {
         check_size(path, text, &mut broken);
     }
+    broken.extend(comments::check_comments(path, text));
     let Ok(file) = syn::parse_file(text) else {
         broken.push(format!("{path}: it does not parse"));
         return broken;

@@ -17,7 +17,7 @@ use crate::timestamp::Timestamp;
 
 /// Frames of one batch: what they take of memory stays bounded, whatever the capture holds.
 const FRAMES_MAX: usize = 1 << 15;
-/// Bytes of frames that are kept as they were told, and of what is said of them.
+/// Limit of stored frames and their explanations, bytes.
 const STORED_BYTES_MAX: usize = 1 << 23;
 /// Templates of one batch: each mapping is one, and each frame that is repeated.
 const TEMPLATES_MAX: usize = 1 << 12;
@@ -30,7 +30,7 @@ pub struct FrameBatch {
     compact: Vec<CompactFrame>,
     templates: Vec<FrameTemplate>,
     stored: Vec<StoredFrame>,
-    /// Of each event that is kept: how many plain frames come before it.
+    /// Number of compact frames before each stored event.
     compact_before: Vec<usize>,
     stored_bytes: usize,
     stopped: bool,
@@ -48,11 +48,11 @@ pub enum FrameRun<'a> {
 /// A frame that changes nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct CompactFrame {
-    /// Which of the batch's [templates](FrameBatch::templates) says it.
+    /// Index of its [template](FrameBatch::templates).
     pub template: u16,
-    /// Its bytes, the first lowest.
+    /// Data, the first byte lowest.
     pub data: u64,
-    /// Its number in the capture.
+    /// Number in the capture.
     pub number: u64,
     /// When it came.
     pub time: Timestamp,
@@ -60,16 +60,16 @@ pub struct CompactFrame {
     pub offset: u64,
 }
 
-/// What is the same of frames with one identifier that have one mapping, or the same bytes.
+/// Common properties of frames with one identifier that have one mapping, or the same bytes.
 #[derive(Clone, Debug)]
 pub struct FrameTemplate {
-    /// What they say.
+    /// Content of the frames.
     pub content: TemplateContent,
     /// On which link.
     pub link: Arc<str>,
     /// The protocol.
     pub protocol: &'static str,
-    /// Who sends them.
+    /// Sender of the frames.
     pub direction: Option<Direction>,
     /// CAN identifier of 11 bits.
     pub id: u32,
@@ -77,7 +77,7 @@ pub struct FrameTemplate {
     pub len: u8,
 }
 
-/// What frames say that change nothing.
+/// Content of frames that change nothing.
 #[derive(Clone, Debug)]
 pub enum TemplateContent {
     /// Process data: each what its bytes are.
@@ -86,7 +86,7 @@ pub enum TemplateContent {
     Constant(Arc<Explanation>),
 }
 
-/// The same, of one frame.
+/// Content of one frame, borrowed.
 #[derive(Clone, Copy)]
 pub(crate) enum ContentRef<'a> {
     ProcessData(&'a Arc<ProcessData>),
@@ -113,7 +113,7 @@ impl ContentRef<'_> {
     }
 }
 
-/// What is said of process data, as of any other frame.
+/// Text and values of process data, as of any other frame.
 #[derive(Default)]
 struct FrameBuffers {
     explanation: Explanation,
@@ -156,7 +156,7 @@ impl FrameBatch {
         self.stopped = true;
     }
 
-    /// Returns whether that was said, until a piece begins.
+    /// Returns whether the batch is stopped, until a piece begins.
     pub(crate) const fn is_stopped(&self) -> bool {
         self.stopped
     }
@@ -179,12 +179,12 @@ impl FrameBatch {
         self.compact.len() + self.compact_before.len()
     }
 
-    /// It has as many frames as it should.
+    /// Returns whether it has as many frames as it should.
     pub(crate) const fn is_full(&self) -> bool {
         self.len() >= FRAMES_MAX || self.stored_bytes >= STORED_BYTES_MAX
     }
 
-    /// Its frames in order.
+    /// Frames in order.
     pub fn runs(&self) -> impl Iterator<Item = FrameRun<'_>> {
         let (mut from, mut reported) = (0, 0);
         core::iter::from_fn(move || {
@@ -199,7 +199,7 @@ impl FrameBatch {
         })
     }
 
-    /// Who says its frames that change nothing.
+    /// Templates of its frames that change nothing.
     #[must_use]
     pub fn templates(&self) -> &[FrameTemplate] {
         &self.templates

@@ -9,9 +9,9 @@ use polepair_core::explain::Direction;
 use crate::decoder::DecodedFrame;
 use crate::explanation::{ExplanationValue, REMOTE_REQUEST};
 
-/// Kinds of frames that are told apart; bytes of further ones are not compared.
+/// Limit of distinguished kinds of frames; bytes of further ones are not compared.
 const KINDS_MAX: usize = 2_000;
-/// Fields that tell what a frame is about, not what it says of it.
+/// Fields with the subject of a frame, not its value.
 const SUBJECT: [&str; 6] = ["index", "sub", "type", "motor", "start", "variable"];
 
 /// The last frame of each kind: link, identifier, direction, and what it is about.
@@ -40,8 +40,8 @@ impl ByteChanges {
     }
 }
 
-/// What makes frames of a link one kind, piece by piece: identifier, direction, kind, axis, and what
-/// of that axis. Pieces in their order sort kinds as a person would.
+/// Key by which frames of a link are of one kind, piece by piece: identifier, direction, kind, axis, and subject.
+/// Pieces in their order sort kinds as a person would.
 pub fn visit_frame_key(event: &DecodedFrame<'_>, each: &mut dyn FnMut(&[u8])) {
     let explained = event.explanation;
     let id = event.id.map_or(0, |id| u64::from(event.extended) << 32 | u64::from(id) | 1 << 33);
@@ -68,7 +68,7 @@ pub fn visit_frame_key(event: &DecodedFrame<'_>, each: &mut dyn FnMut(&[u8])) {
     }
 }
 
-/// What a frame says, in words.
+/// Meaning of a frame, in words.
 #[must_use]
 pub fn meaning_text<'a>(event: &DecodedFrame<'a>) -> &'a str {
     let explained = event.explanation;

@@ -17,7 +17,7 @@ pub(crate) struct Conversation {
     has_echo: bool,
 }
 
-/// A request as it stood on the wire.
+/// A request as it was on the wire.
 #[derive(Debug, Default)]
 struct RecentRequest {
     bytes: Vec<u8>,
@@ -41,8 +41,8 @@ impl Conversation {
         self.has_echo
     }
 
-    /// The request that `reply` answers: the newest of which it says so, else the last on a serial
-    /// line, where one follows the other.
+    /// The request that `reply` answers: the newest that it repeats, otherwise the last on a serial line, where replies
+    /// follow requests.
     pub(crate) fn find_request(
         &self,
         dissector: &dyn Dissector,

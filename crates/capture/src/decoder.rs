@@ -35,17 +35,17 @@ pub const LINKS_MAX: usize = 256;
 /// One frame of a capture, or bytes that are none.
 #[derive(Clone, Copy, Debug)]
 pub struct DecodedFrame<'a> {
-    /// Its number in the capture, from 1; 0 for what belongs to no frame.
+    /// Number in the capture, from 1; 0 for results without a frame.
     pub number: u64,
     /// When its first byte came.
     pub time: Option<Timestamp>,
     /// On which link.
     pub link: &'a str,
-    /// Who sent it.
+    /// Sender of the frame.
     pub direction: Option<Direction>,
-    /// The protocol that explains it; `None` where nobody can.
+    /// Protocol that explains it; `None` for no known one.
     pub protocol: Option<&'static str>,
-    /// Its bytes.
+    /// Bytes of the frame.
     pub bytes: &'a [u8],
     /// CAN identifier.
     pub id: Option<u32>,
@@ -55,15 +55,15 @@ pub struct DecodedFrame<'a> {
     pub remote: bool,
     /// Bytes that a CAN remote request asks for; 0 where it is none.
     pub remote_len: u8,
-    /// The host's own request, heard back through its adapter.
+    /// True for the host's own request, returned by its adapter.
     pub echo: bool,
     /// These bytes have not the shape of a frame.
     pub stray: bool,
-    /// What it says.
+    /// Explanation of the frame.
     pub explanation: &'a Explanation,
-    /// What is wrong with it.
+    /// Defect of the frame.
     pub defect: Option<FrameDefect>,
-    /// What its conversation tells at this frame.
+    /// Notices of its conversation at this frame.
     pub notices: &'a [SessionNotice],
     /// Byte of the capture at which its record begins.
     pub offset: u64,
@@ -92,7 +92,7 @@ impl<'a> DecodedFrame<'a> {
         }
     }
 
-    /// A CAN frame, its number, its link and protocol, and what is said of it.
+    /// A CAN frame with its number, its link and protocol, and its explanation.
     fn from_frame(
         record: &Record<'_>,
         (number, frame): (u64, &'a Frame),
@@ -126,7 +126,7 @@ pub struct CaptureDecoder {
     /// Detects while frames are decoded; `None` when all is detected or stated.
     look_ahead: Option<LookAhead>,
     detections: Vec<LinkDetection>,
-    /// Those before the first frame was decoded.
+    /// Detections before the first frame was decoded.
     first_detections: Vec<LinkDetection>,
     profiles: StatedProfiles,
     echo_links: Vec<String>,
@@ -143,11 +143,11 @@ pub struct CaptureDecoder {
     /// Records beyond the links that are followed.
     untracked: u64,
     time_reversal: Option<TimeReversal>,
-    /// How far lines of text have come.
+    /// Column layout of printed lines.
     layout: LineLayout,
 }
 
-/// Where the times of a link go back.
+/// A place at which the times of a link go back.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct TimeReversal {
     /// The link.
@@ -212,8 +212,8 @@ impl CaptureDecoder {
         Self { detected: true, echo_links, ..Self::new(rules) }
     }
 
-    /// Leaves out what frames say in words and fields: their texts stay empty. What they tell as
-    /// values, states and faults, and what is wrong with them, stays the same, and costs less.
+    /// Skips texts and fields of frames: their texts stay empty. Values, states, faults and defects stay the same, at
+    /// less cost.
     #[must_use]
     pub fn without_text(mut self) -> Self {
         self.explanation = Explanation::values_only();
@@ -234,7 +234,7 @@ impl CaptureDecoder {
         self
     }
 
-    /// The same from now on.
+    /// Names the parameters of these drives by these profiles from now on.
     pub fn set_drive_profiles(&mut self, drives: Vec<(u32, &'static Profile)>) {
         let first = drives.first().map(|(_, profile)| *profile);
         let same = |(_, profile): &(u32, &'static Profile)| {
@@ -249,7 +249,7 @@ impl CaptureDecoder {
         self.forget_routes();
     }
 
-    /// Names parameters as `profile` does from now on: who speaks may be learnt on the way.
+    /// Names parameters as `profile` does from now on: the drives may be identified during the decode.
     pub fn set_profile(&mut self, profile: &'static Profile) {
         self.profiles.any = Some(profile);
         self.forget_routes();
@@ -342,7 +342,7 @@ impl CaptureDecoder {
         }
     }
 
-    /// What belongs to the bus and not to a protocol.
+    /// A frame of the bus that belongs to no protocol.
     fn bus_frame<'a>(
         &'a mut self,
         at: usize,
@@ -424,19 +424,19 @@ impl CaptureDecoder {
         }
     }
 
-    /// What was read, and what could not be.
+    /// Statistics of the read and unreadable records.
     #[must_use]
     pub fn statistics(&self) -> &ReadStatistics {
         self.reader.statistics()
     }
 
-    /// What is spoken, as it was stated or found.
+    /// Protocols, as they were stated or found.
     #[must_use]
     pub const fn rules(&self) -> &Rules {
         &self.rules
     }
 
-    /// The form of the capture, once it is told.
+    /// Format of the capture, once it is detected.
     #[must_use]
     pub fn format(&self) -> Option<CaptureFormat> {
         self.reader.format()
@@ -494,9 +494,10 @@ impl CaptureDecoder {
         let stated_by =
             |rule: &Rule| self.profiles.for_frame(rule.dissector, &raw, record.direction);
         let lane = known.or_else(|| {
-            let profile_of_frame = match self.profiles.drives.is_empty() {
-                true => self.profiles.any,
-                false => rules.iter().find_map(stated_by),
+            let profile_of_frame = if self.profiles.drives.is_empty() {
+                self.profiles.any
+            } else {
+                rules.iter().find_map(stated_by)
             };
             let context = Context {
                 direction: record.direction,
@@ -547,7 +548,7 @@ impl CaptureDecoder {
             session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
         }
         let protocol = lane.map(|lane| lane.dissector.name());
-        // A conversation may tell that a frame is another than it looks like.
+        // A conversation may show that a frame has another meaning than it seems.
         let statement = (&self.explanation, &*self.notices);
         out(&DecodedFrame::from_frame(
             record,
@@ -563,7 +564,7 @@ fn raw_frame(frame: &Frame) -> RawFrame<'_> {
     RawFrame { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended }
 }
 
-/// It has an identifier of 11 bits, and bytes.
+/// Returns whether it has an identifier of 11 bits, and bytes.
 const fn is_standard_data(frame: &Frame) -> bool {
     !frame.extended && !frame.remote
 }

@@ -1,15 +1,15 @@
-//! What is wrong with a frame, or with bytes that are none.
+//! Defects of a frame, or of bytes that are none.
 
 use std::fmt;
 
 use polepair_core::error::WireError;
 
-/// What is wrong with a frame.
+/// Defect of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FrameDefect {
-    /// It breaks its protocol.
+    /// A violation of its protocol.
     Wire(WireError),
-    /// Its check fails.
+    /// A failed check.
     BadCheck,
     /// These bytes are no frame.
     Stray(usize),

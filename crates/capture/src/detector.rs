@@ -72,7 +72,7 @@ struct Weighing {
     sampler: RecordSampler,
 }
 
-/// What a capture's link speaks, and how sure that is.
+/// Detected protocol of a capture's link, and its certainty.
 #[derive(Clone)]
 pub struct LinkDetection {
     /// The link.
@@ -87,7 +87,7 @@ pub struct LinkDetection {
     pub sampled: bool,
     /// Frames whose check fails.
     pub broken_frames: u64,
-    /// Protocols that explain it equally well, where nothing tells which it is.
+    /// Protocols that explain it equally well, if nothing decides between them.
     pub tied: Vec<&'static str>,
     /// Bytes that belong to no frame.
     pub stray_bytes: u64,
@@ -98,8 +98,8 @@ pub struct LinkDetection {
     /// Axes on identifiers that this protocol shares with others and that something else proves
     /// to be its.
     pub proven_axes: Vec<(&'static dyn Dissector, u32)>,
-    /// Protocols that may be spoken too, on identifiers that they share with others, and the axes
-    /// that would: no frame proves it, so it is for a person to say.
+    /// Protocols that may be used too, on identifiers that they share with others, and their axes: no frame proves
+    /// them, so a person must decide.
     pub shared_axes: Vec<(&'static str, Vec<u32>)>,
 }
 

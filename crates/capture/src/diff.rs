@@ -11,29 +11,28 @@ use crate::text::{DurationText, NumberText};
 
 /// Frames of a kind, or requests, from which on rates and latencies are compared.
 const COUNT_MIN: u64 = 10;
-/// A latency's median may differ by so many times the tolerance, and its 99th percentile by so many.
+/// Factors of the tolerance for a latency's median, and for its 99th percentile.
 const MEDIAN_TIMES: f64 = 2.5;
 const TAIL_TIMES: f64 = 5.0;
 /// Latencies that differ by less are the same, ns.
 const LATENCY_MIN_NS: u64 = 500_000;
-/// Oddities may be so many times as frequent.
+/// Factor by which anomalies may be more frequent.
 const ANOMALY_FACTOR: f64 = 2.0;
 
 /// One thing that differs.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Difference {
-    /// What sort of thing: `axis`, `frames`, `rate`, `state`, `fault`, `odd`, `value`, `latency`.
+    /// Kind of the difference: `axis`, `frames`, `rate`, `state`, `fault`, `odd`, `value`, `latency`.
     pub kind: &'static str,
-    /// Whose, and which.
+    /// Subject, with its owner.
     pub subject: String,
-    /// In the first capture.
+    /// Value in the first capture.
     pub a: String,
-    /// In the second.
+    /// Value in the second.
     pub b: String,
 }
 
-/// What differs between `a` and `b`. Rates, and ranges of values, may differ by `tolerance` (0.2 for
-/// a fifth).
+/// Differences between `a` and `b`. Rates, and ranges of values, may differ by `tolerance` (0.2 for a fifth).
 #[must_use]
 pub fn diff(a: &Summary, b: &Summary, tolerance: f64) -> Vec<Difference> {
     // A machine's only link may have another name in another capture.
@@ -105,7 +104,7 @@ impl<'s> SummaryComparison<'s> {
             let missing = |map: &IndexedMap<AxisKey, crate::summary::AxisSummary>| {
                 who.axis.is_some() && !map.keys().any(|known| all.axis_key(*known) == *who)
             };
-            // Told already: the axis is missing.
+            // Reported already: the axis is missing.
             if missing(&all.a.axes) || missing(&all.b.axes) {
                 return;
             }
@@ -124,9 +123,12 @@ impl<'s> SummaryComparison<'s> {
     }
 
     fn compare_rate(&mut self, of: String, a: &FrameKind, b: &FrameKind) {
-        let rate = |kind: &FrameKind, summary: &Summary| match kind.is_regular() {
-            true => 1e9 / kind.gaps.median().max(1) as f64,
-            false => kind.count as f64 * 1e9 / summary.length_ns().max(1) as f64,
+        let rate = |kind: &FrameKind, summary: &Summary| {
+            if kind.is_regular() {
+                1e9 / kind.gaps.median().max(1) as f64
+            } else {
+                kind.count as f64 * 1e9 / summary.length_ns().max(1) as f64
+            }
         };
         let rates = (rate(a, self.a), rate(b, self.b));
         let enough = a.count.max(b.count) >= COUNT_MIN;
@@ -222,7 +224,7 @@ impl<'s> SummaryComparison<'s> {
         });
     }
 
-    /// A value that stood still has to be the same, one that moved about the same range.
+    /// A constant value has to be the same, a changing one needs about the same range.
     fn same_range(&self, a: &ValueSummary, b: &ValueSummary) -> bool {
         let (Some((least_a, most_a)), Some((least_b, most_b))) = (a.range, b.range) else {
             return a.range == b.range;
@@ -259,7 +261,7 @@ impl<'s> SummaryComparison<'s> {
     }
 }
 
-/// By what share of the smaller the greater is more.
+/// Relative difference, as a share of the smaller one.
 fn relative_gap(one: f64, other: f64) -> f64 {
     one.max(other) / one.min(other).max(f64::MIN_POSITIVE) - 1.0
 }

@@ -10,7 +10,7 @@ use crate::session::{InternedName, intern};
 pub const CAN_FD: &str = "can-fd";
 /// The kind of what a CAN controller reports.
 pub const ERROR_FRAME: &str = "error-frame";
-/// What is said of a remote request that no protocol explains.
+/// Text of a remote request that no protocol explains.
 pub(crate) const REMOTE_REQUEST: &str = "remote request";
 
 /// An explained frame.
@@ -22,7 +22,7 @@ pub struct Explanation {
     pub axis: Option<u32>,
     /// The one-line meaning.
     pub text: String,
-    /// What the frame breaks first.
+    /// First violation of the protocol.
     pub error: Option<WireError>,
     fields: Vec<StoredField>,
     bytes: Vec<u8>,
@@ -30,7 +30,7 @@ pub struct Explanation {
     detail: ExplanationDetail,
 }
 
-/// What is wanted of a frame.
+/// Wanted detail of an explanation.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 enum ExplanationDetail {
     #[default]
@@ -47,13 +47,13 @@ pub(crate) struct StoredFrameValue {
     pub source: StoredValueSource,
     /// The integer on the wire.
     pub raw: i64,
-    /// The host tells the drive.
+    /// True if the host writes the value.
     pub written: bool,
     /// Which motor of the axis' address.
     pub motor: u8,
 }
 
-/// What a value is of.
+/// Source of a value.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum StoredValueSource {
     Parameter(&'static Parameter),
@@ -87,9 +87,9 @@ pub struct ExplanationField<'a> {
     pub start: u16,
     /// Byte after the last.
     pub end: u16,
-    /// Its value.
+    /// Value of the field.
     pub value: ExplanationValue<'a>,
-    /// What the value means; empty if there is no name for it.
+    /// Meaning of the value; empty without a name for it.
     pub meaning: &'static str,
 }
 
@@ -98,7 +98,7 @@ pub struct ExplanationField<'a> {
 pub enum ExplanationValue<'a> {
     /// A number, shown in decimal.
     Int(i64),
-    /// A number, shown in hexadecimal with so many digits.
+    /// A number that is shown in hexadecimal with this many digits.
     Hex(u64, u8),
     /// A real number.
     Real(f64),
@@ -119,7 +119,7 @@ impl Explanation {
         Self { detail: ExplanationDetail::Values, ..Self::default() }
     }
 
-    /// What the frame carries is wanted, and no words.
+    /// Returns whether only values are wanted, and no words.
     pub(crate) fn is_values_only(&self) -> bool {
         self.detail == ExplanationDetail::Values
     }
@@ -146,14 +146,14 @@ impl Explanation {
         (self.axis, self.error, self.detail) = (*axis, *error, *detail);
     }
 
-    /// Another one that says the same.
+    /// A copy of the explanation.
     pub(crate) fn duplicate(&self) -> Self {
         let mut copy = Self::default();
         copy.copy_from(self);
         copy
     }
 
-    /// Says the same.
+    /// Returns whether both have the same content.
     pub(crate) fn is_same_as(&self, other: &Self) -> bool {
         (self.axis, self.error) == (other.axis, other.error)
             && (&self.kind, &self.text) == (&other.kind, &other.text)
@@ -165,7 +165,7 @@ impl Explanation {
         &self.frame_values
     }
 
-    /// Says what belongs to no protocol.
+    /// Sets the text of a frame that belongs to no protocol.
     pub(crate) fn set_text(&mut self, kind: &str, text: core::fmt::Arguments<'_>) {
         self.clear();
         self.kind.push_str(kind);

@@ -33,9 +33,9 @@ pub struct FilterError {
     pub position: usize,
     /// Number of valid entries.
     pub len: usize,
-    /// What was expected there.
+    /// Expected text at that position.
     pub message: String,
-    /// The known word nearest to what stands there.
+    /// The nearest known word.
     pub nearest: Option<String>,
 }
 
@@ -63,7 +63,7 @@ impl fmt::Display for FilterError {
     }
 }
 
-/// What is asked, as a tree.
+/// A test, as a tree.
 #[derive(Clone, Debug)]
 enum FilterTest {
     All(Vec<Self>),
@@ -88,7 +88,7 @@ enum FilterTest {
     Notice(NoticeTest),
 }
 
-/// What is asked of a frame's notices: one of them has to fit.
+/// A test of a frame's notices: one of them has to match.
 #[derive(Clone, Debug)]
 enum NoticeTest {
     Anomaly(Vec<AnomalyKind>),

@@ -18,8 +18,7 @@ pub(crate) struct FixtureCapture {
 }
 
 impl FixtureCapture {
-    /// The next frame: of an axis of `can0` that speaks CANopen, so many microseconds after the
-    /// begin.
+    /// The next frame: of an axis of `can0` with CANopen, at this time in microseconds.
     pub(crate) fn next_frame(
         &mut self,
         us: u64,

@@ -8,7 +8,7 @@ use std::time::Duration;
 const AHEAD_MAX: usize = 16;
 const CHUNK_BYTES: usize = 1 << 16;
 
-/// What came.
+/// Event of a followed capture.
 #[derive(Debug)]
 pub enum FollowEvent {
     /// Some bytes.

@@ -25,7 +25,7 @@ pub enum CaptureFormat {
     Crtd,
     /// The SQLite database of python-can.
     Sqlite,
-    /// What `polepair decode --format jsonl` prints.
+    /// Output of `polepair decode --format jsonl`.
     Jsonl,
 }
 
@@ -44,11 +44,11 @@ const ALL: [(CaptureFormat, &str, &[&str]); 11] = [
     (CaptureFormat::Jsonl, "jsonl", &["jsonl", "ndjson"]),
 ];
 
-/// Bytes that are looked at to tell a format.
+/// Bytes that are read to detect a format.
 pub(crate) const HEAD_MAX: usize = 4096;
 
 impl CaptureFormat {
-    /// Its word.
+    /// Name of the format.
     #[must_use]
     pub fn name(self) -> &'static str {
         ALL.iter().find(|(format, ..)| *format == self).map_or("log", |(_, name, _)| name)
@@ -65,7 +65,7 @@ impl CaptureFormat {
         ALL.iter().find(|(_, name, _)| *name == word).map(|(format, ..)| *format)
     }
 
-    /// The format that a file's name tells, compressed or not: `bus.asc.gz`.
+    /// Format by a file's name, compressed or not: `bus.asc.gz`.
     #[must_use]
     pub fn from_path(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?.to_ascii_lowercase();
@@ -87,13 +87,13 @@ impl std::fmt::Display for CaptureFormat {
 pub struct UnsupportedFile {
     /// The kind of file, with its article.
     pub name: &'static str,
-    /// How to get at its frames.
+    /// Hint on another way to its frames.
     pub hint: &'static str,
     /// Bytes that it begins with.
     magic: &'static [u8],
 }
 
-/// What these files begin with is public, and long enough to be no chance.
+/// First bytes of unsupported files, which are public, and long enough to be no chance.
 const UNSUPPORTED: [UnsupportedFile; 8] = [
     UnsupportedFile {
         name: "an MDF file (MF4)",
@@ -135,7 +135,7 @@ impl UnsupportedFile {
     }
 }
 
-/// How a file is compressed.
+/// Compression of a file.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Compression {
     /// gzip.
@@ -147,14 +147,14 @@ pub enum Compression {
 impl Compression {
     const ENDINGS: [(Self, &'static str); 2] = [(Self::Gzip, ".gz"), (Self::Zstd, ".zst")];
 
-    /// The compression that a file's name tells.
+    /// Compression by a file's name.
     #[must_use]
     pub fn from_path(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?.to_ascii_lowercase();
         Self::ENDINGS.iter().find(|(_, end)| name.ends_with(end)).map(|(packing, _)| *packing)
     }
 
-    /// Bytes that tell it.
+    /// Bytes that identify it.
     pub(crate) const HEAD: usize = 4;
 
     /// The compression that begins so.

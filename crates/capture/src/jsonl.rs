@@ -9,8 +9,8 @@ use crate::session::{FaultNotice, SessionNotice};
 use crate::timestamp::Timestamp;
 
 /// Appends one line: `{"time":…,"link":…,"direction":…,"protocol":…,"bytes":…,"id":…,"extended":…,
-/// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…,"number":…}`, and `"notices":[…]` where
-/// the conversation tells something at this frame.
+/// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…,"number":…}`, and `"notices":[…]` for notices of the
+/// conversation at this frame.
 ///
 /// `id` and `extended` are null for what did not come from a CAN bus. A field that occurs several
 /// times in a frame is an array.
@@ -49,7 +49,7 @@ pub fn write_frame(event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
     out.extend_from_slice(b"}\n");
 }
 
-/// Appends what a conversation tells, as an object: `{"notice":"odd",…}`.
+/// Appends a notice of a conversation as an object: `{"notice":"odd",…}`.
 pub fn write_notice(out: &mut Vec<u8>, notice: &SessionNotice) {
     let begin = |out: &mut Vec<u8>, word, axis: Option<u32>| {
         out.extend_from_slice(b"{\"notice\":");
@@ -264,7 +264,7 @@ fn write_escaped(out: &mut Vec<u8>, text: &str) {
     out.extend_from_slice(rest);
 }
 
-/// Where the first byte is that JSON does not take as it is.
+/// Position of the first byte that JSON needs escaped.
 fn find_escape(text: &[u8]) -> Option<usize> {
     const ONES: u64 = 0x0101_0101_0101_0101;
     // The uppermost bit of a byte below `limit`, and perhaps of some behind it.

@@ -3,15 +3,15 @@
 //! ```text
 //!   read      bytes of a file, in any of eight formats, to records; damage named by its place
 //!    └ wire   per link: reassembly, resynchronisation, echo, requests and their replies
-//!       └ Dissector (core's registry)   what the frame says by itself
-//!          └ session                    what its conversation tells: values, states, faults, oddities
+//!       └ Dissector (core's registry)   meaning of the frame by itself
+//!          └ session                    results of its conversation: values, states, faults, anomalies
 //!             ├ jsonl | text            one object, or one line, a frame
 //!             └ filter, summary, diff, plot   what a person asks of all of them
-//!   detector  which protocol a capture speaks, when nobody says; reads ahead of the decoder
+//!   detector  the protocol of a capture that states none; reads ahead of the decoder
 //! ```
 //!
-//! What a frame means by itself is known by the dissectors of [`polepair_core::proto`]; only
-//! [`session`] knows protocols by name.
+//! The meaning of a single frame is known by the dissectors of [`polepair_core::proto`]; only [`session`] knows
+//! protocols by name.
 //!
 //! ```
 //! use polepair_capture::{CaptureDecoder, Rules};

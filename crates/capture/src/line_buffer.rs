@@ -18,7 +18,7 @@ const HEX_COLUMNS: usize = 24;
 pub(crate) struct TextPiece {
     head: [u8; COPY_BYTES],
     len: u8,
-    /// What is beyond the head.
+    /// Bytes beyond the head.
     rest: Box<[u8]>,
 }
 
@@ -40,7 +40,7 @@ impl TextPiece {
         Self::new(&text)
     }
 
-    /// How long it is.
+    /// Length in bytes.
     pub fn len(&self) -> usize {
         usize::from(self.len) + self.rest.len()
     }
@@ -61,7 +61,7 @@ pub(crate) struct HexColumns {
 }
 
 impl HexColumns {
-    /// Of eight bytes, the first lowest, that are so many in truth.
+    /// Creates a piece of eight bytes, the first lowest, of which `len` are valid.
     #[inline]
     pub fn new(data: u64, len: u8) -> Self {
         let bytes = data.to_le_bytes();
@@ -132,7 +132,7 @@ impl LineBuffer {
     /// Bytes that a number may take, and what its steps write beyond.
     pub const NUMBER_MAX: usize = 32;
 
-    /// Makes room for a line, and tells where it begins.
+    /// Reserves memory for a line, and returns its start.
     #[inline]
     pub fn begin_line(&mut self, out: &mut Vec<u8>) -> usize {
         if self.position > BUFFER_BYTES - Self::LINE_MAX {

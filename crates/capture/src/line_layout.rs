@@ -1,4 +1,4 @@
-//! Where the columns of printed lines are.
+//! Column positions of printed lines.
 
 use crate::timestamp::Timestamp;
 

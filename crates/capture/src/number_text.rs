@@ -10,7 +10,7 @@ const PAIRS: &[u8; 200] = b"0001020304050607080910111213141516171819\
 const DIGITS_MAX: usize = 20;
 const HEX: &[u8; 16] = b"0123456789ABCDEF";
 
-/// A number with at least so many characters, `fill` in front.
+/// Appends a number with at least `width` characters, `fill` in front.
 #[inline]
 pub(crate) fn append_padded(mut value: u64, width: usize, fill: u8, out: &mut Vec<u8>) {
     let mut digits = [fill; DIGITS_MAX];
@@ -45,7 +45,7 @@ pub(crate) fn append_signed(value: i64, out: &mut Vec<u8>) {
     append_unsigned(value.unsigned_abs(), out);
 }
 
-/// A real number, as short as it can be told from others.
+/// Appends a real number in the shortest text that distinguishes it from others.
 pub(crate) fn append_real(value: f64, out: &mut Vec<u8>) {
     use std::io::Write as _;
 

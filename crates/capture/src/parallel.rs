@@ -25,7 +25,7 @@ pub trait BatchConsumer: Send {
     fn consume(&mut self, batch: &FrameBatch);
 }
 
-/// Appends up to so many bytes of the capture; none at its end.
+/// Appends up to this many bytes of the capture; none at its end.
 pub type FillCallback<'a, E> = &'a mut (dyn FnMut(&mut Vec<u8>, usize) -> Result<(), E> + Send);
 /// Hands over what was made since the last time.
 pub type OutputCallback<'a, M, E> = &'a mut (dyn FnMut(&mut M) -> Result<(), E> + Send);
@@ -72,7 +72,7 @@ pub fn decode<M: BatchConsumer, E: Send>(
     failed.map_or(Ok(()), Err)
 }
 
-/// Where the threads meet.
+/// State shared by the threads.
 struct DecodePool<'a, M, E> {
     source: Mutex<ChunkSource<'a, E>>,
     decoder: Sequencer<&'a mut CaptureDecoder>,
@@ -85,14 +85,14 @@ struct DecodePool<'a, M, E> {
 /// The capture as it is cut.
 struct ChunkSource<'a, E> {
     fill: FillCallback<'a, E>,
-    /// What follows the last end of a line.
+    /// Bytes behind the last end of a line.
     rest: Vec<u8>,
     /// The number of the next piece.
     next: u64,
     ended: bool,
 }
 
-/// What a thread has in hand.
+/// Buffers of a thread.
 #[derive(Default)]
 struct WorkerBuffers {
     piece: Vec<u8>,
@@ -123,7 +123,7 @@ impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
     /// Goes with piece after piece until there are no more.
     fn run_worker(&self, maker: &mut M) {
         let mut worker_buffers = WorkerBuffers::default();
-        // Whoever falls must not leave the others waiting.
+        // A thread that panics must not leave the others waiting.
         let _careful = AbortGuard(self);
         while self.process_next(&mut worker_buffers, maker).is_some() {}
     }
@@ -140,7 +140,7 @@ impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
         let mut decoder = self.decoder.wait_turn(number, &self.cancelled)?;
         let mut full = |batch: &mut FrameBatch| {
             maker.consume(batch);
-            // Nobody behind is decoded yet, and those before need nothing for that.
+            // No later piece is decoded yet, and earlier ones do not need it.
             let put = self.output.wait_turn(number, &self.cancelled);
             if put.and_then(|mut put| self.check_result((put.1)(maker))).is_none() {
                 batch.stop();
@@ -155,7 +155,7 @@ impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
         Some(())
     }
 
-    /// What came out well; else all is over.
+    /// The result without an error; an error ends all.
     fn check_result<T>(&self, result: Result<T, E>) -> Option<T> {
         let error = match result {
             Ok(value) => return Some(value),
@@ -187,7 +187,7 @@ impl<M: BatchConsumer, E> Drop for AbortGuard<'_, '_, M, E> {
 
 /// Something that is used piece by piece, in the order of the pieces.
 struct Sequencer<T> {
-    /// Whose turn it is.
+    /// Number of the thread whose turn it is, and the shared value.
     turn: Mutex<(u64, T)>,
     turn_changed: Condvar,
 }

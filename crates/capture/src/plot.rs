@@ -21,7 +21,7 @@ pub use series::Series;
 
 /// Lines of a picture.
 pub const SERIES_MAX: usize = 64;
-/// Names of signals that are remembered to tell what there is instead.
+/// Limit of names of other signals that are kept for an error.
 const OTHERS_MAX: usize = 256;
 
 /// Signals that are being gathered.
@@ -101,8 +101,8 @@ impl Plot {
         self.other_signals.iter().map(|(axis, name)| format!("{axis}/{name}"))
     }
 
-    /// The picture in characters, so many columns wide: braille dots, each line in a colour, or
-    /// without colours in a panel of its own.
+    /// The plot in characters, `width` columns wide: braille dots, each line in a colour, or without colours in a panel
+    /// of its own.
     #[must_use]
     pub fn terminal(&self, width: usize, colour: bool) -> String {
         terminal::draw(&self.panels(colour), self.span(), width, colour)

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   bytes     pieces of a file, of stdin, of a file that still grows
-//!    └ unpack gzip or Zstandard, when the first bytes say so
+//!    └ unpack gzip or Zstandard, by the first bytes
 //!       └ FormatReader   one for each format: takes whole records off the head of what is there
 //! ```
 //! Damage is named by its place and skipped; reading goes on where the format lets it.
@@ -61,7 +61,7 @@ impl fmt::Display for ReadError {
     }
 }
 
-/// Where in a capture.
+/// Position in a capture.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum CapturePosition {
     /// The line of that number, from 1.
@@ -85,9 +85,9 @@ impl fmt::Display for CapturePosition {
 /// A part of a capture that could not be read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Damage {
-    /// Where it begins.
+    /// Start of the damage.
     pub position: CapturePosition,
-    /// What is wrong with it.
+    /// Reason of the damage.
     pub reason: ReadError,
 }
 
@@ -109,12 +109,11 @@ pub(crate) trait RecordSink {
 
 /// The reader of one format.
 pub(crate) trait FormatReader: fmt::Debug + Send {
-    /// Takes what is whole off the head of `bytes` and says how many bytes that were. When the
-    /// capture has `ended` no more will come: what is not whole is damage.
+    /// Reads the complete records at the head of `bytes` and returns the number of their bytes. When the capture has
+    /// `ended`, no more follow: an incomplete record is damage.
     fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize;
 
-    /// So many lines and bytes in front of what comes next were read elsewhere. False where that
-    /// cannot be: it is not between lines.
+    /// Skips lines and bytes that were read elsewhere. False if that is impossible: the position is not between lines.
     fn skip_lines(&mut self, lines: u64, bytes: u64) -> bool {
         let _ = (lines, bytes);
         false
@@ -131,7 +130,7 @@ pub struct CaptureReader {
 /// True if a capture is compressed.
 #[derive(Debug)]
 enum CompressionState {
-    /// Its first bytes, too few to tell.
+    /// First bytes, too few to detect a format.
     Undetected(Vec<u8>),
     Plain,
     Compressed(Box<Decompressor>),
@@ -155,7 +154,7 @@ struct PlainReader {
     statistics: ReadStatistics,
 }
 
-/// What the times of a text log count from. Other formats state it themselves.
+/// Origin of the times of a text log. Other formats state it themselves.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub enum LogTimes {
     /// Detected: differences if the first time is 0 and one of the next is less than the one before.
@@ -167,12 +166,12 @@ pub enum LogTimes {
     Delta,
 }
 
-/// How a capture is read. By default everything is detected.
+/// Options of reading a capture. By default everything is detected.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub struct ReadOptions {
     /// The format; detected from the first bytes if it is not stated.
     pub format: Option<CaptureFormat>,
-    /// What the times of a text log count from.
+    /// Origin of the times of a text log.
     pub times: LogTimes,
 }
 
@@ -183,7 +182,7 @@ impl From<Option<CaptureFormat>> for ReadOptions {
 }
 
 impl LogTimes {
-    /// Whether times of a log with this head are differences; `None` while there is too little to decide.
+    /// Returns whether times of a log with this head are differences; `None` while there are too few lines.
     fn has_deltas(self, format: CaptureFormat, head: &[u8], enough: bool) -> Option<bool> {
         match self {
             Self::Delta => Some(format == CaptureFormat::Text),
@@ -193,7 +192,7 @@ impl LogTimes {
     }
 }
 
-/// What was read, and what could not be.
+/// Counts of read and unreadable records.
 #[derive(Clone, Debug, Default)]
 pub struct ReadStatistics {
     /// Records read.
@@ -263,7 +262,7 @@ impl CaptureReader {
         self.plain.source.as_ref().map(|(format, _)| *format)
     }
 
-    /// What was read so far, and what could not be.
+    /// Statistics of the read and unreadable records so far.
     #[must_use]
     pub fn statistics(&self) -> &ReadStatistics {
         &self.plain.statistics
@@ -285,8 +284,8 @@ impl CaptureReader {
         }
     }
 
-    /// Takes note that so many lines, each a record, were read elsewhere. False where that cannot be:
-    /// it is not between lines of a log.
+    /// Records that lines, each a record, were read elsewhere. False if that is impossible: the position is not between
+    /// lines of a log.
     pub(crate) fn skip_lines(&mut self, lines: u64, bytes: u64) -> bool {
         let plain = &mut self.plain;
         let whole = matches!(self.compression, CompressionState::Plain) && plain.pending.is_empty();

@@ -8,28 +8,28 @@ use crate::timestamp::Timestamp;
 /// One record of a capture.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Record<'a> {
-    /// When; `None` where the capture does not say.
+    /// Time; `None` if the capture has none.
     pub time: Option<Timestamp>,
-    /// On which link; `-` where the capture does not say.
+    /// Link; `-` if the capture does not name it.
     pub link: &'a str,
-    /// Who sent it, where the capture says so.
+    /// Sender, if the capture names it.
     pub direction: Option<Direction>,
-    /// What.
+    /// Content of the record.
     pub data: RecordData<'a>,
     /// Byte of the capture at which it begins; of what was unpacked, if the file is compressed.
     pub offset: u64,
 }
 
-/// What a record carries.
+/// Content of a record.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RecordData<'a> {
-    /// As many bytes of a serial line as were read at once.
+    /// Bytes of a serial line that were read at once.
     Bytes(&'a [u8]),
     /// A classic CAN frame.
     Frame(Frame),
-    /// A CAN FD frame. No drive here speaks it: it is kept and shown.
+    /// A CAN FD frame. No drive here uses it: it is kept and shown.
     Fd(FdFrame<'a>),
-    /// What a CAN controller reported of its bus.
+    /// Report of a CAN controller about its bus.
     Error(CanErrorFrame),
 }
 
@@ -40,7 +40,7 @@ pub struct FdFrame<'a> {
     pub id: u32,
     /// True for a 29-bit identifier.
     pub extended: bool,
-    /// As Linux has them (`linux/can.h`): 1 bit-rate switch, 2 error state of the sender.
+    /// Flags as in Linux (`linux/can.h`): 1 bit-rate switch, 2 error state of the sender.
     pub flags: u8,
     /// 0 to 64 bytes.
     pub bytes: &'a [u8],
@@ -56,11 +56,11 @@ pub struct CanErrorFrame {
     pub data: [u8; 8],
 }
 
-/// Bit of an identifier that says that a frame is an error frame.
+/// Bit of an identifier that marks an error frame.
 pub(crate) const ERROR_FLAG: u32 = 0x2000_0000;
-/// Bit of an identifier that says that it has 29 bits.
+/// Bit of an identifier that marks 29 bits.
 pub(crate) const EXTENDED_FLAG: u32 = 0x8000_0000;
-/// Bit of an identifier that says that a frame is a remote request.
+/// Bit of an identifier that marks a remote request.
 pub(crate) const REMOTE_FLAG: u32 = 0x4000_0000;
 /// The 29 bits of an identifier.
 pub(crate) const ID_MASK: u32 = 0x1FFF_FFFF;
@@ -78,7 +78,7 @@ pub(crate) fn fd_len_from_dlc(code: u8) -> u8 {
     }
 }
 
-/// The length code of a CAN FD frame of so many bytes, or of the next longer one.
+/// Length code of a CAN FD frame of `length` bytes, or of the next longer one.
 pub(crate) fn fd_dlc_from_len(length: usize) -> u8 {
     match length {
         0..=8 => length as u8,
@@ -100,7 +100,7 @@ impl CanErrorFrame {
         "restarted",
         "error counters",
     ];
-    /// What a controller reports in byte 1, from bit 0.
+    /// Controller states in byte 1, from bit 0.
     const CONTROLLER: [&'static str; 7] = [
         "receive buffer overflow",
         "transmit buffer overflow",
@@ -141,7 +141,7 @@ impl CanErrorFrame {
         Self { class: Self::CONTROLLER_CLASS, data: [0, details, 0, 0, 0, 0, 0, 0] }
     }
 
-    /// What was seen, in words.
+    /// Descriptions of the states, in words.
     pub fn descriptions(&self) -> impl Iterator<Item = &'static str> {
         let bits = |mask: u32, names: &'static [&'static str]| {
             names.iter().enumerate().filter(move |(bit, _)| mask >> bit & 1 == 1).map(|(_, n)| *n)

@@ -8,7 +8,7 @@ use polepair_core::proto;
 pub struct Rule {
     /// The protocol.
     pub dissector: &'static dyn Dissector,
-    /// Where it is spoken.
+    /// Scope of the rule.
     pub scope: RuleScope,
 }
 
@@ -24,7 +24,7 @@ impl PartialEq for Rule {
     }
 }
 
-/// Where a rule holds.
+/// Scope of a rule.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RuleScope {
     /// On every link.
@@ -59,7 +59,7 @@ impl Rules {
         text.split(',').map(|rule| Rule::parse(rule.trim())).collect::<Result<_, _>>().map(Self)
     }
 
-    /// What may be spoken on a link, in the order in which it is tried.
+    /// Possible protocols of a link, in the order of trials.
     pub(crate) fn for_link(&self, link: &str) -> Vec<Rule> {
         let holds = |rule: &&Rule| match &rule.scope {
             RuleScope::Link(name) | RuleScope::AxisOn(name, _) => name == link,
@@ -71,7 +71,8 @@ impl Rules {
     }
 }
 
-/// As [`Rules::parse`] takes them, but for an axis that was found on one link: of it the axis is said.
+/// Formats rules as [`Rules::parse`] takes them, except for an axis that was found on one link: that is written as the
+/// axis alone.
 impl core::fmt::Display for Rules {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         for (at, rule) in self.0.iter().enumerate() {

@@ -22,12 +22,12 @@ use canopen::ProcessData;
 
 pub use intern::{InternedName, intern};
 
-/// One thing that a conversation tells.
+/// A notice of a conversation.
 #[derive(Clone, PartialEq, Debug)]
 pub enum SessionNotice {
     /// A value.
     Signal(SignalNotice),
-    /// A request, and how it ended; told at the frame that settles it.
+    /// A request and its outcome, given at the frame that settles it.
     Exchange(ExchangeNotice),
     /// A state changed.
     Change(ChangeNotice),
@@ -38,7 +38,7 @@ pub enum SessionNotice {
 }
 
 impl SessionNotice {
-    /// Whose it is; `None` for the bus.
+    /// Axis of the notice; `None` for the bus.
     #[must_use]
     pub const fn axis(&self) -> Option<u32> {
         match self {
@@ -51,42 +51,42 @@ impl SessionNotice {
     }
 }
 
-/// A value that a drive told or was told.
+/// A value that a drive reported or was set to.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct SignalNotice {
-    /// Whose.
+    /// Axis of the value.
     pub axis: u32,
-    /// Its name: `Actual/Position` and the like where the profile says that it is one of an axis'
-    /// signals, else the parameter's or the object's own.
+    /// Name of the value: `Actual/Position` and the like if it is one of an axis' signals by the profile, otherwise the
+    /// parameter's or the object's own.
     pub name: InternedName,
     /// The value in `unit`.
     pub value: f64,
     /// The integer on the wire.
     pub exact: Option<i64>,
-    /// As the profile has it; empty where nobody says.
+    /// Unit by the profile; empty if unknown.
     pub unit: InternedName,
-    /// How far it can be trusted.
+    /// Quality of the value.
     pub quality: Quality,
     /// The frame that asked for it.
     pub request: Option<u64>,
 }
 
-/// How far a value can be trusted. The numbers are those of the columns.
+/// Quality of a value. The numbers are those of the columns.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 #[repr(u8)]
 pub enum Quality {
-    /// It stands in a whole frame.
+    /// The value is in a valid frame.
     Good = 0,
-    /// It came too late to belong to its request for sure.
+    /// The value was too late to belong to its request for sure.
     Stale = 1,
-    /// Its frame's check fails.
+    /// The check of its frame fails.
     BadCheck = 2,
-    /// What it is was concluded, not stated: by a usual drive's names or a default mapping.
+    /// The meaning was inferred, not stated: by a usual drive's names or a default mapping.
     Inferred = 3,
 }
 
 impl Quality {
-    /// Its word in outputs.
+    /// Name in outputs.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -101,7 +101,7 @@ impl Quality {
 /// A request, and how it ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ExchangeNotice {
-    /// Whom it went to; `None` for everybody.
+    /// Axis of the request; `None` for a broadcast.
     pub axis: Option<u32>,
     /// The protocol's word for it: `GAP`, `SDO read`.
     pub op: InternedName,
@@ -109,9 +109,9 @@ pub struct ExchangeNotice {
     pub requested: (u64, Option<Timestamp>),
     /// The frame that answered last, and when.
     pub answered: Option<(u64, Option<Timestamp>)>,
-    /// How it ended.
+    /// Outcome of the request.
     pub outcome: ExchangeOutcome,
-    /// How often it was sent again.
+    /// Number of repetitions.
     pub retries: u16,
 }
 
@@ -123,14 +123,14 @@ impl ExchangeNotice {
     }
 }
 
-/// How a request ended.
+/// Outcome of a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ExchangeOutcome {
     /// Answered: done.
     Done,
     /// Answered: refused, and not done.
     Refused,
-    /// True if it was done cannot be told.
+    /// The execution is unknown.
     Unknown,
     /// Answered, after it had been given up.
     Late,
@@ -158,41 +158,41 @@ impl ExchangeOutcome {
 /// A state of an axis or a node that changed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ChangeNotice {
-    /// Whose; `None` for the bus.
+    /// Axis; `None` for the bus.
     pub axis: Option<u32>,
     /// Which: `nmt`, `power`, `mode`, `presence`, `bus`.
     pub what: InternedName,
-    /// What it was; empty at first.
+    /// Previous state; empty at first.
     pub from: InternedName,
-    /// What it is now.
+    /// New state.
     pub to: InternedName,
 }
 
 /// A fault that came, or went.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct FaultNotice {
-    /// Whose.
+    /// Axis.
     pub axis: u32,
     /// The drive's code, or the bits of its fault word.
     pub code: u32,
-    /// What happened, in words.
+    /// Description.
     pub text: InternedName,
-    /// Why it usually happens; empty where no profile says.
+    /// Usual cause; empty if no profile has it.
     pub cause: InternedName,
-    /// What to do; empty where no profile says.
+    /// Remedy; empty if no profile has it.
     pub remedy: InternedName,
-    /// It is there no more.
+    /// True if it is gone.
     pub gone: bool,
 }
 
 /// Something that a healthy bus does not do.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct AnomalyNotice {
-    /// What sort of thing.
+    /// Kind of the anomaly.
     pub kind: AnomalyKind,
-    /// Whose, where it is one axis'.
+    /// Axis, if it concerns one.
     pub axis: Option<u32>,
-    /// When, where that is before the frame that told it.
+    /// Time, if that is before the frame of the notice.
     pub time: Option<Timestamp>,
     /// One sentence, with numbers.
     pub text: String,
@@ -208,13 +208,13 @@ macro_rules! anomaly_kinds {
             /// All of them.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
-            /// Its word in outputs and filters.
+            /// Name in outputs and filters.
             #[must_use]
             pub const fn as_str(self) -> &'static str {
                 match self { $(Self::$name => $word,)* }
             }
 
-            /// How much one of them matters, 1 to 9; what is rarer matters more than its weight.
+            /// Weight of one of them, 1 to 9; a rarer one counts more than its weight.
             #[must_use]
             pub const fn severity(self) -> u8 {
                 match self { $(Self::$name => $weight,)* }
@@ -228,13 +228,13 @@ anomaly_kinds! {
     Unanswered = "unanswered", 6;
     /// A message was not acknowledged where its protocol does.
     MissingAck = "missing-ack", 6;
-    /// The same request again, before an answer.
+    /// A repetition of the request before its reply.
     Retry = "retry", 4;
     /// An answer to a request that had been given up.
     LateReply = "late-reply", 7;
-    /// An answer that nobody asked for.
+    /// A reply without a request.
     ForeignReply = "foreign-reply", 7;
-    /// The same answer twice.
+    /// A duplicated reply.
     DuplicateReply = "duplicate-reply", 6;
     /// A drive refused.
     Refused = "refused", 5;
@@ -256,7 +256,7 @@ anomaly_kinds! {
     Sequence = "sequence", 7;
     /// Mapped data of another length than its mapping.
     Length = "length", 6;
-    /// A fault was told.
+    /// A reported fault.
     Fault = "fault", 8;
     /// Faults in quick succession.
     Storm = "storm", 8;
@@ -268,28 +268,28 @@ anomaly_kinds! {
     Jitter = "jitter", 3;
 }
 
-/// A frame as a tracker hears it.
+/// A frame for a tracker.
 #[derive(Clone, Copy)]
 pub(crate) struct ObservedFrame<'a> {
-    /// Its number in the capture, from 1.
+    /// Number in the capture, from 1.
     pub number: u64,
     /// When its first byte came.
     pub time: Option<Timestamp>,
-    /// Who sent it, where the capture says so.
+    /// Sender, if the capture names it.
     pub direction: Option<Direction>,
-    /// Its bytes, and its CAN identifier.
+    /// Bytes, and the CAN identifier.
     pub raw: RawFrame<'a>,
     /// A CAN remote request.
     pub remote: bool,
-    /// The host's own request, heard back.
+    /// True for the host's own request, returned by its adapter.
     pub echo: bool,
-    /// What is wrong with it.
+    /// Defect of the frame.
     pub defect: Option<FrameDefect>,
     /// These bytes have not the shape of a frame.
     pub stray: bool,
-    /// It is not explained yet: [`Dissector::process_data_axis`] leaves that to the tracker.
+    /// True if it is not explained yet: [`Dissector::process_data_axis`] leaves that to the tracker.
     pub deferred: bool,
-    /// Who explained it.
+    /// Dissector that explained it.
     pub dissector: &'static dyn Dissector,
     /// The drive whose names are used.
     pub profile: Option<&'static Profile>,
@@ -299,7 +299,7 @@ pub(crate) struct ObservedFrame<'a> {
 
 /// Follows one protocol on one link.
 pub(crate) trait ProtocolTracker: Debug + Send {
-    /// Takes a frame. May add to what is said of it, and tells what it is told by it.
+    /// Handles a frame. May extend its explanation, and adds its notices.
     fn handle_frame(
         &mut self,
         observed: &ObservedFrame<'_>,
@@ -307,13 +307,12 @@ pub(crate) trait ProtocolTracker: Debug + Send {
         notices: &mut Vec<SessionNotice>,
     );
 
-    /// Time goes on to `now`, whoever speaks: what was due by then did not come.
+    /// Advances the time to `now`: whatever was due by then is missing.
     fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         let _ = (now, notices);
     }
 
-    /// What a frame of 11 bits says that changes nothing, now; `None` where it has to be
-    /// [taken](Self::handle_frame).
+    /// Meaning of a frame of 11 bits that changes nothing, now; `None` if it has to be [handled](Self::handle_frame).
     fn unchanged_process_data(
         &mut self,
         frame: &Frame,
@@ -323,7 +322,7 @@ pub(crate) trait ProtocolTracker: Debug + Send {
         None
     }
 
-    /// What frames with that identifier of 11 bits say by themselves hangs on their bytes alone.
+    /// Returns whether the meaning of frames with that identifier of 11 bits depends on their bytes alone.
     fn is_repeatable(&self, id: u32) -> bool {
         let _ = id;
         false
@@ -346,7 +345,7 @@ pub(crate) struct LinkSession {
 }
 
 impl LinkSession {
-    /// Tells what a frame means in its conversation.
+    /// Handles a frame in its conversation.
     pub fn handle_frame(
         &mut self,
         observed: &ObservedFrame<'_>,
@@ -367,7 +366,7 @@ impl LinkSession {
         self.trackers[at].1.handle_frame(observed, explanation, notices);
     }
 
-    /// What a frame says that changes nothing, where one protocol alone is spoken.
+    /// Meaning of a frame that changes nothing, on a link with one protocol.
     #[inline]
     pub fn unchanged_process_data(
         &mut self,
@@ -380,8 +379,8 @@ impl LinkSession {
         }
     }
 
-    /// Returns whether what frames with that identifier of 11 bits say by themselves hangs on their bytes alone, where
-    /// that protocol alone is spoken.
+    /// Returns whether the meaning of frames with that identifier of 11 bits depends on their bytes alone, on a link
+    /// with that protocol alone.
     pub fn is_repeatable(&self, protocol: InternedName, id: u32) -> bool {
         matches!(&self.trackers[..], [(name, only)] if *name == protocol && only.is_repeatable(id))
     }
@@ -392,7 +391,7 @@ impl LinkSession {
         claims.next().map(|(name, _)| *name)
     }
 
-    /// Tells what is left open at the end, and by which protocol.
+    /// Reports open ends at the end, with their protocol.
     pub fn finish(&mut self, report_line: &mut dyn FnMut(InternedName, &SessionNotice)) {
         for (protocol, follower) in &mut self.trackers {
             let mut notices = Vec::new();
@@ -402,13 +401,13 @@ impl LinkSession {
     }
 }
 
-/// Returns whether a notice tells what is wrong with a frame by itself.
+/// Returns whether a notice describes a defect of a single frame.
 pub(crate) fn is_frame_anomaly(notice: &SessionNotice) -> bool {
     let kinds = [AnomalyKind::BadCheck, AnomalyKind::Malformed, AnomalyKind::Stray];
     matches!(notice, SessionNotice::Anomaly(anomaly) if kinds.contains(&anomaly.kind))
 }
 
-/// What a controller's report is for a bus; `None` for what a healthy one does too.
+/// Notice of a controller's report; `None` for reports that a healthy bus has too.
 pub(crate) fn error_frame_notice(error: &CanErrorFrame, text: &str) -> Option<SessionNotice> {
     const HEALTHY: [&str; 4] =
         ["arbitration lost", "restarted", "error counters", "error active again"];
@@ -424,7 +423,7 @@ pub(crate) fn error_frame_notice(error: &CanErrorFrame, text: &str) -> Option<Se
     }))
 }
 
-/// Who follows a protocol's conversations.
+/// Tracker of a protocol's conversations.
 fn new_tracker(protocol: &'static dyn Dissector) -> Box<dyn ProtocolTracker> {
     match protocol.name() {
         "canopen" => Box::<canopen::CanopenTracker>::default(),

@@ -10,10 +10,10 @@ use crate::timestamp::Timestamp;
 
 /// Bytes that may wait for the rest of their frame; more than that are no frame.
 const PENDING_MAX: usize = 4096;
-/// After so long without a byte nothing more is expected to belong to what came before.
+/// Silence after which no further byte belongs to the received ones.
 const SILENCE_NS: u64 = 20_000_000;
 
-/// What stands at the head of the stream.
+/// Content at the head of the stream.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum PieceKind {
     /// A whole frame.
@@ -45,7 +45,7 @@ pub(crate) struct ChunkOrigin {
 pub(crate) struct SerialFlow {
     bytes: Vec<u8>,
     head: usize,
-    /// Where in `bytes` each chunk begins, and whence it came.
+    /// Start of each chunk in `bytes`, and its origin.
     origins: VecDeque<(usize, ChunkOrigin)>,
     last_time: Option<Timestamp>,
 }
@@ -93,7 +93,7 @@ impl SerialFlow {
         self.head = 0;
     }
 
-    /// The next piece, if enough is there to tell. Stray bytes in a row are one piece.
+    /// The next piece, if there are enough bytes to decide. Stray bytes in a row are one piece.
     pub(crate) fn next_piece(
         &self,
         rules: &[Rule],
@@ -154,7 +154,7 @@ fn cut_frame(
     }
 }
 
-/// The first rule that finds a whole frame of an axis it holds for; else whoever waits for more.
+/// The first rule that finds a whole frame of an axis in its scope; otherwise one that waits for more.
 fn cut_by_rules(
     rules: &[Rule],
     bytes: &[u8],

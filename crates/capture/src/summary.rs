@@ -27,15 +27,15 @@ pub use json::to_json;
 pub use load::BusLoad;
 pub use summary_text::{SummaryStyle, axis_label, render_text};
 
-/// Axes of a capture that are told apart.
+/// Limit of distinguished axes of a capture.
 const AXES_MAX: usize = 1024;
-/// Kinds of frames that are told apart.
+/// Limit of distinguished kinds of frames.
 const KINDS_MAX: usize = 4096;
-/// Operations that are told apart.
+/// Limit of distinguished operations.
 const REQUESTS_MAX: usize = 1024;
-/// Values that are told apart.
+/// Limit of distinguished values.
 const VALUES_MAX: usize = 8192;
-/// Faults that are told apart.
+/// Limit of distinguished faults.
 const FAULTS_MAX: usize = 512;
 
 /// An axis of a link, in its protocol; without a number the link itself, or everybody on it.
@@ -43,22 +43,22 @@ const FAULTS_MAX: usize = 512;
 pub struct AxisKey {
     /// The link's name.
     pub link: InternedName,
-    /// The protocol; empty where nobody knows.
+    /// Protocol; empty if unknown.
     pub protocol: InternedName,
     /// The axis, node or station.
     pub axis: Option<u32>,
 }
 
-/// What a link carried.
+/// Summary of a link.
 #[derive(Clone, Debug, Default)]
 pub struct LinkSummary {
-    /// Its frames.
+    /// Number of its frames.
     pub frames: u64,
     /// Their bytes.
     pub bytes: u64,
     /// Frames with a CAN identifier.
     pub can: bool,
-    /// How busy it was.
+    /// Load of the bus.
     pub load: BusLoad,
     /// Frames of each protocol; `?` for those of none.
     pub protocols: BTreeMap<InternedName, u64>,
@@ -67,13 +67,13 @@ pub struct LinkSummary {
 /// Frames of one kind of one axis.
 #[derive(Clone, Debug)]
 pub struct FrameKind {
-    /// Whose.
+    /// Axis.
     pub who: AxisKey,
     /// The protocol's word.
     pub kind: InternedName,
     /// CAN identifier, and whether it has 29 bits.
     pub id: Option<(u32, bool)>,
-    /// How many.
+    /// Count.
     pub count: u64,
     /// Nanoseconds between them.
     pub gaps: Histogram,
@@ -95,7 +95,7 @@ impl FrameKind {
     }
 }
 
-/// What a capture tells as a whole.
+/// Summary of a whole capture.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     /// The first and the last time.
@@ -106,11 +106,11 @@ pub struct Summary {
     pub defective: u64,
     /// Links by name.
     pub links: IndexedMap<InternedName, LinkSummary>,
-    /// Who was there.
+    /// Axes of the capture.
     pub axes: IndexedMap<AxisKey, AxisSummary>,
     /// Frames by kind.
     kinds: Vec<FrameKind>,
-    /// Numbers of kinds, by the hash of what tells them apart.
+    /// Numbers of kinds, by the hash of their key.
     kind_numbers: HashMap<u64, usize>,
     /// Requests by what was asked of whom.
     pub requests: IndexedMap<(AxisKey, InternedName), RequestSummary>,
@@ -118,15 +118,15 @@ pub struct Summary {
     pub values: IndexedMap<(AxisKey, InternedName), ValueSummary>,
     /// Faults by code.
     pub faults: IndexedMap<(AxisKey, u32), FaultSummary>,
-    /// What was odd.
+    /// Anomalies of the capture.
     pub anomalies: AnomalyLog,
-    /// Notices that found no place: there were more different things than are told apart.
+    /// Number of notices without room: there were more different ones than are distinguished.
     pub dropped: u64,
     /// The link that the last frame came on, and its number.
     current_link: (InternedName, usize),
 }
 
-/// Where a notice was told.
+/// Frame of a notice.
 #[derive(Clone, Copy)]
 struct NoticeOrigin {
     link: InternedName,
@@ -135,7 +135,7 @@ struct NoticeOrigin {
     time: Option<Timestamp>,
 }
 
-/// Where a frame counts.
+/// Place at which a frame is counted.
 #[derive(Clone, Copy, Debug)]
 struct FramePlace {
     link: usize,
@@ -143,18 +143,18 @@ struct FramePlace {
     kind: Option<usize>,
 }
 
-/// Where the frames of a template count.
+/// Place at which the frames of a template are counted.
 #[derive(Debug)]
 struct TemplatePlace {
     frame: FramePlace,
     protocol: InternedName,
     frames: u64,
-    /// Of each value of process data; `None` where there is no room for it.
+    /// Index of each value of process data; `None` without room for it.
     values: Vec<Option<usize>>,
 }
 
 impl Summary {
-    /// Takes a frame, and what its conversation tells.
+    /// Adds a frame, and the notices of its conversation.
     pub fn add_frame(&mut self, event: &DecodedFrame<'_>) {
         let place = self.place_frame(event);
         self.defective += u64::from(event.defect.is_some());
@@ -194,7 +194,7 @@ impl Summary {
         }
     }
 
-    /// Where the frames of a template count; it is the same for all of them.
+    /// Place at which the frames of a template are counted; it is the same for all of them.
     fn place_template(&mut self, template: &FrameTemplate, frame: &CompactFrame) -> TemplatePlace {
         let mut place = FramePlace { link: 0, axis: None, kind: None };
         template.expand(frame, &mut |event| place = self.place_frame(event));
@@ -231,14 +231,14 @@ impl Summary {
         });
     }
 
-    /// Where a frame counts. Its link is the current one from now on.
+    /// Place at which a frame is counted. Its link is the current one from now on.
     fn place_frame(&mut self, event: &DecodedFrame<'_>) -> FramePlace {
         if self.current_link.0 != event.link || self.links.is_empty() {
             let name = intern(event.link);
             self.current_link = (name, self.links.number(name, usize::MAX).unwrap_or_default());
         }
         let (link, number) = self.current_link;
-        // What stands where an address should be in a damaged serial frame is nobody.
+        // The address in a damaged serial frame belongs to no axis.
         let damaged = event.id.is_none() && event.defect.is_some();
         let axis = event.explanation.axis.filter(|_| !damaged);
         let who = AxisKey { link, protocol: event.protocol.unwrap_or(""), axis };
@@ -289,7 +289,7 @@ impl Summary {
         kinds
     }
 
-    /// Returns whether nothing was odd and no fault was told.
+    /// Returns whether there were no anomalies and no faults.
     #[must_use]
     pub fn is_clean(&self) -> bool {
         self.faults.is_empty() && self.anomalies.counts().len() == 0
@@ -353,7 +353,7 @@ impl Summary {
                     self.add_anomaly(AnomalyKind::Fault, who, origin, text);
                 }
             }
-            // The fault itself is told besides.
+            // The fault itself is reported separately.
             SessionNotice::Anomaly(anomaly)
                 if anomaly.kind == AnomalyKind::Fault && !self.faults.is_empty() => {}
             SessionNotice::Anomaly(anomaly) => {

@@ -21,7 +21,7 @@ use crate::timestamp::Timestamp;
 /// Columns that bytes take before a line grows beyond the rest: nine bytes with spaces.
 const BYTES_WIDTH: usize = 26;
 
-/// How lines are written.
+/// Style of lines.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TextStyle {
     /// With ANSI colours.
@@ -29,16 +29,16 @@ pub struct TextStyle {
     /// A `'` behind each byte that is not what it was in the last frame of its kind; in colour these
     /// bytes are underlined anyway.
     pub marks: bool,
-    /// What is told of conversations.
+    /// Notices to print.
     pub notices: NoticeLevel,
 }
 
-/// What is told of conversations.
+/// Level of notices to print.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum NoticeLevel {
     /// Nothing: frames alone.
     None,
-    /// What is odd, faults, changes of states, and how long answers took.
+    /// Anomalies, faults, changes of states, and response times.
     #[default]
     Events,
     /// Values too.
@@ -136,7 +136,7 @@ impl FrameTextWriter {
         if self.style.colour && direction.is_some() { COLOUR } else { 0 }
     }
 
-    /// Appends identifier and bytes; tells how many of the characters take no column.
+    /// Appends identifier and bytes; returns the number of characters that take no column.
     fn write_bytes(&mut self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) -> usize {
         let start = out.len();
         if let Some(id) = event.id {
@@ -164,7 +164,7 @@ impl FrameTextWriter {
                 out.extend_from_slice(&[high, low, if changed { b'\'' } else { b' ' }]);
             }
         }
-        // Behind the last byte nothing but a mark stands.
+        // Behind the last byte there is nothing but a mark.
         if !event.bytes.is_empty() && out.ends_with(b" ") {
             out.pop();
         }

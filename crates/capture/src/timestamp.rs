@@ -25,7 +25,7 @@ impl Timestamp {
         Some(Self(seconds.checked_mul(NS)?.checked_add(ns)?))
     }
 
-    /// So many nanoseconds later.
+    /// Adds nanoseconds.
     #[must_use]
     pub const fn plus(self, ns: u64) -> Self {
         Self(self.0.saturating_add(ns))

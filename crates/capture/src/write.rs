@@ -55,7 +55,7 @@ trait FormatWriter: fmt::Debug + Send {
     -> Result<(), &'static str>;
     /// Appends what is held back of the records so far.
     fn append_pending(&mut self, _out: &mut Vec<u8>) {}
-    /// Appends what stands at the end.
+    /// Appends the end of the file.
     fn append_end(&mut self, _out: &mut Vec<u8>) {}
 }
 
@@ -84,7 +84,7 @@ impl<W: Write> fmt::Debug for CaptureWriter<W> {
 }
 
 impl<W: Write> CaptureWriter<W> {
-    /// A writer of that format, compressed if `packing` says so.
+    /// A writer of that format, compressed by `packing`.
     ///
     /// # Errors
     /// [`WriteError::UnsupportedFormat`] for JSONL, which is made by decoding.
@@ -188,7 +188,7 @@ impl<W: Write> CaptureWriter<W> {
 #[derive(Debug, Default)]
 struct ChannelNumbers(Vec<(String, u32)>);
 
-/// Links that one file can tell apart by numbers.
+/// Limit of links that one file can distinguish by numbers.
 const CHANNELS_MAX: usize = 256;
 
 impl ChannelNumbers {

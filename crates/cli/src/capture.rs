@@ -20,13 +20,13 @@ use crate::profile_args::NamingArgs;
 use crate::progress::Progress;
 use crate::terminal::{print_note, print_warning};
 
-/// A capture on stdin that pauses so long is judged by what came so far, and followed from there.
+/// Pause of a capture on stdin after which its protocol is decided by the received part, and it is followed from there.
 const JUDGE_PAUSE: Duration = Duration::from_millis(700);
 /// Bytes of a capture on stdin that are gathered for the judgement.
 const GATHER_MAX: usize = 1 << 28;
 const READ_SIZE: usize = 1 << 18;
 
-/// How to read a capture.
+/// Options of reading a capture.
 #[derive(Args, Debug)]
 pub struct CaptureArgs {
     #[command(flatten)]
@@ -36,7 +36,7 @@ pub struct CaptureArgs {
     times: TimesArg,
 }
 
-/// What the user states about a capture.
+/// Properties of a capture that the user states.
 #[derive(Args, Debug)]
 pub struct StatedArgs {
     /// Protocol of the capture, or PROTO@AXIS or PROTO@LINK for a part of it; separate several by commas
@@ -49,7 +49,7 @@ pub struct StatedArgs {
     named_by: NamingArgs,
 }
 
-/// What the times of a text log count from.
+/// Origin of the times of a text log.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub enum TimesArg {
     /// Differences if the first is 0 and a later one is less than the one before
@@ -70,7 +70,7 @@ impl From<TimesArg> for LogTimes {
     }
 }
 
-/// Who takes the frames of a capture.
+/// Receiver of the frames of a capture.
 pub trait EventSink {
     /// Takes a frame.
     fn handle_event(&mut self, event: &DecodedFrame<'_>);
@@ -80,7 +80,7 @@ pub trait EventSink {
         let _ = event;
     }
 
-    /// After some frames. `now`: nobody knows when the next one comes.
+    /// Called after some frames. `now`: the time of the next one is unknown.
     fn flush(&mut self, now: bool) -> Result<()> {
         let _ = now;
         Ok(())
@@ -91,7 +91,7 @@ pub trait EventSink {
         self.flush(true)
     }
 
-    /// What conversations leave open at the end, which is no frame.
+    /// Handles the open ends of conversations, which are no frame.
     fn handle_final(&mut self, event: &DecodedFrame<'_>) {
         let _ = event;
     }
@@ -163,7 +163,7 @@ impl StatedArgs {
     }
 }
 
-/// What is stated about a capture, understood.
+/// A capture with its stated properties, checked.
 pub struct CaptureSource {
     rules: Option<Rules>,
     /// The drive whose names are used.
@@ -175,18 +175,18 @@ pub struct CaptureSource {
 }
 
 impl CaptureSource {
-    /// What frames say in words and fields is not wanted.
+    /// Skips the text and fields of frames.
     pub fn without_words(self) -> Self {
         Self { with_words: false, ..self }
     }
 
-    /// What is detected is not printed.
+    /// Does not print detections.
     #[cfg(feature = "tables")]
     pub fn quiet(self) -> Self {
         Self { quiet: true, ..self }
     }
 
-    /// How far it is may be shown, where data go elsewhere.
+    /// Permits a progress bar, if data go elsewhere.
     pub fn with_progress(self, progress: bool) -> Self {
         Self { progress, ..self }
     }
@@ -208,9 +208,10 @@ impl CaptureSource {
 
     /// Explains a capture, frame by frame. A [stream](is_stream) is followed as it grows.
     pub fn decode(self, path: &Path, sink: &mut dyn EventSink) -> Result<CaptureDecoder> {
-        let mut decoder = match is_stream(path) {
-            true => self.follow_stream(open_stream(path)?, sink)?,
-            false => self.decode_file(path, sink)?,
+        let mut decoder = if is_stream(path) {
+            self.follow_stream(open_stream(path)?, sink)?
+        } else {
+            self.decode_file(path, sink)?
         };
         decoder.finish(&mut |event| sink.handle_event(event));
         decoder.finish_sessions(&mut |event| sink.handle_final(event));
@@ -376,7 +377,7 @@ impl<'a> CaptureFileReader<'a> {
         Ok(Self { path, file, progress })
     }
 
-    /// Appends at most so many bytes; none at the end.
+    /// Appends at most `max` bytes; none at the end.
     fn append(&mut self, piece: &mut Vec<u8>, max: usize) -> Result<()> {
         let read = (&mut self.file).take(max as u64).read_to_end(piece);
         self.progress.add(read.map_err(|error| problem::file_problem(self.path, "read", &error))?);
@@ -392,7 +393,7 @@ fn print_detection(detected: &LinkDetection) {
     print_note(&detection_text(detected));
 }
 
-/// What was detected, in a line.
+/// A detection in one line.
 pub fn detection_text(detected: &LinkDetection) -> String {
     let is_guess = detected.protocol.is_some() && is_doubtful(detected);
     let advice = if is_guess { " - a guess; --as PROTO states the protocol" } else { "" };
@@ -404,7 +405,7 @@ pub fn is_doubtful(detected: &LinkDetection) -> bool {
     detected.protocol.is_none() || detected.confidence < 0.5
 }
 
-/// The format that a capture is written in: as said, or as the file's name tells.
+/// Format for writing a capture: the stated one, or that of the file's name.
 pub fn written_format(capture_format: Option<CaptureFormat>, path: &Path) -> Result<CaptureFormat> {
     capture_format.or_else(|| CaptureFormat::from_path(path)).ok_or_else(|| {
         Problem::usage("E248", "the output format is unknown.")
@@ -425,12 +426,12 @@ pub fn write_problem(path: &Path, error: &WriteError) -> Problem {
     }
 }
 
-/// What is to be said of a capture beside its frames.
+/// A remark on a capture beside its frames.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Remark {
-    /// How it was read.
+    /// A note on the reading.
     Note(String),
-    /// What was left out of it, or is doubtful.
+    /// A part that was left out, or is doubtful.
     Warning(String),
 }
 
@@ -460,7 +461,7 @@ pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
     Ok(if decoder.untracked_records() > 0 { Exit::Partial } else { Exit::Ok })
 }
 
-/// What was left out of a capture that was decoded, and what is doubtful.
+/// Parts of a decoded capture that were left out, and doubtful ones.
 pub fn remarks(decoder: &CaptureDecoder) -> Vec<Remark> {
     let mut remarks = Vec::new();
     if decoder.untracked_records() > 0 {

@@ -25,7 +25,7 @@ type ControlStream = TcpStream;
 
 /// Longest time that a request or its reply takes.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// What a simulation answers that has no such link.
+/// Reply of a simulation without such a link.
 const ELSEWHERE: &str = "elsewhere";
 
 /// The drives of a simulation that is served.
@@ -33,7 +33,7 @@ const ELSEWHERE: &str = "elsewhere";
 pub struct ServedDrives {
     pub description: RackDescription,
     pub lines: Vec<DriveLine>,
-    /// Where each link is: `serial:///dev/pts/3`.
+    /// Place of each link: `serial:///dev/pts/3`.
     pub locations: Vec<String>,
 }
 
@@ -105,7 +105,7 @@ pub struct ControlServer {
 
 impl Drop for ControlServer {
     fn drop(&mut self) {
-        // Whoever finds it without a server removes it, too.
+        // A client that finds it without a server removes it, too.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -187,14 +187,14 @@ fn serve_request(stream: &ControlStream, drives: &ServedDrives) -> io::Result<()
     out.write_all(reply.as_bytes())
 }
 
-/// What became of a request.
+/// Result of a request.
 #[derive(Debug, PartialEq, Eq)]
 pub enum ActReply {
     /// The act was done.
     Done,
     /// No simulation that runs has this link.
     NoSimulation,
-    /// It was not done, and why.
+    /// The request was refused, with the reason.
     Refused(String),
 }
 
@@ -205,7 +205,7 @@ pub fn is_socket(target: &str) -> bool {
     std::fs::metadata(path).is_ok_and(|found| found.file_type().is_socket())
 }
 
-/// The same: the file has the number of a port.
+/// Returns whether it is such a file, which has the number of a port.
 #[cfg(windows)]
 pub fn is_socket(target: &str) -> bool {
     read_port(Path::new(target.split('#').next().unwrap_or(target))).is_some()

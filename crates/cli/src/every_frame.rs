@@ -20,22 +20,22 @@ use crate::problem::Exit;
 use crate::terminal::tried;
 use wire::{FailureMode, RecordedWire, WireFault, WireObservation};
 
-/// Slower than this a motor stands, rad/s.
+/// Standstill speed of a motor, rad/s.
 const STANDSTILL_SPEED: f64 = 0.5;
-/// How long is looked whether a motor stands, when the verb has ended.
+/// Time limit of standstill after the end of the verb.
 const SETTLE_TIME: Duration = Duration::from_secs(3);
-/// Where not all frames of a verb are tried, the verbs of a family take turns among so many places
-/// between its first frame and its last.
+/// Number of places between a verb's first frame and its last that a family's verbs share, where not all frames are
+/// tried.
 const SAMPLED_PLACES: usize = 4;
 
 /// A family on a medium.
 struct DriveFamily {
-    /// What is simulated: in the order of the drives' addresses.
+    /// Simulated drives, in the order of their addresses.
     sim: &'static str,
-    /// How a second host of the same wire, which prepares it, asks for the axes.
+    /// Protocol by which a second host of the same wire, which prepares it, asks for the axes.
     protocol: &'static str,
     axes: &'static [u32],
-    /// What is set before it moves.
+    /// Settings before it moves.
     prepare: &'static [(&'static str, i64)],
     verbs: &'static [VerbCase],
 }
@@ -43,26 +43,26 @@ struct DriveFamily {
 /// A verb as it is tried.
 struct VerbCase {
     words: &'static [&'static str],
-    /// What the motor does before: it turns.
+    /// True if the motor turns before.
     turning: bool,
-    /// What is so when it is done.
+    /// Expected end.
     expected: ExpectedEnd,
 }
 
-/// What is so when a verb is done.
+/// Expected end of a verb.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum ExpectedEnd {
-    /// It has turned, and stands without power.
+    /// The motor has turned, and is at standstill without power.
     Turned,
-    /// It was left turning.
+    /// The motor was left turning.
     Turning,
-    /// It is so far from where it was, rad.
+    /// The motor moved by this angle, rad.
     Moved(f64),
-    /// It has power and stands.
+    /// The motor has power and is at standstill.
     Powered,
-    /// It has no power.
+    /// The motor has no power.
     Off,
-    /// It stands.
+    /// The motor is at standstill.
     Standing,
 }
 
@@ -116,7 +116,7 @@ const FAMILIES: [DriveFamily; 9] = [
         sim: "tmcm-6110:1",
         protocol: "tmcl",
         axes: &[1],
-        // It is fast enough, and its power goes when it stands.
+        // It is fast enough, and its power goes at standstill.
         prepare: &[("pulse divisor", 2), ("freewheeling delay", 1)],
         verbs: &[SPIN, SPIN_DETACHED, MOVE, MOVE_BY, STOP],
     },
@@ -193,7 +193,7 @@ pub fn with_faulty_wire(connector: Connector) -> Connector {
     }
 }
 
-/// How a verb ended.
+/// A run of a verb, with its end.
 struct VerbRun {
     exit: Exit,
     output: String,
@@ -220,7 +220,7 @@ fn run_case(family: &'static DriveFamily, tried: &VerbCase, fault: Option<WireFa
     VerbRun { exit, output: tried::take_recorded(), observation: wire.observe(SETTLE_TIME) }
 }
 
-/// What is done with the drives before the verb.
+/// Prepares the drives before the verb.
 fn prepare_drives(
     family: &'static DriveFamily,
     tried: &VerbCase,
@@ -241,7 +241,7 @@ fn prepare_drives(
     }
 }
 
-/// What is wrong with how a verb ended.
+/// Violations at the end of a verb.
 fn find_violations(
     family: &DriveFamily,
     tried: &VerbCase,

@@ -18,7 +18,7 @@ const SAME_PRESS_MS: u32 = 300;
 
 static COUNT: AtomicU32 = AtomicU32::new(0);
 static WAKERS: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
-/// What may be turning because of this process: the connection string that stops it.
+/// Connection string that stops the motors that this process may have left turning.
 static HELD_URL: Mutex<Option<String>> = Mutex::new(None);
 static FIRST_AT: Mutex<Option<Instant>> = Mutex::new(None);
 
@@ -46,8 +46,8 @@ pub fn outlive_file_limit() {
     system::outlive_file_limit();
 }
 
-/// Says what may be turning because of this process until the answer is dropped. Meanwhile it is not
-/// suspended: Ctrl-Z ends what waits, too, for nobody would watch the motor.
+/// Declares motors that may turn because of this process until the guard is dropped. Meanwhile it is not suspended:
+/// Ctrl-Z ends the wait, too, because a suspended process would not watch the motor.
 pub fn hold_motion(url: &str) -> HoldGuard {
     static UNSUSPENDED: AtomicBool = AtomicBool::new(false);
     *lock(&HELD_URL) = Some(url.to_owned());
@@ -87,7 +87,7 @@ fn handle_signal(key: bool) {
         lock(&WAKERS).iter().for_each(|wake| wake());
         return;
     }
-    // A terminal that closes, and whoever ends a service, sends several signals.
+    // A closing terminal, and the end of a service, send several signals.
     let same = lock(&FIRST_AT).is_none_or(|first| clock::now() < first.plus_ms(SAME_PRESS_MS));
     let held = lock(&HELD_URL).clone();
     if same || !(key || held.is_none()) {
@@ -123,7 +123,7 @@ mod system {
     use signal_hook::iterator::Signals;
     use std::sync::Arc;
 
-    /// Signals that end a process unless it hears them. (SIGPIPE is ignored from the beginning.)
+    /// Signals that end a process without a handler. (SIGPIPE is ignored from the beginning.)
     pub const ENDING: &[i32] = &[
         SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGALRM, SIGVTALRM, SIGPROF, SIGUSR1, SIGUSR2, SIGXCPU,
         SIGABRT, SIGIO, SIGSYS, SIGTRAP,
@@ -138,7 +138,7 @@ mod system {
         let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
     }
 
-    /// Hears these signals on a thread of its own.
+    /// Handles these signals on a thread of its own.
     pub fn listen_for(signals: &[i32]) {
         // Refused for lack of descriptors or threads alone, which no user could mend here.
         let Ok(mut signals) = Signals::new(signals) else { return };
@@ -159,7 +159,7 @@ mod system {
     pub const ENDING: &[i32] = &[0];
     pub const SUSPENDING: &[i32] = &[];
 
-    /// Hears Ctrl-C, Ctrl-Break, a console that closes, log-off and shutdown.
+    /// Handles Ctrl-C, Ctrl-Break, a closing console, log-off and shutdown.
     pub fn listen_for(signals: &[i32]) {
         if !signals.is_empty() {
             polepair_link::console::handle_console_events(|event| {

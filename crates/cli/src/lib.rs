@@ -1,6 +1,6 @@
 //! The polepair command line. It names no protocol: the library knows the protocol of each drive.
 #![forbid(unsafe_code)]
-// A terminal that went away must not end who has a motor turning: `terminal::draw` and `say`.
+// A terminal that went away must not end a program whose motor is turning: `terminal`.
 #![deny(clippy::print_stderr)]
 
 mod capture;

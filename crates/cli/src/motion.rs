@@ -23,28 +23,28 @@ use crate::terminal::{self, print_note, print_warning};
 use crate::value;
 pub use report::{print_program_note, print_start_note, signal_lines};
 
-/// How often a held motion looks for Ctrl-C and its end.
+/// Interval of checking a held motion for Ctrl-C and its end, ms.
 const POLL_MS: u32 = 25;
-/// How often it shows readings.
+/// Interval of showing readings, ms.
 const READ_MS: u32 = 250;
-/// How long a wait lasts before Ctrl-C is looked for.
+/// Length of a wait between two checks for Ctrl-C.
 const POLL_INTERVAL: Duration = Duration::from_millis(25);
 /// Time limit of a verb that ends with the drive's reply.
 const VERB_MAX: Duration = Duration::from_secs(60);
-/// How long a move may take unless the user says otherwise.
+/// Default time limit of a move.
 pub const ARRIVE_MAX: Duration = Duration::from_secs(600);
 
-/// How a motion that is waited for is stopped.
+/// Way to stop a motion that is waited for.
 const CTRL_C_STOPS: &str = "Ctrl-C stops it";
-/// What becomes of a motion that is not waited for. How it is stopped is said once it runs.
+/// Note for a motion that is not waited for. The way to stop it is printed once it runs.
 const LEFT_RUNNING: &str = "it turns on when this command ends";
 
-/// What to do with a motion once it runs.
+/// Treatment of a motion once it runs.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum MotionMode {
     /// Hold it for some seconds, or until Ctrl-C, and stop it.
     Hold(Option<f64>),
-    /// Wait until it has arrived, at most so many seconds.
+    /// Wait until it has arrived, at most for this time in seconds.
     Arrive(Option<f64>),
     /// Leave it running.
     Detach,
@@ -87,7 +87,7 @@ pub fn parse_argument(
     if is_bare && which == Argument::Target && unit != Unit::None {
         return Err(unitless_position(axis, text, unit));
     }
-    // Why a unit is not the drive's, its parameter's description says best.
+    // The parameter's description explains best why a unit is not the drive's.
     measure.in_unit(unit).map_err(|wrong| {
         let about = written.map(|into| format!("It is written to {:?}: {}", into.name, into.about));
         to_problem(wrong).why(about.unwrap_or_default())
@@ -120,12 +120,12 @@ fn unknown_argument(axis: &Axis, verb: Verb, which: Argument) -> Problem {
         Argument::Target => "VALUE",
     };
     let (name, has_verb) = (&axis.facts().profile, axis.has_verb(verb));
-    let what = match has_verb {
-        false if matches!(verb, Verb::CurveTo | Verb::CurveBy) => {
-            format!("{name} takes no --s-curve.")
-        }
-        false => format!("{name} has no `{}`.", command_word(verb)),
-        true => format!("{name} takes no {option} with this verb."),
+    let what = if has_verb {
+        format!("{name} takes no {option} with this verb.")
+    } else if matches!(verb, Verb::CurveTo | Verb::CurveBy) {
+        format!("{name} takes no --s-curve.")
+    } else {
+        format!("{name} has no `{}`.", command_word(verb))
     };
     let missing = axis.local().map(|axis| axis.missing_for(verb, has_verb.then_some(which)));
     let reason = match missing.filter(|missing| !missing.is_empty()) {
@@ -135,7 +135,7 @@ fn unknown_argument(axis: &Axis, verb: Verb, which: Argument) -> Problem {
     Problem::usage("E218", what).why(format!("{reason} {}", outcome::sent_so_far()))
 }
 
-/// The command that a verb of motion is said by.
+/// Command line word of a verb of motion.
 pub const fn command_word(verb: Verb) -> &'static str {
     match verb {
         Verb::Velocity => "spin",
@@ -153,7 +153,7 @@ pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionM
     execute_motion(session, commands, then, (check, start_commands))
 }
 
-/// The same with moves that begin at one signal.
+/// Runs moves that begin at one signal.
 pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
     let hint = "remove --sync: the moves then start one after the other";
     let local = |(axis, command): &(Axis, Command)| {
@@ -247,7 +247,7 @@ fn check_detach(session: &Session, commands: &[(Axis, Command)]) -> Result<()> {
     }
 }
 
-/// What a verb tells that has ended a motion: why it ended, and what became of its stop.
+/// Result of a verb that has ended a motion: the reason of the end, and the result of its stop.
 pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
     match (ended, stopped) {
         (Ok(()), stopped) => stopped.map(|()| Exit::Ok),
@@ -263,7 +263,7 @@ pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
             let may_turn = problem.may_turn || stop.may_turn;
             Err(Problem { may_turn, ..join_problems(problem, stop) })
         }
-        // Why it ended is told last; that it was not stopped is no less true.
+        // The reason of the end comes last; a failed stop is no less true.
         (Err(problem), Err(stop)) => {
             terminal::draw(&stop.render(terminal::colour_err()));
             Err(Problem { may_turn: problem.may_turn || stop.may_turn, ..problem })
@@ -296,9 +296,9 @@ struct StartedMotion {
 /// An axis that this verb set in motion.
 struct StartedAxis {
     axis: Axis,
-    /// It was not powered before.
+    /// True if it was not powered before.
     enabled_here: bool,
-    /// A motion was asked for, whether it was heard or not.
+    /// True if a motion was requested, whether it was received or not.
     moved: bool,
 }
 
@@ -331,11 +331,12 @@ impl StartedMotion {
         self.started.iter_mut().for_each(|one| one.moved = true);
     }
 
-    /// What is told of it once all of it was stopped.
+    /// Text once all of it was stopped.
     fn stopped_text(&self) -> &'static str {
-        match self.started.iter().any(|one| one.moved) {
-            true => "the motion was stopped",
-            false => "no motion was started",
+        if self.started.iter().any(|one| one.moved) {
+            "the motion was stopped"
+        } else {
+            "no motion was started"
         }
     }
 
@@ -398,7 +399,7 @@ pub fn run_optional_verb(axis: &Axis, verb: Verb) -> Result<()> {
     wait_request(axis, verb, &mut request, axis.now() + VERB_MAX)
 }
 
-/// What a verb waited for did not come.
+/// Problem of a wait that was in vain.
 pub fn late_problem(label: &str, verb: Verb) -> Problem {
     let what = format!("{label}: {} did not end in time.", verb.name());
     Problem::new(Exit::Negative, "E101", what).why("The expected state was not reached in time.")
@@ -436,7 +437,7 @@ fn watch_motion(
 /// The clock that is waited on: what it shows, and who waits until an instant of it.
 pub type ClockFns<'a> = (&'a dyn Fn() -> Instant, &'a dyn Fn(Instant));
 
-/// Waits for so many seconds, or until Ctrl-C, for as long as each look finds nothing wrong.
+/// Waits for `seconds`, or until Ctrl-C, as long as `query` finds no error.
 pub fn hold_while(
     seconds: Option<f64>,
     (now, pause): ClockFns<'_>,
@@ -502,15 +503,11 @@ pub fn end_motion(axis: Axis, power_off: bool) -> Result<()> {
     stop_started(&[StartedAxis { axis, enabled_here: power_off, moved: true }], false)
 }
 
-/// Stops what was started, all at once, and takes the power off that was put on. A stop that was lost
-/// is said again for a while: nobody else would.
+/// Stops the started axes, all at once, and removes the power that was switched on. A lost stop is repeated for a
+/// while: no other program would.
 fn stop_started(started: &[StartedAxis], arrived: bool) -> Result<()> {
     let is_ours = |one: &StartedAxis| one.axis.interface().check_control().is_ok();
-    let mut ended_motions = match arrived {
-        true => Vec::new(),
-        false => end_motions(started),
-    }
-    .into_iter();
+    let mut ended_motions = if arrived { Vec::new() } else { end_motions(started) }.into_iter();
     let mut ended = Ok(());
     for one @ StartedAxis { axis, enabled_here, .. } in started {
         // An axis that this program no longer controls is left to its gateway.
@@ -547,7 +544,7 @@ fn join_problems(mut first: Problem, second: Problem) -> Problem {
 }
 
 impl StartedAxis {
-    /// What a motor may do whose stop nobody confirmed.
+    /// Possible state of a motor whose stop was not confirmed.
     const fn risk_text(&self) -> &'static str {
         if self.moved { "still turn" } else { "still be powered" }
     }
@@ -569,15 +566,15 @@ fn end_motions(started: &[StartedAxis]) -> Vec<EndedMotion> {
     ended
 }
 
-/// The note of a quick stop that nobody asked for.
+/// Note of a quick stop that was not requested.
 pub fn quick_stop_text(label: &str) -> String {
     format!("{label}: the stop had no effect; a quick stop was sent")
 }
 
-/// What is said of stops while they are pending.
+/// Printer of pending stops.
 pub struct StopPrinter {
     reported: Vec<String>,
-    /// So many signals that ask for a stop leave it: one asks for it, whenever that comes.
+    /// Number of signals that end the wait for a stop: the first one, at any time, requests it.
     interrupt_limit: u32,
 }
 
@@ -586,7 +583,7 @@ impl StopPrinter {
         Self { reported: Vec::new(), interrupt_limit: interrupt::count().max(1) + 1 }
     }
 
-    /// Prints news of a stop, once per axis that it is repeated. False when somebody wants this to end.
+    /// Prints news of a stop, once per axis that it is repeated. False if the user ends it.
     pub fn report_notice(&mut self, label: &str, notice: &StopNotice, may: &str) -> bool {
         match notice {
             StopNotice::Unconfirmed(_) => self.report_retry(label, may),
@@ -598,7 +595,7 @@ impl StopPrinter {
         }
     }
 
-    /// Prints once of an axis that its stop is repeated. False when somebody wants this to end.
+    /// Prints once for an axis that its stop is repeated. False if the user ends it.
     pub fn report_retry(&mut self, label: &str, may: &str) -> bool {
         if !self.reported.iter().any(|reported| reported == label) {
             print_warning(&format!(

@@ -13,7 +13,7 @@ use polepair_link::LinkError;
 use crate::problem::{Exit, Problem};
 use crate::terminal::print_note;
 
-/// What counts the frames that left on links that this process opened.
+/// Counters of the sent frames on links that this process opened.
 static SENT_COUNTERS: Mutex<Vec<SentCounter>> = Mutex::new(Vec::new());
 
 /// Has the frames counted that leave on a connector's links.
@@ -21,7 +21,7 @@ pub fn count_frames_of(connector: &Connector) {
     SENT_COUNTERS.lock().unwrap_or_else(PoisonError::into_inner).push(connector.sent_counter());
 }
 
-/// Whether anything left before something was refused here, in a sentence.
+/// A sentence on whether anything was sent before a refusal here.
 pub fn sent_so_far() -> String {
     let sent = SENT_COUNTERS.lock().unwrap_or_else(PoisonError::into_inner);
     match sent.iter().map(SentCounter::count).sum::<u64>() {
@@ -48,15 +48,16 @@ pub fn to_problem(error: Error) -> Problem {
     problem.hint_if(Some(error.hint().trim()).filter(|hint| !hint.is_empty()))
 }
 
-/// What came of addresses that did not answer.
+/// Results of addresses without a reply.
 pub fn unanswered_text(details: &NoReplyDetails) -> String {
-    match details.is_nothing() {
-        true => "No address replied.".to_owned(),
-        false => format!("No address replied, but frames were received: {details}."),
+    if details.is_nothing() {
+        "No address replied.".to_owned()
+    } else {
+        format!("No address replied, but frames were received: {details}.")
     }
 }
 
-/// Says once, of each axis and reason, that values have no unit and are shown as the drive's own numbers.
+/// Notes once, for each axis and reason, that values have no unit and are shown as the drive's own numbers.
 pub fn note_missing_unit(axis: &LocalAxis, id: ParameterId) {
     static NOTED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     let Some((why, values)) = axis.unit_problem_parts(id) else { return };
@@ -76,11 +77,11 @@ pub fn link_problem(link: &LinkError) -> Problem {
     to_problem(Error::Link(link.clone()))
 }
 
-/// One sentence of why, where the exit code alone does not say it.
+/// One sentence with the reason, where the exit code alone is not enough.
 fn reason_text(error: &Error) -> String {
     let partly = matches!(error, Error::Failed { outcome: Outcome::Partly(..), .. });
     let output = match (error.exit(), error.executed()) {
-        // The sentence says which reply is missing.
+        // The sentence names the missing reply.
         (Exit::NoReply, _) if error.may_turn() => "",
         // Of several requests some may have been answered.
         (Exit::NoReply, _) if partly => "Some requests had no reply, even after repeats.",
@@ -92,7 +93,7 @@ fn reason_text(error: &Error) -> String {
         (Exit::Negative, _) if error.code() == "E101" => {
             "The expected state was not reached in time."
         }
-        // What was executed of it, the sentence says.
+        // The sentence has the executed part.
         (Exit::Usage, Some(false)) => return sent_so_far(),
         _ => "",
     };

@@ -33,7 +33,7 @@ impl TraceArgs {
         self.trace.as_deref()
     }
 
-    /// What becomes of a file that is there.
+    /// Treatment of an existing file.
     pub const fn existing(&self) -> ExistingFile {
         existing_file(self.force, self.append)
     }
@@ -47,7 +47,7 @@ impl TraceArgs {
     }
 }
 
-/// What the options --force and --append make of a file that is there.
+/// Treatment of an existing file by the options --force and --append.
 pub const fn existing_file(force: bool, append: bool) -> ExistingFile {
     match (force, append) {
         (true, _) => ExistingFile::Replace,
@@ -78,7 +78,7 @@ pub fn refuse_input<'a>(
     }
 }
 
-/// Where the result of a verb goes.
+/// Target of a verb's result.
 pub enum OutputFile {
     /// Read while it is written: stdout, or a new file behind an input that may never end.
     Stream(Box<dyn Write + Send>),
@@ -178,10 +178,7 @@ fn ends_within_line(path: &Path) -> bool {
 /// `E259`.
 pub fn check_recording(path: &Path, existing: ExistingFile) -> Result<()> {
     let is_file = || std::fs::metadata(path).is_ok_and(|found| found.is_file());
-    match existing == ExistingFile::Refuse && is_file() {
-        true => Err(existing_problem(path)),
-        false => Ok(()),
-    }
+    if existing == ExistingFile::Refuse && is_file() { Err(existing_problem(path)) } else { Ok(()) }
 }
 
 fn existing_problem(path: &Path) -> Problem {

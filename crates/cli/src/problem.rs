@@ -11,7 +11,7 @@ pub use polepair::error::Exit;
 /// An error as the user sees it.
 #[derive(Debug)]
 pub struct Problem {
-    /// What a script branches on.
+    /// Exit code, for scripts.
     pub exit: Exit,
     /// Stable: `E401`.
     pub code: Cow<'static, str>,
@@ -25,7 +25,7 @@ pub struct Problem {
     pub may_turn: bool,
 }
 
-/// What every verb returns.
+/// Result of every verb.
 pub type Result<T = Exit> = std::result::Result<T, Problem>;
 
 impl Problem {
@@ -51,7 +51,7 @@ impl Problem {
         Self::new(Exit::Interrupted, "E130", "")
     }
 
-    /// Says whom it is about, where several were told.
+    /// Adds the label of an axis, if several were commanded.
     #[must_use]
     pub fn about(mut self, label: &str) -> Self {
         self.what = format!("{label}: {}", self.what);
@@ -81,7 +81,7 @@ impl Problem {
         }
     }
 
-    /// As it is shown.
+    /// Text for the terminal.
     pub fn render(&self, colour: bool) -> String {
         let (red, blue, off) =
             if colour { ("\x1b[1;31m", "\x1b[34m", "\x1b[0m") } else { ("", "", "") };
@@ -112,7 +112,7 @@ pub fn file_problem(path: &std::path::Path, verb: &str, error: &std::io::Error) 
     Problem::new(Exit::Adapter, code, what).why(why)
 }
 
-/// What this program was built without.
+/// Problem of a feature that this program was built without.
 #[cfg(not(all(feature = "tables", feature = "tls")))]
 pub fn left_out_problem(feature: &str, what: &str) -> Problem {
     Problem::usage("E263", format!("this program was built without {what}."))

@@ -36,7 +36,7 @@ pub struct ProfileFile {
 }
 
 impl ProfileFile {
-    /// How links are opened, with the profile.
+    /// Connector with the profile.
     pub fn connector(&self) -> Result<Connector> {
         let connector = discover_connector();
         outcome::count_frames_of(&connector);
@@ -46,7 +46,7 @@ impl ProfileFile {
         }
     }
 
-    /// The same for those who bring motors to rest: a profile that is wrong is told and done without.
+    /// Connector for stops: a wrong profile is reported and ignored.
     pub fn connector_to_stop(&self) -> Connector {
         let mut connector = discover_connector().for_stop();
         outcome::count_frames_of(&connector);
@@ -58,7 +58,7 @@ impl ProfileFile {
         connector
     }
 
-    /// What gives it to another verb, behind a URL; empty without one.
+    /// Arguments that give it to another verb, behind a URL; empty without one.
     pub fn as_arguments(&self) -> String {
         let Some(file) = &self.file else { return String::new() };
         format!(" --profile {}", shell_word(&file.display().to_string()))

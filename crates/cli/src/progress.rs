@@ -23,23 +23,23 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Of a file of so many bytes.
+    /// Progress in a file of `bytes` bytes.
     pub fn of_file(bytes: u64) -> Self {
         Self::new(Some(bytes), "{bar:30} {bytes} of {total_bytes}, {eta} left")
     }
 
-    /// Of a transfer whose size is not known. `verb` says what is done with its bytes: `read`, `written`.
+    /// Progress of a transfer of unknown size. `verb` names the action on its bytes: `read`, `written`.
     pub fn of_transfer(verb: &str) -> Self {
         Self::new(None, &format!("{{spinner}} {{bytes}} {verb}, {{bytes_per_sec}}"))
     }
 
-    /// Of so many things, whose name is in the plural: `addresses`, `words`.
+    /// Progress of `count` things, whose name is in the plural: `addresses`, `words`.
     pub fn of_count(count: usize, things: &str) -> Self {
         let form = format!("{{bar:30}} {{pos}} of {{len}} {things}, {{eta}} left");
         Self::new(Some(count as u64), &form)
     }
 
-    /// A bar that nobody sees.
+    /// A hidden bar.
     pub fn hidden() -> Self {
         Self {
             bar: ProgressBar::hidden(),
@@ -57,19 +57,19 @@ impl Progress {
         Self { bar, started_at: clock::now(), is_hidden }
     }
 
-    /// So much more is done.
+    /// Adds `more` to the progress.
     pub fn add(&self, more: usize) {
         self.bar.inc(more as u64);
         self.show_after_delay();
     }
 
-    /// So much is done.
+    /// Sets the progress.
     pub fn set(&self, done: usize) {
         self.bar.set_position(done as u64);
         self.show_after_delay();
     }
 
-    /// So much of so much is done.
+    /// Sets the progress and the total.
     pub fn set_of(&self, done: usize, of: usize) {
         self.bar.set_length(of as u64);
         self.set(done);

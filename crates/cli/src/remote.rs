@@ -50,11 +50,11 @@ const SERVER_VERBS: [(&str, AxesScope); 20] = [
 /// Which axes of a server a verb is about.
 #[derive(Clone, Copy, PartialEq)]
 enum AxesScope {
-    /// Those that are named.
+    /// The named axes.
     Named,
-    /// Those that are named, else all.
+    /// The named axes, or all.
     AllUnlessNamed,
-    /// It is about the server.
+    /// None: the verb concerns the server.
     None,
 }
 
@@ -85,9 +85,10 @@ pub fn rewrite_gateway_url(mut words: Vec<OsString>) -> Vec<OsString> {
     }
     let expanded = |word: &OsString| {
         let word = text(word)?;
-        let url = match word.starts_with('@') {
-            true => polepair::config::Config::discover().expand(&word).ok()?,
-            false => word,
+        let url = if word.starts_with('@') {
+            polepair::config::Config::discover().expand(&word).ok()?
+        } else {
+            word
         };
         is_gateway(&url).then_some(url)
     };
@@ -158,13 +159,14 @@ impl ServerArgs {
         })
     }
 
-    /// The same grammar, in which the help of verbs that are nothing for a server does not show it.
+    /// Hides the server's options from the help of verbs that do not use a server; the grammar stays.
     pub fn hide_server_options(command: Command) -> Command {
         let own = Self::augment_args(Command::new(""));
         command.mut_subcommands(|verb| {
-            match SERVER_VERBS.iter().any(|(word, _)| *word == verb.get_name()) {
-                true => verb,
-                false => verb.args(own.get_arguments().cloned().map(|arg| arg.hide(true))),
+            if SERVER_VERBS.iter().any(|(word, _)| *word == verb.get_name()) {
+                verb
+            } else {
+                verb.args(own.get_arguments().cloned().map(|arg| arg.hide(true)))
             }
         })
     }
@@ -174,11 +176,11 @@ impl ServerArgs {
         self.server.is_some()
     }
 
-    /// Whether what is said of a server is complete: the options may stand before the verb and behind it,
-    /// so the grammar cannot tell.
+    /// Checks that the server's options are complete: they may come before the verb and behind it, so the grammar
+    /// cannot check it.
     ///
     /// # Errors
-    /// A usage error where something is said of a server, and none is named.
+    /// A usage error for options of a server without its name.
     pub fn check(&self) -> Result<()> {
         let Self { server, token_file, certificate, client_cert, client_key } = self;
         let needs = [
@@ -198,16 +200,17 @@ impl ServerArgs {
 
     /// Refuses to show the frames of a server.
     pub fn refuse_dry_run(&self) -> Result<()> {
-        match self.is_given() {
-            false => Ok(()),
-            true => Err(unsupported_problem(
+        if self.is_given() {
+            Err(unsupported_problem(
                 "--dry-run",
                 "Only the program that opened the link can show frames.",
-            )),
+            ))
+        } else {
+            Ok(())
         }
     }
 
-    /// Joins it, and hears what it has.
+    /// Connects to the server, and receives its bench.
     pub fn open(self) -> Result<RemoteSession> {
         RemoteSession::new(self.gateway()?)
     }
@@ -264,12 +267,12 @@ impl RemoteSession {
     }
 }
 
-/// Tells an axis from those of other links.
+/// Distinguishes an axis from those of other links.
 pub fn label_with_link(axis: &mut AxisInfo) {
     axis.label += &format!(" of link {}", axis.link);
 }
 
-/// What is missing of a link, a line each: why it is not open, and which of its axes are not there.
+/// Troubles of a link, a line each: why it is not open, and its absent axes.
 pub fn link_troubles(link: &LinkView) -> Vec<String> {
     let LinkView { id, url, state, error, since_ms, absent, owed, .. } = link;
     let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
@@ -308,7 +311,7 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
     lines
 }
 
-/// A server that says nothing holds its ports, and stops nothing.
+/// Adds a hint for a server that does not reply: it holds its ports, and stops nothing.
 fn hint_unresponsive(error: GatewayError) -> GatewayError {
     match &*error.code {
         "E313" => error.hint(
@@ -319,7 +322,7 @@ fn hint_unresponsive(error: GatewayError) -> GatewayError {
     }
 }
 
-/// What the server refuses, or what became of it.
+/// Problem for a refusal by the server, or for its loss.
 pub fn refusal_problem(refused: GatewayError) -> Problem {
     let (exit, what) = (refused.exit(), to_sentence(&refused.sentence()));
     let GatewayError { code, hint, .. } = refused;
@@ -372,7 +375,7 @@ pub fn argument_unit(axis: &Axis, which: Argument, unit: Unit) -> Unit {
     known.unwrap_or(unit)
 }
 
-/// A signal's value, which a server tells in SI, as people read it.
+/// Value of a signal, which a server gives in SI, for people.
 pub fn format_signal(axis: &AxisInfo, signal: &str, value: f64, si: &str) -> String {
     match signal_unit(axis, signal, si) {
         Some(unit) => format_value(value / unit.si_factor(), unit.symbol()),

@@ -16,7 +16,7 @@ use crate::terminal::print_note;
 /// A link, of this program or of a server, and how the user named it.
 pub struct Session {
     pub link: Link,
-    /// What names it to another verb.
+    /// Arguments that name it to another verb.
     pub arguments: String,
     local: Option<LocalSession>,
 }
@@ -71,7 +71,7 @@ impl Session {
 /// A link of this program, and how the user named it.
 pub struct LocalSession {
     pub link: LocalLink,
-    /// What names it to another verb: its URL, and the profile's file where one was given.
+    /// Arguments that name it to another verb: its URL, and the profile's file if one was given.
     pub arguments: String,
 }
 
@@ -105,7 +105,7 @@ impl LocalSession {
 }
 
 impl Drop for LocalSession {
-    /// What went to a drive's permanent memory is never silent.
+    /// Prints a write to a drive's permanent memory in any case.
     fn drop(&mut self) {
         for axis in self.link.axes() {
             let writes = axis.state().flash_writes;
@@ -134,7 +134,7 @@ pub fn run_verb(axis: &LocalAxis, verb: Verb) -> Result<i64> {
     axis.run(Command::new(verb)).map_err(outcome::to_problem)
 }
 
-/// Whether the motor has power, as far as the drive reports it.
+/// Returns whether the motor has power, as far as the drive reports it.
 pub fn is_enabled(axis: &Axis) -> Result<bool> {
     match axis.local() {
         Some(axis) => Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0)),
@@ -190,7 +190,7 @@ pub fn read_signal(axis: &LocalAxis, signal: Signal) -> Result<Option<Value>> {
     };
     Ok(Some(match source.equals {
         Some(equals) if masked != equals && signal == Signal::Moving => {
-            // Its flag is often that a target is not reached: its speed says it, too.
+            // The flag often means that a target is not reached: the speed shows it, too.
             if let Some(source) = axis.profile().signal(Signal::Velocity) {
                 axis.read_optional(source.parameter).map_err(outcome::to_problem)?;
             }

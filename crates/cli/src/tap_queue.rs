@@ -21,7 +21,7 @@ pub struct QueuedUnit {
     pub at: Instant,
     /// Which way, by whose end of the link it passed.
     pub direction: TapDirection,
-    /// What.
+    /// The unit.
     pub unit: UnitBuf,
 }
 
@@ -34,7 +34,7 @@ pub enum UnitBuf {
     Frame(Frame),
 }
 
-/// Where every tap puts what it hears.
+/// Queue of the units of all taps.
 #[derive(Clone, Default)]
 pub struct TapQueue(Arc<Mutex<TapBuffer>>);
 
@@ -42,7 +42,7 @@ pub struct TapQueue(Arc<Mutex<TapBuffer>>);
 struct TapBuffer {
     units: VecDeque<QueuedUnit>,
     lost: u64,
-    /// What keeps the units as a capture, if anything does.
+    /// Capture file of the units, if there is one.
     trace: Option<FrameTrace>,
 }
 
@@ -63,7 +63,7 @@ impl TapQueue {
         QueueTap { wire, queue: self.clone() }
     }
 
-    /// What was heard since, and how much of it is lost for good.
+    /// Takes the units since the last call, and the number of lost ones.
     pub fn drain(&self) -> (VecDeque<QueuedUnit>, u64) {
         let mut waiting = self.lock();
         (std::mem::take(&mut waiting.units), std::mem::take(&mut waiting.lost))

@@ -65,7 +65,7 @@ pub enum OutputFormat {
 }
 
 impl DriveArgs {
-    /// The same for those who bring motors to rest.
+    /// Target of a stop.
     pub fn for_stop(self) -> Self {
         Self { stops: true, ..self }
     }
@@ -77,16 +77,15 @@ impl DriveArgs {
 
     /// Opens the link, or joins the server that is named.
     pub fn connect(&self, server: ServerArgs) -> Result<Session> {
-        match server.is_given() {
-            false => self.open().map(Session::from),
-            true => {
-                let words = self.remote_axes()?;
-                Ok(Session::of_server(server.link(words)?, words))
-            }
+        if server.is_given() {
+            let words = self.remote_axes()?;
+            Ok(Session::of_server(server.link(words)?, words))
+        } else {
+            self.open().map(Session::from)
         }
     }
 
-    /// The same with the axes that answer; those that do not come beside it, each with what is wrong.
+    /// Opens the axes that answer, and returns the others with their errors.
     pub fn open_present(&self) -> Result<(LocalSession, Vec<Problem>)> {
         let connector = self.connector()?;
         let (link, absent) = connector.connect_present(&self.url).map_err(outcome::to_problem)?;
@@ -95,7 +94,7 @@ impl DriveArgs {
         Ok((self.build_session(link, &self.url)?, absent))
     }
 
-    /// What stands where the URL would, where a server does it. Frames pass where the server is.
+    /// Selected axes in the place of the URL, on a server. Frames pass where the server is.
     pub fn remote_axes(&self) -> Result<&str> {
         if self.verbose || self.trace.path().is_some() || self.profiles.is_given() {
             return Err(remote::unsupported_problem(
@@ -112,15 +111,16 @@ impl DriveArgs {
         self.open_with(&self.build_connector(Some(queue))?, &self.url)
     }
 
-    /// How links are opened, with what shows or keeps the frames.
+    /// Connector with the taps that print or record frames.
     pub fn connector(&self) -> Result<Connector> {
         self.build_connector(None)
     }
 
     fn build_connector(&self, queue: Option<&TapQueue>) -> Result<Connector> {
-        let mut connector = match self.stops {
-            true => self.profiles.connector_to_stop(),
-            false => self.profiles.connector()?,
+        let mut connector = if self.stops {
+            self.profiles.connector_to_stop()
+        } else {
+            self.profiles.connector()?
         };
         #[cfg(test)]
         {
@@ -220,7 +220,7 @@ impl DriveArgs {
     }
 }
 
-/// Says which files were wrong and done without, but for those of the configuration, which was said.
+/// Prints the wrong files that were ignored, except those of the configuration, which were printed.
 pub fn warn_ignored_files(connector: &Connector) {
     let known = connector.config.broken.len();
     connector.ignored_files().iter().skip(known).for_each(warn_ignored_file);
@@ -264,7 +264,7 @@ pub fn describe_step(axis: &LocalAxis, step: &Rehearsal) -> String {
     format!("{shown:<26}  {does}")
 }
 
-/// What a frame says in its protocol's own words; empty where nobody can tell.
+/// Meaning of a frame in its protocol's own words; empty if unknown.
 fn explain_step(axis: &LocalAxis, step: &Rehearsal) -> String {
     let rules = Rules::parse(axis.protocol()).unwrap_or_default();
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
@@ -279,7 +279,7 @@ fn explain_step(axis: &LocalAxis, step: &Rehearsal) -> String {
     text
 }
 
-/// What `-v` and `--trace` do with the frames, and who else gets them.
+/// Treatment of frames by `-v` and `--trace`, and their further receivers.
 struct FrameTap {
     trace: Option<FrameTrace>,
     shown: Option<FramePrinter>,
@@ -314,7 +314,7 @@ impl Tap<Can> for FrameTap {
     }
 }
 
-/// What passed on a link.
+/// A unit on a link.
 #[derive(Clone, Copy, Debug)]
 pub enum UnitRef<'a> {
     /// Bytes of a serial line.

@@ -53,12 +53,12 @@ fn understands_escapes() -> bool {
     ratatui_crossterm::crossterm::ansi_support::supports_ansi()
 }
 
-/// Where data goes: stdout or a file.
+/// Output of data: stdout or a file.
 pub struct DataOutput {
     sink: OutputFile,
     name: String,
     buffer: Vec<u8>,
-    /// It is text for people, whose control characters are escaped.
+    /// True for text for people, whose control characters are escaped.
     is_text: bool,
 }
 
@@ -72,7 +72,7 @@ impl DataOutput {
         Self { sink, name: name.to_owned(), buffer: Vec::new(), is_text: false }
     }
 
-    /// Whether control characters are escaped. JSON, CSV and files of other formats have the text itself.
+    /// Sets whether control characters are escaped. JSON, CSV and files of other formats have the text itself.
     pub fn with_text(self, is_text: bool) -> Self {
         Self { is_text, ..self }
     }
@@ -88,7 +88,7 @@ impl DataOutput {
         path.filter(|path| *path != "-").map_or_else(stdout, Self::file)
     }
 
-    /// As [`to_path`](Self::to_path), for an input that may never end: a new file is read while it grows.
+    /// [`to_path`](Self::to_path) for an input that may never end: a new file can be read while it grows.
     pub fn follow_to_path(path: Option<&Path>) -> Result<Self> {
         match path.filter(|path| *path != "-") {
             None => Self::to_path(None),
@@ -98,7 +98,7 @@ impl DataOutput {
         }
     }
 
-    /// What is to be written next.
+    /// Buffer of the next output.
     pub fn buffer(&mut self) -> &mut Vec<u8> {
         &mut self.buffer
     }
@@ -163,9 +163,10 @@ fn escape_controls(text: &mut Vec<u8>, colours: bool) {
         let first = rest.chars().next().map_or(rest.len(), char::len_utf8);
         let taken = own.filter(|_| colours).unwrap_or(first);
         let (piece, others) = rest.split_at(taken);
-        match taken > first || piece.bytes().all(|byte| is_kept(&byte)) {
-            true => escaped.push_str(piece),
-            false => escaped.push_str(&EscapedText(piece).to_string()),
+        if taken > first || piece.bytes().all(|byte| is_kept(&byte)) {
+            escaped.push_str(piece)
+        } else {
+            escaped.push_str(&EscapedText(piece).to_string())
         }
         rest = others;
     }
@@ -204,12 +205,12 @@ pub fn escape_lines(text: &str) -> String {
     lines.join("\n")
 }
 
-/// Where prose goes: tests read what was said.
+/// Output of prose, which tests read.
 fn stderr() -> Box<dyn io::Write> {
     if cfg!(test) { Box::new(io::sink()) } else { Box::new(io::stderr()) }
 }
 
-/// What a thread that tries a verb has said.
+/// Output of a thread that tries a verb.
 #[cfg(test)]
 pub mod tried {
     use std::cell::RefCell;
@@ -228,8 +229,8 @@ pub mod tried {
     }
 }
 
-/// Something that is drawn over on stderr. A terminal that went away ends nothing: a motor may be
-/// turning, and whoever draws has to stop it.
+/// Draws over the last text on stderr. A terminal that went away ends nothing: a motor may be turning, and this program
+/// has to stop it.
 pub fn draw(text: &str) {
     #[cfg(test)]
     tried::record(text);
@@ -252,9 +253,8 @@ impl TextTable {
 
     /// Adds a row.
     pub fn add_row(&mut self, cells: impl IntoIterator<Item = String>) {
-        let escape = |cell: String| match is_plain(cell.as_bytes()) {
-            true => cell,
-            false => EscapedText(&cell).to_string(),
+        let escape = |cell: String| {
+            if is_plain(cell.as_bytes()) { cell } else { EscapedText(&cell).to_string() }
         };
         self.rows.push(cells.into_iter().map(escape).collect());
     }
@@ -292,9 +292,12 @@ impl TextTable {
 
 /// A line of comma-separated values.
 pub fn csv_line<'a>(fields: impl IntoIterator<Item = &'a str>) -> String {
-    let quoted = |field: &str| match field.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", field.replace('"', "\"\"")),
-        false => field.to_owned(),
+    let quoted = |field: &str| {
+        if field.contains([',', '"', '\n', '\r']) {
+            format!("\"{}\"", field.replace('"', "\"\""))
+        } else {
+            field.to_owned()
+        }
     };
     fields.into_iter().map(quoted).collect::<Vec<_>>().join(",")
 }

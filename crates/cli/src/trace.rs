@@ -25,7 +25,7 @@ pub fn create_trace(path: &Path, existing: ExistingFile, url: &str) -> Result<Fr
     Ok(TraceWriter::new(file, &link_name(url)))
 }
 
-/// A file that says once that it could not be written.
+/// A file that reports its first failed write.
 #[derive(Debug)]
 pub struct TraceFile {
     file: BufWriter<File>,
@@ -34,7 +34,7 @@ pub struct TraceFile {
 }
 
 impl TraceFile {
-    /// Says of the first write that failed that frames are missing.
+    /// Reports at the first failed write that frames are missing.
     fn report_failure<T>(&mut self, written: io::Result<T>) -> io::Result<T> {
         if let Err(error) = &written
             && !self.has_failed
@@ -63,7 +63,7 @@ impl Write for TraceFile {
 
 impl Drop for TraceFile {
     fn drop(&mut self) {
-        // It was said, and nobody is left to be told.
+        // The failure was reported before.
         let _ = self.flush();
     }
 }

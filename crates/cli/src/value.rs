@@ -14,9 +14,10 @@ pub fn parse_span(text: &str) -> Result<f64, String> {
         return Err(wrong("a time needs its unit".to_owned()));
     }
     let seconds = measure.in_unit(Unit::Second).map_err(|error| wrong(error.to_string()))?;
-    match (0.0..=1e6).contains(&seconds) {
-        true => Ok(seconds),
-        false => Err(wrong("not a span of time".to_owned())),
+    if (0.0..=1e6).contains(&seconds) {
+        Ok(seconds)
+    } else {
+        Err(wrong("not a span of time".to_owned()))
     }
 }
 

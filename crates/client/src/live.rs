@@ -338,10 +338,12 @@ impl SampleStream {
 
     /// Waits for a sample, at most so long.
     pub fn wait(&self, within: Duration) {
-        let ready = poll_fn(|context| match self.is_ready(context.waker()) {
-            true => Poll::Ready(()),
-            false => Poll::Pending,
-        });
+        let ready =
+            poll_fn(
+                |context| {
+                    if self.is_ready(context.waker()) { Poll::Ready(()) } else { Poll::Pending }
+                },
+            );
         // Who waited in vain drains nothing.
         let _ = self.live.gateway().block_on(async { timeout(within, ready).await });
     }

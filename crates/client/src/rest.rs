@@ -88,10 +88,10 @@ impl RestClient {
         let result = timeout(within, self.send(method, path, body)).await;
         let late = || server_lost(&format!("it did not answer within {} s", within.as_secs()));
         let answer = result.unwrap_or_else(|_| Err(late()));
-        let answer = answer.map_err(|refused| match changes {
-            true => action_error(refused),
-            false => query_error(refused),
-        })?;
+        let answer =
+            answer.map_err(
+                |refused| if changes { action_error(refused) } else { query_error(refused) },
+            )?;
         serde_json::from_slice(&answer).map_err(|error| invalid_response(&error.to_string()))
     }
 
@@ -159,12 +159,13 @@ pub(crate) fn server_lost(why: &str) -> GatewayError {
 
 /// Error of an action: motors are not stopped until the server is back.
 pub(crate) fn action_error(refused: GatewayError) -> GatewayError {
-    match refused.code == "E313" && refused.executed.is_none() && refused.hint.is_empty() {
-        true => refused.hint(
+    if refused.code == "E313" && refused.executed.is_none() && refused.hint.is_empty() {
+        refused.hint(
             "moving motors may still turn: cut their supply, or stop them directly with `polepair \
              stop URL`",
-        ),
-        false => refused,
+        )
+    } else {
+        refused
     }
 }
 

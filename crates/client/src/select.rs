@@ -38,9 +38,10 @@ pub fn select_each(
     words: &str,
 ) -> Result<Vec<Result<AxisInfo, GatewayError>>, GatewayError> {
     if words == ALL {
-        return match bench.axes.is_empty() {
-            true => Err(unknown_axis_error(bench, words)),
-            false => Ok(bench.axes.iter().cloned().map(Ok).collect()),
+        return if bench.axes.is_empty() {
+            Err(unknown_axis_error(bench, words))
+        } else {
+            Ok(bench.axes.iter().cloned().map(Ok).collect())
         };
     }
     let mut axes = Vec::new();
@@ -122,12 +123,11 @@ fn absent_error(link: &LinkView, number: AxisNumber) -> Option<GatewayError> {
         "axis {number} of link {id} is missing, and no stop was sent to it: {}",
         why.message
     );
-    let hint = match is_owed {
-        true => {
-            "cut its supply: its stop is pending since the previous server, and is sent as soon \
+    let hint = if is_owed {
+        "cut its supply: its stop is pending since the previous server, and is sent as soon \
              as the drive replies"
-        }
-        false => "cut its supply if it turns; the server adds it as soon as it replies",
+    } else {
+        "cut its supply if it turns; the server adds it as soon as it replies"
     };
     Some(GatewayError {
         executed: Some(false),

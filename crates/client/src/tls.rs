@@ -59,9 +59,10 @@ impl ClientTls {
         let (connector, unmet) = self.connector();
         let encrypted = connector.connect(name, stream).await;
         let encrypted = encrypted.map_err(|error| wrong_server_error(address, &error))?;
-        match unmet.was_requested() {
-            true => Err(certificate_error("it wants a certificate of its clients")),
-            false => Ok(Box::new(encrypted)),
+        if unmet.was_requested() {
+            Err(certificate_error("it wants a certificate of its clients"))
+        } else {
+            Ok(Box::new(encrypted))
         }
     }
 

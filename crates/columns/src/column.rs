@@ -114,9 +114,10 @@ impl<T: ArrowPrimitiveType> NumberColumn<T> {
         if rows > 0 {
             self.note_validity(is);
             if let Validity::Mixed(builder) = &mut self.validity {
-                match is {
-                    true => builder.append_n_non_nulls(rows - 1),
-                    false => builder.append_n_nulls(rows - 1),
+                if is {
+                    builder.append_n_non_nulls(rows - 1)
+                } else {
+                    builder.append_n_nulls(rows - 1)
                 }
             }
         }

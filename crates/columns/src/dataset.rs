@@ -260,10 +260,7 @@ pub(crate) fn escape(word: &str) -> String {
     let mut out = String::new();
     for byte in word.bytes() {
         let plain = byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
-        match plain {
-            true => out.push(byte.into()),
-            false => _ = write!(out, "%{byte:02X}"),
-        }
+        if plain { out.push(byte.into()) } else { _ = write!(out, "%{byte:02X}") }
     }
     if out.is_empty() { NO_DATE.to_owned() } else { out }
 }

@@ -1,7 +1,7 @@
 //! Decoded captures as columns: Arrow tables for programs that compute with them, and files of them.
 //!
 //! ```text
-//!   capture   events and what their conversations tell
+//!   capture   events and the results of their conversations
 //!    └ TablesBuilder rows into batches of four tables       (Arrow; no file)
 //!       ├ BatchBuilder    the same on each of several threads
 //!       ├ DictionaryMerger  several builders' batches as one's

@@ -162,8 +162,8 @@ fn writer_properties(table: TableKind) -> WriterProperties {
     properties.build()
 }
 
-/// How a column is stored. Dictionaries are for words: numbers that go on from row to row are shorter
-/// as differences, and values and bytes of frames are mostly as many as there are rows.
+/// Sets the encoding of a column. Dictionaries are for words: numbers that go on from row to row are shorter as
+/// differences, and values and bytes of frames are mostly as many as there are rows.
 fn set_encoding(
     properties: WriterPropertiesBuilder,
     column: ColumnPath,

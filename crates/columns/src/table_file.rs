@@ -11,7 +11,7 @@ use polepair_files::{AtomicFile, SealedFile};
 use crate::parquet_file::ParquetFile;
 use crate::schema::TableKind;
 
-/// How columns are stored.
+/// File format of columns.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ColumnFormat {
     /// Parquet, compressed.
@@ -21,7 +21,7 @@ pub enum ColumnFormat {
 }
 
 impl ColumnFormat {
-    /// How its files end.
+    /// File name extension.
     #[must_use]
     pub const fn extension(self) -> &'static str {
         match self {

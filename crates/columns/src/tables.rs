@@ -173,9 +173,10 @@ pub(crate) fn timestamp_ns(time: Option<Timestamp>) -> Option<i64> {
 
 /// Puts the times of frames down.
 pub(crate) fn push_times(column: &mut NumberColumn<Int64Type>, run: &[CompactFrame]) {
-    match run.iter().all(|plain| i64::try_from(plain.time.0).is_ok()) {
-        true => column.extend(run.iter().map(|plain| plain.time.0.cast_signed())),
-        false => run.iter().for_each(|plain| column.push_option(timestamp_ns(Some(plain.time)))),
+    if run.iter().all(|plain| i64::try_from(plain.time.0).is_ok()) {
+        column.extend(run.iter().map(|plain| plain.time.0.cast_signed()))
+    } else {
+        run.iter().for_each(|plain| column.push_option(timestamp_ns(Some(plain.time))))
     }
 }
 

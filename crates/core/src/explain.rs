@@ -213,11 +213,11 @@ impl From<TextError> for EncodeError {
 pub struct DeviceFact {
     /// Name of the fact.
     pub name: &'static str,
-    /// How to read it.
+    /// Query for the fact.
     pub query: FactQuery,
 }
 
-/// How a device fact is read. Only reads are used.
+/// Query for a device fact. Only reads are used.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum FactQuery {
     /// A parameter, by its address.

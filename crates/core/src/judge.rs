@@ -235,7 +235,7 @@ impl MotionJudge {
         self.goal = goal;
     }
 
-    /// How positions and speeds are compared.
+    /// Tolerances of positions and speeds.
     #[must_use]
     pub const fn tolerance(&self) -> &Tolerance {
         &self.tolerance
@@ -583,10 +583,7 @@ impl MotionJudge {
             None => rests && (self.started || self.waited(now) >= START_MAX),
         };
         let nothing = self.flag.is_none() && self.lacks_position && self.lacks_speed;
-        match over || nothing {
-            true => MotionVerdict::Unconfirmed,
-            false => MotionVerdict::Pending,
-        }
+        if over || nothing { MotionVerdict::Unconfirmed } else { MotionVerdict::Pending }
     }
 
     fn judge_reference(&self, now: Instant) -> MotionVerdict {
@@ -605,9 +602,10 @@ impl MotionJudge {
             return MotionVerdict::Arrived;
         }
         // Nothing can be measured: the drive's own report is all there is.
-        match self.lacks_position && self.lacks_speed && self.flag != Some(false) {
-            true => MotionVerdict::Unconfirmed,
-            false => MotionVerdict::Pending,
+        if self.lacks_position && self.lacks_speed && self.flag != Some(false) {
+            MotionVerdict::Unconfirmed
+        } else {
+            MotionVerdict::Pending
         }
     }
 
@@ -637,10 +635,7 @@ impl MotionJudge {
         {
             return EndReason::Mode(mode);
         }
-        match self.started && self.left_start() {
-            true => EndReason::Unknown,
-            false => EndReason::NotStarted,
-        }
+        if self.started && self.left_start() { EndReason::Unknown } else { EndReason::NotStarted }
     }
 
     /// The limit that holds the axis on its way.

@@ -14,7 +14,7 @@ pub trait Medium: 'static {
     type Out: ?Sized;
     /// Room for one [`Out`](Self::Out), on the stack.
     type Buffer: BorrowMut<Self::Out> + Send;
-    /// How the wire is set: baud and parity, or bit rate.
+    /// Settings of the wire: baud and parity, or bit rate.
     type Line: Copy + PartialEq + core::fmt::Debug + Send;
     /// An empty buffer.
     fn buffer() -> Self::Buffer;

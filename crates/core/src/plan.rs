@@ -153,7 +153,7 @@ pub enum Step {
     },
 }
 
-/// How a drive's arrival is waited for unless its profile has a flag of its own for it.
+/// Plan of a wait for the arrival, unless the profile has a flag of its own for it.
 pub static ARRIVAL: Plan = Plan {
     verb: Verb::Reached,
     source: "",

@@ -115,10 +115,9 @@ impl Profile {
         let faults = self.faults;
         let whole = faults.iter().any(|fault| fault.code == code);
         let bits = !whole && faults.iter().all(|fault| fault.code.is_power_of_two());
-        faults.iter().filter(move |fault| match bits {
-            true => fault.code & code != 0,
-            false => fault.code == code,
-        })
+        faults
+            .iter()
+            .filter(move |fault| if bits { fault.code & code != 0 } else { fault.code == code })
     }
 
     /// The verbs that have a [plan](Self::plan).

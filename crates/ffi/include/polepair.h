@@ -54,8 +54,8 @@ typedef struct pp_scan pp_scan;
 typedef struct pp_trace pp_trace;
 
 /**
- * How a call ended: `PP_OK`, or one of the other `PP_` codes. Codes below 64 are the exit codes of the command
- * line (docs/reference/exit-codes.md).
+ * Result of a call: `PP_OK`, or one of the other `PP_` codes. Codes below 64 are the exit codes of the command line
+ * (docs/reference/exit-codes.md).
  */
 typedef int32_t pp_status;
 

@@ -7,8 +7,8 @@ use polepair::Error;
 
 use crate::text::copy_text;
 
-/// How a call ended: `PP_OK`, or one of the other `PP_` codes. Codes below 64 are the exit codes of the command
-/// line (docs/reference/exit-codes.md).
+/// Result of a call: `PP_OK`, or one of the other `PP_` codes. Codes below 64 are the exit codes of the command line
+/// (docs/reference/exit-codes.md).
 pub type pp_status = i32;
 
 /// The call is done.
@@ -139,9 +139,12 @@ impl ErrorSlot {
     /// The last error as one text: `E216: message. Hint`.
     pub fn text(&self) -> Option<String> {
         let stored = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        stored.as_ref().map(|CallError { code, message, hint, .. }| match hint.is_empty() {
-            true => format!("{code}: {message}"),
-            false => format!("{code}: {message}. {hint}"),
+        stored.as_ref().map(|CallError { code, message, hint, .. }| {
+            if hint.is_empty() {
+                format!("{code}: {message}")
+            } else {
+                format!("{code}: {message}. {hint}")
+            }
         })
     }
 

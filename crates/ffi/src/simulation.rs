@@ -92,10 +92,7 @@ pub unsafe extern "C" fn pp_simulation_act(
     unsafe {
         run(link, |link| {
             let act = parse_act(read_text(act, length)?)?;
-            match simulation(link)?.act(0, drive, act) {
-                true => Ok(()),
-                false => Err(no_such_drive(drive)),
-            }
+            if simulation(link)?.act(0, drive, act) { Ok(()) } else { Err(no_such_drive(drive)) }
         })
     }
 }

@@ -22,7 +22,7 @@ const SEND_STALL_MAX: Duration = Duration::from_millis(20);
 /// Amount that one read takes of the received data.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum ReadMode {
-    /// As much as the buffer has room for.
+    /// All bytes for which the buffer has room.
     Stream,
     /// One piece of perhaps several: a datagram, a frame.
     Messages,

@@ -260,7 +260,7 @@ pub struct WriteParameters {
 pub struct WatchdogView {
     /// Behaviour of drives of its family, in words.
     pub rule: String,
-    /// How it is set.
+    /// Setting of the watchdog.
     pub set: WatchdogMode,
     /// State of the watchdog in words.
     pub text: String,
@@ -274,7 +274,7 @@ pub struct WatchdogView {
     pub caution: String,
 }
 
-/// How a drive's own watchdog is set.
+/// Setting of a drive's own watchdog.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WatchdogMode {

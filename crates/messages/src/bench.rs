@@ -139,7 +139,7 @@ pub struct AxisInfo {
     pub limits: Vec<LimitInfo>,
     /// Signals of the axis.
     pub signals: Vec<SignalInfo>,
-    /// How a parameter is named by its number, as an example: `0x2030:1:u16`.
+    /// Example of a parameter's address as a number: `0x2030:1:u16`.
     pub address_example: String,
     /// The module keeps a program, whose instructions `/api/v1/axes/{id}/program` lists.
     pub has_program: bool,

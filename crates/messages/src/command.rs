@@ -85,11 +85,11 @@ const fn ttl_ms() -> f64 {
 pub struct CommandArguments {
     /// Target or distance: rad, m, or a ratio.
     pub target: Option<f64>,
-    /// How fast: per second.
+    /// Speed per second, in the unit of the target.
     pub velocity: Option<f64>,
-    /// How quickly: per second squared.
+    /// Acceleration per second squared.
     pub acceleration: Option<f64>,
-    /// How quickly to slow down: per second squared.
+    /// Deceleration per second squared.
     pub deceleration: Option<f64>,
     /// N·m, or a ratio.
     pub torque: Option<f64>,
@@ -116,7 +116,7 @@ pub struct CommandOutcome {
     pub replayed: bool,
 }
 
-/// How a command ended.
+/// Outcome of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OutcomeKind {

@@ -142,7 +142,7 @@ pub enum ServerMessage {
         #[schema(required)]
         expires_ms: Option<f64>,
     },
-    /// Axes were stopped, by whomever. Comes again for an axis whose class changes.
+    /// Axes were stopped by any client. Repeated for an axis whose class changes.
     Stopped(StopReport),
     /// The reply to `dismiss`: the axis has no pending stop.
     Dismissed {

@@ -59,7 +59,7 @@ pub struct SearchedPort {
     /// Why it could not be asked; `null` if it was.
     #[schema(required)]
     pub error: Option<String>,
-    /// How it was asked: protocols, rates and addresses.
+    /// Attempts: protocols, rates and addresses.
     pub tried: String,
     /// Attempts to which something replied that was no valid frame.
     pub damaged: Vec<String>,

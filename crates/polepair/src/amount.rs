@@ -261,7 +261,7 @@ pub struct Value {
     pub unit: Unit,
     /// The value's name, where it has one.
     pub word: Option<&'static str>,
-    /// How the raw value lies on the wire.
+    /// Encoding of the raw value on the wire.
     pub encoding: Encoding,
     /// The value is the raw one: it has neither unit nor scale.
     pub is_raw: bool,
@@ -287,10 +287,7 @@ impl Value {
             }
             Some(parts) => (self.encoding.number(self.raw) / parts).to_string(),
         };
-        match text == own {
-            true => text,
-            false => format!("{text} ({own})"),
-        }
+        if text == own { text } else { format!("{text} ({own})") }
     }
 }
 

@@ -151,7 +151,7 @@ impl LocalAxis {
         self.medium
     }
 
-    /// How it came to its profile.
+    /// Source of its profile.
     #[must_use]
     pub fn identified(&self) -> &Identification {
         &self.identified
@@ -352,13 +352,14 @@ impl LocalAxis {
             axes.set_armed(self.index, true);
             before
         });
-        match armed {
-            false => Ok(()),
-            true => Err(Error::Unsupported {
+        if armed {
+            Err(Error::Unsupported {
                 what: format!("{}: it is already armed", self.label()),
                 why: Unsupported::Busy,
                 hint: ALREADY_ARMED_HINT.to_owned(),
-            }),
+            })
+        } else {
+            Ok(())
         }
     }
 

@@ -58,7 +58,7 @@ pub fn connect_local(url: &str) -> Result<LocalLink, Error> {
     Connector::discover().connect_local(url)
 }
 
-/// How links are opened: with which names, profiles and taps.
+/// Opens links, with names, profiles and taps.
 #[derive(Clone, Debug, Default)]
 pub struct Connector {
     /// Named links and users' profiles.
@@ -624,9 +624,10 @@ impl LocalLink {
     fn no_axis_error(&self, wanted: &str) -> Error {
         let known: Vec<String> = self.axes.iter().map(LocalAxis::label).collect();
         let what = format!("this link has no axis {wanted}");
-        let hint = match known.is_empty() {
-            true => "name axes after `#`".to_owned(),
-            false => format!("it was opened with {}; name axes after `#`", known.join(", ")),
+        let hint = if known.is_empty() {
+            "name axes after `#`".to_owned()
+        } else {
+            format!("it was opened with {}; name axes after `#`", known.join(", "))
         };
         Error::usage("E212", what, hint)
     }

@@ -38,7 +38,7 @@ const UNNAMED_PROBES_MAX: usize = 8;
 /// Bytes or frames that one check listens to at most.
 const UNITS_MAX: usize = 20_000;
 
-/// How a check came out.
+/// Grade of a check.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Grade {
     /// The result is good.
@@ -66,7 +66,7 @@ impl Grade {
 pub struct CheckResult {
     /// Subject: `port`, `echo`, `axis 1 faults`.
     pub about: String,
-    /// How it came out.
+    /// Grade of the result.
     pub grade: Grade,
     /// Finding, in a sentence without full stop.
     pub found: String,
@@ -202,9 +202,10 @@ fn check_line(
 
 /// Addresses that are asked in text where no frame was answered.
 fn text_mode_numbers(line: &ProtocolLine) -> Result<Vec<u32>, Error> {
-    let mut numbers = match line.axis_numbers.is_empty() {
-        true => scan::default_addresses(line)?,
-        false => line.axis_numbers.clone(),
+    let mut numbers = if line.axis_numbers.is_empty() {
+        scan::default_addresses(line)?
+    } else {
+        line.axis_numbers.clone()
     };
     numbers.retain(|number| !AxisNumber(*number).is_group());
     numbers.truncate(TEXT_PROBES_MAX);

@@ -122,7 +122,7 @@ pub enum Error {
         what: String,
         /// Text about the execution; empty for reads, and if `what` states it.
         execution: String,
-        /// How it ended: never [`Outcome::Done`].
+        /// Outcome of the request: never [`Outcome::Done`].
         outcome: Outcome,
         /// Frames received instead of a reply, if it ended in [`Failure::Silent`].
         received: Box<NoReplyDetails>,

@@ -1,8 +1,8 @@
-//! How the profile of an axis was found.
+//! Source of an axis' profile.
 
 use std::fmt;
 
-/// How an axis came to its profile.
+/// Source of an axis' profile.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Identification {
     /// From the connection string; no request was sent.

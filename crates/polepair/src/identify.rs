@@ -440,10 +440,7 @@ impl<'a> Prober<'a> {
             Some(answer.ok()?.unwrap_or(Outcome::NotDone(Failure::Silent)))
         };
         let outcome = ask()?;
-        match self.end_store(connection, axis, outcome, until) {
-            true => ask(),
-            false => Some(outcome),
-        }
+        if self.end_store(connection, axis, outcome, until) { ask() } else { Some(outcome) }
     }
 
     /// Ends the storing of requests as instructions of a program, where the drive did so with the question. Each

@@ -494,7 +494,7 @@ fn parse_number(word: &str) -> Option<i64> {
     }
 }
 
-/// How names are compared.
+/// Key by which names are compared.
 fn key(name: &str) -> String {
     name.to_ascii_lowercase()
 }

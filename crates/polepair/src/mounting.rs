@@ -88,9 +88,10 @@ impl Mounting {
         profile: &'static Profile,
     ) -> Result<(), FileError> {
         let linear = self.is_linear(profile);
-        let (way, speed) = match linear {
-            true => (Unit::Millimetre, Unit::MillimetrePerSecond),
-            false => (Unit::Degree, Unit::Rpm),
+        let (way, speed) = if linear {
+            (Unit::Millimetre, Unit::MillimetrePerSecond)
+        } else {
+            (Unit::Degree, Unit::Rpm)
         };
         let ends = node.texts("position")?;
         if node.has("position") {
@@ -158,9 +159,12 @@ fn read_counts(
 fn positive_number(node: &TomlTable<'_, '_>, key: &str) -> Result<Option<f64>, FileError> {
     let Some(found) = node.float(key)? else { return Ok(None) };
     found
-        .try_map(|number| match number > 0.0 {
-            true => Ok(number),
-            false => Err(format!("`{key}` is {number}; it must be more than 0")),
+        .try_map(|number| {
+            if number > 0.0 {
+                Ok(number)
+            } else {
+                Err(format!("`{key}` is {number}; it must be more than 0"))
+            }
         })
         .map(Some)
 }
@@ -231,9 +235,9 @@ pub(crate) enum MotionRole {
     Position,
     /// A velocity; its sign is the direction.
     Velocity,
-    /// How fast, whichever way.
+    /// Speed in either direction.
     Speed,
-    /// How quickly that changes.
+    /// Change of the speed.
     Acceleration,
     /// A torque, or its substitute.
     Torque,

@@ -67,9 +67,10 @@ impl Program {
         }
         let text = std::fs::read(path).map_err(|e| whole(e.to_string()))?;
         let text = String::from_utf8_lossy(&text);
-        match is_software(path) {
-            true => Self::parse_sw(&file, &text),
-            false => Self::assemble(&file, &text, source),
+        if is_software(path) {
+            Self::parse_sw(&file, &text)
+        } else {
+            Self::assemble(&file, &text, source)
         }
     }
 

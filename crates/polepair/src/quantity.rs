@@ -138,9 +138,10 @@ impl Measure {
             None => Ok(self.si),
             Some(quantity) if quantity != unit.quantity() => Err(mismatch_error(quantity, unit)),
             Some(_) if self.linear != unit.is_linear() => {
-                let what = match unit.is_linear() {
-                    true => "the axis is linear, but the value is an angle",
-                    false => "the axis is rotary, but the value is a length",
+                let what = if unit.is_linear() {
+                    "the axis is linear, but the value is an angle"
+                } else {
+                    "the axis is rotary, but the value is a length"
                 };
                 Err(Error::usage("E217", what, format!("it is measured in {}", unit.symbol())))
             }

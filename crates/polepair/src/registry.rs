@@ -104,9 +104,10 @@ impl ProtocolInfo {
         }
         let what = format!("`#{}`: {} has no such axis", AxisNumber(address), self.name);
         let drive = proto::drive_address(address);
-        let hint = match first == last {
-            true => format!("a drive has one axis: `#{drive}`"),
-            false => format!("`#{drive}` is the first, then `#{drive}.{}` to `.{last}`", first + 1),
+        let hint = if first == last {
+            format!("a drive has one axis: `#{drive}`")
+        } else {
+            format!("`#{drive}` is the first, then `#{drive}.{}` to `.{last}`", first + 1)
         };
         Err(Error::usage("E212", what, hint))
     }

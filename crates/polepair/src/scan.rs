@@ -145,10 +145,9 @@ pub fn scan(
     // All drives of a rack are there, whichever axes the string names.
     let rack = matches!(urls[0].target, LinkTarget::Sim { .. } | LinkTarget::Rack { .. });
     let axes = if rack { Vec::new() } else { urls[0].axes.clone() };
-    let whole = urls.into_iter().map(|url| match rack {
-        true => Url { axes: Vec::new(), names: Vec::new(), ..url },
-        false => url,
-    });
+    let whole = urls
+        .into_iter()
+        .map(|url| if rack { Url { axes: Vec::new(), names: Vec::new(), ..url } } else { url });
     let (mut lines, _simulation) = connector.open_shared_lines(&whole.collect::<Vec<_>>())?;
     bus::sort_guests_last(&mut lines, |line| &line.protocol);
     let mut scanner = DriveScanner::on_lines(connector, lines, axes, numbers.into());
@@ -198,9 +197,10 @@ fn exclude_clashing(
         let (Some((first, id)), Some((last, _))) = (left.first(), left.last()) else { continue };
         wanted.retain(|number| left.iter().all(|(other, _)| other != number));
         let (name, other) = (line.protocol.name, bus_address.label());
-        let addresses = match first == last {
-            true => format!("{first}"),
-            false => format!("{} addresses from {first} to {last}", left.len()),
+        let addresses = if first == last {
+            format!("{first}")
+        } else {
+            format!("{} addresses from {first} to {last}", left.len())
         };
         tried.push(format!(
             "not {name} {addresses}: {other} is there and has the identifier {id:X}h too, so a \
@@ -220,9 +220,10 @@ fn mark_clashes(
         let others = others.map(|(_, other)| other).chain(known);
         for (_, other) in others.filter(|(other, _)| other == wire) {
             let Some((id, extended)) = bus_address.shared_identifier(other) else { continue };
-            let what = match extended {
-                true => "the 29-bit identifiers".to_owned(),
-                false => format!("the identifier {id:X}h"),
+            let what = if extended {
+                "the 29-bit identifiers".to_owned()
+            } else {
+                format!("the identifier {id:X}h")
             };
             let why = format!(
                 "{} and {} both use {what}: give one of them another address",

@@ -41,7 +41,7 @@ const EXCHANGE_BITS: u32 = 20 * 11;
 pub struct SearchStep<'a> {
     /// The port: `/dev/ttyUSB0`, `can0`.
     pub port: &'a str,
-    /// How it is asked: `modbus-rtu at 19200 baud`.
+    /// Protocol and rate of the attempt: `modbus-rtu at 19200 baud`.
     pub attempt: &'a str,
     /// Attempts before this one.
     pub done: usize,
@@ -68,7 +68,7 @@ pub struct SilentPort {
     pub port: String,
     /// Why it could not be asked, if it could not.
     pub error: Option<String>,
-    /// How it was asked: `tmcl and modbus-rtu at 9600 and 115200 baud, addresses 1 to 32`.
+    /// Attempts: `tmcl and modbus-rtu at 9600 and 115200 baud, addresses 1 to 32`.
     pub tried: String,
     /// Attempts to which something replied that was no valid frame.
     pub damaged: Vec<String>,
@@ -380,7 +380,7 @@ impl PortSearch {
         Ok(flow)
     }
 
-    /// How the port was asked, in words.
+    /// Attempts on the port, in words.
     fn tried_text(&self) -> String {
         if !self.buses.is_empty() {
             return self.buses.join(" and ");

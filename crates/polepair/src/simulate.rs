@@ -54,7 +54,7 @@ const PANEL_MAX: usize = 64;
 /// Number of times faster than real motors simulated ones can live.
 const TIME_SCALES: RangeInclusive<f64> = 0.01..=100.0;
 
-/// How a simulation's time passes.
+/// Pace of a simulation's time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SimulationPace {
     /// Virtual time: a wait is over at once.
@@ -90,7 +90,7 @@ pub(crate) struct RackAxis {
     pub(crate) number: u8,
     /// Name; empty for none.
     pub(crate) name: String,
-    /// How it is built into its machine.
+    /// Mounting in its machine.
     pub(crate) mounting: Option<Arc<Mounting>>,
     /// Full steps of a turn of its motor, where they differ from those of the drive's others.
     pub(crate) steps: Option<u32>,
@@ -115,7 +115,7 @@ pub struct WireDescription {
     pub names: Vec<String>,
     /// Planned bus load of its drives.
     pub load: BusLoadRange,
-    /// How each drive is built into its machine.
+    /// Mounting of each drive in its machine.
     pub(crate) mountings: Vec<Option<Arc<Mounting>>>,
     /// Full steps of a turn of each drive's stepper motors, if given.
     pub(crate) steps: Vec<Option<u32>>,
@@ -550,8 +550,8 @@ impl Simulation {
     /// use polepair::simulate::{SimulationPace, Simulation, rack_of_text};
     /// let rack = "[[link]]\nkind = 'can'\n[[link.drive]]\nprofile = 'thruster'\ncycle = 100";
     /// let simulation = Simulation::new(&rack_of_text("rack.toml", rack, 1)?, 1, SimulationPace::Virtual)?;
-    /// let (said, measured) = simulation.load(0).expect("a CAN bus");
-    /// assert!(said.least > 0.04 && said.most < 0.06, "{said}");
+    /// let (planned, measured) = simulation.load(0).expect("a CAN bus");
+    /// assert!(planned.least > 0.04 && planned.most < 0.06, "{planned}");
     /// assert_eq!(measured, 0.0);
     /// # Ok::<(), polepair::Error>(())
     /// ```
@@ -574,7 +574,7 @@ impl Simulation {
         self.shared.advance(span);
     }
 
-    /// How its time passes.
+    /// Pace of its time.
     #[must_use]
     pub fn pace(&self) -> SimulationPace {
         self.shared.pace

@@ -300,9 +300,10 @@ impl<'a> LineSearch<'a> {
         let query_timeout = query_timeout(url, line)?;
         let prober = Prober::new(line, &connector.config);
         // A named address gets its stop soon, whatever it is.
-        let prober = match named {
-            true => prober.with_time_limit(NAMED_QUERY_MAX.max(2 * query_timeout)),
-            false => prober.with_timeout(Some(query_timeout)),
+        let prober = if named {
+            prober.with_time_limit(NAMED_QUERY_MAX.max(2 * query_timeout))
+        } else {
+            prober.with_timeout(Some(query_timeout))
         };
         Ok(Self {
             line,

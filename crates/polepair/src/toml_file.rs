@@ -52,10 +52,7 @@ pub(crate) fn read_limited(path: &Path, max: u64) -> Result<Vec<u8>, String> {
     let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
     let mut bytes = Vec::new();
     file.take(max + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
-    match bytes.len() as u64 > max {
-        true => Err(format!("larger than {max} bytes")),
-        false => Ok(bytes),
-    }
+    if bytes.len() as u64 > max { Err(format!("larger than {max} bytes")) } else { Ok(bytes) }
 }
 
 /// A place in a file.

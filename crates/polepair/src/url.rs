@@ -504,10 +504,12 @@ pub fn shell_word(word: &str) -> Cow<'_, str> {
     let plain = |c: char| c.is_alphanumeric() || "_-+=:,./@%".contains(c);
     // Behind something else `#` begins no comment.
     let is_plain = word.chars().enumerate().all(|(n, c)| plain(c) || c == '#' && n > 0);
-    match word.is_empty() || !is_plain {
-        false => Cow::Borrowed(word),
-        true if cfg!(windows) => Cow::Owned(format!("\"{}\"", word.replace('"', "\\\""))),
-        true => Cow::Owned(format!("'{}'", word.replace('\'', r"'\''"))),
+    if is_plain && !word.is_empty() {
+        Cow::Borrowed(word)
+    } else if cfg!(windows) {
+        Cow::Owned(format!("\"{}\"", word.replace('"', "\\\"")))
+    } else {
+        Cow::Owned(format!("'{}'", word.replace('\'', r"'\''")))
     }
 }
 

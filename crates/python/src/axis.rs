@@ -426,9 +426,10 @@ impl PyAxis {
         }
         self.detach(py, |axis| if armed { axis.arm() } else { axis.disarm() })?;
         if let Some(local) = axis.local() {
-            match armed {
-                true => guard::register_armed(py, local),
-                false => py.detach(|| guard::unregister_armed(local)),
+            if armed {
+                guard::register_armed(py, local)
+            } else {
+                py.detach(|| guard::unregister_armed(local))
             }
         }
         Ok(())

@@ -240,10 +240,11 @@ impl TableCollector {
         };
         let put = &mut |builder: &mut BatchBuilder| {
             append_batches(batches, numbering, builder.take_built())?;
-            match std::thread::current().id() == caller {
+            if std::thread::current().id() == caller {
                 // While Python ends, no signal can be checked.
-                true => Python::try_attach(|py| py.check_signals()).unwrap_or(Ok(())),
-                false => Ok(()),
+                Python::try_attach(|py| py.check_signals()).unwrap_or(Ok(()))
+            } else {
+                Ok(())
             }
         };
         parallel::decode(&mut decoder, builders, fill, put)?;

@@ -98,8 +98,9 @@ pub fn decode_to_dataset(
 }
 
 fn to_py_error(py: Python<'_>, error: &DatasetError) -> PyErr {
-    match error.is_io {
-        true => PyOSError::new_err(format!("{} ({})", error.message, error.code)),
-        false => usage_error(py, &error.code, &error.message, &error.hint),
+    if error.is_io {
+        PyOSError::new_err(format!("{} ({})", error.message, error.code))
+    } else {
+        usage_error(py, &error.code, &error.message, &error.hint)
     }
 }

@@ -91,10 +91,8 @@ impl PySimulation {
         value: f64,
         motor: u8,
     ) -> PyResult<bool> {
-        let act = match what.contains('=') {
-            true => parse_act(what),
-            false => act_of_value(what, Some(value)),
-        };
+        let act =
+            if what.contains('=') { parse_act(what) } else { act_of_value(what, Some(value)) };
         let act = act.map_err(|error| to_py_error(py, &error))?;
         let simulation = self.0.in_own_process(py)?;
         let motor = SimulatedMotor { link, drive, motor };

@@ -120,7 +120,7 @@ const WRITE_MAX: Duration = Duration::from_secs(5);
 /// Axes of a bench.
 pub(super) const AXES_MAX: usize = 256;
 
-/// How a bench is opened.
+/// Options of a bench.
 pub struct BenchOptions {
     /// With which names and profiles.
     pub connector: Connector,
@@ -256,9 +256,10 @@ impl Bench {
             threads: Mutex::default(),
             journal_thread: Mutex::default(),
         }));
-        match bench.0.context.clock.is_real() {
-            true => bench.start_threads(roots, scribe)?,
-            false => bench.set_up_virtual(&roots, scribe)?,
+        if bench.0.context.clock.is_real() {
+            bench.start_threads(roots, scribe)?
+        } else {
+            bench.set_up_virtual(&roots, scribe)?
         }
         failed
             .into_iter()

@@ -247,13 +247,14 @@ fn pending_stops_hint(path: &Path) -> String {
         format!("`polepair stop {}`", shell_word(&format!("{url}#{number}")))
     };
     let stops: Vec<String> = pending.into_iter().map(stop).collect();
-    match stops.is_empty() {
-        true => String::new(),
-        false => format!(
+    if stops.is_empty() {
+        String::new()
+    } else {
+        format!(
             " By what can be read of it motors received a stop and their standstill was not \
              confirmed; to stop them: {}.",
             stops.join(", ")
-        ),
+        )
     }
 }
 

@@ -285,9 +285,10 @@ fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
     let stops = urls.iter().filter(|url| !url.starts_with("sim:"));
     let stops: Vec<_> =
         stops.map(|url| format!("`polepair stop {}`", shell_word(&link(url)))).collect();
-    let without = match stops.is_empty() {
-        true => String::new(),
-        false => format!("; to stop motors without a server: {}", stops.join(", ")),
+    let without = if stops.is_empty() {
+        String::new()
+    } else {
+        format!("; to stop motors without a server: {}", stops.join(", "))
     };
     SetupError::from(refused)
         .why("The server was not started.")

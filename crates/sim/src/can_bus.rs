@@ -454,7 +454,7 @@ impl CanBus {
         self.plugs[plug].bus_off = false;
     }
 
-    /// How much of `now` the bus was busy, 0 to 1.
+    /// Share of `now` in which the bus was busy, 0 to 1.
     pub(crate) fn load(&self, now: Instant) -> f64 {
         let busy = self.bits_ns(self.busy_bits) as f64;
         if now == Instant::ZERO { 0.0 } else { busy / now.0 as f64 }

@@ -28,13 +28,13 @@ pub struct RackSpec {
 pub struct RackLink {
     /// Name for users.
     pub name: String,
-    /// How the wire is built.
+    /// Wire of the link.
     pub wire: RackWire,
     /// The drives on it.
     pub drives: Vec<RackDrive>,
 }
 
-/// How the wire of a link is built.
+/// Wire of a link.
 #[derive(Clone, Copy, Debug)]
 pub enum RackWire {
     /// Two or three conductors for bytes.
@@ -256,9 +256,10 @@ impl RackDrive {
             let bench = device.bench();
             bench.is_some_and(|it| it.act_on_motor(Instant::ZERO, scheduled.motor, scheduled.act))
         };
-        match self.scheduled_acts.iter().all(&mut has) {
-            true => Ok(()),
-            false => Err(RackError::Act { profile: self.profile.name }),
+        if self.scheduled_acts.iter().all(&mut has) {
+            Ok(())
+        } else {
+            Err(RackError::Act { profile: self.profile.name })
         }
     }
 
@@ -314,9 +315,10 @@ impl RackDrive {
         let mut done = |(motor, act): &(u8, Act)| {
             node.bench().is_some_and(|bench| bench.act_on_motor(now, *motor, *act))
         };
-        match self.acts.iter().all(&mut done) {
-            true => Ok(()),
-            false => Err(RackError::Act { profile: self.profile.name }),
+        if self.acts.iter().all(&mut done) {
+            Ok(())
+        } else {
+            Err(RackError::Act { profile: self.profile.name })
         }
     }
 

@@ -15,7 +15,7 @@ use crate::uart;
 /// Received bytes that are kept of a station.
 const MEMORY_MAX: usize = 1200;
 
-/// How the stations on a serial wire hear each other.
+/// Duplex of a serial wire: the receivers of each station.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Duplex {
     /// RS-232, RS-422: one pair of wires for each direction. Drives hear the host only.
@@ -56,7 +56,7 @@ impl Timing {
     }
 }
 
-/// How a serial wire is built.
+/// Configuration of a serial wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SerialWireConfig {
     /// Duplex of the line, which decides the receivers of each sender.
@@ -386,8 +386,8 @@ impl SerialWire {
         self.config.duplex == Duplex::Half || self.plugs[to].is_host != self.plugs[from].is_host
     }
 
-    /// Appends the bytes of `chunk` that the station at plug `to`, set to `line`, receives to `heard`. Returns whether
-    /// there was a framing error.
+    /// Appends the bytes of `chunk` that the station at plug `to`, set to `line`, receives to the output. Returns
+    /// whether there was a framing error.
     pub(crate) fn receive_chunk(
         &mut self,
         to: usize,

@@ -37,7 +37,7 @@ impl SimLink {
         self.world.now()
     }
 
-    /// How the host drives the wire from now on.
+    /// Sets the host's line from now on.
     pub fn set_line(&mut self, line: SerialLine) {
         self.world.set_line(self.end, line);
     }

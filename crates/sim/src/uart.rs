@@ -20,8 +20,8 @@ pub(crate) fn is_compatible(sender: SerialLine, receiver: SerialLine) -> bool {
         && a.abs_diff(b) * 100 <= b * TOLERANCE_PERCENT
 }
 
-/// Appends the characters that `receiver` decodes from `bytes` of `sender` to `heard`. Returns whether a character had
-/// a wrong stop bit or parity; such characters are dropped.
+/// Appends the characters that `receiver` decodes from `bytes` of `sender` to the output. Returns whether a character
+/// had a wrong stop bit or parity; such characters are dropped.
 pub(crate) fn resample(
     bytes: &[u8],
     sender: SerialLine,

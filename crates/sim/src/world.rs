@@ -356,7 +356,7 @@ impl World {
         self.now = self.now.max(until);
     }
 
-    /// How the holder of an outside end drives the wire.
+    /// Sets the line of an outside end.
     pub fn set_line(&mut self, end: EndId, line: SerialLine) {
         self.ends[end.0].line = line;
     }

@@ -9,7 +9,7 @@ use polepair_sim::random::{Ppm, Random};
 /// Progress of a client with an axis that it holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum LeaseProgress {
-    /// It has the lease.
+    /// The client has the lease.
     Held,
     /// Motion is allowed.
     Armed,
@@ -34,7 +34,7 @@ pub struct HeldLease {
     pub command_pending: bool,
 }
 
-/// How a client is.
+/// Presence of a client.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ClientPresence {
     /// The client is running.
@@ -52,7 +52,7 @@ pub struct GatewayClient {
     pub name: SessionName,
     /// Number of its reconnections.
     pub reconnects: u32,
-    /// How it is.
+    /// Presence of the client.
     pub presence: ClientPresence,
     /// When it does something next.
     pub next_at: Instant,

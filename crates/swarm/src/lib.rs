@@ -3,7 +3,7 @@
 //!
 //! A seed decides everything, and running it again gives the same history. After every event the actions and reports of
 //! the bench are compared with the truth of each simulated motor; see [`INVARIANTS`]. First everything may fail, then
-//! all wires are well again, and all that is owed a stop must stand.
+//! all wires are well again, and all axes with a pending stop must be at standstill.
 #![forbid(unsafe_code)]
 
 mod client;

@@ -547,9 +547,12 @@ impl WorldRunner {
                 let (turns, speed, outstanding) =
                     (watch.is_turning(), truth.velocity, watch.stop_pending_since.is_some());
                 let pending = if outstanding { ", owed a stop" } else { "" };
-                self.log(|| match turns {
-                    true => format!("truth: axis {n} turns{pending}, {speed:.1} rad/s"),
-                    false => format!("truth: axis {n} turns no more{pending}, {speed:.1} rad/s"),
+                self.log(|| {
+                    if turns {
+                        format!("truth: axis {n} turns{pending}, {speed:.1} rad/s")
+                    } else {
+                        format!("truth: axis {n} turns no more{pending}, {speed:.1} rad/s")
+                    }
                 });
             }
             if truth.starts != self.seen_starts[n] {

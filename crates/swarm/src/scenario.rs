@@ -26,7 +26,7 @@ const CLIENTS_LINGER_MS: u32 = 1_500;
 /// Wires of a bench, as they are opened.
 type SharedPorts = Arc<Mutex<Vec<Arc<dyn AnyPort>>>>;
 
-/// How a world ends.
+/// End of a world.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum WorldEnd {
     /// No client sends anything any more: leases end.

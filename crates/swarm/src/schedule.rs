@@ -13,7 +13,7 @@ pub struct WireDisturbance {
     pub at: Instant,
     /// To which wire.
     pub wire: usize,
-    /// How it is from then on.
+    /// Condition of the wire from then on.
     pub condition: WireCondition,
 }
 

@@ -19,7 +19,7 @@ const SLICE_NS: u64 = 1_000_000;
 /// Units that are thrown away when a link is opened again.
 const STALE_MAX: usize = 4096;
 
-/// How a wire is.
+/// Condition of a wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum WireCondition {
     /// All units arrive.
@@ -84,7 +84,7 @@ pub struct ObservedUnit {
 
 /// A wire, whatever it carries.
 pub trait AnyPort: Send + Sync {
-    /// How it is.
+    /// Present condition.
     fn condition(&self) -> WireCondition;
     /// Since when it is well and stays so; `None` while it is not.
     fn working_since(&self) -> Option<Instant>;

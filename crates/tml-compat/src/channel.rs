@@ -164,9 +164,10 @@ fn is_network_name(device: &str) -> bool {
 }
 
 fn network_string(device: &str, host: u8) -> String {
-    match is_network_name(device) {
-        true => format!("tml+tcp://{device}?through={host}"),
-        false => format!("tml+tcp://{device}:{XPORT_PORT}?through={host}"),
+    if is_network_name(device) {
+        format!("tml+tcp://{device}?through={host}")
+    } else {
+        format!("tml+tcp://{device}:{XPORT_PORT}?through={host}")
     }
 }
 

@@ -133,8 +133,7 @@ pub(crate) fn check_document(text: &str) -> Vec<String> {
             in_block = !in_block;
         } else if !in_block && !line.starts_with("    ") {
             found.extend(
-                refused(&without_targets(line))
-                    .into_iter()
+                refused(&without_targets(line), &REFUSED)
                     .map(|what| format!("{}: {what}", number + 1)),
             );
         }
@@ -143,7 +142,7 @@ pub(crate) fn check_document(text: &str) -> Vec<String> {
 }
 
 /// A line of a document without the targets of its links.
-fn without_targets(line: &str) -> String {
+pub(super) fn without_targets(line: &str) -> String {
     let mut parts = line.split("](");
     let first = parts.next().unwrap_or_default().to_owned();
     parts.fold(first, |text, part| text + part.split_once(')').map_or("", |(_, rest)| rest))
@@ -151,7 +150,7 @@ fn without_targets(line: &str) -> String {
 
 /// Faults of a text for users.
 pub(crate) fn faults(text: &str) -> Vec<String> {
-    let mut found = refused(text);
+    let mut found: Vec<String> = refused(text, &REFUSED).collect();
     for paragraph in text.split("\n\n").filter(|paragraph| !paragraph.contains("\n  ")) {
         for sentence in paragraph.split(['.', ';', ':', '!', '?']).filter(|s| !s.is_empty()) {
             let words = sentence.split_whitespace().count();
@@ -166,17 +165,19 @@ pub(crate) fn faults(text: &str) -> Vec<String> {
     found
 }
 
-/// Refused phrases of a text, each with its equivalents.
-fn refused(text: &str) -> Vec<String> {
+/// Phrases of a list in a text, each with its equivalents.
+pub(super) fn refused<'a>(
+    text: &str,
+    phrases: &'a [(&'a str, &'a str)],
+) -> impl Iterator<Item = String> + use<'a> {
     let prose: String = text.split('`').step_by(2).collect::<Vec<_>>().join(" ").to_lowercase();
     let words: Vec<&str> = prose
         .split(|c: char| !c.is_alphanumeric() && c != '\'')
         .filter(|w| !w.is_empty())
         .collect();
     let plain = format!(" {} ", words.join(" "));
-    REFUSED
+    phrases
         .iter()
-        .filter(|(phrase, _)| plain.contains(&format!(" {phrase} ")))
+        .filter(move |(phrase, _)| plain.contains(&format!(" {phrase} ")))
         .map(|(phrase, instead)| format!("\"{phrase}\" (write: {instead})"))
-        .collect()
 }

@@ -57,6 +57,9 @@ fn every_rule_refuses_a_snippet_that_breaks_it() {
         ("crates/cli/src/a.rs", "fn f() { error.to_string().split(\":\"); }", "rule 14: a"),
         ("crates/cli/src/a.rs", "fn f() { problem.what.as_str() == \"gone\"; }", "rule 14: a"),
         ("crates/cli/src/a.rs", "fn f() { e.hint().starts_with(\"try\"); }", "rule 14: a"),
+        ("crates/sim/src/a.rs", "/// What it has.\nstruct A;", "begins with \"What\""),
+        ("crates/sim/src/a.rs", "//! How it goes.", "begins with \"How\""),
+        ("crates/sim/src/a.rs", "// Nobody is told.", "\"nobody\" (write:"),
         ("crates/sim/src/a.rs", "struct WireManager;", "`Manager` says nothing"),
         ("crates/sim/src/a.rs", "enum FrameHandler {}", "`Handler` says nothing"),
         ("crates/sim/src/a.rs", "mod common;", "module `common` says nothing"),
@@ -92,6 +95,8 @@ fn decent_code_passes() {
         ),
         ("crates/polepair/src/url.rs", "fn f() -> &'static str { \"tmcl\" }"),
         ("crates/link/src/clock.rs", "fn f() { std::time::Instant::now(); }"),
+        ("crates/sim/src/a.rs", "/// A name, and\n/// what it has. `nobody`\nstruct A;"),
+        ("crates/sim/src/tests/a.rs", "// Nobody is told."),
         ("crates/link/src/keeper.rs", "fn f() { std::thread::spawn(g); }"),
     ] {
         assert_eq!(check_sample(path, text), [""; 0], "{path}: {text}");

@@ -25,7 +25,7 @@ impl CaptureDecoder {
         self.reader = reader;
     }
 
-    /// The same of a piece that begins where a line does, and was looked through.
+    /// Decodes a piece that begins at a line, and was scanned.
     pub fn decode_scanned(
         &mut self,
         piece: &[u8],
@@ -39,7 +39,7 @@ impl CaptureDecoder {
         batch.begin_chunk(self.layout);
         let mut reader = core::mem::take(&mut self.reader);
         let before = reader.received_bytes();
-        // What a line behind another is does not hang on that one: the reader is told of them later.
+        // Lines do not depend on the lines before: the reader gets their number later.
         let (mut from, mut at, mut lines) = (0, 0, 0);
         // Where each link of the piece is, once it is known.
         let mut wires = [None; LineScan::LINKS_MAX];
@@ -143,8 +143,8 @@ impl CaptureDecoder {
         added
     }
 
-    /// Returns whether a frame says what an earlier one said; then its conversation takes it, and it is put into the
-    /// batch.
+    /// Returns whether a frame repeats the content of an earlier one; then its conversation takes it, and it is put
+    /// into the batch.
     fn batch_repeat(
         &mut self,
         at: usize,

@@ -53,13 +53,13 @@ impl CaptureDecoder {
         })
     }
 
-    /// What each link speaks, as far as it was [detected](Self::detect) by now.
+    /// Protocols of each link, as far as they were [detected](Self::detect) by now.
     #[must_use]
     pub fn detections(&self) -> &[LinkDetection] {
         &self.detections
     }
 
-    /// Those of them that differ from what was detected before the first frame was decoded.
+    /// Detections that differ from those before the first frame was decoded.
     pub fn later_detections(&self) -> impl Iterator<Item = &LinkDetection> {
         let is_first = |later: &LinkDetection| {
             self.first_detections.iter().any(|first| first.has_same_protocols(later))
@@ -84,7 +84,7 @@ impl CaptureDecoder {
         if look_ahead.covers(link, frame) {
             return;
         }
-        // What cannot be read ahead cannot be decoded either, which is told there.
+        // An error in reading ahead occurs again in decoding, and is reported there.
         let Ok(verdict) = look_ahead.read(Some((link, frame))) else { return };
         (self.detections, self.echo_links) = (verdict.links, verdict.echo_links);
         if self.rules == verdict.rules {

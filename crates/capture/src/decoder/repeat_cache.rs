@@ -15,21 +15,21 @@ use crate::explanation::Explanation;
 const SLOTS: usize = 1 << SLOT_BITS;
 const SLOT_BITS: u32 = 9;
 
-/// What frames said that may come again, each where its bytes lead; one that takes the place of
-/// another is explained again.
+/// Explanations of frames that may be repeated, in a hash table; a frame that takes the place of another causes a new
+/// explanation.
 #[derive(Default)]
 pub(super) struct RepeatCache(Vec<Option<(RepeatKey, Option<RepeatedFrame>)>>);
 
-/// What makes frames the same.
+/// Key of identical frames.
 type RepeatKey = (u32, u8, [u8; 8], Option<Direction>);
 
-/// What a frame said.
+/// Explanation of a repeated frame.
 pub(super) struct RepeatedFrame {
     pub route: FrameRoute,
     /// Answers belong to it.
     pub is_request: bool,
     pub explanation: Arc<Explanation>,
-    /// Where in a batch its template was last.
+    /// Index of its last template in a batch.
     pub template: u16,
 }
 
@@ -40,7 +40,7 @@ impl core::fmt::Debug for RepeatCache {
 }
 
 impl RepeatCache {
-    /// What the frame said when it came before.
+    /// Finds the explanation of an earlier identical frame.
     pub fn find(
         &mut self,
         frame: &Frame,
@@ -51,7 +51,7 @@ impl RepeatCache {
         repeated.as_mut().filter(|_| *known == key && !frame.extended && !frame.remote)
     }
 
-    /// Takes note of what a frame of 11 bits said: from the second time on it is kept.
+    /// Records the explanation of a frame of 11 bits: it is stored from the second time on.
     pub fn record(
         &mut self,
         frame: &Frame,
@@ -96,7 +96,7 @@ mod tests {
 
     use super::{SLOTS, slot_index};
 
-    /// The same request to each node of a bus, as hosts poll them.
+    /// A poll of each node of a bus, as hosts send it.
     #[test]
     fn polled_nodes_have_slots_of_their_own() {
         let request = [0x40, 0x64, 0x60, 0, 0, 0, 0, 0];

@@ -13,7 +13,7 @@ use crate::record::{Record, STANDARD_MAX};
 use crate::rules::{Rule, RuleScope};
 use crate::session::{LinkSession, ObservedFrame};
 
-/// Whose the frames of an identifier are, and by which names they are told.
+/// Protocol and axis of the frames of an identifier, with the names for them.
 #[derive(Clone, Copy)]
 pub(super) struct FrameRoute {
     pub dissector: &'static dyn Dissector,
@@ -22,12 +22,12 @@ pub(super) struct FrameRoute {
     pub profile_stated: bool,
     /// The axis, where the frame is left to its conversation to explain.
     pub deferred_axis: Option<u32>,
-    /// Where in a batch its template was last.
+    /// Index of its last template in a batch.
     pub template: u16,
 }
 
 impl FrameRoute {
-    /// A frame as its tracker hears it.
+    /// Converts a frame for its tracker.
     pub fn observe<'a>(
         &self,
         number: u64,
@@ -52,7 +52,7 @@ impl FrameRoute {
     }
 }
 
-/// What was found of identifiers whose frames all go the same way, whatever they hold.
+/// Routes of identifiers whose frames all have one, with any content.
 #[derive(Default)]
 pub(super) struct RouteTable(Vec<Option<FrameRoute>>);
 
@@ -68,7 +68,7 @@ impl RouteTable {
         known.filter(|_| !frame.extended && !frame.remote)
     }
 
-    /// The same, to be changed, of one whose frames are left to their conversation.
+    /// Mutable route of a frame that is left to its conversation.
     pub fn deferred_mut(&mut self, frame: &Frame) -> Option<&mut FrameRoute> {
         let known = self.0.get_mut(frame.id as usize)?.as_mut()?;
         (known.deferred_axis.is_some() && !frame.extended && !frame.remote).then_some(known)
@@ -83,12 +83,12 @@ impl RouteTable {
     }
 }
 
-/// The profiles by which parameters are named, as somebody stated them.
+/// Stated profiles by which parameters are named.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StatedProfiles {
-    /// Of whoever has none of its own.
+    /// Profile of drives without one of their own.
     pub any: Option<&'static Profile>,
-    /// Of the drives at these addresses, where they differ.
+    /// Profiles of drives at these addresses, if they differ.
     pub drives: Vec<(u32, &'static Profile)>,
 }
 
@@ -138,7 +138,7 @@ pub(super) struct RuleExplainer {
     pub tracks_sessions: bool,
     /// The axis of a frame that was left to its conversation to explain.
     pub deferred_axis: Option<u32>,
-    /// A rule was left for what the frame says: other frames with its identifier may follow that rule.
+    /// True if a rule was rejected by the frame's content: other frames with its identifier may follow that rule.
     pub rejected_by_content: bool,
 }
 
@@ -154,9 +154,10 @@ impl RuleExplainer {
     ) -> Option<usize> {
         let detected = self.detected;
         let claims = |(_, rule): &(usize, &Rule)| {
-            let claims = match frame.remote {
-                true => rule.dissector.claims_remote(frame.id, frame.extended),
-                false => rule.dissector.claims_id(frame.id, frame.extended),
+            let claims = if frame.remote {
+                rule.dissector.claims_remote(frame.id, frame.extended)
+            } else {
+                rule.dissector.claims_id(frame.id, frame.extended)
             };
             // What was detected of an axis holds for identifiers that several protocols use; what was
             // detected of a link, for the others.
@@ -170,7 +171,7 @@ impl RuleExplainer {
         };
         for (at, rule) in rules.iter().enumerate().filter(claims) {
             self.apply_rule(rule, frame, context, conversation, explained);
-            // What is said to everybody is said to each axis.
+            // A broadcast concerns each axis.
             let intended = |axis| explained.axis.is_none_or(|found| found == axis);
             match rule.scope {
                 RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) if !intended(axis) => {
@@ -205,9 +206,10 @@ impl RuleExplainer {
             return;
         }
         let asks = rule.dissector.is_request(&raw);
-        let request = match asks || process_data_axis.is_some() {
-            true => None,
-            false => conversation.find_request(rule.dissector, &raw),
+        let request = if asks || process_data_axis.is_some() {
+            None
+        } else {
+            conversation.find_request(rule.dissector, &raw)
         };
         let speaks = |profile: &&Profile| profile_speaks(profile, rule.dissector);
         let stated = context.profile.filter(speaks);

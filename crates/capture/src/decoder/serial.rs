@@ -10,7 +10,7 @@ use crate::record::Record;
 use crate::session::ObservedFrame;
 use crate::stream::{ChunkOrigin, PieceKind, StreamPiece};
 
-/// Where in the capture a piece stands.
+/// Place of a piece in the capture.
 #[derive(Clone, Copy)]
 struct PieceContext {
     origin: ChunkOrigin,
@@ -38,7 +38,7 @@ impl CaptureDecoder {
         }
         let origin = ChunkOrigin { time: record.time, offset: record.offset };
         self.links[at].flows[direction_index(record.direction)].push(origin, bytes);
-        // Data alone on a line stands for itself: nothing more of it follows.
+        // Data alone on a line is complete: nothing more of it follows.
         self.drain_flow(at, record.direction, record.time.is_none(), out);
     }
 
@@ -82,7 +82,7 @@ impl CaptureDecoder {
         let rule = rules.get(piece.rule);
         let whole = piece.kind == PieceKind::Frame;
         let raw = RawFrame { bytes, ..RawFrame::default() };
-        // Where the capture does not say who speaks, the frame may.
+        // If the capture does not name the sender, the frame may.
         let direction = direction.or_else(|| {
             let talk = ConversationContext {
                 open_request: conversation.open_request(),

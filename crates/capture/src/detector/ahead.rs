@@ -41,12 +41,11 @@ impl LookAhead {
             }
             piece.clear();
             (&mut self.source).take(PIECE_BYTES).read_to_end(&mut piece)?;
-            match piece.is_empty() {
-                true => {
-                    self.detector.finish();
-                    self.ended = true;
-                }
-                false => self.detector.feed(&piece),
+            if piece.is_empty() {
+                self.detector.finish();
+                self.ended = true;
+            } else {
+                self.detector.feed(&piece)
             }
         }
         Ok(self.detector.weighing.verdict())

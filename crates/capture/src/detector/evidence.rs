@@ -32,9 +32,6 @@ impl Evidence {
         if self.seen.len() >= FRAMES_MAX || !self.seen.insert(key) {
             return;
         }
-        match supports {
-            true => self.supporting += 1,
-            false => self.contradicting += 1,
-        }
+        if supports { self.supporting += 1 } else { self.contradicting += 1 }
     }
 }

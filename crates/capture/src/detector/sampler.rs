@@ -30,7 +30,7 @@ pub(super) struct RecordSampler {
     records: u64,
     /// The records in which something new came.
     window: Window,
-    /// The result is certain for what came so far.
+    /// True if the result was certain so far.
     certain: bool,
 }
 
@@ -102,8 +102,8 @@ impl RecordSampler {
         }
     }
 
-    /// Returns whether the result is to be looked at: after records without anything new. What becomes of it is
-    /// [told](Self::end_window).
+    /// Returns whether the result is due: after records without anything new. [`end_window`](Self::end_window) gets its
+    /// outcome.
     pub fn is_checkpoint(&mut self) -> bool {
         let Window { start, len, last_new } = self.window;
         if self.certain || self.records < start + len {
@@ -164,7 +164,7 @@ impl SampledLink {
         first || fresh || (number / BLOCK_RECORDS).is_multiple_of(BLOCK_PERIOD)
     }
 
-    /// Number of frames with the identifier came before; `None` where nobody counts them.
+    /// Number of earlier frames with the identifier; `None` if they are not counted.
     fn count_frame(&mut self, key: u32) -> Option<u8> {
         let has_room = self.ids.len() < IDS_MAX;
         match self.ids.get_mut(&key) {

@@ -1,4 +1,4 @@
-//! What each protocol makes of the links of a capture.
+//! Score of each protocol on the links of a capture.
 
 use core::fmt;
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,7 +13,7 @@ use crate::decoder::{CaptureDecoder, DecodedFrame};
 use crate::record::{Record, RecordData};
 use crate::rules::{Rule, RuleScope, Rules};
 
-/// What one dissector makes of a capture.
+/// Result of one dissector for a capture.
 pub(super) struct CandidateProtocol {
     pub dissector: &'static dyn Dissector,
     decoder: CaptureDecoder,
@@ -54,7 +54,7 @@ impl CandidateProtocol {
         CandidateScores { dissector: self.dissector, scores }
     }
 
-    /// Returns whether the host hears its own requests on a link.
+    /// Returns whether the host receives its own requests on a link.
     pub fn has_echo(&self, link: &str) -> bool {
         self.decoder.echo_links().any(|name| name == link)
     }
@@ -72,7 +72,7 @@ impl CandidateScores {
     }
 }
 
-/// What one dissector made of one link.
+/// Result of one dissector for one link.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LinkScore {
     pub link: String,
@@ -117,7 +117,7 @@ impl LinkScore {
         self.pairs.found >= PROOF_PAIRS && !self.ids.is_subset(&other.ids)
     }
 
-    /// Frames on shared identifiers are whole where their axis is proven, else nobody's.
+    /// Counts frames on shared identifiers as valid if their axis is proven, otherwise for no protocol.
     pub fn count_shared(&mut self) {
         for (axis, (frames, bytes)) in &self.shared_axes {
             if self.proven_axes.contains(axis) {
@@ -163,9 +163,10 @@ impl LinkScore {
 
     /// Bits of evidence for the protocol.
     pub fn evidence_bits(&self) -> u64 {
-        match self.is_can {
-            false => 8 * self.frames,
-            true => EVIDENCE_BITS * (self.evidence.supporting + self.pairs.found),
+        if self.is_can {
+            EVIDENCE_BITS * (self.evidence.supporting + self.pairs.found)
+        } else {
+            8 * self.frames
         }
     }
 
@@ -188,9 +189,10 @@ impl LinkScore {
 
 /// Returns whether a frame's identifier can belong to a protocol.
 pub(super) fn claims_frame(dissector: &dyn Dissector, frame: &Frame) -> bool {
-    match frame.remote {
-        true => dissector.claims_remote(frame.id, frame.extended),
-        false => dissector.claims_id(frame.id, frame.extended),
+    if frame.remote {
+        dissector.claims_remote(frame.id, frame.extended)
+    } else {
+        dissector.claims_id(frame.id, frame.extended)
     }
 }
 

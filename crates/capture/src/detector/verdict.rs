@@ -11,11 +11,11 @@ use super::{
 };
 use crate::rules::{Rule, RuleScope, Rules};
 
-/// What is spoken, by the records that were weighed.
+/// Detected protocols, by the evaluated records.
 pub(crate) struct Verdict {
     pub links: Vec<LinkDetection>,
     pub rules: Rules,
-    /// Links on which the host hears its own requests.
+    /// Links on which the host receives its own requests.
     pub echo_links: Vec<String>,
     /// Each protocol of each link has enough evidence, and no other one has any.
     is_proven: bool,
@@ -35,7 +35,7 @@ impl Verdict {
     }
 }
 
-/// Judges by the scores so far. `has_skipped` tells whether records of a link were not weighed.
+/// Decides by the scores so far. `has_skipped` is true if records of a link were not evaluated.
 pub(super) fn judge(
     candidates: &[CandidateProtocol],
     has_skipped: &dyn Fn(&str) -> bool,
@@ -63,7 +63,7 @@ pub(super) fn judge(
     Verdict { links, rules: Rules(rules), echo_links, is_proven, has_unclaimed: false }
 }
 
-/// What a link speaks, and whether each of its protocols is proven and no other one is possible.
+/// Detects the protocols of a link, and whether each of them is proven and no other one is possible.
 fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) {
     let mut ranked: Vec<ScoredCandidate<'_>> =
         scored.iter().filter_map(|each| Some((each.dissector, each.score_of(link)?))).collect();
@@ -170,8 +170,8 @@ fn assign_proven(candidates: &mut [CandidateScores]) {
     }
 }
 
-/// Of those on CAN that explain equally much, the one that finds answers to requests goes first. The
-/// names of all where none does, or several.
+/// Decides between protocols on CAN that explain equally much: one that finds replies to requests goes first. Returns
+/// the names of all if none does, or several.
 fn resolve_tie(ranked: &mut [ScoredCandidate<'_>]) -> Vec<&'static str> {
     let Some((_, first)) = ranked.first() else { return Vec::new() };
     let (first, share) = (*first, first.explained_share());
@@ -201,14 +201,15 @@ fn select_protocols<'a>(
         let claimed = |(id, extended): &(u32, bool)| {
             protocols.iter().any(|(other, _)| other.claims_id(*id, *extended))
         };
-        // Identifiers that nobody else claims, and answers on them where others' are among those that
-        // it would claim; or axes that answers prove on identifiers that others claim.
+        // Identifiers of no other protocol, and replies on them while others' are among those that it would claim; or
+        // axes that replies prove on identifiers that others claim.
         let free = score.ids.iter().filter(|id| !claimed(id)).count();
         let own = free > 0 && (free == score.ids.len() || score.pairs.found >= PROOF_PAIRS);
         let beside = own || score.proven_shared_axes().next().is_some();
-        let holds = match protocols.is_empty() {
-            true => rivals.is_empty() && score.is_more_than_chance(),
-            false => beside && score.good_bytes > score.broken_bytes,
+        let holds = if protocols.is_empty() {
+            rivals.is_empty() && score.is_more_than_chance()
+        } else {
+            beside && score.good_bytes > score.broken_bytes
         };
         if holds { &mut protocols } else { &mut rivals }.push((*dissector, *score));
     }

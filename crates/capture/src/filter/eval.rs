@@ -14,7 +14,7 @@ use polepair_core::proto;
 /// Bytes of an error's words that are looked through.
 const ERROR_MAX: usize = 256;
 
-/// What is asked.
+/// Input of a test.
 pub(super) struct TestInput<'a> {
     pub frame: &'a DecodedFrame<'a>,
     /// When the capture begins.
@@ -119,7 +119,7 @@ fn concerns(
     let Some(values) = values else {
         return numbers.peek().is_some() || dissector.concerns(address, &field);
     };
-    // Its value is a field where the frame says by itself what it is of.
+    // The value is a field if the frame itself names its subject.
     let own = || field("value").filter(|_| dissector.concerns(address, &field));
     let own = if numbers.peek().is_none() { own().and_then(FieldValue::integer) } else { None };
     numbers.chain(own).any(|number| values.contains(fixed_point::from_integer(number)))

@@ -13,7 +13,7 @@ use polepair_core::proto;
 /// Parentheses and `not` within each other.
 const DEPTH_MAX: u32 = 64;
 
-/// What can be asked of every frame.
+/// Subjects of tests of every frame.
 const SUBJECTS: [&str; 24] = [
     "protocol",
     "link",
@@ -86,7 +86,7 @@ struct Parser<'t> {
     depth: u32,
 }
 
-/// How a value is compared.
+/// Operator of a comparison.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum CompareOperator {
     Equal,
@@ -174,7 +174,7 @@ impl Parser<'_> {
         }
     }
 
-    /// A test of what a conversation tells.
+    /// A test of a notice.
     fn parse_notice_test(&mut self, word: &str) -> FilterResult<Option<FilterTest>> {
         let notice_test = match word {
             "odd" => NoticeTest::Anomaly(self.parse_anomaly_kinds()?),
@@ -383,7 +383,7 @@ impl Parser<'_> {
         Ok(negate_unequal(how, test(to_ranges(how, ranges))))
     }
 
-    /// Numbers, or words where no number stands.
+    /// Numbers, or words in the place of a number.
     fn parse_value(
         &mut self,
         how: CompareOperator,

@@ -14,7 +14,7 @@ pub(super) struct FilterToken {
     pub len: usize,
 }
 
-/// What it is.
+/// Kind of the token.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) enum TokenKind {
     /// A word or a number.

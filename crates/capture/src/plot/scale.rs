@@ -7,7 +7,7 @@ pub(super) fn padded_range(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f6
     if !(min.is_finite() && max.is_finite()) {
         return (0.0, 1.0);
     }
-    // A value that never changes stands in the middle.
+    // A constant value is drawn in the middle.
     let capacity = match max - min {
         0.0 => min.abs().max(1.0) * 0.5,
         span => span * 0.05,
@@ -15,7 +15,7 @@ pub(super) fn padded_range(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f6
     (min - capacity, max + capacity)
 }
 
-/// Round numbers on a range, at most so many, and the decimals that they need.
+/// Round numbers on a range, at most `wanted`, and the decimals that they need.
 pub(super) fn ticks((min, max): (f64, f64), wanted: usize) -> (Vec<f64>, usize) {
     let rough = (max - min) / wanted.max(1) as f64;
     if !(rough.is_finite() && rough > 0.0) {

@@ -5,11 +5,11 @@ use crate::summary::Histogram;
 
 /// Stretches of time that a line has at most. When they are full, each two become one.
 const BUCKETS_MAX: usize = 4096;
-/// How long a stretch is at first, ns.
+/// First length of a stretch, ns.
 const BUCKET_MIN_NS: u64 = 1000;
 /// A gap is this many times as long as the pause that 90 % of all pauses do not exceed.
 const GAP_FACTOR: u64 = 3;
-/// Pauses from which on a gap can be told.
+/// Number of pauses from which a gap can be detected.
 const PAUSES_MIN: u64 = 8;
 
 /// A line.
@@ -18,14 +18,14 @@ pub struct Series {
     /// The unit of its values.
     pub unit: InternedName,
     buckets: Vec<TimeBucket>,
-    /// How long each stretch is, ns.
+    /// Length of each stretch, ns.
     bucket_ns: u64,
     begin: u64,
     pauses: Histogram,
     last_time: u64,
 }
 
-/// What happened in a stretch of time; without values its count is 0.
+/// Values in a stretch of time; without values its count is 0.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 struct TimeBucket {
     count: u32,
@@ -104,8 +104,8 @@ impl Series {
         (whole.min, whole.max)
     }
 
-    /// The lines to draw, each without a gap: times in ns and values. They have at most four points
-    /// for each of so many stretches.
+    /// Lines to draw, each without a gap: times in ns and values. They have at most four points for each of `stretches`
+    /// stretches.
     #[must_use]
     pub fn lines(&self, stretches: usize) -> Vec<Vec<(u64, f64)>> {
         let mut drawn = self.buckets.clone();

@@ -17,7 +17,7 @@ const BETWEEN: f64 = 40.0;
 const FOOT: f64 = 46.0;
 /// Stretches of time that a line is drawn with: two for each unit of width.
 const BUCKETS: usize = 1800;
-/// Colours that people tell apart who see fewer of them (Okabe and Ito, 2008).
+/// Colours that people with colour blindness can distinguish (Okabe and Ito, 2008).
 const COLOURS: [&str; 7] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
 
@@ -91,7 +91,7 @@ fn draw_panel(
                 let (x, y) = (x_of(*time as f64), y_of(*value));
                 let _ = write!(path, "{}{x:.1} {y:.1}", if n == 0 { 'M' } else { 'L' });
             }
-            // A value alone is a short line, or nobody would see it.
+            // A single value is drawn as a short line, or it would be invisible.
             path.push_str(if line.len() == 1 { "m-1.5 0h3" } else { "" });
         }
         let _ = writeln!(
@@ -120,6 +120,6 @@ fn draw_heading(panel: &PlotPanel<'_>, top: f64, out: &mut String) {
 }
 
 fn escape_markup(text: &str) -> String {
-    // XML has no control characters, whatever stands for them.
+    // XML has no control characters, not even escaped.
     EscapedText(text).to_string().replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

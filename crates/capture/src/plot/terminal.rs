@@ -59,9 +59,10 @@ fn draw_title(panel: &PlotPanel<'_>, colour: bool, out: &mut String) {
 }
 
 fn colour_codes(number: usize, colour: bool) -> (String, &'static str) {
-    match colour {
-        true => (format!("\x1b[{}m", COLOURS[number % COLOURS.len()]), "\x1b[0m"),
-        false => (String::new(), ""),
+    if colour {
+        (format!("\x1b[{}m", COLOURS[number % COLOURS.len()]), "\x1b[0m")
+    } else {
+        (String::new(), "")
     }
 }
 

@@ -54,7 +54,7 @@ impl LineFormat for AscReader {
 
 type AscEvent = (u32, Option<Direction>, CanRecord);
 
-/// What follows the time of a line.
+/// Rest of a line behind the time.
 enum AscLine {
     Frame(AscEvent),
     Nothing,
@@ -113,7 +113,7 @@ impl AscReader {
             _ => return Err(ReadError("expected d or r after the direction")),
         };
         let count = words.next().map_or(Ok(0), |word| self.parse_length(word));
-        // A remote request may say no length.
+        // A remote request may have no length.
         let count = if remote { count.unwrap_or(0) } else { count? };
         self.bytes.clear();
         if !remote {
@@ -150,7 +150,7 @@ impl AscReader {
         self.bytes.clear();
         self.parse_bytes(count.min(FD_MAX), words)?;
         if count == 0 && code > 0 {
-            // Without bytes, a code says that they were not kept or that it is a remote request.
+            // A code without bytes means that they were not stored or that it is a remote request.
             let frame = classic_frame(id, extended, true, fd_len_from_dlc(code).min(8), &[]);
             return Ok((channel, direction, CanRecord::Frame(frame)));
         }

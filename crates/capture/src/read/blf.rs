@@ -17,13 +17,13 @@ pub(crate) const OBJECT_HEAD: usize = 16;
 pub(crate) const TIME_HEAD: usize = 16;
 /// Bytes of a container's header behind the first.
 pub(crate) const CONTAINER_HEAD: usize = 16;
-/// Bytes of a file's header, if it does not say so itself.
+/// Default length of a file's header, bytes.
 pub(crate) const FILE_HEAD: usize = 144;
-/// Where the file's header holds the time of its beginning.
+/// Offset of the start time in the file's header.
 pub(crate) const BEGIN_AT: usize = 40;
 /// Bytes that a container may unpack to: a hundred times what those are that are written.
 const CONTAINER_MAX: usize = 1 << 24;
-/// DEFLATE makes no more than so many bytes of one.
+/// Greatest expansion of one byte by DEFLATE.
 const RATIO_MAX: usize = 1032;
 /// Bytes between objects that are padding, and no damage.
 const PADDING_MAX: usize = 8;
@@ -64,11 +64,11 @@ pub(super) struct BlfReader {
     /// Unpacked bytes of an object that goes on in the next container.
     tail: Vec<u8>,
     resyncing: bool,
-    /// Containers are not unpacked, but what they say that they unpack to is added up.
+    /// Sum of the announced unpacked sizes, if containers are not to be unpacked.
     size_only: Option<u64>,
 }
 
-/// What the containers of a file unpack to, by their own word, which is held to when they are unpacked.
+/// Sum of the announced unpacked sizes of a file's containers, which unpacking enforces.
 pub(super) fn unpacked_size(bytes: &[u8]) -> u64 {
     let mut blf = BlfReader { size_only: Some(0), ..BlfReader::default() };
     blf.read(bytes, true, &mut NullSink);
@@ -130,7 +130,7 @@ impl FormatReader for BlfReader {
 }
 
 impl BlfReader {
-    /// Takes the file's header. One that tells no time counts from 0.
+    /// Reads the file's header. Without a start time, times count from 0.
     fn read_file_header(&mut self, bytes: &[u8]) -> Option<usize> {
         let size = (u32_at(bytes, 4)? as usize).clamp(BEGIN_AT + 16, 4096);
         let header = bytes.get(..size)?;
@@ -187,7 +187,7 @@ impl BlfReader {
         Some(bytes.len())
     }
 
-    /// What a container that is cut off still holds.
+    /// Reads the intact part of a truncated container.
     fn salvage_container(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) {
         if let Some(head) = ObjectHeader::parse(bytes).filter(|head| head.kind == kind::CONTAINER) {
             let rest = bytes.get(head.header_len..).unwrap_or_default();
@@ -267,10 +267,8 @@ impl BlfReader {
                 };
                 let mut name = [0; 16];
                 let link = link_name(channel, &mut name);
-                let direction = sent.map(|sent| match sent {
-                    true => Direction::ToDrive,
-                    false => Direction::ToHost,
-                });
+                let direction =
+                    sent.map(|sent| if sent { Direction::ToDrive } else { Direction::ToHost });
                 taker.handle_record(&Record {
                     time: Some(time),
                     link,
@@ -301,7 +299,7 @@ impl BlfReader {
     }
 }
 
-/// What an object says.
+/// Fields of an object.
 struct BlfFrame<'a> {
     channel: u16,
     sent: Option<bool>,
@@ -325,7 +323,7 @@ impl<'a> BlfFrame<'a> {
 
 type BodyParser = fn(&[u8]) -> Option<BlfFrame<'_>>;
 
-/// How an object of that kind is read; `None` for what is no traffic.
+/// Parser of objects of that kind; `None` for those without traffic.
 fn body_parser(kind: u32) -> Option<BodyParser> {
     match kind {
         kind::MESSAGE | kind::MESSAGE_2 => Some(parse_message),
@@ -338,7 +336,7 @@ fn body_parser(kind: u32) -> Option<BodyParser> {
     }
 }
 
-/// What objects of a kind that is not read are.
+/// Name of the objects of a kind that is not read.
 fn kind_name(kind: u32) -> &'static str {
     match kind {
         3 => "overload frames",
@@ -420,7 +418,7 @@ fn link_name(channel: u16, name: &mut [u8; 16]) -> &str {
     std::str::from_utf8(&name[..16 - left]).unwrap_or_default()
 }
 
-/// The bytes that a container says it unpacks to, where that can be and is let.
+/// Announced unpacked size of a container, if it is possible and permitted.
 fn checked_size(packed: &[u8], size: u32) -> Option<usize> {
     let size = size as usize;
     (size <= CONTAINER_MAX && size <= packed.len() * RATIO_MAX).then_some(size)

@@ -12,7 +12,7 @@ use crate::timestamp::Timestamp;
 const DAY_NS: u64 = 86_400_000_000_000;
 const START: &str = "***START DATE AND TIME ";
 
-/// What the times of lines count from.
+/// Origin of the times of lines.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 enum TimeBase {
     /// Midnight.

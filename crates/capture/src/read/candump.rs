@@ -32,7 +32,7 @@ pub(crate) fn parse_log(
         [b'#'] => return Err(ReadError("a CAN FD frame has a digit of flags")),
         [b'R' | b'r', length @ ..] => id.to_frame(true, parse_remote_length(length)?, &[])?,
         data => {
-            // `_` and a digit say a length code beyond 8, which changes nothing that is sent.
+            // `_` and a digit are a length code beyond 8, which does not change the sent bytes.
             let data = data.split(|c| *c == b'_').next().unwrap_or(data);
             parse_dotted_hex(data, bytes)?;
             // People write the bytes apart: `583#4B 41 60`, `583#0x4B,0x41`.
@@ -182,11 +182,10 @@ impl CandumpId {
         }
         let len = if remote { len } else { bytes.len() as u8 };
         let Frame { data, .. } = classic_frame(0, false, false, len, bytes);
-        Ok(match self.extended && self.number & ERROR_FLAG != 0 {
-            true => CanRecord::Error(CanErrorFrame { class: self.number & !ERROR_FLAG, data }),
-            false => {
-                CanRecord::Frame(classic_frame(self.number, self.extended, remote, len, bytes))
-            }
+        Ok(if self.extended && self.number & ERROR_FLAG != 0 {
+            CanRecord::Error(CanErrorFrame { class: self.number & !ERROR_FLAG, data })
+        } else {
+            CanRecord::Frame(classic_frame(self.number, self.extended, remote, len, bytes))
         })
     }
 

@@ -1,4 +1,4 @@
-//! Tables with commas. The first line names the columns, and so tells who wrote the table:
+//! Tables with commas. The first line has the names of the columns, which identify the program that wrote the table:
 //!
 //! - python-can: `timestamp,arbitration_id,extended,remote,error,dlc,data`, with data in base 64.
 //! - SavvyCAN (GVRET): `Time Stamp,ID,Extended,Dir,Bus,LEN,D1,…`, with times in microseconds.
@@ -26,11 +26,11 @@ const SALEAE_TABLE: [&str; 4] = ["name", "type", "start_time", "data"];
 /// Bytes of the longest CAN FD frame.
 const FD_MAX: usize = 64;
 
-/// How a first line begins, in lower case.
+/// First words of a table's head, in lower case.
 pub(crate) const HEADERS: [&[u8]; 4] =
     [b"timestamp,", b"time stamp,", b"time [s],", b"name,type,start_time"];
 
-/// Who wrote the table, and where its columns are.
+/// Program that wrote the table, and its columns.
 #[derive(Clone, Copy, Debug)]
 enum CsvDialect {
     PythonCan([Option<usize>; PYTHON_CAN.len()]),

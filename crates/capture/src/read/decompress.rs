@@ -7,19 +7,19 @@ use crate::format::{CaptureFormat, Compression};
 
 /// Packed bytes that are unpacked at once: what a hostile file makes of them stays bounded.
 const PIECE_GZIP: usize = 1 << 12;
-/// The same for Zstandard, which can say more with fewer bytes.
+/// Input piece for Zstandard, whose compression can be higher.
 const PIECE_ZSTD: usize = 1 << 8;
 /// Memory that a Zstandard file may demand, as a power of two.
 #[cfg(feature = "zstd")]
 const WINDOW_LOG_MAX: u32 = 27;
 
-/// What a compressed capture holds, and the bytes themselves where it is not compressed. What follows
-/// a damaged place is left out, as a [`CaptureReader`](super::CaptureReader) leaves it out. `None` where it holds more
-/// than `most` bytes: a few kilobytes can hold gigabytes. What is compressed within the capture (the
-/// containers of a BLF file) stays so, and counts with what it unpacks to.
+/// Content of a compressed capture, or the bytes themselves of another one. Bytes behind a damaged place are left out,
+/// as a [`CaptureReader`](super::CaptureReader) does. `None` if it holds more than `max` bytes: a few kilobytes can
+/// hold gigabytes. Compressed parts within the capture (the containers of a BLF file) stay so, and count with their
+/// unpacked size.
 ///
-/// What is compressed twice holds nothing that a `Reader` reads, and nothing is what comes out: given
-/// to a reader it would be unpacked once more, without a bound.
+/// A capture that is compressed twice holds nothing that a `Reader` reads, and the result is empty: a reader would
+/// unpack it once more, without a bound.
 #[must_use]
 pub fn unpack_bounded(bytes: Vec<u8>, max: usize) -> Option<Vec<u8>> {
     let fits = |plain: &Vec<u8>| plain.len() as u64 + nested_size(plain) <= max as u64;
@@ -74,7 +74,7 @@ enum DecompressionEngine {
     Gzip(Box<flate2::write::MultiGzDecoder<Vec<u8>>>),
     #[cfg(feature = "zstd")]
     Zstd(zstd::stream::write::Decoder<'static, Vec<u8>>),
-    /// It could not be set up.
+    /// The decompressor could not be set up.
     None,
 }
 
@@ -126,9 +126,10 @@ impl Decompressor {
 }
 
 /// The decompressor could not be set up, or is not there.
-const NOT_DECOMPRESSED: ReadError = ReadError(match cfg!(feature = "zstd") {
-    true => "there is not enough memory to decompress it",
-    false => "this program was built without Zstandard (feature `zstd`)",
+const NOT_DECOMPRESSED: ReadError = ReadError(if cfg!(feature = "zstd") {
+    "there is not enough memory to decompress it"
+} else {
+    "this program was built without Zstandard (feature `zstd`)"
 });
 
 #[cfg(not(feature = "zstd"))]

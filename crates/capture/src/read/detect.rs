@@ -3,7 +3,7 @@
 use super::{crtd, csv};
 use crate::format::{CaptureFormat, HEAD_MAX};
 
-/// How formats that are not text begin.
+/// First bytes of formats that are not text.
 const MAGIC: [(&[u8], CaptureFormat); 7] = [
     (&[0xA1, 0xB2, 0xC3, 0xD4], CaptureFormat::Pcap),
     (&[0xD4, 0xC3, 0xB2, 0xA1], CaptureFormat::Pcap),
@@ -15,8 +15,7 @@ const MAGIC: [(&[u8], CaptureFormat); 7] = [
 ];
 
 impl CaptureFormat {
-    /// The format that begins so; `None` while there is too little to tell. What nothing tells is
-    /// read line by line.
+    /// Format with this head; `None` while there are too few bytes. An unknown one is read line by line.
     pub(crate) fn detect(head: &[u8], ended: bool) -> Option<Self> {
         let enough = ended || head.len() >= HEAD_MAX;
         if head.len() < 4 && !enough {

@@ -2,9 +2,9 @@
 
 const ONES: u64 = 0x0101_0101_0101_0101;
 const HIGH: u64 = 0x80 * ONES;
-/// What makes digits of their characters.
+/// Mask that converts characters to digits.
 const LOW: u64 = 0x0F * ONES;
-/// What makes small letters of capitals.
+/// Mask that converts capitals to small letters.
 const SMALL: u64 = 0x20 * ONES;
 
 /// A byte's uppermost bit where `low <= byte <= high`, for bytes below 80h.
@@ -38,8 +38,8 @@ pub(super) const fn parse_hex(text: [u8; 8]) -> Option<u32> {
     if other == 0 { Some((bytes as u32).swap_bytes()) } else { None }
 }
 
-/// The four bytes that eight hexadecimal digits say, the first lowest; and of each character that is no such
-/// digit, the uppermost bit.
+/// Four bytes of eight hexadecimal digits, the first lowest; and for each character that is no such digit, the
+/// uppermost bit.
 #[inline]
 const fn hex_bytes(text: u64) -> (u64, u64) {
     let decimal = in_range_mask(text & !HIGH, b'0', b'9');
@@ -100,7 +100,7 @@ pub(super) fn parse_hex_line(text: &[u8; 17]) -> Option<([u8; 8], usize)> {
 mod tests {
     use super::{StampPrefix, parse_decimal, parse_hex, parse_hex_line, parse_stamp};
 
-    /// Every byte in every place says what the standard library says.
+    /// Every byte at every position gives the result of the standard library.
     #[test]
     fn eight_digits_as_one_by_one() {
         for index in 0..8 {

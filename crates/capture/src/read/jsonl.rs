@@ -22,7 +22,7 @@ pub(super) struct JsonlReader {
     bytes: Vec<u8>,
 }
 
-/// The keys that tell what was captured.
+/// Keys of the captured frame.
 #[derive(Deserialize)]
 struct JsonlFrame<'a> {
     #[serde(borrow)]

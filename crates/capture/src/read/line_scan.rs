@@ -20,7 +20,7 @@ pub struct LineScan {
 /// One line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScannedLine {
-    /// Where it begins, and where the next one does.
+    /// Start of the line, and of the next one.
     pub start: usize,
     pub end: usize,
     /// On which of the links.
@@ -30,7 +30,7 @@ pub(crate) struct ScannedLine {
 }
 
 impl LineScan {
-    /// Links of one piece that are told apart.
+    /// Limit of distinguished links of one piece.
     pub(crate) const LINKS_MAX: usize = 64;
 
     /// Looks through a piece that begins where a line does.
@@ -43,9 +43,10 @@ impl LineScan {
         while at < piece.len() {
             let rest = &piece[at..];
             if let Some(UsualLine { time, frame, bytes }) = parse_usual_line(rest, &mut before)
-                && let Some(same) = match before.link_changes() == changes {
-                    true => Some(number),
-                    false => link_index(&mut self.links, before.link()),
+                && let Some(same) = if before.link_changes() == changes {
+                    Some(number)
+                } else {
+                    link_index(&mut self.links, before.link())
                 }
             {
                 (number, changes, at) = (same, before.link_changes(), at + bytes);
@@ -70,7 +71,7 @@ impl LineScan {
         &self.lines
     }
 
-    /// What a line says, in a capture of which so many bytes came before.
+    /// Record of a line, in a capture with `before` bytes before the piece.
     pub(crate) fn line_record(&self, line: &ScannedLine, before: u64) -> Record<'_> {
         let link = self.links.get(usize::from(line.link)).map_or("-", String::as_str);
         let (time, data, at) =

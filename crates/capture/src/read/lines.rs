@@ -25,7 +25,7 @@ pub(super) enum ParsedLine<'a> {
 pub(super) struct UsualLine {
     pub time: Timestamp,
     pub frame: Frame,
-    /// How long it is, with its end.
+    /// Length with its end, bytes.
     pub bytes: usize,
 }
 
@@ -103,9 +103,8 @@ impl<L: LineFormat> FormatReader for LineReader<L> {
                 bytes
             } else {
                 let Some(end) = memchr::memchr(b'\n', rest) else { break };
-                match core::mem::take(&mut self.skipping) {
-                    true => {}
-                    false => self.read_line(&rest[..end], taker),
+                if !(core::mem::take(&mut self.skipping)) {
+                    self.read_line(&rest[..end], taker)
                 }
                 end + 1
             };

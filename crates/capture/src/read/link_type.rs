@@ -28,7 +28,7 @@ const FD_PACKET: usize = 72;
 /// Flag of byte 5: a CAN FD frame.
 pub(crate) const FLAG_FD: u8 = 4;
 
-/// What a packet carries, and who sent it where the link type says so.
+/// Content of a packet, and its sender if the link type has it.
 pub(super) type PacketContent<'a> = (Option<Direction>, RecordData<'a>);
 
 /// Reads a packet of that link type.
@@ -95,12 +95,12 @@ fn parse_can(packet: &[u8]) -> Result<RecordData<'_>, ReadError> {
         return Err(ReadError("the identifier is too great"));
     }
     let id = word & ID_MASK;
-    Ok(match word & ERROR_FLAG != 0 {
-        true => {
-            let data = classic_frame(0, false, false, *len, bytes).data;
-            RecordData::Error(CanErrorFrame { class: id, data })
-        }
-        false if fd => RecordData::Fd(FdFrame { id, extended, flags: flags & 3, bytes }),
-        false => RecordData::Frame(classic_frame(id, extended, remote, *len, bytes)),
+    Ok(if word & ERROR_FLAG != 0 {
+        let data = classic_frame(0, false, false, *len, bytes).data;
+        RecordData::Error(CanErrorFrame { class: id, data })
+    } else if fd {
+        RecordData::Fd(FdFrame { id, extended, flags: flags & 3, bytes })
+    } else {
+        RecordData::Frame(classic_frame(id, extended, remote, *len, bytes))
     })
 }

@@ -29,7 +29,7 @@ pub(super) struct PcapReader {
     tcp: TcpStreams,
 }
 
-/// What stands before a packet.
+/// Header of a packet.
 #[derive(Clone, Copy)]
 struct PacketHeader {
     seconds: u32,
@@ -123,9 +123,8 @@ impl PcapReader {
     fn parse_header(&self, bytes: &[u8]) -> Option<PacketHeader> {
         let words = bytes.get(..HEAD)?.as_chunks::<4>().0;
         let big = self.header.as_ref()?.is_bigendian();
-        let word = |n: usize| match big {
-            true => u32::from_be_bytes(words[n]),
-            false => u32::from_le_bytes(words[n]),
+        let word = |n: usize| {
+            if big { u32::from_be_bytes(words[n]) } else { u32::from_le_bytes(words[n]) }
         };
         Some(PacketHeader {
             seconds: word(0),
@@ -145,7 +144,7 @@ impl PcapReader {
         sound && (!self.resyncing || head.captured_len > 0 && self.last_seconds.is_none_or(near))
     }
 
-    /// Returns whether another packet stands where this one would end, as far as can be seen.
+    /// Returns whether another packet follows at the end of this one, as far as can be seen.
     fn has_next(&self, bytes: &[u8], head: PacketHeader) -> bool {
         let next = bytes.get(HEAD + head.captured_len as usize..).unwrap_or_default();
         self.parse_header(next).is_none_or(|next| self.is_plausible(next))

@@ -18,7 +18,7 @@ const BLOCK_MAX: usize = 1 << 24;
 /// Interfaces that a file may describe.
 const INTERFACES_MAX: usize = 256;
 const SECTION: [u8; 4] = [0x0A, 0x0D, 0x0D, 0x0A];
-/// What a section begins with behind its length, as the writer's machine orders bytes.
+/// Byte-order magic behind a section's length, big endian.
 const ORDER_BIG: [u8; 4] = [0x1A, 0x2B, 0x3C, 0x4D];
 
 /// The reader of such files.
@@ -42,9 +42,9 @@ struct PcapngInterface {
     offset: i64,
 }
 
-/// What stands at the head of the bytes.
+/// State of the bytes at the head.
 enum BlockStatus {
-    /// A block of so many bytes.
+    /// A block of this many bytes.
     Block(usize),
     Incomplete,
     Damaged,

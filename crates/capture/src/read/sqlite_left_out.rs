@@ -1,8 +1,8 @@
-//! Stands for the reader of SQLite databases in a program that was built without it.
+//! Replaces the reader of SQLite databases in a program that was built without it.
 
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink};
 
-/// Says once that it cannot read a database.
+/// Reports once that it cannot read a database.
 #[derive(Debug, Default)]
 pub(super) struct SqliteReader {
     is_refused: bool,

@@ -128,9 +128,10 @@ impl TcpStreams {
         let key = if from_client { (source, destination) } else { (destination, source) };
         let Some(connection) = self.connections.get_mut(&key) else { return };
         let TcpConnection { link, to_server, to_client } = connection;
-        let (queue, direction) = match from_client {
-            true => (to_server, Direction::ToDrive),
-            false => (to_client, Direction::ToHost),
+        let (queue, direction) = if from_client {
+            (to_server, Direction::ToDrive)
+        } else {
+            (to_client, Direction::ToHost)
         };
         if tcp.syn() {
             // The sequence number of a SYN is one before that of the first byte.
@@ -242,7 +243,7 @@ mod tests {
     use crate::read::{Damage, RecordSink};
     use crate::record::{Record, RecordData};
 
-    /// What was read, in a line each.
+    /// Read records, in a line each.
     #[derive(Default)]
     struct Seen(Vec<String>);
 

@@ -48,12 +48,11 @@ impl LineFormat for TextReader {
         if after_error && line.starts_with(b"\t") {
             return Ok(ParsedLine::Nothing);
         }
-        let line = match line.contains(&ESCAPE) {
-            false => line,
-            true => {
-                strip_colours(line, &mut self.plain);
-                &self.plain
-            }
+        let line = if line.contains(&ESCAPE) {
+            strip_colours(line, &mut self.plain);
+            &self.plain
+        } else {
+            line
         };
         let may_be_text = self.is_tool_log || !self.has_records;
         match parse_any_line(line, &mut self.scratch) {
@@ -86,7 +85,7 @@ impl LineFormat for TextReader {
 /// Times in a row, none less than the one before, after which they count as absolute.
 const RISES: usize = 16;
 
-/// Whether the times of a log are differences: the first is 0, and a later one is less than the one before.
+/// Returns whether the times of a log are differences: the first is 0, and a later one is less than the one before.
 /// `None` while there are too few lines to decide.
 pub(super) fn detect_deltas(head: &[u8], enough: bool) -> Option<bool> {
     let (mut last, mut rises) = (None, 0);
@@ -202,7 +201,7 @@ impl<'a> RawLine<'a> {
     }
 }
 
-/// What of the line before is mostly that of the next: its link, and when it came but for 100 s.
+/// Parts of the previous line that the next one mostly repeats: its link, and its time but for 100 s.
 #[derive(Debug, Default)]
 pub(super) struct LineContext {
     stamp_prefix: StampPrefix,
@@ -229,12 +228,12 @@ impl LineContext {
         &self.link
     }
 
-    /// How often the link was another one than before.
+    /// Number of changes of the link.
     pub(super) const fn link_changes(&self) -> u64 {
         self.link_changes
     }
 
-    /// What follows the link, if it is the same.
+    /// Rest behind the link, if it is the same.
     #[inline]
     fn after_link<'a>(&self, rest: &'a [u8]) -> Option<&'a [u8]> {
         let ((head, mask), len) = (self.link_prefix, self.link.len());
@@ -369,10 +368,10 @@ mod tests {
         assert_eq!(read(b"  can0  123   [2]  01 02"), expected("can0", false));
     }
 
-    /// The way of millions of lines says the same as the way of all others, or nothing.
+    /// The fast path for millions of lines gives the same result as the general one, or none.
     #[test]
     fn the_quick_way_reads_as_the_slow_one() {
-        /// What follows a line is long enough to be looked at.
+        /// Text behind a line, long enough for the fast path.
         const NEXT: &str = "\n(1700000000.000500) can0 123#0011223344556677\n";
         let mut before = LineContext::default();
         for line in [

@@ -12,7 +12,7 @@ use crate::date;
 use crate::record::{CanRecord, ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame};
 use crate::timestamp::Timestamp;
 
-/// What a line of another program is.
+/// Content of a line of another program.
 pub(super) enum ToolLine<'a> {
     /// Data.
     Record(Record<'a>),

@@ -177,9 +177,10 @@ impl TrcReader {
         }
         let brs = u8::from(matches!(columns.kind, "FB" | "BI"));
         let flags = brs | u8::from(matches!(columns.kind, "FE" | "BI")) << 1;
-        Ok(match fd {
-            true => CanRecord::Fd { id, extended, flags },
-            false => CanRecord::Frame(classic_frame(id, extended, false, length, &self.bytes)),
+        Ok(if fd {
+            CanRecord::Fd { id, extended, flags }
+        } else {
+            CanRecord::Frame(classic_frame(id, extended, false, length, &self.bytes))
         })
     }
 }
@@ -212,7 +213,7 @@ fn error_frame(class: u32, detail: u8) -> CanErrorFrame {
     CanErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] }
 }
 
-/// What a warning says at its end: the bus is light, heavy or off, a queue is full.
+/// State in a warning's last words: the bus is light, heavy or off, a queue is full.
 fn warning_frame(text: &str) -> CanErrorFrame {
     let says = |word: &str| text.split_ascii_whitespace().any(|other| other.starts_with(word));
     match () {

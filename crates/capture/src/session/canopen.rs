@@ -11,7 +11,7 @@
 //!    ├ power   the states of a CiA 402 drive
 //!    ├ sync    the beat of the bus
 //!    ├ lss     layer setting
-//!    ├ product which drive a node says that it is
+//!    ├ product the drive that a node identifies as
 //!    └ learn   what the values of objects teach about all of these
 //! ```
 
@@ -77,20 +77,20 @@ pub(super) struct CanopenTracker {
     nodes: Vec<Option<Box<NodeTracker>>>,
     sync: SyncMonitor,
     lss: LssTracker,
-    /// The drive whose names are used where a node does not tell that it is another.
+    /// Drive whose names are used for nodes that do not identify as another one.
     profile: Option<&'static Profile>,
-    /// The same, where a person said so.
+    /// Drive that a person stated.
     stated_profile: Option<&'static Profile>,
-    /// When the capture began, and when somebody spoke last.
+    /// Time of the capture's begin, and of the last frame.
     start_time: Option<Timestamp>,
     last_time: Option<Timestamp>,
     /// Nothing is due before.
     next_due: Timestamp,
-    /// Requests are heard on this bus.
+    /// True if requests are in the capture of this bus.
     sees_requests: bool,
     /// Everybody was ordered to start again.
     all_reset: bool,
-    /// When a master said something last: a request, an order, a beat, process data to a node.
+    /// Time of the master's last frame: a request, an NMT command, a heartbeat, process data to a node.
     last_command: Option<Timestamp>,
 }
 
@@ -227,7 +227,7 @@ impl CanopenTracker {
         node.map_or(self.profile, |node| node.product.naming_profile(self.profile))
     }
 
-    /// The same, and whether the frame was explained by other names.
+    /// Profile for the names of a node, and whether the frame was explained by other names.
     fn naming_profile(&self, id: u8) -> (Option<&'static Profile>, bool) {
         let profile = self.node_profile(id);
         let place = |profile: Option<&'static Profile>| profile.map(core::ptr::from_ref);
@@ -276,8 +276,8 @@ impl CanopenTracker {
         self.next_due = channels.chain(nodes).chain(self.lss.due()).min().unwrap_or(NEVER);
     }
 
-    /// Looks whose heartbeat stays out. Where nobody at all spoke, several are not silent: the
-    /// capture paused, or the bus was down.
+    /// Checks for missing heartbeats. If no frame at all was received, several nodes are not silent: the capture
+    /// paused, or the bus was down.
     fn check_heartbeats(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         let missed = |node: &NodeTracker| node.heartbeat.due().filter(|due| *due < now);
         let missing = self.nodes.iter().flatten().filter_map(|node| missed(node));
@@ -298,8 +298,8 @@ impl CanopenTracker {
         }
     }
 
-    /// Who looks who is there is not told that nobody is, and who asks on is told once.
-    /// That a request was not answered waits for an answer that is only late.
+    /// Suppresses notices of unanswered requests in a search for nodes; repeated requests give one. The notice waits
+    /// for a reply that is only late.
     fn suppress_unanswered(
         &mut self,
         channel: usize,
@@ -391,7 +391,7 @@ impl CanopenTracker {
         }
     }
 
-    /// A node has started: what it was told may be forgotten, what was under way is.
+    /// Handles a node's start: its settings may be lost, running transfers are.
     fn handle_restart(&mut self, id: u8, now: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
         self.pdos.of_node(id).for_each(pdo::Pdo::mark_stale);
         let intended = |channel: &&mut SdoChannel| channel.node == id;
@@ -417,7 +417,7 @@ impl CanopenTracker {
             annotate::annotate_inferred(&words, explanation);
         }
         let node = self.node_mut(id);
-        // Who starts says that there is no fault, before or behind its boot-up.
+        // A starting node reports that it has no fault, before or behind its boot-up.
         node.record_activity(emergency.code != 0, notices);
         node.faults.handle_emergency(id, &emergency, words, observed.time, notices);
     }
@@ -530,7 +530,7 @@ impl CanopenTracker {
         self.learn_transferred(at, notices);
     }
 
-    /// The master or a device speaks of node-IDs and bit rates.
+    /// Handles an LSS frame, of the master or a device.
     fn handle_lss(
         &mut self,
         asks: bool,
@@ -543,15 +543,16 @@ impl CanopenTracker {
         else {
             return;
         };
-        match asks {
-            true => self.lss.handle_request(bytes, at, notices),
-            false => self.lss.handle_reply(bytes, at, notices),
+        if asks {
+            self.lss.handle_request(bytes, at, notices)
+        } else {
+            self.lss.handle_reply(bytes, at, notices)
         }
         let due = self.lss.due();
         self.schedule(due);
     }
 
-    /// What a transfer brought is known from now on.
+    /// Learns the value of a transfer.
     fn learn_transferred(&mut self, at: usize, notices: &mut Vec<SessionNotice>) {
         let id = self.channels[at].node;
         if let Some(settled) = self.channels[at].take_transferred() {
@@ -577,7 +578,7 @@ fn anomaly(kind: AnomalyKind, node: u8, text: String) -> SessionNotice {
     anomaly_at(kind, node, None, text)
 }
 
-/// The same, seen later than it was.
+/// An anomaly with an earlier time than that of its frame.
 fn anomaly_at(kind: AnomalyKind, node: u8, time: Option<Timestamp>, text: String) -> SessionNotice {
     SessionNotice::Anomaly(AnomalyNotice { kind, axis: Some(node.into()), time, text })
 }

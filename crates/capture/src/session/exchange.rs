@@ -36,9 +36,9 @@ pub(super) struct ExchangeTracker {
     values: ValueTracker,
     /// The last place of each axis in a sequence that counts.
     sequence_numbers: Vec<(u32, u32)>,
-    /// What may only be the end of a capture that was cut off, until something follows it.
+    /// Anomaly that may only be the end of a truncated capture, until another frame follows.
     pending_anomaly: Option<AnomalyNotice>,
-    /// Something whole was heard: what came before may have been cut off at its beginning.
+    /// True once a valid frame was received: earlier bytes may be the truncated beginning.
     synced: bool,
 }
 
@@ -119,9 +119,10 @@ impl ExchangeTracker {
         notices: &mut Vec<SessionNotice>,
     ) {
         let short = matches!(wrong, FrameDefect::Wire(WireError::Short { .. }));
-        let (kind, axis, text) = match observed.stray {
-            true => (AnomalyKind::Stray, None, stray_text(observed.raw.bytes.len())),
-            false => (anomaly_kind(wrong), explanation.axis, wrong.to_string()),
+        let (kind, axis, text) = if observed.stray {
+            (AnomalyKind::Stray, None, stray_text(observed.raw.bytes.len()))
+        } else {
+            (anomaly_kind(wrong), explanation.axis, wrong.to_string())
         };
         let anomaly = AnomalyNotice { kind, axis, time: None, text };
         let cut = observed.stray || short;

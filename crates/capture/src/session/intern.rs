@@ -8,7 +8,7 @@ pub type InternedName = &'static str;
 
 /// Words that are kept beside those that the program has; a capture with more of them is hostile.
 const NAMES_MAX: usize = 1 << 16;
-/// What further ones are called.
+/// Name for further ones.
 const OVERFLOW_NAME: InternedName = "(more names than can be kept)";
 
 static NAMES: Mutex<BTreeSet<InternedName>> = Mutex::new(BTreeSet::new());

@@ -8,7 +8,7 @@ use crate::timestamp::Timestamp;
 
 /// One thing that comes again within this time goes on, ns.
 const BURST_NS: u64 = 1_000_000_000;
-/// Things that are told apart; further ones are counted by their sort alone.
+/// Limit of distinguished anomalies; further ones are counted by their kind alone.
 const SERIES_MAX: usize = 1024;
 /// Moments of one thing that are kept: those with the most in them.
 const BURSTS_MAX: usize = 10;
@@ -16,19 +16,19 @@ const BURSTS_MAX: usize = 10;
 /// A moment: one thing, once or several times in a row.
 #[derive(Clone, PartialEq, Debug)]
 pub struct AnomalyBurst {
-    /// What sort of thing.
+    /// Kind of the anomaly.
     pub kind: AnomalyKind,
-    /// Whose.
+    /// Axis.
     pub who: AxisKey,
-    /// The frame that told it first, and when; 0 at the end of the capture.
+    /// Number and time of its first frame; 0 at the end of the capture.
     pub number: u64,
     /// When.
     pub time: Option<Timestamp>,
     /// When it came last.
     pub last: Option<Timestamp>,
-    /// How often.
+    /// Count.
     pub count: u64,
-    /// What was said first.
+    /// First text.
     pub text: String,
 }
 
@@ -69,17 +69,17 @@ impl AnomalyLog {
         }
     }
 
-    /// How often each sort came.
+    /// Count of each kind.
     pub fn counts(&self) -> impl ExactSizeIterator<Item = (AnomalyKind, u64)> {
         self.counts.iter().map(|(kind, count)| (*kind, *count))
     }
 
-    /// How often each sort came, axis by axis.
+    /// Count of each kind, axis by axis.
     pub fn by_axis(&self) -> impl Iterator<Item = (AnomalyKind, AxisKey, u64)> {
         self.series.iter().map(|((kind, who), thing)| (*kind, *who, thing.total()))
     }
 
-    /// The oddest so many, in the order of time.
+    /// The most notable ones, at most `max`, in the order of time.
     #[must_use]
     pub fn most_notable(&self, max: usize) -> Vec<&AnomalyBurst> {
         let mut bursts = BTreeMap::<AnomalyKind, u64>::new();
@@ -93,7 +93,7 @@ impl AnomalyLog {
             moments.sort_by_key(|moment| (core::cmp::Reverse(moment.count), moment.number));
             for (nth, moment) in moments.into_iter().enumerate() {
                 let rarity = 1.0 + (bursts[&moment.kind] as f64).ln();
-                // The same thing again says less than another would.
+                // A repetition of the same kind is less notable than another kind.
                 let score = f64::from(moment.kind.severity()) / rarity / (1.0 + 0.5 * nth as f64);
                 ranked.push((score, moment));
             }

@@ -16,11 +16,11 @@ const KINDS_MAX: usize = 16;
 /// An axis, node or station.
 #[derive(Clone, Debug, Default)]
 pub struct AxisSummary {
-    /// Its frames, and the host's to it.
+    /// Number of its frames, and of the host's to it.
     pub frames: u64,
     /// When the first came, and the last.
     pub span: Option<(Timestamp, Timestamp)>,
-    /// Its states, by sort.
+    /// States, by kind.
     pub states: Vec<(InternedName, StateHistory)>,
 }
 
@@ -31,7 +31,7 @@ pub struct StateHistory {
     pub changes: Vec<(Option<Timestamp>, InternedName)>,
     /// Number of frames.
     pub count: u64,
-    /// How long it was in each state, ns; the last one lasts to the end of the capture.
+    /// Time in each state, ns; the last one lasts to the end of the capture.
     pub durations: Vec<(InternedName, u64)>,
     /// The state now, and since when.
     pub current: Option<(InternedName, Option<Timestamp>)>,
@@ -86,7 +86,7 @@ impl StateHistory {
         }
     }
 
-    /// How long it was in each state when the capture ends at `end`, ns.
+    /// Time in each state if the capture ends at `end`, ns.
     #[must_use]
     pub fn durations_until(&self, end: Option<Timestamp>) -> Vec<(InternedName, u64)> {
         let mut all = self.clone();
@@ -100,7 +100,7 @@ impl StateHistory {
 pub struct RequestSummary {
     /// Number of ended in each way, in the order of [`ExchangeOutcome`].
     pub outcomes: [u64; OUTCOMES.len()],
-    /// How often one was sent again.
+    /// Number of repetitions.
     pub retries: u64,
     /// Nanoseconds to the answer.
     pub latency: Histogram,
@@ -127,7 +127,7 @@ impl RequestSummary {
         self.outcomes.iter().sum()
     }
 
-    /// Those that ended in a way.
+    /// Number of requests with that outcome.
     #[must_use]
     pub fn count_of(&self, outcome: ExchangeOutcome) -> u64 {
         let at = OUTCOMES.iter().position(|other| *other == outcome);
@@ -138,13 +138,13 @@ impl RequestSummary {
 /// Values of one name.
 #[derive(Clone, Debug, Default)]
 pub struct ValueSummary {
-    /// How many.
+    /// Count.
     pub count: u64,
     /// The smallest and the greatest.
     pub range: Option<(f64, f64)>,
     /// The last one.
     pub last: f64,
-    /// The last one as it stood on the wire.
+    /// Last raw value.
     pub exact: Option<i64>,
     /// Their unit.
     pub unit: InternedName,
@@ -171,19 +171,19 @@ impl ValueSummary {
 /// A fault.
 #[derive(Clone, Debug, Default)]
 pub struct FaultSummary {
-    /// In words.
+    /// Description in words.
     pub text: InternedName,
-    /// Why it usually happens; empty where no profile says.
+    /// Usual cause; empty if no profile has it.
     pub cause: InternedName,
-    /// What to do; empty where no profile says.
+    /// Remedy; empty if no profile has it.
     pub remedy: InternedName,
-    /// How often it came.
+    /// Count.
     pub count: u64,
-    /// The frame that told it first, and when.
+    /// Number and time of its first frame.
     pub first: Option<(u64, Option<Timestamp>)>,
     /// When it came last.
     pub last: Option<Timestamp>,
-    /// It is there no more.
+    /// True if it is gone.
     pub gone: bool,
 }
 

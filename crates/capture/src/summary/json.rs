@@ -186,7 +186,7 @@ fn anomaly_bursts(summary: &Summary) -> Vec<Value> {
     summary.anomalies.most_notable(BURSTS_SHOWN).into_iter().map(moment).collect()
 }
 
-/// What somebody has, with who that is in front.
+/// A value with its axis in front.
 fn with_owner(who: AxisKey, rest: Value) -> Value {
     let mut all = Map::new();
     all.insert("link".into(), json!(who.link));

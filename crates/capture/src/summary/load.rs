@@ -35,7 +35,7 @@ pub struct BusLoad {
 }
 
 impl BusLoad {
-    /// Takes a frame of so many bits.
+    /// Adds a frame of `bits` bits.
     #[inline]
     pub(super) fn add_frame(&mut self, time: Option<Timestamp>, bits: u64, is_can: bool) {
         self.bits += bits;
@@ -51,11 +51,11 @@ impl BusLoad {
         *sum += bits;
     }
 
-    /// How close a frame is behind the one before it, beside what each rate allows.
+    /// Compares the distance of a frame from the one before with the least at each rate.
     fn compare_rates(&mut self, time: Timestamp, bits: u64) {
         let Some(last) = self.last.replace(time) else { return };
         self.frames += 1;
-        // A frame of so many bits ends `min` / rate ns after the one before it: both sides times the rate.
+        // A frame of this many bits ends `min` / rate ns after the one before it: both sides times the rate.
         let (gap, min) = (time.since(last).max(1) as f64, bits as f64 * 1e9);
         let (early, late) = (min * 0.96, min * 1.04);
         // The lower rates do not allow so small a gap; rates differ by more than the tolerance.
@@ -72,7 +72,7 @@ impl BusLoad {
         self.lower_rates[at + 1..].iter().sum()
     }
 
-    /// The bit rate of a CAN bus, by how close its frames came; `None` where that does not tell.
+    /// Estimated bit rate of a CAN bus, by the shortest distances of its frames; `None` if they do not show it.
     #[must_use]
     pub fn estimated_bit_rate(&self) -> Option<u32> {
         let at = (0..RATES.len()).find(|at| self.above_rate(*at) * CLOSER_SHARE <= self.frames)?;
@@ -106,7 +106,7 @@ pub(super) fn frame_bits(event: &DecodedFrame<'_>) -> u64 {
     bits::wire_bits(&Frame { id, extended, remote, len: len as u8, data }).into()
 }
 
-/// The same of a frame that changes nothing.
+/// Bits of a compact frame.
 pub(super) fn compact_bits(template: &FrameTemplate, frame: &CompactFrame) -> u64 {
     let FrameTemplate { id, len, .. } = *template;
     let data = frame.data.to_le_bytes();

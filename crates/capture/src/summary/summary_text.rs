@@ -23,10 +23,10 @@ const ROWS_MAX: usize = 12;
 /// Changes of a state that are shown one by one.
 const CHANGES_SHOWN: usize = 6;
 
-/// The state, or the value, by which an axis tells what it is.
+/// State, or value, by which an axis identifies itself.
 const PRODUCT: InternedName = "product";
 
-/// How a summary is shown.
+/// Style of a summary.
 #[derive(Clone, Debug, Default)]
 pub struct SummaryStyle {
     /// With ANSI colours.
@@ -38,8 +38,7 @@ pub struct SummaryStyle {
 }
 
 impl SummaryStyle {
-    /// What an axis is stated to be: a drive that speaks its protocol, unless it told the capture
-    /// what it is.
+    /// Product of an axis: a drive of its protocol, unless it identified itself in the capture.
     #[must_use]
     pub fn product(&self, who: AxisKey, axis: &AxisSummary) -> Option<InternedName> {
         let report = axis.states.iter().find(|(what, _)| *what == PRODUCT);
@@ -266,9 +265,10 @@ impl SummaryWriter {
             .counts()
             .map(|(kind, count)| format!("{count} {}", kind.as_str()))
             .collect();
-        let text = match counts.is_empty() {
-            true => "nothing odd".to_owned(),
-            false => format!("odd: {}", counts.join(", ")),
+        let text = if counts.is_empty() {
+            "nothing odd".to_owned()
+        } else {
+            format!("odd: {}", counts.join(", "))
         };
         self.out.push_str(&text);
         self.out.push('\n');
@@ -313,9 +313,10 @@ impl SummaryWriter {
             let mut line = String::new();
             for (at, (text, width)) in row.iter().zip(&widths).enumerate() {
                 let gap = if at + 1 < columns { "  " } else { "" };
-                let _ = match right.contains(&at) {
-                    true => write!(line, "{text:>width$}{gap}"),
-                    false => write!(line, "{text:<width$}{gap}"),
+                let _ = if right.contains(&at) {
+                    write!(line, "{text:>width$}{gap}")
+                } else {
+                    write!(line, "{text:<width$}{gap}")
                 };
             }
             match n {

@@ -10,9 +10,9 @@ use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
 use crate::line_layout::{LineLayout, protocol_word};
 use crate::session::canopen::ProcessText;
 
-/// What is the same in all lines of a template.
+/// Constant parts of all lines of a template.
 struct LineTemplate<'a> {
-    /// What stands between the time and the bytes.
+    /// Text between the time and the bytes.
     prefix: TextPiece,
     /// Columns from the identifier's end to the meaning.
     bytes_width: usize,
@@ -21,10 +21,10 @@ struct LineTemplate<'a> {
     suffix: LineSuffix<'a>,
 }
 
-/// What stands behind the bytes.
+/// Text behind the bytes.
 enum LineSuffix<'a> {
     ProcessData(&'a ProcessText),
-    /// The same in all lines.
+    /// Constant text in all lines.
     Constant(TextPiece),
 }
 

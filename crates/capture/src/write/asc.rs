@@ -13,7 +13,7 @@ const DAYS: [&str; 7] = ["Sun", "Mon", "Tue", "Wed", "Thu", "Fri", "Sat"];
 const MONTHS: [&str; 12] =
     ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
 
-/// Of a line's flags, the one of CAN FD; bit rate switch and error state stand above it.
+/// CAN FD bit of a line's flags; bit rate switch and error state are above it.
 const FDF: u32 = 0x1000;
 
 /// The writer of such lines.
@@ -42,9 +42,10 @@ impl FormatWriter for AscWriter {
         match record.data {
             RecordData::Frame(frame) => {
                 let id = identifier(frame.id, frame.extended);
-                let _ = match frame.remote {
-                    true => write!(out, "{channel}  {id:<15} {way:<4} r {}", frame.len),
-                    false => write!(out, "{channel}  {id:<15} {way:<4} d {}", frame.len),
+                let _ = if frame.remote {
+                    write!(out, "{channel}  {id:<15} {way:<4} r {}", frame.len)
+                } else {
+                    write!(out, "{channel}  {id:<15} {way:<4} d {}", frame.len)
                 };
                 if !frame.remote {
                     append_bytes(frame.bytes(), out);

@@ -12,7 +12,7 @@ use crate::timestamp::Timestamp;
 /// The writer of such lines.
 #[derive(Debug, Default)]
 pub(super) struct CsvWriter {
-    /// The bus, once the first record has told.
+    /// Name of the bus, by the first record.
     link: Option<String>,
 }
 

@@ -7,13 +7,13 @@ use crate::read::link_type::{self, FLAG_FD};
 use crate::record::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Record, RecordData};
 use crate::timestamp::Timestamp;
 
-/// Bytes of a packet that a file says it keeps: tcpdump's own limit.
+/// Limit of a packet's bytes in the file's header: tcpdump's own limit.
 pub(super) const SNAPLEN: u32 = 262_144;
 
 /// The writer of such files.
 #[derive(Debug, Default)]
 pub(super) struct PcapWriter {
-    /// The link type and the link, once the first record has told.
+    /// Link type and link, by the first record.
     file_link: Option<(u32, String)>,
 }
 

@@ -45,13 +45,14 @@ impl FormatWriter for TextLogWriter {
     }
 }
 
-/// Six decimals as candump has them, nine where they say more.
+/// Appends the time with six decimals as candump has them, nine if needed.
 fn append_timestamp(time: Timestamp, out: &mut Vec<u8>) {
     let (seconds, ns) = (time.0 / 1_000_000_000, time.0 % 1_000_000_000);
     // Writing into a Vec cannot fail.
-    let _ = match ns.is_multiple_of(1000) {
-        true => write!(out, "({seconds:010}.{:06}) ", ns / 1000),
-        false => write!(out, "({seconds:010}.{ns:09}) "),
+    let _ = if ns.is_multiple_of(1000) {
+        write!(out, "({seconds:010}.{:06}) ", ns / 1000)
+    } else {
+        write!(out, "({seconds:010}.{ns:09}) ")
     };
 }
 

@@ -32,7 +32,7 @@ pub struct ActCommand {
 }
 
 impl ActCommand {
-    /// By a simulation that runs on this machine.
+    /// Runs the act on a simulation of this machine.
     pub fn run(self) -> Result {
         let Some(url) = self.checked()? else { return list_acts() };
         for act in &self.acts {
@@ -53,7 +53,7 @@ impl ActCommand {
         Ok(Exit::Ok)
     }
 
-    /// By a server.
+    /// Runs the act on a server.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         let Some(words) = self.checked()? else { return list_acts() };
         for axis in server.axes_named(&words)? {
@@ -85,16 +85,17 @@ impl ActCommand {
 fn no_simulation(url: &str) -> Problem {
     let problem =
         Problem::usage("E212", format!("no simulation on this machine has the link of {url}."));
-    match url.starts_with("sim:") {
-        true => problem.hint(
+    if url.starts_with("sim:") {
+        problem.hint(
             "a sim: link belongs to the program that opened it: run `polepair sim` and use the \
              URL that it \
              prints, or a rack's [[link.drive.act]]",
-        ),
-        false => problem.hint(
+        )
+    } else {
+        problem.hint(
             "`polepair sim` prints the URLs of its links; real drives have no \
          acts",
-        ),
+        )
     }
 }
 

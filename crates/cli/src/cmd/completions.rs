@@ -24,10 +24,10 @@ use crate::terminal::DataOutput;
 
 /// The variable that names the shell that asks.
 const ASKING_SHELL: &str = "POLEPAIR_COMPLETE";
-/// How CAN buses are reached that are no ports of this computer.
+/// Schemes of CAN buses that are no ports of this computer.
 const CAN_SCHEMES: [&str; 5] =
     ["socketcan://", "slcan://", "slcan+tcp://", "socketcand://", "udp://"];
-/// How serial lines are reached that are no ports of this computer.
+/// Schemes of serial lines that are no ports of this computer.
 const SERIAL_SCHEMES: [&str; 2] = ["serial://", "tcp://"];
 
 /// Prints a completion script for a shell.
@@ -189,7 +189,7 @@ fn keys(connector: &Connector, link: &str, query: &str) -> Vec<CompletionCandida
     }
 }
 
-/// Where drives of a protocol may be: the ports of this computer, and the other ways.
+/// Places of drives of a protocol: the ports of this computer, and other kinds of links.
 fn places(protocol: &str) -> Vec<CompletionCandidate> {
     let media = polepair::url::protocols();
     let speaks = |medium| media.contains(&(protocol, medium));
@@ -211,7 +211,7 @@ fn places(protocol: &str) -> Vec<CompletionCandidate> {
     found
 }
 
-/// What can be simulated, by its word, and what that is.
+/// Simulated drives by their word, with a description.
 fn simulated() -> impl Iterator<Item = (String, &'static str)> {
     simulate::words().into_iter().map(|word| {
         let product = polepair::profile::find_shipped(&word);

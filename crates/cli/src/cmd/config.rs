@@ -237,7 +237,7 @@ impl ConfigApply {
         Ok(())
     }
 
-    /// What no table describes may start a motor.
+    /// A parameter that no table describes may start a motor.
     fn check_arming(&self, plan: &[(&LocalAxis, Vec<SettingChange>)]) -> Result<()> {
         for (axis, changes) in plan.iter().filter(|_| !self.arm) {
             let undescribed = changes.iter().filter(|change| change.undescribed);
@@ -349,7 +349,7 @@ fn load_settings(file: &Path) -> Result<Settings> {
     Settings::load(file).map_err(outcome::to_problem)
 }
 
-/// What differs from the file at one axis.
+/// Differences of one axis from the file.
 fn changes_from(
     session: &LocalSession,
     axis: &LocalAxis,

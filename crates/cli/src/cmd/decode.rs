@@ -200,9 +200,10 @@ impl Decode {
     }
 
     fn open_lines(&self, path: Option<&Path>) -> Result<LineSink> {
-        let out = match is_stream(&self.source) {
-            true => DataOutput::follow_to_path(path)?,
-            false => DataOutput::to_path(path)?,
+        let out = if is_stream(&self.source) {
+            DataOutput::follow_to_path(path)?
+        } else {
+            DataOutput::to_path(path)?
         };
         Ok(match self.output_format() {
             DecodeFormat::Jsonl => LineSink::jsonl(out),

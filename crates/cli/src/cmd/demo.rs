@@ -45,7 +45,7 @@ pub struct Demo {
     headless: bool,
 }
 
-/// The rack of the scene: what is special about each drive stands here, and nowhere below.
+/// The rack of the scene: all properties of single drives are here, and none below.
 const DEMO_DRIVES: [DemoDrive; 2] = [
     DemoDrive {
         drive: "tmcm-171:1",
@@ -117,9 +117,10 @@ impl Demo {
         let _ = std::io::stdout().flush();
         let played =
             actors.iter().all(|actor| actor.failed_steps.is_empty() && error_count(actor) == 0);
-        match played && failed.is_none() {
-            true => Ok(Exit::Ok),
-            false => Err(Problem::new(Exit::Negative, "E112", "a step of the demo failed.")),
+        if played && failed.is_none() {
+            Ok(Exit::Ok)
+        } else {
+            Err(Problem::new(Exit::Negative, "E112", "a step of the demo failed."))
         }
     }
 }
@@ -317,7 +318,7 @@ impl DemoRun {
         Ok(())
     }
 
-    /// How long a read takes, in the middle.
+    /// Measures the median time of a read.
     fn time_reads(&mut self, axis: &LocalAxis) -> std::result::Result<(), polepair::Error> {
         let source = axis.profile().signal(Signal::Velocity).map(|source| source.parameter);
         let Some(id) = source else { return Ok(()) };
@@ -430,7 +431,7 @@ fn summary_text(actors: &[DemoRun], behind_relay: Option<&str>) -> String {
     text
 }
 
-/// What the scene leaves to the drives' own plans.
+/// Tests of the parts of the scene that the drives' own plans decide.
 #[cfg(test)]
 mod tests {
     use super::DEMO_DRIVES;

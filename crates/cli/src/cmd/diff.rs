@@ -14,8 +14,8 @@ use crate::terminal::{self, DataOutput, TextTable, print_note};
 
 /// Compares the behaviour of two captures, not their bytes.
 ///
-/// It compares axes, frame types and rates, states, faults, anomalies, values, and response times. The exit
-/// code is 1 if anything differs.
+/// Axes, frame types and rates, states, faults, anomalies, values, and response times are compared. The exit code is 1
+/// if anything differs.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Rates, and ranges of changing values, may differ by the tolerance. The median of response times may
@@ -75,11 +75,13 @@ impl DiffOptions {
                 count => format!("{count} differences"),
             }
         ));
-        Ok(match found.is_empty() {
+        Ok(if !found.is_empty() {
+            Exit::Negative
+        } else if read_a == Exit::Ok {
             // What was left out may differ.
-            true if read_a == Exit::Ok => read_b,
-            true => read_a,
-            false => Exit::Negative,
+            read_b
+        } else {
+            read_a
         })
     }
 

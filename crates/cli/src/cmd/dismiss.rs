@@ -42,13 +42,13 @@ enum DismissCause {
 }
 
 impl DismissCommand {
-    /// Only a server owes stops.
+    /// Refuses without a server: only a server has pending stops.
     pub fn run(self) -> Result {
         let what = "`dismiss` needs a server.";
         Err(Problem::usage("E257", what).hint("add --server URL"))
     }
 
-    /// By a server.
+    /// Dismisses pending stops of a server.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         let reason = match self.reason {
             DismissCause::DriveGone => DismissReason::DriveGone,
@@ -71,8 +71,8 @@ impl DismissCommand {
     }
 }
 
-/// The connection string and the number of a drive that the server before owed a stop and that is not
-/// there: by the number or the connection string of its link, which this server need not have.
+/// Connection string and number of an absent drive with an inherited pending stop: by the number or the connection
+/// string of its link, which this server need not have.
 fn parse_absent(server: &RemoteSession, words: &str) -> Option<(String, u32)> {
     let (word, number) = words.rsplit_once('#')?;
     let number = number.parse().ok()?;

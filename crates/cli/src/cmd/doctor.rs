@@ -72,12 +72,12 @@ impl Doctor {
         }
         match worst {
             None => Ok(Exit::Ok),
-            // The checks said what there is to say.
+            // The checks have printed everything.
             Some(exit) => Err(Problem::new(exit, "", "")),
         }
     }
 
-    /// Turns motors, falls silent, and tells whether their drives stopped them.
+    /// Turns motors, falls silent, and reports whether their drives stopped them.
     fn prove_watchdogs(
         &self,
         connector: &Connector,
@@ -94,7 +94,7 @@ impl Doctor {
         self.ask_consent(&session)?;
         session.listen_for_interrupts();
         let words = &session.arguments;
-        // Whoever leaves at once is told what is left behind, the watchdog's value too.
+        // A user who leaves at once sees what is left behind, the watchdog's value too.
         let _holding = interrupt::hold_motion(&match after {
             None => words.clone(),
             Some(_) => format!(
@@ -118,7 +118,7 @@ impl Doctor {
         watching.print_result
     }
 
-    /// A motor turns only if somebody agrees.
+    /// Asks for consent before a motor turns.
     fn ask_consent(&self, session: &LocalSession) -> Result<()> {
         if self.yes {
             return Ok(());
@@ -166,11 +166,11 @@ impl Doctor {
     }
 }
 
-/// Shows what a proof finds, and ends it when somebody wants that.
+/// Prints the observations of a proof, and ends it on a request of the user.
 struct ProofPrinter<'a> {
     print: &'a mut dyn FnMut(CheckResult) -> Result<()>,
     print_result: Result<()>,
-    /// What is said of a stop that was lost.
+    /// Printer of a stop that was lost.
     stop_report: Option<StopPrinter>,
 }
 
@@ -204,9 +204,10 @@ impl ProofPrinter<'_> {
             report.report_end(&axis.label(), true);
         }
         if !may_turn && matches!(*error, Error::Interrupted { .. }) {
-            print_warning(match moved {
-                true => "interrupted: the motor was stopped",
-                false => "interrupted: nothing moved",
+            print_warning(if moved {
+                "interrupted: the motor was stopped"
+            } else {
+                "interrupted: nothing moved"
             });
             return Problem::interrupted();
         }

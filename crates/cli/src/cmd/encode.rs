@@ -60,7 +60,7 @@ enum EncodeFormat {
     Json,
 }
 
-/// Whom a text is for.
+/// Receiver of a text.
 #[derive(Clone, Copy, Debug)]
 struct Destination {
     id: u32,

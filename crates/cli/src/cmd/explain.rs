@@ -44,7 +44,7 @@ enum FrameSender {
     Drive,
 }
 
-/// What is asked about.
+/// Subject of the explanation.
 enum ExplainSubject {
     Protocol(&'static dyn Dissector),
     Drive(&'static Profile),

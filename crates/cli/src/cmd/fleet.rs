@@ -61,7 +61,7 @@ impl Fleet {
             let what = format!("{interpreter} cannot be started.");
             Problem::new(Exit::Adapter, "E303", what).why(format!("The system says: {error}."))
         })?;
-        // What it says is said.
+        // The error has been printed.
         match status.code() {
             Some(0) => Ok(Exit::Ok),
             code => Err(Problem::new(exit_of(code), "E299", "")),

@@ -112,9 +112,10 @@ impl Get {
             OutputFormat::Jsonl => write_json((number, link), read, out.buffer()),
             OutputFormat::Csv => out.write_line(&csv_row((number, link), read)),
             OutputFormat::Text => {
-                let who = match number == axis.number() {
-                    true => session.axis_prefix(axis),
-                    false => format!("#{number} "),
+                let who = if number == axis.number() {
+                    session.axis_prefix(axis)
+                } else {
+                    format!("#{number} ")
                 };
                 let raw = read.raw_text().filter(|_| self.raw);
                 out.write_line(&format!(
@@ -127,7 +128,7 @@ impl Get {
     }
 }
 
-/// What became of the reads so far: what a drive refuses ends none of the others.
+/// Tally of the reads so far: a refusal by a drive ends none of the others.
 #[derive(Default)]
 struct ReadTally {
     failed: Vec<Problem>,
@@ -135,7 +136,7 @@ struct ReadTally {
 }
 
 impl ReadTally {
-    /// What was read, or nothing where it was refused. Anything else ends all, after what was read.
+    /// The read value, or nothing for a refusal. Any other error ends all, after the values read so far.
     fn collect<T>(&mut self, read: Result<T>, out: &mut DataOutput) -> Result<Option<T>> {
         match read {
             Ok(read) => {
@@ -200,7 +201,7 @@ fn requested_parameters(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId
     names.iter().map(|name| axis.find(name).map_err(outcome::to_problem)).collect()
 }
 
-/// What became of several requests of which some were refused.
+/// Result of several requests of which some were refused.
 pub fn partial_result(mut failed: Vec<Problem>, done: usize) -> Result {
     match (failed.len(), done) {
         (0, _) => Ok(Exit::Ok),

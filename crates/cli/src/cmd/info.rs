@@ -38,7 +38,7 @@ impl Info {
                     out.buffer().extend_from_slice(text.as_bytes());
                     shown += 1;
                 }
-                // Without its link there is nobody left to be asked.
+                // Without its link no further axis can be read.
                 Err(problem) if matches!(problem.exit, Exit::Adapter | Exit::Interrupted) => {
                     out.flush()?;
                     return Err(problem);
@@ -51,7 +51,7 @@ impl Info {
     }
 }
 
-/// What became of several axes of which some could not be asked.
+/// Result for several axes of which some could not be read.
 fn missing_result(mut failed: Vec<Problem>, shown: usize) -> Result {
     match (failed.len(), shown) {
         (0, _) => Ok(Exit::Ok),
@@ -65,7 +65,7 @@ fn missing_result(mut failed: Vec<Problem>, shown: usize) -> Result {
 }
 
 impl Info {
-    /// The same by a server.
+    /// Runs the verb on a server.
     pub fn run_on_server(self, join: ServerArgs) -> Result {
         let mut out = DataOutput::stdout();
         let server = join.link(self.target.remote_axes()?)?;
@@ -73,7 +73,7 @@ impl Info {
         for axis in server.axes() {
             let state = axis.fresh_state().map_err(outcome::to_problem)?;
             let silent = axis.silent_error(&state);
-            // A drive that says nothing is not asked for more.
+            // A silent drive is not read any further.
             let watchdog = match silent {
                 Some(_) => axis.info().watchdog.clone(),
                 None => axis
@@ -109,10 +109,10 @@ impl Info {
     }
 }
 
-/// What is older than this is shown with its age.
+/// Age above which a value is shown with it, ms.
 const OLD_MS: f64 = 1500.0;
 
-/// What a server knows of an axis.
+/// Knowledge of a server about an axis.
 fn remote_text(
     axis: &AxisInfo,
     state: &AxisState,
@@ -127,7 +127,7 @@ fn remote_text(
         let flag = [Signal::Enabled, Signal::Moving, Signal::Reached];
         let shown = match read.value {
             None => "not known".to_owned(),
-            // Its speed says it as well as the drive's own flag.
+            // The speed shows it as well as the drive's own flag.
             Some(_) if read.signal == Signal::Moving.name() => match state.moving {
                 Some(true) => "yes".to_owned(),
                 _ => "no".to_owned(),
@@ -162,12 +162,9 @@ fn remote_text(
     text + &caution_text(&axis.caution)
 }
 
-/// How old a value is, where it is old.
+/// Age of a value, if it is old.
 fn age_note(read: &SignalValue) -> String {
-    match read.age_ms > OLD_MS {
-        true => format!(" ({:.1} s old)", read.age_ms / 1e3),
-        false => String::new(),
-    }
+    if read.age_ms > OLD_MS { format!(" ({:.1} s old)", read.age_ms / 1e3) } else { String::new() }
 }
 
 fn axis_text(axis: &LocalAxis) -> Result<String> {
@@ -210,7 +207,7 @@ fn axis_text(axis: &LocalAxis) -> Result<String> {
     Ok(format!("{title}\n{}{faults}{}", table.render(false), caution_text(profile.caution)))
 }
 
-/// What to know before the first motion, in lines of a terminal's width.
+/// Checks before the first motion, in lines of a terminal's width.
 fn caution_text(caution: &str) -> String {
     const WIDTH: usize = 96;
     let mut lines: Vec<String> = Vec::new();
@@ -227,7 +224,7 @@ fn caution_text(caution: &str) -> String {
     }
 }
 
-/// What is said of a signal that could not be read, where this drive has none such.
+/// Text for a signal that could not be read, if this drive lacks it.
 fn absent_text(axis: &LocalAxis, wanted: Signal, problem: Problem) -> Result<String> {
     let source = axis.profile().signal(wanted).filter(|_| problem.exit == Exit::Refused);
     let Some(source) = source else { return Err(problem) };
@@ -241,7 +238,7 @@ fn absent_text(axis: &LocalAxis, wanted: Signal, problem: Problem) -> Result<Str
 pub fn signal_text(axis: &LocalAxis, wanted: Signal) -> Result<Option<String>> {
     let flag = axis.profile().signal(wanted).is_some_and(|source| source.equals.is_some());
     let value = read_signal(axis, wanted)?;
-    // Its speed, which was read before, says whether it moves as well as the drive's own flag.
+    // The speed, which was read before, shows motion as well as the drive's own flag.
     let moving = || axis.moving(&axis.state()) == Some(true);
     Ok(value.map(|value| match (wanted, flag) {
         (Signal::Moving, _) => if moving() { "yes" } else { "no" }.to_owned(),

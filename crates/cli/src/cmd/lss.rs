@@ -63,7 +63,7 @@ struct LssDevice {
 enum CurrentNode {
     None,
     Id(u8),
-    /// It was not told.
+    /// The state is unknown.
     Unknown,
 }
 
@@ -83,9 +83,10 @@ impl LssCommand {
         let lss = LssMaster::open(&connector, &self.target.url).map_err(outcome::to_problem)?;
         let interrupter = lss.interrupter();
         interrupt::listen(move || interrupter.interrupt());
-        let devices = match self.node.is_some() || self.bit_rate.is_some() || self.store {
-            true => vec![self.configure(&lss, selected_node)?],
-            false => self.list(&lss, selected_node)?,
+        let devices = if self.node.is_some() || self.bit_rate.is_some() || self.store {
+            vec![self.configure(&lss, selected_node)?]
+        } else {
+            self.list(&lss, selected_node)?
         };
         drop(lss);
         let mut out = DataOutput::stdout();
@@ -176,7 +177,7 @@ impl LssCommand {
         Ok(Some(LssDevice { identity, node }))
     }
 
-    /// Devices without node-ID, so many at most.
+    /// Devices without node-ID, at most `max`.
     fn find_unconfigured(&self, lss: &LssMaster, max: usize) -> Result<Vec<LssDevice>> {
         let live = std::io::stderr().is_terminal();
         let mut devices: Vec<LssDevice> = Vec::new();
@@ -238,14 +239,15 @@ impl LssCommand {
             .hint(format!("polepair scan {}", shell_word(self.link_url()))))
     }
 
-    /// Says from when on the device uses what was set.
+    /// Prints from when on the device uses the new settings.
     fn note_effect(&self, lss: &LssMaster, device: &LssDevice) -> Result<()> {
         let start = "until its next start, or until an NMT reset";
         match (device.node, self.node) {
             (CurrentNode::None, Some(NodeChoice(Some(node)))) => {
-                match lss.node_answers(node).map_err(outcome::to_problem)? {
-                    true => print_note(&format!("node {node} answers")),
-                    false => print_note(&format!("node {node} does not answer yet")),
+                if lss.node_answers(node).map_err(outcome::to_problem)? {
+                    print_note(&format!("node {node} answers"))
+                } else {
+                    print_note(&format!("node {node} does not answer yet"))
                 }
             }
             (CurrentNode::Id(old), Some(NodeChoice(new))) if new != Some(old) => {

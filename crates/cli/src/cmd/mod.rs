@@ -83,10 +83,8 @@ impl CommandLine {
             word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
         };
         let command = ServerArgs::hide_server_options(Self::grammar().version(version.to_owned()));
-        let command = match words.iter().any(names) {
-            true => ServerArgs::reword_help(command),
-            false => command,
-        };
+        let command =
+            if words.iter().any(names) { ServerArgs::reword_help(command) } else { command };
         let matches = command.try_get_matches_from(words)?;
         let word = matches.subcommand_name().unwrap_or_default().to_owned();
         Ok(Self { word, ..Self::from_arg_matches(&matches)? })

@@ -82,9 +82,10 @@ impl MonitorOptions {
         self.check_rate()?;
         let mut monitor = self.open_monitor()?;
         let span = self.seconds.map(Duration::from_secs_f64);
-        match self.is_screen() {
-            true => screen::run(&mut monitor, span),
-            false => local_printer::run(monitor, self.print_style(), span),
+        if self.is_screen() {
+            screen::run(&mut monitor, span)
+        } else {
+            local_printer::run(monitor, self.print_style(), span)
         }
     }
 
@@ -100,7 +101,7 @@ impl MonitorOptions {
         }
     }
 
-    /// The same by a server: the frames of all its links, and the axes that are meant.
+    /// Runs the monitor on a server: the frames of all its links, and the selected axes.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         self.check_rate()?;
         let links_alone = self.listen || self.rules.is_some() || self.trace.path().is_some();
@@ -124,9 +125,10 @@ impl MonitorOptions {
     }
 
     fn check_rate(&self) -> Result<()> {
-        match self.rate > 0.0 && self.rate <= 1000.0 {
-            true => Ok(()),
-            false => Err(Problem::usage("E245", "--rate is more than 0 and at most 1000.")),
+        if self.rate > 0.0 && self.rate <= 1000.0 {
+            Ok(())
+        } else {
+            Err(Problem::usage("E245", "--rate is more than 0 and at most 1000."))
         }
     }
 

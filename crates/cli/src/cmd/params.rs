@@ -151,12 +151,11 @@ fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
     fact("default", parameter.default.map_or_else(String::new, |raw| value_text(parameter, raw)));
     fact("unit", parameter.unit.symbol().to_owned());
     fact("scale", scale_text(profile, parameter));
-    let raw = match parameter.encoding.is_number() {
-        true => {
-            let raw = |raw| polepair::format_raw(parameter.encoding, raw);
-            format!("{} to {}, ", raw(parameter.min), raw(parameter.max))
-        }
-        false => String::new(),
+    let raw = if parameter.encoding.is_number() {
+        let raw = |raw| polepair::format_raw(parameter.encoding, raw);
+        format!("{} to {}, ", raw(parameter.min), raw(parameter.max))
+    } else {
+        String::new()
     };
     fact("raw", format!("{raw}{}", encoding_text(parameter)));
     fact("access", access_text(parameter).to_owned());
@@ -178,7 +177,7 @@ fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
     text
 }
 
-/// How the parameter's protocol reaches it on the wire.
+/// Access to the parameter on the wire, by its protocol.
 fn wire_access(profile: &Profile, parameter: &Parameter) -> Explanation {
     let mut found = Explanation::default();
     let speaks = |dissector: &&&dyn Dissector| dissector.language() == profile.protocol;

@@ -66,7 +66,7 @@ fn single_axis(session: &LocalSession) -> Result<&LocalAxis> {
     }
 }
 
-/// The same where a program is a module's, whose motors are several axes: the first of them.
+/// Axis of a module's program: the first of its motors.
 fn module_axis(session: &LocalSession) -> Result<&LocalAxis> {
     use polepair_core::proto::drive_address;
     let mut modules = session.axes().iter().map(|axis| drive_address(axis.number()));

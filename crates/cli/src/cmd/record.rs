@@ -23,9 +23,9 @@ use files::{CaptureFiles, RecordingPlace, Rotation};
 use live_printer::LivePrinter;
 use traffic_recorder::TrafficRecorder;
 
-/// How often is looked for what was heard.
+/// Interval of polling received frames, ms.
 const POLL_MS: u32 = 20;
-/// How often the file is brought up to date: a crash loses no more than this.
+/// Interval of flushing the file: a crash loses no more than this.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Records the frames of a link to a capture until Ctrl-C. Sends nothing.
@@ -160,7 +160,7 @@ impl Recorder {
         }
     }
 
-    /// Keeps what was heard since, and tells at once what was dropped.
+    /// Writes the frames since the last call, and prints losses at once.
     fn process_received(&mut self) -> Result<()> {
         let lost = self.traffic.process_received()?;
         let sum = |which: fn(&Losses) -> u64, medium: MediumKind| -> u64 {
@@ -182,9 +182,9 @@ impl Recorder {
         Ok(())
     }
 
-    /// Completes the file and tells what is in it.
+    /// Completes the file and prints its contents.
     fn finish_recording(mut self, took: Duration) -> Result {
-        // What came meanwhile still counts.
+        // Frames that were received meanwhile still count.
         let last = self.process_received();
         let TrafficRecorder { files, printer, .. } = self.traffic;
         let (count, files) = files.map_or(Ok((0, 0)), CaptureFiles::finish)?;

@@ -40,7 +40,7 @@ use player::{ReplayControl, ReplayPace, ReplayResult};
 use selector::{FrameSelector, ReplayRoute, SendDirection};
 use survey::Survey;
 
-/// How often is looked for what passed.
+/// Interval of polling the frames, ms.
 const POLL_MS: u32 = 20;
 
 /// Sends the recorded frames of a capture to links or to simulated drives.
@@ -263,7 +263,7 @@ impl ReplayOptions {
     }
 }
 
-/// The part of a URL that says where it is.
+/// Place in a URL.
 fn url_location(url: &str) -> &str {
     url.split(['?', '#']).next().unwrap_or(url)
 }
@@ -292,7 +292,7 @@ impl ReplayLinks {
         self.opened.iter().flat_map(|(_, opened)| opened.wires())
     }
 
-    /// What is spoken on the wires, by their own names.
+    /// Protocols of the wires, by their own names.
     fn link_rules(&self) -> Rules {
         let rules = self.wires().flat_map(|wire| {
             let link = short_name(&wire.name);
@@ -302,7 +302,7 @@ impl ReplayLinks {
         Rules(rules.collect())
     }
 
-    /// Plays all wires at once. What came of each, and of reading the capture.
+    /// Replays all wires at once. Returns the result of each, and that of reading the capture.
     fn play(
         &self,
         capture_feed: CaptureFeed,
@@ -324,7 +324,7 @@ impl ReplayLinks {
             clock::sleep_until(clock::now().plus_ms(POLL_MS));
             watched = keeping.process_received().and_then(|_| keeping.flush());
         }
-        // What cannot be kept ends it: nobody would see what passes.
+        // A failed write ends it: the frames would not be visible.
         score.halt.store(true, Ordering::Relaxed);
         let played = players.into_iter().map(|player| join_thread(player.join())).collect();
         let read = join_thread(reader.join());
@@ -356,7 +356,7 @@ fn join_thread<T>(ended: std::thread::Result<T>) -> T {
     ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// How many, how fast, how late.
+/// Prints the number of frames, their rate and their delays.
 fn print_result(played: &[ReplayResult], took: Duration) {
     let sum = |which: fn(&ReplayResult) -> u64| played.iter().map(which).sum::<u64>();
     let (sent, received) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.received));
@@ -368,7 +368,7 @@ fn print_result(played: &[ReplayResult], took: Duration) {
     }
 }
 
-/// How the whole ended: an error of a link before what could not be sent.
+/// Result of the whole: an error of a link before frames that could not be sent.
 fn final_result(played: &[ReplayResult], unfit: u64, stopped: Result<()>) -> Result {
     if let Some(error) = played.iter().find_map(|it| it.ended_by.as_ref()) {
         return Err(outcome::link_problem(error));

@@ -144,14 +144,14 @@ impl ScanCommand {
     }
 }
 
-/// Tells of a CANopen device without node-ID on a link.
+/// Reports a CANopen device without node-ID on a link.
 fn report_unconfigured(url: &str) {
     let (link, _) = url.split_once('#').unwrap_or((url, ""));
     let command = format!("polepair lss {}", shell_word(link));
     print_note(&format!("a CANopen device without node-ID answers: `{command}` shows it"));
 }
 
-/// The end of a scan that found so many, of which so many clash.
+/// Result of a scan that found `of` drives, of which `count` clash.
 fn conflicts_result(count: usize, of: usize) -> Result {
     match count {
         0 => Ok(Exit::Ok),
@@ -163,7 +163,7 @@ fn conflicts_result(count: usize, of: usize) -> Result {
 }
 
 impl ScanCommand {
-    /// What a server has, or looks for.
+    /// Lists the drives of a server, or scans its links.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.look || self.take {
             return remote_scan::run_remote_scan(

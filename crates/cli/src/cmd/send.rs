@@ -59,9 +59,10 @@ impl Send {
             return Err(remote::unsupported_problem("--dry-run or --arm", why));
         }
         let replies = TapQueue::default();
-        let session = match server.is_given() {
-            true => self.target.connect(server)?,
-            false => self.target.open_with_queue(&replies)?.into(),
+        let session = if server.is_given() {
+            self.target.connect(server)?
+        } else {
+            self.target.open_with_queue(&replies)?.into()
         };
         session.listen_for_interrupts();
         let mut out = DataOutput::stdout().with_text(self.format == SendFormat::Text);
@@ -136,7 +137,7 @@ impl Send {
         }
     }
 
-    /// What was started goes on behind the end of this program.
+    /// Notes that a started motion continues after the end of this program.
     fn note_motion(&self, session: &Session, axis: &LocalAxis) {
         let may_move =
             |text: &String| axis.rehearse_raw(text).is_ok_and(|rehearsed| rehearsed.needs_arming);
@@ -150,8 +151,7 @@ impl Send {
     }
 }
 
-/// What the frames from the drive say, from the last request on that was answered: the host may ask
-/// something else before.
+/// Meaning of the drive's frames, from the last answered request on: the host may send another one before.
 fn explain_replies(axis: &LocalAxis, replies: &TapQueue) -> String {
     let rules = Rules::parse(axis.protocol()).unwrap_or_default();
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));

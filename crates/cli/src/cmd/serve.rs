@@ -144,7 +144,7 @@ impl Serve {
     }
 }
 
-/// What the server says, as the command line does.
+/// Problem for an error of the server.
 pub fn refusal_problem(refusal: SetupError) -> Problem {
     let SetupError { exit, code, what, why, hint } = refusal;
     Problem::new(exit, code, to_sentence(&what))
@@ -152,7 +152,7 @@ pub fn refusal_problem(refusal: SetupError) -> Problem {
         .hint_if(Some(hint).filter(|h| !h.is_empty()))
 }
 
-/// Where this account's server keeps what is its own.
+/// Folder of this account's server.
 pub fn state_folder() -> Result<PathBuf> {
     polepair_client::state_folder().ok_or_else(|| {
         Problem::usage("E255", "the folder for tokens and journal is unknown.")

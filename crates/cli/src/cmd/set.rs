@@ -56,7 +56,7 @@ pub struct Set {
 }
 
 impl Set {
-    /// The same by a server: it checks all before it writes the first.
+    /// Runs the verb on a server, which checks all values before it writes the first.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.arm {
             let why = "A server writes nothing that may move the motor.";
@@ -65,10 +65,11 @@ impl Set {
         let mut values = BTreeMap::new();
         for setting in &self.settings {
             let (name, value) = split_assignment(setting)?;
-            let input = match self.raw {
+            let input = if self.raw {
                 // A server of an older version takes raw values as numbers alone.
-                true => ParameterInput::Number(parse_raw(value)? as f64),
-                false => ParameterInput::Text(value.to_owned()),
+                ParameterInput::Number(parse_raw(value)? as f64)
+            } else {
+                ParameterInput::Text(value.to_owned())
             };
             values.insert(name.to_owned(), input);
         }
@@ -97,9 +98,10 @@ impl Set {
             for change in
                 server.gateway.write_parameters(axis.id, &write).map_err(remote::refusal_problem)?
             {
-                match reads(&change.name) {
-                    true => self.read_back(server, axis.id, &who, &change, &mut out)?,
-                    false => out.write_line(&format!("{who}{}", written_text(&change))),
+                if reads(&change.name) {
+                    self.read_back(server, axis.id, &who, &change, &mut out)?
+                } else {
+                    out.write_line(&format!("{who}{}", written_text(&change)))
                 }
                 out.flush()?;
             }
@@ -243,9 +245,10 @@ impl Set {
                 Ok(value) => value,
                 // The outcome of a write is the write's.
                 Err(problem) => {
-                    let shown = match self.raw {
-                        true => raw.to_string(),
-                        false => axis.value(id, raw).map_or(raw.to_string(), |v| v.text_with_own()),
+                    let shown = if self.raw {
+                        raw.to_string()
+                    } else {
+                        axis.value(id, raw).map_or(raw.to_string(), |v| v.text_with_own())
                     };
                     print_note(&not_read_back_text(&axis.label(), parameter.name, &problem));
                     out.write_line(&format!(
@@ -285,7 +288,7 @@ fn not_read_back_text(label: &str, name: &str, problem: &Problem) -> String {
     format!("{label}`{name}` was written; it could not be read back: {}", problem.what)
 }
 
-/// What a write would change: it is read, and nothing is written.
+/// Change of a planned write: the value is read, and nothing is written.
 fn planned_change(
     axis: &LocalAxis,
     id: ParameterId,
@@ -301,12 +304,15 @@ fn planned_change(
     Ok(change_text(parameter.name, from, &to.text_with_own()))
 }
 
-/// The same, as a server tells it.
+/// Planned change by a server.
 fn remote_planned_change(change: &ParameterChange) -> String {
     let (name, to) = (&change.name, new_value_text(change));
-    let from = change.from.map(|from| match change.from_text.is_empty() {
-        true => remote::format_value(from, &change.unit),
-        false => change.from_text.clone(),
+    let from = change.from.map(|from| {
+        if change.from_text.is_empty() {
+            remote::format_value(from, &change.unit)
+        } else {
+            change.from_text.clone()
+        }
     });
     match from {
         Some(_) if !change.changed => format!("{name} = {to}, as it is"),
@@ -314,11 +320,12 @@ fn remote_planned_change(change: &ParameterChange) -> String {
     }
 }
 
-/// What a parameter gets, with the drive's own number where the server tells it.
+/// New value of a parameter, with the drive's own number if the server gives it.
 fn new_value_text(change: &ParameterChange) -> String {
-    match change.to_text.is_empty() {
-        true => remote::format_value(change.to, &change.unit),
-        false => change.to_text.clone(),
+    if change.to_text.is_empty() {
+        remote::format_value(change.to, &change.unit)
+    } else {
+        change.to_text.clone()
     }
 }
 
@@ -330,7 +337,7 @@ fn change_text(name: &str, from: Option<String>, to: &str) -> String {
     }
 }
 
-/// What a server wrote that cannot be read.
+/// Line for a written value that cannot be read back.
 fn written_text(change: &ParameterChange) -> String {
     format!("{} = {}", change.name, new_value_text(change))
 }

@@ -113,7 +113,7 @@ impl Sim {
         Ok(Exit::Ok)
     }
 
-    /// Listens for `polepair act`. Where nobody said a place, a simulation goes on without.
+    /// Listens for `polepair act`. Without a stated place, a simulation also runs without.
     fn listen_for_acts(&self, drives: ServedDrives) -> Result<Option<ControlServer>> {
         match ControlServer::start(self.control.as_deref(), drives) {
             Ok(server) => Ok(Some(server)),
@@ -170,10 +170,12 @@ impl Sim {
 fn can_word(word: &str) -> String {
     let (name, rest) = word.split_once(':').map_or((word, ""), |(name, rest)| (name, rest));
     let twin = format!("{name}+can");
-    match simulate::is_drive(&twin) {
-        true if rest.is_empty() => twin,
-        true => format!("{twin}:{rest}"),
-        false => word.to_owned(),
+    if !simulate::is_drive(&twin) {
+        word.to_owned()
+    } else if rest.is_empty() {
+        twin
+    } else {
+        format!("{twin}:{rest}")
     }
 }
 
@@ -259,7 +261,7 @@ impl WireEnds {
     }
 }
 
-/// What a simulated bus is called by clients of socketcand.
+/// Name of a simulated bus for clients of socketcand.
 const BUS_NAME: &str = "can0";
 
 type OpenedWire<M> = std::result::Result<(Box<dyn LinkIo<M>>, String), LinkError>;

@@ -80,9 +80,10 @@ impl StopCommand {
                     print_note(&format!("{} is being stopped", axis.label()));
                 }
             }
-            match interrupt::was_interrupted() {
-                true => ControlFlow::Break(()),
-                false => ControlFlow::Continue(()),
+            if interrupt::was_interrupted() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
             }
         };
         let stopped = stopping::stop(&connector, &target.url, how, &mut on_event);
@@ -139,7 +140,7 @@ impl StopInterrupts {
 }
 
 impl StopCommand {
-    /// The same by a server: it stops whoever commands the axes.
+    /// Runs the verb on a server: it stops axes of any client.
     pub fn run_on_server(self, join: ServerArgs) -> Result {
         if self.dry_run {
             join.refuse_dry_run()?;
@@ -165,8 +166,7 @@ impl StopCommand {
     }
 }
 
-/// Stops everything. Nothing is asked before, and only names are asked after: neither a right to look
-/// nor a slow answer stands in its way.
+/// Stops everything. Nothing is read before, and only names after: neither a missing scope nor a slow reply delays it.
 fn stop_everything(gateway: &Gateway) -> Result {
     let StopReport { axes, unreached, refused } = send_stop(gateway, None)?;
     print_note(
@@ -216,7 +216,7 @@ fn send_stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<StopReport> {
     gateway.stop(&request).map_err(remote::refusal_problem)
 }
 
-/// Says how far the stop of each axis came, beside what was not reached.
+/// Prints the progress of each axis' stop, and the targets that were not reached.
 fn report_remote(reports: Vec<(String, Option<AxisStopReport>)>, failed: Vec<Problem>) -> Result {
     let mut tally = StopTally { confirmed: 0, failed };
     for (label, how) in reports {
@@ -243,7 +243,7 @@ struct StopTally {
 }
 
 impl StopTally {
-    /// Says how the stop of one axis ended.
+    /// Prints the end of one axis' stop.
     fn record(&mut self, label: &str, ended: Result<Standstill>) {
         let is_confirmed = matches!(ended, Ok(Standstill::Observed | Standstill::Unobservable));
         self.confirmed += usize::from(is_confirmed);
@@ -278,7 +278,7 @@ impl StopTally {
     }
 }
 
-/// An axis that is not there, or a link that is not open: nobody knows how many motors that has.
+/// Problem of an absent axis, or of a link that is not open, whose number of motors is unknown.
 fn unreached_problem(UnreachedTarget { link, url, number, error }: UnreachedTarget) -> Problem {
     let (what, hint) = match number {
         Some(number) => (
@@ -294,7 +294,7 @@ fn unreached_problem(UnreachedTarget { link, url, number, error }: UnreachedTarg
     Problem::new(error.exit(), error.code, what).why(to_sentence(&error.message)).hint(hint)
 }
 
-/// It was not seen standing; the server goes on with it.
+/// Problem of an axis without measured standstill; the server continues its stop.
 fn pending_problem(label: &str, error: Option<GatewayError>) -> Problem {
     let exit = error.as_ref().map_or(Exit::NoReply, GatewayError::exit);
     let code = error.as_ref().map_or("E401".into(), |error| error.code.clone());
@@ -316,7 +316,7 @@ fn motors_text(motors: &[u8]) -> String {
     format!("{word} {}", join_list(&numbers))
 }
 
-/// Says what was stopped, and what was not reached.
+/// Prints the stopped drives, and those that were not reached.
 pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     let link = url.split('#').next().unwrap_or(url);
     let (mut tally, mut unasked) = (StopTally::default(), None);
@@ -379,9 +379,10 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     }
     if let Some((first, last)) = stopped.not_queried {
         let what = format!("addresses {first} to {last} were not tried: the time was over.");
-        match stopped.broadcast {
-            true => print_warning(&what),
-            false => unasked = Some(Problem::new(Exit::Partial, "E703", what)),
+        if stopped.broadcast {
+            print_warning(&what)
+        } else {
+            unasked = Some(Problem::new(Exit::Partial, "E703", what));
         }
     }
     if tally.failed.is_empty() {
@@ -399,18 +400,18 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
 }
 
 fn nobody_problem(everybody: bool, details: &NoReplyDetails) -> Problem {
-    let output = match everybody {
-        true => "A broadcast stop was sent, and no drive confirmed it.",
-        false => "No stop was sent.",
+    let output = if everybody {
+        "A broadcast stop was sent, and no drive confirmed it."
+    } else {
+        "No stop was sent."
     };
     let problem = Problem::new(Exit::NoReply, "E403", "no drive answered.")
         .why(format!("{} {output}", outcome::unanswered_text(details)))
         .hint("cut the power if a motor turns");
-    match details.is_nothing() {
-        true => {
-            problem.hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
-        }
-        false => problem.hint(details.hint()),
+    if details.is_nothing() {
+        problem.hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
+    } else {
+        problem.hint(details.hint())
     }
 }
 
@@ -422,7 +423,7 @@ mod tests {
         (label.to_owned(), Ok(Standstill::Observed))
     }
 
-    /// Behind addresses that were not asked there may be nobody: no stop of theirs is counted.
+    /// Addresses that were not asked may be empty: no stop of theirs is counted.
     #[test]
     fn stops_are_counted_of_drives_alone() {
         let unasked = |axes| stopping::LinkStopReport {

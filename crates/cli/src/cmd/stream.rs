@@ -117,7 +117,7 @@ impl StreamCommand {
         })
     }
 
-    /// The lines that say something, with their numbers.
+    /// Lines with content, with their numbers.
     fn read_lines(&self) -> Result<Vec<(usize, String)>> {
         let name = self.path.display();
         let text = std::fs::read_to_string(&self.path).map_err(|error| {

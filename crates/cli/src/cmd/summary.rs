@@ -76,7 +76,7 @@ impl SummaryOptions {
     }
 }
 
-/// Prints what was left out of a capture, and refuses one without frames, of which nothing can be said.
+/// Prints the parts of a capture that were left out, and refuses one without frames.
 ///
 /// # Errors
 /// `E115`; `E510` for a file that is no capture.

@@ -19,7 +19,7 @@ use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value::format_number;
 
-/// How long drives get to take the master's time over.
+/// Time for drives to adopt the master's time, ms.
 const SETTLE_MS: u32 = 500;
 /// Times each drive is compared with the master; the quickest comparison counts.
 const COMPARISONS: usize = 8;

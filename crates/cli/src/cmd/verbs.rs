@@ -17,15 +17,15 @@ use crate::target::DriveArgs;
 use crate::terminal::{print_note, print_warning};
 use crate::value;
 
-/// A drive takes that long to say that it is off.
+/// Interval of reading whether a drive is off.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 const POLLS_MAX: u32 = 10;
 
-/// What is said of an axis that was enabled.
+/// Text for an axis that was enabled.
 const POWERED: &str = "is powered";
-/// Of one that took the command to switch its motor off, where nobody looked.
+/// Text for an axis that acknowledged the command to switch its motor off, without a reading.
 const SWITCHED_OFF: &str = "acknowledged the command to switch its motor off";
-/// Of one that says itself that its motor is off.
+/// Text for an axis that reports its motor as off.
 const UNPOWERED: &str = "is not powered now";
 const CLEARED: &str = "faults are cleared";
 
@@ -133,7 +133,7 @@ fn run_simple(
     };
     session.listen_for_interrupts();
     let mut ended = Ok(());
-    // Every axis is told, whatever becomes of one.
+    // Every axis gets its command, also after an error of another one.
     for axis in session.axes() {
         let one = switch_power(axis, Command::new(wanted)).and_then(|()| done(axis));
         if let Ok(done) = &one {
@@ -153,11 +153,14 @@ fn run_simple(
     }
 }
 
-/// What is seen of a motor that was switched off: that it has power no more, and whether it turns.
+/// Observation of a motor that was switched off: its power, and whether it turns.
 fn power_off_text(axis: &Axis) -> Result<String> {
-    let read = |wanted: Signal| match axis.has_signal(wanted) {
-        true => axis.signals(&[wanted]).ok().and_then(|read| read.first().map(|one| one.value)),
-        false => None,
+    let read = |wanted: Signal| {
+        if axis.has_signal(wanted) {
+            axis.signals(&[wanted]).ok().and_then(|read| read.first().map(|one| one.value))
+        } else {
+            None
+        }
     };
     let mut powered = read(Signal::Enabled);
     for _ in 0..POLLS_MAX {
@@ -194,7 +197,7 @@ fn is_turning(axis: &Axis) -> bool {
     }
 }
 
-/// It took the command and says that its motor has power.
+/// Problem of an axis that acknowledged the command and reports power.
 fn still_powered_problem(label: &str) -> Problem {
     let what = format!("{label} acknowledged the command, but its motor is still powered.");
     Problem::new(Exit::Negative, "E111", what)
@@ -202,8 +205,7 @@ fn still_powered_problem(label: &str) -> Problem {
         .hint("cut its supply if the motor turns")
 }
 
-/// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
-/// none.
+/// Executes a verb that changes the power of a motor, and reports an unknown state of the power.
 fn switch_power(axis: &Axis, wanted: Command) -> Result<()> {
     let ended = axis.run(wanted);
     if let Err(error) = &ended {

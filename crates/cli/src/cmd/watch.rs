@@ -23,14 +23,13 @@ use crate::target::DriveArgs;
 use crate::terminal::{self, DataOutput};
 use crate::value;
 
-/// How long a wait may last before Ctrl-C is looked for.
+/// Longest wait between two checks for Ctrl-C, ms.
 const POLL_MS: u32 = 50;
-/// How long a server's first samples are waited for, and how often they are looked for.
+/// Time limit of a server's first samples, and the interval of checking for them.
 const FIRST_MAX: Duration = Duration::from_secs(2);
 const FIRST_POLL_MS: u32 = 2;
 
-/// A server's sample is shown for so many periods, and at least so long: a drive may be slower than it
-/// is asked.
+/// Periods, and least time, for which a server's sample is shown: a drive may be slower than the requested rate.
 const FRESH_PERIODS: f64 = 3.0;
 const FRESH_MIN: Duration = Duration::from_secs(1);
 
@@ -80,7 +79,7 @@ enum WatchFormat {
 /// One column.
 struct WatchColumn {
     number: u32,
-    /// Of a server: it has several, each with its own numbers.
+    /// Link of a server, which has several, each with its own numbers.
     link: Option<u16>,
     name: String,
     /// Empty for flags and what has none.
@@ -99,7 +98,7 @@ impl WatchCommand {
         }
     }
 
-    /// The same by a server, which reads for all who watch.
+    /// Runs the verb on a server, which reads for all viewers.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         self.check_rate()?;
         if self.reports.is_some() {
@@ -128,16 +127,18 @@ impl WatchCommand {
     }
 
     fn check_rate(&self) -> Result<()> {
-        match self.rate > 0.0 && self.rate <= 10_000.0 {
-            true => Ok(()),
-            false => Err(Problem::usage("E245", "--rate is more than 0 and at most 10000.")),
+        if self.rate > 0.0 && self.rate <= 10_000.0 {
+            Ok(())
+        } else {
+            Err(Problem::usage("E245", "--rate is more than 0 and at most 10000."))
         }
     }
 
     fn signal_names(&self) -> Vec<&str> {
-        match self.signals.is_empty() {
-            true => vec!["position", "velocity"],
-            false => self.signals.iter().flat_map(|name| name.split(',')).collect(),
+        if self.signals.is_empty() {
+            vec!["position", "velocity"]
+        } else {
+            self.signals.iter().flat_map(|name| name.split(',')).collect()
         }
     }
 
@@ -202,7 +203,7 @@ impl WatchCommand {
         for axis in session.axes() {
             for name in self.signal_names() {
                 let signal = Signal::ALL.into_iter().find(|signal| signal.name() == name);
-                // Nobody asked for what this drive does not tell.
+                // A signal that this drive lacks was not requested by name.
                 let absent = match signal.filter(|_| self.signals.is_empty()) {
                     Some(signal) => !axis.provides_signal(signal).map_err(outcome::to_problem)?,
                     None => false,
@@ -323,7 +324,7 @@ impl WatchColumn {
         }
     }
 
-    /// How wide it is in a table: two more than its head where that is long.
+    /// Width in a table: two more than its head if that is long.
     fn width(&self) -> usize {
         const USUAL: usize = 18;
         USUAL.max(self.head().chars().count() + 2)

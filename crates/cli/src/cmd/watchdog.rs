@@ -44,7 +44,7 @@ impl WatchdogCommand {
                 if report.parameter.is_none() {
                     return Err(no_watchdog_problem(axis.label(), &report.text));
                 }
-                // Whoever switches it off needs no heartbeat.
+                // Switching it off needs no heartbeat.
                 let is_moot = after.is_none() && has_heartbeat(axis);
                 if !report.caution.is_empty() && !is_moot {
                     print_note(&format!("{}: {}", axis.label(), report.caution));
@@ -106,7 +106,7 @@ pub fn parse_time(text: &str) -> Result<Option<Duration>> {
     Ok(Some(span))
 }
 
-/// How a drive's watchdog is set, with the parameter that sets it.
+/// Setting of a drive's watchdog, with its parameter.
 pub fn watchdog_text(report: &WatchdogReport) -> String {
     match &report.parameter {
         Some(name) => format!("{} (`{name}`)", report.text),

@@ -12,13 +12,13 @@ use polepair_core::time::Instant;
 use polepair_drives::bench::GroundTruth;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
 
-/// After so long a wire that comes back is well: less than a stop is said again for.
+/// Time after which a returning wire works: less than a stop is repeated for.
 const RECOVERY_TIME: Duration = Duration::from_millis(1200);
 
 /// A wire that is well again after this has lost one frame, or a few that went out together.
 const GLITCH_TIME: Duration = Duration::from_millis(1);
 
-/// What happens to a wire.
+/// Fault of a wire.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct WireFault {
     /// At which frame of the host's, counted from 1.
@@ -28,16 +28,16 @@ pub struct WireFault {
     pub recovers_after: Option<Duration>,
 }
 
-/// How a wire fails.
+/// Failure of a wire.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum FailureMode {
-    /// The system says that it is gone, and the frame was not sent.
+    /// The system reports the link as gone, and the frame was not sent.
     CutBefore,
-    /// The frame was sent, then the system says that it is gone.
+    /// The frame was sent, then the system reports the link as gone.
     CutAfter,
-    /// Nothing that the host says arrives.
+    /// Frames of the host are lost.
     HostMuted,
-    /// Nothing that drives say arrives.
+    /// Frames of drives are lost.
     DrivesMuted,
 }
 
@@ -73,7 +73,7 @@ impl WireFault {
 #[derive(Clone)]
 pub struct RecordedWire(Arc<WireShared>);
 
-/// What is done with the drives before frames count.
+/// Preparation of the drives before frames count.
 type PrepareFn = Box<dyn Fn(&[LocalAxis]) + Send + Sync>;
 
 struct WireShared {
@@ -94,7 +94,7 @@ struct WireLog {
     drives: Vec<DriveHistory>,
 }
 
-/// What happened to a drive.
+/// History of a drive.
 #[derive(Clone, Debug)]
 pub struct DriveHistory {
     pub before: GroundTruth,
@@ -106,14 +106,14 @@ pub struct DriveHistory {
     pub starts: u64,
 }
 
-/// What a verb's wire and drives tell when it has ended.
+/// Observations of a verb's wire and drives at its end.
 pub struct WireObservation {
     pub frames: usize,
     pub drives: Vec<DriveHistory>,
 }
 
 impl RecordedWire {
-    /// Of drives that speak a protocol, which are prepared before frames count.
+    /// Creates the wire of drives of a protocol, which are prepared before frames count.
     pub fn new(
         drives: (&'static str, &'static [u32]),
         fault: Option<WireFault>,
@@ -164,7 +164,7 @@ impl RecordedWire {
         theirs
     }
 
-    /// What became of all, so long after the verb's end.
+    /// State of all drives at this time after the verb's end.
     pub fn observe(&self, later: Duration) -> WireObservation {
         self.record_truth();
         let simulation = self.lock_log().simulation.clone();
@@ -191,7 +191,7 @@ impl RecordedWire {
         }
     }
 
-    /// Counts a frame of the host's, and tells what happens to the wire from there on.
+    /// Counts a frame of the host, and returns the fault of the wire from there on.
     fn count_frame(&self, now: Instant) -> Option<FailureMode> {
         if !self.0.counting.load(Ordering::SeqCst) {
             return None;
@@ -209,7 +209,7 @@ impl RecordedWire {
         self.active_fault(now)
     }
 
-    /// What is wrong with the wire now.
+    /// Present fault of the wire.
     fn active_fault(&self, now: Instant) -> Option<FailureMode> {
         let (since, fault) = (self.lock_log().since?, self.0.fault?);
         let is_back = fault.recovers_after.is_some_and(|back| now >= since + back);

@@ -1,4 +1,4 @@
-//! What is printed before a motion and after it.
+//! Lines printed before a motion and after it.
 
 use polepair::interface::MotionMonitor;
 use polepair::url::AxisNumber;
@@ -13,8 +13,8 @@ use crate::problem::Result;
 use crate::session::{self, LocalSession, Session};
 use crate::terminal::{DataOutput, is_quiet, print_note};
 
-/// Prints one line for each product before anything moves: what stops the motor, and what the drive does when its
-/// host falls silent. Its watchdog is read for that, because a setting says more than a rule. The cautions of the
+/// Prints one line for each product before anything moves: the way to stop the motor, and the drive's reaction when its
+/// host falls silent. Its watchdog is read for that, because a setting is more certain than a rule. The cautions of the
 /// manual are in `info`, which a person reads once instead of before every motion.
 pub fn print_start_note(axes: impl IntoIterator<Item = Axis>, arguments: &str, stops: &str) {
     if is_quiet() {
@@ -34,7 +34,7 @@ pub fn print_start_note(axes: impl IntoIterator<Item = Axis>, arguments: &str, s
     }
 }
 
-/// The same for a program or a path on a link of this program. `detached` is left running.
+/// Prints the note of a program or a path on a link of this program. `detached` is left running.
 pub fn print_program_note(session: &LocalSession, detached: bool) {
     let stops = if detached { LEFT_RUNNING } else { CTRL_C_STOPS };
     let axes = session.axes().iter().cloned().map(Axis::from);
@@ -61,8 +61,8 @@ pub fn signal_lines(
     shown.collect()
 }
 
-/// What was measured of a motion at its end, in lines that are printed once the motor is stopped: a full pipe must
-/// not delay a stop.
+/// Measurements at the end of a motion, in lines that are printed once the motor is stopped: a full pipe must not delay
+/// a stop.
 #[derive(Default)]
 pub struct MeasuredMotion {
     lines: Vec<String>,
@@ -97,7 +97,7 @@ impl MeasuredMotion {
                 Verb::Torque => (Signal::Current, command.torque),
                 _ => continue,
             };
-            // A drive that is told a share and reports amperes has nothing to compare.
+            // A drive that is commanded in a share and reports amperes has nothing to compare.
             let set = axis.unit_of(command.verb, argument_of(command.verb));
             let is_same =
                 set.is_some_and(|unit| unit.si_symbol() == axis.interface().signal_unit(signal));

@@ -80,11 +80,10 @@ fn every_modbus_vector_decodes() {
             let axis = last["axis"].to_string();
             // What is said for people beyond the language itself.
             let words = text(last, "text").replace(" registers", "").replace(" bits", "");
-            let words = match words.contains(", register ") {
-                true => {
-                    words.replace(", register 0x0031 =", ",").replace("write register", "write")
-                }
-                false => words,
+            let words = if words.contains(", register ") {
+                words.replace(", register 0x0031 =", ",").replace("write register", "write")
+            } else {
+                words
             };
             let ran = polepair(&["encode", protocol, &words, "--axis", &axis]);
             let lower = hex(vector).replace("6562", "4542");

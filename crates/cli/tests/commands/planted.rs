@@ -46,17 +46,17 @@ impl Line {
     fn write(&self) -> String {
         let (s, us) = (self.us / 1_000_000, self.us % 1_000_000);
         let hex: Vec<String> = self.bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-        match self.id.is_empty() {
-            true => format!("({s}.{us:06}) {} {}\n", self.head, hex.join(" ")),
-            false => format!("({s}.{us:06}) {} {}#{}\n", self.head, self.id, hex.concat()),
+        if self.id.is_empty() {
+            format!("({s}.{us:06}) {} {}\n", self.head, hex.join(" "))
+        } else {
+            format!("({s}.{us:06}) {} {}#{}\n", self.head, self.id, hex.concat())
         }
     }
 
     /// The axis that answers so, if it is an answer.
     fn answers(&self, talk: &Talk) -> Option<u32> {
-        let is_reply = |begins: &str| match self.id.is_empty() {
-            true => self.head.ends_with('<'),
-            false => self.id.starts_with(begins),
+        let is_reply = |begins: &str| {
+            if self.id.is_empty() { self.head.ends_with('<') } else { self.id.starts_with(begins) }
         };
         talk.replies.iter().find(|(begins, _)| is_reply(begins)).map(|(_, axis)| *axis)
     }

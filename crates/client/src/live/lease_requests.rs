@@ -33,12 +33,11 @@ impl PendingLeaseRequests {
     /// Matches a reply about a lease that was acquired or released to its request.
     pub fn match_reply(&mut self, epoch: u64, held: bool) -> Option<PendingLeaseRequest> {
         let its = |one: &PendingLeaseRequest, act| one.act == act && one.epoch == epoch;
-        let at = match held {
-            true => {
-                let renewed = self.waiting.iter().position(|one| its(one, LeaseAction::Renew));
-                renewed.or_else(|| self.waiting.iter().position(PendingLeaseRequest::is_acquire))
-            }
-            false => self.waiting.iter().position(|one| its(one, LeaseAction::Drop)),
+        let at = if held {
+            let renewed = self.waiting.iter().position(|one| its(one, LeaseAction::Renew));
+            renewed.or_else(|| self.waiting.iter().position(PendingLeaseRequest::is_acquire))
+        } else {
+            self.waiting.iter().position(|one| its(one, LeaseAction::Drop))
         };
         at.and_then(|at| self.waiting.remove(at))
     }
@@ -49,9 +48,10 @@ impl PendingLeaseRequests {
 
     /// Takes the refused requests, once there are as many refusals as requests.
     pub fn drain_settled(&mut self) -> Vec<(PendingLeaseRequest, GatewayError)> {
-        match self.refusals.len() < self.waiting.len() {
-            true => Vec::new(),
-            false => self.waiting.drain(..).zip(self.refusals.drain(..)).collect(),
+        if self.refusals.len() < self.waiting.len() {
+            Vec::new()
+        } else {
+            self.waiting.drain(..).zip(self.refusals.drain(..)).collect()
         }
     }
 

@@ -98,9 +98,10 @@ fn files(root: &Path) -> Vec<String> {
     for entry in
         std::fs::read_dir(root).expect("a folder").map(|entry| entry.expect("entry").path())
     {
-        match entry.is_dir() {
-            true => found.extend(files(&entry)),
-            false => found.push(entry.display().to_string()),
+        if entry.is_dir() {
+            found.extend(files(&entry))
+        } else {
+            found.push(entry.display().to_string())
         }
     }
     found.sort();

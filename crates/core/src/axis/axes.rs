@@ -411,7 +411,7 @@ pub trait Axes {
         None
     }
 
-    /// How positions and speeds of the axis are compared, as far as its units are known.
+    /// Tolerances of positions and speeds of the axis, as far as its units are known.
     fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
         let _ = axis;
         None

@@ -76,9 +76,10 @@ impl SpeedJudge {
     /// Returns whether the motor was seen to turn.
     #[must_use]
     pub fn has_turned(&self) -> bool {
-        let (slow, moved) = match self.linear {
-            true => (STANDSTILL_LINEAR, MOVED_LINEAR),
-            false => (STANDSTILL_ROTARY, MOVED_ROTARY),
+        let (slow, moved) = if self.linear {
+            (STANDSTILL_LINEAR, MOVED_LINEAR)
+        } else {
+            (STANDSTILL_ROTARY, MOVED_ROTARY)
         };
         let slow = self.setpoint.map_or(slow, |setpoint| slow.min(setpoint.abs() * TURNING_SHARE));
         let moved = self.setpoint.map_or(moved, |setpoint| moved.min(setpoint.abs() * MOVED_TIME));

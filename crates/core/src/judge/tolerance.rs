@@ -8,7 +8,7 @@ use crate::profile::Encoding;
 /// Longest rest that is waited for because a commanded speed is slow, or positions are coarse.
 const SLOW_REST_MAX: Duration = Duration::from_secs(20);
 
-/// How positions and speeds of an axis are compared. All values are in the drive's raw numbers.
+/// Tolerances of positions and speeds of an axis. All values are in the drive's raw numbers.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Tolerance {
     /// Encoding of the position, whose counter wraps around.

@@ -432,9 +432,12 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
         }
         JobTask::Transfer(_) => {
             let cancelled = job.cancelled;
-            with_transfer(slot, |transfer, slot| match cancelled {
-                true => JobState::Ended(transfer.abort_outcome(Failure::Cancelled)),
-                false => transfer.handle_answer(slot, raw),
+            with_transfer(slot, |transfer, slot| {
+                if cancelled {
+                    JobState::Ended(transfer.abort_outcome(Failure::Cancelled))
+                } else {
+                    transfer.handle_answer(slot, raw)
+                }
             })
             .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled)))
         }
@@ -537,13 +540,13 @@ pub fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
         (Step::Until { test, within_ms, required, .. }, _) if !test.passes(raw) => {
             let since = *run.waiting_since.get_or_insert(now);
             let over = now > since.plus_ms(run.wait_limit_ms(within_ms));
-            match over {
-                true if required => return fail_step(run, Failure::NotReached),
-                true => run.advance(raw),
-                false => {
-                    run.stage = StepStage::Sleep(now + POLL_INTERVAL);
-                    return JobState::Sleeping(now + POLL_INTERVAL);
-                }
+            if !over {
+                run.stage = StepStage::Sleep(now + POLL_INTERVAL);
+                return JobState::Sleeping(now + POLL_INTERVAL);
+            } else if required {
+                return fail_step(run, Failure::NotReached);
+            } else {
+                run.advance(raw)
             }
         }
         _ => run.advance(raw),

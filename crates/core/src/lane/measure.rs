@@ -26,15 +26,16 @@ const NOISE_COUNTS: f64 = 2.0;
 const NOISE_SHARE: f64 = 0.25;
 
 impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
-    /// How positions and speeds of this axis are compared.
+    /// Tolerances of positions and speeds of this axis.
     pub fn tolerance(&self, command: Option<&Command>) -> Tolerance {
         let position = self.profile.signal(Signal::Position).map(|source| source.parameter);
         let parameter = position.and_then(|id| self.parameter(id));
         let si = position.and_then(|id| self.unit_value(id));
         let linear = parameter.is_some_and(|parameter| parameter.unit == Unit::Millimetre);
-        let (window, slow) = match linear {
-            true => (WINDOW_LINEAR, STANDSTILL_LINEAR),
-            false => (WINDOW_ROTARY, STANDSTILL_ROTARY),
+        let (window, slow) = if linear {
+            (WINDOW_LINEAR, STANDSTILL_LINEAR)
+        } else {
+            (WINDOW_ROTARY, STANDSTILL_ROTARY)
         };
         let in_counts = |value: f64| si.map(|si| value / si.abs());
         let default_window = in_counts(window).unwrap_or(0.0);

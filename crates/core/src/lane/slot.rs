@@ -496,9 +496,10 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         };
         let id = like.ok_or(Unsupported::BadArgument)?;
         let parameter = self.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-        let raw = match self.is_zero_scaled(id) && command.raw {
-            true => parameter.encoding.raw(si),
-            false => self.to_raw(id, si),
+        let raw = if self.is_zero_scaled(id) && command.raw {
+            parameter.encoding.raw(si)
+        } else {
+            self.to_raw(id, si)
         };
         let raw = raw.ok_or(match self.si_per_raw(id) {
             _ if self.is_zero_scaled(id) => Unsupported::Forbidden(NO_SCALE),

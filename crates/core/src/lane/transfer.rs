@@ -220,9 +220,10 @@ impl MemoryTransfer {
         if raw as u16 & check.mask != 0 {
             return JobState::Ended(Outcome::NotDone(Failure::NotReady { hint: check.hint }));
         }
-        self.stage = match n + 1 < self.rules.idle_checks.len() {
-            true => TransferStage::CheckIdle(n + 1),
-            false => TransferStage::SetPointer,
+        self.stage = if n + 1 < self.rules.idle_checks.len() {
+            TransferStage::CheckIdle(n + 1)
+        } else {
+            TransferStage::SetPointer
         };
         JobState::Ready
     }
@@ -263,9 +264,10 @@ impl MemoryTransfer {
         self.offset += self.sent;
         self.progress.done += self.sent;
         (self.sent, self.attempts) = (0, 0);
-        self.stage = match self.offset < self.current_block().0.words.len() {
-            true => TransferStage::Write,
-            false => TransferStage::Checksum,
+        self.stage = if self.offset < self.current_block().0.words.len() {
+            TransferStage::Write
+        } else {
+            TransferStage::Checksum
         };
         JobState::Ready
     }

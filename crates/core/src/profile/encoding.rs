@@ -145,9 +145,10 @@ impl Encoding {
             }
             _ => {
                 let bits = 8 * self.size() as u32;
-                match self.is_signed() {
-                    true => (i64::MIN >> (64 - bits), i64::MAX >> (64 - bits)),
-                    false => (0, (u64::MAX >> (64 - bits)).cast_signed()),
+                if self.is_signed() {
+                    (i64::MIN >> (64 - bits), i64::MAX >> (64 - bits))
+                } else {
+                    (0, (u64::MAX >> (64 - bits)).cast_signed())
                 }
             }
         }

@@ -68,10 +68,7 @@ pub struct JsonAxisNumber(AxisNumber);
 
 impl fmt::Display for JsonAxisNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0.is_plain() {
-            true => self.0.fmt(f),
-            false => write!(f, "\"{}\"", self.0),
-        }
+        if self.0.is_plain() { self.0.fmt(f) } else { write!(f, "\"{}\"", self.0) }
     }
 }
 

@@ -105,7 +105,7 @@ impl BoundsViolation {
     }
 }
 
-/// The set-points of one axis so far, as far as the next one is judged by them.
+/// Last set-points of one axis, by which the next one is checked.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct SetpointTracker {
     /// The last one.

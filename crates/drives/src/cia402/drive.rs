@@ -272,9 +272,10 @@ impl Drive {
     }
 
     fn tick(&mut self) {
-        let event = match self.axis.is_following() {
-            true => self.with_axis(MotionAxis::tick_following),
-            false => self.with_axis(MotionAxis::tick),
+        let event = if self.axis.is_following() {
+            self.with_axis(MotionAxis::tick_following)
+        } else {
+            self.with_axis(MotionAxis::tick)
         };
         if event == Some(MotionEvent::FollowingError) {
             self.raise_fault(FaultCode::FOLLOWING);

@@ -315,8 +315,8 @@ const fn default_number(index: u16, sub: u8, value: i64) -> (u16, u8, DefaultVal
 }
 
 /// Mappings as CiA 402 has them from the factory. Only the statusword is on, by change and every 100 ms: python
-/// canopen's drive node takes what came twice for periodic, its own frames on UDP among them, so a master must switch
-/// on each further one.
+/// canopen's drive node takes a frame that came twice for periodic, its own frames on UDP among them, so a master must
+/// switch on each further one.
 const DEFAULTS: [(u16, u8, DefaultValue); 34] = [
     default_number(0x1018, 1, 0x0000_FFFF),
     default_number(0x1018, 2, 0x0000_0402),
@@ -534,10 +534,12 @@ impl Objects {
     #[inline]
     fn real_value(&self, tag: u16) -> f64 {
         let value = self.value(tag);
-        match is_in(tag, UNSIGNED) {
-            _ if value == 0 && is_in(tag, self.zero_settings) => self.fallback_value(tag),
-            true => f64::from(value.cast_unsigned()),
-            false => f64::from(value),
+        if value == 0 && is_in(tag, self.zero_settings) {
+            self.fallback_value(tag)
+        } else if is_in(tag, UNSIGNED) {
+            f64::from(value.cast_unsigned())
+        } else {
+            f64::from(value)
         }
     }
 

@@ -25,7 +25,7 @@ impl Alarm {
     pub const PE: Self = Self(0x170E);
     /// Stall.
     pub const ST: Self = Self(0x1A1B);
-    /// Under-voltage (ERR_LU).
+    /// Voltage below the limit (ERR_LU).
     pub const LU: Self = Self(0x141C);
     /// Encoder, signals U, V, W.
     pub const EH: Self = Self(0x0E11);

@@ -105,7 +105,7 @@ fn decode_next(word: u16) -> Option<u8> {
     (1..=PATH_MAX).contains(&index).then_some(index)
 }
 
-/// Digit C of both words: the first says absolute or relative, the second relative to what. A relative path whose
+/// Digit C of both words: the first selects absolute or relative, the second the base of a relative path. One whose
 /// second word is "the coordinate itself" goes from the last command's end `[I]`.
 const fn decode_end(first: u16, second: u16) -> PathEnd {
     match (first / 1000 % 10, second / 1000 % 10) {

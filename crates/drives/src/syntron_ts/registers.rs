@@ -57,7 +57,7 @@ pub mod fn_registers {
     pub const HOMING_DELAY: u16 = 0x207;
     /// Path after homing.
     pub const HOMING_PATH: u16 = 0x208;
-    /// How a path stops.
+    /// Stop behaviour of a path.
     pub const STOP_SETTING: u16 = 0x209;
     /// Source of the trigger of a path.
     pub const TRIGGER_SOURCE: u16 = 0x20A;

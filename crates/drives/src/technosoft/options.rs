@@ -6,7 +6,7 @@ use polepair_core::proto;
 use polepair_core::proto::tml::device::Quirks;
 use polepair_core::proto::tml::rules::TmlWire;
 
-/// How a drive is built, wired and set up.
+/// Options of a drive: build, wiring and set-up.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Options {
     /// Properties of its wires.

@@ -257,10 +257,12 @@ impl Drive {
     /// Points that fit: PVTBUFLEN, 7 of PVT or 9 of PT from the factory.
     fn points_capacity(&self) -> usize {
         let set = self.memory.word(addresses::PVTBUFLEN);
-        let capacity = match self.points.linear {
-            true if set == 7 => 9,
-            true => set.min(POINTS_MAX as u16),
-            false => set.min(PVT_POINTS_MAX),
+        let capacity = if !self.points.linear {
+            set.min(PVT_POINTS_MAX)
+        } else if set == 7 {
+            9
+        } else {
+            set.min(POINTS_MAX as u16)
         };
         usize::from(capacity.max(1))
     }

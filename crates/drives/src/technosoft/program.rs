@@ -227,9 +227,10 @@ impl Drive {
     pub fn accept_answer(&mut self, value: u32) {
         let Some(ProgramWait::Answer { address, long, .. }) = self.program.wait else { return };
         self.program.wait = None;
-        let done = match long {
-            true => self.set_long_variable(address, value.cast_signed()),
-            false => self.set_variable(address, value as u16),
+        let done = if long {
+            self.set_long_variable(address, value.cast_signed())
+        } else {
+            self.set_variable(address, value as u16)
         };
         if done.is_err() {
             self.status.mer |= mer::COMMAND;

@@ -130,12 +130,13 @@ impl Drive {
         let whole = |celsius: f64| libm::round(celsius) as i16;
         let tenths = |value: f64| libm::round(value * 10.0);
         // Without an encoder there is no position (section 1.2): the third report carries none.
-        let (absolute, relative) = match self.options.encoder {
-            true => (
+        let (absolute, relative) = if self.options.encoder {
+            (
                 self.absolute_position() as i32,
                 shaft.position_tenths(self.memory.relative_zero) as i32,
-            ),
-            false => (0, 0),
+            )
+        } else {
+            (0, 0)
         };
         TelemetryValues {
             rpm: rpm(shaft.velocity()),

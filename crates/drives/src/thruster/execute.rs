@@ -119,9 +119,10 @@ impl Drive {
 
     /// \[I\] Without an encoder, and by signal, zero is no output; a servo brakes to speed zero.
     fn rest_output(&mut self, command: CommandWord) {
-        match command == CommandWord::VC && self.options.encoder && self.shaft.servo.is_enabled() {
-            true => self.shaft.set_velocity(0.0),
-            false => self.shaft.disable_output(),
+        if command == CommandWord::VC && self.options.encoder && self.shaft.servo.is_enabled() {
+            self.shaft.set_velocity(0.0)
+        } else {
+            self.shaft.disable_output()
         }
     }
 

@@ -5,7 +5,7 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::thruster::device::Quirks;
 use polepair_core::proto::thruster::interpretation::Interpretation;
 
-/// How a drive is built and what of its manual is read how.
+/// Options of a drive, with the interpretation of its manual.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Options {
     /// Deviations on the wire.

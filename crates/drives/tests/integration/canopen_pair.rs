@@ -97,9 +97,10 @@ impl Wire {
         self.now = self.now.max(next.unwrap_or(self.now)).plus_ns(1);
         while let Some(at) = self.flying.iter().position(|(at, ..)| *at <= self.now) {
             let Some((_, to_drive, frame)) = self.flying.remove(at) else { break };
-            match to_drive {
-                true => self.drive.handle_input(self.now, &frame),
-                false => self.host.handle_input(self.now, &frame),
+            if to_drive {
+                self.drive.handle_input(self.now, &frame)
+            } else {
+                self.host.handle_input(self.now, &frame)
             }
         }
         self.host.handle_timeout(self.now);

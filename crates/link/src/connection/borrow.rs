@@ -76,9 +76,10 @@ struct LinkProxy<M: Medium>(Arc<BorrowState<M>>);
 
 impl<M: Medium> BorrowState<M> {
     fn check_active(&self) -> Result<(), LinkError> {
-        match self.ended.load(Ordering::SeqCst) {
-            true => Err(LinkError::gone(&self.link.describe())),
-            false => Ok(()),
+        if self.ended.load(Ordering::SeqCst) {
+            Err(LinkError::gone(&self.link.describe()))
+        } else {
+            Ok(())
         }
     }
 

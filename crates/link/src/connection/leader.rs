@@ -279,8 +279,8 @@ pub(super) fn remove_listener<M: Medium>(
     release_lock(shared, state);
 }
 
-/// Takes in what came, for those who listen, unless a caller reads. The background thread gives way. A lost link
-/// in virtual time, which no background thread opens again, is tried here.
+/// Reads pending data for listeners, unless a caller reads. The background thread gives way. A lost link in virtual
+/// time, which no background thread opens again, is tried here.
 pub(super) fn catch_up<M: Medium>(shared: &ConnectionInner<M>) {
     let mut state = shared.lock();
     if state.link_error.is_some() && !state.link.is_real_time() {

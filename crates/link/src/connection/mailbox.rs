@@ -76,12 +76,11 @@ impl Mailbox {
             if left.is_zero() || std::mem::take(&mut queue.interrupted) {
                 return None;
             }
-            queue = match deadline == Instant::FAR_FUTURE {
-                true => self.0.arrived.wait(queue).unwrap_or_else(PoisonError::into_inner),
-                false => {
-                    let waited = self.0.arrived.wait_timeout(queue, left);
-                    waited.unwrap_or_else(PoisonError::into_inner).0
-                }
+            queue = if deadline == Instant::FAR_FUTURE {
+                self.0.arrived.wait(queue).unwrap_or_else(PoisonError::into_inner)
+            } else {
+                let waited = self.0.arrived.wait_timeout(queue, left);
+                waited.unwrap_or_else(PoisonError::into_inner).0
             };
         }
     }

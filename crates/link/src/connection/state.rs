@@ -183,8 +183,8 @@ impl<M: Medium> ConnectionState<M> {
             Err(error) => return self.handle_loss(error),
         };
         self.read_at = now;
-        // After the input: what came in time counts as in time however late it is read. And also
-        // after bytes, lest a babbling line stops the clock.
+        // After the input: data that arrived in time count as in time, also if they are read late. And also after
+        // bytes, lest a babbling line stops the clock.
         if self.due().is_some_and(|due| due <= now) {
             self.lane.handle_timeout(now);
         }

@@ -124,9 +124,10 @@ impl LocalAxis {
             return Some(Unit::None);
         }
         let parameter = id.and_then(|id| self.parameter(id));
-        let unit = match mounting::is_ramp_time(self.profile, verb, which) {
-            true => Unit::RpmPerSecond,
-            false => parameter.map_or(Unit::None, |parameter| parameter.unit),
+        let unit = if mounting::is_ramp_time(self.profile, verb, which) {
+            Unit::RpmPerSecond
+        } else {
+            parameter.map_or(Unit::None, |parameter| parameter.unit)
         };
         let unit = self.mounted_unit(verb, which, unit);
         Some(if unit == Unit::None { customary_unit(self.profile.axis, which) } else { unit })

@@ -278,7 +278,7 @@ impl CyclicAxes {
         }
     }
 
-    /// How the present, or the last, stream went.
+    /// Statistics of the present, or the last, stream.
     #[must_use]
     pub fn cycle_statistics(&self) -> Option<CycleStatistics> {
         let index = self.axes[0].index;
@@ -314,9 +314,10 @@ impl Drop for CyclicAxes {
 
 /// Returns whether the motor has power, as far as the drive reports it.
 fn is_enabled(axis: &LocalAxis) -> Result<bool, Error> {
-    match axis.provides_signal(Signal::Enabled)? {
-        true => Ok(axis.signals(&[Signal::Enabled])?.iter().any(|reading| reading.raw != 0)),
-        false => Ok(false),
+    if axis.provides_signal(Signal::Enabled)? {
+        Ok(axis.signals(&[Signal::Enabled])?.iter().any(|reading| reading.raw != 0))
+    } else {
+        Ok(false)
     }
 }
 

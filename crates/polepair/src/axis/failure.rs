@@ -295,9 +295,10 @@ impl LocalAxis {
 
     /// `it`, or of a group the number of the drive.
     fn subject(&self, report: &MotionReport) -> String {
-        match AxisNumber(self.number).is_group() {
-            true => format!("axis {}", report.address),
-            false => "it".to_owned(),
+        if AxisNumber(self.number).is_group() {
+            format!("axis {}", report.address)
+        } else {
+            "it".to_owned()
         }
     }
 
@@ -333,9 +334,10 @@ impl LocalAxis {
         let (text, hint) = match reason {
             EndReason::Limit(end) => {
                 let name = self.limit_name(end);
-                let text = match flagged {
-                    true => format!("{claim}; the {name} holds the axis"),
-                    false => format!("the {name} stopped {subject}{at}{aim}"),
+                let text = if flagged {
+                    format!("{claim}; the {name} holds the axis")
+                } else {
+                    format!("the {name} stopped {subject}{at}{aim}")
                 };
                 (text, "move it the other way, or check the switch and the limits of the drive")
             }
@@ -429,10 +431,7 @@ impl LocalAxis {
             _ => format!("`{name}` stayed {}", word(value)),
         };
         let mode = self.profile.signal(Signal::Mode).map(|source| source.parameter);
-        let hint = match mode == Some(unmet.parameter) {
-            true => MODE_HINT,
-            false => HINT,
-        };
+        let hint = if mode == Some(unmet.parameter) { MODE_HINT } else { HINT };
         (format!("not reached in time: {reason}"), hint.to_owned())
     }
 
@@ -571,8 +570,5 @@ fn is_motion(kind: RequestKind) -> bool {
 
 /// Text of a missing reply, with the received frames.
 fn no_answer_text(details: &NoReplyDetails) -> String {
-    match details.is_nothing() {
-        true => "no answer".to_owned(),
-        false => format!("no answer, but {details}"),
-    }
+    if details.is_nothing() { "no answer".to_owned() } else { format!("no answer, but {details}") }
 }

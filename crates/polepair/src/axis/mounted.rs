@@ -109,9 +109,10 @@ impl LocalAxis {
         let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(None) };
         let position = self.read_position()?;
-        let velocity = match self.provides_signal(Signal::Velocity)? {
-            true => self.signals(&[Signal::Velocity])?[0].value,
-            false => 0.0,
+        let velocity = if self.provides_signal(Signal::Velocity)? {
+            self.signals(&[Signal::Velocity])?[0].value
+        } else {
+            0.0
         };
         let (low, high) = ends.value;
         let then = position + velocity * ahead.as_secs_f64();
@@ -202,9 +203,10 @@ impl LocalAxis {
                 continue;
             };
             let written = self.destination(command.verb, which).flatten();
-            let unit = match is_ramp_time(self.profile, command.verb, which) && !command.raw {
-                true => Unit::RpmPerSecond,
-                false => written.map_or(Unit::None, |parameter| parameter.unit),
+            let unit = if is_ramp_time(self.profile, command.verb, which) && !command.raw {
+                Unit::RpmPerSecond
+            } else {
+                written.map_or(Unit::None, |parameter| parameter.unit)
             };
             let value = Some(value * mounted.factor(role, unit));
             match which {
@@ -242,13 +244,12 @@ impl LocalAxis {
                 let (low, high) = ends.value;
                 let position = self.read_position()?;
                 let out = (position >= high && way > 0.0) || (position <= low && way < 0.0);
-                match out || way.is_nan() {
-                    true => {
-                        let at = self.format_value(MotionRole::Position, position);
-                        let what = format!("at {at} it would leave {}", self.format_limits(ends));
-                        Err(self.limit_error(&what, &ends.location, "turn it the other way"))
-                    }
-                    false => Ok(()),
+                if out || way.is_nan() {
+                    let at = self.format_value(MotionRole::Position, position);
+                    let what = format!("at {at} it would leave {}", self.format_limits(ends));
+                    Err(self.limit_error(&what, &ends.location, "turn it the other way"))
+                } else {
+                    Ok(())
                 }
             }
             // Its position means nothing before.
@@ -505,9 +506,10 @@ impl PathSegment {
     fn extreme_positions(&self) -> impl Iterator<Item = f64> {
         let [a, b, c] = self.slope;
         let root = (b * b - 4.0 * a * c).sqrt();
-        let turns = match a == 0.0 {
-            true => [-c / b, f64::NAN],
-            false => [(-b + root) / (2.0 * a), (-b - root) / (2.0 * a)],
+        let turns = if a == 0.0 {
+            [-c / b, f64::NAN]
+        } else {
+            [(-b + root) / (2.0 * a), (-b - root) / (2.0 * a)]
         };
         let between = turns.into_iter().filter(|share| (0.0..1.0).contains(share));
         [0.0, 1.0].into_iter().chain(between).map(|share| self.position_at(share))

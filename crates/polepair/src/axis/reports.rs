@@ -36,9 +36,10 @@ impl LocalAxis {
     }
 
     fn not_reported(&self, signal: Signal, sends_others: bool) -> Error {
-        let what = match sends_others {
-            true => format!("{} does not send its {} by itself", self.label(), signal.name()),
-            false => self.sends_nothing(),
+        let what = if sends_others {
+            format!("{} does not send its {} by itself", self.label(), signal.name())
+        } else {
+            self.sends_nothing()
         };
         Error::usage("E213", what, ASK_INSTEAD)
     }

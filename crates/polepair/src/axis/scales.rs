@@ -65,9 +65,10 @@ impl LocalAxis {
         }
         let shown = read.iter().map(|(parameter, raw)| {
             let symbol = parameter.symbol;
-            match words.contains(&(parameter.index, parameter.space)) {
-                true => format!("{symbol} = {raw:08X}h"),
-                false => format!("{symbol} = {raw}"),
+            if words.contains(&(parameter.index, parameter.space)) {
+                format!("{symbol} = {raw:08X}h")
+            } else {
+                format!("{symbol} = {raw}")
             }
         });
         shown.collect::<Vec<_>>().join(", ")

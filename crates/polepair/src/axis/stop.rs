@@ -56,7 +56,7 @@ const SHARED_PAUSE_MAX: Duration = Duration::from_secs(2);
 /// Interval at which the other axes are looked at while one is waited for.
 const POLL_SLICE: Duration = Duration::from_millis(20);
 
-/// How to stop.
+/// Options of a stop.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct StopOptions {
     /// True for a stop as fast as the drive can.
@@ -96,7 +96,7 @@ pub enum Standstill {
     Unconfirmed,
 }
 
-/// How a stop ended.
+/// Result of a stop.
 #[derive(Clone, PartialEq, Debug)]
 pub struct StopResult {
     /// Evidence on the motor.
@@ -264,9 +264,10 @@ impl StopSupervisor {
     fn begin_attempt(&mut self, is_repetition: bool) {
         let now = self.axis.connection.now();
         let command = self.command();
-        let attempt = match is_repetition {
-            true => StopAttempt::resend(&self.axis, command),
-            false => StopAttempt::begin(&self.axis, command),
+        let attempt = if is_repetition {
+            StopAttempt::resend(&self.axis, command)
+        } else {
+            StopAttempt::begin(&self.axis, command)
         };
         self.attempt = Some(match self.persistence {
             // No other request waits for the wire: a query without a reply is repeated.
@@ -355,7 +356,7 @@ impl StopSupervisor {
         self.attempts
     }
 
-    /// How it ended; `None` while it is pending.
+    /// Result of the stop; `None` while it is pending.
     #[must_use]
     pub fn result(&self) -> Option<&StopResult> {
         self.result.as_ref()
@@ -423,9 +424,10 @@ impl StopSupervisor {
         }
         // A drive in a state that forbids it may take it later.
         let is_refused = self.is_refused_for_now(&error);
-        let retry_until = match is_refused {
-            true => self.brakes_since + self.axis.connection.scale_timeout(STANDSTILL_WAIT_MAX),
-            false => self.retry_until,
+        let retry_until = if is_refused {
+            self.brakes_since + self.axis.connection.scale_timeout(STANDSTILL_WAIT_MAX)
+        } else {
+            self.retry_until
         };
         let may_arrive = may_be_lost(&error) || is_superseded(&error) || is_refused;
         // A device without the object of the stop is no drive.

@@ -16,7 +16,7 @@ const TIME_BITS: u32 = 16;
 /// Periods of a heartbeat after which it has stayed out.
 const HEARTBEAT_PERIODS: u32 = 3;
 
-/// How a drive's own watchdog is set now.
+/// Present setting of a drive's own watchdog.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum WatchdogState {
     /// The drive has none: it continues its last command.
@@ -117,8 +117,8 @@ impl LocalAxis {
         }
     }
 
-    /// How its watchdog is set, in words, and who has to send the heartbeat that it watches where this
-    /// connection sends none. Nothing is asked.
+    /// Setting of its watchdog in words, and the sender of the heartbeat that it watches if this connection sends none.
+    /// Nothing is sent.
     #[must_use]
     pub fn describe_watchdog(&self, state: WatchdogState) -> String {
         match (state, self.host) {
@@ -158,7 +158,7 @@ impl LocalAxis {
             .then(|| format!("{:?} is kept in its permanent memory if it differs", parameter.name))
     }
 
-    /// How the drive's own watchdog is set now, by reads.
+    /// Present setting of the drive's own watchdog, by reads.
     ///
     /// # Errors
     /// [`Error`] by blame.

@@ -203,9 +203,10 @@ impl LocalLink {
         let mut link = self.clone();
         for ((lane, found, entry, profile), index) in ready.into_iter().zip(joined) {
             let mounted = entry.mounting.map(|m| Arc::new(ResolvedMounting::new(m, profile)));
-            let identified = match std::ptr::eq(profile, found.profile) {
-                true => found.identified.clone(),
-                false => Identification::Named,
+            let identified = if std::ptr::eq(profile, found.profile) {
+                found.identified.clone()
+            } else {
+                Identification::Named
             };
             link.axes.push(LocalAxis {
                 index,

@@ -42,8 +42,8 @@ impl Url {
     /// use polepair_core::profile::AddressRole::{Host, Drive};
     /// let url: polepair::url::Url = "tmcl+serial:///dev/ttyUSB0#1,3".parse()?;
     /// assert_eq!(url.readdressed(1, Drive, 7).to_string(), "tmcl+serial:///dev/ttyUSB0#7,3");
-    /// let heard = url.readdressed(1, Host, 9);
-    /// assert_eq!(heard.to_string(), "tmcl+serial:///dev/ttyUSB0?host=9#1,3");
+    /// let moved = url.readdressed(1, Host, 9);
+    /// assert_eq!(moved.to_string(), "tmcl+serial:///dev/ttyUSB0?host=9#1,3");
     /// # Ok::<(), polepair::Error>(())
     /// ```
     #[must_use]

@@ -66,11 +66,10 @@ pub(super) fn check_traffic(
         let bits: u32 = bus_sample.frames.iter().map(bits::wire_bits).sum();
         let busy = f64::from(bits) * 1000.0 / f64::from(LISTEN_MS) / f64::from(rate);
         let text = format!("{:.1} % of the bus", busy * 100.0);
-        on_event(match busy > LOAD_MAX {
-            true => {
-                CheckResult::suspicious("load", text, "poll less often, or use a higher bit rate")
-            }
-            false => CheckResult::ok("load", text),
+        on_event(if busy > LOAD_MAX {
+            CheckResult::suspicious("load", text, "poll less often, or use a higher bit rate")
+        } else {
+            CheckResult::ok("load", text)
         });
     }
     for (who, count) in count_senders(line, &bus_sample.frames).into_iter().take(SENDERS_SHOWN_MAX)

@@ -47,8 +47,8 @@ pub fn is_absent_error(axis: &LocalAxis, error: &Error) -> bool {
     }
 }
 
-/// How a drive's own watchdog is set now; [`WatchdogState::None`] also where its profile has one and its
-/// firmware refuses the parameter.
+/// Present setting of a drive's own watchdog; [`WatchdogState::None`] also if its profile has one and its firmware
+/// refuses the parameter.
 ///
 /// # Errors
 /// [`Error`] by blame.
@@ -168,20 +168,24 @@ fn fault_check(axis: &LocalAxis, about: &str, raw: i64) -> CheckResult {
     let output = active.iter().map(text).collect::<Vec<_>>().join(" ");
     let remedies: Vec<&str> = active.iter().map(|fault| &*fault.remedy).collect();
     let remedy = format!("{} `polepair clear` once the cause is gone", remedies.join(" "));
-    match active.iter().any(|fault| !fault.is_warning) {
-        true => CheckResult::wrong(about, Exit::DriveFault, output, remedy),
-        false => CheckResult::suspicious(about, output, remedy),
+    if active.iter().any(|fault| !fault.is_warning) {
+        CheckResult::wrong(about, Exit::DriveFault, output, remedy)
+    } else {
+        CheckResult::suspicious(about, output, remedy)
     }
 }
 
 fn check_power(axis: &LocalAxis, about: &str) -> Result<Option<CheckResult>, Error> {
-    Ok(check_present(about, read_signal_bits(axis, Signal::Enabled)?, |(_, on)| match on {
-        true => CheckResult::suspicious(
-            about,
-            "the motor is powered",
-            "`polepair disable` removes the power",
-        ),
-        false => CheckResult::ok(about, "the motor has no power"),
+    Ok(check_present(about, read_signal_bits(axis, Signal::Enabled)?, |(_, on)| {
+        if on {
+            CheckResult::suspicious(
+                about,
+                "the motor is powered",
+                "`polepair disable` removes the power",
+            )
+        } else {
+            CheckResult::ok(about, "the motor has no power")
+        }
     }))
 }
 

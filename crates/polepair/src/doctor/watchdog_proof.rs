@@ -112,13 +112,12 @@ pub fn prove_watchdog(
         Err(error) => Err(error.into()),
     };
     let may_turn = proven.as_ref().is_err_and(|unproven| unproven.may_turn);
-    witness.report_check(match may_turn {
-        false => restore_watchdog(axis, before),
+    witness.report_check(if may_turn {
         // It may be what stops a motor that was not seen to stand.
-        true => {
-            let text = "its watchdog stays set: the standstill of the motor is not confirmed";
-            CheckResult::suspicious(&axis.label(), text, "`polepair watchdog URL off`, or a time")
-        }
+        let text = "its watchdog stays set: the standstill of the motor is not confirmed";
+        CheckResult::suspicious(&axis.label(), text, "`polepair watchdog URL off`, or a time")
+    } else {
+        restore_watchdog(axis, before)
     });
     proven
 }
@@ -134,10 +133,8 @@ fn restore_watchdog(axis: &LocalAxis, before: Option<Vec<(ParameterId, i64)>>) -
         let parameter = axis.parameter(*id);
         parameter.is_some_and(|found| found.persistence == Persistence::Always)
     };
-    let memory = match before.iter().any(|(id, _)| is_stored(id)) {
-        true => ", in its permanent memory",
-        false => "",
-    };
+    let memory =
+        if before.iter().any(|(id, _)| is_stored(id)) { ", in its permanent memory" } else { "" };
     let put = || axis.restore_settings(&before).and_then(|()| axis.watchdog());
     let put = match put() {
         // Who ends the proof has it put back, too.
@@ -253,9 +250,10 @@ fn is_communication_error(error: &Error) -> bool {
 
 /// Fails if the caller has cancelled.
 fn check_cancelled(axis: &LocalAxis, witness: &dyn ProofObserver) -> Result<(), Error> {
-    match witness.is_cancelled() {
-        false => Ok(()),
-        true => Err(Error::Interrupted { what: format!("{}: proving its watchdog", axis.label()) }),
+    if witness.is_cancelled() {
+        Err(Error::Interrupted { what: format!("{}: proving its watchdog", axis.label()) })
+    } else {
+        Ok(())
     }
 }
 
@@ -291,7 +289,7 @@ struct ArmedMotor<'a> {
     released: bool,
 }
 
-/// How a motor was stopped and switched off.
+/// Result of stopping a motor and switching it off.
 struct ReleaseResult {
     result: Result<(), Error>,
     /// True if standstill was measured.

@@ -110,9 +110,10 @@ fn type_code(data_type: DataType) -> u8 {
 }
 
 fn entry_name(object: &EdsObject, entry: &EdsEntry) -> String {
-    match object.kind.has_subs() {
-        true => format!("{} {}", object.name, entry.name),
-        false => object.name.clone(),
+    if object.kind.has_subs() {
+        format!("{} {}", object.name, entry.name)
+    } else {
+        object.name.clone()
     }
 }
 

@@ -85,7 +85,7 @@ pub struct EdsEntry {
     pub sub: u8,
     /// Name of the entry; the object's for a variable.
     pub name: String,
-    /// How its value lies on the wire.
+    /// Type of the value on the wire.
     pub data_type: DataType,
     /// Access by SDO and PDO.
     pub access: ObjectAccess,
@@ -156,9 +156,10 @@ impl Eds {
     /// The value of an entry that any node of the file has.
     #[must_use]
     pub fn value_of_any_node<'a>(&self, entry: &'a EdsEntry) -> Option<&'a Literal> {
-        match entry.pins_node(self.node_id()) {
-            true => entry.default.as_ref(),
-            false => entry.effective_value(),
+        if entry.pins_node(self.node_id()) {
+            entry.default.as_ref()
+        } else {
+            entry.effective_value()
         }
     }
 

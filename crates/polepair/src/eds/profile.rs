@@ -70,7 +70,7 @@ fn typed_entries(eds: &Eds) -> impl Iterator<Item = (&EdsObject, &EdsEntry, Enco
     entries.filter_map(|(object, entry)| Some((object, entry, encoding(entry.data_type)?)))
 }
 
-/// How a value of a data type lies on the wire; `None` for types that parameters do not have.
+/// Encoding of a data type on the wire; `None` for types that parameters do not have.
 pub(crate) fn encoding(kind: DataType) -> Option<Encoding> {
     Some(match kind.0 {
         0x01 | 0x05 => Encoding::U8,
@@ -112,9 +112,10 @@ fn sheet_parameter(
     entry: &EdsEntry,
     position: &FileLocation,
 ) -> DraftParameter {
-    let name = match object.kind.has_subs() {
-        true => format!("{} {}", object.name, entry.name),
-        false => object.name.clone(),
+    let name = if object.kind.has_subs() {
+        format!("{} {}", object.name, entry.name)
+    } else {
+        object.name.clone()
     };
     let process = entry.access.is_writable() && entry.mappable;
     let is_setting =

@@ -47,10 +47,12 @@ impl fmt::Display for Literal {
                 if *plus_node {
                     f.write_str("$NODEID+")?;
                 }
-                match hex {
-                    true if *value < 0 => write!(f, "-0x{:X}", value.unsigned_abs()),
-                    true => write!(f, "0x{value:X}"),
-                    false => write!(f, "{value}"),
+                if !hex {
+                    write!(f, "{value}")
+                } else if *value < 0 {
+                    write!(f, "-0x{:X}", value.unsigned_abs())
+                } else {
+                    write!(f, "0x{value:X}")
                 }
             }
             Self::Text(text) => f.write_str(text),

@@ -406,16 +406,17 @@ impl Axis {
         if let Some(axis) = self.local() {
             return axis.wait(within);
         }
-        match self.wait_reached(within)? {
-            true => Ok(()),
-            false => Err(Error::Failed {
+        if self.wait_reached(within)? {
+            Ok(())
+        } else {
+            Err(Error::Failed {
                 what: format!("{}: the move did not arrive in time", self.label()),
                 execution: String::new(),
                 outcome: Outcome::NotDone(Failure::NotReached),
                 received: Box::default(),
                 may_turn: false,
                 hint: String::new(),
-            }),
+            })
         }
     }
 

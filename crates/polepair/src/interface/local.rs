@@ -146,9 +146,11 @@ impl AxisInterface for LocalAxis {
     }
 
     fn motion_state(&self, _since: Instant, velocity: bool) -> Result<MotionState, Error> {
-        let read = |signal| match self.provides_signal(signal)? {
-            true => Ok::<_, Error>(self.signals(&[signal])?.into_iter().next()),
-            false => Ok(None),
+        let read = |signal| {
+            if !self.provides_signal(signal)? {
+                return Ok::<_, Error>(None);
+            }
+            Ok(self.signals(&[signal])?.into_iter().next())
         };
         let fault = AxisInterface::faults(self)?.into_iter().find(|fault| !fault.is_warning);
         let enabled = read(Signal::Enabled)?.map(|reading| reading.raw != 0);
@@ -235,9 +237,10 @@ impl AxisInterface for LocalAxis {
     }
 
     fn faults(&self) -> Result<Vec<FaultReport>, Error> {
-        match self.provides_signal(Signal::Fault)? {
-            true => Ok(active_faults(self.profile(), self.signals(&[Signal::Fault])?[0].raw)),
-            false => Ok(Vec::new()),
+        if self.provides_signal(Signal::Fault)? {
+            Ok(active_faults(self.profile(), self.signals(&[Signal::Fault])?[0].raw))
+        } else {
+            Ok(Vec::new())
         }
     }
 
@@ -281,7 +284,7 @@ impl LocalAxis {
         }
     }
 
-    /// How the drive's watchdog is set, in words.
+    /// Setting of the drive's watchdog in words.
     #[must_use]
     pub fn report_watchdog(&self, state: WatchdogState) -> WatchdogReport {
         let parameter = self.watchdog_parameter().and_then(|id| self.parameter(id));

@@ -45,7 +45,7 @@ const STANDSTILL_MAX: Duration = Duration::from_secs(1);
 /// armed.run(command)?;
 /// let mut monitor = MotionMonitor::new(&armed, &command);
 /// for _ in 0..40 {
-///     monitor.check()?; // an error says why the motion has ended
+///     monitor.check()?; // an error has the reason of its end
 ///     link.sleep(Duration::from_millis(25));
 /// }
 /// monitor.finish()?; // an error if the motor never turned
@@ -126,10 +126,11 @@ impl MotionMonitor {
         self.next_read = self.axis.now();
         self.check()?;
         let label = self.axis.label();
-        let never = match self.is_velocity {
-            true => !self.judge.has_come_near(),
+        let never = if self.is_velocity {
+            !self.judge.has_come_near()
+        } else {
             // A torque need not turn the motor, unless a limit holds it.
-            false => self.limit.is_some() && !self.judge.has_turned(),
+            self.limit.is_some() && !self.judge.has_turned()
         };
         if never && self.limit.is_none() && self.axis.now().since(self.started) < MEASURED_MIN {
             return Ok(Some(format!("{label}: the motion was too short to measure its speed")));
@@ -243,7 +244,7 @@ pub fn start_each(commands: &[(Axis, Command)]) -> Result<Vec<AxisRequest>, Erro
     commands.iter().zip(&prepared).map(start).collect()
 }
 
-/// How a motion of this program was ended.
+/// End of a motion of this program.
 #[derive(Debug)]
 pub struct EndedMotion {
     /// True if the stop was confirmed.

@@ -21,7 +21,7 @@ pub struct ReadValue {
     /// The raw value; `None` for text and bytes. An unsigned one of 64 bits may be negative here:
     /// [`raw_text`](Self::raw_text) has it as it is.
     pub raw: Option<i64>,
-    /// How the raw value lies on the wire; `None` on a gateway.
+    /// Encoding of the raw value on the wire; `None` on a gateway.
     pub encoding: Option<Encoding>,
     /// Value in [`unit`](Self::unit); NaN if the scale is unknown.
     pub value: f64,
@@ -163,7 +163,7 @@ impl From<&'static Fault> for FaultReport {
     }
 }
 
-/// How a drive's watchdog is set.
+/// Setting of a drive's watchdog.
 #[derive(Clone, PartialEq, Debug)]
 pub struct WatchdogReport {
     /// The setting in words.

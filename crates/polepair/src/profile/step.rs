@@ -6,7 +6,7 @@
 //! require NAME in 1 14 else HINT          (one of these, 0 to 62)
 //! require NAME > 9999 else HINT
 //! skip COUNT if NAME & 0x6F == 0x27       (steps behind this one)
-//! skip COUNT without NAME                 (where the drive refuses to tell it)
+//! skip COUNT without NAME                 (if the drive refuses a read of it)
 //! if TEST … end   unless TEST … end   with NAME … end   use FRAGMENT       (`blocks`)
 //! no-fault NAME                 no-fault NAME & 0x1F
 //! until NAME & 0x80 == 0x80 within 60 s   until NAME within-magnitude 5 within 5 s
@@ -61,7 +61,7 @@ const ARGUMENTS: [(&str, Argument); 7] = [
     ("period", Argument::Period),
 ];
 
-/// How an argument is written.
+/// Text of an argument in a step.
 pub(crate) fn argument_word(argument: Argument) -> &'static str {
     ARGUMENTS.iter().find(|(_, a)| *a == argument).map_or("", |(word, _)| word)
 }

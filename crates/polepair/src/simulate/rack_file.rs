@@ -4,12 +4,12 @@
 //! [[link]]
 //! name = "left"
 //! kind = "serial"                 # or can; optional where the protocol has one kind only
-//! protocol = "tmcl"               # optional where the drives' profiles say it
+//! protocol = "tmcl"               # optional if the drives' profiles have it
 //! connect = "serial:///dev/ttyUSB0"   # where the real link is; `sim:` does not look at it
 //! baud = 9600                     # optional: the factory's; 0 for a wire without byte timing
 //! duplex = "half"                 # half (RS-485) or full (RS-232)
 //! timing = "uart"                 # or cdc, ftdi-16ms, tcp: what is between host and wire
-//! echo = false                    # the host's adapter hears itself
+//! echo = false                    # the host's adapter returns its own bytes
 //! faults = { seed = 7 }           # drawn by a seed; or chances from 0 to 1, such as
 //! # faults = { flip = 1e-5, lose = 1e-5, insert = 0, late = 0.01, latest_ms = 300 }
 //!
@@ -288,9 +288,10 @@ fn read_link(
 /// Refuses what no link of that protocol can be opened at.
 fn check_connect(location: &str, protocol: &registry::ProtocolInfo) -> Result<(), String> {
     let url = format!("{}+{location}", protocol.name).parse::<Url>().map_err(|e| e.to_string())?;
-    match url.axes.is_empty() {
-        true => Ok(()),
-        false => Err("the drives below name the axes: leave `#` out".to_owned()),
+    if url.axes.is_empty() {
+        Ok(())
+    } else {
+        Err("the drives below name the axes: leave `#` out".to_owned())
     }
 }
 

@@ -17,7 +17,7 @@ const EVENTS_PER_POLL_MAX: usize = 4096;
 pub(super) struct SharedWorld {
     world: Mutex<World>,
     pub(super) pace: SimulationPace,
-    /// How the machine's time becomes the simulation's, where that passes by itself.
+    /// Conversion of the machine's time to the simulation's, if that passes by itself.
     time_scale: Mutex<TimeScale>,
     /// Waiters for a time by the old pace.
     wakers: Mutex<Vec<LinkWaker>>,

@@ -80,7 +80,7 @@ fn require_grant(granted: Result<Option<LeaseGrant>, GatewayError>) -> ApiResult
 
 /// Have an axis do something, at most once
 ///
-/// An id that was seen returns what came of it then, and sends nothing. What is too old, of another
+/// An id that was received before returns the earlier outcome, and sends nothing. A command that is too old, of another
 /// epoch, or locked is refused; nothing is sent then either.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/commands", tag = "motion",
     params(("id" = u16, Path)), request_body = CommandRequest, responses(

@@ -237,10 +237,12 @@ impl CommandWorker {
     fn next_wakeup(&self) -> Duration {
         let now = self.context.now();
         let busy = !self.active.is_empty() || self.axes.iter().any(|w| w.pending_stop.is_some());
-        let scan = match now.since(self.last_start) < FAST_POLL_TIME {
-            _ if !busy => IDLE,
-            true => POLL_INTERVAL,
-            false => SLOW_POLL_INTERVAL,
+        let scan = if !busy {
+            IDLE
+        } else if now.since(self.last_start) < FAST_POLL_TIME {
+            POLL_INTERVAL
+        } else {
+            SLOW_POLL_INTERVAL
         };
         let ends = self.axes.iter().filter_map(|watched| Some(watched.lease.holder()?.until));
         ends.map(|until| until.since(now)).min().map_or(scan, |left| left.min(scan))
@@ -640,11 +642,10 @@ fn lease_grant(held: &LeaseHolder, now: Instant) -> LeaseGrant {
 }
 
 fn unavailable_error(lost: bool) -> GatewayError {
-    match lost {
-        true => {
-            GatewayError::new("gateway.busy", "the link is lost").hint("check its cable and power")
-        }
-        false => GatewayError::new("gateway.busy", "the server ends").hint("start it again"),
+    if lost {
+        GatewayError::new("gateway.busy", "the link is lost").hint("check its cable and power")
+    } else {
+        GatewayError::new("gateway.busy", "the server ends").hint("start it again")
     }
 }
 

@@ -198,12 +198,11 @@ impl BenchContext {
             // Who has gone does not want to know.
             let _ = reply_sender.send(Ok(outcome));
         };
-        let then: Option<Continuation> = match ends_motion {
-            true => {
-                reported(Ok(()));
-                None
-            }
-            false => Some(Box::new(reported)),
+        let then: Option<Continuation> = if ends_motion {
+            reported(Ok(()));
+            None
+        } else {
+            Some(Box::new(reported))
         };
         self.journal.record((who, JournalAction::Outcome, Some(axis)), detail, self.now(), then);
     }

@@ -204,12 +204,13 @@ impl FrameTraffic {
 
     fn wait_for_units(&self, at_most: Duration) -> TappedUnits {
         let tapped = lock_unpoisoned(&self.tapped);
-        let mut tapped = match tapped.units.is_empty() {
-            true if !at_most.is_zero() => {
-                let waited = self.wakeup.wait_timeout(tapped, at_most);
-                waited.unwrap_or_else(PoisonError::into_inner).0
-            }
-            _ => tapped,
+        let mut tapped = if !tapped.units.is_empty() {
+            tapped
+        } else if !at_most.is_zero() {
+            let waited = self.wakeup.wait_timeout(tapped, at_most);
+            waited.unwrap_or_else(PoisonError::into_inner).0
+        } else {
+            tapped
         };
         std::mem::take(&mut tapped)
     }

@@ -49,7 +49,7 @@ struct StopWaiter {
     since: Instant,
 }
 
-/// How a debt ended.
+/// End of a pending stop.
 #[derive(Clone, PartialEq, Debug)]
 pub(super) enum StopResolution {
     /// The motor was seen standing.
@@ -66,7 +66,7 @@ pub(super) struct StopPoll {
     pub report: Option<AxisStopReport>,
     /// The motor did not become slower, and a quick stop was sent.
     pub sent_quick_stop: bool,
-    /// How the debt ended.
+    /// End of the pending stop, if it has ended.
     pub ended: Option<StopResolution>,
 }
 

@@ -128,10 +128,11 @@ impl Bench {
         let all: Vec<String> = paths.chain(self.0.port_search.more_ports.iter().cloned()).collect();
         if request.ports.is_empty() {
             let free: Vec<String> = all.into_iter().filter(|port| !used.contains(port)).collect();
-            return match free.is_empty() {
-                false => Ok(free),
-                true => Err(GatewayError::new("gateway.missing", "no port is free to be searched")
-                    .hint("plug the adapter in; a port of a link is scanned on that link")),
+            return if free.is_empty() {
+                Err(GatewayError::new("gateway.missing", "no port is free to be searched")
+                    .hint("plug the adapter in; a port of a link is scanned on that link"))
+            } else {
+                Ok(free)
             };
         }
         for port in &request.ports {

@@ -358,10 +358,7 @@ impl TelemetryChannel {
     /// Source of the samples.
     #[must_use]
     pub fn source(&self) -> From {
-        match self.source.pushed.load(Ordering::Relaxed) {
-            true => From::Pushed,
-            false => From::Polled,
-        }
+        if self.source.pushed.load(Ordering::Relaxed) { From::Pushed } else { From::Polled }
     }
 
     /// The SI unit of a signal, the shown one of a parameter; empty without one.

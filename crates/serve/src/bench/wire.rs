@@ -255,9 +255,10 @@ impl BenchWire {
     /// Takes a number for an order that is given when the journal has it: a stop that comes between
     /// goes before.
     pub fn reserve_number(&self) -> Result<u64, GatewayError> {
-        match lock_unpoisoned(&self.requests).len() < REQUESTS_MAX {
-            true => Ok(self.next_number()),
-            false => Err(queue_full_error()),
+        if lock_unpoisoned(&self.requests).len() < REQUESTS_MAX {
+            Ok(self.next_number())
+        } else {
+            Err(queue_full_error())
         }
     }
 

@@ -1,8 +1,8 @@
 //! Data that are the same for all viewers, made once.
 //!
-//! It has its own thread of normal priority, the only one that reads links and axes for viewers. The viewers' writers
-//! have low priority, so a lock that they hold may be held for long. They read the result here, behind a lock that
-//! motion and stops do not need.
+//! The broadcaster has its own thread of normal priority, the only one that reads links and axes for viewers. The
+//! viewers' writers have low priority, so a lock that they hold may be held for long. They read the result here, behind
+//! a lock that motion and stops do not need.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;

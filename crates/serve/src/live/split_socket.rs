@@ -55,7 +55,7 @@ struct FrameCounter {
 }
 
 impl FrameCounter {
-    /// Takes what came. False where a message has too many.
+    /// Counts the frames of received bytes. False if a message has too many.
     fn count_frames(&mut self, mut bytes: &[u8]) -> bool {
         while let Some((byte, rest)) = bytes.split_first() {
             if self.payload_left > 0 {
@@ -68,10 +68,10 @@ impl FrameCounter {
             let Some(length) = self.payload_len() else { continue };
             (self.header_len, self.payload_left) = (0, length);
             let (last, of_control) = (self.head[0] & 0x80 != 0, self.head[0] & 8 != 0);
-            match last {
-                _ if of_control => {}
-                true => self.count = 0,
-                false => self.count += 1,
+            if last && !of_control {
+                self.count = 0;
+            } else if !of_control {
+                self.count += 1;
             }
             if self.count >= FRAMES_MAX {
                 return false;

@@ -305,9 +305,10 @@ struct Kept {
 impl JournalSink for Kept {
     fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError> {
         self.notes.lock().unwrap().push((note.who.to_owned(), note.action));
-        match *self.full.lock().unwrap() {
-            true => Err(GatewayError::new("gateway.busy", "the disk is full")),
-            false => Ok(()),
+        if *self.full.lock().unwrap() {
+            Err(GatewayError::new("gateway.busy", "the disk is full"))
+        } else {
+            Ok(())
         }
     }
 }

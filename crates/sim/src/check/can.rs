@@ -119,9 +119,10 @@ impl CanChecker {
         let received = known.received_count > was.received_count;
         let answers = known.last_received.answers.filter(|_| received).map(|(tag, _)| tag);
         let behind = answers.and_then(|tag| self.find_outstanding(now, tag));
-        let found = match counters.answered > before.answered && received {
-            true => self.judge_match(now, known.last_received, behind),
-            false => None,
+        let found = if counters.answered > before.answered && received {
+            self.judge_match(now, known.last_received, behind)
+        } else {
+            None
         };
         for (drive, verb) in gave_up {
             let index = world.can_status(self.wire, *drive).map(|drive| drive.plug);

@@ -223,12 +223,12 @@ impl SwarmAxis {
         };
         self.observer.record_duplicates(toll.taken_twice - self.damage.taken_twice);
         self.damage = toll;
-        let found = match self.disturbed {
-            true => None,
-            false => self
-                .observer
+        let found = if self.disturbed {
+            None
+        } else {
+            self.observer
                 .check(world.now(), truth, going || self.untrusted)
-                .or_else(|| self.check_enable_jump(&truth)),
+                .or_else(|| self.check_enable_jump(&truth))
         };
         let found = found.or_else(|| {
             let armed = world.inspect(host, |n, _| n.axes()?.state(self.index).map(|s| s.armed));

@@ -221,7 +221,7 @@ impl HostUser {
             }
         };
         if copied {
-            // What came of it is no knowledge, right or wrong.
+            // Its result is no knowledge, right or wrong.
             self.axes.iter_mut().for_each(SwarmAxis::invalidate);
         }
     }

@@ -226,7 +226,7 @@ impl ParameterTrial {
     }
 }
 
-/// How a swarm's hosts are set. An echo there is on a bus only.
+/// Options of a swarm's hosts. An echo there is on a bus only.
 pub fn host_options(protocol: &HostProtocol, bus: bool, echo: bool) -> HostOptions {
     let wire = bus.then_some(SerialStandard::Rs485);
     HostOptions { echo, standard: wire, ..HostOptions::new(protocol.baud) }

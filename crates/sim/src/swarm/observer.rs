@@ -52,7 +52,7 @@ pub struct MotionObserver {
     rest_since: Option<Instant>,
     /// Between where a move began and where it ends, rad.
     path: Option<(f64, f64)>,
-    /// How fast it turned lately: since then, and before that.
+    /// Ranges of the recent speeds: since then, and before that.
     recent_speeds: [Option<SpeedRange>; 2],
 }
 
@@ -137,7 +137,7 @@ impl MotionObserver {
         self.recent_speeds[0] = Some(SpeedRange { low, high, ..range });
     }
 
-    /// How fast it turned lately against that direction, rad/s.
+    /// Highest recent speed against that direction, rad/s.
     fn speed_against(&self, direction: f64) -> f64 {
         let ranges = self.recent_speeds.iter().flatten();
         let speeds = ranges.map(|range| if direction < 0.0 { range.high } else { -range.low });
@@ -167,9 +167,12 @@ impl MotionObserver {
         }
         (self.settled_executions, self.pending_verbs) = (Some(truth.unrepeatable), 0);
         let before = self.settled_starts.replace(truth.starts)?;
-        (before != truth.starts).then(|| match self.link_lost {
-            true => ("I6", "the motor was set going after the link was lost".into()),
-            false => ("I4", "the motor was set going when nobody waited for it".into()),
+        (before != truth.starts).then(|| {
+            if self.link_lost {
+                ("I6", "the motor was set going after the link was lost".into())
+            } else {
+                ("I4", "the motor was set going when nobody waited for it".into())
+            }
         })
     }
 

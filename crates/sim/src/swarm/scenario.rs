@@ -328,9 +328,10 @@ impl Scenario {
             ..host_options(protocol, bus, echo)
         };
         // The keys of a connection string for a serial server.
-        let options = match tcp {
-            true => HostOptions { baud: 0, gap_us: Some(0), resync_pause_ms: Some(100), ..options },
-            false => options,
+        let options = if tcp {
+            HostOptions { baud: 0, gap_us: Some(0), resync_pause_ms: Some(100), ..options }
+        } else {
+            options
         };
         self.describe(format!("{wire:?}: {timing:?}, {options:?}"));
         self.wires.push(wire);

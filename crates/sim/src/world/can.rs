@@ -36,7 +36,7 @@ impl World {
         }
     }
 
-    /// How busy a CAN bus was since the beginning, 0 to 1; 0 for a serial wire.
+    /// Load of a CAN bus since the beginning, 0 to 1; 0 for a serial wire.
     #[must_use]
     pub fn can_load(&self, wire: WireId) -> f64 {
         match &self.wires[wire.0].medium {

@@ -61,9 +61,10 @@ impl OutsideEnd {
     }
 
     pub(super) fn push_frame(&mut self, now: Instant, frame: &Frame) {
-        match self.frames.len() < FRAMES_MAX {
-            true => self.frames.push_back((now, *frame)),
-            false => self.dropped += 1,
+        if self.frames.len() < FRAMES_MAX {
+            self.frames.push_back((now, *frame))
+        } else {
+            self.dropped += 1;
         }
     }
 

@@ -31,7 +31,7 @@ pub(super) fn explain_as_default(
     CanopenDissector.explain(bytes, &Context { profile, id, ..Context::default() }, explanation);
 }
 
-/// Says what a frame is in its transfer. `moved` tells that its identifier is not the usual one.
+/// Adds the part of its transfer to a frame's text. `moved` is true if its identifier is not the usual one.
 pub(super) fn annotate_part(
     channel: &SdoChannel,
     part: TransferPart,
@@ -75,7 +75,7 @@ fn append_name(object: ObjectIndex, profile: Option<&'static Profile>, text: &mu
     }
 }
 
-/// What a transfer of several frames brought.
+/// Adds the value of a transfer of several frames.
 fn annotate_whole(
     channel: &SdoChannel,
     profile: Option<&'static Profile>,
@@ -124,12 +124,12 @@ fn append_remark(text: &str, explanation: &mut Explanation) {
     explanation.text.push(')');
 }
 
-/// Says which fault the short form of an emergency is, in the words of the one drive that has it.
+/// Names the fault of an emergency's short form, in the words of the one drive that has it.
 pub(super) fn annotate_inferred(words: &FaultText, explanation: &mut Explanation) {
     append_remark(&format!("inferred: {}", words.text.trim_end_matches('.')), explanation);
 }
 
-/// Says what process data are, object by object; `id` is the identifier that they came with.
+/// Explains process data, object by object; `id` is their identifier.
 pub(super) fn explain_process_data(
     pdo: &mut Pdo,
     bytes: &[u8],

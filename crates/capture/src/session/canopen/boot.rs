@@ -1,8 +1,7 @@
 //! Boot-ups: a start, a node that sends state 0 with every heartbeat, or two devices.
 //!
-//! By the standard, one boot-up follows each start. Some nodes (python canopen) send state 0 with every
-//! heartbeat until a master starts them. Therefore a second boot-up is reported only if no more follow at
-//! the same period.
+//! The standard has one boot-up for each start. Some nodes (python canopen) send state 0 with every heartbeat until a
+//! master starts them. Therefore a second boot-up is reported only if no more follow at the same period.
 
 use super::heartbeat::LONGEST_NS;
 use crate::session::AnomalyKind;
@@ -10,23 +9,23 @@ use crate::timestamp::Timestamp;
 
 /// The longest period that a heartbeat can be set to, ns.
 const PERIOD_MAX_NS: u64 = 65_535_000_000;
-/// How long a suspicion waits for the next one at most, ns.
+/// Longest time that a suspicion waits for the next one, ns.
 const WAIT_MAX_NS: u64 = 10_000_000_000;
 /// Two boot-ups so long after one order are both by it.
 const BY_ORDER_NS: u64 = 2_000_000_000;
 
-/// What a node's boot-ups were.
+/// Boot-up messages of a node.
 #[derive(Debug, Default)]
 pub(super) struct BootMonitor {
     last: Option<Timestamp>,
     /// The last start was by an order.
     by_command: bool,
-    /// It says 0 every so often.
+    /// Period of state 0, if it is regular.
     zero_period: Option<u64>,
     suspicion: Option<Suspicion>,
 }
 
-/// What a boot-up may be a sign of.
+/// Possible meaning of a boot-up.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Suspicion {
     pub kind: AnomalyKind,
@@ -36,33 +35,33 @@ pub(super) struct Suspicion {
     due: Option<Timestamp>,
 }
 
-/// What is known of the node when it says 0.
+/// State of the node at a 0.
 pub(super) struct BootContext {
-    /// It says nothing but 0 since its last start.
+    /// True if it has sent only 0 since its last start.
     pub only_zero: bool,
-    /// It said something else, but not its state.
+    /// True if it has sent something else, but not its state.
     pub in_use: bool,
-    /// It was ordered to start again.
+    /// True if a reset was commanded.
     pub reset_ordered: bool,
-    /// Its heartbeat is being switched on.
+    /// True if its heartbeat is being enabled.
     pub heartbeat_starting: bool,
     /// The period of its heartbeat, where one is known.
     pub period: Option<u64>,
 }
 
-/// What a 0 is.
+/// Meaning of a 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum ZeroMeaning {
     /// A start.
     Start,
-    /// A start that nobody ordered, of a node that is in use.
+    /// A start without a command, of a node in use.
     Restart,
-    /// A heartbeat, or nobody knows yet.
+    /// A heartbeat, or undecided yet.
     Heartbeat,
 }
 
 impl BootMonitor {
-    /// A node says 0.
+    /// Classifies a 0 of a node.
     pub fn classify(&mut self, now: Option<Timestamp>, about: &BootContext) -> ZeroMeaning {
         let again = self.last.is_some();
         let after = self.last.zip(now).map(|(last, now)| now.since(last).min(LONGEST_NS));
@@ -87,10 +86,12 @@ impl BootMonitor {
     }
 
     fn suspect(&self, now: Option<Timestamp>, after: u64, used: bool) -> Option<Suspicion> {
-        let kind = match used {
-            true => AnomalyKind::Restart,
-            false if self.by_command && after <= BY_ORDER_NS => AnomalyKind::DuplicateAddress,
-            false => return None,
+        let kind = if used {
+            AnomalyKind::Restart
+        } else if self.by_command && after <= BY_ORDER_NS {
+            AnomalyKind::DuplicateAddress
+        } else {
+            return None;
         };
         let wait = (after / 2).saturating_mul(5).min(WAIT_MAX_NS);
         let due = now.map(|now| Timestamp(now.0.saturating_add(wait)));
@@ -102,8 +103,7 @@ impl BootMonitor {
         self.suspicion?.due
     }
 
-    /// A suspicion that is confirmed by `now`; at the end, or when the node says something else of
-    /// its state, whatever the time is.
+    /// Takes a suspicion that is confirmed by `now`; at the end, or when the node sends another state, at any time.
     pub fn take_confirmed(&mut self, now: Option<Timestamp>) -> Option<Suspicion> {
         let over = |due: Option<Timestamp>| now.is_none_or(|now| due.is_none_or(|due| due < now));
         self.suspicion.take_if(|suspicion| over(suspicion.due))

@@ -10,7 +10,7 @@ use crate::timestamp::Timestamp;
 
 /// Faults of a node that are known to be there at once.
 const ACTIVE_MAX: usize = 16;
-/// So many emergencies of a node within [`STORM_NS`] are a storm.
+/// Emergencies of a node within [`STORM_NS`] that are a storm.
 const STORM: usize = 8;
 const STORM_NS: u64 = 1_000_000_000;
 /// The drive that alone sends the code alone (TS manual, 3.5.2).
@@ -25,7 +25,7 @@ pub(super) struct NodeFaults {
     in_storm: bool,
 }
 
-/// What is known of a fault.
+/// Description of a fault.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FaultText {
     pub text: &'static str,
@@ -38,7 +38,7 @@ pub(super) struct FaultText {
 }
 
 impl FaultText {
-    /// Of a fault that only a statusword tells.
+    /// Description of a fault that only a statusword reports.
     pub const UNNAMED: Self = Self {
         text: "a fault that the drive did not name",
         cause: "",
@@ -47,7 +47,7 @@ impl FaultText {
         inferred: false,
     };
 
-    /// What a code means: the drive's own words, else the standard's for its class.
+    /// Meaning of a code: the drive's own words, otherwise the standard's for its class.
     pub fn lookup(code: u32, short: bool, profile: Option<&'static Profile>) -> Self {
         let own = meanings::canopen_profile(profile);
         let inferred = short && own.is_none();
@@ -99,7 +99,7 @@ impl NodeFaults {
         if self.active.iter().any(|(known, _)| *known == code) {
             return;
         }
-        // A statusword told that there is one, not which.
+        // The statusword reported a fault without its code.
         self.active.retain(|(known, _)| *known != 0);
         if self.active.len() < ACTIVE_MAX {
             self.active.push((code, words));

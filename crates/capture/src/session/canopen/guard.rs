@@ -11,12 +11,12 @@ pub(super) struct NodeGuardMonitor {
     pending: Option<FrameRef>,
     toggle: Option<bool>,
     seen: bool,
-    /// It did not answer last.
+    /// True if the last request was not answered.
     lost: bool,
 }
 
 impl NodeGuardMonitor {
-    /// It answered.
+    /// Returns whether it has replied.
     pub const fn is_seen(&self) -> bool {
         self.seen
     }
@@ -49,7 +49,7 @@ impl NodeGuardMonitor {
         true
     }
 
-    /// The node's state comes; `false` if nobody asked.
+    /// Handles the node's state; `false` without a request.
     pub fn handle_answer(
         &mut self,
         node: u8,

@@ -6,7 +6,7 @@ use crate::timestamp::Timestamp;
 const INTERVALS_MAX: usize = 8;
 /// Intervals after which the period counts as known.
 const KNOWN_MIN: usize = 3;
-/// What any period may be exceeded by, ns: who sends every few milliseconds is not that exact.
+/// Tolerance of any period, ns: senders with a period of few milliseconds are not that exact.
 const SLACK_NS: u64 = 50_000_000;
 
 /// Longer intervals are as good as this, ns: years, by which sums and products stay in range.
@@ -18,13 +18,13 @@ pub(super) struct HeartbeatMonitor {
     last: Option<Timestamp>,
     intervals: [u64; INTERVALS_MAX],
     count: usize,
-    /// By object 1017h, ns.
+    /// Period by object 1017h, ns.
     configured: Option<u64>,
-    /// What its consumer allows, by object 1016h, ns.
+    /// Tolerance of its consumer, by object 1016h, ns.
     tolerance_ns: u64,
-    /// What it was while it was regular, ns.
+    /// Measured period while it was regular, ns.
     steady_period: Option<u64>,
-    /// What its period was before it was off, ns.
+    /// Period before it was disabled, ns.
     former_period: Option<u64>,
     seen: bool,
     silent: bool,
@@ -41,18 +41,18 @@ impl HeartbeatMonitor {
         self.last
     }
 
-    /// It was set to so many milliseconds; 0 is none.
+    /// Sets the configured period in milliseconds; 0 disables it.
     pub fn configure(&mut self, ms: u64) {
         self.suspend();
         self.configured = (ms > 0).then_some(ms * 1_000_000);
     }
 
-    /// Its consumer allows so many milliseconds.
+    /// Sets the tolerance of its consumer in milliseconds.
     pub const fn set_tolerance(&mut self, ms: u64) {
         self.tolerance_ns = ms * 1_000_000;
     }
 
-    /// It may stay out from now on, until it comes again.
+    /// Suspends the check until the next heartbeat.
     pub fn suspend(&mut self) {
         let (allowed, former) = (self.tolerance_ns, self.last_period());
         *self = Self {
@@ -63,12 +63,12 @@ impl HeartbeatMonitor {
         };
     }
 
-    /// How often it comes, or came before it was off, ns.
+    /// Present period, or that before it was disabled, ns.
     pub fn last_period(&self) -> Option<u64> {
         self.period().or(self.former_period)
     }
 
-    /// It came. True if that it stayed out had been told.
+    /// Records a heartbeat. True if its absence had been reported.
     pub fn record(&mut self, now: Option<Timestamp>) -> bool {
         self.seen = true;
         let Some(now) = now else { return false };
@@ -105,7 +105,7 @@ impl HeartbeatMonitor {
         sorted.get(sorted.len() / 2).copied().unwrap_or(0)
     }
 
-    /// How often it comes, ns; `None` while nobody knows.
+    /// Period, ns; `None` while it is unknown.
     fn period(&self) -> Option<u64> {
         let observed = (self.count >= KNOWN_MIN).then(|| self.median());
         self.configured.max(observed)
@@ -118,7 +118,7 @@ impl HeartbeatMonitor {
         (!self.silent).then(|| Timestamp(last.0.saturating_add(patience)))
     }
 
-    /// It is missed: its period, and for how long. Once.
+    /// A missed heartbeat: its period, and the time since the last. Once.
     pub fn check_missed(&mut self, now: Timestamp) -> Option<(u64, u64)> {
         if self.due()? >= now {
             return None;

@@ -20,7 +20,7 @@ const CHANNEL_CONFIGS_MAX: usize = 256;
 /// A channel that the capture makes: by the node's object 1200h and on, or by its client's 1280h.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SdoChannelConfig {
-    /// Where it is configured.
+    /// Node with its configuration.
     owner: u8,
     index: u16,
     node: u8,
@@ -64,7 +64,7 @@ impl CanopenTracker {
         }
     }
 
-    /// The value may tell which drive it is, and so what everything else of it is called.
+    /// Identifies the drive by the value, which decides the names of all its objects.
     fn identify(
         &mut self,
         id: u8,

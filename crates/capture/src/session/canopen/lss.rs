@@ -17,32 +17,32 @@ use crate::timestamp::Timestamp;
 #[derive(Debug, Default)]
 pub(super) struct LssTracker {
     pending: Option<LssExchange>,
-    /// What was answered last, and with what.
+    /// Last answered exchange, and its reply.
     last_answered: Option<(LssExchange, [u8; 8])>,
-    /// What was given up.
+    /// Exchange that was given up.
     abandoned: Option<LssExchange>,
-    /// A request was heard: what is answered now was not asked before the capture.
+    /// True if a request was received: later replies do not belong to requests before the capture.
     sees_requests: bool,
 }
 
-/// What is asked.
+/// A request.
 #[derive(Clone, Copy, Debug)]
 struct LssExchange {
     request: [u8; 8],
     op: InternedName,
-    /// Its first frame, and its last.
+    /// First frame, and last frame.
     first: FrameRef,
     last: FrameRef,
     expectation: LssExpectation,
     retries: u16,
 }
 
-/// What a request is owed.
+/// Expected reply of a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum LssExpectation {
     /// Nothing: it is an order, or more of it comes.
     Nothing,
-    /// An answer where there is such a device; silence says that there is none.
+    /// A reply if there is such a device; silence means that there is none.
     Optional,
     /// An answer.
     Required,
@@ -160,7 +160,7 @@ impl LssTracker {
             return notices.push(anomaly(AnomalyKind::LateReply, text));
         }
         match &self.last_answered {
-            // Whoever fits answers, and those that do are as many as there are.
+            // All matching devices reply, in any number.
             Some((exchange, _))
                 if fits(exchange) && exchange.expectation == LssExpectation::Optional => {}
             Some((exchange, before)) if fits(exchange) && *before == bytes => {

@@ -21,7 +21,7 @@ pub struct Mapping {
     quality: Quality,
 }
 
-/// Where a number lies in eight bytes.
+/// Position of a number in eight bytes.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct NumberBits {
     left_shift: u8,
@@ -52,7 +52,7 @@ impl NumberBits {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct MappedValue {
     pub(super) bits: NumberBits,
-    /// How the number lies in the bits, where it is a floating-point one.
+    /// Encoding of a floating-point number; `None` for an integer.
     real: Option<Encoding>,
     is_flag: bool,
     tells_state: bool,
@@ -61,7 +61,7 @@ pub struct MappedValue {
     factor: f64,
     /// The signal's name.
     pub name: InternedName,
-    /// Its unit; empty where nobody says.
+    /// Unit; empty if unknown.
     pub unit: InternedName,
     /// The object that it is a value of.
     pub object: ObjectIndex,
@@ -84,12 +84,12 @@ impl MappedValue {
         }
     }
 
-    /// It is the whole number, and no flag in it.
+    /// Returns whether it is the whole number, and no flag in it.
     pub(super) const fn is_number(&self) -> bool {
         !self.is_flag
     }
 
-    /// A state is told by it.
+    /// Returns whether it reports a state.
     pub(super) const fn tells_state(&self) -> bool {
         self.tells_state
     }
@@ -102,7 +102,7 @@ impl MappedValue {
         if self.is_flag { (masked == self.equals) as i64 } else { masked }
     }
 
-    /// That integer in the unit.
+    /// The integer in its unit.
     #[inline]
     #[must_use]
     pub fn value(&self, exact: i64) -> f64 {
@@ -128,7 +128,7 @@ impl Mapping {
         (at > 0).then_some(mapping)
     }
 
-    /// Of bytes that nobody knows.
+    /// Mapping of unknown bytes.
     pub(super) const fn empty() -> Self {
         Self { values: Vec::new(), entries: Vec::new(), bytes: 0, quality: Quality::Inferred }
     }
@@ -159,7 +159,7 @@ impl Mapping {
         self.bytes
     }
 
-    /// Whether the capture states it, or it was concluded.
+    /// Quality by the origin of the mapping: stated by the capture, or inferred.
     #[must_use]
     pub const fn quality(&self) -> Quality {
         self.quality
@@ -188,7 +188,7 @@ impl Mapping {
     }
 }
 
-/// Error code, statusword and mode tell states.
+/// Returns whether it is an object with states: error code, statusword and mode.
 fn is_state_object(object: ObjectIndex) -> bool {
     let states = [ERROR_CODE, cia402::STATUSWORD, MODE_DISPLAY];
     states.contains(&object)

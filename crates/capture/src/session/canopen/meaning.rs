@@ -18,11 +18,11 @@ pub(super) struct ObjectMeaning {
     pub unit: InternedName,
     pub factor: f64,
     pub signed: bool,
-    /// How the number lies in the bits, where it is a floating-point one.
+    /// Encoding of a floating-point number; `None` for an integer.
     pub real: Option<Encoding>,
     /// Bits that count.
     pub mask: i64,
-    /// What they are where the flag is set; `None` for a number.
+    /// Value at which the flag is set; `None` for a number.
     pub equals: Option<i64>,
 }
 
@@ -33,11 +33,11 @@ impl ObjectMeaning {
     }
 }
 
-/// Where the meaning of a node's objects is looked up.
+/// Source of the meanings of a node's objects.
 #[derive(Clone, Copy)]
 pub(super) struct ObjectLookup<'a> {
     pub profile: Option<&'static Profile>,
-    /// What the node's objects were last seen to be.
+    /// Last known values of the node's objects.
     pub values: &'a HashMap<ObjectIndex, i64>,
 }
 
@@ -49,7 +49,7 @@ impl ObjectLookup<'_> {
         all
     }
 
-    /// What an object is as a number.
+    /// Meaning of an object as a number.
     pub fn number_meaning(&self, object: ObjectIndex) -> ObjectMeaning {
         let (unit, factor) = self.scale(object).unwrap_or(("", 1.0));
         let signed = meanings::is_signed(object, self.profile);
@@ -156,7 +156,7 @@ const fn axis_signal_name(signal: Signal) -> Option<InternedName> {
 
 const TARGET_TORQUE: ObjectIndex = ObjectIndex::new(0x6071, 0);
 
-/// What CiA 402's objects are, where no profile says.
+/// Meanings of CiA 402's objects, without a profile.
 const CIA402_NAMES: [(u16, InternedName); 11] = [
     (0x603F, "State/FaultCode"),
     (0x6061, "State/Mode"),

@@ -16,13 +16,13 @@ use super::{anomaly, anomaly_at};
 use crate::session::{AnomalyKind, ChangeNotice, InternedName, SessionNotice};
 use crate::timestamp::Timestamp;
 
-/// A node that was told to be quiet may still send what was on its way.
+/// Time in which a node that was stopped may still send frames that were on their way.
 const QUIET_NS: u64 = 100_000_000;
 /// A state that goes back and forth so often without an order is two nodes'.
 const FLIPS_MAX: u8 = 3;
-/// The same state so often is one node's.
+/// Repetitions of the same state that are possible for one node.
 const SAME_MAX: u8 = 4;
-/// Requests to a node that was never heard, until that is told: whoever looks who is there asks less.
+/// Requests to a node without any received frame until that is reported: a search for nodes sends fewer.
 const UNHEARD_MAX: u8 = 4;
 
 /// One node.
@@ -34,29 +34,29 @@ pub(super) struct NodeTracker {
     pub faults: NodeFaults,
     pub power: PowerMonitor,
     pub product: NodeProduct,
-    /// It is a drive by CiA 402.
+    /// True if it is a drive by CiA 402.
     pub is_drive: bool,
-    /// What its objects were last seen to be.
+    /// Last known values of its objects.
     pub values: HashMap<ObjectIndex, i64>,
     seen: bool,
-    /// Nothing but its heartbeat was heard of it.
+    /// True if only heartbeats were received.
     only_heartbeats: bool,
-    /// It said something since it started.
+    /// True if it has sent other frames since its start.
     in_use: bool,
     unanswered_count: u8,
-    /// That it does not answer was told.
+    /// True if its missing reply was reported.
     unanswered_reported: bool,
     state: Option<NmtState>,
     previous_state: Option<NmtState>,
     flips: u8,
-    /// How often it told the same state since the last other one.
+    /// Repetitions of the same state since the last other one.
     same_count: u8,
-    /// What the master last ordered, and when, while the node has not told its state since.
+    /// Last NMT command of the master, and its time, while the node has not sent its state since.
     commanded: Option<(NmtState, Option<Timestamp>)>,
     reset_pending: bool,
     pub boots: BootMonitor,
     duplicate_reported: bool,
-    /// It sent process data while it said that it must not.
+    /// Time of process data in a state that forbids them, if there were any.
     forbidden_data: Option<Option<Timestamp>>,
     forbidden_reported: bool,
 }
@@ -91,7 +91,7 @@ impl NodeTracker {
         }
     }
 
-    /// It said something beside its state. `counts` tells that it has started by then.
+    /// Records a frame beside its state. `counts` is true if it proves that the node has started.
     pub fn record_activity(&mut self, counts: bool, notices: &mut Vec<SessionNotice>) {
         self.only_heartbeats = false;
         self.mark_present(counts, notices);
@@ -105,8 +105,8 @@ impl NodeTracker {
         }
     }
 
-    /// A request had no answer, or was sent again. Whether that is told: once until it answers, and
-    /// of a node that was never heard only when it was asked again and again.
+    /// Records a request without a reply, or a repetition. Returns whether to report it: once until it replies, and for
+    /// a node without any received frame only after several requests.
     pub fn record_unanswered(&mut self, given_up: bool) -> bool {
         let first = !self.unanswered_reported;
         if given_up {
@@ -116,19 +116,19 @@ impl NodeTracker {
         if self.seen { first } else { given_up && self.unanswered_count == UNHEARD_MAX }
     }
 
-    /// It answered a request.
+    /// Records a reply.
     pub fn record_answer(&mut self, notices: &mut Vec<SessionNotice>) {
         self.unanswered_reported = false;
         self.record_activity(true, notices);
     }
 
-    /// It is asked for its state.
+    /// Records a guarding request.
     pub fn record_guard_request(&mut self, at: FrameRef, notices: &mut Vec<SessionNotice>) {
         self.expire_guard(notices);
         self.guard.record_request(at);
     }
 
-    /// It did not tell its state.
+    /// Records a guarding request without a reply.
     pub fn expire_guard(&mut self, notices: &mut Vec<SessionNotice>) {
         if self.guard.give_up(self.id, notices) && self.record_unanswered(true) {
             let text = "does not answer to guarding".to_owned();
@@ -174,14 +174,14 @@ impl NodeTracker {
             NmtCommand::Other(_) => return,
         };
         self.commanded = Some((state, now));
-        // Who tells its state is believed, of others the order is all there is.
+        // A reported state is certain; for other nodes the command is all there is.
         if self.seen && !self.heartbeat.is_seen() && !self.guard.is_seen() {
             self.set_state(state, notices);
         }
     }
 
-    /// It says 0: that it has started, mostly. `beginning` tells that its heartbeat is being switched
-    /// on. True if it has started for sure.
+    /// Handles a 0, which mostly means a start. `beginning` is true if its heartbeat is being enabled. True if it has
+    /// started for sure.
     pub fn handle_boot_up(
         &mut self,
         now: Option<Timestamp>,
@@ -218,7 +218,7 @@ impl NodeTracker {
         }
     }
 
-    /// What was suspected of its boot-ups is so: by `now`, or in any case.
+    /// Confirms a suspicion on its boot-ups: by `now`, or in any case.
     pub fn confirm_suspicion(&mut self, now: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
         let Some(suspicion) = self.boots.take_confirmed(now) else { return };
         if suspicion.kind == AnomalyKind::Restart {
@@ -236,7 +236,7 @@ impl NodeTracker {
         }
     }
 
-    /// It tells its state by itself.
+    /// Handles a heartbeat with its state.
     pub fn handle_heartbeat(
         &mut self,
         state: NmtState,
@@ -252,7 +252,7 @@ impl NodeTracker {
         }
     }
 
-    /// It tells its state, by itself or because it was asked.
+    /// Handles its state, from a heartbeat or a reply.
     pub fn handle_state(
         &mut self,
         state: NmtState,
@@ -266,7 +266,7 @@ impl NodeTracker {
         }
         self.confirm_suspicion(None, notices);
         if let (Some((ordered, when)), true) = (self.commanded, self.state != Some(state)) {
-            // A state told at once may be that of before.
+            // A state that is sent at once may be the previous one.
             let soon = when.zip(now).is_none_or(|(when, now)| now.since(when) < QUIET_NS);
             if ordered != state && soon {
                 return;
@@ -295,7 +295,7 @@ impl NodeTracker {
         }
     }
 
-    /// It sent process data, said before and says now that it must not, and nobody ordered anything.
+    /// Reports process data between two states that forbid them, without a command.
     fn report_forbidden_data(&mut self, state: NmtState, notices: &mut Vec<SessionNotice>) {
         let Some(when) = self.forbidden_data.take() else { return };
         let quiet = matches!(state, NmtState::PreOperational | NmtState::Stopped);
@@ -317,7 +317,7 @@ impl NodeTracker {
         free && self.seen && self.in_use && !self.only_heartbeats
     }
 
-    /// It sent process data.
+    /// Records process data.
     pub fn record_process_data(
         &mut self,
         now: Option<Timestamp>,
@@ -328,7 +328,7 @@ impl NodeTracker {
         if reported && self.commanded.is_none() && self.heartbeat.is_seen() {
             self.forbidden_data.get_or_insert(now);
         }
-        // Without a heartbeat the order is what it was told to be.
+        // Without a heartbeat the command is the best knowledge.
         if let Some((state @ (NmtState::PreOperational | NmtState::Stopped), Some(when))) =
             self.commanded
             && now.is_some_and(|now| now.since(when) > QUIET_NS)
@@ -339,7 +339,7 @@ impl NodeTracker {
         }
     }
 
-    /// Its heartbeat stays out.
+    /// Checks for a missing heartbeat.
     pub fn check_silence(
         &mut self,
         now: Timestamp,

@@ -36,23 +36,23 @@ pub(super) struct Pdo {
     stale: bool,
     /// `None` while it has to be worked out.
     resolved: Option<ResolvedMapping>,
-    /// Its wrong length was told.
+    /// True if its wrong length was reported.
     pub length_reported: bool,
     /// A frame was as long as the mapping: it is this node's.
     length_matched: bool,
 }
 
-/// What frames of a length are read by.
+/// Mapping for frames of one length.
 #[derive(Debug)]
 struct ResolvedMapping {
     process_data: Option<Arc<ProcessData>>,
     /// The length that it was concluded from, where it was.
     inferred_len: Option<u8>,
-    /// Nobody knows what they hold, and no words are wanted.
+    /// True if their content is unknown, and no words are wanted.
     unmapped: bool,
 }
 
-/// What is known beside the node's own objects.
+/// Knowledge beside the node's own objects.
 #[derive(Clone, Copy)]
 pub(super) struct MappingContext<'a> {
     pub lookup: ObjectLookup<'a>,
@@ -80,7 +80,7 @@ impl Pdo {
         }
     }
 
-    /// Works out what a frame with so many bytes says.
+    /// Resolves the mapping for frames of this length.
     pub fn resolve_mapping(&mut self, len: u8, beside: &MappingContext<'_>) {
         let fits = |laid: &ResolvedMapping| laid.inferred_len.is_none_or(|by| by == len);
         if !self.resolved.as_ref().is_some_and(fits) {
@@ -88,12 +88,12 @@ impl Pdo {
         }
     }
 
-    /// That by which the last frame was read.
+    /// Mapping of the last frame.
     pub fn process_data(&self) -> Option<&Arc<ProcessData>> {
         self.resolved.as_ref()?.process_data.as_ref()
     }
 
-    /// That by which a frame with so many bytes is read, where one as long was and nothing changed.
+    /// Mapping for a frame of `len` bytes, if the last frame was as long and nothing changed.
     #[inline]
     pub fn matching_process_data(&self, len: u8) -> Option<&Arc<ProcessData>> {
         let fits = |laid: &&ResolvedMapping| {
@@ -106,7 +106,7 @@ impl Pdo {
         (right && laid.inferred_len.is_none_or(|by| by == len)).then_some(process)
     }
 
-    /// Says what bytes are by the mapping. False where there is none, or they are too few for it.
+    /// Explains bytes by the mapping. False without one, or with too few bytes for it.
     pub fn explain(
         &mut self,
         bytes: &[u8],
@@ -123,14 +123,13 @@ impl Pdo {
         true
     }
 
-    /// What it is called: `TPDO1`.
+    /// Name of the PDO: `TPDO1`.
     pub const fn name(&self) -> PdoName {
         PdoName { from_node: self.from_node, number: self.number }
     }
 
-    /// Looks whether a frame of so many bytes is as long as its mapping: one that the capture shows,
-    /// or a data sheet's, once a frame fitted it; until then the node may be another product. Who
-    /// receives may be sent more.
+    /// Compares the length of a frame with its mapping: one in the capture, or a data sheet's once a frame matched it;
+    /// until then the node may be another product. A receiver may be sent more bytes.
     pub fn check_length(&mut self, len: u8, notices: &mut Vec<SessionNotice>) {
         let known = self.resolved.as_ref().filter(|laid| !laid.unmapped);
         let Some(process) = known.and_then(|laid| laid.process_data.as_ref()) else { return };
@@ -154,7 +153,7 @@ impl Pdo {
         self.count.is_some() && !self.stale
     }
 
-    /// What a mapping hangs on changed.
+    /// Clears the mapping after a change of its sources.
     pub fn clear_mapping(&mut self) {
         (self.resolved, self.length_reported, self.length_matched) = (None, false, false);
     }
@@ -187,7 +186,7 @@ impl Pdo {
         Some(Arc::new(ProcessData::new(self.node, self.name(), mapping?)))
     }
 
-    /// Its entries, of the capture where that has them, else as the profile says they are at first.
+    /// Entries of the capture if it has them, otherwise the defaults of the profile.
     fn stated_entries(
         &self,
         profile: Option<&'static Profile>,
@@ -208,7 +207,7 @@ impl Pdo {
         Some((entries, if captured || sheet { Quality::Good } else { Quality::Inferred }))
     }
 
-    /// Whose identifier it has while nobody moves it.
+    /// Default owner of its identifier.
     pub fn default_cob(&self) -> Option<Cob> {
         let number = u8::try_from(self.number).ok().filter(|_| self.number <= BY_DEFAULT)?;
         Some(if self.from_node {
@@ -251,7 +250,7 @@ impl fmt::Display for PdoName {
     }
 }
 
-/// What a profile says that an object is at first.
+/// Default of an object by a profile.
 fn default_value(profile: Option<&'static Profile>, object: ObjectIndex) -> Option<i64> {
     meanings::find_parameter(object, profile)?.default
 }
@@ -267,7 +266,7 @@ pub(super) struct PdoTable {
     pub all: Vec<Pdo>,
 }
 
-/// Where a PDO went: `None` when it is switched off.
+/// New identifier of a PDO: `None` if it is disabled.
 pub(super) struct PdoMove {
     pub index: usize,
     pub old_id: Option<u32>,
@@ -275,7 +274,7 @@ pub(super) struct PdoMove {
 }
 
 impl PdoTable {
-    /// Where a PDO stands; it is made if there is room.
+    /// Index of a PDO, which is added if there is room.
     pub fn find_or_add(&mut self, node: u8, reported: bool, number: u16) -> Option<usize> {
         let same = |p: &Pdo| (p.node, p.from_node, p.number) == (node, reported, number);
         let known = self.all.iter().position(same);
@@ -287,7 +286,7 @@ impl PdoTable {
         })
     }
 
-    /// Takes what an object of a node holds, and tells if a PDO has another identifier now.
+    /// Learns the value of a node's object, and returns a PDO whose identifier changed.
     pub fn learn_object(&mut self, node: u8, object: ObjectIndex, raw: u32) -> Option<PdoMove> {
         let (reported, mapping) = match object.index {
             0x1400..=0x15FF => (false, false),
@@ -312,7 +311,7 @@ impl PdoTable {
         })
     }
 
-    /// Those of a node.
+    /// PDOs of a node.
     pub fn of_node(&mut self, node: u8) -> impl Iterator<Item = &mut Pdo> {
         self.all.iter_mut().filter(move |pdo| pdo.node == node)
     }

@@ -9,7 +9,7 @@ use super::emcy::{FaultText, NodeFaults};
 use super::mapping::{ERROR_CODE, MODE_DISPLAY};
 use crate::session::{ChangeNotice, InternedName, SessionNotice};
 
-/// What a drive says of itself.
+/// State machine of a drive as it reports it.
 #[derive(Debug, Default)]
 pub(super) struct PowerMonitor {
     statusword: Option<u16>,

@@ -20,7 +20,7 @@ pub struct ProcessData {
     node: u8,
     name: PdoName,
     mapping: Mapping,
-    /// The node tells its states by values of it.
+    /// True if the node reports its states by values of it.
     from_node: bool,
     state_values: Vec<MappedValue>,
     /// The mapping in words, once they are wanted.
@@ -35,19 +35,19 @@ impl ProcessData {
         Self { node, name, mapping, from_node, state_values, text: None }
     }
 
-    /// Whose they are.
+    /// Axis of the process data.
     #[must_use]
     pub fn axis(&self) -> u32 {
         self.node.into()
     }
 
-    /// Where their values lie.
+    /// Positions of their values.
     #[must_use]
     pub const fn mapping(&self) -> &Mapping {
         &self.mapping
     }
 
-    /// How far they can be trusted.
+    /// Quality of the values.
     #[must_use]
     pub const fn quality(&self) -> Quality {
         self.mapping.quality()
@@ -72,7 +72,7 @@ impl ProcessData {
         }
     }
 
-    /// A state is told by that value of it.
+    /// Returns whether that value reports a state.
     pub(super) const fn tells_state(&self, mapped: &MappedValue) -> bool {
         self.from_node && mapped.tells_state()
     }
@@ -87,7 +87,7 @@ impl ProcessData {
                 .all(|mapped| power.accept_unchanged(mapped.object, mapped.exact(data)))
     }
 
-    /// Says what bytes are.
+    /// Explains bytes.
     pub(crate) fn explain(&self, bytes: &[u8], explanation: &mut Explanation) {
         explanation.axis(self.axis());
         match &self.text {

@@ -24,7 +24,7 @@ pub(crate) struct ProcessText {
     values: Vec<ValueText>,
     /// Which of them have other words for other numbers.
     varying: Vec<usize>,
-    /// What stands behind the last value.
+    /// Text behind the last value.
     end: TextPiece,
     profile: Option<&'static Profile>,
 }
@@ -39,13 +39,13 @@ struct ValueText {
     name: InternedName,
     bits: NumberBits,
     bytes: (u16, u16),
-    /// What stands in front of the number, behind the bytes or the value before.
+    /// Text in front of the number, behind the bytes or the value before.
     label: TextPiece,
-    /// What stands behind a number hangs on the number.
+    /// True if the text behind a number depends on it.
     varies: bool,
-    /// What stands behind it, by numbers that came.
+    /// Texts behind it, by numbers.
     suffixes: Vec<(i64, TextPiece)>,
-    /// What stands behind all numbers, until it is part of what follows.
+    /// Text behind all numbers, until it is joined with the next one.
     constant_suffix: Option<TextPiece>,
 }
 
@@ -61,10 +61,10 @@ impl ProcessText {
             ValueText::new(join, entry.object, mapped_value.name, place, profile)
         });
         let mut values: Vec<ValueText> = words.collect();
-        // Where bits are mapped to nothing, that is said.
+        // Bits without a mapping are named.
         let end = if values.is_empty() { format!("{join})") } else { ")".to_owned() };
         let (verb, end) = (name.to_lowercase(), TextPiece::new(end.as_bytes()));
-        // What stands behind all numbers of a value is one piece with what follows it.
+        // A constant text behind a value is one piece with the text that follows.
         let mut suffix = TextPiece::default();
         for value in &mut values {
             value.label = suffix.joined(&value.label);
@@ -89,7 +89,7 @@ impl ProcessText {
         }
     }
 
-    /// Says what the bytes of a frame are.
+    /// Explains the bytes of a frame.
     pub fn explain(&self, bytes: &[u8], explanation: &mut Explanation) {
         explanation.kind.push_str(&self.kind);
         explanation.field(field("data", (0, bytes.len() as u16), FieldValue::Words(bytes)));
@@ -164,7 +164,7 @@ impl ValueText {
         Self { object, name, bits, bytes, label, varies, suffixes: Vec::new(), constant_suffix }
     }
 
-    /// What stands behind a number.
+    /// Text behind a number.
     fn suffix_for(object: ObjectIndex, raw: i64, profile: Option<&'static Profile>) -> TextPiece {
         let mut behind = String::new();
         let _ = meanings::write_meaning(object, raw, profile, &mut RemarkText(&mut behind));

@@ -7,16 +7,16 @@ use polepair_core::proto::canopen::sdo::ObjectIndex;
 
 use crate::session::{ChangeNotice, InternedName, intern};
 
-/// The device type tells what a device can do, not which it is.
+/// Index of the device type, which shows the capabilities of a device, not its product.
 const DEVICE_TYPE: u16 = 0x1000;
 
 /// Which drive one node is.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) enum NodeProduct {
-    /// It told nothing that says so.
+    /// The product is unknown.
     #[default]
     Unknown,
-    /// That one.
+    /// The product is known.
     Known(&'static Profile),
     /// Another than was stated, in words.
     Other(InternedName),
@@ -32,7 +32,7 @@ impl NodeProduct {
         }
     }
 
-    /// Takes what an object holds; tells when that says which drive it is.
+    /// Learns an object's value; returns true if it identifies the drive.
     pub fn learn_value(
         &mut self,
         node: u8,
@@ -50,7 +50,7 @@ impl NodeProduct {
         (from != to).then_some(ChangeNotice { axis: Some(node.into()), what: "product", from, to })
     }
 
-    /// What a value says, where it says anything.
+    /// Product by a value, if it identifies one.
     fn identify(
         self,
         object: ObjectIndex,
@@ -70,7 +70,7 @@ impl NodeProduct {
     }
 }
 
-/// Whether a value says that a node is a product, or is not; `None` where it does not tell.
+/// Compares a value with a product's identity; `None` if it is no part of that.
 fn matches_identity(profile: &'static Profile, object: ObjectIndex, raw: i64) -> Option<bool> {
     let Identity { query: IdentityQuery::Parameter(id), mask, equals, .. } =
         meanings::canopen_profile(Some(profile))?.identity?

@@ -13,17 +13,17 @@ use crate::session::{AnomalyKind, AnomalyNotice, ExchangeNotice, ExchangeOutcome
 use crate::timestamp::Timestamp;
 use block::BlockBuffer;
 
-/// How long a node may take for an answer, and a client for its next frame, ns.
+/// Time for a node's reply, and for a client's next frame, ns.
 pub(super) const TIMEOUT_NS: u64 = 1_000_000_000;
-/// The same where flash is written: store, restore, programs.
+/// Time for a reply after writing flash: store, restore, programs.
 pub(super) const FLASH_TIMEOUT_NS: u64 = 10_000_000_000;
 /// An answer that was given up is waited for as many times as long: late is not lost.
 const LATE_FACTOR: u64 = 3;
-/// What is written has its effect within this, ns.
+/// Time in which a write takes effect, ns.
 const RECENT_NS: u64 = 100_000_000;
 /// Bytes of a value that are kept: the head of what may be megabytes.
 pub(super) const HEAD_MAX: usize = 1024;
-/// So many requests one behind the other answered twice, and two nodes have the number.
+/// Number of requests in a row that are answered twice, which proves two nodes with the number.
 const DOUBLE_ANSWERS_MAX: u8 = 3;
 
 /// Number and time of a frame.
@@ -45,10 +45,10 @@ impl SdoOperation {
     }
 }
 
-/// What a frame is in its transfer.
+/// Role of a frame in its transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum TransferPart {
-    /// Nothing that its own words do not say.
+    /// No role beyond its own text.
     Plain,
     /// One of several.
     Segment(u32),
@@ -63,14 +63,14 @@ pub(super) enum TransferPart {
 pub(super) struct TransferredValue {
     pub op: SdoOperation,
     pub object: ObjectIndex,
-    /// Up to eight bytes, the first lowest, and how many; 0 where the frame does not say.
+    /// Up to eight bytes, the first lowest, and their number; 0 if the frame does not state it.
     pub bits: u64,
     pub len: u8,
     /// The frame that asked.
     pub request_number: u64,
 }
 
-/// Whose turn it is, and for what.
+/// Phase of a transfer: the next frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum TransferPhase {
     /// The node answers the first frame.
@@ -81,9 +81,9 @@ enum TransferPhase {
     Node,
     /// The client sends a block.
     BlockDown,
-    /// The node says how much of it arrived.
+    /// Acknowledgement of the node for a block.
     BlockDownAck,
-    /// The client says that this was all.
+    /// End of the client's data.
     BlockDownEnd,
     /// The node has checked everything.
     BlockDownDone,
@@ -91,9 +91,9 @@ enum TransferPhase {
     BlockUpStart,
     /// The node sends a block.
     BlockUp,
-    /// The client says how much of it arrived.
+    /// Acknowledgement of the client for a block.
     BlockUpAck,
-    /// The node says that this was all.
+    /// End of the node's data.
     BlockUpEnd,
     /// The client has checked everything.
     BlockUpDone,
@@ -115,7 +115,7 @@ impl TransferPhase {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum ChannelState {
-    /// In the middle of something, until a transfer begins.
+    /// Middle of a transfer that began before, until the next begins.
     Unsynced,
     Idle,
     Open,
@@ -138,14 +138,14 @@ struct SdoTransfer {
     received: u32,
     segments: u32,
     value_head: Vec<u8>,
-    /// The frame that had the value did not say how many bytes count.
+    /// True if the frame with the value did not state its length.
     size_unknown: bool,
     crc: u16,
     crc_agreed: bool,
     block: BlockBuffer,
-    /// It was said what is odd with it.
+    /// True if its anomaly was reported.
     anomaly_reported: bool,
-    /// It may be the middle of one that began before the capture.
+    /// True if it may be the middle of one that began before the capture.
     doubtful: bool,
     /// When it last went on.
     last_progress: Option<Timestamp>,
@@ -159,7 +159,7 @@ struct AbandonedRequest {
     requested: FrameRef,
     /// When an answer is not to be expected any longer.
     until: Option<Timestamp>,
-    /// That it was not answered, which is told when no answer came by then.
+    /// Notices of a missing reply, given if none comes by then.
     held_notices: Vec<SessionNotice>,
 }
 
@@ -169,7 +169,7 @@ pub(super) struct SdoChannel {
     pub node: u8,
     state: ChannelState,
     transfer: SdoTransfer,
-    /// What was given up, and may be answered yet.
+    /// Request that was given up, and may still be answered.
     abandoned: Option<AbandonedRequest>,
     /// The node's last frame.
     last_reply: [u8; 8],
@@ -179,13 +179,13 @@ pub(super) struct SdoChannel {
     double_answers: u8,
     /// The last one was.
     last_doubled: bool,
-    /// Since when nobody knows what is going on.
+    /// Time since which its state is unknown.
     unsynced_since: Option<Timestamp>,
     transferred: Option<TransferredValue>,
 }
 
 impl SdoChannel {
-    /// A channel of which nothing was heard up to the beginning of the capture, `since`.
+    /// A channel without any frame up to the beginning of the capture, `since`.
     pub fn new(node: u8, since: Option<Timestamp>) -> Self {
         Self {
             node,
@@ -218,17 +218,17 @@ impl SdoChannel {
         (t.op, t.object) == (SdoOperation::Write, object) && since < RECENT_NS
     }
 
-    /// What the last transfer brought: the head of the value, how long it is, in how many segments.
+    /// Result of the last transfer: head of the value, its length, and the number of segments.
     pub fn value(&self) -> (&[u8], u32, u32) {
         (&self.transfer.value_head, self.transfer.received, self.transfer.segments)
     }
 
-    /// Segments that the whole has, if its size was told.
+    /// Number of all segments, if the size was stated.
     pub fn segment_total(&self) -> Option<u32> {
         Some(self.transfer.size?.div_ceil(SEGMENT as u32))
     }
 
-    /// What was read or written, once.
+    /// Takes the read or written value.
     pub fn take_transferred(&mut self) -> Option<TransferredValue> {
         self.transferred.take()
     }
@@ -238,7 +238,7 @@ impl SdoChannel {
         self.double_answers >= DOUBLE_ANSWERS_MAX
     }
 
-    /// When something is to be told if nothing comes.
+    /// Time at which a notice is due if nothing arrives.
     pub fn due(&self) -> Option<Timestamp> {
         let held = self.abandoned.as_ref().filter(|given_up| !given_up.held_notices.is_empty());
         let until = held.and_then(|given_up| given_up.until);
@@ -263,8 +263,8 @@ impl SdoChannel {
         }
     }
 
-    /// Keeps back that a request was not answered, as it was told from `before` on: should the answer
-    /// still come, then it is late, and nothing else.
+    /// Holds the notices of a missing reply, from index `before` on: if the reply still arrives, it is late, and
+    /// nothing else.
     pub fn hold_unanswered(
         &mut self,
         before: usize,
@@ -284,10 +284,7 @@ impl SdoChannel {
                 SessionNotice::Exchange(exchange) => exchange.requested == given_up.requested,
                 _ => false,
             };
-            match mine {
-                true => given_up.held_notices.push(notices.remove(at)),
-                false => at += 1,
-            }
+            if mine { given_up.held_notices.push(notices.remove(at)) } else { at += 1 }
         }
     }
 
@@ -297,7 +294,7 @@ impl SdoChannel {
             .extend(self.abandoned.iter_mut().flat_map(|given_up| given_up.held_notices.drain(..)));
     }
 
-    /// What may be answered yet is the transfer that ends now.
+    /// Abandons the transfer, which may still be answered.
     fn abandon_transfer(&mut self, notices: &mut Vec<SessionNotice>) {
         self.release_held(notices);
         let t = &self.transfer;
@@ -345,7 +342,7 @@ impl SdoChannel {
         }
     }
 
-    /// Nobody goes on with the transfer under way.
+    /// Gives up the running transfer.
     fn give_up_transfer(&mut self, why: &str, notices: &mut Vec<SessionNotice>) {
         self.abandon_transfer(notices);
         let t = &self.transfer;
@@ -365,7 +362,7 @@ impl SdoChannel {
         self.close_transfer(outcome, None, notices);
     }
 
-    /// Tells what is odd with the transfer, once.
+    /// Reports the anomaly of the transfer, once.
     fn report_once(&mut self, kind: AnomalyKind, text: String, notices: &mut Vec<SessionNotice>) {
         if !core::mem::replace(&mut self.transfer.anomaly_reported, true) {
             notices.push(anomaly(kind, self.node, text));
@@ -499,7 +496,7 @@ impl SdoTransfer {
         }
     }
 
-    /// How it ends when nobody goes on: what was written in part may count or not.
+    /// Outcome of an abandoned transfer: a partial write may have had an effect.
     const fn abandoned_outcome(&self) -> ExchangeOutcome {
         match (self.op, self.phase) {
             (_, TransferPhase::First) | (SdoOperation::Read, _) => ExchangeOutcome::Unanswered,
@@ -522,7 +519,7 @@ impl SdoTransfer {
     }
 }
 
-/// Told just now: what was kept back has its own time.
+/// Returns whether it is a notice given now: a held one has its own time.
 pub(super) fn is_unanswered(anomaly: &AnomalyNotice) -> bool {
     anomaly.kind == AnomalyKind::Unanswered && anomaly.time.is_none()
 }

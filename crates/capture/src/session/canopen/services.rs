@@ -9,7 +9,7 @@ const STANDARD_IDS: usize = 1 << 11;
 /// Identifiers of 29 bits that a capture may give a service.
 const EXTENDED_MAX: usize = 256;
 
-/// What an identifier is for.
+/// Service of an identifier.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Service {
     /// Not looked up yet.
@@ -24,7 +24,7 @@ pub(super) enum Service {
     Emcy(u8),
     /// The PDO at that place.
     Pdo(u16),
-    /// To the node, on the channel at that place; the usual one of a node stands at its number.
+    /// A request to the node, on the channel with that index; a node's default channel has its number.
     Request(u16),
     /// From the node, on the channel at that place.
     Reply(u16),
@@ -48,7 +48,7 @@ impl Default for ServiceTable {
 }
 
 impl ServiceTable {
-    /// What an identifier is for. One that nobody moved is what it is by default.
+    /// Service of an identifier: by the objects, otherwise by default.
     #[inline]
     pub fn lookup(&mut self, id: u32, extended: bool, pdos: &mut PdoTable) -> Service {
         if extended {
@@ -65,7 +65,7 @@ impl ServiceTable {
         }
     }
 
-    /// What an identifier of 11 bits was last for.
+    /// Last service of an identifier of 11 bits.
     #[inline]
     pub fn cached(&self, id: u32) -> Service {
         self.standard.get(id as usize).map_or(Service::Unknown, |service| *service)
@@ -73,12 +73,13 @@ impl ServiceTable {
 
     /// Returns whether the capture gave an identifier to a service.
     pub fn claims_id(&self, id: u32, extended: bool) -> bool {
-        match extended {
-            true => self.extended.iter().any(|(long, _)| *long == id),
-            false => !matches!(
+        if extended {
+            self.extended.iter().any(|(long, _)| *long == id)
+        } else {
+            !matches!(
                 self.standard.get(id as usize),
                 None | Some(Service::Unknown | Service::Untracked)
-            ),
+            )
         }
     }
 

@@ -14,7 +14,7 @@ pub(super) struct SyncMonitor {
     period: u64,
     steady: u32,
     counter: Option<u8>,
-    /// By object 1019h, or as the counter showed.
+    /// Overflow value by object 1019h, or by the counter.
     overflow: Option<u8>,
 }
 
@@ -24,7 +24,7 @@ impl SyncMonitor {
         self.overflow = Some(overflow).filter(|overflow| *overflow > 1);
     }
 
-    /// Who is ordered about may begin to count again.
+    /// Restarts the counter, as a commanded node may.
     pub const fn restart_counter(&mut self) {
         (self.counter, self.steady) = (None, 0);
     }
@@ -46,7 +46,7 @@ impl SyncMonitor {
             self.steady += 1;
             return;
         }
-        // A beat that stops for long, or changes, is somebody's will.
+        // A longer pause or a change of the period is intended.
         let off = interval * 2 < self.period
             || (interval * 2 > self.period * 3 && interval < self.period * 10);
         if self.steady >= STEADY && off {
@@ -57,7 +57,7 @@ impl SyncMonitor {
         (self.period, self.steady) = (interval, 0);
     }
 
-    /// What is wrong with the counter.
+    /// Fault of the counter.
     fn check_counter(&mut self, counter: Option<u8>) -> Option<String> {
         let now = counter?;
         let before = self.counter.replace(now)?;

@@ -23,16 +23,15 @@ const OPERATIONS_MAX: usize = 64;
 /// Shorter times to answer than this are not insisted on, ns: adapters and operating systems are
 /// slower than drives.
 const LIMIT_MIN: u64 = 100_000_000;
-/// Time to answer where no profile says one, ns.
+/// Time for a reply without a profile's, ns.
 const LIMIT_UNKNOWN: u64 = 1_000_000_000;
-/// A request that is still open after so many times its limit will not be answered …
+/// Factor of the limit after which an open request will not be answered …
 const PATIENCE_FACTOR: u64 = 3;
 /// … nor so long after it, ns; hosts that ask again do it within that time.
 const PATIENCE_MIN: u64 = 3_500_000_000;
-/// Repetitions that belong to one request; more are questions to nobody.
+/// Repetitions that belong to one request; more are questions to an absent drive.
 const RETRIES_MAX: u16 = 3;
-/// Requests before the first answer that nobody asked for is one: an earlier one may have been
-/// asked before the capture began.
+/// Requests before the first reply without a request: an earlier one may have been sent before the capture began.
 const FIRST_REQUESTS: u32 = 2;
 
 /// Requests and answers of one link.
@@ -41,7 +40,7 @@ pub(super) struct Pairing {
     /// The newest is the last.
     requests: VecDeque<TrackedRequest>,
     operations: Vec<InternedName>,
-    /// For each axis the last request that told how it answers.
+    /// Last request of each axis that defines the format of its replies.
     format_requests: Vec<(u32, FrameBytes)>,
     /// When the next request is given up at the latest.
     due: Option<Timestamp>,
@@ -57,7 +56,7 @@ pub(super) struct Pairing {
     /// The longest that an answer which came in time took, ns, and the shortest.
     slowest: u64,
     fastest: Option<u64>,
-    /// What it took lately, as a mean that forgets.
+    /// Mean of its recent response times, with decay.
     recent_mean: Option<u64>,
     /// Requests that did not wait for the answer to the one before, to the same axis.
     overlapping: u64,
@@ -102,20 +101,20 @@ struct TrackedRequest {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum RequestState {
-    /// Something that it is owed may still come.
+    /// An expected reply may still arrive.
     Open,
-    /// It has what it was owed.
+    /// All expected replies have arrived.
     Settled,
-    /// It was told that nothing came.
+    /// The missing reply was reported.
     GivenUp,
 }
 
-/// What an answer was.
+/// Match of a reply.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AnswerMatch {
-    /// Somebody asked for it.
+    /// True if it was requested.
     pub requested: bool,
-    /// How far its values can be trusted.
+    /// Quality of its values.
     pub quality: Quality,
 }
 
@@ -156,7 +155,7 @@ impl Pairing {
         (last.state == RequestState::Open).then(|| last.frame.raw())
     }
 
-    /// The request that told how an axis answers.
+    /// Request that defines the format of an axis' replies.
     pub fn format_request(&self, axis: Option<u32>) -> Option<RawFrame<'_>> {
         let axis = axis?;
         self.format_requests.iter().find(|(of, _)| *of == axis).map(|(_, frame)| frame.raw())
@@ -215,7 +214,7 @@ impl Pairing {
         self.requests.push_back(request);
     }
 
-    /// The same bytes again, before their answer.
+    /// Matches a repetition of the same bytes before their reply.
     fn match_retry(
         &mut self,
         observed: &ObservedFrame<'_>,
@@ -251,8 +250,8 @@ impl Pairing {
         true
     }
 
-    /// A new request to an axis ends the wait for the one before, on lines where one thing is said
-    /// at a time. What went to the axis and is settled need not be remembered any longer.
+    /// Ends the wait for the previous request on lines with one exchange at a time. Settled exchanges of the axis are
+    /// dropped.
     fn expire_overtaken(
         &mut self,
         awaits: ReplyExpectation,
@@ -331,7 +330,7 @@ impl Pairing {
         Quality::Good
     }
 
-    /// The last message, if it was acknowledged a moment ago: a device that says so again means it.
+    /// The last message, if it was acknowledged a moment ago: a device that repeats it intends that.
     fn last_acknowledged(&self, now: Option<Timestamp>) -> Option<&TrackedRequest> {
         let last = self.requests.back().filter(|request| request.acks > 0)?;
         let soon =
@@ -339,7 +338,7 @@ impl Pairing {
         soon.then_some(last)
     }
 
-    /// Takes an answer, or what may have been told unasked.
+    /// Handles a reply, or a possible unsolicited report.
     pub fn handle_answer(
         &mut self,
         reports: bool,
@@ -360,7 +359,7 @@ impl Pairing {
         }
         let again =
             |request: &TrackedRequest| fits(request) && self.may_come_again(request, observed);
-        // What was given up a moment ago is still owed; what has its answer is not.
+        // A request that was given up a moment ago still expects a reply; an answered one does not.
         let pending = |request: &TrackedRequest| {
             let waited =
                 request.last_sent.zip(observed.time).map_or(0, |(last, now)| now.since(last));
@@ -403,8 +402,8 @@ impl Pairing {
         }
     }
 
-    /// Returns whether an answer can belong to what is not waited for any more: soon after it, and where one thing is
-    /// said at a time, before anything else was asked.
+    /// Returns whether a reply can belong to a settled request: soon after it and, on lines with one exchange at a
+    /// time, before any other request.
     fn may_come_again(&self, request: &TrackedRequest, observed: &ObservedFrame<'_>) -> bool {
         if request.state == RequestState::GivenUp {
             return true;
@@ -532,7 +531,7 @@ impl Pairing {
             return;
         };
         let last = at + 1 == self.requests.len();
-        // Behind a relay several may wait: whose it was cannot be told.
+        // Behind a relay several may wait: the owner cannot be determined.
         let alone = self.requests.iter().filter(|request| request.awaits_answer()).count() == 1;
         let request = &mut self.requests[at];
         if !last || (request.awaits.acks != ReplyCount::Zero && !(alone && request.acks > 0)) {
@@ -589,7 +588,7 @@ impl Pairing {
         self.start_time = self.start_time.or(now);
     }
 
-    /// What nobody is seen to have asked for was not asked before the capture began.
+    /// Returns whether the capture's begin is so long ago that no earlier request can be answered.
     fn is_past_start(&self, now: Option<Timestamp>) -> bool {
         let past = |now: Timestamp, began: Timestamp| now.since(began) > LIMIT_MIN;
         let later = now.zip(self.start_time).is_none_or(|(now, began)| past(now, began));

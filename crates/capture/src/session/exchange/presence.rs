@@ -4,18 +4,18 @@ use super::{AXES_MAX, anomaly};
 use crate::session::{AnomalyKind, SessionNotice};
 use crate::timestamp::Timestamp;
 
-/// So often somebody must have been heard for his silence to mean something.
+/// Frames of an axis after which its silence has a meaning.
 const FRAMES_MIN: u32 = 8;
 /// Unanswered requests in a row that are a silence.
 const MISSES: u32 = 3;
-/// A steady speaker that misses so many of its turns is silent …
+/// Number of missed periods after which a regular sender is silent …
 const PAUSES_MAX: u64 = 10;
 /// … and this long at least, ns.
 const SILENCE_MIN: u64 = 1_000_000_000;
-/// How often steady speakers are looked at, ns.
+/// Interval of checking regular senders, ns.
 const CHECK_INTERVAL_NS: u64 = 100_000_000;
 
-/// The axes of a link and when they were heard.
+/// Axes of a link and the times of their frames.
 #[derive(Debug, Default)]
 pub(super) struct PresenceMonitor {
     axes: Vec<AxisPresence>,
@@ -30,7 +30,7 @@ struct AxisPresence {
     /// Unanswered requests since.
     misses: u32,
     silent: bool,
-    /// What it tells by itself: how often, when last, and the longest pause between.
+    /// Unsolicited reports: their number, the last one, and the longest pause between.
     unsolicited_count: u32,
     unsolicited_last: Option<Timestamp>,
     longest_pause: u64,
@@ -49,7 +49,7 @@ impl PresenceMonitor {
         Some(&mut self.axes[at])
     }
 
-    /// A host asks it something, which may end what it told by itself.
+    /// Records a request, which may end the unsolicited reports of an axis.
     pub fn record_request(&mut self, axis: Option<u32>) {
         for known in self.axes.iter_mut().filter(|known| axis.is_none_or(|axis| axis == known.axis))
         {
@@ -57,7 +57,7 @@ impl PresenceMonitor {
         }
     }
 
-    /// It was heard; `unasked` when it spoke by itself.
+    /// Records a frame; `unasked` for an unsolicited one.
     pub fn record_frame(&mut self, axis: Option<u32>, now: Option<Timestamp>, unasked: bool) {
         let Some(known) = axis.and_then(|axis| self.axis_mut(axis)) else { return };
         known.frame_count = known.frame_count.saturating_add(1);
@@ -71,7 +71,7 @@ impl PresenceMonitor {
         }
     }
 
-    /// It left requests unanswered.
+    /// Records unanswered requests.
     pub fn record_missed(
         &mut self,
         axes: impl Iterator<Item = u32>,
@@ -87,7 +87,7 @@ impl PresenceMonitor {
         }
     }
 
-    /// Time goes on: whoever told something steadily is missed.
+    /// Advances the time: a regular sender may be missing.
     pub fn check_silence(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         if self.last_check.is_some_and(|polled| now.since(polled) < CHECK_INTERVAL_NS) {
             return;

@@ -19,7 +19,7 @@ const KNOWN_MAX: usize = 4 * AXES_MAX;
 /// A time that is less than before by more than this went back: a counter that wraps does not.
 const WRAP: i64 = 1 << 31;
 
-/// What is known of the axes of a link.
+/// Known values of the axes of a link.
 #[derive(Debug, Default)]
 pub(super) struct ValueTracker {
     profile: Option<&'static Profile>,
@@ -35,7 +35,7 @@ pub(super) struct ValueTracker {
     times: Vec<(u32, i64)>,
 }
 
-/// A value with all that is to be said of it.
+/// A value with all its properties.
 #[derive(Clone, Copy)]
 struct ObservedValue<'a> {
     frame_value: &'a StoredFrameValue,
@@ -45,7 +45,7 @@ struct ObservedValue<'a> {
 }
 
 impl ValueTracker {
-    /// Tells the values of a frame.
+    /// Reports the values of a frame.
     pub fn handle_values(
         &mut self,
         observed: &ObservedFrame<'_>,
@@ -130,7 +130,7 @@ impl ValueTracker {
         }
     }
 
-    /// The value in the profile's unit; raw where it hangs on parameters that nobody has seen.
+    /// The value in the profile's unit; raw if it depends on parameters without a known value.
     fn scale_value(
         &self,
         profile: &'static Profile,
@@ -155,7 +155,7 @@ impl ValueTracker {
         }
     }
 
-    /// What a register's value says of the drive's state.
+    /// Reports the state in a register's value.
     fn report_state(
         &mut self,
         profile: &'static Profile,
@@ -228,10 +228,7 @@ impl ValueTracker {
         let (axis, raw) = (found.axis, found.frame_value.raw);
         let word = raw as u32;
         let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
-        let is_set = |fault: &Known| match bits {
-            true => fault.code & word != 0,
-            false => fault.code == word,
-        };
+        let is_set = |fault: &Known| if bits { fault.code & word != 0 } else { fault.code == word };
         let reported = |fault: &&Known| fault.severity != Severity::Note && is_set(fault);
         let now: Vec<&'static Known> = profile.faults.iter().filter(reported).collect();
         let code =
@@ -280,7 +277,7 @@ fn signal_name(profile: &'static Profile, source: &SignalSource) -> Option<Inter
     Some(match source.signal {
         Source::Position => "Actual/Position",
         Source::Velocity => "Actual/Velocity",
-        // A current that stands for the torque is told as the current.
+        // A current in the place of the torque is reported as current.
         Source::Torque if of(Source::Current) != Some(source.parameter) => "Actual/Torque",
         Source::Current => "Actual/Current",
         Source::Voltage => "Actual/Voltage",
@@ -304,7 +301,7 @@ fn fault_notice(axis: u32, code: u32, known: Option<&'static Known>, gone: bool)
     SessionNotice::Fault(FaultNotice { axis, code, text, cause, remedy, gone })
 }
 
-/// Sets what is known of a thing, and tells what was.
+/// Sets the known value of an item, and returns the previous one.
 fn replace_known<K: PartialEq, V: Copy>(known: &mut Vec<(K, V)>, of: K, value: V) -> Option<V> {
     if let Some((_, slot)) = known.iter_mut().find(|(other, _)| *other == of) {
         return Some(core::mem::replace(slot, value));

@@ -15,16 +15,16 @@ use crate::capture::{CaptureSource, EventSink, report_left_out};
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::{DataOutput, print_note};
 
-/// So far ahead is looked for where frames and lines agree again.
+/// Number of frames and lines in which the next agreement is searched.
 const LOOKAHEAD: usize = 64;
 /// Differences that are shown.
 const DIFFERENCES_SHOWN_MAX: u64 = 100;
-/// Where in a capture something stands: another capture of the same differs there.
+/// Fields with a place in a capture: another capture of the same differs there.
 const POSITION_FIELDS: [&str; 4] = ["number", "asked", "answered", "request"];
-/// What is a time, or takes one.
+/// Fields with a time or a duration.
 const TIME_FIELDS: [&str; 2] = ["time", "latency"];
 
-/// What is expected of a capture.
+/// Expected lines of a capture.
 pub struct Expectation {
     path: PathBuf,
     /// The objects, each with the number of its line.
@@ -77,7 +77,7 @@ pub fn run_test(
 /// A frame that no line was found for yet.
 struct UnmatchedFrame {
     value: Value,
-    /// As decode shows it.
+    /// Line as `decode` prints it.
     line: String,
     number: u64,
 }
@@ -85,7 +85,7 @@ struct UnmatchedFrame {
 struct ExpectationTest {
     expected: Expectation,
     frames: VecDeque<UnmatchedFrame>,
-    /// When the first line's frame was, and when the line says.
+    /// Time of the first line's frame, and the time in the line.
     time_origin: Option<(f64, f64)>,
     matched: u64,
     differences: u64,
@@ -154,7 +154,7 @@ impl ExpectationTest {
         }
     }
 
-    /// Shows what stands before the nearest place where both agree again.
+    /// Prints the lines before the nearest place where both agree again.
     fn report_difference(&mut self) {
         let (lines, frames) = self.next_match();
         for step in 0..lines.max(frames) {
@@ -204,10 +204,12 @@ impl ExpectationTest {
                         POSITION_FIELDS.contains(&key.as_str()) && !name.ends_with("fields");
                     let name = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
                     let is = is.get(key).unwrap_or(&Value::Null);
-                    match TIME_FIELDS.contains(&key.as_str()) {
-                        _ if position => None,
-                        true => self.time_mismatch(&name, wanted, is),
-                        false => self.first_mismatch(&name, wanted, is),
+                    if position {
+                        None
+                    } else if TIME_FIELDS.contains(&key.as_str()) {
+                        self.time_mismatch(&name, wanted, is)
+                    } else {
+                        self.first_mismatch(&name, wanted, is)
                     }
                 })
             }
@@ -234,7 +236,7 @@ impl ExpectationTest {
         (off.abs() > within).then(|| format!("{name} is off by {off:+.6} s"))
     }
 
-    /// Compares what is left and tells how it ended.
+    /// Compares the remaining lines and prints the result.
     fn finish_test(mut self) -> Result {
         self.match_pending(0);
         let rest = std::mem::take(&mut self.expected.lines);

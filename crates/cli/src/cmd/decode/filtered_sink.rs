@@ -12,7 +12,7 @@ pub struct FilteredSink<'a> {
 }
 
 impl<'a> FilteredSink<'a> {
-    /// In front of `inner`.
+    /// Creates a filter in front of `inner`.
     pub fn new(filter: FrameFilter, inner: Box<dyn EventSink + 'a>) -> Self {
         Self { filter, inner }
     }

@@ -19,7 +19,7 @@ pub struct PlotSink {
 }
 
 impl PlotSink {
-    /// Of signals such as `*/Actual/Position`.
+    /// Creates a plot of signals such as `*/Actual/Position`.
     pub fn new(signals: &[String], out: Option<&Path>) -> Self {
         let globs = signals.iter().flat_map(|list| list.split(',')).map(Glob::new);
         Self { plot: Plot::new(globs.collect()), out: out.map(Path::to_owned) }
@@ -58,9 +58,10 @@ impl EventSink for PlotSink {
 
 fn no_signal_problem(plot: &Plot) -> Problem {
     let others: Vec<String> = plot.other_signals().take(NAMED_MAX).collect();
-    let output = match others.is_empty() {
-        true => "The protocol of the capture gives no signals.".to_owned(),
-        false => format!("It has {}.", others.join(", ")),
+    let output = if others.is_empty() {
+        "The protocol of the capture gives no signals.".to_owned()
+    } else {
+        format!("It has {}.", others.join(", "))
     };
     Problem::new(Exit::Negative, "E113", "the capture has no such signal.")
         .why(output)

@@ -24,9 +24,10 @@ impl Decode {
         let (out, source) = (self.output_folder()?, self.stated.source()?.with_progress(true));
         let tables = columns::parse_tables(self.tables.as_deref())?;
         let file = self.source.file_name().unwrap_or_default().to_string_lossy();
-        let capture = match is_stream(&self.source) {
-            true => None,
-            false => Some(columns::read_capture(&self.source, &file)?),
+        let capture = if is_stream(&self.source) {
+            None
+        } else {
+            Some(columns::read_capture(&self.source, &file)?)
         };
         let wanted = ColumnsJob {
             tables: &tables,

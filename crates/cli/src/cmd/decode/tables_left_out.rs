@@ -1,4 +1,4 @@
-//! Stands for the tables of `decode` in a program that was built without them.
+//! Replaces the tables of `decode` in a program that was built without them.
 
 use super::Decode;
 use crate::problem::{Result, left_out_problem};

@@ -64,7 +64,7 @@ pub fn draw_monitor(monitor: &dyn MonitorSource, view: &View, theme: Theme, buff
     }
 }
 
-/// What is drawn from top to bottom.
+/// Contents of the screen from top to bottom.
 struct ScreenPage<'a> {
     area: Rect,
     used: u16,
@@ -85,7 +85,7 @@ impl ScreenPage<'_> {
     }
 }
 
-/// What it is, how long, how much passes, and how to stop it.
+/// Line with the link, its time, its load, and the key that stops it.
 fn link_line(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Line<'static> {
     let seconds = monitor.age().as_secs();
     let mut facts = format!(
@@ -133,7 +133,7 @@ fn link_state_line(monitor: &dyn MonitorSource, tall: bool, theme: Theme) -> Opt
     (tall || !fine).then(|| Line::from(spans))
 }
 
-/// How far the stop that was asked for has come.
+/// Progress of the requested stop.
 fn stop_line(
     monitor: &dyn MonitorSource,
     axes: &[AxisRow],
@@ -207,7 +207,7 @@ fn draw_help(page: &mut ScreenPage<'_>) {
     }
 }
 
-/// A text that has at most so many characters; what is cut off is marked.
+/// A text of at most `max` characters, with a mark where it was cut.
 fn truncate(text: &str, max: usize) -> String {
     if text.chars().count() <= max {
         return text.to_owned();

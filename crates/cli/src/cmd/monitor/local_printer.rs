@@ -13,21 +13,21 @@ use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput, TextTable, print_note};
 
-/// How often it is looked what came.
+/// Interval of polling received frames.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// How often the link is told of, as JSON.
+/// Interval of reports on the link as JSON.
 const LINK_EVERY: Duration = Duration::from_secs(1);
 
-/// How it is printed.
+/// Style of the output.
 #[derive(Clone, Copy, Debug)]
 pub struct PrintStyle {
-    /// As JSON objects.
+    /// True for JSON objects.
     pub jsonl: bool,
     /// One round of questions.
     pub once: bool,
 }
 
-/// Prints until the time is over, or somebody ends it.
+/// Prints until the time is over, or the user ends it.
 pub fn run(mut monitor: Monitor, style: PrintStyle, span: Option<Duration>) -> Result {
     let mut lines = LocalPrinter::new(style.jsonl);
     let ended = print_until(&mut monitor, style, span, &mut lines);
@@ -71,7 +71,7 @@ struct LocalPrinter {
     out: DataOutput,
     jsonl: bool,
     text: text::FrameTextWriter,
-    /// What each axis did when its table was printed.
+    /// Activity of each axis when its table was printed.
     last_activity: Vec<(AxisActivity, usize)>,
 }
 
@@ -88,9 +88,10 @@ impl LocalPrinter {
     }
 
     fn print_frame(&mut self, event: &DecodedFrame<'_>) {
-        match self.jsonl {
-            true => jsonl::write_frame(event, self.out.buffer()),
-            false => self.text.write(event, self.out.buffer()),
+        if self.jsonl {
+            jsonl::write_frame(event, self.out.buffer())
+        } else {
+            self.text.write(event, self.out.buffer())
         }
     }
 
@@ -108,9 +109,10 @@ impl LocalPrinter {
     }
 
     fn print_link(&mut self, monitor: &Monitor) {
-        match self.jsonl {
-            true => write_link_json(monitor, self.out.buffer()),
-            false => self.out.write_line(&summary_line(monitor)),
+        if self.jsonl {
+            write_link_json(monitor, self.out.buffer())
+        } else {
+            self.out.write_line(&summary_line(monitor))
         }
     }
 }
@@ -143,7 +145,7 @@ fn axes_table(axes: &[MonitoredAxis]) -> String {
     text
 }
 
-/// What is wrong with an axis, a line each, and whether it stopped the drive.
+/// Troubles of an axis, a line each, and whether it stopped the drive.
 pub fn trouble_lines(watched: &MonitoredAxis) -> Vec<(String, bool)> {
     let mut lines = Vec::new();
     if let Some((_, why)) = &watched.silent {
@@ -161,7 +163,7 @@ pub fn trouble_lines(watched: &MonitoredAxis) -> Vec<(String, bool)> {
     lines
 }
 
-/// An age as people say it.
+/// An age for people.
 pub fn format_age(age: Duration) -> String {
     match age.as_millis() {
         ms @ 0..1000 => format!("{ms} ms"),
@@ -189,7 +191,7 @@ fn summary_line(monitor: &Monitor) -> String {
     text
 }
 
-/// What went wrong on the link, by its word.
+/// Counts of errors of the link, by their words.
 pub fn trouble_counts(monitor: &Monitor, wrong: u64) -> [(u64, &'static str); 8] {
     let counters = monitor.counters().unwrap_or_default();
     let losses = monitor.losses();

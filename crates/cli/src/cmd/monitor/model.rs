@@ -21,20 +21,20 @@ use crate::problem::{Exit, Problem, Result};
 use crate::session::LocalSession;
 use crate::tap_queue::TapQueue;
 
-/// How long a link that was lost may take to come back.
+/// Time limit of the return of a lost link.
 const LOST_MAX: Duration = Duration::from_secs(10);
-/// How long a stop that has succeeded is told of.
+/// Time for which a confirmed stop is shown.
 const STOP_SHOWN_MAX: Duration = Duration::from_secs(10);
-/// How long leaving waits for stops that are under way.
+/// Time limit of running stops at the end.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
 /// A link that is watched.
 pub struct Monitor {
-    /// How the user named it.
+    /// Connection string or name that the user gave.
     pub url: String,
     /// The axes; none where it only listens.
     pub axes: Vec<MonitoredAxis>,
-    /// What passes.
+    /// Log of the frames.
     pub traffic: TrafficLog,
     /// Which axis is chosen.
     pub chosen: usize,
@@ -67,7 +67,7 @@ impl Monitor {
         Ok(Self { axes, period, session: Some(session), ..Self::unconnected(url, traffic, taps) })
     }
 
-    /// A link on which nothing is said.
+    /// Creates a monitor that only listens.
     pub fn with_listener(
         wire_listener: WireListener,
         url: &str,
@@ -107,7 +107,7 @@ impl Monitor {
         self.axes.first().map_or_else(clock::now, |watched| watched.axis.connection().now())
     }
 
-    /// How long it has been watched.
+    /// Time since the monitor started.
     pub fn age(&self) -> Duration {
         self.now().since(self.started_at)
     }
@@ -117,7 +117,7 @@ impl Monitor {
         clock::wall_ns(self.started_at)
     }
 
-    /// How often each axis is asked.
+    /// Interval of reading each axis.
     pub fn period(&self) -> Duration {
         self.period
     }
@@ -133,7 +133,7 @@ impl Monitor {
         self.listener.is_some()
     }
 
-    /// Asks what is to be asked, takes what came. Waits for nothing. True when an axis is asked anew.
+    /// Sends the due reads, and takes received frames. Waits for nothing. True when an axis is read anew.
     ///
     /// # Errors
     /// When the link is lost and does not come back.
@@ -190,14 +190,14 @@ impl Monitor {
         self.lost.as_ref().map(|(since, error)| (clock::now().since(*since), error))
     }
 
-    /// What the hosts of all wires counted; `None` where there is none.
+    /// Counters of the hosts of all wires; `None` without a host.
     pub fn counters(&self) -> Option<Counters> {
         let session = self.session.as_ref()?;
         let counted = self.axis_per_wire().map(|axis| session.link.counters(axis));
         Some(counted.fold(Counters::default(), Counters::plus))
     }
 
-    /// What links noticed and could not hand on.
+    /// Units that were received and could not be handed on.
     pub fn losses(&self) -> Losses {
         let of_axes = self.axis_per_wire().map(|axis| axis.connection().losses());
         let listener_losses = self.listener.iter().flat_map(|wire_listener| {
@@ -218,12 +218,12 @@ impl Monitor {
         axes.filter(move |axis| known.insert(axis.connection().describe()))
     }
 
-    /// Stops every axis: all are told before the first is waited for.
+    /// Stops every axis: all stops are sent before the first is waited for.
     pub fn stop(&mut self) {
         self.axes.iter_mut().for_each(MonitoredAxis::stop);
     }
 
-    /// What a person who leaves must know: stops that are not confirmed, motors that turn.
+    /// Notes for a user who leaves: stops that are not confirmed, motors that turn.
     pub fn exit_notes(&mut self) -> Vec<String> {
         let mut lines = Vec::new();
         for watched in &mut self.axes {
@@ -255,8 +255,7 @@ impl Monitor {
     }
 }
 
-/// How the frames of a wire are explained: each axis' frames by its own protocol, the others by any
-/// of the wire's.
+/// Decoding of the frames of a wire: each axis' frames by its own protocol, the others by any of the wire's.
 fn wire_decoding(wire: &OpenWire, axes: &[LocalAxis], stated: Option<&Rules>) -> WireDecoding {
     let own: Vec<&LocalAxis> =
         axes.iter().filter(|axis| axis.connection().describe() == wire.name).collect();

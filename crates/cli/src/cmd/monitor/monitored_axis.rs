@@ -11,7 +11,7 @@ use polepair_core::time::Instant;
 
 use crate::value;
 
-/// What is asked of every axis; the first that it has is asked alone, to see whether it answers.
+/// Signals of every axis; the first that it has is read alone, to see whether it replies.
 const SIGNALS: [Signal; 8] = [
     Signal::Position,
     Signal::Velocity,
@@ -22,7 +22,7 @@ const SIGNALS: [Signal; 8] = [
     Signal::Current,
     Signal::Mode,
 ];
-/// What is asked of the chosen axis besides.
+/// Further signals of the selected axis.
 const DETAILS: [Signal; 5] = [
     Signal::TargetPosition,
     Signal::TargetVelocity,
@@ -32,18 +32,18 @@ const DETAILS: [Signal; 5] = [
 ];
 /// Questions to one axis that wait for their answers at once.
 const IN_FLIGHT_MAX: usize = 4;
-/// How long an axis that does not answer is left alone.
+/// Pause after an axis did not reply.
 const SILENT_PAUSE: Duration = Duration::from_secs(1);
 
 /// An axis, and what is being asked of it.
 pub struct MonitoredAxis {
     /// The axis.
     pub axis: LocalAxis,
-    /// Its stop, since somebody asked for one.
+    /// Stop of the axis, once it was requested.
     pub stopping: Option<StopSupervisor>,
     /// Why it does not answer, and since when.
     pub silent: Option<(Instant, String)>,
-    /// What it will not tell.
+    /// Parameters that it refuses.
     refused: Vec<ParameterId>,
     queue: Vec<ParameterId>,
     in_flight: Vec<(ParameterId, RunningRequest)>,
@@ -53,7 +53,7 @@ pub struct MonitoredAxis {
 /// A value of an axis.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct DisplayValue {
-    /// In its unit, or raw where its scale is not known.
+    /// Value in its unit, or raw if its scale is unknown.
     pub value: f64,
     /// Raw.
     pub raw: i64,
@@ -61,28 +61,28 @@ pub struct DisplayValue {
     pub unit: &'static str,
     /// The value's name, where it has one.
     pub word: Option<&'static str>,
-    /// How old it is.
+    /// Age of the value.
     pub age: Duration,
 }
 
-/// What an axis does, in one word.
+/// Activity of an axis, in one word.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum AxisActivity {
-    /// It told nothing yet.
+    /// No value was received yet.
     Unknown,
-    /// It does not answer.
+    /// The drive does not reply.
     Silent,
     /// A fault stopped it.
     Fault,
-    /// It is powered, or not, and there is a warning.
+    /// Powered or not, with a warning.
     Warning,
-    /// It turns.
+    /// Turning.
     Turning,
-    /// It is powered and stands.
+    /// Powered and at standstill.
     Holding,
-    /// It stands, and does not tell whether it has power.
+    /// At standstill, with unknown power.
     Standing,
-    /// It has no power.
+    /// Without power.
     Off,
 }
 
@@ -139,7 +139,7 @@ impl MonitoredAxis {
         due
     }
 
-    /// Waits for everything that was asked. Ends early when somebody interrupts.
+    /// Waits for all outstanding reads. Ends early on an interrupt.
     pub fn wait_answers(&mut self) {
         while !(self.in_flight.is_empty() && self.queue.is_empty()) {
             let Some((_, running)) = self.in_flight.first_mut() else { return };
@@ -173,7 +173,7 @@ impl MonitoredAxis {
     }
 
     fn start_reads(&mut self) {
-        // As long as nobody knows whether it answers, one question is enough.
+        // While it is unknown whether it replies, one question is enough.
         let known = self.silent.is_none() && self.has_readings();
         let max = if known { IN_FLIGHT_MAX } else { 1 };
         while self.in_flight.len() < max && !self.queue.is_empty() {
@@ -251,18 +251,18 @@ impl MonitoredAxis {
         })
     }
 
-    /// Whether a flag is set; `None` where the drive does not tell.
+    /// State of a flag; `None` if the drive does not report it.
     pub fn flag(&self, wanted: Signal) -> Option<bool> {
         self.display_value(wanted).map(|shown| shown.raw != 0)
     }
 
-    /// Its faults and warnings.
+    /// Faults and warnings.
     pub fn faults(&self) -> Vec<FaultReport> {
         let shown = self.display_value(Signal::Fault);
         shown.map_or_else(Vec::new, |shown| active_faults(self.axis.profile(), shown.raw))
     }
 
-    /// What it does.
+    /// Activity of the axis.
     pub fn activity(&self) -> AxisActivity {
         let faults = self.faults();
         let stops = |fault: &FaultReport| !fault.is_warning;
@@ -283,7 +283,7 @@ impl MonitoredAxis {
         self.axis.is_turning().unwrap_or(false)
     }
 
-    /// The current, or what stands for it.
+    /// The current, or the torque in its place.
     pub fn effort(&self) -> Option<DisplayValue> {
         self.display_value(Signal::Torque).or_else(|| self.display_value(Signal::Current))
     }
@@ -305,7 +305,7 @@ impl MonitoredAxis {
 }
 
 impl std::fmt::Display for DisplayValue {
-    /// Its word, or the number with its unit.
+    /// Formats the word, or the number with its unit.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match (self.word, self.unit) {
             (Some(word), _) => f.write_str(word),

@@ -21,13 +21,13 @@ use super::traffic::{FrameRow, TrafficLog};
 use crate::problem::Result;
 use crate::remote::{self, RemoteSession};
 
-/// How long it is told that the server is gone before the screen ends.
+/// Time for which a lost server is shown before the screen ends.
 const LOST_MAX: Duration = Duration::from_secs(10);
-/// How long a stop that has succeeded is told of.
+/// Time for which a confirmed stop is shown.
 const STOP_SHOWN_MAX: Duration = Duration::from_secs(10);
-/// A stop that was said less long ago is under way; one that is owed for longer is an alarm.
+/// Age of a pending stop above which it is an alarm.
 const FRESH_STOP_MAX: Duration = Duration::from_secs(1);
-/// How long leaving waits for a stop that is under way.
+/// Time limit of a running stop at the end.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
 /// A server that is watched.
@@ -36,7 +36,7 @@ pub struct RemoteMonitor {
     live: LiveConnection,
     frames: FrameStream,
     axes: Vec<AxisInfo>,
-    /// As it told them last: they stay to be seen when it is gone.
+    /// Last received states: they stay visible when the server is gone.
     states: Vec<Option<(AxisState, Instant)>>,
     traffic: TrafficLog,
     /// The links, as frames name them.
@@ -119,7 +119,7 @@ impl RemoteMonitor {
             Some((text, wrong)) => (text.to_owned(), wrong.to_owned()),
             None => (item.text.clone(), String::new()),
         };
-        // What is said alike but for its numbers is of one kind.
+        // Texts that differ only in numbers are of one kind.
         let words = || text.split_whitespace().next().unwrap_or_default();
         let kind = match id {
             Some((id, extended)) => format!("{id:08X} {extended}"),
@@ -151,7 +151,7 @@ impl RemoteMonitor {
         Some(state)
     }
 
-    /// How far the stop came that was asked for here.
+    /// Progress of the stop that was requested here.
     fn stop_summary(&self, axis: &AxisInfo) -> Option<StopSummary> {
         let requested_stop = self.stop.as_ref()?;
         let now = clock::now();
@@ -329,7 +329,7 @@ impl MonitorSource for RemoteMonitor {
                 }));
             }
         }
-        // What came of it in the meantime.
+        // Its result in the meantime.
         let _ = self.process_updates();
         let here = self.live.check().is_ok().then(|| self.url());
         for n in 0..self.axes.len() {
@@ -341,8 +341,7 @@ impl MonitorSource for RemoteMonitor {
     }
 }
 
-/// What is shown of the stop that was asked for here, and of the one that the axis is owed, whoever
-/// said that: it is told for as long as it is owed.
+/// Combines the stop that was requested here with the pending stop of any client, which is shown until it ends.
 fn merge_stop(own: Option<StopSummary>, pending: Option<&PendingStopView>) -> Option<StopSummary> {
     match (own, pending) {
         (Some(own), Some(_)) if own.elapsed < FRESH_STOP_MAX && !own.state.is_failed() => Some(own),
@@ -352,7 +351,7 @@ fn merge_stop(own: Option<StopSummary>, pending: Option<&PendingStopView>) -> Op
     }
 }
 
-/// A stop that is owed.
+/// Summary of a pending stop.
 fn pending_stop_summary(pending: &PendingStopView) -> StopSummary {
     let since_ms = clock::wall_ns(clock::now()) as f64 / 1e6 - pending.since_ms;
     let why = match &pending.error {

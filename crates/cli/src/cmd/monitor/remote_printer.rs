@@ -20,16 +20,16 @@ use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
 use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
 
-/// How often it is looked what came.
+/// Interval of polling received messages.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// How long the first word of each axis is waited for.
+/// Time limit of the first state of each axis.
 const FIRST_MAX: Duration = Duration::from_secs(2);
-/// A drive of which nothing was heard for so long does not answer, ms.
+/// Silence of a drive after which it is shown as not replying, ms.
 const SILENT_MS: f64 = 4000.0;
 /// Slower than this is standing still, in rad/s and m/s.
 const STANDSTILL_SPEED: f64 = 1e-3;
 
-/// Prints until the time is over, or somebody ends it.
+/// Prints until the time is over, or the user ends it.
 pub fn run(
     server: &RemoteSession,
     axes: Vec<AxisInfo>,
@@ -62,9 +62,9 @@ pub fn run(
 struct RemotePrinter {
     out: DataOutput,
     jsonl: bool,
-    /// What each axis did when its table was printed.
+    /// Activity of each axis when its table was printed.
     last_activity: Vec<(AxisActivity, usize)>,
-    /// What was missing of links when it was printed: their numbers, states and errors' codes.
+    /// Troubles of links when they were printed: their numbers, states and errors' codes.
     last_link_states: Vec<(u16, LinkState, String)>,
     /// Frames, those that break their protocol, those that were lost.
     counts: (u64, u64, u64),
@@ -128,7 +128,7 @@ impl RemotePrinter {
         self.out.write_line(&line);
     }
 
-    /// What is missing of links, when it is something else than before.
+    /// Prints the troubles of links, if they changed.
     fn print_links(&mut self, links: &[LinkView]) {
         let brief = |link: &LinkView| {
             let code = link.error.as_ref().map_or("", |error| &error.code);
@@ -168,14 +168,14 @@ impl RemotePrinter {
         }
     }
 
-    /// What came in all, and what a person who leaves must know.
+    /// Totals, and notes for a user who leaves.
     fn print_totals(&mut self, url: &str, live: &LiveConnection, axes: &[AxisInfo]) -> Result<()> {
         let (frames, wrong, lost) = self.counts;
-        match self.jsonl {
-            true => self
-                .out
-                .write_line(&format!("{{\"frames\":{frames},\"wrong\":{wrong},\"lost\":{lost}}}")),
-            false => self.out.write_line(&format!("{frames} frames, {wrong} wrong, {lost} lost")),
+        if self.jsonl {
+            self.out
+                .write_line(&format!("{{\"frames\":{frames},\"wrong\":{wrong},\"lost\":{lost}}}"))
+        } else {
+            self.out.write_line(&format!("{frames} frames, {wrong} wrong, {lost} lost"))
         }
         self.out.flush()?;
         for (axis, state) in axis_states(live, axes)? {
@@ -191,7 +191,7 @@ fn sleep(now: Instant, span: Duration) {
     clock::sleep_until(now + span);
 }
 
-/// The axes of which the server has said something.
+/// Axes of which the server has sent a state.
 fn axis_states<'a>(
     live: &LiveConnection,
     axes: &'a [AxisInfo],
@@ -207,7 +207,7 @@ fn signal_value(state: &AxisState, signal: Signal) -> Option<f64> {
     state.signals.iter().find(|value| value.signal == signal.name()).and_then(|value| value.value)
 }
 
-/// Returns whether it turned when it was last heard of, however long ago that is and whatever else it has.
+/// Returns whether it turned at its last state, of any age and with any other trouble.
 fn is_turning(state: &AxisState) -> bool {
     let by_speed = || {
         signal_value(state, Signal::Velocity).is_some_and(|speed| speed.abs() > STANDSTILL_SPEED)
@@ -215,7 +215,7 @@ fn is_turning(state: &AxisState) -> bool {
     state.moving.unwrap_or_else(by_speed)
 }
 
-/// What a person must know who leaves a motor that turns, or may. Without a server nobody stops it.
+/// Notes for a user who leaves a motor that turns, or may. Without a server no program stops it.
 pub fn exit_note(
     url: Option<&str>,
     label: &str,
@@ -256,7 +256,7 @@ pub fn activity(state: &AxisState) -> AxisActivity {
     }
 }
 
-/// As the server's verbs take it.
+/// Address of an axis as the server's verbs take it.
 pub fn axis_address(axis: &AxisInfo) -> String {
     format!("{}#{}", axis.link, AxisNumber(axis.number))
 }
@@ -303,7 +303,7 @@ fn axes_table(states: &[(&AxisInfo, AxisState)]) -> String {
     text
 }
 
-/// What to say of an axis that is owed a stop.
+/// Line for an axis with a pending stop.
 fn pending_stop_line(pending: &PendingStopView) -> String {
     let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
     let seconds = ((now_ms - pending.since_ms) / 1e3).max(0.0);
@@ -457,7 +457,7 @@ mod tests {
             error: None,
         });
         assert_eq!(alarm(&state), 1);
-        // It is owed that whatever it was last read to do.
+        // The stop is pending with any last reading.
         assert!(
             reported(&state).is_some_and(|output| output.contains("standstill is not confirmed"))
         );

@@ -23,9 +23,9 @@ use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, print_note};
 
-/// How long a wait for keys is.
+/// Length of a wait for keys.
 const KEY_WAIT: Duration = Duration::from_millis(10);
-/// How often the screen is drawn while nobody presses a key.
+/// Interval of drawing without a key, ms.
 const DRAW_MS: u32 = 50;
 /// Keys that are taken before the link is looked after again.
 const KEYS_MAX: usize = 64;
@@ -85,7 +85,7 @@ fn terminal_problem(error: &io::Error) -> Problem {
         .hint("`polepair monitor URL --format text` prints lines instead")
 }
 
-/// A terminal that is given back when this is dropped, and before a panic tells of itself.
+/// A terminal whose state is restored when this is dropped, and before a panic prints its message.
 struct TerminalScreen {
     terminal: ScreenTerminal,
     size: (u16, u16),

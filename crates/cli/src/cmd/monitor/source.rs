@@ -12,17 +12,17 @@ use super::monitored_axis::{AxisActivity, DisplayValue, MonitoredAxis};
 use super::traffic::TrafficLog;
 use crate::problem::Result;
 
-/// What is watched, and what can be done to it.
+/// Source of a monitor: its frames and axes, and the commands to them.
 pub trait MonitorSource {
-    /// How the user named it.
+    /// Connection string or name that the user gave.
     fn url(&self) -> &str;
-    /// How long it has been watched.
+    /// Time since the monitor started.
     fn age(&self) -> Duration;
     /// When it was begun, in nanoseconds since 1970, as frames have it.
     fn started_ns(&self) -> u64;
     /// The frames that pass.
     fn traffic(&self) -> &TrafficLog;
-    /// The same, to forget them.
+    /// Mutable access to the log, to clear it.
     fn traffic_mut(&mut self) -> &mut TrafficLog;
     /// Number of axes.
     fn count(&self) -> usize;
@@ -32,7 +32,7 @@ pub trait MonitorSource {
     fn chosen(&self) -> usize;
     /// Chooses one.
     fn choose(&mut self, n: usize);
-    /// It only listens: nothing can be stopped from here.
+    /// Returns whether it only listens: nothing can be stopped from here.
     fn is_listen_only(&self) -> bool;
     /// Why nothing comes, in a line.
     fn trouble(&self) -> Option<String>;
@@ -40,20 +40,20 @@ pub trait MonitorSource {
     fn lock(&self) -> Option<String>;
     /// Links that are not open, and what is missing of them, a line each.
     fn link_troubles(&self) -> Vec<String>;
-    /// What was not as it should be with the frames, by its word.
+    /// Counts of flaws of frames, by their words.
     fn flaw_counts(&self) -> Vec<(u64, &'static str)>;
-    /// The same where all was.
+    /// Text for no flaws.
     fn no_flaws_text(&self) -> &'static str;
-    /// Takes what came; waits for nothing.
+    /// Takes received frames and values; waits for nothing.
     ///
     /// # Errors
     /// When it is gone and does not come back.
     fn poll(&mut self) -> Result<()>;
     /// Stops every axis.
     fn stop(&mut self);
-    /// Why the stop could not be said, in a line.
+    /// Reason why the stop could not be requested, in a line.
     fn stop_problem(&self) -> Option<String>;
-    /// What a person who leaves must know.
+    /// Notes for a user who leaves.
     fn exit_notes(&mut self) -> Vec<String>;
 }
 
@@ -61,25 +61,25 @@ pub trait MonitorSource {
 pub struct AxisRow {
     /// Short, for the table.
     pub name: String,
-    /// What people call it.
+    /// Label for people.
     pub label: String,
     /// The drive's word, and its full name.
     pub drive: [String; 2],
-    /// What it does.
+    /// Activity of the axis.
     pub activity: AxisActivity,
-    /// How far its stop came, since somebody asked for one.
+    /// Progress of its stop, once it was requested.
     pub stop: Option<StopSummary>,
-    /// Its mode of operation.
+    /// Mode of operation.
     pub mode: Option<ShownValue>,
     pub position: Option<ShownValue>,
     pub velocity: Option<ShownValue>,
-    /// Its torque, or the current that stands for it.
+    /// Torque, or the current in its place.
     pub effort: Option<ShownValue>,
     /// The age of the oldest value of the table.
     pub age: Option<Duration>,
-    /// What is wrong, a line each, and whether it stopped the drive.
+    /// Troubles, a line each, and whether it stopped the drive.
     pub troubles: Vec<(String, bool)>,
-    /// What else there is to say of it when it is chosen, by a word or without.
+    /// Further values of the selected axis, with or without a word.
     pub facts: Vec<(&'static str, ShownValue)>,
 }
 
@@ -90,20 +90,20 @@ pub struct ShownValue {
     pub age: Duration,
 }
 
-/// How far a stop came.
+/// Progress of a stop.
 pub struct StopSummary {
     pub state: StopState,
     /// After how long.
     pub elapsed: Duration,
 }
 
-/// What is certain of a stop.
+/// Certain state of a stop.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum StopState {
     Sent,
     Acknowledged,
     Standstill,
-    /// The drive answered all of it, and tells nothing by which it could be seen to stand.
+    /// The drive acknowledged all of the stop, and reports nothing that would confirm standstill.
     Unobservable,
     Failed(String),
 }

@@ -18,7 +18,7 @@ use crate::tap_queue::{QueuedUnit, UnitBuf, short_name};
 
 /// Frames that can be scrolled back to.
 pub const FRAMES_MAX: usize = 20_000;
-/// Kinds of frames that are told apart; frames of further ones have no row of their own.
+/// Limit of distinguished kinds of frames; further ones have no row of their own.
 const KINDS_MAX: usize = 2_000;
 /// Bits of a byte on a serial line: start, eight, stop.
 const BITS_PER_BYTE: u64 = 10;
@@ -28,25 +28,25 @@ const RATES_EVERY: Duration = Duration::from_secs(1);
 /// A frame as it is shown.
 #[derive(Clone, Debug)]
 pub struct FrameRow {
-    /// Its number among all frames, from 0.
+    /// Number among all frames, from 0.
     pub number: u64,
     /// When, in nanoseconds since 1970.
     pub time: u64,
     /// The number of its wire.
     pub wire: usize,
-    /// Who sent it, where that is known.
+    /// Sender, if known.
     pub direction: Option<Said>,
     /// The protocol that explains it.
     pub protocol: Option<&'static str>,
-    /// Its CAN identifier, and whether that has 29 bits.
+    /// CAN identifier, and whether it has 29 bits.
     pub id: Option<(u32, bool)>,
-    /// Its bytes.
+    /// Bytes of the frame.
     pub bytes: Vec<u8>,
     /// A bit for each of the first 64 bytes that changed.
     pub changed: u64,
-    /// What it says.
+    /// Meaning of the frame.
     pub text: String,
-    /// What is wrong with it; empty for nothing.
+    /// Fault of the frame; empty for none.
     pub wrong: String,
     /// Everything about it that a filter may name, in small letters.
     pub search_text: String,
@@ -63,10 +63,10 @@ pub struct FrameGroup {
     pub period: Option<u64>,
 }
 
-/// What makes frames one kind: the wire, and what they are about there.
+/// Key of a kind of frames: the wire, and the subject on it.
 type FrameGroupKey = (usize, Vec<u8>);
 
-/// What passes on all wires.
+/// Log of the frames on all wires.
 pub struct TrafficLog {
     wires: Vec<WireTraffic>,
     listening: bool,
@@ -99,7 +99,7 @@ struct FrameHistory {
     recent: u64,
 }
 
-/// How the frames of a wire are explained.
+/// Decoding of the frames of a wire.
 #[derive(Default)]
 pub struct WireDecoding {
     /// Which protocol is whose.
@@ -109,7 +109,7 @@ pub struct WireDecoding {
 }
 
 impl TrafficLog {
-    /// For these wires. Where nobody commands, who speaks is not known.
+    /// Creates the log of these wires. Without a host here, senders are unknown.
     pub fn new(wires: &[OpenWire], protocols: Vec<WireDecoding>, listening: bool) -> Self {
         let wire = |(wire, wire_decoding): (&OpenWire, WireDecoding)| WireTraffic {
             name: short_name(&wire.name),
@@ -129,7 +129,7 @@ impl TrafficLog {
         }
     }
 
-    /// For links that somebody else watches and explains.
+    /// Creates the log of links that a server watches and explains.
     pub fn for_remote(links: Vec<String>) -> Self {
         let wire = |name| WireTraffic {
             name,
@@ -148,7 +148,7 @@ impl TrafficLog {
         }
     }
 
-    /// Takes a frame that was explained elsewhere; what its kind is, is told by `about`.
+    /// Adds a frame that was explained elsewhere; `about` gives its kind.
     pub fn add_explained(&mut self, row: FrameRow, about: &str) {
         let key = (row.wire, about.as_bytes().to_vec());
         let before = self.history.kinds.get(&key).map(|kind| &kind.last.bytes);
@@ -158,7 +158,7 @@ impl TrafficLog {
         self.history.add_row(FrameRow { changed: bits, ..row }, key);
     }
 
-    /// Explains what was heard; `show` sees each frame as the decoder gives it.
+    /// Explains received frames; `show` gets each frame as the decoder gives it.
     pub fn add_received(
         &mut self,
         queued_unit: &QueuedUnit,

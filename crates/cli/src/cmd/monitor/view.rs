@@ -10,7 +10,7 @@ const FILTER_MAX: usize = 64;
 /// Rows that a page of frames moves by.
 const PAGE_ROWS: usize = 10;
 
-/// How the person wants to look at it.
+/// View settings of the user.
 #[derive(Clone, Debug, Default)]
 pub struct View {
     /// One row a kind of frame instead of every frame.
@@ -29,10 +29,10 @@ pub struct View {
     pub stopped: bool,
 }
 
-/// What comes of a key.
+/// Outcome of a key.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum KeyOutcome {
-    /// It goes on.
+    /// The monitor continues.
     Continue,
     /// The person leaves.
     Leave,
@@ -143,7 +143,7 @@ impl View {
         self.filter.is_empty() || row.search_text.contains(&self.filter)
     }
 
-    /// The last so many frames that are to be seen, oldest first.
+    /// The last visible frames, at most `max`, oldest first.
     pub fn frames<'a>(&self, monitor: &'a dyn MonitorSource, max: usize) -> Vec<&'a FrameRow> {
         let rows = monitor.traffic().rows().iter().rev().filter(|row| self.shows_row(row));
         let mut rows: Vec<&FrameRow> = rows.skip(self.scrolled).take(max).collect();

@@ -7,7 +7,7 @@ use crate::motion;
 use crate::problem::Result;
 use crate::session::read_signal;
 
-/// Whether the motor has power, as far as the drive tells.
+/// Returns whether the motor has power, as far as the drive reports it.
 pub fn is_powered(axis: &LocalAxis) -> Result<bool> {
     Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0))
 }

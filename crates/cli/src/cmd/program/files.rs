@@ -19,7 +19,7 @@ use crate::terminal::{DataOutput, print_note};
 
 /// Words that are read at a time while the end of a program is looked for.
 const CHUNK: usize = 64;
-/// What erased permanent memory holds.
+/// Content of erased permanent memory.
 const ERASED: u16 = 0xFFFF;
 
 /// Memory location of a program.
@@ -37,7 +37,7 @@ struct ProgramLocation {
 }
 
 impl ProgramLocation {
-    /// Where a text's first word lies.
+    /// Address of a text's first word.
     fn origin(&self, language: &dyn ProgramLanguage) -> u16 {
         let rules = language.memory_rules();
         self.at.unwrap_or(if self.eeprom {
@@ -49,13 +49,11 @@ impl ProgramLocation {
 
     /// A TMCL module has one memory, whose programs begin at address 0.
     fn refuse_for_module(&self) -> Result<()> {
-        match self.ram || self.at.is_some() {
-            true => Err(Problem::usage(
-                "E242",
-                "A TMCL module keeps its program in the EEPROM, from 0 on.",
-            )
-            .hint("remove --ram and --at")),
-            false => Ok(()),
+        if self.ram || self.at.is_some() {
+            Err(Problem::usage("E242", "A TMCL module keeps its program in the EEPROM, from 0 on.")
+                .hint("remove --ram and --at"))
+        } else {
+            Ok(())
         }
     }
 
@@ -122,9 +120,10 @@ impl Assemble {
         let source = AssemblyContext { language, profile, origin: self.place.origin(language) };
         let read = Program::read(&self.path, &source);
         let program = read.map_err(|error| outcome::to_problem(error.into()))?;
-        let text = match is_software(&self.path) {
-            true => program.listing(language, profile),
-            false => program.to_sw(),
+        let text = if is_software(&self.path) {
+            program.listing(language, profile)
+        } else {
+            program.to_sw()
         };
         let mut out = DataOutput::to_path(self.output.as_deref())?;
         out.buffer().extend_from_slice(text.as_bytes());
@@ -211,7 +210,7 @@ impl ProgramLoad {
     }
 }
 
-/// What was begun and not ended is told.
+/// Adds a hint on an unfinished write.
 fn hint_incomplete(problem: Problem) -> Problem {
     match problem.exit {
         Exit::Usage | Exit::Refused => problem,
@@ -327,9 +326,10 @@ impl ProgramSave {
             return Err(Problem::new(Exit::Negative, "E110", what));
         }
         let program = Program::from_words(start, words);
-        let text = match is_software(&self.path) {
-            true => program.to_sw(),
-            false => program.listing(language, Some(axis.profile())),
+        let text = if is_software(&self.path) {
+            program.to_sw()
+        } else {
+            program.listing(language, Some(axis.profile()))
         };
         let mut out = DataOutput::file(&self.path)?;
         out.buffer().extend_from_slice(text.as_bytes());
@@ -339,7 +339,7 @@ impl ProgramSave {
     }
 }
 
-/// What was written from an address on, without the erased words behind it.
+/// Words from an address on, without the erased ones behind them.
 fn read_written(axis: &LocalAxis, start: u16, last: u16) -> Result<Vec<u16>> {
     let capacity = usize::from(last.saturating_sub(start)) + 1;
     let mut words = Vec::new();
@@ -365,7 +365,7 @@ fn read_words(axis: &LocalAxis, start: u16, count: usize) -> Result<Vec<u16>> {
     Ok(read.pieces().iter().flat_map(|piece| piece.words.clone()).collect())
 }
 
-/// Says where a program lies.
+/// Prints the addresses of a program.
 fn print_layout(program: &Program, language: &dyn ProgramLanguage) {
     for piece in program.pieces() {
         let count = piece.words.len();

@@ -23,9 +23,9 @@ use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value;
 
-/// How often a program is asked where it is.
+/// Interval of reading a program's address.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// How long an instruction may take unless the user says otherwise, s.
+/// Default time limit of an instruction, s.
 const STEP_MAX_S: f64 = 60.0;
 
 /// Returns whether the drive keeps instructions.
@@ -61,9 +61,10 @@ fn read(axis: &LocalAxis, path: &Path) -> Result<InstructionProgram> {
 /// Writes the listing, or the bytes where the file is called `.bin`.
 fn write(program: &InstructionProgram, path: Option<&Path>) -> Result<()> {
     let mut out = DataOutput::to_path(path)?;
-    match path.is_some_and(is_binary) {
-        true => out.buffer().extend_from_slice(&program.to_binary()),
-        false => out.buffer().extend_from_slice(program.listing().as_bytes()),
+    if path.is_some_and(is_binary) {
+        out.buffer().extend_from_slice(&program.to_binary())
+    } else {
+        out.buffer().extend_from_slice(program.listing().as_bytes())
     }
     out.finish()?;
     let count = program.instructions().len();
@@ -226,7 +227,7 @@ pub fn run(
     ending.conclude(ended)
 }
 
-/// Where a program begins.
+/// Start of a program.
 #[derive(Clone, Copy)]
 pub struct ProgramStart<'a> {
     /// A label, a line or an address; else the first instruction.
@@ -437,7 +438,7 @@ impl<'a> ProgramStepper<'a> {
     }
 }
 
-/// What a program that was started is ended by.
+/// End of a program that was started.
 struct ModuleEnding<'a> {
     axis: &'a LocalAxis,
     powered: bool,

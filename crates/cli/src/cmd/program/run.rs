@@ -20,9 +20,9 @@ use crate::target::DriveArgs;
 use crate::terminal::{print_note, print_warning};
 use crate::value;
 
-/// How often a routine is looked at.
+/// Interval of checking a routine.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// How long a routine may take unless the user says otherwise, s.
+/// Default time limit of a routine, s.
 const CALL_MAX_S: f64 = 600.0;
 
 /// Start point of a program.

@@ -22,7 +22,7 @@ use crate::value;
 pub enum Rotation {
     /// Bytes on the disk.
     Size(u64),
-    /// So long.
+    /// After this time.
     Time(Duration),
 }
 
@@ -54,8 +54,8 @@ pub struct RecordingPlace {
     pub path: PathBuf,
     pub format: CaptureFormat,
     pub rotation: Option<Rotation>,
-    /// What becomes of a file that is there. With rotation an existing file is passed over, because a recording that
-    /// goes on for days must not end at a name.
+    /// Treatment of an existing file. With rotation it is passed over, because a recording of several days must not end
+    /// at a name.
     pub existing: ExistingFile,
 }
 
@@ -76,7 +76,7 @@ impl RecordingPlace {
     }
 }
 
-/// Where records go.
+/// Files of a recording.
 pub struct CaptureFiles {
     place: RecordingPlace,
     current: OpenCapture,

@@ -13,16 +13,16 @@ use crate::tap_queue::{QueuedUnit, TapQueue, UnitBuf};
 /// Keeps what passes on wires.
 pub struct TrafficRecorder {
     pub tap_queue: TapQueue,
-    /// Of each wire.
+    /// Name of each wire.
     pub names: Vec<String>,
     pub files: Option<CaptureFiles>,
     pub printer: Option<LivePrinter>,
-    /// Who spoke is told by the way it passed: we are the host. Else nobody knows.
+    /// True if this program is the host: the direction then shows the sender, which is unknown otherwise.
     pub is_host: bool,
 }
 
 impl TrafficRecorder {
-    /// Keeps what was heard since. Returns how many units are lost for good.
+    /// Writes the units since the last call. Returns the number of lost units.
     pub fn process_received(&mut self) -> Result<u64> {
         let (received, lost) = self.tap_queue.drain();
         for QueuedUnit { wire, at, direction, unit } in &received {

@@ -13,7 +13,7 @@ use crate::problem::{Problem, Result};
 /// Batches of a wire that wait to be played; one is what a piece of the file holds.
 const BATCHES: usize = 4;
 
-/// What is read, and how often.
+/// Capture to read, and the number of passes.
 pub struct CaptureFeed {
     pub path: PathBuf,
     pub selector: FrameSelector,
@@ -41,7 +41,7 @@ impl CaptureFeed {
             let begin = self.period.saturating_mul(time);
             match self.read_once(begin, &wires) {
                 Ok(true) => {}
-                // Whoever ended the playing says why.
+                // The player that ended it has the reason.
                 Ok(false) => return Ok(()),
                 Err(problem) => return Err(problem),
             }
@@ -49,7 +49,7 @@ impl CaptureFeed {
         Ok(())
     }
 
-    /// `false` when nobody takes frames any more.
+    /// Reads the capture once; `false` if no wire takes frames any more.
     fn read_once(&self, begin: u64, wires: &[SyncSender<Vec<ReplayFrame>>]) -> Result<bool> {
         let (mut decoder, mut choice) = ((self.make_decoder)(), self.selector.clone());
         let mut batches: Vec<Vec<ReplayFrame>> = wires.iter().map(|_| Vec::new()).collect();

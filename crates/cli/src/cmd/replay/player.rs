@@ -20,32 +20,32 @@ use crate::tap_queue::UnitBuf;
 
 /// From the beginning to the first frame.
 const LEAD_MS: u32 = 20;
-/// How long is listened after the last frame.
+/// Time of listening after the last frame, ms.
 const LINGER_MS: u32 = 200;
-/// How long a wire may take nothing.
+/// Longest time in which a wire accepts nothing.
 const STALL_MAX: Duration = Duration::from_secs(1);
-/// How often somebody who waits looks whether it is over: a wire that is lost ends the others too.
+/// Interval of checking for the end during a wait, ms: a lost wire ends the others too.
 const POLL_MS: u32 = 50;
-/// Units that are heard between two frames that are late.
+/// Units that are read between two late frames.
 const LATE_UNITS_MAX: usize = 64;
 
-/// How fast it is played.
+/// Pace of a replay.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum ReplayPace {
-    /// So many times as fast as it was recorded.
+    /// Factor of the recorded speed.
     Recorded(f64),
     /// Each frame as soon as the one before is through and answered, but no later than recorded.
     Fast,
 }
 
-/// What came of it.
+/// Result of a replay.
 #[derive(Debug, Default)]
 pub struct ReplayResult {
     pub sent: u64,
     pub received: u64,
-    /// How late frames were, against the recorded times.
+    /// Delays of frames, against the recorded times.
     pub lateness: DurationHistogram,
-    /// Axes that were sent what may move them, and whether there was such a frame to nobody known.
+    /// Axes that received frames which may move them, and whether such a frame had an unknown receiver.
     pub moved_axes: BTreeSet<u32>,
     pub moved_unknown: bool,
     /// Frames that the link has no form for, and the first reason.
@@ -55,11 +55,11 @@ pub struct ReplayResult {
     pub ended_by: Option<LinkError>,
 }
 
-/// What all wires of a replay share.
+/// State shared by all wires of a replay.
 #[derive(Clone)]
 pub struct ReplayControl {
     pub pace: ReplayPace,
-    /// Somebody wants everybody to end.
+    /// True once all wires must end.
     pub halt: Arc<AtomicBool>,
 }
 
@@ -77,12 +77,12 @@ impl ReplayControl {
     }
 }
 
-/// What a medium's units are for a player.
+/// Units of a medium for a player.
 trait ReplayMedium: Medium {
     fn from_unit(unit: &UnitBuf) -> Option<&Self::Unit>;
-    /// How long it takes on a wire of that rate.
+    /// Time of a unit on a wire of that rate, ns.
     fn duration_ns(unit: &Self::Unit, rate: u32) -> u64;
-    /// Takes what came; whether it completes an answer.
+    /// Takes received bytes; returns whether they complete a reply.
     fn completes_answer(
         by: &dyn Dissector,
         received: &Self::Unit,
@@ -213,7 +213,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
 
     fn count_moved(&mut self, item: &ReplayFrame) {
         if item.effect.impact >= Impact::Motion {
-            // Nobody's number, or 0, is everybody's.
+            // A missing number, or 0, means all axes.
             let axis = item.axis.filter(|axis| *axis > 0);
             self.result.moved_unknown |= axis.is_none();
             self.result.moved_axes.extend(axis);
@@ -246,7 +246,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
         }
     }
 
-    /// Hears what comes until then.
+    /// Receives units until then.
     fn receive_until(&mut self, until: Instant) -> Result<(), PlayEnd> {
         let mut late = 0;
         while self.receive(until)?.is_some() && late < LATE_UNITS_MAX {
@@ -255,7 +255,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
         Ok(())
     }
 
-    /// The length of what came; `None` when `until` did.
+    /// Length of the received unit; `None` at `until`.
     fn receive(&mut self, until: Instant) -> Result<Option<usize>, PlayEnd> {
         loop {
             if self.control.is_over() {

@@ -41,24 +41,24 @@ pub struct ReplayFrame {
     pub unit: UnitBuf,
     pub axis: Option<u32>,
     pub effect: Effect,
-    /// Who knows its answer, if it has one.
+    /// Protocol that knows its reply, if it has one.
     pub answer_dissector: Option<&'static dyn Dissector>,
 }
 
 /// Why a frame is not sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SkipReason {
-    /// Of another direction, or the host's own heard back.
+    /// A frame of the other direction, or an echo of the host's own.
     OtherDirection,
-    /// Nobody tells who sent it.
+    /// A frame of an unknown sender.
     UnknownSender,
     /// The filter does not want it.
     Filtered,
-    /// It is of a link that is played nowhere.
+    /// A frame of a link that is not replayed.
     UnroutedLink,
     /// The wire has no such frames: CAN FD, or bytes on a bus.
     UnfitForWire,
-    /// A controller's report, which nobody sent.
+    /// A controller's report, which has no sender.
     ErrorReport,
 }
 
@@ -92,7 +92,7 @@ impl FrameSelector {
         }
     }
 
-    /// What is sent of a frame, or why nothing is.
+    /// The unit to send for a frame, or the reason to skip it.
     pub fn select(&mut self, event: &DecodedFrame<'_>) -> Result<ReplayFrame, SkipReason> {
         // Asked of every frame: times of a filter count from the first.
         let wanted = self.filter.as_mut().is_none_or(|filter| filter.matches(event));
@@ -130,7 +130,7 @@ impl FrameSelector {
         })
     }
 
-    /// Who sent it: the capture says, or else the frame.
+    /// Sender of a frame: by the capture, otherwise by the frame.
     fn speaker(
         &mut self,
         event: &DecodedFrame<'_>,
@@ -160,7 +160,7 @@ impl FrameSelector {
         speaker
     }
 
-    /// Its time since the first one; where it has none, or an earlier one, that of the last.
+    /// Time since the first frame; without a time, or with an earlier one, that of the last.
     fn time_since_first(&mut self, event: &DecodedFrame<'_>) -> u64 {
         if let Some(time) = event.time {
             let first = *self.first_time.get_or_insert(time.0);
@@ -190,7 +190,7 @@ impl FrameSelector {
     }
 }
 
-/// Returns whether a request is owed an answer.
+/// Returns whether a request needs a reply.
 fn expects_answer(dissector: &dyn Dissector, raw: &RawFrame<'_>) -> bool {
     let talk = ConversationContext {
         direction: Some(Direction::ToDrive),

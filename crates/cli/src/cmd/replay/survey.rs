@@ -11,7 +11,7 @@ use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::terminal::{print_note, print_warning};
 
-/// What is sent, and what is not.
+/// Frames to send, and skipped ones.
 #[derive(Debug, Default)]
 pub struct Survey {
     /// Frames by what they may do.
@@ -68,7 +68,7 @@ impl Survey {
         self.skipped_count(SkipReason::UnfitForWire)
     }
 
-    /// Says what will be sent.
+    /// Prints the frames that will be sent.
     pub fn print_summary(&self, file: &str, wires: &[String]) {
         let reported = |word: &str, what: &str| {
             self.counts.get(word).map(|count| format!("{count} {what}")).into_iter()

@@ -54,10 +54,10 @@ pub fn run_remote_scan(
     }
     if let Some(view) = views.iter().find(|view| view.state == ScanState::BrokenOff) {
         print_warning(&format!("cancelled: {} addresses were not tried", view.unasked));
-        return Err(match interrupt::was_interrupted() {
-            true => Problem::interrupted(),
-            false => Problem::new(Exit::Refused, "E102", "the scan was cancelled.")
-                .hint("scan again later"),
+        return Err(if interrupt::was_interrupted() {
+            Problem::interrupted()
+        } else {
+            Problem::new(Exit::Refused, "E102", "the scan was cancelled.").hint("scan again later")
         });
     }
     if take {
@@ -144,7 +144,7 @@ fn write_json(link: u16, found: &FoundDrive, out: &mut Vec<u8>) {
     out.extend_from_slice(format!(",\"clash\":{}}}\n", found.clash.is_some()).as_bytes());
 }
 
-/// What there is to say of a look besides.
+/// Prints the further results of a scan.
 fn report_scan(server: &RemoteSession, view: &ScanView) {
     for tried in &view.tried {
         print_note(&format!("link {}: tried {tried}", view.link));

@@ -23,9 +23,10 @@ pub fn run_search(connector: &Connector, named: &[String], format: OutputFormat)
     interrupt::listen(|| {});
     let report = search(connector, named, &mut |step| {
         live.show(step);
-        match interrupt::was_interrupted() {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
+        if interrupt::was_interrupted() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
         }
     });
     drop(live);
@@ -50,7 +51,7 @@ pub fn run_search(connector: &Connector, named: &[String], format: OutputFormat)
         .hint("a drive with an address above 32 or an unusual baud rate: polepair scan URL"))
 }
 
-/// A line on a terminal that says what is asked now.
+/// A line on a terminal with the present attempt.
 struct LiveStep {
     is_shown: bool,
 }

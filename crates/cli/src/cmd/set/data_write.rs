@@ -12,7 +12,7 @@ use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::progress::Progress;
 
-/// What is to be written to a parameter that is no number.
+/// A write to a parameter that is no number.
 pub struct DataWrite {
     id: ParameterId,
     name: &'static str,
@@ -22,7 +22,7 @@ pub struct DataWrite {
 }
 
 impl DataWrite {
-    /// Of `NAME=VALUE`; `None` for a number. `@FILE` stands for the bytes of a file.
+    /// Write of `NAME=VALUE`; `None` for a number. `@FILE` means the bytes of a file.
     pub fn for_setting(axis: &LocalAxis, id: ParameterId, value: &str) -> Result<Option<Self>> {
         let Some(parameter) = axis.parameter(id) else { return Ok(None) };
         let file = value.strip_prefix('@').filter(|file| !file.is_empty());
@@ -43,12 +43,12 @@ impl DataWrite {
         Ok(Some(Self { id, name: parameter.name, data, file }))
     }
 
-    /// What would be written.
+    /// Description of the planned write.
     pub fn planned(&self) -> String {
         format!("{}: -> {}", self.name, self.described())
     }
 
-    /// Writes it and says so.
+    /// Writes the value and returns the line for it.
     pub fn apply(&self, axis: &LocalAxis) -> Result<String> {
         let progress = Progress::of_transfer("written");
         let written = axis.write_data(self.id, &self.data, &mut |count| progress.set(count));

@@ -19,7 +19,7 @@ pub struct AddressChange {
 }
 
 impl AddressChange {
-    /// Of one setting; `None` for one with which the drive is reached as before.
+    /// Address change of one setting; `None` for one that keeps the drive's address.
     pub fn for_setting(axis: &LocalAxis, id: ParameterId, raw: i64) -> Result<Option<Self>> {
         let what = axis.readdress_effect(id, raw).map_err(outcome::to_problem)?;
         Ok(what.map(|what| Self { id, raw, what }))
@@ -125,7 +125,7 @@ impl AddressChange {
     }
 }
 
-/// Refuses an address at which somebody answers.
+/// Refuses an address at which a drive answers.
 fn check_free(connector: &Connector, url: &str, address: u32) -> Result<()> {
     match connector.connect_local(url) {
         Err(error) if error.exit() == Exit::NoReply => Ok(()),

@@ -96,7 +96,7 @@ fn to_ms(span: Duration) -> f64 {
     span.as_secs_f64() * 1e3
 }
 
-/// How well the drives followed, and how regular the beat was.
+/// Prints the following errors of the drives, and the regularity of the beat.
 fn print_statistics(account: &CycleStatistics, setpoint: SetpointKind) {
     let unit = match setpoint {
         SetpointKind::Position => "rad (or m)",
@@ -184,7 +184,7 @@ impl SetpointTable {
         Ok(table)
     }
 
-    /// What the set-points are, as the units say.
+    /// Kind of the set-points, by their units.
     fn setpoint(&self, mode: Option<SetpointKind>) -> Result<SetpointKind> {
         let mut kind = mode;
         for column in &self.columns {

@@ -222,15 +222,16 @@ impl PageBench {
                 continue;
             }
             self.ran += 1;
-            let ran = match words.starts_with("polepair sim ") {
-                true => self.start_simulation(&command, &expected),
-                false if words.contains(['|', '&', ';', '>']) => self.shell(&command),
+            let ran = if words.starts_with("polepair sim ") {
+                self.start_simulation(&command, &expected)
+            } else if words.contains(['|', '&', ';', '>']) {
+                self.shell(&command)
+            } else if words.starts_with("polepair scan ") && !words.contains("--id") {
                 // All addresses take a minute; the drives have the first.
-                false if words.starts_with("polepair scan ") && !words.contains("--id") => {
-                    self.shell(&format!("exec {words} --ids 1-4"))
-                }
+                self.shell(&format!("exec {words} --ids 1-4"))
+            } else {
                 // Instead of the shell, so that it gets the signals.
-                false => self.shell(&format!("exec {command}")),
+                self.shell(&format!("exec {command}"))
             };
             match ran {
                 Ok(output) => {

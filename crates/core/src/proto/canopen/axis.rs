@@ -50,7 +50,7 @@ pub struct Axis {
     node: u8,
     /// Which axis of the node; 0 is the first.
     sub_axis: u8,
-    /// How the node's process data lie, as far as was read or written.
+    /// Mappings of the node's process data, as far as they were read or written.
     rpdos: [KnownPdo; 4],
     tpdos: [KnownPdo; 4],
     /// PDO of each kind of set-point.
@@ -158,9 +158,10 @@ impl Axis {
     fn switch_pdo(&self, sends: bool, number: u16, on: bool) -> Result<HostRequest, Unsupported> {
         let n = u8::try_from(number).ok().filter(|n| (1..=4).contains(n));
         let n = n.ok_or(Unsupported::BadArgument)?;
-        let (cob, base) = match sends {
-            true => (Cob::Tpdo(n, self.node), 0x17FF),
-            false => (Cob::Rpdo(n, self.node), 0x13FF),
+        let (cob, base) = if sends {
+            (Cob::Tpdo(n, self.node), 0x17FF)
+        } else {
+            (Cob::Rpdo(n, self.node), 0x13FF)
         };
         let off = if on { 0 } else { CobId::INVALID };
         let bits = u64::from(u32::from(cob.id()) | off);
@@ -225,9 +226,10 @@ pub const fn encoding_width(encoding: Encoding) -> (u8, bool) {
 const fn decode_number(bits: u64, len: u32, signed: bool) -> i64 {
     let len = if len == 0 || len > 8 { 8 } else { len };
     let above = 64 - 8 * len;
-    match signed {
-        true => (bits << above).cast_signed() >> above,
-        false => (bits << above >> above).cast_signed(),
+    if signed {
+        (bits << above).cast_signed() >> above
+    } else {
+        (bits << above >> above).cast_signed()
     }
 }
 

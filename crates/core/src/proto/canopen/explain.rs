@@ -495,15 +495,17 @@ fn warning_for(statement: &Statement) -> &'static str {
 
 /// Shows a controlword's or statusword's bits.
 fn explain_word_bits(word: u16, orders: bool, sink: &mut dyn ExplainSink) -> bool {
-    let (kind, low, bits) = match orders {
-        true => ("controlword", &CONTROL_LOW[..], &meanings::CONTROL_BITS),
-        false => ("statusword", &STATUS_LOW[..], &meanings::STATUS_BITS),
+    let (kind, low, bits) = if orders {
+        ("controlword", &CONTROL_LOW[..], &meanings::CONTROL_BITS)
+    } else {
+        ("statusword", &STATUS_LOW[..], &meanings::STATUS_BITS)
     };
     sink.kind(kind);
     let mut pieces = SinkWriter(sink);
-    let _ = match orders {
-        true => meanings::write_controlword(word, &mut pieces),
-        false => meanings::write_statusword(word, &mut pieces),
+    let _ = if orders {
+        meanings::write_controlword(word, &mut pieces)
+    } else {
+        meanings::write_statusword(word, &mut pieces)
     };
     let mut all = [(0, ""); 16];
     low.iter().chain(bits).for_each(|(bit, name)| all[usize::from(*bit)] = (*bit, name));

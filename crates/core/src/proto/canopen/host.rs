@@ -255,9 +255,10 @@ impl CanHost {
         let channel = &mut self.channels[usize::from(node)];
         if channel.awaits_guard() {
             self.counters.answered += 1;
-            let result = match self.network.note_guarding(node, beat) {
-                true => Ok(Answer::State(beat.state)),
-                false => Err(Failure::Misbehaved),
+            let result = if self.network.note_guarding(node, beat) {
+                Ok(Answer::State(beat.state))
+            } else {
+                Err(Failure::Misbehaved)
             };
             return self.finish_transfer(node, result);
         }

@@ -81,10 +81,7 @@ impl KnownPdo {
         }
         self.fields.map(|field| {
             let (id, field, signed) = field?;
-            let raw = match signed {
-                true => field.signed(data),
-                false => field.unsigned(data).cast_signed(),
-            };
+            let raw = if signed { field.signed(data) } else { field.unsigned(data).cast_signed() };
             Some(DriveReport::Parameter(id, raw))
         })
     }

@@ -38,10 +38,7 @@ pub const NODE_MAX: u8 = 127;
 /// Error of `data` with a wrong length; `need` is the right one.
 const fn wrong_length(need: u16, data: &[u8]) -> WireError {
     let found = data.len() as u16;
-    match found < need {
-        true => WireError::Short { need, found },
-        false => WireError::Long { need, found },
-    }
+    if found < need { WireError::Short { need, found } } else { WireError::Long { need, found } }
 }
 
 #[cfg(test)]

@@ -95,9 +95,10 @@ impl ValueType {
     pub const fn number(self, raw: u64) -> i64 {
         let Some(bytes) = self.bytes() else { return raw as i64 };
         let spare = 64 - 8 * bytes as u32;
-        match self.is_signed() {
-            true => ((raw << spare) as i64) >> spare,
-            false => (raw << spare >> spare) as i64,
+        if self.is_signed() {
+            ((raw << spare) as i64) >> spare
+        } else {
+            (raw << spare >> spare) as i64
         }
     }
 }

@@ -107,7 +107,7 @@ pub trait Firmware {
     ) -> Result<(), Exception>;
 }
 
-/// How an RTU end separates frames.
+/// Separation of frames at an RTU end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Framing {
     /// Framing by the announced length, confirmed by the CRC.

@@ -393,11 +393,10 @@ impl PduExplainer {
         sink.kind(if refused { "exception" } else { function.name() });
         let code = FieldValue::Hex(u64::from(pdu[0]), 2);
         self.layout.emit_field(sink, "function", 1..2, code, function.name());
-        let result = match is_reply(pdu, direction, request_bytes) {
-            true => {
-                ReplyPdu::parse(pdu).map(|reply| self.explain_reply(&reply, request_bytes, sink))
-            }
-            false => RequestPdu::parse(pdu).map(|request| self.explain_request(&request, sink)),
+        let result = if is_reply(pdu, direction, request_bytes) {
+            ReplyPdu::parse(pdu).map(|reply| self.explain_reply(&reply, request_bytes, sink))
+        } else {
+            RequestPdu::parse(pdu).map(|request| self.explain_request(&request, sink))
         };
         result.err()
     }

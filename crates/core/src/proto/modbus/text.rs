@@ -245,12 +245,11 @@ fn parse_write(
     let worded =
         tokens.iter().any(|token| parse_number(token.text).is_none() && is_word(token.text));
     let cut = if worded { tokens.len() - states.min(tokens.len().saturating_sub(1)) } else { 0 };
-    let (target, values) = match worded {
-        true => {
-            let (target, _) = parse_target(text, &tokens[..cut], Some(space), profile)?;
-            (target, &tokens[cut..])
-        }
-        false => parse_target(text, tokens, Some(space), profile)?,
+    let (target, values) = if worded {
+        let (target, _) = parse_target(text, &tokens[..cut], Some(space), profile)?;
+        (target, &tokens[cut..])
+    } else {
+        parse_target(text, tokens, Some(space), profile)?
     };
     if values.is_empty() {
         return Err(TextError { at: text.len(), expected: "a value" });

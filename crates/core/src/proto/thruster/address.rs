@@ -81,10 +81,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
     Parameter {
         access: if reads { Access::Read } else { Access::Write },
         moves: !reads && class_of(&written) == RequestClass::NoRetry,
-        persistence: match is_stored(&written) {
-            true => Persistence::Always,
-            false => Persistence::Volatile,
-        },
+        persistence: if is_stored(&written) { Persistence::Always } else { Persistence::Volatile },
         ..address.describe(default)
     }
 }

@@ -269,10 +269,7 @@ impl CanEndpoint {
     }
 
     fn widen_data(&self, command: CommandWord, data: u32) -> u32 {
-        match self.quirks.wide_values {
-            true => command.width().decode(data) as u32,
-            false => data,
-        }
+        if self.quirks.wide_values { command.width().decode(data) as u32 } else { data }
     }
 
     fn queue_frame(&mut self, frame: Frame) {

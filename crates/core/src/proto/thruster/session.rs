@@ -38,7 +38,7 @@ pub struct HostRequest {
     pub request: Request,
     /// True if it may be sent again.
     pub class: RequestClass,
-    /// How the drive's manual is read.
+    /// Interpretation of the drive's manual.
     pub interpretation: Interpretation,
 }
 
@@ -178,13 +178,12 @@ impl Session {
         }
         let of_node = |p: &&PendingExchange| p.host_request.id == request.id;
         let busy = self.pending.iter().flatten().filter(of_node);
-        let blocked = match stop {
-            false => busy.count() > 0,
-            true => {
-                busy.filter(|p| p.host_request.class == RequestClass::Stop && p.ticket.is_some())
-                    .count()
-                    > 0
-            }
+        let blocked = if stop {
+            busy.filter(|p| p.host_request.class == RequestClass::Stop && p.ticket.is_some())
+                .count()
+                > 0
+        } else {
+            busy.count() > 0
         };
         if blocked || !self.start_request(now, Some(ticket), request) {
             Err(request)
@@ -511,9 +510,10 @@ impl Session {
     /// A whole, valid reply that nothing waits for: a stream of the drive's own, or a late one.
     fn handle_unexpected(&mut self, id: u8, reply: Reply) {
         let streamed = matches!(reply.command, CommandWord::QC | CommandWord::QV);
-        match streamed && self.nodes.get_mut(id).outstanding_count(reply.command) == 0 {
-            true => self.push_unsolicited(id, Answer::Reply(reply)),
-            false => self.counters.late += 1,
+        if streamed && self.nodes.get_mut(id).outstanding_count(reply.command) == 0 {
+            self.push_unsolicited(id, Answer::Reply(reply))
+        } else {
+            self.counters.late += 1;
         }
     }
 

@@ -104,9 +104,10 @@ const DEGREE: CountUnit = CountUnit::in_tenths("deg");
 /// Writes a request.
 pub fn write_request(request: &Request, readings: Interpretation, show: &mut dyn FnMut(&str)) {
     let out = &mut PieceFormatter(show);
-    let _ = match has_words(request) {
-        true => write_request_words(request, readings, out),
-        false => write_raw(&request.frame(0).data, request.data.map_or(4, |_| 8), false, out),
+    let _ = if has_words(request) {
+        write_request_words(request, readings, out)
+    } else {
+        write_raw(&request.frame(0).data, request.data.map_or(4, |_| 8), false, out)
     };
 }
 

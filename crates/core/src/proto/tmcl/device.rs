@@ -19,7 +19,7 @@ use crate::time::Instant;
 pub enum Response {
     /// The usual reply.
     Reply {
-        /// How it ended.
+        /// Status of the reply.
         status: Status,
         /// The value; most firmware repeats the request's for what has none.
         value: i32,

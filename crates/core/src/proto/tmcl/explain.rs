@@ -70,9 +70,10 @@ impl Dissector for TmclDissector {
         out: &mut [u8],
     ) -> Result<EncodedFrame, EncodeError> {
         let on_can = addressing.wire == WireKind::Can;
-        let (last, expected) = match on_can {
-            true => (0x7FF, "a module's CAN id, 0 to 2047"),
-            false => (0xFF, "a module address, 0 to 255"),
+        let (last, expected) = if on_can {
+            (0x7FF, "a module's CAN id, 0 to 2047")
+        } else {
+            (0xFF, "a module address, 0 to 255")
         };
         let number = addressing.axis.unwrap_or(MODULE.into());
         if number > last {

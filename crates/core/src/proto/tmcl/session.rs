@@ -75,7 +75,7 @@ struct PendingExchange {
     host_request: HostRequest,
     attempts: u8,
     sent: bool,
-    /// How it goes out, once that is known.
+    /// Plan of its sending, once that is known.
     send_plan: Option<SendPlan>,
     /// Burst that was sent for each byte position of its module.
     burst: Option<Burst>,
@@ -620,10 +620,12 @@ impl Session {
                 && pending.attempts < attempts
                 && pending.host_request.class == RequestClass::Idempotent;
             self.counters.silent += u64::from(damaged || !given_up);
-            let failure = match damaged {
-                true => Failure::Refused { code: Status::WrongChecksum.number().into() },
-                false if given_up => Failure::Cancelled,
-                false => Failure::Silent,
+            let failure = if damaged {
+                Failure::Refused { code: Status::WrongChecksum.number().into() }
+            } else if given_up {
+                Failure::Cancelled
+            } else {
+                Failure::Silent
             };
             self.finish_ticket(pending.ticket, Err(failure));
         }

@@ -178,9 +178,10 @@ fn check_serial(v: &Vector) {
 
 fn check_can(v: &Vector) {
     let eight = v.bytes.len() == 8;
-    let again = match v.to_drive {
-        true => Request::parse_can(&v.bytes, 1).unwrap().emit_can(v.id as u16, eight),
-        false => Reply::parse_can(&v.bytes, 2).unwrap().emit_can(v.id as u16, eight),
+    let again = if v.to_drive {
+        Request::parse_can(&v.bytes, 1).unwrap().emit_can(v.id as u16, eight)
+    } else {
+        Reply::parse_can(&v.bytes, 2).unwrap().emit_can(v.id as u16, eight)
     };
     assert_eq!((again.bytes(), again.id), (&v.bytes[..], v.id), "{}", v.name);
     let seen = Seen::of(&v.bytes, &Context { id: Some(v.id), ..Context::default() });

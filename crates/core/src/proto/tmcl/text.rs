@@ -289,15 +289,15 @@ fn parse_value(at: usize, word: &str, opcode: Opcode) -> Result<i32, TextError> 
     // A position beyond the greatest would be one in the other direction. Bits are written in hexadecimal.
     let moves = matches!(opcode, Opcode::Mvp | Opcode::Ror | Opcode::Rol);
     let sets = matches!(opcode, Opcode::Sap) && !word.contains(['x', 'X']);
-    let expected = match moves || sets {
-        true => "a value, -2147483648 to 2147483647",
-        false => "a value, -2147483648 to 4294967295",
+    let expected = if moves || sets {
+        "a value, -2147483648 to 2147483647"
+    } else {
+        "a value, -2147483648 to 4294967295"
     };
     let number = parse_number(word).ok_or(TextError { at, expected })?;
     i32::try_from(number)
-        .or_else(|error| match moves || sets {
-            true => Err(error),
-            false => u32::try_from(number).map(u32::cast_signed),
+        .or_else(|error| {
+            if moves || sets { Err(error) } else { u32::try_from(number).map(u32::cast_signed) }
         })
         .map_err(|_| TextError { at, expected })
 }

@@ -302,10 +302,7 @@ fn checked_datagram(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
 fn wrong_length(bytes: &[u8]) -> WireError {
     let found = bytes.len().min(usize::from(u16::MAX)) as u16;
     let need = DATAGRAM as u16;
-    match found < need {
-        true => WireError::Short { need, found },
-        false => WireError::Long { need, found },
-    }
+    if found < need { WireError::Short { need, found } } else { WireError::Long { need, found } }
 }
 
 fn can_body(data: &[u8]) -> Result<[u8; CAN_DATAGRAM], WireError> {

@@ -33,7 +33,7 @@ const SYNC_ALTERNATE: u8 = 0xFF;
 #[derive(Clone, Copy, Debug)]
 pub struct TmlDissector(EncapsulationKind);
 
-/// How messages are packed.
+/// Encapsulation of messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum EncapsulationKind {
     Serial,

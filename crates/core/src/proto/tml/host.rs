@@ -116,9 +116,10 @@ impl SerialHost {
                 self.session.counters.echoed += 1;
             }
             SerialPiece::Message(Message { to, instruction }) => {
-                match early {
-                    true => self.session.handle_early_message(now, Some(to), &instruction),
-                    false => self.session.handle_message(now, Some(to), &instruction),
+                if early {
+                    self.session.handle_early_message(now, Some(to), &instruction)
+                } else {
+                    self.session.handle_message(now, Some(to), &instruction)
                 }
                 self.rearm_fallback();
             }
@@ -261,10 +262,11 @@ impl Timed for SerialHost {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        match self.baud_recovery.is_at_wanted() {
-            true => self.session.poll_timeout(),
+        if self.baud_recovery.is_at_wanted() {
+            self.session.poll_timeout()
+        } else {
             // What waits in the session waits for the line.
-            false => self.baud_recovery.deadline(),
+            self.baud_recovery.deadline()
         }
     }
 }

@@ -26,7 +26,7 @@ pub struct HostRequest {
     pub confirmation: Confirmation,
 }
 
-/// How an instruction is confirmed.
+/// Confirmation of an instruction.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Confirmation {
     /// Proof that the drive took it: its acknowledgement, or on wires without one a question behind

@@ -185,8 +185,8 @@ pub struct Session {
     answered_axes: [u64; 4],
     /// Time until which the last message through a relay is taken to be on its way.
     relay_free_at: Instant,
-    /// How sure it is that the line's baud rate is fiction (a virtual port): acknowledgements come
-    /// before their messages can have left.
+    /// Evidence that the line's baud rate is fiction (a virtual port): acknowledgements that come before their messages
+    /// can have left.
     fiction_score: u8,
     /// When something like an acknowledgement came last.
     last_ack: Option<Instant>,

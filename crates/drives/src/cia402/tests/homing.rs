@@ -25,10 +25,12 @@ fn expected(method: i8, start: f64) -> f64 {
         5 | 10 | 11 => (HOME.1, 1.0),
         _ => (HOME.1, -1.0),
     };
-    match method > 16 {
-        true => edge,
-        false if toward > 0.0 => behind(edge),
-        false => before(edge),
+    if method > 16 {
+        edge
+    } else if toward > 0.0 {
+        behind(edge)
+    } else {
+        before(edge)
     }
 }
 

@@ -68,12 +68,11 @@ impl Station<Can> for ToyHost {
             (asked.address, asked.writes, asked.register)
                 == (reply.address, reply.writes, reply.register)
         });
-        match is_ours {
-            true => {
-                self.counters.answered += 1;
-                self.end(Ok(reply.value));
-            }
-            false => self.counters.foreign += 1,
+        if is_ours {
+            self.counters.answered += 1;
+            self.end(Ok(reply.value));
+        } else {
+            self.counters.foreign += 1;
         }
     }
 

@@ -69,7 +69,7 @@ pub(super) struct StandstillMonitor {
     is_turning: bool,
     /// Speed and position contradict each other.
     mismatch: Option<Error>,
-    /// How fast the motor turns, or how far the position went in a second, and when that was read.
+    /// Speed of the motor, or change of its position in a second, and the time of the reading.
     rate: Option<(f64, Instant)>,
     /// Parameters that were read because a unit depends on them.
     factors_read: usize,
@@ -194,9 +194,10 @@ impl StandstillMonitor {
         self.in_flight = None;
         let rest = now.since(requested_at) * PAUSE_FACTOR;
         self.next_poll = now
-            + match now.since(self.since) < BRAKING_TIME {
-                true => POLL_INTERVAL,
-                false => rest.clamp(POLL_INTERVAL, POLL_INTERVAL_MAX),
+            + if now.since(self.since) < BRAKING_TIME {
+                POLL_INTERVAL
+            } else {
+                rest.clamp(POLL_INTERVAL, POLL_INTERVAL_MAX)
             };
         match read {
             Ok(raw) => {
@@ -371,9 +372,10 @@ impl LocalAxis {
     /// Evidence on a motor without measurable standstill: of one drive its acknowledgement of the stop, of a group
     /// none.
     pub(super) fn unobserved(&self) -> Standstill {
-        match AxisNumber(self.number).is_group() {
-            true => Standstill::Unconfirmed,
-            false => Standstill::Unobservable,
+        if AxisNumber(self.number).is_group() {
+            Standstill::Unconfirmed
+        } else {
+            Standstill::Unobservable
         }
     }
 
@@ -486,7 +488,7 @@ impl LocalAxis {
         factors.filter(|_| self.raw_to_si(id, 0).is_none()).nth(nth)
     }
 
-    /// How positions and speeds of this axis are compared.
+    /// Tolerances of positions and speeds of this axis.
     fn tolerance(&self) -> Option<Tolerance> {
         self.connection.with_axes(|axes, _| axes.tolerance(self.index))
     }

@@ -359,13 +359,12 @@ impl AxisInterface for RemoteAxis {
     fn release(&self) -> Result<(), Error> {
         let Some(lease) = self.armed_lease() else { return Ok(()) };
         let stopped = self.finish_stop(self.begin_stop());
-        let disabled = match self.has_verb(Verb::Disable) && lease.check().is_ok() {
-            true => {
-                let arguments = command_arguments(&Command::new(Verb::Disable));
-                let within = clock::scale_timeout(REPLY_MAX);
-                lease.run(Verb::Disable.name(), arguments, within).map_err(Error::from)
-            }
-            false => Ok(()),
+        let disabled = if self.has_verb(Verb::Disable) && lease.check().is_ok() {
+            let arguments = command_arguments(&Command::new(Verb::Disable));
+            let within = clock::scale_timeout(REPLY_MAX);
+            lease.run(Verb::Disable.name(), arguments, within).map_err(Error::from)
+        } else {
+            Ok(())
         };
         drop(lease);
         stopped.and(disabled).and(self.disarm())

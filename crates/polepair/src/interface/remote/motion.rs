@@ -125,9 +125,10 @@ impl RemoteAxis {
         }
         let is_ended =
             lease.check().is_err() || ["gateway.lease", "gateway.busy"].contains(&stopped.code());
-        match is_ended && self.wait_standstill(&lease) {
-            true => Ok(()),
-            false => Err(stopped.with_unseen_motor()),
+        if is_ended && self.wait_standstill(&lease) {
+            Ok(())
+        } else {
+            Err(stopped.with_unseen_motor())
         }
     }
 
@@ -151,7 +152,7 @@ impl RemoteAxis {
         })
     }
 
-    /// How the drive is stopped without its gateway.
+    /// Hint for stopping the drive without its gateway.
     fn direct_stop_hint(&self) -> String {
         let (link, number) = (self.info().link, self.info().number);
         let link = self.bench().links.iter().find(|its| its.id == link && !its.simulated);

@@ -225,9 +225,10 @@ impl Server {
             started.into_iter().flatten().map(|result| result?.wait(STOP_MAX)?.ok_or_else(late));
         let stopped = stopped.fold(Ok(()), Result::and);
         armed.into_iter().fold(stopped, |ended, (id, lease)| {
-            let disabled = match has_verb(id, "disable") {
-                true => lease.run("disable", CommandArguments::default(), REPLY_MAX),
-                false => Ok(()),
+            let disabled = if has_verb(id, "disable") {
+                lease.run("disable", CommandArguments::default(), REPLY_MAX)
+            } else {
+                Ok(())
             };
             drop(lease);
             ended.and(disabled).and(self.lock_slot(id).disarm_and_release())

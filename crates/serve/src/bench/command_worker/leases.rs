@@ -46,13 +46,13 @@ impl CommandWorker {
     ) {
         let (now, lasts) = (self.context.now(), self.context.lease_duration);
         let closes = self.context.is_closing() || self.lost;
-        let may = match self.wire.scan_flag.is_active() {
-            _ if closes => Err(unavailable_error(self.lost)),
-            true => {
-                let what = "a scan of this link is running";
-                Err(scan_error(what).hint("wait for the end of the scan, or cancel it"))
-            }
-            false => self.context.journal.check_writable(now),
+        let may = if closes {
+            Err(unavailable_error(self.lost))
+        } else if self.wire.scan_flag.is_active() {
+            let what = "a scan of this link is running";
+            Err(scan_error(what).hint("wait for the end of the scan, or cancel it"))
+        } else {
+            self.context.journal.check_writable(now)
         };
         let slot = &mut self.axes[axis].lease;
         let before = slot.holder().map(|holder| holder.epoch);

@@ -14,9 +14,10 @@ const ALWAYS: Ppm = Ppm(1_000_000);
 impl Bench {
     /// On RS-232, or RS-485, with one drive.
     pub(super) fn serial(rs485: bool) -> Self {
-        match rs485 {
-            true => Self::rs485(HostOptions::new(9600), &[1], &[1]),
-            false => Self::relay("tmlcan", &[1]),
+        if rs485 {
+            Self::rs485(HostOptions::new(9600), &[1], &[1])
+        } else {
+            Self::relay("tmlcan", &[1])
         }
     }
 

@@ -2,7 +2,7 @@
 
 use polepair_core::proto::canopen::sdo::{BLOCK_MAX, BlockSegment, SEGMENT};
 
-/// What came of a block.
+/// Segments of a block.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BlockBuffer {
     bytes: Vec<u8>,
@@ -10,7 +10,7 @@ pub(super) struct BlockBuffer {
     pub segments_max: u8,
     /// The last one that came in order.
     pub count: u8,
-    /// That was the last of all.
+    /// True for the last of all.
     pub last: bool,
     /// The last segment of all, whose end may not count.
     tail: Option<[u8; SEGMENT]>,
@@ -38,8 +38,8 @@ impl BlockBuffer {
         self.last || self.count >= self.segments_max
     }
 
-    /// So many segments arrived: gives their bytes, but not those of the last of all, which wait
-    /// until it is said how many of them count. The next block has `room`.
+    /// Gives the bytes of the `arrived` segments, except those of the last of all, which wait for their valid length.
+    /// The next block has `capacity` segments.
     pub fn acknowledge(&mut self, arrived: u8, capacity: u8, mut each: impl FnMut(&[u8])) {
         let all = arrived >= self.count && self.last;
         let len = usize::from(arrived.min(self.count)) * SEGMENT;

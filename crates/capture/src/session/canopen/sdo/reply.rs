@@ -11,7 +11,7 @@ use super::{
 use crate::session::{AnomalyKind, ExchangeNotice, ExchangeOutcome, SessionNotice};
 
 impl SdoChannel {
-    /// Takes eight bytes from the node. `followed` says that requests are heard on this bus.
+    /// Handles eight bytes from the node. `followed` is true if requests are in the capture of this bus.
     pub fn handle_reply(
         &mut self,
         bytes: [u8; 8],
@@ -26,15 +26,16 @@ impl SdoChannel {
             ChannelState::Open => {
                 let block = self.transfer.phase == TransferPhase::BlockUp && bytes[0] != 0x80;
                 self.transfer.last_progress = at.1.or(self.transfer.last_progress);
-                match block {
-                    true => self.handle_block_up(bytes, at, notices),
-                    false => self.match_reply(bytes, before, at, notices),
+                if block {
+                    self.handle_block_up(bytes, at, notices)
+                } else {
+                    self.match_reply(bytes, before, at, notices)
                 }
             }
         }
     }
 
-    /// It may go on with what began before the capture.
+    /// Handles a reply that may continue a transfer from before the capture.
     fn reply_unsynced(
         &mut self,
         bytes: [u8; 8],
@@ -79,8 +80,8 @@ impl SdoChannel {
         TransferPart::Plain
     }
 
-    /// The same request answered twice: by one node once, by two always. What tells products apart
-    /// is never two things.
+    /// Handles a duplicated reply: one node sends it once, two always. A value that distinguishes products is never one
+    /// of two.
     fn report_double(&mut self, bytes: [u8; 8], before: [u8; 8], notices: &mut Vec<SessionNotice>) {
         let object = SdoReply::of(bytes).object().map(|object| object.index);
         let differs = bytes != before && matches!(object, Some(0x1000 | 0x1008..=0x100A | 0x1018));
@@ -94,7 +95,7 @@ impl SdoChannel {
         }
     }
 
-    /// It answers what had been given up.
+    /// Handles the reply to a request that had been given up.
     fn handle_late_reply(
         &mut self,
         bytes: [u8; 8],
@@ -347,7 +348,7 @@ impl SdoChannel {
         TransferPart::BlockSegment(n)
     }
 
-    /// So many segments of the block arrived; the others come again.
+    /// Handles the acknowledgement of `arrived` segments of the block; the others are sent again.
     pub(super) fn acknowledge_block(
         &mut self,
         arrived: u8,
@@ -390,7 +391,7 @@ impl SdoChannel {
     }
 }
 
-/// What is left of a request that was held to be unanswered, and was not.
+/// The exchange of a request whose reply was missing and came late.
 fn late_exchange(notice: SessionNotice, at: FrameRef) -> Option<SessionNotice> {
     let SessionNotice::Exchange(exchange) = notice else { return None };
     let (answered, outcome) = (Some(at), ExchangeOutcome::Late);

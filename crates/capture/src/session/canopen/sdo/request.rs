@@ -67,7 +67,7 @@ impl SdoChannel {
         open && bytes[0] == t.request[0].wrapping_add(1)
     }
 
-    /// In a block nearly everything is a segment, but an abort, and a request to read where another
+    /// Returns whether it is a segment: in a block all frames are, except an abort, and a read request where another
     /// segment was due.
     fn is_block_segment(&self, bytes: [u8; 8]) -> bool {
         let t = &self.transfer;
@@ -80,7 +80,7 @@ impl SdoChannel {
         TransferPart::Plain
     }
 
-    /// The node owes an answer to these very bytes.
+    /// Returns whether it repeats a request that has no reply yet.
     fn is_retry(&self, bytes: [u8; 8]) -> bool {
         self.transfer.phase.is_node_turn()
             && self.transfer.phase != TransferPhase::BlockUp
@@ -135,7 +135,7 @@ impl SdoChannel {
         TransferPart::Plain
     }
 
-    /// A frame that goes on with what nobody began.
+    /// Handles a frame that continues no known transfer.
     fn handle_unexpected(
         &mut self,
         at: FrameRef,
@@ -247,9 +247,10 @@ impl SdoChannel {
         let t = &self.transfer;
         let (spelled, first) = (t.description(), t.phase == TransferPhase::First);
         let why = polepair_core::proto::canopen::explain::meanings::abort_text(abort);
-        let (kind, outcome, what) = match first {
-            true => (AnomalyKind::Unanswered, ExchangeOutcome::Unanswered, "before an answer"),
-            false => (AnomalyKind::Incomplete, t.abandoned_outcome(), "in the middle"),
+        let (kind, outcome, what) = if first {
+            (AnomalyKind::Unanswered, ExchangeOutcome::Unanswered, "before an answer")
+        } else {
+            (AnomalyKind::Incomplete, t.abandoned_outcome(), "in the middle")
         };
         let text = format!("the client gave up {spelled} {what}: {why}");
         self.abandon_transfer(notices);

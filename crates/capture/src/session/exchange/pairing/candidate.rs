@@ -8,7 +8,7 @@ use crate::timestamp::Timestamp;
 const USUAL_MIN: u64 = 4;
 /// … which is twice the longest so far, and this besides, ns: adapters pass frames on in bunches.
 const USUAL_SLACK: u64 = 5_000_000;
-/// A host takes turns with an axis if it waited for so many answers as often as it did not for one.
+/// Ratio of awaited to overtaken replies above which a host takes turns with an axis.
 const WAITED_RATIO: u64 = 16;
 
 impl Pairing {
@@ -30,7 +30,7 @@ impl Pairing {
         self.answers >= WAITED_RATIO * self.overlapping.max(1)
     }
 
-    /// How far from what answers took lately an answer now would be, where the host takes turns.
+    /// Deviation of a reply's time from the recent ones, if the host takes turns.
     fn deviation(&self, request: &TrackedRequest, now: Option<Timestamp>) -> u64 {
         let waited = request.last_sent.zip(now).map(|(last, now)| now.since(last));
         let lately = self.recent_mean.filter(|_| self.waits_for_answers());
@@ -47,10 +47,12 @@ impl Pairing {
         };
         let mut best: Option<((u8, u64), usize)> = None;
         for (at, request) in self.requests.iter().enumerate().filter(|(_, r)| fits(r)) {
-            let rank = match request.frame.bytes == observed.raw.bytes {
-                true => 0,
-                false if request.is_late(observed.time) => 3,
-                false => 1 + u8::from(!self.is_usual_delay(request, observed.time)),
+            let rank = if request.frame.bytes == observed.raw.bytes {
+                0
+            } else if request.is_late(observed.time) {
+                3
+            } else {
+                1 + u8::from(!self.is_usual_delay(request, observed.time))
             };
             let strange = if rank == 1 { self.deviation(request, observed.time) } else { 0 };
             let rank = (rank, strange);

@@ -27,7 +27,7 @@ impl Pairing {
         }
     }
 
-    /// The capture ends: what is due by then did not come, the rest is nobody's fault.
+    /// Ends the capture: overdue replies are missing, others are no fault.
     pub fn finish(&mut self, notices: &mut Vec<SessionNotice>) {
         for at in 0..self.requests.len() {
             let request = &mut self.requests[at];
@@ -59,7 +59,7 @@ impl Pairing {
             return;
         }
         if request.spoiled {
-            // That its answer was spoiled was told.
+            // The damaged reply was reported.
             request.exchange.outcome = ExchangeOutcome::BadCheck;
             return notices.push(SessionNotice::Exchange(request.exchange));
         }
@@ -89,7 +89,7 @@ impl Pairing {
         }
     }
 
-    /// How the axis answers from now on.
+    /// Learns the format of the axis' replies from now on.
     pub(super) fn learn_format(&mut self, at: usize) {
         let request = &self.requests[at];
         let Some(axis) = request.exchange.axis else { return };

@@ -20,15 +20,15 @@ pub const CHANGED: &str = "E307";
 /// Batches that wait to be written.
 const WAITING_MAX: usize = 2;
 
-/// What becomes of a capture.
+/// A capture to decode to columns.
 pub struct ColumnsJob<'a> {
     /// The tables.
     pub tables: &'a [TableKind],
     /// The machine or gateway that recorded it.
     pub recorder: &'a str,
-    /// What its rows are called by.
+    /// Name of the capture in its rows.
     pub file: &'a str,
-    /// Its content; `None` for a stream, which is read once only.
+    /// Content of the capture; `None` for a stream, which is read once only.
     pub capture: Option<&'a CaptureFile>,
     /// The drive whose names were stated.
     pub profile: &'a str,
@@ -67,17 +67,16 @@ pub fn decode_into(
     interrupt::remove_files_at_end();
     let mut columns = ColumnSink::new(keep, out, wanted);
     let source = source.without_words();
-    let decoder = match is_stream(path) {
-        true => source.decode(path, &mut columns)?,
-        false => {
-            let mut builders: Vec<_> =
-                (0..wanted.jobs).map(|_| BatchBuilder::new(wanted.tables_builder())).collect();
-            let put = &mut |builder: &mut BatchBuilder| columns.send_built(builder.take_built());
-            let mut decoder = source.decode_parallel(path, &mut builders, put)?;
-            decoder.finish_sessions(&mut |event| columns.handle_final(event));
-            columns.finish()?;
-            decoder
-        }
+    let decoder = if is_stream(path) {
+        source.decode(path, &mut columns)?
+    } else {
+        let mut builders: Vec<_> =
+            (0..wanted.jobs).map(|_| BatchBuilder::new(wanted.tables_builder())).collect();
+        let put = &mut |builder: &mut BatchBuilder| columns.send_built(builder.take_built());
+        let mut decoder = source.decode_parallel(path, &mut builders, put)?;
+        decoder.finish_sessions(&mut |event| columns.handle_final(event));
+        columns.finish()?;
+        decoder
     };
     // What is no capture is not called decoded.
     check_readable(decoder.statistics())?;

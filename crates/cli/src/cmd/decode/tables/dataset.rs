@@ -22,12 +22,12 @@ struct DatasetCommand {
     decode: Decode,
 }
 
-/// What became of a capture of a data set.
+/// Result of a capture of a data set.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct DatasetCapture {
     /// False where the data set had it already, decoded with the same options.
     pub is_new: bool,
-    /// What was left out, and what is doubtful.
+    /// Parts that were left out, and doubtful ones.
     pub remarks: Vec<String>,
 }
 
@@ -36,9 +36,9 @@ pub struct DatasetCapture {
 pub struct DatasetError {
     /// Stable: `E510`.
     pub code: String,
-    /// What is wrong, in one or two sentences.
+    /// Description of the error, in one or two sentences.
     pub message: String,
-    /// What to try; may be empty.
+    /// Remedy to try; may be empty.
     pub hint: String,
     /// A file could not be read or written: another attempt may succeed.
     pub is_io: bool,

@@ -16,23 +16,23 @@ use crate::terminal::{colour_err, print_warning};
 /// Captures that are decoded at once at most: each holds row groups in memory.
 const WORKERS_MAX: usize = 4;
 
-/// What became of one capture.
+/// Result of one capture.
 pub struct CaptureReport {
     /// False where the data set had it already.
     pub is_new: bool,
     /// Frames were left out.
     pub is_partial: bool,
-    /// What was left out, and what is doubtful.
+    /// Parts that were left out, and doubtful ones.
     pub remarks: Vec<String>,
 }
 
-/// What becomes of a folder.
+/// A folder to decode.
 pub struct FolderJob<'a> {
-    /// Where the captures are.
+    /// Folder of the captures.
     pub captures: &'a Path,
-    /// What is stated about all of them.
+    /// Stated properties of all captures.
     pub stated: &'a CaptureArgs,
-    /// Where they go.
+    /// Target data set.
     pub site: DatasetSite,
     /// The machine or gateway that recorded them.
     pub recorder: &'a str,
@@ -42,7 +42,7 @@ pub struct FolderJob<'a> {
     pub jobs: usize,
 }
 
-/// What became of the captures.
+/// Tally of the captures.
 #[derive(Default)]
 struct FolderTally {
     decoded: usize,
@@ -55,7 +55,7 @@ struct FolderTally {
 }
 
 impl FolderJob<'_> {
-    /// Decodes what is not decoded yet. A capture that cannot be read is told and passed over.
+    /// Decodes the new captures. One that cannot be read is reported and skipped.
     pub fn decode(&self) -> Result {
         self.stated.source()?;
         let mut captures = Vec::new();
@@ -120,7 +120,7 @@ impl FolderJob<'_> {
         Ok(())
     }
 
-    /// Decodes one capture, whose rows are called by `file`, on so many threads.
+    /// Decodes one capture, with the name `file` in its rows, on `jobs` threads.
     pub fn decode_one(&self, path: &Path, file: &str, jobs: usize) -> Result<CaptureReport> {
         let capture = columns::read_capture(path, file)?;
         let done = self.record(&capture.content().blake3);
@@ -168,9 +168,10 @@ fn count_result(tally: &Mutex<FolderTally>, path: &Path, done: Result<CaptureRep
         }
         Ok(_) => tally.already_decoded += 1,
         Err(problem) => {
-            match problem.code == columns::CHANGED {
-                true => tally.changing += 1,
-                false => tally.unreadable += 1,
+            if problem.code == columns::CHANGED {
+                tally.changing += 1;
+            } else {
+                tally.unreadable += 1;
             }
             print_warning(&format!("{}: left out", path.display()));
             print_warning(problem.render(colour_err()).trim_end());

@@ -13,7 +13,7 @@ use super::{TextRole, Theme, truncate};
 const OLD_AGE: Duration = Duration::from_secs(1);
 /// Columns, in the order in which they are left out when there is no room for all.
 const DROPPED_COLUMNS: [&str; 4] = ["drive", "mode", "torque", "age"];
-/// The least share of the rows that is kept for frames: one part of so many.
+/// Divisor of the rows for the least number of rows of frames.
 const FRAMES_PART: u16 = 2;
 
 /// One column of the table.
@@ -35,7 +35,7 @@ impl AxisColumn {
     }
 }
 
-/// As many lines as there is room for, frames given their share.
+/// Lines of axes that fit, with the share of frames kept.
 pub fn axis_lines(
     axes: &[AxisRow],
     chosen: usize,
@@ -140,7 +140,7 @@ fn value_cell(value: Option<&ShownValue>) -> (String, TextRole) {
     }
 }
 
-/// The chosen axis: what is wrong with it and what helps, then what else it tells.
+/// The selected axis: its troubles and remedies, then its further values.
 fn detail_lines(axis: Option<&AxisRow>, width: usize, theme: Theme) -> Vec<Line<'static>> {
     let Some(axis) = axis else { return Vec::new() };
     let mut lines = Vec::new();
@@ -167,7 +167,7 @@ fn detail_lines(axis: Option<&AxisRow>, width: usize, theme: Theme) -> Vec<Line<
     lines
 }
 
-/// A text in lines of at most so many characters, broken between words.
+/// A text in lines of at most `width` characters, broken between words.
 fn wrap_text(text: &str, width: usize) -> Vec<String> {
     let indent: String = text.chars().take_while(|letter| *letter == ' ').collect();
     let mut lines = vec![indent.clone()];

@@ -16,16 +16,17 @@ const WIDTH_STEPS: [u16; 3] = [80, 100, 120];
 /// A kind of frame that did not come for so long is shown as old.
 const OLD_NS: u64 = 2_000_000_000;
 
-/// What is shown below it.
+/// Title of the list.
 pub fn title_line(
     monitor: &dyn MonitorSource,
     view: &View,
     width: u16,
     theme: Theme,
 ) -> Line<'static> {
-    let mut text = match view.by_kind {
-        true => "── frames, the last of each kind: count, every, bytes ".to_owned(),
-        false => "── frames ".to_owned(),
+    let mut text = if view.by_kind {
+        "── frames, the last of each kind: count, every, bytes ".to_owned()
+    } else {
+        "── frames ".to_owned()
     };
     let plain = text.chars().count();
     if !view.filter.is_empty() {
@@ -44,7 +45,7 @@ pub fn title_line(
     ])
 }
 
-/// As many frames as there is room for.
+/// Frames that fit.
 pub fn frame_lines(
     monitor: &dyn MonitorSource,
     view: &View,
@@ -67,7 +68,7 @@ pub fn frame_lines(
         .collect()
 }
 
-/// How wide each part of a line is.
+/// Widths of the parts of a line.
 struct Grid {
     theme: Theme,
     width: usize,

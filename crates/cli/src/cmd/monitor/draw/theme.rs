@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use ratatui_core::style::{Color, Modifier, Style};
 use ratatui_core::text::Span;
 
-/// What a piece of text is.
+/// Role of a piece of text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TextRole {
     /// Nothing special.
@@ -14,7 +14,7 @@ pub enum TextRole {
     Dim,
     /// More important.
     Strong,
-    /// As it should be.
+    /// A good state.
     Good,
     /// To be looked at.
     Warn,
@@ -24,7 +24,7 @@ pub enum TextRole {
     ToDrive,
     /// A byte that changed.
     Changed,
-    /// How to stop.
+    /// The key that stops.
     Stop,
 }
 
@@ -41,7 +41,7 @@ impl Theme {
         Span::styled(text, self.style(role))
     }
 
-    /// How a role looks. The terminal's own colours for text and ground are left alone.
+    /// Style of a role. The terminal's own colours for text and ground are left alone.
     pub fn style(self, role: TextRole) -> Style {
         let (colour, modifier) = match role {
             TextRole::Plain => (Color::Reset, Modifier::empty()),

@@ -71,7 +71,7 @@ pub trait MotorControl {
     fn is_torque_limited(&self) -> bool;
 }
 
-/// How a drive decelerates to rest.
+/// Deceleration of a drive to standstill.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Braking {
     /// Not at all: power is taken off.

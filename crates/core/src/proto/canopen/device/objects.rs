@@ -232,9 +232,10 @@ impl<const N: usize> CanEndpoint<N> {
         }
         if sub > 0 {
             let entry = pdo::MappingEntry::from(value);
-            return match pdo.count > 0 && !lenient {
-                true => Err(AbortCode::ACCESS),
-                false => check_mappable(entry, index >= 0x1800, lenient, firmware),
+            return if pdo.count > 0 && !lenient {
+                Err(AbortCode::ACCESS)
+            } else {
+                check_mappable(entry, index >= 0x1800, lenient, firmware)
             };
         }
         if value as usize > pdo.map.len() {

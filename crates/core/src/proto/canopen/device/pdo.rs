@@ -198,9 +198,8 @@ impl<const N: usize> TransmitPdos<N> {
     }
 
     pub(super) fn due(&self) -> Instant {
-        let at = |send: &TransmitPdo| match send.send_pending {
-            true => send.event_at.min(send.free_at),
-            false => send.event_at,
+        let at = |send: &TransmitPdo| {
+            if send.send_pending { send.event_at.min(send.free_at) } else { send.event_at }
         };
         self.all.iter().map(at).fold(Instant::FAR_FUTURE, Instant::min)
     }

@@ -89,9 +89,10 @@ pub fn decode_number(
     profile: Option<&'static Profile>,
 ) -> i64 {
     let rest = 32 - 8 * u32::from(value_len(object, bits, len, profile));
-    match is_signed(object, profile) {
-        true => ((bits << rest).cast_signed() >> rest).into(),
-        false => ((bits << rest) >> rest).into(),
+    if is_signed(object, profile) {
+        ((bits << rest).cast_signed() >> rest).into()
+    } else {
+        ((bits << rest) >> rest).into()
     }
 }
 

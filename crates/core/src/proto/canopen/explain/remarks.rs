@@ -85,9 +85,10 @@ fn write_remarks(
             )?;
             if matches!(short.len, 1..=3) && short.bits >> (8 * short.len) != 0 {
                 let len = meanings::value_len(object, short.bits, short.len, profile);
-                out.write_str(match len > short.len {
-                    true => "; the command's size is too small for it",
-                    false => "; the unused bytes are not zero",
+                out.write_str(if len > short.len {
+                    "; the command's size is too small for it"
+                } else {
+                    "; the unused bytes are not zero"
                 })?;
             }
         }
@@ -172,9 +173,10 @@ fn write_process_remark(
     let data = u64::from_le_bytes(frame.data);
     let mut join = " ";
     for (entry, field) in map.fields() {
-        let raw = match meanings::is_signed(entry.object, profile) {
-            true => field.signed(data),
-            false => field.unsigned(data).cast_signed(),
+        let raw = if meanings::is_signed(entry.object, profile) {
+            field.signed(data)
+        } else {
+            field.unsigned(data).cast_signed()
         };
         out.write_str(join)?;
         meanings::write_value(entry.object, raw, profile, out)?;

@@ -373,9 +373,10 @@ impl NodeChannel {
             }
             (ChannelStage::BlockReading(arrived), Some(long)) => {
                 self.segments = long.free_segments();
-                self.stage = match long.has_last() {
-                    true => ChannelStage::BlockReadEnd,
-                    false => ChannelStage::BlockReading(0),
+                self.stage = if long.has_last() {
+                    ChannelStage::BlockReadEnd
+                } else {
+                    ChannelStage::BlockReading(0)
                 };
                 SdoRequest::ReadBlockAck { arrived, segments: self.segments.max(1) }
             }
@@ -437,7 +438,7 @@ impl NodeChannel {
             (ChannelStage::BlockReading(arrived), Some(_))
                 if again && !self.stalled && arrived > 0 =>
             {
-                // The end of the block was lost: what came of it is acknowledged.
+                // The end of the block was lost: the received part is acknowledged.
                 self.attempts += 1;
                 (ChannelStep::Send, true)
             }

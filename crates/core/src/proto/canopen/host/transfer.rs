@@ -208,9 +208,10 @@ impl NodeChannel {
             }
             (_, HostRequest::Write { object, bits, len, .. }) => {
                 self.bytes_done += SEGMENT as u32;
-                match self.bytes_done < len.into() {
-                    true => ChannelStep::Send,
-                    false => ChannelStep::End(Ok(Answer::Written { object, bits })),
+                if self.bytes_done < len.into() {
+                    ChannelStep::Send
+                } else {
+                    ChannelStep::End(Ok(Answer::Written { object, bits }))
                 }
             }
             _ => ChannelStep::Wait,
@@ -242,10 +243,7 @@ impl NodeChannel {
             self.bytes_done += SEGMENT as u32;
             long.push_block_segment(data, last);
         }
-        match last || number >= self.segments {
-            true => self.resume(long),
-            false => ChannelStep::Wait,
-        }
+        if last || number >= self.segments { self.resume(long) } else { ChannelStep::Wait }
     }
 
     fn handle_block_end(

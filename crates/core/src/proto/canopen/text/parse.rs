@@ -194,9 +194,10 @@ fn parse_emergency(words: &mut Tokenizer<'_>) -> Result<Statement> {
     if words.accept_word("short") {
         return Ok(Statement::Emergency(Emergency { code, ..Emergency::default() }, true));
     }
-    let register = match words.accept_word("register") {
-        true => words.read_byte("the error register, 0 to 0xFF")?,
-        false => 0,
+    let register = if words.accept_word("register") {
+        words.read_byte("the error register, 0 to 0xFF")?
+    } else {
+        0
     };
     let mut vendor = [0; 5];
     if words.accept_word("vendor") {
@@ -327,10 +328,8 @@ fn parse_written(words: &mut Tokenizer<'_>) -> Result<Statement> {
         },
         () => {
             let object = words.read_object()?.0;
-            let echo = match words.accept_word("echo") {
-                true => words.read_word("the data again")?,
-                false => 0,
-            };
+            let echo =
+                if words.accept_word("echo") { words.read_word("the data again")? } else { 0 };
             SdoReply::Written(object, echo)
         }
     };

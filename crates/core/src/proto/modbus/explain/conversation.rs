@@ -45,10 +45,12 @@ impl ModbusDissector {
                 !answers && RequestPdu::parse(pdu).is_ok()
             }
         };
-        match asks {
-            true if unit == BROADCAST => FrameRole::Request(ReplyExpectation::NONE),
-            true => FrameRole::Request(ReplyExpectation::ONE_ANSWER),
-            false => FrameRole::Answer,
+        if !asks {
+            FrameRole::Answer
+        } else if unit == BROADCAST {
+            FrameRole::Request(ReplyExpectation::NONE)
+        } else {
+            FrameRole::Request(ReplyExpectation::ONE_ANSWER)
         }
     }
 
@@ -219,9 +221,10 @@ impl ValueReporter<'_> {
 
     /// Reports the values of a read from `start` on.
     fn report_read(&mut self, (space, start, count): (Space, u16, u16), data: &[u8]) {
-        match space.is_bits() {
-            true => self.report_bits(space, start, count, data),
-            false => self.report_words(space, start, data),
+        if space.is_bits() {
+            self.report_bits(space, start, count, data)
+        } else {
+            self.report_words(space, start, data)
         }
     }
 

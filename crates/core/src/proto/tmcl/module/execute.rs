@@ -322,9 +322,10 @@ fn version_text(module: &impl TmclModule) -> [u8; 8] {
     let minor = [digit(minor.into(), 10), digit(minor.into(), 1)];
     let major = digit(major.into(), 1);
     let [a, b, c, d] = [1000, 100, 10, 1].map(|place| digit(number, place));
-    match number < 1000 {
-        true => [b, c, d, b'V', major, b'.', minor[0], minor[1]],
-        false => [a, b, c, d, b'V', major, minor[0], minor[1]],
+    if number < 1000 {
+        [b, c, d, b'V', major, b'.', minor[0], minor[1]]
+    } else {
+        [a, b, c, d, b'V', major, minor[0], minor[1]]
     }
 }
 

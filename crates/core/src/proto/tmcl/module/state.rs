@@ -162,9 +162,10 @@ pub trait TmclModule {
         let ready = program.is_ready(|what| self.is_met(what));
         let memory = &mut self.state_mut().memory;
         program.interrupts.tick(levels, &memory.interrupt_settings);
-        let step = match ready {
-            true => program.execute_next(&memory.program, &mut memory.variables),
-            false => InterpreterStep::Nothing,
+        let step = if ready {
+            program.execute_next(&memory.program, &mut memory.variables)
+        } else {
+            InterpreterStep::Nothing
         };
         self.state_mut().program = program;
         if let InterpreterStep::Command(request) = step {

@@ -89,7 +89,7 @@ impl SilentModule {
     }
 }
 
-/// How a request goes out once for every place of a module's count.
+/// A request that is sent once for every byte position of a module.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::proto::tmcl) struct Burst {
     /// Bytes before it. They undo the bytes that were put between the requests before.
@@ -98,7 +98,7 @@ pub(in crate::proto::tmcl) struct Burst {
     pub trail_bytes: u8,
 }
 
-/// How a request goes out.
+/// Form in which a request is sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SendPlan {
     /// Bytes that go out alone before it.
@@ -115,7 +115,7 @@ impl SendPlan {
     }
 }
 
-/// How modules of the line count.
+/// Byte position of the modules on the line.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ByteAlignment {
     /// They know no frame but by counting bytes: on serial lines.
@@ -228,12 +228,12 @@ impl Session {
             .is_some_and(|quiet| quiet.answered_burst && quiet.offsets_tried < OFFSETS)
     }
 
-    /// How the request that is sent next goes out for every place, if it does.
+    /// Burst of the next request, if it is sent for every byte position.
     pub(in crate::proto::tmcl) fn burst(&self) -> Option<Burst> {
         self.pending.filter(|pending| !pending.sent)?.send_plan?.burst
     }
 
-    /// How a request is sent.
+    /// Plans the sending of a request.
     fn plan_send(&mut self, now: Instant, pending: &PendingExchange) -> SendPlan {
         let module = pending.host_request.request.address;
         let lost = self.is_misaligned(now, module);
@@ -313,10 +313,12 @@ impl Session {
         let quiet = self.silent_module(module).filter(|_| worth && alone);
         quiet.is_some_and(|quiet| {
             let past = now >= quiet.since.plus_ns(FILLER_TIMEOUTS * self.timeout_ns);
-            let min = match quiet.missed_non_stop {
-                true if quiet.offsets_tried > 0 => 1,
-                true => UNANSWERED_MIN,
-                false => UNANSWERED_STOPS_MIN,
+            let min = if !quiet.missed_non_stop {
+                UNANSWERED_STOPS_MIN
+            } else if quiet.offsets_tried > 0 {
+                1
+            } else {
+                UNANSWERED_MIN
             };
             past && quiet.unanswered >= min
         })

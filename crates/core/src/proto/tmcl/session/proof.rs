@@ -247,11 +247,12 @@ impl Session {
     pub(super) fn handle_proof_timeout(&mut self, now: Instant, probe: &PendingExchange) {
         self.mark_suspect(now, probe, false);
         let module = probe.host_request.request.address;
-        let max = match self.has_answered(module) {
-            true if self.is_searching_offset(module) => MISALIGNED_PROBES_MAX,
-            true => KNOWN_PROBES_MAX,
-            false if self.may_start_misaligned(module) => MISALIGNED_PROBES_MAX,
-            false => UNKNOWN_PROBES_MAX,
+        let max = if self.has_answered(module) {
+            if self.is_searching_offset(module) { MISALIGNED_PROBES_MAX } else { KNOWN_PROBES_MAX }
+        } else if self.may_start_misaligned(module) {
+            MISALIGNED_PROBES_MAX
+        } else {
+            UNKNOWN_PROBES_MAX
         };
         let Some(waiting) = &mut self.unproven_request else { return };
         waiting.proofs_left = PROOFS_NEEDED;

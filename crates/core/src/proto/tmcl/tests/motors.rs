@@ -32,9 +32,10 @@ fn stops_are_true(wire: &mut TestWire, context: &str, answered: bool) {
     for round in 0..8 {
         for motor in (0..=motors).chain([0]) {
             let ended = wire.request(stop(motor));
-            let own = match motor < motors {
-                true => matches!(ended, Ok(Answer::Reply(_))),
-                false => ended == Err(INVALID_VALUE),
+            let own = if motor < motors {
+                matches!(ended, Ok(Answer::Reply(_)))
+            } else {
+                ended == Err(INVALID_VALUE)
             };
             let unknown = !answered && ended == Err(Failure::Silent);
             assert!(own || unknown, "{context}, round {round}, motor {motor}: {ended:?}");

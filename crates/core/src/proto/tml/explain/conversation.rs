@@ -35,10 +35,12 @@ fn expected_replies(parsed: &ParsedFrame, serial: bool) -> ReplyExpectation {
     let opcode = parsed.instruction.opcode;
     let one = if many { ReplyCount::Unknown } else { ReplyCount::Exactly(1) };
     ReplyExpectation {
-        acks: match serial {
-            false => ReplyCount::Zero,
-            true if rules::breaks_contact(opcode) => ReplyCount::Unknown,
-            true => one,
+        acks: if !serial {
+            ReplyCount::Zero
+        } else if rules::breaks_contact(opcode) {
+            ReplyCount::Unknown
+        } else {
+            one
         },
         answers: if rules::is_request(opcode) { one } else { ReplyCount::Zero },
     }

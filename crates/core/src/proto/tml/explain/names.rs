@@ -55,8 +55,8 @@ pub(super) fn assemble(
     instruction::assemble(text, &LanguageScope { profile, sender, ..LanguageScope::default() })
 }
 
-/// How a variable is reached: its address, the page of short addresses that it is on, its type, and
-/// the opcodes that assign and ask for it.
+/// Explains the access to a variable: its address, its page of short addresses, its type, and the opcodes that assign
+/// and read it.
 pub(super) fn explain_reach(variable: &Parameter, sink: &mut dyn ExplainSink) {
     let Parameter { index, encoding, .. } = *variable;
     let kind = VariableKind::of(encoding);

@@ -410,9 +410,12 @@ fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
     for (lost, stops) in [(false, false), (true, false), (false, true), (true, true)] {
         let mut line = Line::rs232();
         assert_eq!(line.value(KPP), Ok(5));
-        line.requests = once(2, move |bytes| match lost {
-            true => Vec::new(),
-            false => std::vec![(0, [&bytes[..1], &[0x94], &bytes[1..]].concat())],
+        line.requests = once(2, move |bytes| {
+            if lost {
+                Vec::new()
+            } else {
+                std::vec![(0, [&bytes[..1], &[0x94], &bytes[1..]].concat())]
+            }
         });
         line.replies = once(2, |ack| std::vec![(0, ack.to_vec()), (2, ack.to_vec())]);
         assert_eq!(line.set(9), Ok(Answer::Accepted(9)));

@@ -30,7 +30,7 @@ enum HomingSwitch {
     Positive,
 }
 
-/// How the zero is found.
+/// Strategy of a search for the zero.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum HomingStrategy {
     /// The present position.
