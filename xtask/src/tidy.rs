@@ -404,6 +404,14 @@ impl<'ast> Visit<'ast> for RuleVisitor<'_> {
         if sync && signature.asyncness.is_some() {
             self.report_at(signature.ident.span(), "rule 7: an async fn");
         }
+        let has_tuple = signature.inputs.iter().any(|input| {
+            matches!(input, syn::FnArg::Typed(parameter)
+                if matches!((&*parameter.pat, &*parameter.ty), (syn::Pat::Tuple(_), syn::Type::Tuple(_))))
+        });
+        if has_tuple {
+            let what = "rule 18: a tuple as a parameter; use parameters of their own, or a struct";
+            self.report_at(signature.ident.span(), what);
+        }
         visit::visit_signature(self, signature);
     }
 

@@ -247,10 +247,13 @@ impl FrameBatch {
     pub(crate) fn push_compact(
         &mut self,
         record: &Record<'_>,
-        (number, frame): (u64, &Frame),
+        number: u64,
+        frame: &Frame,
         voice: &mut u16,
-        (says, link, protocol): (ContentRef<'_>, &Arc<str>, &'static str),
+        source: (ContentRef<'_>, &Arc<str>, &'static str),
     ) -> bool {
+        let (says, link, protocol) = source;
+
         let Some(time) = record.time else { return false };
         let direction = record.direction;
         let same = |known: &FrameTemplate| {

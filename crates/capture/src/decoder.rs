@@ -95,10 +95,14 @@ impl<'a> DecodedFrame<'a> {
     /// A CAN frame with its number, its link and protocol, and its explanation.
     fn from_frame(
         record: &Record<'_>,
-        (number, frame): (u64, &'a Frame),
-        (link, protocol): (&'a str, Option<&'static str>),
-        (explained, notices): (&'a Explanation, &'a [SessionNotice]),
+        number: u64,
+        frame: &'a Frame,
+        link: &'a str,
+        protocol: Option<&'static str>,
+        content: (&'a Explanation, &'a [SessionNotice]),
     ) -> Self {
+        let (explained, notices) = content;
+
         Self {
             number,
             time: record.time,
@@ -550,12 +554,7 @@ impl CaptureDecoder {
         let protocol = lane.map(|lane| lane.dissector.name());
         // A conversation may show that a frame has another meaning than it seems.
         let statement = (&self.explanation, &*self.notices);
-        out(&DecodedFrame::from_frame(
-            record,
-            (self.frame_count, frame),
-            (name, protocol),
-            statement,
-        ));
+        out(&DecodedFrame::from_frame(record, self.frame_count, frame, name, protocol, statement));
     }
 }
 

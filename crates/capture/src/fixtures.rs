@@ -22,7 +22,8 @@ impl FixtureCapture {
     pub(crate) fn next_frame(
         &mut self,
         us: u64,
-        (axis, kind): (u32, &str),
+        axis: u32,
+        kind: &str,
         notices: &[SessionNotice],
         take: &mut dyn FnMut(&DecodedFrame<'_>),
     ) {

@@ -162,7 +162,7 @@ impl Summary {
         link.can |= event.id.is_some();
         *link.protocols.entry(protocol.unwrap_or("?")).or_default() += 1;
         let (bytes, bits) = (event.bytes.len(), load::frame_bits(event));
-        self.count_frame(place, event.time, bytes, (bits, event.id.is_some()));
+        self.count_frame(place, event.time, bytes, bits, event.id.is_some());
         let (protocol, link) = (protocol.unwrap_or(""), self.current_link.0);
         let origin = NoticeOrigin { link, protocol, number: event.number, time: event.time };
         event.notices.iter().for_each(|notice| self.add_notice(notice, origin));
@@ -216,7 +216,7 @@ impl Summary {
     ) {
         place.frames += 1;
         let (bits, bytes) = (load::compact_bits(template, frame), template.len.into());
-        self.count_frame(place.frame, Some(frame.time), bytes, (bits, true));
+        self.count_frame(place.frame, Some(frame.time), bytes, bits, true);
         let Some(process) = template.process_data() else { return };
         let (quality, mut at) = (process.quality(), 0);
         process.mapping().for_each_signal(frame.data, |mapped, exact, value| {
@@ -252,7 +252,8 @@ impl Summary {
         place: FramePlace,
         time: Option<Timestamp>,
         bytes: usize,
-        (bits, is_can): (u64, bool),
+        bits: u64,
+        is_can: bool,
     ) {
         self.frames += 1;
         if let Some(time) = time {

@@ -55,7 +55,8 @@ pub fn parse_argument(
     axis: &Axis,
     verb: Verb,
     which: Argument,
-    (text, raw): (&str, bool),
+    text: &str,
+    raw: bool,
 ) -> Result<f64> {
     let Some(unit) = axis.unit_of(verb, which) else {
         return Err(unknown_argument(axis, verb, which));
@@ -150,7 +151,7 @@ pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionM
         let check = |(axis, command): &(Axis, Command)| axis.interface().check_command(*command);
         commands.iter().try_for_each(check).map_err(to_problem)
     };
-    execute_motion(session, commands, then, (check, start_commands))
+    execute_motion(session, commands, then, check, start_commands)
 }
 
 /// Runs moves that begin at one signal.
@@ -163,17 +164,15 @@ pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: Motio
     let local = local.map_err(to_problem)?;
     let check = |_: &[_]| check_together(&local).map_err(to_problem);
     let start = |_: &[_], _| polepair::start_together(&local).map_err(to_problem);
-    execute_motion(session, commands, then, (check, start))
+    execute_motion(session, commands, then, check, start)
 }
 
 fn execute_motion(
     session: &Session,
     commands: &[(Axis, Command)],
     then: MotionMode,
-    (check, start): (
-        impl FnOnce(&[(Axis, Command)]) -> Result<()>,
-        impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
-    ),
+    check: impl FnOnce(&[(Axis, Command)]) -> Result<()>,
+    start: impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
 ) -> Result {
     if then == MotionMode::Detach {
         check_detach(session, commands)?;

@@ -86,11 +86,12 @@ impl<M: Medium, H: Host<M>> core::fmt::Debug for Lane<M, H> {
 #[must_use]
 pub fn write_steps(
     profile: &Profile,
-    parameter: (ParameterId, &Parameter),
+    id: ParameterId,
+    parameter: &Parameter,
     raw: i64,
     keep: bool,
 ) -> Vec<Step> {
-    let steps = StepSource::Write(WriteSteps::new(profile, parameter, raw, (keep, false)));
+    let steps = StepSource::Write(WriteSteps::new(profile, id, parameter, raw, keep, false));
     (0..=u8::MAX).map_while(|at| steps.step(at)).collect()
 }
 
@@ -240,18 +241,20 @@ fn handle_host_event<R: Request, A: Copy + 'static>(
     now: Instant,
     jobs: &mut JobTable<R>,
     slots: &mut [AxisSlot<R, A>],
-    (parts, event_queue): (&mut VecDeque<GroupAnswer>, &mut Option<Box<EventQueue>>),
+    report: (&mut VecDeque<GroupAnswer>, &mut Option<Box<EventQueue>>),
     (to, answer): &HostEvent<A>,
 ) {
+    let (parts, event_queue) = report;
+
     match (to, answer) {
         (EventSubject::Request(Ticket(n)), _) => {
             jobs.handle_answer(now, slots, *n as usize, answer)
         }
         (EventSubject::Unsolicited(address), Ok(answer)) => {
-            slot::handle_unsolicited(now, slots, event_queue, (*address, answer))
+            slot::handle_unsolicited(now, slots, event_queue, *address, answer)
         }
         (EventSubject::GroupMember(Ticket(n), address), _) => {
-            let part = jobs.handle_group_answer(now, slots, (*n as usize, *address), answer);
+            let part = jobs.handle_group_answer(now, slots, *n as usize, *address, answer);
             let Some(part) = part else { return };
             if parts.len() >= GROUP_ANSWERS_MAX {
                 parts.pop_front();
@@ -352,7 +355,8 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         &mut self,
         ticket: Ticket,
         axis: AxisIndex,
-        (steps, undo): (&'static [Step], &'static [Step]),
+        steps: &'static [Step],
+        undo: &'static [Step],
         halt_steps: Option<usize>,
         command: Command,
     ) -> Result<(), Unsupported> {

@@ -124,7 +124,7 @@ impl Amount {
     /// the parameter's unit. Behind the maker's symbol or a number (`AP 6`, `CSPD`, `0x6083`), text without a unit is
     /// the drive's own number, because that is what the maker's manual and programs write there. A number is accepted
     /// there where it means the same in both: reading the symbol gives a number in the unit.
-    pub(crate) fn for_written_name(self, written: &str, (name, symbol): (&str, &str)) -> Self {
+    pub(crate) fn for_written_name(self, written: &str, name: &str, symbol: &str) -> Self {
         if same_name(written, name) && !same_name(written, symbol) {
             return self;
         }

@@ -145,7 +145,7 @@ pub fn check_link(
             };
             on_event(CheckResult::ok("port", format!("{} opens{alone}", line.link.describe())));
         }
-        if let Err(error) = check_line(connector, &url, (line, first), &mut silent, on_event) {
+        if let Err(error) = check_line(connector, &url, line, first, &mut silent, on_event) {
             on_event(CheckResult::error("line", &error));
         }
     }
@@ -161,7 +161,8 @@ pub fn check_link(
 fn check_line(
     connector: &Connector,
     url: &Url,
-    (line, first): (&mut ProtocolLine, bool),
+    line: &mut ProtocolLine,
+    first: bool,
     silent: &mut bool,
     on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {

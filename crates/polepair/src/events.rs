@@ -278,7 +278,9 @@ impl Events {
         self.mailbox.interrupt();
     }
 
-    fn to_event(&self, (wire, notice): (usize, ConnectionEvent)) -> Option<Event> {
+    fn to_event(&self, notice: (usize, ConnectionEvent)) -> Option<Event> {
+        let (wire, notice) = notice;
+
         let of_link = |at, kind| Event { at, axis: None, index: wire, kind };
         Some(match notice {
             ConnectionEvent::Axis(event) => return self.axis_event(wire, &event),

@@ -251,7 +251,9 @@ impl RackDescription {
     }
 
     /// Which motor of a drive an axis is, from 0.
-    pub(crate) fn motor_number(&self, (link, _): (usize, usize), sub_axis: u8) -> u8 {
+    pub(crate) fn motor_number(&self, motor: (usize, usize), sub_axis: u8) -> u8 {
+        let (link, _) = motor;
+
         sub_axis.saturating_sub(*registry::sub_axes(self.wires[link].protocol).start())
     }
 

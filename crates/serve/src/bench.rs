@@ -82,7 +82,7 @@ use command_worker::{CommandWorker, command_outcome};
 use context::BenchContext;
 use event_listener::DriveEventListener;
 use frames::{FrameTraffic, TrafficDecoder};
-use journal_queue::JournalWriter;
+use journal_queue::{ActionSubject, JournalWriter};
 use lock::lock_unpoisoned;
 use open::{BenchLink, OpenedBench};
 use pending_stop::StopCollector;
@@ -469,7 +469,8 @@ impl Bench {
             return PendingReply::ready(Err(overtaken_error()));
         }
         let shared = Arc::clone(&self.0.context);
-        self.run_after_journal((session, JournalAction::Release, None), json!({}), move || {
+        let subject = ActionSubject::new(session, JournalAction::Release, None);
+        self.run_after_journal(subject, json!({}), move || {
             if shared.unlock_motion(locks) { Ok(()) } else { Err(overtaken_error()) }
         })
     }
@@ -496,11 +497,9 @@ impl Bench {
             return PendingReply::ready(Err(simulated_drive::not_simulated_error()));
         };
         let (detail, act) = (json!({ "act": act.act, "value": act.value }), act.clone());
-        self.run_after_journal(
-            (session, JournalAction::Simulation, Some(entry.info.id)),
-            detail,
-            move || simulated.apply_action(&act.act, act.value),
-        )
+        let subject = ActionSubject::new(session, JournalAction::Simulation, Some(entry.info.id));
+        let run = move || simulated.apply_action(&act.act, act.value);
+        self.run_after_journal(subject, detail, run)
     }
 
     /// True state of a simulated motor, independent of the reports of its drive.
@@ -520,7 +519,8 @@ impl Bench {
         let detail = json!({ "time_scale": pace.time_scale });
         let set = open::set_time_scale(&self.0.links, pace.time_scale);
         let shared = Arc::clone(&self.0.context);
-        self.run_after_journal((session, JournalAction::Simulation, None), detail, move || {
+        let subject = ActionSubject::new(session, JournalAction::Simulation, None);
+        self.run_after_journal(subject, detail, move || {
             set()?;
             shared.publish(BenchEvent::BenchChanged);
             Ok(())

@@ -577,7 +577,7 @@ impl World {
             let (wire, plug, port) = self.nodes[node].plugs[at];
             match self.wires[wire].medium {
                 WireMedium::Serial(_) => self.poll_serial(node, port, (wire, plug)),
-                WireMedium::Can(_) => self.poll_can(node, port, (wire, plug)),
+                WireMedium::Can(_) => self.poll_can(node, port, wire, plug),
             }
         }
         self.schedule_timeout(node);

@@ -103,8 +103,10 @@ impl WorldRunner {
         mut random: Random,
         bench: &Bench,
         ports: Vec<Arc<dyn AnyPort>>,
-        (begin, quiet_from): (Instant, Instant),
-        (calamities, drive_events): (Vec<WireDisturbance>, Vec<DriveEvent>),
+        begin: Instant,
+        quiet_from: Instant,
+        calamities: Vec<WireDisturbance>,
+        drive_events: Vec<DriveEvent>,
         report: GatewayReport,
         history_sink: Option<HistorySink>,
     ) -> Self {

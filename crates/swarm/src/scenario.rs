@@ -66,8 +66,10 @@ pub fn run_world(seed: u64, report_line: Option<HistorySink>) -> GatewayReport {
         random,
         &bench,
         ports,
-        (begin, quiet),
-        (calamities, drive_events),
+        begin,
+        quiet,
+        calamities,
+        drive_events,
         report,
         report_line,
     );

@@ -84,7 +84,7 @@ pub fn plan_disturbances(
             let (condition, lasts) = random_condition(random);
             let ends = at.plus_ms(lasts).min(calm);
             if random.chance(Ppm(150_000)) {
-                add_flapping(random, wire, (at, ends), &mut all);
+                add_flapping(random, wire, at, ends, &mut all);
             } else {
                 all.push(WireDisturbance { at, wire, condition });
                 // A port that comes back may still drop who opens it, or be silent.
@@ -125,7 +125,8 @@ fn random_condition(random: &mut Random) -> (WireCondition, u32) {
 fn add_flapping(
     random: &mut Random,
     wire: usize,
-    (mut at, ends): (Instant, Instant),
+    mut at: Instant,
+    ends: Instant,
     all: &mut Vec<WireDisturbance>,
 ) {
     while at < ends {

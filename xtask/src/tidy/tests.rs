@@ -57,6 +57,7 @@ fn every_rule_refuses_a_snippet_that_breaks_it() {
         ("crates/cli/src/a.rs", "fn f() { error.to_string().split(\":\"); }", "rule 14: a"),
         ("crates/cli/src/a.rs", "fn f() { problem.what.as_str() == \"gone\"; }", "rule 14: a"),
         ("crates/cli/src/a.rs", "fn f() { e.hint().starts_with(\"try\"); }", "rule 14: a"),
+        ("crates/sim/src/a.rs", "fn f((a, b): (u8, u8)) {}", "rule 18: a tuple"),
         ("crates/sim/src/a.rs", "/// What it has.\nstruct A;", "begins with \"What\""),
         ("crates/sim/src/a.rs", "//! How it goes.", "begins with \"How\""),
         ("crates/sim/src/a.rs", "// Nobody is told.", "\"nobody\" (write:"),

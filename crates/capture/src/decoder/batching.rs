@@ -138,7 +138,7 @@ impl CaptureDecoder {
         let Some(process) = session.unchanged_process_data(frame, now) else { return false };
         let whose = (ContentRef::ProcessData(process), &*name, lane.dissector.name());
         let added =
-            batch.push_compact(record, (self.frame_count + 1, frame), &mut lane.template, whose);
+            batch.push_compact(record, self.frame_count + 1, frame, &mut lane.template, whose);
         self.frame_count += u64::from(added);
         added
     }
@@ -168,15 +168,17 @@ impl CaptureDecoder {
         session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
         if self.notices.is_empty() && self.explanation.is_same_as(&known.explanation) {
             let whose = (ContentRef::Constant(&known.explanation), &*name, protocol);
-            if batch.push_compact(record, (self.frame_count, frame), &mut known.template, whose) {
+            if batch.push_compact(record, self.frame_count, frame, &mut known.template, whose) {
                 return true;
             }
         }
         let statement = (&self.explanation, &*self.notices);
         let event = DecodedFrame::from_frame(
             record,
-            (self.frame_count, frame),
-            (name, Some(protocol)),
+            self.frame_count,
+            frame,
+            name,
+            Some(protocol),
             statement,
         );
         self.layout.include(event.time, event.link, event.protocol);

@@ -48,7 +48,7 @@ fn summary_of(recipe: Recipe) -> Summary {
                 ]);
             }
             for kind in recipe.kinds {
-                made.next_frame(us, (axis, kind), &reports, &mut |event| summary.add_frame(event));
+                made.next_frame(us, axis, kind, &reports, &mut |event| summary.add_frame(event));
                 reports.clear();
             }
         }

@@ -16,7 +16,9 @@ pub(super) fn padded_range(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f6
 }
 
 /// Round numbers on a range, at most `wanted`, and the decimals that they need.
-pub(super) fn ticks((min, max): (f64, f64), wanted: usize) -> (Vec<f64>, usize) {
+pub(super) fn ticks(range: (f64, f64), wanted: usize) -> (Vec<f64>, usize) {
+    let (min, max) = range;
+
     let rough = (max - min) / wanted.max(1) as f64;
     if !(rough.is_finite() && rough > 0.0) {
         return (vec![min], 0);

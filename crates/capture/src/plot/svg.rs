@@ -43,13 +43,9 @@ pub(super) fn draw(panels: &[PlotPanel<'_>], span: (u64, u64), first: Option<Tim
     out
 }
 
-fn draw_panel(
-    panel: &PlotPanel<'_>,
-    (begin, end): (u64, u64),
-    top: f64,
-    last: bool,
-    out: &mut String,
-) {
+fn draw_panel(panel: &PlotPanel<'_>, span: (u64, u64), top: f64, last: bool, out: &mut String) {
+    let (begin, end) = span;
+
     let wide = WIDTH - LEFT - RIGHT;
     let (min, max) = panel.range;
     let x_of = |ns: f64| LEFT + (ns - begin as f64) / (end - begin) as f64 * wide;

@@ -67,7 +67,9 @@ fn colour_codes(number: usize, colour: bool) -> (String, &'static str) {
 }
 
 /// The axis of time, in seconds since the capture began.
-fn draw_time_axis((begin, end): (u64, u64), columns: usize, out: &mut String) {
+fn draw_time_axis(span: (u64, u64), columns: usize, out: &mut String) {
+    let (begin, end) = span;
+
     let range = (begin as f64 / 1e9, end as f64 / 1e9);
     let (ticks, decimals) = scale::ticks(range, columns / 14);
     let (mut line, mut labels) = (vec!['─'; columns], vec![' '; columns + LABELS]);
@@ -97,10 +99,14 @@ impl Canvas {
     fn draw_line(
         &mut self,
         points: &[(u64, f64)],
-        (begin, end): (u64, u64),
-        (min, max): (f64, f64),
+        span: (u64, u64),
+        range: (f64, f64),
         number: usize,
     ) {
+        let (begin, end) = span;
+
+        let (min, max) = range;
+
         let (wide, high) = (self.columns * 2 - 1, self.rows * 4 - 1);
         let dot = |(time, value): (u64, f64)| {
             let x = time.saturating_sub(begin) as f64 / (end - begin) as f64 * wide as f64;
@@ -115,7 +121,11 @@ impl Canvas {
         }
     }
 
-    fn draw_segment(&mut self, (x, y): (i64, i64), (to_x, to_y): (i64, i64), number: usize) {
+    fn draw_segment(&mut self, from: (i64, i64), to: (i64, i64), number: usize) {
+        let (to_x, to_y) = to;
+
+        let (x, y) = from;
+
         let steps = (to_x - x).abs().max((to_y - y).abs());
         for step in 0..=steps {
             let part = |from: i64, to: i64| {

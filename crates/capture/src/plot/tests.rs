@@ -16,7 +16,7 @@ fn plot(wanted: &[&str]) -> Plot {
             signal(3, "Actual/Position", if n < 150 { 0.0 } else { 80.0 }),
             signal(2, "Actual/Velocity", 3.0),
         ];
-        made.next_frame(n * 10_000, (2, "TPDO1"), &reports, &mut |event| plot.add_frame(event));
+        made.next_frame(n * 10_000, 2, "TPDO1", &reports, &mut |event| plot.add_frame(event));
     }
     plot
 }

@@ -489,7 +489,8 @@ impl CanopenTracker {
             channel,
             part,
             observed.raw.bytes,
-            (false, moved),
+            false,
+            moved,
             profile,
             explanation,
         );
@@ -519,7 +520,8 @@ impl CanopenTracker {
             &self.channels[at],
             part,
             observed.raw.bytes,
-            (true, moved),
+            true,
+            moved,
             profile,
             explanation,
         );

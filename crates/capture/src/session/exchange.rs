@@ -81,7 +81,7 @@ impl ProtocolTracker for ExchangeTracker {
             FrameRole::Unrelated => Quality::Good,
         };
         let request = self.pairing.request_of(observed.number);
-        self.values.handle_values(observed, explanation, (quality, request), notices);
+        self.values.handle_values(observed, explanation, quality, request, notices);
         self.presence.record_missed(self.pairing.take_given_up(), observed.time, notices);
     }
 
@@ -140,7 +140,7 @@ impl ExchangeTracker {
         if observed.direction != Some(Direction::ToDrive) && observed.raw.id.is_none() {
             self.pairing.handle_broken_answer(observed, notices);
         }
-        self.values.handle_values(observed, explanation, (Quality::BadCheck, None), notices);
+        self.values.handle_values(observed, explanation, Quality::BadCheck, None, notices);
     }
 
     /// Points that count up: one that is left out was lost.

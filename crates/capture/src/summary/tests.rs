@@ -14,7 +14,7 @@ const CAN0: AxisKey = AxisKey { link: "can0", protocol: "canopen", axis: Some(2)
 fn summary(frames: &[(u64, Vec<SessionNotice>)]) -> Summary {
     let (mut made, mut summary) = (FixtureCapture::default(), Summary::default());
     for (us, notices) in frames {
-        made.next_frame(*us, (2, "TPDO1"), notices, &mut |event| summary.add_frame(event));
+        made.next_frame(*us, 2, "TPDO1", notices, &mut |event| summary.add_frame(event));
     }
     summary
 }
@@ -91,7 +91,7 @@ fn what_is_left_open_counts() {
     let open =
         [exchange(2, 0, 0, ExchangeOutcome::Unanswered), anomaly(AnomalyKind::Unanswered, 2)];
     FixtureCapture::default()
-        .next_frame(0, (2, ""), &open, &mut |event| summary.add_open_notices(event));
+        .next_frame(0, 2, "", &open, &mut |event| summary.add_open_notices(event));
     let requests = &summary.requests[&(CAN0, "read")];
     assert_eq!(requests.count_of(ExchangeOutcome::Unanswered), 1);
     assert!(!summary.is_clean());
@@ -105,9 +105,7 @@ fn memory_is_bounded_by_what_differs() {
     for n in 0..20_000u32 {
         let notices =
             [signal(n, &format!("value {}", n % 9000), 1.0), anomaly(AnomalyKind::Retry, n)];
-        made.next_frame(u64::from(n), (n, "TPDO1"), &notices, &mut |event| {
-            summary.add_frame(event)
-        });
+        made.next_frame(u64::from(n), n, "TPDO1", &notices, &mut |event| summary.add_frame(event));
     }
     assert_eq!(summary.axes.len(), super::AXES_MAX);
     assert_eq!(summary.kinds().len(), super::KINDS_MAX);
@@ -160,7 +158,7 @@ fn the_load_has_a_mean_and_a_peak() {
     // One second: a frame each millisecond, and in the middle a tenth with ten.
     for ms in 0..1000u64 {
         let frames = if (500..600).contains(&ms) { 10 } else { 1 };
-        (0..frames).for_each(|n| made.next_frame(ms * 1000 + n * 100, (2, "TPDO1"), &[], take));
+        (0..frames).for_each(|n| made.next_frame(ms * 1000 + n * 100, 2, "TPDO1", &[], take));
     }
     let load = &summary.links[&"can0"].load;
     let each = load.bits() as f64 / 1900.0;

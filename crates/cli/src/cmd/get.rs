@@ -109,7 +109,7 @@ impl Get {
     ) {
         let link = axis.remote().map(|axis| axis.info().link);
         match self.format {
-            OutputFormat::Jsonl => write_json((number, link), read, out.buffer()),
+            OutputFormat::Jsonl => write_json(number, link, read, out.buffer()),
             OutputFormat::Csv => out.write_line(&csv_row((number, link), read)),
             OutputFormat::Text => {
                 let who = if number == axis.number() {
@@ -160,7 +160,9 @@ impl ReadTally {
     }
 }
 
-fn csv_row((number, link): (u32, Option<u16>), read: &ReadValue) -> String {
+fn csv_row(axis: (u32, Option<u16>), read: &ReadValue) -> String {
+    let (number, link) = axis;
+
     let axis = match link {
         Some(link) => format!("{},{link}", AxisNumber(number)),
         None => AxisNumber(number).to_string(),
@@ -170,7 +172,7 @@ fn csv_row((number, link): (u32, Option<u16>), read: &ReadValue) -> String {
     format!("{axis},{}", csv_line([&*read.name, &read.symbol, &raw, &value, &read.unit]))
 }
 
-fn write_json((number, link): (u32, Option<u16>), read: &ReadValue, out: &mut Vec<u8>) {
+fn write_json(number: u32, link: Option<u16>, read: &ReadValue, out: &mut Vec<u8>) {
     out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(number).json()).as_bytes());
     if let Some(link) = link {
         out.extend_from_slice(format!("\"link\":{link},").as_bytes());

@@ -255,7 +255,7 @@ struct Arguments<'a> {
 
 impl Arguments<'_> {
     fn parse(&self, which: Argument, text: &str) -> Result<f64> {
-        parse_argument(self.axis, self.verb, which, (text, self.raw))
+        parse_argument(self.axis, self.verb, which, text, self.raw)
     }
 
     fn parse_if(&self, which: Argument, text: &Option<String>) -> Result<Option<f64>> {

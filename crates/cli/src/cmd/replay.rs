@@ -144,7 +144,7 @@ impl ReplayOptions {
         }
         survey.check_allowed(&choice.routes, self.arm, self.store)?;
         let stage = ReplayLinks::open(&connector, &urls)?;
-        self.play_capture(stage, (source, rules), choice, &survey, trace)
+        self.play_capture(stage, source, rules, choice, &survey, trace)
     }
 
     /// Each wire with the link that is played there, and what is spoken on it.
@@ -228,7 +228,8 @@ impl ReplayOptions {
     fn play_capture(
         &self,
         stage: ReplayLinks,
-        (source, rules): (CaptureSource, Rules),
+        source: CaptureSource,
+        rules: Rules,
         choice: FrameSelector,
         survey: &Survey,
         trace: Option<RecordingPlace>,

@@ -132,7 +132,7 @@ impl Send {
             (SendFormat::Text, Some(reply)) => out.write_line(&format!("{who}{reply}")),
             (SendFormat::Jsonl, reply) => {
                 let link = axis.remote().map(|axis| axis.info().link);
-                write_json((axis.number(), link), text, value, reply.unwrap_or(""), out);
+                write_json(axis.number(), link, text, value, reply.unwrap_or(""), out);
             }
         }
     }
@@ -180,7 +180,8 @@ fn explain_replies(axis: &LocalAxis, replies: &TapQueue) -> String {
 }
 
 fn write_json(
-    (number, link): (u32, Option<u16>),
+    number: u32,
+    link: Option<u16>,
     text: &str,
     value: i64,
     reply: &str,

@@ -166,7 +166,7 @@ impl Set {
             wanted.sort_by_key(|(id, ..)| !axis.scales(*id));
             let (mut writes, mut pending) = (Vec::new(), PendingWrites::default());
             for (id, name, value) in wanted {
-                let raw = self.raw_value(axis, (id, name), value, &pending)?;
+                let raw = self.raw_value(axis, id, name, value, &pending)?;
                 pending.insert(id, raw);
                 match AddressChange::for_setting(axis, id, raw)? {
                     Some(change) if !self.dry_run => changes.push(change),
@@ -209,7 +209,8 @@ impl Set {
     fn raw_value(
         &self,
         axis: &LocalAxis,
-        (id, name): (ParameterId, &str),
+        id: ParameterId,
+        name: &str,
         text: &str,
         pending: &PendingWrites,
     ) -> Result<i64> {

@@ -106,7 +106,8 @@ impl Sync {
             &axis.clone().into(),
             Verb::GiveTime,
             Argument::Period,
-            (&self.period, false),
+            &self.period,
+            false,
         )?;
         if period <= 0.0 {
             return Err(Problem::usage("E217", "--period is more than 0; --stop ends it."));

@@ -110,7 +110,9 @@ impl MeasuredMotion {
         }
     }
 
-    fn add(&mut self, name: &str, (prefix, value): (String, String), target: Option<String>) {
+    fn add(&mut self, name: &str, line: (String, String), target: Option<String>) {
+        let (prefix, value) = line;
+
         let target = target.map_or_else(String::new, |target| format!(" (target {target})"));
         self.lines.push(format!("{prefix}{name} reached = {value}{target}"));
     }

@@ -60,7 +60,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
         return JobState::Ready;
     }
     if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
-        return handle_guard_answer(run, slot, (read, id), raw);
+        return handle_guard_answer(run, slot, read, id, raw);
     }
     if let InFlight::Proof(_) = in_flight {
         return handle_proof(now, run, raw);
@@ -158,7 +158,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
                     let value = WatchValue { before: false, flag: None };
                     slot.observe(now, slot.driver.address(), &value, id, raw);
                 }
-                if let Some(state) = judge_wait(now, run, slot, (id, raw)) {
+                if let Some(state) = judge_wait(now, run, slot, id, raw) {
                     return state;
                 }
                 if let Some(Step::NoFault { .. }) = run.current_step() {
@@ -211,7 +211,8 @@ fn judge_wait<R: Request, A: Copy + 'static>(
     now: Instant,
     run: &mut PlanRun,
     slot: &mut AxisSlot<R, A>,
-    (id, raw): (ParameterId, i64),
+    id: ParameterId,
+    raw: i64,
 ) -> Option<JobState> {
     let Some(Step::Until { test, required, .. }) = run.current_step() else { return None };
     slot.unmet_wait = (!test.passes(raw)).then_some(UnmetWait { parameter: id, test, value: raw });
@@ -220,14 +221,15 @@ fn judge_wait<R: Request, A: Copy + 'static>(
     }
     run.waiting_since.get_or_insert(now);
     let steps = run.passed_steps();
-    let verdict = run.guard.judge_poll(now, (run.command.verb, steps), slot, (id, raw));
+    let verdict = run.guard.judge_poll(now, run.command.verb, steps, slot, id, raw);
     follow_verdict(run, verdict)
 }
 
 fn handle_guard_answer<R: Request, A: Copy + 'static>(
     run: &mut PlanRun,
     slot: &AxisSlot<R, A>,
-    (read, id): (GuardRead, ParameterId),
+    read: GuardRead,
+    id: ParameterId,
     raw: Result<i64, Failure>,
 ) -> JobState {
     run.stage = StepStage::First;
@@ -246,7 +248,7 @@ fn handle_guard_answer<R: Request, A: Copy + 'static>(
         return JobState::Ready;
     };
     let steps = run.passed_steps();
-    let verdict = run.guard.judge_read(read, (steps, slot), waited_for, (id, raw));
+    let verdict = run.guard.judge_read(read, steps, slot, waited_for, id, raw);
     follow_verdict(run, verdict).unwrap_or(JobState::Ready)
 }
 

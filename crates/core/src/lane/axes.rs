@@ -68,7 +68,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             }
         }
         let halt = verb.is_stop().then_some(plan.before_wait().len());
-        self.start_steps(ticket, axis, (plan.steps, plan.undo), halt, command)
+        self.start_steps(ticket, axis, plan.steps, plan.undo, halt, command)
     }
 
     fn stop(
@@ -87,7 +87,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             StopPart::Release => plan.after_wait(),
         };
         let halt = (part == StopPart::Halt).then_some(steps.len());
-        self.start_steps(ticket, axis, (steps, &[]), halt, command)
+        self.start_steps(ticket, axis, steps, &[], halt, command)
     }
 
     fn disable_retries(&mut self, ticket: Ticket) {
@@ -158,8 +158,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let (profile, reads) = (slot.profile, slot.driver.reads_before_write(parameter));
         self.check_moves(axis, parameter)?;
         self.check_address_change(axis, parameter, raw)?;
-        let steps =
-            StepSource::Write(WriteSteps::new(profile, (id, parameter), raw, (keep, reads)));
+        let steps = StepSource::Write(WriteSteps::new(profile, id, parameter, raw, keep, reads));
         let command = Command::new(crate::axis::Verb::Store);
         let run = PlanRun::new(steps, &[], command, None);
         self.jobs.add(ticket, axis, JobTask::Run(run), false)

@@ -97,7 +97,8 @@ impl EventQueue {
         &mut self,
         now: Instant,
         n: usize,
-        (slot, before): (&AxisSlot<R, A>, &AxisStatus),
+        slot: &AxisSlot<R, A>,
+        before: &AxisStatus,
         report: DriveReport,
     ) {
         match report {
@@ -108,9 +109,7 @@ impl EventQueue {
             DriveReport::Address(address, raw) => {
                 self.push(now, n, AxisEventKind::Address(address, raw));
             }
-            DriveReport::Parameter(id, raw) => {
-                self.push_parameter(now, n, (slot, before), (id, raw))
-            }
+            DriveReport::Parameter(id, raw) => self.push_parameter(now, n, slot, before, id, raw),
         }
         self.compare_one(now, n, slot);
     }
@@ -119,8 +118,10 @@ impl EventQueue {
         &mut self,
         now: Instant,
         n: usize,
-        (slot, before): (&AxisSlot<R, A>, &AxisStatus),
-        (id, raw): (ParameterId, i64),
+        slot: &AxisSlot<R, A>,
+        before: &AxisStatus,
+        id: ParameterId,
+        raw: i64,
     ) {
         let mut reported = false;
         for source in slot.signal_sources(id) {

@@ -66,9 +66,11 @@ impl WaitGuard {
     pub fn judge_poll<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
-        (verb, steps): (Verb, &[Step]),
+        verb: Verb,
+        steps: &[Step],
         slot: &AxisSlot<R, A>,
-        (id, raw): (ParameterId, i64),
+        id: ParameterId,
+        raw: i64,
     ) -> GuardVerdict {
         if verb.is_stop() || matches!(verb, Verb::Disable | Verb::Clear) {
             return GuardVerdict::WaitOn;
@@ -95,9 +97,11 @@ impl WaitGuard {
     pub fn judge_read<R: Request, A: Copy + 'static>(
         &mut self,
         read: GuardRead,
-        (steps, slot): (&[Step], &AxisSlot<R, A>),
+        steps: &[Step],
+        slot: &AxisSlot<R, A>,
         waited_for: ParameterId,
-        (id, raw): (ParameterId, i64),
+        id: ParameterId,
+        raw: i64,
     ) -> GuardVerdict {
         let failed = match read {
             GuardRead::Power => {

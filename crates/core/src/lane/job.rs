@@ -243,9 +243,11 @@ pub struct WriteSteps {
 impl WriteSteps {
     pub fn new(
         profile: &Profile,
-        (id, parameter): (ParameterId, &Parameter),
+        id: ParameterId,
+        parameter: &Parameter,
         raw: i64,
-        (store, reads): (bool, bool),
+        store: bool,
+        reads: bool,
     ) -> Self {
         let spares = parameter.persistence == Persistence::UnlessRam;
         let ram = profile.ram.filter(|ram| spares && ram.parameter != id);

@@ -213,7 +213,8 @@ impl<R: Request> JobTable<R> {
         &mut self,
         now: Instant,
         slots: &mut [AxisSlot<R, A>],
-        (n, address): (usize, u32),
+        n: usize,
+        address: u32,
         answer: &Result<A, Failure>,
     ) -> Option<GroupAnswer> {
         let job = self.jobs.get_mut(n)?.as_mut()?;
@@ -227,7 +228,7 @@ impl<R: Request> JobTable<R> {
             slot.observe(now, address, &WatchValue::of(run), id, raw);
         }
         if let Some(id) = parameter_id {
-            slot::record_group_answer(now, slots, &part, (profile, id));
+            slot::record_group_answer(now, slots, &part, profile, id);
         }
         // Requests of the lane itself concern no other job.
         matches!(job.in_flight, InFlight::Read(_) | InFlight::Send(_)).then_some(part)

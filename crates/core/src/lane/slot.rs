@@ -563,7 +563,8 @@ pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
     now: Instant,
     slots: &mut [AxisSlot<R, A>],
     event_queue: &mut Option<Box<EventQueue>>,
-    (address, answer): (u32, &A),
+    address: u32,
+    answer: &A,
 ) {
     for (n, slot) in slots.iter_mut().enumerate() {
         if drive_address(slot.driver.address()) != address {
@@ -573,7 +574,7 @@ pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
             let before = event_queue.is_some().then_some(slot.state);
             slot.handle_report(now, report);
             if let (Some(event_queue), Some(before)) = (event_queue.as_mut(), &before) {
-                event_queue.push_report(now, n, (slot, before), report);
+                event_queue.push_report(now, n, slot, before, report);
             }
         }
     }
@@ -585,7 +586,8 @@ pub fn record_group_answer<R: crate::station::Request, A: Copy + 'static>(
     now: Instant,
     slots: &mut [AxisSlot<R, A>],
     part: &GroupAnswer,
-    (profile, id): (&'static Profile, ParameterId),
+    profile: &'static Profile,
+    id: ParameterId,
 ) {
     let of_drive = |slot: &&mut AxisSlot<R, A>| slot.driver.address() == part.address;
     for slot in slots.iter_mut().filter(of_drive) {

@@ -61,7 +61,7 @@ impl LocalAxis {
         amount: Amount,
     ) -> Result<Amount, Error> {
         let parameter = self.required_parameter(id)?;
-        Ok(amount.for_written_name(name, (parameter.name, parameter.symbol)))
+        Ok(amount.for_written_name(name, parameter.name, parameter.symbol))
     }
 
     /// The parameter at an address; `None` where the text has not the form of one. Nothing is asked.

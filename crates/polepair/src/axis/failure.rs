@@ -160,7 +160,7 @@ impl LocalAxis {
             RequestKind::Verb(verb) => self.profile.plan(verb).map(|plan| plan.steps.to_vec()),
             RequestKind::Write(id, raw, keep) => self
                 .parameter(id)
-                .map(|parameter| write_steps(self.profile, (id, parameter), raw, keep)),
+                .map(|parameter| write_steps(self.profile, id, parameter, raw, keep)),
             RequestKind::Query | RequestKind::StandstillQuery | RequestKind::Command => None,
         };
         let steps = steps.unwrap_or_default();

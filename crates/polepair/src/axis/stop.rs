@@ -399,7 +399,7 @@ impl StopSupervisor {
         };
         let is_open = self.axis.connection.link_error().is_none();
         match error {
-            Some(error) => self.handle_failure(error, replied, is_open, (now, airtime)),
+            Some(error) => self.handle_failure(error, replied, is_open, now, airtime),
             None => {
                 if is_open {
                     self.begin_attempt(true);
@@ -415,7 +415,8 @@ impl StopSupervisor {
         error: Error,
         replied: bool,
         is_open: bool,
-        (now, airtime): (Instant, &mut WireAirtime),
+        now: Instant,
+        airtime: &mut WireAirtime,
     ) -> Option<StopNotice> {
         let shares_wire = self.persistence == StopPersistence::UntilStandstill;
         self.may_be_executed |= error.executed() != Some(false);

@@ -71,7 +71,7 @@ impl Connector {
             let protocols = description.protocols_on(n);
             let names: Vec<&str> = protocols.iter().map(|protocol| protocol.name).collect();
             let locate = |protocol: &ProtocolInfo| {
-                real_link_url(url, (protocol, &names), &connect.value, wire.baud)
+                real_link_url(url, protocol, &names, &connect.value, wire.baud)
             };
             let Some(first) = protocols.first() else { continue };
             let opened = locate(first)?;
@@ -101,7 +101,7 @@ impl Connector {
         }
         let line = |protocol: ProtocolInfo| {
             let options = options(&protocol, description.wires[n].baud)?;
-            rack_line(url, description, n, (protocol, options), link.clone())
+            rack_line(url, description, n, protocol, options, link.clone())
         };
         protocols.into_iter().map(line).collect()
     }
@@ -167,7 +167,8 @@ pub(super) fn seed_of(url: &Url) -> Result<u64, Error> {
 /// The connection string of one protocol on a real link of a rack, with its rates.
 fn real_link_url(
     url: &Url,
-    (protocol, others): (&ProtocolInfo, &[&str]),
+    protocol: &ProtocolInfo,
+    others: &[&str],
     connect: &str,
     rate: u32,
 ) -> Result<Url, Error> {
@@ -200,7 +201,8 @@ fn rack_line(
     url: &Url,
     description: &RackDescription,
     n: usize,
-    (info, mut options): (ProtocolInfo, HostOptions),
+    info: ProtocolInfo,
+    mut options: HostOptions,
     link: SharedLink,
 ) -> Result<ProtocolLine, Error> {
     let first = *info.addresses.start();

@@ -34,8 +34,7 @@ fn an_echo_is_told_and_overcome() {
     // The string forgets to say what the adapter does.
     lines[0].options.echo = false;
     let on_event = &mut |check| found.push(check);
-    super::check_line(&connector, &url, (&mut lines[0], true), &mut false, on_event)
-        .expect("a line");
+    super::check_line(&connector, &url, &mut lines[0], true, &mut false, on_event).expect("a line");
     assert_eq!(about(&found, "echo").grade, Grade::Wrong, "{found:?}");
     assert!(about(&found, "echo").remedy.contains("echo=yes"));
     assert!(found.iter().any(|check| check.found.contains("answers:")), "{found:?}");
@@ -51,8 +50,7 @@ fn a_drive_in_a_mode_of_text_is_told_with_the_way_back() {
     // Request 139 enters the mode.
     link.send(&[1, 139, 0, 0, 0, 0, 0, 0, 140]).expect("a link");
     let on_event = &mut |check| found.push(check);
-    super::check_line(&connector, &url, (&mut lines[0], true), &mut false, on_event)
-        .expect("a line");
+    super::check_line(&connector, &url, &mut lines[0], true, &mut false, on_event).expect("a line");
     let told = found.iter().find(|check| check.found.contains("ASCII mode")).expect("told");
     assert!(told.about == "axis 1" && told.remedy.contains("`ABIN`"), "{told:?}");
     link.send(b"ABIN\r").expect("a link");

@@ -144,7 +144,9 @@ fn default_value(eds: &Eds, object: &EdsObject, entry: &EdsEntry) -> FactoryValu
 }
 
 /// An identifier that only node 0 could have: the node-ID was forgotten.
-fn lacks_node((index, sub): (u16, u8), value: i64) -> bool {
+fn lacks_node(at: (u16, u8), value: i64) -> bool {
+    let (index, sub) = at;
+
     SERVICES.iter().any(|(first, last, at, base, step)| {
         let is_it = (*first..=*last).contains(&index) && sub == *at;
         is_it && value & IDENTIFIER_MASK == base + step * i64::from(index - first)
@@ -164,7 +166,9 @@ fn highest_sub_index(object: &EdsObject) -> FactoryValue {
 }
 
 /// Values from `[DeviceInfo]`: name and numbers of the device.
-fn device_info_value(eds: &Eds, (index, sub): (u16, u8)) -> Option<FactoryValue> {
+fn device_info_value(eds: &Eds, at: (u16, u8)) -> Option<FactoryValue> {
+    let (index, sub) = at;
+
     if (index, sub) == (DEVICE_NAME, 0) {
         return Some(FactoryValue::Bytes(latin1(eds.device_info("ProductName")?)));
     }

@@ -336,9 +336,11 @@ impl DriveScanner {
         &mut self,
         line: &ProtocolLine,
         number: u32,
-        (profile, identified): (&'static Profile, Identification),
+        identity: (&'static Profile, Identification),
         clash: Option<String>,
     ) {
+        let (profile, identified) = identity;
+
         let found = DetectedDrive::with_known_profile(line, number, profile);
         self.report.found.push(DetectedDrive { identified, clash, ..found });
         self.found_addresses.push((line.wire, line.bus_address(number)));

@@ -1,6 +1,7 @@
 //! Commands: checked, recorded in the journal, passed to the worker of their wire.
 
 use super::command_worker::scaled_ttl_ms;
+use super::journal_queue::ActionSubject;
 use super::*;
 
 impl Bench {
@@ -85,7 +86,7 @@ impl Bench {
                 }
             }
         };
-        let what = (&session, JournalAction::Command, Some(axis));
+        let what = ActionSubject::new(&session, JournalAction::Command, Some(axis));
         if ends_motion {
             shared.journal.record(what, detail, now, None);
             go(Ok(()));
@@ -123,7 +124,7 @@ impl Bench {
     /// Writes a journal entry for what no command worker does, and does it once the entry is written.
     pub(super) fn run_after_journal<T: Send + 'static>(
         &self,
-        what: (&SessionName, JournalAction, Option<u16>),
+        what: ActionSubject<'_>,
         detail: serde_json::Value,
         then: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
     ) -> PendingReply<T> {
@@ -144,6 +145,6 @@ impl Bench {
         action: JournalAction,
         detail: serde_json::Value,
     ) -> PendingReply<()> {
-        self.run_after_journal((&who.into(), action, None), detail, || Ok(()))
+        self.run_after_journal(ActionSubject::new(&who.into(), action, None), detail, || Ok(()))
     }
 }

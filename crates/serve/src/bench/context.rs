@@ -12,7 +12,7 @@ use tokio::sync::broadcast;
 use super::BenchOptions;
 use super::clock::BenchClock;
 use super::command_history::CommandHistory;
-use super::journal_queue::JournalQueue;
+use super::journal_queue::{ActionSubject, JournalQueue};
 use super::journal_sink::SERVER;
 use super::lease::SessionName;
 use super::lock::lock_unpoisoned;
@@ -170,7 +170,7 @@ impl BenchContext {
         axis: Option<u16>,
         detail: Value,
     ) {
-        self.journal.record((who, action, axis), detail, self.now(), None);
+        self.journal.record(ActionSubject::new(who, action, axis), detail, self.now(), None);
     }
 
     /// Records an action of the server itself in the journal.
@@ -182,11 +182,13 @@ impl BenchContext {
     /// a stop is sent at once.
     pub fn report_outcome(
         &self,
-        (who, axis): (&SessionName, u16),
+        receiver: (&SessionName, u16),
         outcome: CommandOutcome,
         ends_motion: bool,
         reply_sender: ReplySender<CommandOutcome>,
     ) {
+        let (who, axis) = receiver;
+
         let detail = json!({
             "id": outcome.id, "outcome": outcome.outcome, "error": outcome.error,
         });
@@ -204,7 +206,12 @@ impl BenchContext {
         } else {
             Some(Box::new(reported))
         };
-        self.journal.record((who, JournalAction::Outcome, Some(axis)), detail, self.now(), then);
+        self.journal.record(
+            ActionSubject::new(who, JournalAction::Outcome, Some(axis)),
+            detail,
+            self.now(),
+            then,
+        );
     }
 
     /// An axis is left that was not seen standing.

@@ -94,7 +94,9 @@ fn verbs(axis: &LocalAxis) -> Vec<VerbInfo> {
     [bare(ARM, true), bare(DISARM, false)].into_iter().chain(of_drive).collect()
 }
 
-fn argument(axis: &LocalAxis, verb: Verb, (which, name): (Argument, &str)) -> Option<ArgumentInfo> {
+fn argument(axis: &LocalAxis, verb: Verb, argument: (Argument, &str)) -> Option<ArgumentInfo> {
+    let (which, name) = argument;
+
     if !verb.accepts(which) {
         return None;
     }
@@ -108,7 +110,9 @@ fn argument(axis: &LocalAxis, verb: Verb, (which, name): (Argument, &str)) -> Op
     Some(ArgumentInfo { name: name.to_owned(), unit, required })
 }
 
-fn limit_info(axis: &LocalAxis, (verb, which, name): (Verb, Argument, &str)) -> Option<LimitInfo> {
+fn limit_info(axis: &LocalAxis, limit: (Verb, Argument, &str)) -> Option<LimitInfo> {
+    let (verb, which, name) = limit;
+
     let parameter = axis.destination(verb, which)??;
     // The time of a ramp limits no acceleration.
     if parameter.unit.quantity() == Quantity::Time {

@@ -34,7 +34,21 @@ const WRITE_AHEAD_MAX: Duration = Duration::from_secs(2);
 /// Interval of attempts to record the number of missing entries.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// A note that waits.
+/// Session, kind and axis of an action in the journal.
+#[derive(Clone, Copy)]
+pub(super) struct ActionSubject<'a> {
+    who: &'a SessionName,
+    action: JournalAction,
+    axis: Option<u16>,
+}
+
+impl<'a> ActionSubject<'a> {
+    pub const fn new(who: &'a SessionName, action: JournalAction, axis: Option<u16>) -> Self {
+        Self { who, action, axis }
+    }
+}
+
+/// A record that waits to be written.
 struct QueuedEntry {
     who: SessionName,
     action: JournalAction,
@@ -46,6 +60,19 @@ struct QueuedEntry {
     write_ahead: bool,
     /// Continuation after the write, or its failure.
     then: Option<Continuation>,
+}
+
+impl QueuedEntry {
+    fn new(
+        subject: ActionSubject<'_>,
+        detail: Value,
+        at: Instant,
+        write_ahead: bool,
+        then: Option<Continuation>,
+    ) -> Self {
+        let ActionSubject { who, action, axis } = subject;
+        Self { who: who.clone(), action, axis, detail, at, write_ahead, then }
+    }
 }
 
 enum QueueItem {
@@ -92,7 +119,7 @@ impl JournalQueue {
     /// refusal. It must not wait.
     pub fn write_ahead(
         &self,
-        (who, action, axis): (&SessionName, JournalAction, Option<u16>),
+        subject: ActionSubject<'_>,
         detail: Value,
         now: Instant,
         then: Continuation,
@@ -100,20 +127,18 @@ impl JournalQueue {
         if let Err(refused) = self.check_writable(now) {
             return then(Err(refused));
         }
-        let (who, then) = (who.clone(), Some(then));
-        self.push(QueuedEntry { who, action, axis, detail, at: now, write_ahead: true, then });
+        self.push(QueuedEntry::new(subject, detail, now, true, Some(then)));
     }
 
     /// Notes what was done. `then` is done once it is written, or cannot be.
     pub fn record(
         &self,
-        (who, action, axis): (&SessionName, JournalAction, Option<u16>),
+        subject: ActionSubject<'_>,
         detail: Value,
         now: Instant,
         then: Option<Continuation>,
     ) {
-        let who = who.clone();
-        self.push(QueuedEntry { who, action, axis, detail, at: now, write_ahead: false, then });
+        self.push(QueuedEntry::new(subject, detail, now, false, then));
     }
 
     /// Checks that an action can be announced.

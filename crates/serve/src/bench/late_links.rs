@@ -13,6 +13,7 @@ use tokio::sync::oneshot;
 use super::AXES_MAX;
 use super::absent_axes;
 use super::context::BenchEvent;
+use super::journal_queue::ActionSubject;
 use super::journal_sink::SERVER;
 use super::lock::lock_unpoisoned;
 use super::open::{BenchLink, tapped_connector};
@@ -85,7 +86,7 @@ impl Bench {
                 "number": number });
             let then: Continuation = Box::new(move |recorded| drop(reply_sender.send(recorded)));
             shared.journal.record(
-                (session, JournalAction::StopEnded, None),
+                ActionSubject::new(session, JournalAction::StopEnded, None),
                 detail,
                 shared.now(),
                 Some(then),

@@ -87,12 +87,12 @@ pub(super) fn open_links(
         match tried {
             Ok((opened, absent)) => {
                 roots.push((axes.len() as u16, opened.clone()));
-                add_wires((&part.url, connector), &opened, &mut links, &mut axes);
+                add_wires(&part.url, connector, &opened, &mut links, &mut axes);
                 links[usize::from(id)].set_absent(absent);
             }
             Err(error) => {
                 let medium = part.medium.unwrap_or(MediumKind::Serial);
-                links.push(BenchLink::new((id, &part.url, medium), connector, Vec::new()));
+                links.push(BenchLink::new(id, &part.url, medium, connector, Vec::new()));
                 dead.push((id, error.into()));
             }
         }
@@ -210,7 +210,8 @@ fn axes_by_wire(opened: &polepair::LocalLink) -> impl Iterator<Item = &[LocalAxi
 
 /// The wires of an opened link, with their axes.
 fn add_wires(
-    (url, connector): (&str, &Connector),
+    url: &str,
+    connector: &Connector,
     opened: &polepair::LocalLink,
     links: &mut Vec<BenchLink>,
     seats: &mut Vec<AxisEntry>,
@@ -230,7 +231,7 @@ fn add_wires(
             seats.push(AxisEntry { link: links.len(), local_index: index, info, drive });
             ids.push((seat_id, axis.clone()));
         }
-        let link = BenchLink::new((id, url, open.medium), connector, ids);
+        let link = BenchLink::new(id, url, open.medium, connector, ids);
         link.scan.set_opened(&root, n);
         link.set_opened(OpenedLink { wire: open.clone(), simulation, link: opened.clone() });
         links.push(link);
@@ -246,7 +247,9 @@ fn own_links(simulation: Option<&Simulation>) -> Vec<usize> {
 
 impl BenchLink {
     fn new(
-        (id, url, medium): (u16, &str, MediumKind),
+        id: u16,
+        url: &str,
+        medium: MediumKind,
         connector: &Connector,
         axes: Vec<(u16, LocalAxis)>,
     ) -> Self {

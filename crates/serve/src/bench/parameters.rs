@@ -12,6 +12,7 @@ use tokio::sync::oneshot;
 
 use super::context::BenchContext;
 use super::describe::parameter_info;
+use super::journal_queue::ActionSubject;
 use super::lease::SessionName;
 use super::reply::Continuation;
 use super::reply::PendingReply;
@@ -207,7 +208,7 @@ impl ParameterWriter {
         named.sort_by_key(|(id, ..)| !self.axis.scales(*id));
         let (mut all, mut pending) = (Vec::new(), PendingWrites::default());
         for (id, name, given) in named {
-            let wanted = self.plan_write((id, name), given, &pending)?;
+            let wanted = self.plan_write(id, name, given, &pending)?;
             pending.insert(id, wanted.raw);
             all.push(wanted);
         }
@@ -224,7 +225,8 @@ impl ParameterWriter {
 
     fn plan_write(
         &self,
-        (id, name): (ParameterId, &str),
+        id: ParameterId,
+        name: &str,
         given: &ParameterInput,
         pending: &PendingWrites,
     ) -> Result<PlannedWrite, GatewayError> {
@@ -298,7 +300,7 @@ impl ParameterWriter {
             };
             let detail = json!({ "keep": self.persist, "changes": changes });
             let (session, shared) = (self.session.clone(), Arc::clone(&self.context));
-            let what = (&session, JournalAction::Parameters, Some(self.id));
+            let what = ActionSubject::new(&session, JournalAction::Parameters, Some(self.id));
             let then: Continuation = Box::new(move |recorded| match recorded {
                 Ok(()) => again.submit_query(reply_sender, move || {
                     self.write_planned(&writes).map(|()| changes)

@@ -17,6 +17,7 @@ use tokio::sync::oneshot;
 use super::AXES_MAX;
 use super::context::{BenchContext, BenchEvent};
 use super::describe::axis_info;
+use super::journal_queue::ActionSubject;
 use super::journal_sink::SERVER;
 use super::lease::SessionName;
 use super::link_scan::LinkScan;
@@ -205,7 +206,7 @@ impl Bench {
                 Ok(()) => wire.submit_reserved(sequence, WireRequest::Scan(Box::new(begin))),
                 Err(refused) => begin(Err(refused)),
             };
-            let what = (session, JournalAction::Look, None);
+            let what = ActionSubject::new(session, JournalAction::Look, None);
             let detail = json!({ "link": link.id, "first": request.first, "last": request.last });
             self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
             Ok(())
@@ -282,7 +283,7 @@ impl Bench {
             // Who has gone does not want to know.
             Err(refused) => drop(reply_sender.send(Err(refused))),
         };
-        let what = (session, JournalAction::TakeIn, None);
+        let what = ActionSubject::new(session, JournalAction::TakeIn, None);
         self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
         PendingReply::from_receiver(reply, Ok(()))
     }

@@ -11,6 +11,7 @@ use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::Bench;
+use super::journal_queue::ActionSubject;
 use super::lease::SessionName;
 use super::parameters::check_lease_held;
 use super::reply::Continuation;
@@ -64,7 +65,7 @@ impl Bench {
                         Ok(watchdog_view(&its, set?))
                     }),
                 });
-                let what = (&by, JournalAction::Parameters, Some(id));
+                let what = ActionSubject::new(&by, JournalAction::Parameters, Some(id));
                 notes.journal.write_ahead(what, detail, notes.now(), then);
             });
             let session = session.clone();

@@ -176,7 +176,7 @@ impl CanChecker {
         let exact = self.open.iter().position(|open| open.label.tag == tag);
         let same = || self.open.iter().rposition(|open| open.label.content_hash == question);
         let Some(at) = exact.or_else(same) else {
-            return self.judge_mismatch(now, reply, (tag, question), behind);
+            return self.judge_mismatch(now, reply, tag, question, behind);
         };
         let open = self.open[at];
         self.request_ids.insert(reply.sender, open.label.id);
@@ -216,7 +216,8 @@ impl CanChecker {
         &mut self,
         now: Instant,
         reply: CanFrameLabel,
-        (tag, question): (u32, u64),
+        tag: u32,
+        question: u64,
         behind: Option<OutstandingReply>,
     ) -> Option<Violation> {
         let soonest = |open: &OpenRequest| {

@@ -211,8 +211,10 @@ impl SwarmAxis {
         &mut self,
         world: &mut World,
         host: NodeId,
-        (own, drives): (Option<&CanPlugStatus>, Option<CanPlugStatus>),
+        standings: (Option<&CanPlugStatus>, Option<CanPlugStatus>),
     ) -> Option<Violation> {
+        let (own, drives) = standings;
+
         let truth = self.truth(world);
         // What a controller holds cannot be called back.
         let waits = own.is_some_and(|standing| standing.is_waiting);

@@ -40,10 +40,12 @@ pub struct Intruder {
 impl Intruder {
     pub fn new(
         action: IntruderAction,
-        (from, until): (Instant, Instant),
+        span: (Instant, Instant),
         bit_rate: u32,
         random: Random,
     ) -> Self {
+        let (from, until) = span;
+
         Self { action, until, next: from, recent_frames: VecDeque::new(), random, bit_rate }
     }
 

@@ -196,7 +196,7 @@ impl World {
     }
 
     /// Lets a node fill its controller.
-    pub(super) fn poll_can(&mut self, node: usize, port: u8, (wire, plug): (usize, usize)) {
+    pub(super) fn poll_can(&mut self, node: usize, port: u8, wire: usize, plug: usize) {
         let WireMedium::Can(bus) = &mut self.wires[wire].medium else { return };
         let mut frame = Frame::default();
         let mut empty = false;

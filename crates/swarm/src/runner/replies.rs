@@ -15,6 +15,18 @@ use crate::client::{HeldLease, LeaseProgress};
 use crate::scenario::seconds;
 use crate::stop_observer::STOP_REPLY_MAX;
 
+/// A command of a client, as it was sent.
+struct SentCommand {
+    verb: &'static str,
+    epoch: u64,
+    /// Starts of the motor when it was sent.
+    starts: u64,
+    /// True while no other command of the axis was sent.
+    alone: bool,
+    /// Commanded position, rad.
+    target: Option<f64>,
+}
+
 impl WorldRunner {
     /// Returns whether the request was answered; then its client has the reply.
     pub(super) fn poll_reply(&mut self, n: usize) -> bool {
@@ -27,7 +39,8 @@ impl WorldRunner {
             }
             CallKind::Command { verb, epoch, starts, alone, target, reply } => {
                 let Some(report) = reply.try_recv() else { return false };
-                let command = (*verb, *epoch, *starts, *alone, *target);
+                let (verb, epoch, starts) = (*verb, *epoch, *starts);
+                let command = SentCommand { verb, epoch, starts, alone: *alone, target: *target };
                 self.handle_command_outcome(who, axis, said_at, command, report);
             }
             CallKind::Stop { turned, late, reply } => {
@@ -100,9 +113,10 @@ impl WorldRunner {
         who: usize,
         axis: u16,
         sent_at: Instant,
-        (verb, epoch, starts, alone, target): (&'static str, u64, u64, bool, Option<f64>),
+        command: SentCommand,
         result: Result<CommandOutcome, GatewayError>,
     ) {
+        let SentCommand { verb, epoch, starts, alone, target } = command;
         let moves = MOTION_VERBS.contains(&verb);
         let turns = matches!(verb, "velocity" | "move-to");
         let outcome = match &result {

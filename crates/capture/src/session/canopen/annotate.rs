@@ -36,7 +36,8 @@ pub(super) fn annotate_part(
     channel: &SdoChannel,
     part: TransferPart,
     bytes: &[u8],
-    (reply, moved): (bool, bool),
+    reply: bool,
+    moved: bool,
     profile: Option<&'static Profile>,
     explanation: &mut Explanation,
 ) {

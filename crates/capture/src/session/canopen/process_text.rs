@@ -140,7 +140,9 @@ impl ProcessText {
     }
 }
 
-const fn field(name: InternedName, (start, end): (u16, u16), value: FieldValue<'_>) -> Field<'_> {
+const fn field(name: InternedName, bytes: (u16, u16), value: FieldValue<'_>) -> Field<'_> {
+    let (start, end) = bytes;
+
     Field { name, start, end, value, meaning: "" }
 }
 
@@ -149,9 +151,11 @@ impl ValueText {
         join: &str,
         object: ObjectIndex,
         name: InternedName,
-        (bits, bytes): (NumberBits, (u16, u16)),
+        place: (NumberBits, (u16, u16)),
         profile: Option<&'static Profile>,
     ) -> Self {
+        let (bits, bytes) = place;
+
         let varies = !meanings::has_constant_meaning(object, profile);
         let mut label = join.to_owned();
         let mut clean = RemarkText(&mut label);

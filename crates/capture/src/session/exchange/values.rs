@@ -50,7 +50,8 @@ impl ValueTracker {
         &mut self,
         observed: &ObservedFrame<'_>,
         explanation: &Explanation,
-        (quality, request): (Quality, Option<u64>),
+        quality: Quality,
+        request: Option<u64>,
         notices: &mut Vec<SessionNotice>,
     ) {
         let readings = explanation.frame_values();

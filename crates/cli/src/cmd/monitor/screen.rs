@@ -126,7 +126,9 @@ impl TerminalScreen {
 
 /// A fixed area: one that follows the terminal's size would ask it where its cursor is, and wait for
 /// an answer that some never give.
-fn terminal_of_size((width, height): (u16, u16)) -> io::Result<ScreenTerminal> {
+fn terminal_of_size(size: (u16, u16)) -> io::Result<ScreenTerminal> {
+    let (width, height) = size;
+
     let viewport = Viewport::Fixed(Rect::new(0, 0, width, height));
     let backend = CrosstermBackend::new(BufWriter::new(io::stdout()));
     Terminal::with_options(backend, TerminalOptions { viewport })

@@ -45,9 +45,11 @@ pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
 
 fn parse_parts<'a>(
     text: &'a str,
-    (space, number): (Space, u32),
+    place: (Space, u32),
     parts: impl Iterator<Item = &'a str>,
 ) -> Result<ParameterAddress, TextError> {
+    let (space, number) = place;
+
     let expected = "a number, 0 to 65535";
     let index = u16::try_from(number).map_err(|_| TextError { at: 0, expected })?;
     let mut address = ParameterAddress::new(index, space_number(space));

@@ -66,10 +66,9 @@ pub fn emit_request(unit: u8, pdu: &RequestPdu<'_>, out: &mut [u8]) -> usize {
 /// A frame around a PDU of five bytes. It is put together in a register: bytes just written one by
 /// one are slow to read again.
 #[inline(always)]
-pub(super) fn short_frame(
-    unit: u8,
-    (code, first, second): (u8, u16, u16),
-) -> [u8; SHORT_FRAME_LEN] {
+pub(super) fn short_frame(unit: u8, pdu: (u8, u16, u16)) -> [u8; SHORT_FRAME_LEN] {
+    let (code, first, second) = pdu;
+
     let head = u64::from(unit) | u64::from(code) << 8;
     let body = head | u64::from(first.swap_bytes()) << 16 | u64::from(second.swap_bytes()) << 32;
     let [a, b, c, d, e, f, _, _] = body.to_le_bytes();

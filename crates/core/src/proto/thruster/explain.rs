@@ -344,10 +344,12 @@ fn reply_remark(reply: &Reply, requested: Option<u32>) -> Option<&'static str> {
 fn emit_field(
     sink: &mut dyn ExplainSink,
     name: &'static str,
-    (start, end): (u16, u16),
+    range: (u16, u16),
     value: FieldValue<'_>,
     meaning: &'static str,
 ) {
+    let (start, end) = range;
+
     sink.field(Field { name, start, end, value, meaning });
 }
 

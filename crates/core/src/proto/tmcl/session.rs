@@ -313,9 +313,11 @@ impl Session {
     pub(super) fn transmit(
         &mut self,
         now: Instant,
-        (soonest_ns, on_wire_ns): (u64, u64),
+        on_wire: (u64, u64),
         burst: Option<Burst>,
     ) -> Option<Request> {
+        let (soonest_ns, on_wire_ns) = on_wire;
+
         let pending = self.pending.as_mut()?;
         if pending.sent || now < pending.not_before {
             return None;

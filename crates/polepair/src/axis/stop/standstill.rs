@@ -201,7 +201,7 @@ impl StandstillMonitor {
             };
         match read {
             Ok(raw) => {
-                let stands = self.evaluate(axis, source, raw, (requested_at, now));
+                let stands = self.evaluate(axis, source, raw, requested_at, now);
                 if self.speed_source.is_none() && matches!(source, StandstillSource::Position(_)) {
                     // Positions that are nearer in time show nothing.
                     self.next_poll = self.next_poll.max(requested_at + POSITION_SPAN);
@@ -290,7 +290,8 @@ impl StandstillMonitor {
         axis: &LocalAxis,
         source: StandstillSource,
         raw: i64,
-        (requested_at, reported_at): (Instant, Instant),
+        requested_at: Instant,
+        reported_at: Instant,
     ) -> bool {
         let mut seen = Observation::default();
         if !matches!(source, StandstillSource::Factor(_)) {
@@ -311,7 +312,7 @@ impl StandstillMonitor {
             }
             StandstillSource::Position(id) => {
                 seen.position = Some(raw);
-                self.compare_positions(axis, id, raw, (requested_at, reported_at));
+                self.compare_positions(axis, id, raw, requested_at, reported_at);
             }
         }
         let Some(judge) = self.judge(axis) else { return false };
@@ -325,7 +326,8 @@ impl StandstillMonitor {
         axis: &LocalAxis,
         id: ParameterId,
         raw: i64,
-        (requested_at, reported_at): (Instant, Instant),
+        requested_at: Instant,
+        reported_at: Instant,
     ) {
         let (since, first) = *self.position.get_or_insert((requested_at, raw));
         if requested_at.since(since) < POSITION_SPAN {
@@ -336,10 +338,10 @@ impl StandstillMonitor {
         let over = reported_at.since(since);
         let slow = axis.standstill_speed().unwrap_or(0.0) * SLOW_FACTOR;
         let moved =
-            raw.abs_diff(first) > POSITION_DITHER && axis.has_drifted(id, (first, raw), over, slow);
+            raw.abs_diff(first) > POSITION_DITHER && axis.has_drifted(id, first, raw, over, slow);
         match self.speed {
             Some((speed, false)) => {
-                let mismatch = || axis.speed_mismatch_error(speed, (id, first, raw), over);
+                let mismatch = || axis.speed_mismatch_error(speed, id, first, raw, over);
                 self.mismatch = moved.then(mismatch);
             }
             Some(_) => self.mismatch = None,
@@ -416,7 +418,9 @@ impl LocalAxis {
     fn speed_mismatch_error(
         &self,
         speed: i64,
-        (id, from, to): (ParameterId, i64, i64),
+        id: ParameterId,
+        from: i64,
+        to: i64,
         over: Duration,
     ) -> Error {
         let reported =
@@ -464,13 +468,7 @@ impl LocalAxis {
     }
 
     /// Returns whether a motor went further in that time than one that holds its place, or turns at that speed.
-    fn has_drifted(
-        &self,
-        id: ParameterId,
-        (from, to): (i64, i64),
-        over: Duration,
-        speed: f64,
-    ) -> bool {
+    fn has_drifted(&self, id: ParameterId, from: i64, to: i64, over: Duration, speed: f64) -> bool {
         let holds = match self.parameter(id).map(|parameter| parameter.unit) {
             Some(Unit::Millimetre) => HOLDING_SPEED_M,
             _ => HOLDING_SPEED_RAD,

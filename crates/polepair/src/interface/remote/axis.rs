@@ -227,7 +227,7 @@ impl AxisInterface for RemoteAxis {
         amount: Amount,
     ) -> Result<Amount, Error> {
         match self.server.parameters(self.info.id)?.get(usize::from(id.0)) {
-            Some(info) => Ok(amount.for_written_name(name, (&info.name, &info.symbol))),
+            Some(info) => Ok(amount.for_written_name(name, &info.name, &info.symbol)),
             // The gateway gets the address itself, and has the same rule.
             None => Ok(amount),
         }

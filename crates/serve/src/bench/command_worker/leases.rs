@@ -1,5 +1,6 @@
 //! Leases of the axes of one wire.
 
+use super::super::journal_queue::ActionSubject;
 use super::*;
 
 impl CommandWorker {
@@ -76,7 +77,8 @@ impl CommandWorker {
         };
         let (id, action) =
             (self.axes[axis].id, if over { JournalAction::TakeOver } else { JournalAction::Lease });
-        let (what, detail) = ((session, action, Some(id)), json!({ "epoch": epoch }));
+        let (what, detail) =
+            (ActionSubject::new(session, action, Some(id)), json!({ "epoch": epoch }));
         self.context.journal.write_ahead(what, detail, now, Box::new(then));
     }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use polepair_core::time::Instant;
 use serde_json::json;
 
+use super::super::journal_queue::ActionSubject;
 use super::{CommandWorker, FAST_SEND_MAX, WorkerAxis};
 use crate::bench::context::BenchEvent;
 use crate::bench::journal_sink::SERVER;
@@ -32,7 +33,8 @@ impl CommandWorker {
                 let is_new = self.stop_axis(
                     axis,
                     requested_at,
-                    (StopCause::Stop, &session),
+                    StopCause::Stop,
+                    &session,
                     collector.clone(),
                 );
                 ended.push((axis, lost, is_new));
@@ -54,7 +56,8 @@ impl CommandWorker {
         &mut self,
         axis: usize,
         since: Instant,
-        (why, by): (StopCause, &SessionName),
+        why: StopCause,
+        by: &SessionName,
         report: Option<Arc<StopCollector>>,
     ) -> bool {
         let watched = &mut self.axes[axis];
@@ -133,7 +136,7 @@ impl CommandWorker {
 
     /// Stops an axis without a request of a client.
     pub(super) fn stop_unrequested(&mut self, axis: usize, why: StopCause, reason: &str) {
-        let is_new = self.stop_axis(axis, self.context.now(), (why, &SERVER.into()), None);
+        let is_new = self.stop_axis(axis, self.context.now(), why, &SERVER.into(), None);
         let (id, detail) = (self.axes[axis].id, json!({ "reason": reason }));
         self.context.record_by_server(JournalAction::Stop, id, detail);
         self.publish_pending_stop(axis, is_new);
@@ -179,7 +182,12 @@ impl CommandWorker {
         // Shown before anybody is answered, which the journal's thread does as soon as it is written.
         self.wire.set_pending_stop(axis, None);
         self.context.publish(BenchEvent::PendingStop(id));
-        self.context.journal.record((who, JournalAction::StopEnded, Some(id)), detail, now, then);
+        self.context.journal.record(
+            ActionSubject::new(who, JournalAction::StopEnded, Some(id)),
+            detail,
+            now,
+            then,
+        );
     }
 
     /// Repeats pending stops, and checks their progress.

@@ -89,10 +89,10 @@ impl NodeChannel {
                 Some(self.handle_segment_ack(deadline, toggle, long))
             }
             (ChannelStage::BlockReadEnd, SdoReply::ReadBlockEnd { unused, crc }) => {
-                Some(self.handle_block_end((unused, crc), long?))
+                Some(self.handle_block_end(unused, crc, long?))
             }
             (ChannelStage::BlockWriting(sent), SdoReply::WriteBlockAck { arrived, segments }) => {
-                Some(self.handle_block_ack(deadline, sent, (arrived, segments), long?))
+                Some(self.handle_block_ack(deadline, sent, arrived, segments, long?))
             }
             (ChannelStage::BlockWriteEnd, SdoReply::WriteBlockDone) => Some(self.finish_write()),
             _ => None,
@@ -246,11 +246,7 @@ impl NodeChannel {
         if last || number >= self.segments { self.resume(long) } else { ChannelStep::Wait }
     }
 
-    fn handle_block_end(
-        &mut self,
-        (unused, crc): (u8, u16),
-        long: &mut TransferBuffer,
-    ) -> ChannelStep {
+    fn handle_block_end(&mut self, unused: u8, crc: u16, long: &mut TransferBuffer) -> ChannelStep {
         let computed = long.finish_blocks(unused);
         self.bytes_done = self.bytes_done.saturating_sub(unused.into());
         if self.uses_crc && computed != crc {
@@ -265,7 +261,8 @@ impl NodeChannel {
         &mut self,
         deadline: Instant,
         sent: u8,
-        (arrived, segments): (u8, u8),
+        arrived: u8,
+        segments: u8,
         long: &mut TransferBuffer,
     ) -> ChannelStep {
         if arrived > sent {

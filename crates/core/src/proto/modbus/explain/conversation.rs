@@ -171,7 +171,7 @@ pub(super) fn report_values(
             && pdu[0] == space.read_function().code()
             && data.len() == space.reply_bytes(count)
         {
-            values.report_read((space, start, count), data);
+            values.report_read(space, start, count, data);
         }
     } else if let Ok(request) = RequestPdu::parse(pdu) {
         values.report_request(&request);
@@ -220,7 +220,7 @@ impl ValueReporter<'_> {
     }
 
     /// Reports the values of a read from `start` on.
-    fn report_read(&mut self, (space, start, count): (Space, u16, u16), data: &[u8]) {
+    fn report_read(&mut self, space: Space, start: u16, count: u16, data: &[u8]) {
         if space.is_bits() {
             self.report_bits(space, start, count, data)
         } else {

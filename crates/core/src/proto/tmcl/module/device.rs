@@ -40,8 +40,10 @@ impl WireOptions {
     pub fn read_option<'a>(
         &mut self,
         module: &mut impl TmclModule,
-        (key, value): (&'a str, &'a str),
+        option: (&'a str, &'a str),
     ) -> Result<bool, &'a str> {
+        let (key, value) = option;
+
         let quirks = &mut self.0;
         match (key, value) {
             ("dlc", "7") => quirks.eight_bytes = false,

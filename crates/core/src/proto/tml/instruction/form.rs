@@ -231,11 +231,13 @@ impl Form {
 /// Short for tables: a verified form.
 pub(super) const fn form(
     category: Category,
-    (opcode, mask, words): (u16, u16, u8),
+    coding: (u16, u16, u8),
     pieces: &'static [FormPiece],
     source: CodingSource,
     about: &'static str,
 ) -> Form {
+    let (opcode, mask, words) = coding;
+
     let certainty = match source {
         CodingSource::Manual | CodingSource::Library | CodingSource::Labels => {
             CodingCertainty::Verified
