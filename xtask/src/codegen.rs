@@ -465,10 +465,12 @@ fn mask_literal(mask: i64) -> String {
 }
 
 fn plan_row(p: &Plan) -> String {
-    let line = |step: &Step| format!("\n        {},", step_expr(step));
     let steps = |steps: &[Step]| match steps {
         [] => String::new(),
-        steps => steps.iter().map(line).collect::<String>() + "\n    ",
+        steps => {
+            steps.iter().map(|step| format!("\n        {},", step_expr(step))).collect::<String>()
+                + "\n    "
+        }
     };
     format!(
         "Plan {{ verb: Verb::{:?}, source: {:?}, steps: &[{}], undo: &[{}] }}",

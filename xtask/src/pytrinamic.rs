@@ -87,10 +87,13 @@ fn package_version(package: &Path) -> Result<String, String> {
         let rest = name.strip_prefix("pytrinamic-")?;
         Some(rest.strip_suffix(".dist-info").unwrap_or(rest).to_owned())
     };
-    let own = || version(site.file_name()?.to_string_lossy().into_owned());
-    names.into_iter().find_map(version).or_else(own).ok_or_else(|| {
-        format!("no pytrinamic-*.dist-info in {}: which version is it?", site.display())
-    })
+    names
+        .into_iter()
+        .find_map(version)
+        .or_else(|| version(site.file_name()?.to_string_lossy().into_owned()))
+        .ok_or_else(|| {
+            format!("no pytrinamic-*.dist-info in {}: which version is it?", site.display())
+        })
 }
 
 fn read_modules(folder: &Path) -> Result<Vec<Module>, String> {

@@ -241,10 +241,9 @@ impl CaptureDecoder {
     /// Names the parameters of these drives by these profiles from now on.
     pub fn set_drive_profiles(&mut self, drives: Vec<(u32, &'static Profile)>) {
         let first = drives.first().map(|(_, profile)| *profile);
-        let same = |(_, profile): &(u32, &'static Profile)| {
-            first.is_some_and(|first| core::ptr::eq(first, *profile))
-        };
-        let differ = !drives.iter().all(same);
+        let differ = !drives
+            .iter()
+            .all(|(_, profile)| first.is_some_and(|first| core::ptr::eq(first, *profile)));
         let drives = if differ { drives } else { Vec::new() };
         if self.profiles.drives.len() == drives.len() && self.profiles.any.is_some() {
             return;

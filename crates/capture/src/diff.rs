@@ -139,7 +139,7 @@ impl<'s> SummaryComparison<'s> {
     }
 
     fn compare_states(&mut self) {
-        let states = |s: &'s Summary| {
+        let maps = self.map_both(|s| {
             let each = s.axes.iter().flat_map(|(who, axis)| {
                 axis.states.iter().map(|(what, states)| ((self.axis_key(*who), *what), states))
             });
@@ -149,8 +149,7 @@ impl<'s> SummaryComparison<'s> {
                 (key, names)
             });
             reached.collect()
-        };
-        let maps = self.map_both(states);
+        });
         self.compare_maps(maps, |all, (who, what), a, b| {
             let none = BTreeSet::new();
             let (a, b) = (a.unwrap_or(&none), b.unwrap_or(&none));

@@ -270,13 +270,19 @@ fn find_escape(text: &[u8]) -> Option<usize> {
     // The uppermost bit of a byte below `limit`, and perhaps of some behind it.
     let below = |eight: u64, limit: u64| eight.wrapping_sub(limit * ONES) & !eight & (0x80 * ONES);
     let is = |eight: u64, byte: u8| below(eight ^ (u64::from(byte) * ONES), 1);
-    let plain = |eight: &&[u8; 8]| {
-        let eight = u64::from_le_bytes(**eight);
-        below(eight, 0x20) | is(eight, b'"') | is(eight, b'\\') == 0
-    };
-    let started_at = 8 * text.as_chunks::<8>().0.iter().take_while(plain).count();
-    let escaped = |byte: &u8| matches!(byte, b'"' | b'\\' | 0..0x20);
-    text[started_at..].iter().position(escaped).map(|at| started_at + at)
+    let started_at = 8 * text
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .take_while(|eight| {
+            let eight = u64::from_le_bytes(**eight);
+            below(eight, 0x20) | is(eight, b'"') | is(eight, b'\\') == 0
+        })
+        .count();
+    text[started_at..]
+        .iter()
+        .position(|byte| matches!(byte, b'"' | b'\\' | 0..0x20))
+        .map(|at| started_at + at)
 }
 
 /// Appends bytes as hexadecimal digits without spaces.

@@ -200,8 +200,10 @@ impl<T> Sequencer<T> {
     /// Waits for the turn of a piece; `None` when all is over.
     fn wait_turn(&self, number: u64, over: &AtomicBool) -> Option<MutexGuard<'_, (u64, T)>> {
         let turn = self.turn.lock().ok()?;
-        let early = |turn: &mut (u64, T)| turn.0 != number && !over.load(Ordering::SeqCst);
-        let turn = self.turn_changed.wait_while(turn, early).ok()?;
+        let turn = self
+            .turn_changed
+            .wait_while(turn, |turn| turn.0 != number && !over.load(Ordering::SeqCst))
+            .ok()?;
         (turn.0 == number && !over.load(Ordering::SeqCst)).then_some(turn)
     }
 

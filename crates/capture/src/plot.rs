@@ -60,8 +60,7 @@ impl Plot {
         self.note_time(event);
         for notice in event.notices {
             let SessionNotice::Signal(signal) = notice else { continue };
-            let fits = |glob: &Glob| glob.matches_signal(signal.axis, signal.name);
-            if !self.patterns.iter().any(fits) {
+            if !self.patterns.iter().any(|glob| glob.matches_signal(signal.axis, signal.name)) {
                 if self.other_signals.len() < OTHERS_MAX {
                     self.other_signals.insert((signal.axis, signal.name));
                 }

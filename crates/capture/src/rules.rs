@@ -61,11 +61,15 @@ impl Rules {
 
     /// Possible protocols of a link, in the order of trials.
     pub(crate) fn for_link(&self, link: &str) -> Vec<Rule> {
-        let holds = |rule: &&Rule| match &rule.scope {
-            RuleScope::Link(name) | RuleScope::AxisOn(name, _) => name == link,
-            RuleScope::Axis(_) | RuleScope::Anywhere => true,
-        };
-        let mut rules: Vec<Rule> = self.0.iter().filter(holds).cloned().collect();
+        let mut rules: Vec<Rule> = self
+            .0
+            .iter()
+            .filter(|rule| match &rule.scope {
+                RuleScope::Link(name) | RuleScope::AxisOn(name, _) => name == link,
+                RuleScope::Axis(_) | RuleScope::Anywhere => true,
+            })
+            .cloned()
+            .collect();
         rules.sort_by_key(|rule| rule.scope == RuleScope::Anywhere);
         rules
     }
@@ -114,12 +118,15 @@ fn parse_number(text: &str) -> Option<u32> {
 
 /// The word nearest to `word`, if any is near enough to be meant.
 pub fn nearest_word<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let near = |known: &'a str| {
-        let distance = edit_distance(&word.to_ascii_lowercase(), &known.to_ascii_lowercase());
-        let starts = known.starts_with(word) && word.len() > 1;
-        (starts || distance <= 1 + known.len() / 4).then_some((distance, known))
-    };
-    known.into_iter().filter_map(near).min_by_key(|(distance, _)| *distance).map(|(_, known)| known)
+    known
+        .into_iter()
+        .filter_map(|known| {
+            let distance = edit_distance(&word.to_ascii_lowercase(), &known.to_ascii_lowercase());
+            let starts = known.starts_with(word) && word.len() > 1;
+            (starts || distance <= 1 + known.len() / 4).then_some((distance, known))
+        })
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, known)| known)
 }
 
 /// Letters to insert, take out, change, or swap with their neighbour.

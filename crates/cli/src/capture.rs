@@ -325,8 +325,7 @@ impl CaptureSource {
 
 /// Returns whether a capture can be read once only: `-` is stdin, others are pipes and terminals.
 pub fn is_stream(path: &Path) -> bool {
-    let is_other = |it: std::fs::Metadata| !it.is_file() && !it.is_dir();
-    path.as_os_str() == "-" || std::fs::metadata(path).is_ok_and(is_other)
+    path.as_os_str() == "-" || std::fs::metadata(path).is_ok_and(|it| !it.is_file() && !it.is_dir())
 }
 
 fn open_stream(path: &Path) -> Result<FollowReader> {
@@ -339,8 +338,9 @@ fn open_stream(path: &Path) -> Result<FollowReader> {
 
 /// Threads that decode one capture: as many as asked for, else as there are cores.
 pub fn job_count(requested: Option<usize>) -> usize {
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    requested.unwrap_or_else(cores).clamp(1, JOBS_MAX)
+    requested
+        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+        .clamp(1, JOBS_MAX)
 }
 
 /// Reads a file in pieces; how far it is may be shown.

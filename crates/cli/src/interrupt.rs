@@ -142,12 +142,11 @@ mod system {
     pub fn listen_for(signals: &[i32]) {
         // Refused for lack of descriptors or threads alone, which no user could mend here.
         let Ok(mut signals) = Signals::new(signals) else { return };
-        let on_event = move || {
+        let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(move || {
             signals
                 .forever()
                 .for_each(|signal| super::handle_signal(matches!(signal, SIGINT | SIGQUIT)));
-        };
-        let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(on_event);
+        });
     }
 }
 

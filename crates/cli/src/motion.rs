@@ -147,11 +147,18 @@ pub const fn command_word(verb: Verb) -> &'static str {
 
 /// Runs a motion on each axis, and stops what it started when it ends early.
 pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
-    let check = |commands: &[(Axis, Command)]| {
-        let check = |(axis, command): &(Axis, Command)| axis.interface().check_command(*command);
-        commands.iter().try_for_each(check).map_err(to_problem)
-    };
-    execute_motion(session, commands, then, check, start_commands)
+    execute_motion(
+        session,
+        commands,
+        then,
+        |commands: &[(Axis, Command)]| {
+            commands
+                .iter()
+                .try_for_each(|(axis, command)| axis.interface().check_command(*command))
+                .map_err(to_problem)
+        },
+        start_commands,
+    )
 }
 
 /// Runs moves that begin at one signal.
@@ -162,9 +169,13 @@ pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: Motio
     };
     let local = commands.iter().map(local).collect::<std::result::Result<Vec<_>, Error>>();
     let local = local.map_err(to_problem)?;
-    let check = |_: &[_]| check_together(&local).map_err(to_problem);
-    let start = |_: &[_], _| polepair::start_together(&local).map_err(to_problem);
-    execute_motion(session, commands, then, check, start)
+    execute_motion(
+        session,
+        commands,
+        then,
+        |_: &[_]| check_together(&local).map_err(to_problem),
+        |_: &[_], _| polepair::start_together(&local).map_err(to_problem),
+    )
 }
 
 fn execute_motion(

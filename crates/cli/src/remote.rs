@@ -143,19 +143,21 @@ impl ServerArgs {
                 }
             };
             let dry = *verb != "set";
-            let its = |arg: Arg| match arg.get_id().as_str() {
-                "url" => axes(arg),
-                "dry_run" => arg.hide(dry),
-                "look" | "take" => arg.hide(false),
-                id if LINK_OPTIONS.contains(&id) => arg.hide(true),
-                _ => arg,
-            };
             let note = match *verb {
                 "scan" => SCAN_HELP,
                 "stop" => STOP_HELP,
                 _ => "",
             };
-            command.mut_subcommand(verb, |verb| verb.mut_args(its).after_help(note))
+            command.mut_subcommand(verb, |verb| {
+                verb.mut_args(|arg| match arg.get_id().as_str() {
+                    "url" => axes(arg),
+                    "dry_run" => arg.hide(dry),
+                    "look" | "take" => arg.hide(false),
+                    id if LINK_OPTIONS.contains(&id) => arg.hide(true),
+                    _ => arg,
+                })
+                .after_help(note)
+            })
         })
     }
 

@@ -188,8 +188,9 @@ impl DriveArgs {
 
     /// Has frames shown by the names of the drives' profiles, once they are known.
     fn name_frames(&self, axes: &[LocalAxis]) {
-        let drive = |axis: &LocalAxis| (drive_address(axis.number()), axis.profile());
-        let _ = self.naming.set(axes.iter().map(drive).collect());
+        let _ = self
+            .naming
+            .set(axes.iter().map(|axis| (drive_address(axis.number()), axis.profile())).collect());
     }
 
     fn open_url(&self, url: &str) -> Result<LocalSession> {

@@ -84,8 +84,8 @@ impl DataOutput {
 
     /// stdout, or the file if there is one; `-` is stdout, as for other programs.
     pub fn to_path(path: Option<&Path>) -> Result<Self> {
-        let stdout = || Ok(Self::stdout().with_text(false));
-        path.filter(|path| *path != "-").map_or_else(stdout, Self::file)
+        path.filter(|path| *path != "-")
+            .map_or_else(|| Ok(Self::stdout().with_text(false)), Self::file)
     }
 
     /// [`to_path`](Self::to_path) for an input that may never end: a new file can be read while it grows.
@@ -253,10 +253,20 @@ impl TextTable {
 
     /// Adds a row.
     pub fn add_row(&mut self, cells: impl IntoIterator<Item = String>) {
-        let escape = |cell: String| {
-            if is_plain(cell.as_bytes()) { cell } else { EscapedText(&cell).to_string() }
-        };
-        self.rows.push(cells.into_iter().map(escape).collect());
+        self.rows.push(
+            cells
+                .into_iter()
+                .map(
+                    |cell| {
+                        if is_plain(cell.as_bytes()) {
+                            cell
+                        } else {
+                            EscapedText(&cell).to_string()
+                        }
+                    },
+                )
+                .collect(),
+        );
     }
 
     /// True without rows below the heads.
@@ -292,12 +302,15 @@ impl TextTable {
 
 /// A line of comma-separated values.
 pub fn csv_line<'a>(fields: impl IntoIterator<Item = &'a str>) -> String {
-    let quoted = |field: &str| {
-        if field.contains([',', '"', '\n', '\r']) {
-            format!("\"{}\"", field.replace('"', "\"\""))
-        } else {
-            field.to_owned()
-        }
-    };
-    fields.into_iter().map(quoted).collect::<Vec<_>>().join(",")
+    fields
+        .into_iter()
+        .map(|field| {
+            if field.contains([',', '"', '\n', '\r']) {
+                format!("\"{}\"", field.replace('"', "\"\""))
+            } else {
+                field.to_owned()
+            }
+        })
+        .collect::<Vec<_>>()
+        .join(",")
 }

@@ -73,8 +73,8 @@ fn split(location: &str) -> Option<(String, u16)> {
         Some((host, port)) => (host, port.parse().ok()?),
         None => (location, PORT),
     };
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
-    (!host.is_empty() && host.chars().all(plain)).then(|| (host.to_ascii_lowercase(), port))
+    (!host.is_empty() && host.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '.' | '-')))
+        .then(|| (host.to_ascii_lowercase(), port))
 }
 
 #[cfg(test)]

@@ -68,8 +68,8 @@ pub(crate) fn find_token(file: Option<&Path>, address: &Address) -> Result<Secre
         return read(file);
     }
     if let Some(text) = std::env::var(VARIABLE).ok().filter(|text| !text.is_empty()) {
-        let wrong = || GatewayError::new("E256", format!("{VARIABLE} holds no token"));
-        return parse_token(text.trim()).ok_or_else(wrong);
+        return parse_token(text.trim())
+            .ok_or_else(|| GatewayError::new("E256", format!("{VARIABLE} holds no token")));
     }
     if !address.is_loopback() {
         let what = format!("the token is missing for {}", address.authority());
@@ -100,8 +100,8 @@ fn read(path: &Path) -> Result<Secret, GatewayError> {
         .map_err(|error| unreadable(path, &error))?;
     let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#'));
     let word = first.and_then(|line| line.split_whitespace().next());
-    let wrong = || GatewayError::new("E256", format!("{} holds no token", path.display()));
-    word.and_then(parse_token).ok_or_else(wrong)
+    word.and_then(parse_token)
+        .ok_or_else(|| GatewayError::new("E256", format!("{} holds no token", path.display())))
 }
 
 fn parse_token(text: &str) -> Option<Secret> {

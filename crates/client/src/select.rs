@@ -92,12 +92,16 @@ fn find_axis(
     link: Option<&LinkView>,
     word: &str,
 ) -> Result<AxisInfo, GatewayError> {
-    let on_link = |axis: &&AxisInfo| link.is_none_or(|link| axis.link == link.id);
     let named = |axis: &&AxisInfo| {
         let number = AxisNumber::parse(word).map(|number| number.0);
         (!axis.name.is_empty() && axis.name == word) || number == Some(axis.number)
     };
-    let found: Vec<_> = bench.axes.iter().filter(on_link).filter(named).collect();
+    let found: Vec<_> = bench
+        .axes
+        .iter()
+        .filter(|axis| link.is_none_or(|link| axis.link == link.id))
+        .filter(named)
+        .collect();
     match found[..] {
         [one] => Ok(one.clone()),
         [] => {

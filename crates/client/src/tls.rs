@@ -162,8 +162,9 @@ pub(crate) fn load_tls(options: &GatewayOptions) -> Result<ClientTls, GatewayErr
             let (chain, key) =
                 read_client_cert(path, options.client_key.as_deref().unwrap_or(path))?;
             let shown = config.with_client_auth_cert(chain, key);
-            let unlike = |error| invalid_file(path, &error).hint("is that key the certificate's?");
-            shown.map_err(unlike)?
+            shown.map_err(|error| {
+                invalid_file(path, &error).hint("is that key the certificate's?")
+            })?
         }
     };
     Ok(ClientTls { config: Arc::new(config), has_client_cert: options.client_cert.is_some() })

@@ -162,8 +162,12 @@ impl CaptureFile {
     pub fn grown_from(&self, earlier: &[CaptureContent]) -> io::Result<Vec<CaptureContent>> {
         let is_other = |other: &&CaptureContent| other.blake3 != self.content.blake3;
         if self.is_database {
-            let here = |other: &&CaptureContent| other.path == self.content.path;
-            return Ok(earlier.iter().filter(is_other).filter(here).cloned().collect());
+            return Ok(earlier
+                .iter()
+                .filter(is_other)
+                .filter(|other| other.path == self.content.path)
+                .cloned()
+                .collect());
         }
         let mut shorter: Vec<&CaptureContent> = earlier.iter().filter(is_other).collect();
         shorter.retain(|other| other.size > 0 && other.size <= self.content.size);

@@ -225,8 +225,10 @@ fn split_by_date(table: TableKind, batch: &RecordBatch) -> Vec<(String, RecordBa
 
 /// The rows of each bus.
 fn split_by_bus(batch: &RecordBatch) -> Result<Vec<(String, RecordBatch)>, ArrowError> {
-    let missing = || ArrowError::SchemaError("no column bus".to_owned());
-    let column = batch.column_by_name("bus").ok_or_else(missing)?.as_dictionary::<Int32Type>();
+    let column = batch
+        .column_by_name("bus")
+        .ok_or_else(|| ArrowError::SchemaError("no column bus".to_owned()))?
+        .as_dictionary::<Int32Type>();
     let (keys, names) = (column.keys(), column.values().as_string::<i32>());
     let mut there: Vec<i32> = keys.values().to_vec();
     there.sort_unstable();
@@ -235,11 +237,14 @@ fn split_by_bus(batch: &RecordBatch) -> Result<Vec<(String, RecordBatch)>, Arrow
     if let [only] = there[..] {
         return Ok(vec![(name(only), batch.clone())]);
     }
-    let rows = |key: i32| {
-        let mask: BooleanArray = keys.values().iter().map(|other| Some(*other == key)).collect();
-        Ok((name(key), arrow_select::filter::filter_record_batch(batch, &mask)?))
-    };
-    there.into_iter().map(rows).collect()
+    there
+        .into_iter()
+        .map(|key| {
+            let mask: BooleanArray =
+                keys.values().iter().map(|other| Some(*other == key)).collect();
+            Ok((name(key), arrow_select::filter::filter_record_batch(batch, &mask)?))
+        })
+        .collect()
 }
 
 /// The date of a day since 1970, after Howard Hinnant's `civil_from_days`.

@@ -223,11 +223,15 @@ impl TableFiles {
         jobs: usize,
     ) -> Result<Self, TableFileError> {
         std::fs::create_dir_all(folder)?;
-        let store = |table: &TableKind| {
-            let path = folder.join(table.name()).with_extension(stored.extension());
-            Ok((*table, TableFile::create(&path, *table, stored, jobs)?))
-        };
-        Ok(Self { stores: tables.iter().map(store).collect::<Result<_, TableFileError>>()? })
+        Ok(Self {
+            stores: tables
+                .iter()
+                .map(|table| {
+                    let path = folder.join(table.name()).with_extension(stored.extension());
+                    Ok((*table, TableFile::create(&path, *table, stored, jobs)?))
+                })
+                .collect::<Result<_, TableFileError>>()?,
+        })
     }
 }
 

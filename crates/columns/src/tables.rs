@@ -77,15 +77,19 @@ impl TablesBuilder {
         });
         let signals = self.wants(TableKind::Signals).then(|| {
             let templates = self.signals.templates(batch.templates());
-            let rows = |it| match it {
-                FrameRun::Compact(run) => templates.row_count(run),
-                FrameRun::Stored(at) => {
-                    let mut rows = 0;
-                    batch.with_stored(at, |event| rows = signal_count(event.notices));
-                    rows
-                }
-            };
-            self.signals.reserve(batch.runs().map(rows).sum());
+            self.signals.reserve(
+                batch
+                    .runs()
+                    .map(|it| match it {
+                        FrameRun::Compact(run) => templates.row_count(run),
+                        FrameRun::Stored(at) => {
+                            let mut rows = 0;
+                            batch.with_stored(at, |event| rows = signal_count(event.notices));
+                            rows
+                        }
+                    })
+                    .sum(),
+            );
             templates
         });
         for decoded in batch.runs() {

@@ -458,8 +458,7 @@ impl MotionJudge {
             return false;
         };
         let window = self.tolerance.window + self.slack;
-        let near = |target: i64| self.distance_to(position, target) <= window;
-        targets.into_iter().flatten().any(near)
+        targets.into_iter().flatten().any(|target| self.distance_to(position, target) <= window)
     }
 
     fn distance_to(&self, position: i64, target: i64) -> f64 {

@@ -57,10 +57,13 @@ impl Mux {
         if !agreed || axes > 256 {
             return None;
         }
-        let of = |(n, lane): (usize, &BoxedLane)| {
-            (0..=u8::MAX).map(AxisIndex).take(lane.axis_count()).map(move |axis| (n, axis))
-        };
-        let places = lanes.iter().enumerate().flat_map(of).collect();
+        let places = lanes
+            .iter()
+            .enumerate()
+            .flat_map(|(n, lane)| {
+                (0..=u8::MAX).map(AxisIndex).take(lane.axis_count()).map(move |axis| (n, axis))
+            })
+            .collect();
         Some(Self { lanes, locations: places, next_lane: 0 })
     }
 
@@ -407,8 +410,11 @@ impl Axes for Mux {
     }
 
     fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
-        let first = |(n, lane): (usize, &mut BoxedLane)| Some((n, lane.poll_axis_event(now)?));
-        let (n, event) = self.lanes.iter_mut().enumerate().find_map(first)?;
+        let (n, event) = self
+            .lanes
+            .iter_mut()
+            .enumerate()
+            .find_map(|(n, lane)| Some((n, lane.poll_axis_event(now)?)))?;
         let index = self.locations.iter().position(|position| *position == (n, event.axis))?;
         Some(AxisEvent { axis: AxisIndex(index as u8), ..event })
     }

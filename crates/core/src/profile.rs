@@ -129,9 +129,13 @@ impl Profile {
     #[must_use]
     pub fn plan(&self, verb: Verb) -> Option<&'static Plan> {
         let own = self.plans.iter().find(|plan| plan.verb == verb);
-        let moves = |plan: &Plan| plan.verb.is_move() || plan.verb == Verb::Home;
         match verb {
-            Verb::Reached => own.or_else(|| self.plans.iter().any(moves).then_some(&ARRIVAL)),
+            Verb::Reached => own.or_else(|| {
+                self.plans
+                    .iter()
+                    .any(|plan| plan.verb.is_move() || plan.verb == Verb::Home)
+                    .then_some(&ARRIVAL)
+            }),
             _ => own,
         }
     }

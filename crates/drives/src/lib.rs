@@ -125,9 +125,12 @@ pub const fn scale_rules() -> [&'static ScaleRule; 8] {
 /// The profile whose names are used for an unknown drive, where a protocol's texts contain names.
 #[must_use]
 pub fn usual_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
-    let speaks = |profile: &&&Profile| profile.protocol == dissector.language();
     let named = dissector.encodes_by_name();
-    profiles().iter().filter(|_| named).find(speaks).copied()
+    profiles()
+        .iter()
+        .filter(|_| named)
+        .find(|profile| profile.protocol == dissector.language())
+        .copied()
 }
 
 /// The profile whose names explain an unknown drive's frames: the first of its protocol. Drives differ, so explanations

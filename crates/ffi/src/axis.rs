@@ -100,14 +100,13 @@ pub unsafe extern "C" fn pp_link_axis_at(
     unsafe {
         return_axis(link, axis, |link| {
             let axes = link.opened()?.axes();
-            let missing = || {
+            axes.get(index).cloned().ok_or_else(|| {
                 let what = format!("there is no axis {index} of {}", axes.len());
                 CallError::usage(
                     what,
                     "places are counted from 0; pp_link_axis_count tells how many",
                 )
-            };
-            axes.get(index).cloned().ok_or_else(missing)
+            })
         })
     }
 }

@@ -151,7 +151,7 @@ fn start_thread(
     unsafe impl Send for User {}
     let (ended, events, user) = (Arc::new(AtomicBool::new(false)), Arc::clone(events), User(user));
     let is_over = Arc::clone(&ended);
-    let run = move || {
+    let thread = std::thread::Builder::new().name("polepair-events".to_owned()).spawn(move || {
         let user = user;
         while !is_over.load(Ordering::SeqCst) {
             if let Some(event) = events.next(Duration::from_secs(1)) {
@@ -159,10 +159,15 @@ fn start_thread(
                 handler(&raw const event, user.0);
             }
         }
-    };
-    let thread = std::thread::Builder::new().name("polepair-events".to_owned()).spawn(run);
-    let refused = |error| CallError::usage(format!("no thread can be started: {error}"), "");
-    Ok(CallbackThread { ended, thread: Some(thread.map_err(refused)?) })
+    });
+    Ok(CallbackThread {
+        ended,
+        thread: Some(
+            thread.map_err(|error| {
+                CallError::usage(format!("no thread can be started: {error}"), "")
+            })?,
+        ),
+    })
 }
 
 /// Returns the next event. Waits for it at most `seconds`, then returns PP_NOTHING.

@@ -148,14 +148,13 @@ pub unsafe extern "C" fn pp_link_close(link: *mut pp_link, error: *mut pp_error)
     // SAFETY: as promised by the caller.
     let Some(handle) = (unsafe { take_back(link) }) else { return PP_OK };
     handle.closed.store(true, Ordering::SeqCst);
-    let close = || {
+    let closed = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         drop(handle.events.lock().unwrap_or_else(PoisonError::into_inner).take());
         let Some(opened) = &handle.link else { return Ok(()) };
         let stopped = release_armed(opened.axes());
         opened.clone().close();
         stopped
-    };
-    let closed = std::panic::catch_unwind(std::panic::AssertUnwindSafe(close));
+    }));
     let failure = match closed {
         Ok(Ok(())) => return PP_OK,
         Ok(Err(failure)) => CallError::from(failure),

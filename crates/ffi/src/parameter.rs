@@ -168,8 +168,13 @@ pub unsafe extern "C" fn pp_axis_set_text(
 ) -> pp_status {
     // SAFETY: as promised by the caller.
     unsafe {
-        let amount = || Ok(WriteValue::Amount(Amount::from(read_text(value, value_length)?)));
-        write(axis, name, length, amount, store)
+        write(
+            axis,
+            name,
+            length,
+            || Ok(WriteValue::Amount(Amount::from(read_text(value, value_length)?))),
+            store,
+        )
     }
 }
 
@@ -282,11 +287,13 @@ pub unsafe extern "C" fn pp_axis_parameter_at(
     unsafe {
         run(axis, |axis| {
             let all = axis.opened()?.parameters()?;
-            let missing = || {
-                let what = format!("there is no parameter {index} of {}", all.len());
-                CallError::usage(what, "places are counted from 0; pp_axis_parameter_count")
-            };
-            write_struct(parameter, &describe(all.get(index).ok_or_else(missing)?))
+            write_struct(
+                parameter,
+                &describe(all.get(index).ok_or_else(|| {
+                    let what = format!("there is no parameter {index} of {}", all.len());
+                    CallError::usage(what, "places are counted from 0; pp_axis_parameter_count")
+                })?),
+            )
         })
     }
 }

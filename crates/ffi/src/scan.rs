@@ -63,16 +63,16 @@ pub unsafe extern "C" fn pp_scan_open(
     if scan.is_null() {
         return PP_USAGE;
     }
-    let look = || {
+    let errors = ErrorSlot::default();
+    let looked = std::panic::catch_unwind(|| {
         // SAFETY: as promised by the caller.
         let url = unsafe { read_text(url, length)? };
         let connector = polepair::Connector::discover();
         Ok::<_, CallError>(self::scan(&connector, url, first..=last, &mut |_| {
             ControlFlow::Continue(())
         })?)
-    };
-    let errors = ErrorSlot::default();
-    let looked = std::panic::catch_unwind(look).unwrap_or_else(|_| Err(defect()));
+    })
+    .unwrap_or_else(|_| Err(defect()));
     let (found, status) = match looked {
         Ok(found) => (Some(found), PP_OK),
         Err(failure) => (None, errors.store(failure)),
@@ -110,8 +110,8 @@ pub unsafe extern "C" fn pp_scan_at(
     unsafe {
         run(scan, |scan| {
             let drive = scan.found.as_ref().and_then(|all| all.found.get(index));
-            let missing = || CallError::usage("there is no such drive", "pp_scan_count");
-            let drive = drive.ok_or_else(missing)?;
+            let drive =
+                drive.ok_or_else(|| CallError::usage("there is no such drive", "pp_scan_count"))?;
             let mut value = pp_found {
                 size: 0,
                 number: drive.number,

@@ -206,8 +206,10 @@ fn follow_links(path: &Path) -> io::Result<PathBuf> {
 /// A new file in the folder of another, hidden until it takes its place.
 fn create_beside(place: &Path, access: Access) -> io::Result<NamedTempFile> {
     let name = place.file_name().ok_or(io::ErrorKind::InvalidFilename)?.to_string_lossy();
-    let fits = |end: &usize| name.is_char_boundary(*end);
-    let shown = &name[..(0..=NAME_MAX.min(name.len())).rev().find(fits).unwrap_or(0)];
+    let shown = &name[..(0..=NAME_MAX.min(name.len()))
+        .rev()
+        .find(|end| name.is_char_boundary(*end))
+        .unwrap_or(0)];
     let folder = match place.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),

@@ -119,8 +119,11 @@ pub fn has_no_baud_rate(path: &str) -> bool {
 
 /// The paths of serial ports alone.
 pub(crate) fn serial_paths() -> Vec<String> {
-    let serial = |port: &Port| !matches!(port.kind, PortKind::Can { .. });
-    ports().into_iter().filter(serial).map(|port| port.path).collect()
+    ports()
+        .into_iter()
+        .filter(|port| !matches!(port.kind, PortKind::Can { .. }))
+        .map(|port| port.path)
+        .collect()
 }
 
 /// The name of `path` that survives replugging.

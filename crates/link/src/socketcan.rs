@@ -296,14 +296,16 @@ impl SocketcanLink {
     }
 
     fn arrival_time(&self, kernel_ns: Option<u64>, hardware_ns: Option<u64>) -> Instant {
-        let placed = |kernel_ns| match hardware_ns {
-            Some(hardware_ns) => {
-                let mut clock = self.hardware_clock.lock().unwrap_or_else(PoisonError::into_inner);
-                clock.kernel_time(hardware_ns, kernel_ns)
-            }
-            None => kernel_ns,
-        };
-        kernel_ns.map(placed).map_or_else(clock::now, clock::instant_of_stamp)
+        kernel_ns
+            .map(|kernel_ns| match hardware_ns {
+                Some(hardware_ns) => {
+                    let mut clock =
+                        self.hardware_clock.lock().unwrap_or_else(PoisonError::into_inner);
+                    clock.kernel_time(hardware_ns, kernel_ns)
+                }
+                None => kernel_ns,
+            })
+            .map_or_else(clock::now, clock::instant_of_stamp)
     }
 
     /// Counts a controller's reports, and returns the ones that change the wire's state.

@@ -59,10 +59,19 @@ pub fn decode(bytes: &[u8]) -> Option<(u16, u64, Vec<Sample>)> {
         return None;
     }
     let t0_us = field(8, 8);
-    let sample = |bytes: &[u8; SAMPLE_LEN]| {
-        let [a, b, c, d, value @ ..] = *bytes;
-        let dt_us = u32::from_le_bytes([a, b, c, d]);
-        Sample { t_us: t0_us.saturating_add(dt_us.into()), value: f64::from_le_bytes(value) }
-    };
-    Some((field(2, 2) as u16, field(16, 8), samples.iter().map(sample).collect()))
+    Some((
+        field(2, 2) as u16,
+        field(16, 8),
+        samples
+            .iter()
+            .map(|bytes| {
+                let [a, b, c, d, value @ ..] = *bytes;
+                let dt_us = u32::from_le_bytes([a, b, c, d]);
+                Sample {
+                    t_us: t0_us.saturating_add(dt_us.into()),
+                    value: f64::from_le_bytes(value),
+                }
+            })
+            .collect(),
+    ))
 }

@@ -321,12 +321,15 @@ fn decimals(step: f64) -> Option<i32> {
     if !(1e-12..1e12).contains(&step) {
         return None;
     }
-    let exact = |digits: &i32| {
-        let scaled = step * 10_f64.powi(*digits);
-        (scaled - scaled.round()).abs() < 1e-6 && scaled >= 0.5
-    };
     let needed = (-step.log10()).ceil().max(0.0) as i32;
-    Some((0..=DECIMALS_MAX).find(exact).unwrap_or(needed))
+    Some(
+        (0..=DECIMALS_MAX)
+            .find(|digits| {
+                let scaled = step * 10_f64.powi(*digits);
+                (scaled - scaled.round()).abs() < 1e-6 && scaled >= 0.5
+            })
+            .unwrap_or(needed),
+    )
 }
 
 #[cfg(test)]

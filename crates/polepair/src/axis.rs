@@ -269,14 +269,18 @@ impl LocalAxis {
         let parameter = self.required_parameter(id)?;
         self.read_unread_factors(parameter)?;
         let unit = self.unit(id);
-        let convert = |si: f64| {
-            let si = si * self.factor(id);
-            self.connection.with_axes(|axes, _| axes.to_raw(self.index, id, si))
-        };
-        amount.resolve(parameter, unit)?.into_raw(parameter, unit, convert, || {
-            let what = format!("`{}`: the scale of this value is not known", parameter.name);
-            Error::usage("E217", what, "write it raw")
-        })
+        amount.resolve(parameter, unit)?.into_raw(
+            parameter,
+            unit,
+            |si| {
+                let si = si * self.factor(id);
+                self.connection.with_axes(|axes, _| axes.to_raw(self.index, id, si))
+            },
+            || {
+                let what = format!("`{}`: the scale of this value is not known", parameter.name);
+                Error::usage("E217", what, "write it raw")
+            },
+        )
     }
 
     /// A raw value of a parameter, in its unit.

@@ -52,19 +52,20 @@ impl ProtocolInfo {
         let usual = self.host?;
         let entry = |address| BusAddress { protocol: self.clone(), address };
         let free = |address: &u32| {
-            let meets = |other: &BusAddress| other.shared_identifier(&entry(*address)).is_some();
-            !drives.contains(address) && !others.iter().any(meets)
+            !drives.contains(address)
+                && !others.iter().any(|other| other.shared_identifier(&entry(*address)).is_some())
         };
         if free(&usual) {
             return None;
         }
         // Better one that no drive of the others could have: their hosts hear those too.
         let claimed = claimed_identifiers(others);
-        let quiet = |address: &u32| {
-            free(address) && !uses_claimed(&claimed, self.uses_identifier, *address)
-        };
         let every = || self.byte_addresses().rev();
-        every().find(quiet).or_else(|| every().find(free))
+        every()
+            .find(|address| {
+                free(address) && !uses_claimed(&claimed, self.uses_identifier, *address)
+            })
+            .or_else(|| every().find(free))
     }
 }
 
@@ -98,12 +99,13 @@ pub(crate) fn guest_ranks(protocols: &[&ProtocolInfo]) -> Vec<usize> {
         (0..STANDARD_IDS).map(uses).collect()
     };
     let all: Vec<(&str, Vec<bool>)> = protocols.iter().map(|one| (one.name, ids(one))).collect();
-    let count_hosts = |(name, ids): &(&str, Vec<bool>)| {
-        let within = |other: &Vec<bool>| ids.iter().zip(other).all(|(mine, its)| !mine || *its);
-        let any = ids.contains(&true);
-        all.iter().filter(|(other, its)| other != name && any && within(its)).count()
-    };
-    all.iter().map(count_hosts).collect()
+    all.iter()
+        .map(|(name, ids)| {
+            let within = |other: &Vec<bool>| ids.iter().zip(other).all(|(mine, its)| !mine || *its);
+            let any = ids.contains(&true);
+            all.iter().filter(|(other, its)| other != name && any && within(its)).count()
+        })
+        .collect()
 }
 
 /// Returns whether an address has one of those identifiers.

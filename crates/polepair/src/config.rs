@@ -160,11 +160,10 @@ impl Config {
 
     /// Error of the user's own profile of that name.
     pub(crate) fn broken_profile(&self, name: &str) -> Option<&FileError> {
-        let is = |error: &&FileError| {
+        self.broken.iter().find(|error| {
             let file = Path::new(&error.file);
             file.file_stem().is_some_and(|stem| stem == name) && self.file.as_deref() != Some(file)
-        };
-        self.broken.iter().find(is)
+        })
     }
 
     /// Every profile but those of the [catalogue](profile::catalogue), the user's own first.

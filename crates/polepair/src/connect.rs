@@ -115,10 +115,10 @@ impl Connector {
             return Ok(vec![Url::parse_with(&text, self.is_for_stop)?]);
         }
         let words: Vec<&str> = words.split(',').map(str::trim).collect();
-        let url = |word: &&str| {
-            Url::parse_among(&format!("{word}{link}{rest}"), &words, self.is_for_stop)
-        };
-        words.iter().map(url).collect()
+        words
+            .iter()
+            .map(|word| Url::parse_among(&format!("{word}{link}{rest}"), &words, self.is_for_stop))
+            .collect()
     }
 
     /// Opens the link of several protocols, once.
@@ -370,9 +370,11 @@ fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Er
     let own = simulate::find_drive(what)?.1.host.map(u64::from);
     let host = url.number("host")?.or(own).filter(|_| own.is_some());
     // Axes that the string names exist in any case: their errors are returned then.
-    let free = |n: &u64| Some(*n) != host || u32::try_from(*n).is_ok_and(|n| url.axes.contains(&n));
-    let numbers: Vec<String> =
-        (1..).filter(free).take(count as usize).map(|n| n.to_string()).collect();
+    let numbers: Vec<String> = (1..)
+        .filter(|n| Some(*n) != host || u32::try_from(*n).is_ok_and(|n| url.axes.contains(&n)))
+        .take(count as usize)
+        .map(|n| n.to_string())
+        .collect();
     simulate::rack_of_words(&[&format!("{what}:{}", numbers.join(","))], seed)
 }
 
@@ -481,33 +483,34 @@ impl ProtocolLine {
         scanning: bool,
     ) -> Result<Vec<LocalAxis>, Error> {
         let connection = self.probe_connection(drives, scanning, false)?;
-        let axis = |(n, &(profile, number)): (usize, &(&'static Profile, u32))| LocalAxis {
-            connection: connection.clone(),
-            index: AxisIndex(u8::try_from(n).unwrap_or(u8::MAX)),
-            number,
-            name: String::new(),
-            protocol: self.protocol.name,
-            medium: self.protocol.medium,
-            host: self.host(),
-            relay: self.options.relay_axis,
-            heartbeat: self.heartbeat(),
-            profile,
-            identified: Identification::Named,
-            simulation: None,
-            mounted: None,
-        };
-        Ok(drives.iter().enumerate().map(axis).collect())
+        Ok(drives
+            .iter()
+            .enumerate()
+            .map(|(n, &(profile, number))| LocalAxis {
+                connection: connection.clone(),
+                index: AxisIndex(u8::try_from(n).unwrap_or(u8::MAX)),
+                number,
+                name: String::new(),
+                protocol: self.protocol.name,
+                medium: self.protocol.medium,
+                host: self.host(),
+                relay: self.options.relay_axis,
+                heartbeat: self.heartbeat(),
+                profile,
+                identified: Identification::Named,
+                simulation: None,
+                mounted: None,
+            })
+            .collect())
     }
 
     /// The axes of drives that were found, whatever others the line has. One host at a time.
     pub(crate) fn axes_of_found(&self, found: &[DetectedDrive]) -> Result<Vec<LocalAxis>, Error> {
         let drives: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
         let axes = self.probe_axes(&drives, false)?.into_iter().zip(found);
-        let identified = |(axis, one): (LocalAxis, &DetectedDrive)| LocalAxis {
-            identified: one.identified.clone(),
-            ..axis
-        };
-        Ok(axes.map(identified).collect())
+        Ok(axes
+            .map(|(axis, one)| LocalAxis { identified: one.identified.clone(), ..axis })
+            .collect())
     }
 
     /// The host's settings for one session: what it asked may still be answered in the next, whose probes
@@ -534,10 +537,13 @@ impl ProtocolLine {
         let SharedLink::Can(link) = &first.link else {
             return Err(no("a serial line carries one protocol"));
         };
-        let lane = |(line, axes): (&Self, &Vec<_>)| {
-            registry::build_lane::<Can>(line.protocol.name, line.session_options(), axes)
-        };
-        let lanes: Option<Vec<_>> = lines.iter().zip(axes).map(lane).collect();
+        let lanes: Option<Vec<_>> = lines
+            .iter()
+            .zip(axes)
+            .map(|(line, axes)| {
+                registry::build_lane::<Can>(line.protocol.name, line.session_options(), axes)
+            })
+            .collect();
         let mux = Mux::new(lanes.ok_or_else(|| no("the protocol has no host"))?);
         let mux = mux.ok_or_else(|| no("these drives cannot share a bus: too many axes"))?;
         Ok(Connection::new::<Can>(Box::new(link.clone()), Box::new(mux)))
@@ -615,9 +621,9 @@ impl LocalLink {
     /// # Errors
     /// [`Error::Usage`] `E212`.
     pub fn axis_named(&self, name: &str) -> Result<LocalAxis, Error> {
-        let has_number = |axis: &&LocalAxis| AxisNumber(axis.number).to_string() == name;
         let found = self.axes.iter().find(|axis| axis.name == name);
-        let found = found.or_else(|| self.axes.iter().find(has_number));
+        let found = found
+            .or_else(|| self.axes.iter().find(|axis| AxisNumber(axis.number).to_string() == name));
         found.cloned().ok_or_else(|| self.no_axis_error(name))
     }
 

@@ -73,8 +73,8 @@ pub(crate) enum ProbeResult {
 
 impl<'a> Prober<'a> {
     pub(crate) fn new(line: &'a ProtocolLine, config: &'a Config) -> Self {
-        let speaks = |p: &&'static Profile| p.protocol == line.protocol.profile;
-        let profiles: Vec<_> = config.all_profiles().filter(speaks).collect();
+        let profiles: Vec<_> =
+            config.all_profiles().filter(|p| p.protocol == line.protocol.profile).collect();
         let candidates = profiles.iter().filter_map(|p| Some((*p, p.identity?)));
         let candidates = candidates.take(CANDIDATES_MAX).collect();
         Self {

@@ -124,8 +124,7 @@ impl InstructionProgram {
                 format!("{} bytes: a program has {RECORD} for each instruction", bytes.len());
             return Err(FileError::for_file(file, reason));
         }
-        let instruction = |[head @ .., _]: &[u8; RECORD]| *head;
-        Ok(Self::from_instructions(language, records.iter().map(instruction).collect()))
+        Ok(Self::from_instructions(language, records.iter().map(|[head @ .., _]| *head).collect()))
     }
 
     /// The bytes of a binary file: those of each instruction, and a zero.
@@ -162,8 +161,8 @@ impl InstructionProgram {
     /// not count.
     #[must_use]
     pub fn address_of_line(&self, number: u32) -> Option<u16> {
-        let is_there = |line: &SourceLine| line.file == self.file && line.number >= number;
-        let at = self.lines.iter().position(is_there)?;
+        let at =
+            self.lines.iter().position(|line| line.file == self.file && line.number >= number)?;
         u16::try_from(at).ok()
     }
 

@@ -203,12 +203,11 @@ fn unit_table() -> impl Iterator<Item = (&'static str, Quantity, f64)> {
 
 fn find_unit(text: &str) -> Option<(&'static str, Quantity, f64)> {
     let exact = unit_table().find(|(symbol, ..)| *symbol == text);
-    let folded = || {
+    exact.or_else(|| {
         let mut same = unit_table().filter(|(symbol, ..)| symbol.eq_ignore_ascii_case(text));
         let first = same.next()?;
         same.all(|(_, quantity, si)| (quantity, si) == (first.1, first.2)).then_some(first)
-    };
-    exact.or_else(folded)
+    })
 }
 
 fn known_symbols() -> Vec<&'static str> {

@@ -69,8 +69,9 @@ impl ProtocolInfo {
     /// if the default can be used.
     pub(crate) fn alternative_host(&self, drives: &[u32]) -> Option<u32> {
         let usual = self.host?;
-        let free = || self.byte_addresses().rev().find(|address| !drives.contains(address));
-        drives.contains(&usual).then(free)?
+        drives
+            .contains(&usual)
+            .then(|| self.byte_addresses().rev().find(|address| !drives.contains(address)))?
     }
 
     /// Refuses an address that no drive can have, and groups that the protocol has not.

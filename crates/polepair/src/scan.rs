@@ -190,10 +190,14 @@ fn exclude_clashing(
         *wire == line.wire && bus_address.protocol.name != line.protocol.name
     };
     for (_, bus_address) in seats.iter().filter(others) {
-        let meets = |number: &u32| {
-            line.bus_address(*number).shared_identifier(bus_address).map(|(id, _)| (*number, id))
-        };
-        let left: Vec<(u32, u32)> = wanted.iter().filter_map(meets).collect();
+        let left: Vec<(u32, u32)> = wanted
+            .iter()
+            .filter_map(|number| {
+                line.bus_address(*number)
+                    .shared_identifier(bus_address)
+                    .map(|(id, _)| (*number, id))
+            })
+            .collect();
         let (Some((first, id)), Some((last, _))) = (left.first(), left.last()) else { continue };
         wanted.retain(|number| left.iter().all(|(other, _)| other != number));
         let (name, other) = (line.protocol.name, bus_address.label());
@@ -330,8 +334,10 @@ impl ScanAddresses {
                 let every = &line.protocol.all_addresses;
                 let (first, last) =
                     (range.start().max(every.start()), range.end().min(every.end()));
-                let can_be = |number: &u32| line.protocol.check_address(*number).is_ok();
-                (*first..=*last).filter(can_be).take(ADDRESSES_MAX).collect()
+                (*first..=*last)
+                    .filter(|number| line.protocol.check_address(*number).is_ok())
+                    .take(ADDRESSES_MAX)
+                    .collect()
             }
             None if named.is_empty() => {
                 line.protocol.addresses.clone().take(ADDRESSES_MAX).collect()

@@ -225,9 +225,10 @@ impl fmt::Display for AxisSettings {
 
 impl Setting {
     fn format_line(&self) -> String {
-        let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         let name = &self.name.value;
-        let mut line = if !name.is_empty() && name.chars().all(bare) {
+        let mut line = if !name.is_empty()
+            && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
+        {
             name.clone()
         } else {
             format!("{name:?}")
@@ -423,8 +424,10 @@ impl AxisSettings {
 impl AxisSettings {
     /// Raw values of the drive once all settings are written, those that scale others first.
     fn raw_values(&self, axis: &LocalAxis) -> Result<Vec<(ParameterId, i64)>, Error> {
-        let fits = |setting: &&Setting| !self.is_sheet || setting.unfit_reason(axis).is_none();
-        let named = self.settings.iter().filter(fits);
+        let named = self
+            .settings
+            .iter()
+            .filter(|setting| !self.is_sheet || setting.unfit_reason(axis).is_none());
         let named = named.map(|setting| Ok((setting.find_parameter(axis)?, setting)));
         let mut named = named.collect::<Result<Vec<_>, Error>>()?;
         named.sort_by_key(|(id, _)| !axis.scales(*id));

@@ -211,9 +211,8 @@ impl RackDescription {
     /// of the only drive, text may be empty.
     #[must_use]
     pub fn find_motor(&self, link: usize, text: &str) -> Option<SimulatedMotor> {
-        let reached = |n: &usize| *n == link || self.relay_link(*n) == Some(link);
         let all: Vec<(usize, usize)> = (0..self.rack.links.len())
-            .filter(reached)
+            .filter(|n| *n == link || self.relay_link(*n) == Some(link))
             .flat_map(|n| (0..self.rack.links[n].drives.len()).map(move |at| (n, at)))
             .collect();
         let first_motor = |(link, drive): (usize, usize)| SimulatedMotor { link, drive, motor: 0 };
@@ -321,12 +320,14 @@ impl RackDescription {
     /// Each drive of a link with its protocol and address.
     pub(crate) fn bus_addresses(&self, link: usize) -> Vec<BusAddress> {
         let rack = &self.rack.links[link];
-        let entry = |drive: &RackDrive| {
-            let info = registry::find_protocol(drive.wires.first()?, rack.wire.medium())?;
-            let address = drive.address.unwrap_or(*info.addresses.start());
-            Some(BusAddress { protocol: info, address })
-        };
-        rack.drives.iter().filter_map(entry).collect()
+        rack.drives
+            .iter()
+            .filter_map(|drive| {
+                let info = registry::find_protocol(drive.wires.first()?, rack.wire.medium())?;
+                let address = drive.address.unwrap_or(*info.addresses.start());
+                Some(BusAddress { protocol: info, address })
+            })
+            .collect()
     }
 
     /// The protocols that are spoken on a link, in the order of its drives.
@@ -367,7 +368,6 @@ impl RackDescription {
 
     fn protocol_url(&self, link: usize, protocol: &ProtocolInfo, location: &str) -> String {
         let first = *protocol.addresses.start();
-        let address = |drive: &RackDrive| drive.address.unwrap_or(first).to_string();
         let behind = self.links_behind(link).flat_map(|other| &self.rack.links[other].drives);
         let own =
             self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, protocol));
@@ -381,7 +381,8 @@ impl RackDescription {
         let bit_rate = reported.then(|| format!("bitrate={rate}"));
         let keys: Vec<String> = wire.into_iter().chain(bit_rate).chain(host).collect();
         let mark = if keys.is_empty() { "" } else { "?" };
-        let addresses: Vec<String> = drives.map(address).collect();
+        let addresses: Vec<String> =
+            drives.map(|drive| drive.address.unwrap_or(first).to_string()).collect();
         format!("{}+{location}{mark}{}#{}", protocol.name, keys.join("&"), addresses.join(","))
     }
 
@@ -605,8 +606,11 @@ impl Simulation {
     #[must_use]
     pub fn panel(&self, link: usize, drive: usize) -> Option<String> {
         let mut text = [0; PANEL_MAX];
-        let shown = |bench: &mut dyn BenchControl, now| bench.panel_text(now, &mut text);
-        let len = self.shared.with_bench(self.built.links.get(link), drive, shown)??;
+        let len = self.shared.with_bench(
+            self.built.links.get(link),
+            drive,
+            |bench: &mut dyn BenchControl, now| bench.panel_text(now, &mut text),
+        )??;
         Some(String::from_utf8_lossy(&text[..len.min(PANEL_MAX)]).into_owned())
     }
 
@@ -619,8 +623,9 @@ impl Simulation {
     /// Executes an act on any of its motors.
     pub fn act_on_motor(&self, motor: SimulatedMotor, act: Act) -> bool {
         let wire = self.built.links.get(motor.link);
-        let done = |bench: &mut dyn BenchControl, now| bench.act_on_motor(now, motor.motor, act);
-        self.shared.with_bench(wire, motor.drive, done).unwrap_or(false)
+        self.shared
+            .with_bench(wire, motor.drive, |bench, now| bench.act_on_motor(now, motor.motor, act))
+            .unwrap_or(false)
     }
 
     /// True state of a drive's first motor, independent of the drive's reports.

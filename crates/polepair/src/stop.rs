@@ -487,15 +487,14 @@ impl<'a> LineSearch<'a> {
         how: StopOptions,
     ) -> Result<Result<(), Error>, Error> {
         let axes = self.line.axes_of_found(std::slice::from_ref(one))?;
-        let replied = |axis: &LocalAxis| {
+        Ok(axes.iter().try_for_each(|axis| {
             let mut stop = begin_stop(axis, how);
             stop.wait(&mut WireAirtime::default(), clock::scale_timeout(SILENT_STOP_WAIT_MAX));
             match stop.progress() {
                 StopProgress::Failed(error) => Err(error.clone()),
                 _ => Ok(()),
             }
-        };
-        Ok(axes.iter().try_for_each(replied))
+        }))
     }
 }
 
@@ -521,10 +520,9 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
         let mut in_a_row = 0;
         let is_axis = |number: u8| {
             let address = with_sub_axis(axis.number(), number);
-            let is_it = |other: &LocalAxis| {
+            axes.iter().any(|other| {
                 other.number() == address && other.connection().is_same(axis.connection())
-            };
-            axes.iter().any(is_it)
+            })
         };
         for number in (1..MOTORS_MAX).filter(|number| !is_axis(*number)) {
             let sent =

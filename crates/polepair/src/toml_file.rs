@@ -276,11 +276,13 @@ impl<'t, 'a> TomlTable<'t, 'a> {
 
     pub(crate) fn texts(&self, key: &str) -> Result<Vec<Located<String>>, FileError> {
         let Some((value, array)) = self.array(key)? else { return Ok(Vec::new()) };
-        let text = |item: &Spanned<DeValue<'a>>| match item.get_ref().as_str() {
-            Some(text) => Ok(self.located(text.to_owned(), item)),
-            None => Err(self.type_error(key, value, "a list of texts")),
-        };
-        array.iter().map(text).collect()
+        array
+            .iter()
+            .map(|item| match item.get_ref().as_str() {
+                Some(text) => Ok(self.located(text.to_owned(), item)),
+                None => Err(self.type_error(key, value, "a list of texts")),
+            })
+            .collect()
     }
 
     fn array(
@@ -298,12 +300,14 @@ impl<'t, 'a> TomlTable<'t, 'a> {
     /// Whole numbers from 0 to `most`; none without the key.
     pub(crate) fn whole_numbers(&self, key: &str, max: u32) -> Result<Vec<u32>, FileError> {
         let Some((value, array)) = self.array(key)? else { return Ok(Vec::new()) };
-        let number = |item: &Spanned<DeValue<'a>>| {
-            let number = toml_integer(item.get_ref()).and_then(|n| u32::try_from(n).ok());
-            let wanted = format!("a list of whole numbers from 0 to {max}");
-            number.filter(|n| *n <= max).ok_or_else(|| self.type_error(key, value, &wanted))
-        };
-        array.iter().map(number).collect()
+        array
+            .iter()
+            .map(|item| {
+                let number = toml_integer(item.get_ref()).and_then(|n| u32::try_from(n).ok());
+                let wanted = format!("a list of whole numbers from 0 to {max}");
+                number.filter(|n| *n <= max).ok_or_else(|| self.type_error(key, value, &wanted))
+            })
+            .collect()
     }
 
     pub(crate) fn table(
@@ -324,11 +328,13 @@ impl<'t, 'a> TomlTable<'t, 'a> {
         known: &[&str],
     ) -> Result<Vec<TomlTable<'t, 'a>>, FileError> {
         let Some((value, array)) = self.array(key)? else { return Ok(Vec::new()) };
-        let node = |item: &'t Spanned<DeValue<'a>>| match item.get_ref().as_table() {
-            Some(table) => TomlTable::new(self.text, table, item.span().start, known),
-            None => Err(self.type_error(key, value, "a list of tables")),
-        };
-        array.iter().map(node).collect()
+        array
+            .iter()
+            .map(|item| match item.get_ref().as_table() {
+                Some(table) => TomlTable::new(self.text, table, item.span().start, known),
+                None => Err(self.type_error(key, value, "a list of tables")),
+            })
+            .collect()
     }
 
     /// True when `key` holds a table rather than a plain value.

@@ -555,8 +555,9 @@ pub(crate) fn decode(text: &str) -> Result<String, Error> {
         }
         let digits = tail.get(..2).and_then(|two| std::str::from_utf8(two).ok());
         let byte = digits.and_then(|two| u8::from_str_radix(two, 16).ok());
-        let bad = || url_error(format!("`{text}`: `%` must be followed by two hex digits"), "");
-        bytes.push(byte.ok_or_else(bad)?);
+        bytes.push(byte.ok_or_else(|| {
+            url_error(format!("`{text}`: `%` must be followed by two hex digits"), "")
+        })?);
         rest = &tail[2..];
     }
     String::from_utf8(bytes).map_err(|_| url_error(format!("`{text}` is not UTF-8"), ""))

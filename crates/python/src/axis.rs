@@ -326,10 +326,10 @@ impl PyAxis {
 
     /// Writes a parameter by name, raw.
     fn write_raw(&self, py: Python<'_>, name: &str, raw: i64) -> PyResult<()> {
-        let write = |axis: &Inner| {
+        self.run_request(py, |axis| {
             axis.interface().start_write(axis.find(name)?, &WriteValue::Raw(raw), false)
-        };
-        self.run_request(py, write).map(drop)
+        })
+        .map(drop)
     }
 
     /// Sends a request in the protocol's own text or bytes, and waits for the reply.
@@ -421,8 +421,10 @@ impl PyAxis {
             // An interrupted caller disarms after the requests that were begun here.
             let lock = wait_sliced(py, None, |slice| Ok(remote.lock_lease_within(slice)))?;
             let Some(lease) = lock else { return Ok(()) };
-            let change = move || if armed { lease.arm() } else { lease.disarm() };
-            return Blocking::start(remote.gateway(), change).wait(py);
+            return Blocking::start(remote.gateway(), move || {
+                if armed { lease.arm() } else { lease.disarm() }
+            })
+            .wait(py);
         }
         self.detach(py, |axis| if armed { axis.arm() } else { axis.disarm() })?;
         if let Some(local) = axis.local() {
@@ -471,8 +473,7 @@ impl PyAxis {
 
     /// The units in which signals are read, SI as people write it; empty for none.
     fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<String>> {
-        let unit = |name: &String| Ok(self.0.signal_unit(parse_signal(py, name)?));
-        names.iter().map(unit).collect()
+        names.iter().map(|name| Ok(self.0.signal_unit(parse_signal(py, name)?))).collect()
     }
 
     /// Reads signals now, in SI.
@@ -490,10 +491,11 @@ impl PyAxis {
     /// The last known state, without a request to the drive.
     fn state(&self, py: Python<'_>) -> PyResult<AxisStateTuple> {
         let state = self.call(py, Inner::state)?;
-        let reading = |its: polepair::interface::SignalReading| {
-            (its.signal.name().to_owned(), its.value, its.age.as_secs_f64())
-        };
-        let readings = state.signals.into_iter().map(reading).collect();
+        let readings = state
+            .signals
+            .into_iter()
+            .map(|its| (its.signal.name().to_owned(), its.value, its.age.as_secs_f64()))
+            .collect();
         Ok((state.mode, state.enabled, state.armed, state.moving, readings, state.owner))
     }
 
@@ -504,8 +506,8 @@ impl PyAxis {
             return Err(usage_error(py, "E257", "only a gateway has subscriptions", "use read()"));
         };
         let gateway = remote.gateway().clone();
-        let subscribe = move || remote.subscribe(&signals, period).map(PyWatch::new);
-        Blocking::start(&gateway, subscribe).wait(py)
+        Blocking::start(&gateway, move || remote.subscribe(&signals, period).map(PyWatch::new))
+            .wait(py)
     }
 
     /// Seconds on the link's clock.

@@ -139,18 +139,20 @@ impl Decoder {
 
     /// The whole capture as columns, whatever was read of it before.
     fn tables(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<Columns>> {
-        let known = |name: &String| {
-            TableKind::from_name(name).ok_or_else(|| {
-                let all = TableKind::ALL.map(TableKind::name).join(", ");
-                usage_error(
-                    py,
-                    "E250",
-                    &format!("`{name}` is no table"),
-                    &format!("tables are {all}"),
-                )
+        let wanted: Vec<TableKind> = names
+            .iter()
+            .map(|name| {
+                TableKind::from_name(name).ok_or_else(|| {
+                    let all = TableKind::ALL.map(TableKind::name).join(", ");
+                    usage_error(
+                        py,
+                        "E250",
+                        &format!("`{name}` is no table"),
+                        &format!("tables are {all}"),
+                    )
+                })
             })
-        };
-        let wanted: Vec<TableKind> = names.iter().map(known).collect::<PyResult<_>>()?;
+            .collect::<PyResult<_>>()?;
         let opened =
             py.detach(|| Ok((self.options.build_decoder()?, File::open(&self.options.path)?)));
         let (inner, file) = opened.map_err(|error| self.options.read_error(error))?;
@@ -223,9 +225,10 @@ struct TableCollector {
 impl TableCollector {
     fn new(path: &Path, wanted: &[TableKind]) -> Self {
         let origin = CaptureOrigin { source: String::new(), file: path.display().to_string() };
-        let builder = |_| BatchBuilder::new(TablesBuilder::new(wanted, &origin));
         let batches = wanted.iter().map(|table| (*table, Vec::new())).collect();
-        let builders = (0..thread_count()).map(builder).collect();
+        let builders = (0..thread_count())
+            .map(|_| BatchBuilder::new(TablesBuilder::new(wanted, &origin)))
+            .collect();
         Self { builders, batches, numbering: DictionaryMerger::default() }
     }
 

@@ -148,8 +148,12 @@ impl Columns {
         }
         let filled = py.detach(|| {
             let mut whole = vec![0; width * rows];
-            let len = |piece: &&BinaryArray| width * piece.len();
-            copy_parallel(&pieces, len, &mut whole, |piece, into| copy_padded(piece, width, into));
+            copy_parallel(
+                &pieces,
+                |piece: &&BinaryArray| width * piece.len(),
+                &mut whole,
+                |piece, into| copy_padded(piece, width, into),
+            );
             whole
         });
         let filled =

@@ -66,10 +66,11 @@ pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<CodeTu
     let (dissector, profile) = find_subject(py, subject)?;
     let mut speakers: Vec<&'static Profile> = match profile {
         Some(profile) => vec![profile],
-        None => {
-            let speaks = |p: &&&Profile| dissector.name().starts_with(p.protocol);
-            polepair_drives::profiles().iter().filter(speaks).copied().collect()
-        }
+        None => polepair_drives::profiles()
+            .iter()
+            .filter(|p| dissector.name().starts_with(p.protocol))
+            .copied()
+            .collect(),
     };
     speakers.dedup_by_key(|profile| profile.family);
     let found = speakers.iter().flat_map(|profile| {

@@ -90,12 +90,13 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult
     });
     let axes: Vec<LocalAxis> = axes.collect::<PyResult<_>>()?;
     let mut interrupts = Vec::new();
-    let again = |_: &LocalAxis, _: &StopNotice| {
-        interrupts.extend(Python::attach(|py| py.check_signals().err()));
-        interrupts.len() < 2
-    };
     let options = StopOptions::default();
-    let ended = py.detach(|| stop_axes(&axes, options, STOP_RETRY_MAX, again));
+    let ended = py.detach(|| {
+        stop_axes(&axes, options, STOP_RETRY_MAX, |_: &LocalAxis, _: &StopNotice| {
+            interrupts.extend(Python::attach(|py| py.check_signals().err()));
+            interrupts.len() < 2
+        })
+    });
     let ended: Result<(), Error> = ended.into_iter().try_for_each(StopResult::into_result);
     match (interrupts.into_iter().next(), ended) {
         (Some(interrupt), Err(error)) => {
@@ -190,10 +191,12 @@ mod system {
         }
         // A fork's child has the handlers of its parent, which are ours.
         let caught = if before == 0 { caught_signals() } else { 0 };
-        let is_ours = |signal: &i32| {
-            caught >> (signal - 1) & 1 == 0 && is_default(py, *signal).unwrap_or(false)
-        };
-        let unheard: Vec<i32> = ENDING_SIGNALS.into_iter().filter(is_ours).collect();
+        let unheard: Vec<i32> = ENDING_SIGNALS
+            .into_iter()
+            .filter(|signal| {
+                caught >> (signal - 1) & 1 == 0 && is_default(py, *signal).unwrap_or(false)
+            })
+            .collect();
         // Its handler comes before the one below, which lets signals pass while something is armed: one
         // that arrived between the two would be lost.
         let Ok(mut signals) = Signals::new(&unheard) else { return };

@@ -119,10 +119,12 @@ impl Layout {
             let what = format!("{} bytes are too few for {}", data.len(), self.bytes);
             return Err(PyValueError::new_err(what));
         }
-        let value = |value_layout: &ValueLayout| {
-            value_layout.raw_to_python(py, value_layout.read_bits(data))
-        };
-        PyTuple::new(py, self.layouts.iter().map(value))
+        PyTuple::new(
+            py,
+            self.layouts
+                .iter()
+                .map(|value_layout| value_layout.raw_to_python(py, value_layout.read_bits(data))),
+        )
     }
 }
 

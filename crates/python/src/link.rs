@@ -61,8 +61,10 @@ pub fn connect(
         });
         let (gateway, axes) = found.map_err(|error: Error| to_py_error(py, &error))?;
         let its = gateway.clone();
-        let open = move || RemoteLink::open(its, axes.as_deref()).map(Inner::from);
-        let link = Blocking::start(&gateway, open).wait(py)?;
+        let link = Blocking::start(&gateway, move || {
+            RemoteLink::open(its, axes.as_deref()).map(Inner::from)
+        })
+        .wait(py)?;
         return Ok(PyLink { inner: link.into(), trace: None });
     }
     let trace = trace.then(WireTrace::default);
@@ -255,11 +257,12 @@ impl PyLink {
                     seen.push(axis.connection());
                 }
             }
-            let row = |wire: &Connection| {
-                let lost = wire.losses();
-                (wire.describe(), lost.overrun, lost.malformed, lost.errors, lost.refused)
-            };
-            seen.into_iter().map(row).collect()
+            seen.into_iter()
+                .map(|wire| {
+                    let lost = wire.losses();
+                    (wire.describe(), lost.overrun, lost.malformed, lost.errors, lost.refused)
+                })
+                .collect()
         }))
     }
 

@@ -264,8 +264,9 @@ impl Bench {
         failed
             .into_iter()
             .try_for_each(|(id, error)| bench.spawn_link_opener(id, error, &connector))?;
-        let absent = |n: &usize| !bench.0.links[*n].absent().is_empty();
-        (0..bench.0.links.len()).filter(absent).try_for_each(|n| bench.spawn_absent_probe(n))?;
+        (0..bench.0.links.len())
+            .filter(|n| !bench.0.links[*n].absent().is_empty())
+            .try_for_each(|n| bench.spawn_absent_probe(n))?;
         Ok(bench)
     }
 
@@ -498,8 +499,7 @@ impl Bench {
         };
         let (detail, act) = (json!({ "act": act.act, "value": act.value }), act.clone());
         let subject = ActionSubject::new(session, JournalAction::Simulation, Some(entry.info.id));
-        let run = move || simulated.apply_action(&act.act, act.value);
-        self.run_after_journal(subject, detail, run)
+        self.run_after_journal(subject, detail, move || simulated.apply_action(&act.act, act.value))
     }
 
     /// True state of a simulated motor, independent of the reports of its drive.

@@ -242,11 +242,13 @@ fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
 /// A sentence that names them, for a user whose server cannot continue that journal; empty if there are none.
 fn pending_stops_hint(path: &Path) -> String {
     let pending = read_pending_stops(path).unwrap_or_default();
-    let stop = |(link, number): (String, u32)| {
-        let url = link.split('#').next().unwrap_or_default().to_owned();
-        format!("`polepair stop {}`", shell_word(&format!("{url}#{number}")))
-    };
-    let stops: Vec<String> = pending.into_iter().map(stop).collect();
+    let stops: Vec<String> = pending
+        .into_iter()
+        .map(|(link, number)| {
+            let url = link.split('#').next().unwrap_or_default().to_owned();
+            format!("`polepair stop {}`", shell_word(&format!("{url}#{number}")))
+        })
+        .collect();
     if stops.is_empty() {
         String::new()
     } else {

@@ -143,13 +143,15 @@ impl GatewayServer {
         let once = authenticator.issue_one_time_token()?.reveal();
         // Encrypted, who shows shares the cipher with who reads, and must not be put off with it.
         let encrypts = options.tls;
-        let stand = move || {
-            if !encrypts {
-                polepair_link::lower_priority();
-            }
+        let runtimes = Runtimes {
+            http: runtime(|| {})?,
+            inbound: runtime(|| {})?,
+            outbound: runtime(move || {
+                if !encrypts {
+                    polepair_link::lower_priority();
+                }
+            })?,
         };
-        let runtimes =
-            Runtimes { http: runtime(|| {})?, inbound: runtime(|| {})?, outbound: runtime(stand)? };
         let (inbound, outbound) =
             (runtimes.inbound.handle().clone(), runtimes.outbound.handle().clone());
         let threads = live::LiveRuntimes { inbound, outbound, encrypted: encrypts };

@@ -103,11 +103,14 @@ impl DataSheet {
     #[must_use]
     pub fn new(listed: &[DataSheetEntry], has_lss: bool) -> Self {
         let listed = &listed[..listed.len().min(ENTRIES_MAX)];
-        let has_axis = |axis: &u16| {
-            let offset = axis * AXIS_STEP;
-            DRIVE.iter().all(|index| listed.iter().any(|one| one.is_drive_object(index + offset)))
-        };
-        let axes = (0..AXES_MAX).take_while(has_axis).count() as u16;
+        let axes = (0..AXES_MAX)
+            .take_while(|axis| {
+                let offset = axis * AXIS_STEP;
+                DRIVE
+                    .iter()
+                    .all(|index| listed.iter().any(|one| one.is_drive_object(index + offset)))
+            })
+            .count() as u16;
         let mut stored_objects = Vec::new();
         let entries: Vec<ObjectEntry> = listed
             .iter()
@@ -116,20 +119,21 @@ impl DataSheet {
         let mut places = vec![0; (2 * entries.len()).next_power_of_two().max(2)];
         Dictionary::fill_slots(&entries, &mut places);
         let number = |at| listed.iter().find(|one| (one.index, one.sub) == at)?.number();
-        let axis = |axis: u16| {
-            let offset = axis * AXIS_STEP;
-            let turn = number((INCREMENTS.0 + offset, INCREMENTS.1));
-            let turn = turn.and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0);
-            let turn = turn.unwrap_or(polepair_drives::cia402::objects::INCREMENTS as u32);
-            let its = |entry: &ObjectEntry| entry.tag / AXIS_TAGS == axis;
-            let values = listed.iter().zip(&entries).filter(|(_, entry)| its(entry));
-            let values =
-                values.filter_map(|(one, entry)| Some((entry.tag % AXIS_TAGS, one.number()?)));
-            let modes = number((MODES.0 + offset, MODES.1)).unwrap_or(0) as u32;
-            DataSheetAxis { objects: Objects::from_defaults(values, turn), modes }
-        };
         Self {
-            axes: (0..axes).map(axis).collect(),
+            axes: (0..axes)
+                .map(|axis| {
+                    let offset = axis * AXIS_STEP;
+                    let turn = number((INCREMENTS.0 + offset, INCREMENTS.1));
+                    let turn = turn.and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0);
+                    let turn = turn.unwrap_or(polepair_drives::cia402::objects::INCREMENTS as u32);
+                    let its = |entry: &ObjectEntry| entry.tag / AXIS_TAGS == axis;
+                    let values = listed.iter().zip(&entries).filter(|(_, entry)| its(entry));
+                    let values = values
+                        .filter_map(|(one, entry)| Some((entry.tag % AXIS_TAGS, one.number()?)));
+                    let modes = number((MODES.0 + offset, MODES.1)).unwrap_or(0) as u32;
+                    DataSheetAxis { objects: Objects::from_defaults(values, turn), modes }
+                })
+                .collect(),
             dictionary: Box::leak(Box::new(Dictionary::new(entries.leak(), places.leak()))),
             stored_objects,
             has_lss,

@@ -55,18 +55,20 @@ pub type LaneSpec<'a> = (&'a str, HostOptions, Vec<(&'static Profile, u32)>);
 /// `None` for a protocol that is unknown on CAN.
 #[must_use]
 pub fn can_program(lanes: &[LaneSpec<'_>]) -> Option<Box<dyn SimNode>> {
-    let lane = |(protocol, options, axes): &LaneSpec<'_>| {
-        let mut maker = HostLaneBuilder {
-            protocol,
-            medium: MediumKind::Can,
-            options: *options,
-            axes,
-            built: None,
-        };
-        proto::visit_protocols(&mut maker);
-        maker.built.and_then(|made| made.downcast::<BoxedLane>().ok()).map(|lane| *lane)
-    };
-    let lanes: Option<Vec<BoxedLane>> = lanes.iter().map(lane).collect();
+    let lanes: Option<Vec<BoxedLane>> = lanes
+        .iter()
+        .map(|(protocol, options, axes)| {
+            let mut maker = HostLaneBuilder {
+                protocol,
+                medium: MediumKind::Can,
+                options: *options,
+                axes,
+                built: None,
+            };
+            proto::visit_protocols(&mut maker);
+            maker.built.and_then(|made| made.downcast::<BoxedLane>().ok()).map(|lane| *lane)
+        })
+        .collect();
     Some(Box::new(CanHostLane(Box::new(Mux::new(lanes?)?))))
 }
 

@@ -89,8 +89,12 @@ pub extern "system" fn TS_SetEventOnMotorPosition(
     wait: Bool,
     stop: Bool,
 ) -> Bool {
-    let event = || position_event(kind, value, over, [["AMPO", "AMPU"], ["RMPO", "RMPU"]]);
-    set_event("TS_SetEventOnMotorPosition", event, wait, stop)
+    set_event(
+        "TS_SetEventOnMotorPosition",
+        || position_event(kind, value, over, [["AMPO", "AMPU"], ["RMPO", "RMPU"]]),
+        wait,
+        stop,
+    )
 }
 
 /// The load's position is over or under a value, in counts.
@@ -102,8 +106,12 @@ pub extern "system" fn TS_SetEventOnLoadPosition(
     wait: Bool,
     stop: Bool,
 ) -> Bool {
-    let event = || position_event(kind, value, over, [["ALPO", "ALPU"], ["RPO", "RPU"]]);
-    set_event("TS_SetEventOnLoadPosition", event, wait, stop)
+    set_event(
+        "TS_SetEventOnLoadPosition",
+        || position_event(kind, value, over, [["ALPO", "ALPU"], ["RPO", "RPU"]]),
+        wait,
+        stop,
+    )
 }
 
 /// The motor's speed is over or under a value.
@@ -115,8 +123,12 @@ pub extern "system" fn TS_SetEventOnMotorSpeed(
     stop: Bool,
 ) -> Bool {
     let name = over_or_under(over, ["MSO", "MSU"]);
-    let event = || Ok(format!("!{name} {}", fixed("the speed", speed)?));
-    set_event("TS_SetEventOnMotorSpeed", event, wait, stop)
+    set_event(
+        "TS_SetEventOnMotorSpeed",
+        || Ok(format!("!{name} {}", fixed("the speed", speed)?)),
+        wait,
+        stop,
+    )
 }
 
 /// The load's speed is over or under a value.
@@ -128,8 +140,12 @@ pub extern "system" fn TS_SetEventOnLoadSpeed(
     stop: Bool,
 ) -> Bool {
     let name = over_or_under(over, ["LSO", "LSU"]);
-    let event = || Ok(format!("!{name} {}", fixed("the speed", speed)?));
-    set_event("TS_SetEventOnLoadSpeed", event, wait, stop)
+    set_event(
+        "TS_SetEventOnLoadSpeed",
+        || Ok(format!("!{name} {}", fixed("the speed", speed)?)),
+        wait,
+        stop,
+    )
 }
 
 /// A time in slow loops is over.
@@ -147,8 +163,12 @@ pub extern "system" fn TS_SetEventOnPositionRef(
     stop: Bool,
 ) -> Bool {
     let name = over_or_under(over, ["PRO", "PRU"]);
-    let event = || Ok(format!("!{name} {}", position(value)?));
-    set_event("TS_SetEventOnPositionRef", event, wait, stop)
+    set_event(
+        "TS_SetEventOnPositionRef",
+        || Ok(format!("!{name} {}", position(value)?)),
+        wait,
+        stop,
+    )
 }
 
 /// The speed reference is over or under a value.
@@ -160,8 +180,12 @@ pub extern "system" fn TS_SetEventOnSpeedRef(
     stop: Bool,
 ) -> Bool {
     let name = over_or_under(over, ["SRO", "SRU"]);
-    let event = || Ok(format!("!{name} {}", fixed("the speed", speed)?));
-    set_event("TS_SetEventOnSpeedRef", event, wait, stop)
+    set_event(
+        "TS_SetEventOnSpeedRef",
+        || Ok(format!("!{name} {}", fixed("the speed", speed)?)),
+        wait,
+        stop,
+    )
 }
 
 /// The torque reference is over or under a value, in the drive's unit of current.
@@ -202,12 +226,16 @@ pub extern "system" fn TS_SetEventOnEncoderIndex(
     wait: Bool,
     stop: Bool,
 ) -> Bool {
-    let event = || match index {
-        1 => edge_event(transition, ["ENCAPI0", "ENCAPI1", "DISCAPI"], "!CAP"),
-        2 => edge_event(transition, ["EN2CAPI0", "EN2CAPI1", "DIS2CAPI"], "!CAP"),
-        other => Err(TmlError::new(format!("index {other} is not INDEX_1 (1) or INDEX_2 (2)"))),
-    };
-    set_event("TS_SetEventOnEncoderIndex", event, wait, stop)
+    set_event(
+        "TS_SetEventOnEncoderIndex",
+        || match index {
+            1 => edge_event(transition, ["ENCAPI0", "ENCAPI1", "DISCAPI"], "!CAP"),
+            2 => edge_event(transition, ["EN2CAPI0", "EN2CAPI1", "DIS2CAPI"], "!CAP"),
+            other => Err(TmlError::new(format!("index {other} is not INDEX_1 (1) or INDEX_2 (2)"))),
+        },
+        wait,
+        stop,
+    )
 }
 
 /// A limit switch changes: -1 the negative one, 1 the positive one.
@@ -218,14 +246,18 @@ pub extern "system" fn TS_SetEventOnLimitSwitch(
     wait: Bool,
     stop: Bool,
 ) -> Bool {
-    let event = || match switch {
-        -1 => edge_event(transition, ["ENLSN0", "ENLSN1", "DISLSN"], "!LSN"),
-        1 => edge_event(transition, ["ENLSP0", "ENLSP1", "DISLSP"], "!LSP"),
-        other => Err(TmlError::new(format!(
-            "limit switch {other} is not LSW_NEGATIVE (-1) or LSW_POSITIVE (1)"
-        ))),
-    };
-    set_event("TS_SetEventOnLimitSwitch", event, wait, stop)
+    set_event(
+        "TS_SetEventOnLimitSwitch",
+        || match switch {
+            -1 => edge_event(transition, ["ENLSN0", "ENLSN1", "DISLSN"], "!LSN"),
+            1 => edge_event(transition, ["ENLSP0", "ENLSP1", "DISLSP"], "!LSP"),
+            other => Err(TmlError::new(format!(
+                "limit switch {other} is not LSW_NEGATIVE (-1) or LSW_POSITIVE (1)"
+            ))),
+        },
+        wait,
+        stop,
+    )
 }
 
 /// A digital input, 0 to 15, is high (1) or low (0).
@@ -236,9 +268,13 @@ pub extern "system" fn TS_SetEventOnDigitalInput(
     wait: Bool,
     stop: Bool,
 ) -> Bool {
-    let event = || match state {
-        0 | 1 => Ok(format!("!IN#{} {state}", check_line(line)?)),
-        other => Err(TmlError::new(format!("state {other} is not IO_LOW (0) or IO_HIGH (1)"))),
-    };
-    set_event("TS_SetEventOnDigitalInput", event, wait, stop)
+    set_event(
+        "TS_SetEventOnDigitalInput",
+        || match state {
+            0 | 1 => Ok(format!("!IN#{} {state}", check_line(line)?)),
+            other => Err(TmlError::new(format!("state {other} is not IO_LOW (0) or IO_HIGH (1)"))),
+        },
+        wait,
+        stop,
+    )
 }

@@ -16,8 +16,9 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
         let Ok(text) = std::fs::read_to_string(&file) else { continue };
         let parts: Vec<&str> = path.split('/').collect();
         if let ["crates", _, "tests", rest @ ..] = parts.as_slice() {
-            let read = |file: &Path| std::fs::read_to_string(root.join(file)).ok();
-            broken.extend(check_test_file(Path::new(&path), rest, &text, read));
+            broken.extend(check_test_file(Path::new(&path), rest, &text, |file: &Path| {
+                std::fs::read_to_string(root.join(file)).ok()
+            }));
         }
     }
     broken

@@ -183,8 +183,7 @@ impl RuleExplainer {
         explained.clear();
         self.deferred_axis = None;
         let whole = |rule: &Rule| !matches!(rule.scope, RuleScope::Axis(_) | RuleScope::AxisOn(..));
-        let stated = |rule: &Rule| !self.detected && !frame.remote && whole(rule);
-        let at = rules.iter().position(stated)?;
+        let at = rules.iter().position(|rule| !self.detected && !frame.remote && whole(rule))?;
         self.apply_rule(&rules[at], frame, context, conversation, explained);
         Some(at)
     }
@@ -211,8 +210,7 @@ impl RuleExplainer {
         } else {
             conversation.find_request(rule.dissector, &raw)
         };
-        let speaks = |profile: &&Profile| profile_speaks(profile, rule.dissector);
-        let stated = context.profile.filter(speaks);
+        let stated = context.profile.filter(|profile| profile_speaks(profile, rule.dissector));
         let context = Context {
             request: request.map(|request| request.bytes),
             request_id: request.and_then(|request| request.id),

@@ -98,8 +98,7 @@ impl CaptureDecoder {
         let answered = rule.filter(|_| reply && !echo);
         let request = answered.and_then(|rule| conversation.find_request(rule.dissector, &raw));
         let stated = rule.and_then(|rule| self.profiles.for_frame(rule.dissector, &raw, speaker));
-        let usual = || polepair_drives::assumed_profile(rule?.dissector);
-        let profile = stated.or_else(usual);
+        let profile = stated.or_else(|| polepair_drives::assumed_profile(rule?.dissector));
         let context = Context {
             direction: speaker,
             request: request.map(|request| request.bytes),

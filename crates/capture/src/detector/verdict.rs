@@ -26,12 +26,13 @@ pub(crate) struct Verdict {
 impl Verdict {
     /// Returns whether more of the same links and identifiers would not change it.
     pub fn is_certain(&self) -> bool {
-        let certain = |link: &LinkDetection| {
-            link.protocol.is_some()
-                && link.confidence >= CERTAIN_CONFIDENCE
-                && link.shared_axes.is_empty()
-        };
-        self.is_proven && !self.has_unclaimed && self.links.iter().all(certain)
+        self.is_proven
+            && !self.has_unclaimed
+            && self.links.iter().all(|link| {
+                link.protocol.is_some()
+                    && link.confidence >= CERTAIN_CONFIDENCE
+                    && link.shared_axes.is_empty()
+            })
     }
 }
 
@@ -46,20 +47,26 @@ pub(super) fn judge(
     scored.iter_mut().flat_map(|each| &mut each.scores).for_each(LinkScore::count_shared);
     let names = scored.first().into_iter().flat_map(|each| &each.scores).map(|score| &score.link);
     let mut is_proven = true;
-    let detect = |link: &String| {
-        let (detected, proven) = detect_link(&scored, link);
-        is_proven &= proven;
-        LinkDetection { sampled: has_skipped(link), ..detected }
-    };
-    let links: Vec<LinkDetection> = names.map(detect).collect();
-    let rules = links.iter().flat_map(|link| link_rules(&scored, link)).collect();
-    let has_echo = |link: &&LinkDetection| {
-        link.protocol.is_some_and(|protocol| {
-            let speaks = |it: &&CandidateProtocol| it.dissector.name() == protocol.name();
-            candidates.iter().find(speaks).is_some_and(|it| it.has_echo(&link.link))
+    let links: Vec<LinkDetection> = names
+        .map(|link| {
+            let (detected, proven) = detect_link(&scored, link);
+            is_proven &= proven;
+            LinkDetection { sampled: has_skipped(link), ..detected }
         })
-    };
-    let echo_links = links.iter().filter(has_echo).map(|link| link.link.clone()).collect();
+        .collect();
+    let rules = links.iter().flat_map(|link| link_rules(&scored, link)).collect();
+    let echo_links = links
+        .iter()
+        .filter(|link| {
+            link.protocol.is_some_and(|protocol| {
+                candidates
+                    .iter()
+                    .find(|it| it.dissector.name() == protocol.name())
+                    .is_some_and(|it| it.has_echo(&link.link))
+            })
+        })
+        .map(|link| link.link.clone())
+        .collect();
     Verdict { links, rules: Rules(rules), echo_links, is_proven, has_unclaimed: false }
 }
 
@@ -127,11 +134,14 @@ fn link_rules(scored: &[CandidateScores], detected: &LinkDetection) -> Vec<Rule>
     let mut protocols: Vec<_> = detected.protocol.iter().chain(&detected.secondary).collect();
     // An identifier that two claim goes to the one by whose rules fewer frames are broken.
     protocols.sort_by_key(|dissector| count_broken(scored, dissector.name(), link));
-    let rule = |dissector: &&'static dyn Dissector| Rule {
-        dissector: *dissector,
-        scope: RuleScope::Link(link.clone()),
-    };
-    proven.chain(protocols.into_iter().map(rule)).collect()
+    proven
+        .chain(
+            protocols.into_iter().map(|dissector| Rule {
+                dissector: *dissector,
+                scope: RuleScope::Link(link.clone()),
+            }),
+        )
+        .collect()
 }
 
 /// Frames of a link that a protocol calls broken.

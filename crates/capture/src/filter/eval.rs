@@ -50,8 +50,8 @@ impl FilterTest {
                 items.any(|item| either.matches(&item))
             }
             Self::Object(addresses, values) => {
-                let its = |(protocol, _): &&(&str, _)| event.protocol == Some(*protocol);
-                let found = addresses.iter().find(its);
+                let found =
+                    addresses.iter().find(|(protocol, _)| event.protocol == Some(*protocol));
                 found.is_some_and(|(_, address)| concerns(event, address, values.as_ref()))
             }
             Self::Notice(notice_test) => {

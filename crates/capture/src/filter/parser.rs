@@ -167,10 +167,9 @@ impl Parser<'_> {
         }
         match self.accept_operator() {
             None => Ok(FilterTest::Object(addresses, None)),
-            Some(how) => {
-                let test = |values| FilterTest::Object(addresses.clone(), Some(values));
-                self.parse_numbers(how, false, test)
-            }
+            Some(how) => self.parse_numbers(how, false, |values| {
+                FilterTest::Object(addresses.clone(), Some(values))
+            }),
         }
     }
 

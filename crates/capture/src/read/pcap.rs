@@ -137,11 +137,15 @@ impl PcapReader {
     fn is_plausible(&self, head: PacketHeader) -> bool {
         let nano = self.header.as_ref().is_some_and(PcapHeader::is_nanosecond_precision);
         let one = if nano { 1_000_000_000 } else { 1_000_000 };
-        let near = |last: u32| last.abs_diff(head.seconds) < LEAP_MAX_S;
         let sound = head.fraction < one
             && head.captured_len <= head.original_len
             && head.original_len <= PACKET_MAX;
-        sound && (!self.resyncing || head.captured_len > 0 && self.last_seconds.is_none_or(near))
+        sound
+            && (!self.resyncing
+                || head.captured_len > 0
+                    && self
+                        .last_seconds
+                        .is_none_or(|last| last.abs_diff(head.seconds) < LEAP_MAX_S))
     }
 
     /// Returns whether another packet follows at the end of this one, as far as can be seen.

@@ -352,8 +352,10 @@ impl CanopenTracker {
         }
         if matches!(command, NmtCommand::ResetNode | NmtCommand::ResetCommunication) {
             self.all_reset |= node == 0;
-            let intended = |channel: &&mut SdoChannel| node == 0 || channel.node == node;
-            self.channels.iter_mut().filter(intended).for_each(|it| it.reset(now, notices));
+            self.channels
+                .iter_mut()
+                .filter(|channel| node == 0 || channel.node == node)
+                .for_each(|it| it.reset(now, notices));
         }
     }
 
@@ -394,8 +396,10 @@ impl CanopenTracker {
     /// Handles a node's start: its settings may be lost, running transfers are.
     fn handle_restart(&mut self, id: u8, now: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
         self.pdos.of_node(id).for_each(pdo::Pdo::mark_stale);
-        let intended = |channel: &&mut SdoChannel| channel.node == id;
-        self.channels.iter_mut().filter(intended).for_each(|channel| channel.reset(now, notices));
+        self.channels
+            .iter_mut()
+            .filter(|channel| channel.node == id)
+            .for_each(|channel| channel.reset(now, notices));
     }
 
     fn handle_emergency(

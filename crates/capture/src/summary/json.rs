@@ -30,135 +30,153 @@ pub fn to_json(summary: &Summary, manner: &SummaryStyle) -> Value {
 
 fn links(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {
     let spent = summary.length_ns() as f64 / 1e9;
-    let link = |(name, link): (&&str, &super::LinkSummary)| {
-        let peak = link.load.peak_per_s(summary.length_ns());
-        let rate = manner.rate(name, link);
-        let mean = (spent > 0.0).then(|| link.load.bits() as f64 / spent);
-        let share = |bits: Option<f64>| Some(bits? / f64::from(rate?.0));
-        json!({
-            "link": name,
-            "frames": link.frames,
-            "bytes": link.bytes,
-            "protocols": link.protocols,
-            "bit_rate": rate.map(|(rate, _)| rate),
-            "bit_rate_stated": rate.map(|(_, stated)| stated),
-            "bits_per_s": mean,
-            "peak_bits_per_s": peak,
-            "load": share(mean),
-            "peak_load": share(Some(peak)),
+    summary
+        .links
+        .iter()
+        .map(|(name, link)| {
+            let peak = link.load.peak_per_s(summary.length_ns());
+            let rate = manner.rate(name, link);
+            let mean = (spent > 0.0).then(|| link.load.bits() as f64 / spent);
+            let share = |bits: Option<f64>| Some(bits? / f64::from(rate?.0));
+            json!({
+                "link": name,
+                "frames": link.frames,
+                "bytes": link.bytes,
+                "protocols": link.protocols,
+                "bit_rate": rate.map(|(rate, _)| rate),
+                "bit_rate_stated": rate.map(|(_, stated)| stated),
+                "bits_per_s": mean,
+                "peak_bits_per_s": peak,
+                "load": share(mean),
+                "peak_load": share(Some(peak)),
+            })
         })
-    };
-    summary.links.iter().map(link).collect()
+        .collect()
 }
 
 fn axes(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {
     let end = summary.span.map(|(_, last)| last);
-    let axis = |(who, axis): (&AxisKey, &super::AxisSummary)| {
-        let states = axis.states.iter().map(|(what, states)| {
-            let spent = states.durations_until(end);
-            let spent = spent.iter().map(|(state, ns)| ((*state).to_owned(), seconds(*ns)));
-            let changes: Vec<Value> = states
-                .changes
-                .iter()
-                .map(|(at, to)| json!({"time": time(*at), "to": to}))
-                .collect();
-            let value = json!({
-                "changes": states.count,
-                "first": changes,
-                "seconds": spent.collect::<Map<String, Value>>(),
-                "last": states.current.map(|(state, _)| state),
+    summary
+        .axes
+        .iter()
+        .map(|(who, axis)| {
+            let states = axis.states.iter().map(|(what, states)| {
+                let spent = states.durations_until(end);
+                let spent = spent.iter().map(|(state, ns)| ((*state).to_owned(), seconds(*ns)));
+                let changes: Vec<Value> = states
+                    .changes
+                    .iter()
+                    .map(|(at, to)| json!({"time": time(*at), "to": to}))
+                    .collect();
+                let value = json!({
+                    "changes": states.count,
+                    "first": changes,
+                    "seconds": spent.collect::<Map<String, Value>>(),
+                    "last": states.current.map(|(state, _)| state),
+                });
+                ((*what).to_owned(), value)
             });
-            ((*what).to_owned(), value)
-        });
-        with_owner(
-            *who,
-            json!({
-                "frames": axis.frames,
-                "begin": time(axis.span.map(|(first, _)| first)),
-                "end": time(axis.span.map(|(_, last)| last)),
-                "profile": manner.product(*who, axis),
-                "states": states.collect::<Map<String, Value>>(),
-            }),
-        )
-    };
-    summary.axes.iter().map(axis).collect()
+            with_owner(
+                *who,
+                json!({
+                    "frames": axis.frames,
+                    "begin": time(axis.span.map(|(first, _)| first)),
+                    "end": time(axis.span.map(|(_, last)| last)),
+                    "profile": manner.product(*who, axis),
+                    "states": states.collect::<Map<String, Value>>(),
+                }),
+            )
+        })
+        .collect()
 }
 
 fn kinds(summary: &Summary) -> Vec<Value> {
-    let kind = |kind: &super::FrameKind| {
-        with_owner(
-            kind.who,
-            json!({
-                "kind": kind.kind,
-                "id": kind.id.map(|(id, _)| id),
-                "extended": kind.id.map(|(_, extended)| extended),
-                "frames": kind.count,
-                "regular": kind.is_regular(),
-                "period": histogram(&kind.gaps),
-            }),
-        )
-    };
-    summary.kinds().into_iter().map(kind).collect()
+    summary
+        .kinds()
+        .into_iter()
+        .map(|kind| {
+            with_owner(
+                kind.who,
+                json!({
+                    "kind": kind.kind,
+                    "id": kind.id.map(|(id, _)| id),
+                    "extended": kind.id.map(|(_, extended)| extended),
+                    "frames": kind.count,
+                    "regular": kind.is_regular(),
+                    "period": histogram(&kind.gaps),
+                }),
+            )
+        })
+        .collect()
 }
 
 fn requests(summary: &Summary) -> Vec<Value> {
-    let request = |((who, op), requests): (&(AxisKey, &str), &super::RequestSummary)| {
-        let outcomes = super::OUTCOMES.map(|outcome| {
-            let outcome: ExchangeOutcome = outcome;
-            (outcome.as_str().to_owned(), json!(requests.count_of(outcome)))
-        });
-        with_owner(
-            *who,
-            json!({
-                "op": op,
-                "count": requests.count(),
-                "outcomes": Map::from_iter(outcomes),
-                "retries": requests.retries,
-                "latency": histogram(&requests.latency),
-                "slowest": Some(requests.slowest).filter(|number| *number > 0),
-            }),
-        )
-    };
-    summary.requests.iter().map(request).collect()
+    summary
+        .requests
+        .iter()
+        .map(|((who, op), requests)| {
+            let outcomes = super::OUTCOMES.map(|outcome| {
+                let outcome: ExchangeOutcome = outcome;
+                (outcome.as_str().to_owned(), json!(requests.count_of(outcome)))
+            });
+            with_owner(
+                *who,
+                json!({
+                    "op": op,
+                    "count": requests.count(),
+                    "outcomes": Map::from_iter(outcomes),
+                    "retries": requests.retries,
+                    "latency": histogram(&requests.latency),
+                    "slowest": Some(requests.slowest).filter(|number| *number > 0),
+                }),
+            )
+        })
+        .collect()
 }
 
 fn values(summary: &Summary) -> Vec<Value> {
-    let value = |((who, name), values): (&(AxisKey, &str), &super::ValueSummary)| {
-        with_owner(
-            *who,
-            json!({
-                "name": name,
-                "count": values.count,
-                "least": values.range.map(|(min, _)| min),
-                "most": values.range.map(|(_, max)| max),
-                "last": values.last,
-                "exact": values.exact,
-                "unit": values.unit,
-                "quality": values.quality.map(|quality| quality.as_str()),
-            }),
-        )
-    };
-    summary.values.iter().map(value).collect()
+    summary
+        .values
+        .iter()
+        .map(|((who, name), values)| {
+            with_owner(
+                *who,
+                json!({
+                    "name": name,
+                    "count": values.count,
+                    "least": values.range.map(|(min, _)| min),
+                    "most": values.range.map(|(_, max)| max),
+                    "last": values.last,
+                    "exact": values.exact,
+                    "unit": values.unit,
+                    "quality": values.quality.map(|quality| quality.as_str()),
+                }),
+            )
+        })
+        .collect()
 }
 
 fn faults(summary: &Summary) -> Vec<Value> {
-    let fault = |((who, code), fault): (&(AxisKey, u32), &super::FaultSummary)| {
-        with_owner(
-            *who,
-            json!({
-                "code": code,
-                "text": fault.text,
-                "cause": fault.cause,
-                "remedy": fault.remedy,
-                "count": fault.count,
-                "number": fault.first.map(|(number, _)| number),
-                "time": time(fault.first.and_then(|(_, time)| time)),
-                "last": time(fault.last),
-                "gone": fault.gone,
-            }),
-        )
-    };
-    summary.faults.iter().map(fault).collect()
+    summary
+        .faults
+        .iter()
+        .map(|((who, code), fault)| {
+            with_owner(
+                *who,
+                json!({
+                    "code": code,
+                    "text": fault.text,
+                    "cause": fault.cause,
+                    "remedy": fault.remedy,
+                    "count": fault.count,
+                    "number": fault.first.map(|(number, _)| number),
+                    "time": time(fault.first.and_then(|(_, time)| time)),
+                    "last": time(fault.last),
+                    "gone": fault.gone,
+                }),
+            )
+        })
+        .collect()
 }
 
 fn anomaly_counts(summary: &Summary) -> Map<String, Value> {
@@ -170,20 +188,24 @@ fn anomaly_counts(summary: &Summary) -> Map<String, Value> {
 }
 
 fn anomaly_bursts(summary: &Summary) -> Vec<Value> {
-    let moment = |moment: &super::AnomalyBurst| {
-        with_owner(
-            moment.who,
-            json!({
-                "kind": moment.kind.as_str(),
-                "number": Some(moment.number).filter(|number| *number > 0),
-                "time": time(moment.time),
-                "last": time(moment.last),
-                "count": moment.count,
-                "text": moment.text,
-            }),
-        )
-    };
-    summary.anomalies.most_notable(BURSTS_SHOWN).into_iter().map(moment).collect()
+    summary
+        .anomalies
+        .most_notable(BURSTS_SHOWN)
+        .into_iter()
+        .map(|moment| {
+            with_owner(
+                moment.who,
+                json!({
+                    "kind": moment.kind.as_str(),
+                    "number": Some(moment.number).filter(|number| *number > 0),
+                    "time": time(moment.time),
+                    "last": time(moment.last),
+                    "count": moment.count,
+                    "text": moment.text,
+                }),
+            )
+        })
+        .collect()
 }
 
 /// A value with its axis in front.

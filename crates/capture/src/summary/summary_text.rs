@@ -42,12 +42,15 @@ impl SummaryStyle {
     #[must_use]
     pub fn product(&self, who: AxisKey, axis: &AxisSummary) -> Option<InternedName> {
         let report = axis.states.iter().find(|(what, _)| *what == PRODUCT);
-        let stated = || {
-            let dissector = proto::find_dissector(who.protocol)?;
-            let fits = |profile: &&Profile| profile_speaks(profile, dissector);
-            self.product.filter(fits).map(|profile| profile.title)
-        };
-        report.is_none().then(stated).flatten()
+        report
+            .is_none()
+            .then(|| {
+                let dissector = proto::find_dissector(who.protocol)?;
+                self.product
+                    .filter(|profile| profile_speaks(profile, dissector))
+                    .map(|profile| profile.title)
+            })
+            .flatten()
     }
 
     /// The bit rate of a link, and true where it is stated.

@@ -269,8 +269,9 @@ fn rack_of(connector: &Connector, link: &str) -> Option<simulate::RackDescriptio
 /// Drives that the connection string on the command line may mean.
 fn drives_of(typed: &[String]) -> Vec<&'static Profile> {
     let connector = Connector::discover();
-    let is_url = |word: &&String| word.starts_with('@') || word.contains(':');
-    let Some(word) = typed.iter().find(is_url) else { return Vec::new() };
+    let Some(word) = typed.iter().find(|word| word.starts_with('@') || word.contains(':')) else {
+        return Vec::new();
+    };
     let link = word.split('#').next().unwrap_or_default();
     if let Some(rack) = rack_of(&connector, link) {
         let drives = rack.rack.links.iter().flat_map(|link| &link.drives);

@@ -375,8 +375,7 @@ fn parameter_names<'a>(
     axis: &LocalAxis,
     changes: impl IntoIterator<Item = &'a SettingChange>,
 ) -> Vec<&'static str> {
-    let name = |change: &SettingChange| axis.parameter(change.id).map(|p| p.name);
-    changes.into_iter().filter_map(name).collect()
+    changes.into_iter().filter_map(|change| axis.parameter(change.id).map(|p| p.name)).collect()
 }
 
 fn changes_table(

@@ -109,8 +109,10 @@ impl ExplainSubject {
         if let Some(dissector) = proto::find_dissector(name) {
             return Ok(Self::Protocol(dissector));
         }
-        let known = |profile: &&&Profile| profile.name == name || profile.family == name;
-        let profile = polepair_drives::profiles().iter().find(known).copied();
+        let profile = polepair_drives::profiles()
+            .iter()
+            .find(|profile| profile.name == name || profile.family == name)
+            .copied();
         let profile = profile.or_else(|| polepair::profile::find_shipped(name));
         profile.map(Self::Drive).ok_or_else(|| problem::no_such_protocol(name))
     }
@@ -139,9 +141,10 @@ impl ExplainSubject {
         match self {
             Self::Drive(profile) => vec![profile],
             Self::Protocol(dissector) => {
-                let speaks = |p: &&&Profile| dissector.name().starts_with(p.protocol);
-                let mut profiles: Vec<_> =
-                    polepair_drives::profiles().iter().filter(speaks).collect();
+                let mut profiles: Vec<_> = polepair_drives::profiles()
+                    .iter()
+                    .filter(|p| dissector.name().starts_with(p.protocol))
+                    .collect();
                 profiles.dedup_by_key(|profile| profile.family);
                 profiles.into_iter().copied().collect()
             }
@@ -179,9 +182,12 @@ impl ExplainSubject {
     }
 
     fn fault_by_name(&self, name: &str) -> Option<String> {
-        let same = |fault: &&Fault| fault.name.eq_ignore_ascii_case(name);
         self.profiles().into_iter().find_map(|profile| {
-            profile.faults.iter().find(same).map(|fault| fault_text(profile, fault))
+            profile
+                .faults
+                .iter()
+                .find(|fault| fault.name.eq_ignore_ascii_case(name))
+                .map(|fault| fault_text(profile, fault))
         })
     }
 }
@@ -261,12 +267,11 @@ pub fn item_text(item: &ExplanationField<'_>) -> String {
         }
         ExplanationValue::Real(value) => value.to_string(),
         ExplanationValue::Text(text) => text.to_owned(),
-        ExplanationValue::Words(words) => {
-            let word = |pair: &[u8]| {
-                format!("0x{:04X}", pair.iter().fold(0, |w, b| w << 8 | u32::from(*b)))
-            };
-            words.chunks(2).map(word).collect::<Vec<_>>().join(" ")
-        }
+        ExplanationValue::Words(words) => words
+            .chunks(2)
+            .map(|pair| format!("0x{:04X}", pair.iter().fold(0, |w, b| w << 8 | u32::from(*b))))
+            .collect::<Vec<_>>()
+            .join(" "),
     }
 }
 

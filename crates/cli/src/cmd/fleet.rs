@@ -40,14 +40,15 @@ pub struct Fleet {
 
 impl Fleet {
     pub fn run(self) -> Result {
-        let has_package = |interpreter: &&&str| {
+        let interpreter = INTERPRETERS.iter().find(|interpreter| {
             let mut probe = Command::new(interpreter);
             probe.args(["-c", PROBE]).stdin(Stdio::null()).stdout(Stdio::null());
             probe.stderr(Stdio::null()).status().is_ok_and(|status| status.success())
-        };
-        let asks_for_help = |word: &OsString| word == "--help" || word == "-h";
-        let interpreter = INTERPRETERS.iter().find(has_package);
-        if self.words.is_empty() || interpreter.is_none() && self.words.iter().any(asks_for_help) {
+        });
+        if self.words.is_empty()
+            || interpreter.is_none()
+                && self.words.iter().any(|word| word == "--help" || word == "-h")
+        {
             return print_help();
         }
         let interpreter = interpreter.ok_or_else(|| {

@@ -63,16 +63,19 @@ impl Params {
 /// A drive by the word users type: its name, its family, or a protocol's word for what all its drives have.
 pub fn find_drive(known: &[&'static Profile], word: &str) -> Result<&'static Profile> {
     let named = known.iter().find(|profile| profile.name.eq_ignore_ascii_case(word));
-    let of_family = || known.iter().find(|profile| profile.family.eq_ignore_ascii_case(word));
     let of_protocol = || polepair::profile::generic_profile(&word.to_ascii_lowercase());
-    named.or_else(of_family).copied().or_else(of_protocol).ok_or_else(|| {
-        let names: Vec<&str> = known.iter().map(|profile| profile.name).collect();
-        let nearest = polepair_capture::nearest_word(word, names.iter().copied());
-        Problem::usage("E204", format!("{word:?} is not a drive that polepair knows."))
-            .why(format!("It knows {}.", crate::problem::join_list(&names)))
-            .hint_if(nearest.map(|name| format!("{name} (the nearest)")))
-            .hint("--profile FILE describes a drive of your own")
-    })
+    named
+        .or_else(|| known.iter().find(|profile| profile.family.eq_ignore_ascii_case(word)))
+        .copied()
+        .or_else(of_protocol)
+        .ok_or_else(|| {
+            let names: Vec<&str> = known.iter().map(|profile| profile.name).collect();
+            let nearest = polepair_capture::nearest_word(word, names.iter().copied());
+            Problem::usage("E204", format!("{word:?} is not a drive that polepair knows."))
+                .why(format!("It knows {}.", crate::problem::join_list(&names)))
+                .hint_if(nearest.map(|name| format!("{name} (the nearest)")))
+                .hint("--profile FILE describes a drive of your own")
+        })
 }
 
 fn drives_table(known: &[&'static Profile]) -> String {

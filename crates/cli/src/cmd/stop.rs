@@ -92,8 +92,8 @@ impl StopCommand {
         if self.keep_program {
             print_note(KEPT_PROGRAM);
         }
-        let lost = |error| outcome::to_problem(error).hint("cut the power if a motor turns");
-        let stopped = stopped.map_err(lost);
+        let stopped = stopped
+            .map_err(|error| outcome::to_problem(error).hint("cut the power if a motor turns"));
         is_sent |= stopped.as_ref().is_ok_and(|report| {
             let may_be_sent = |ended: &std::result::Result<Standstill, Error>| match ended {
                 Ok(_) => true,

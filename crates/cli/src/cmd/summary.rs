@@ -126,13 +126,14 @@ impl EventSink for SummarySink {
 
 /// Reads `500000` or `can0=500000,ttyUSB0=9600`.
 fn parse_rates(text: &str) -> Result<Vec<(String, u32)>> {
-    let rate = |part: &str| {
-        let (link, rate) = part.split_once('=').unwrap_or(("", part));
-        let rate = rate.trim().parse().ok().filter(|rate| *rate > 0);
-        rate.map(|rate| (link.trim().to_owned(), rate)).ok_or_else(|| {
-            Problem::usage("E242", format!("{part:?} is not a bit rate."))
-                .hint("--bitrate 500000, or --bitrate can0=500000,ttyUSB0=9600")
+    text.split(',')
+        .map(|part| {
+            let (link, rate) = part.split_once('=').unwrap_or(("", part));
+            let rate = rate.trim().parse().ok().filter(|rate| *rate > 0);
+            rate.map(|rate| (link.trim().to_owned(), rate)).ok_or_else(|| {
+                Problem::usage("E242", format!("{part:?} is not a bit rate."))
+                    .hint("--bitrate 500000, or --bitrate can0=500000,ttyUSB0=9600")
+            })
         })
-    };
-    text.split(',').map(rate).collect()
+        .collect()
 }

@@ -151,14 +151,16 @@ impl RecordedWire {
         (self.0.prepare)(link.axes());
         drop(link);
         simulation.advance(Duration::from_millis(500));
-        let of = |n| simulation.truth(0, n).expect("a drive");
-        let truths = (0..numbers.len()).map(of).map(|truth| DriveHistory {
-            before: truth,
-            after: truth,
-            top_speed: 0.0,
-            was_enabled: false,
-            starts: 0,
-        });
+        let truths =
+            (0..numbers.len()).map(|n| simulation.truth(0, n).expect("a drive")).map(|truth| {
+                DriveHistory {
+                    before: truth,
+                    after: truth,
+                    top_speed: 0.0,
+                    was_enabled: false,
+                    starts: 0,
+                }
+            });
         self.lock_log().drives = truths.collect();
         self.0.counting.store(true, Ordering::SeqCst);
         theirs

@@ -1,8 +1,8 @@
 //! Lines printed before a motion and after it.
 
+use polepair::Axis;
 use polepair::interface::MotionMonitor;
 use polepair::url::AxisNumber;
-use polepair::{Axis, LocalAxis};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
@@ -47,8 +47,7 @@ pub fn signal_lines(
     axis: &Axis,
     signal: Signal,
 ) -> Result<Vec<(String, String)>> {
-    let is_group = |axis: &&LocalAxis| AxisNumber(axis.number()).is_group();
-    let Some(group) = axis.local().filter(is_group) else {
+    let Some(group) = axis.local().filter(|axis| AxisNumber(axis.number()).is_group()) else {
         let text = session::signal_text(axis, signal)?;
         return Ok(text.into_iter().map(|text| (session.axis_prefix(axis), text)).collect());
     };

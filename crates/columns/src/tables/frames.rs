@@ -141,14 +141,16 @@ impl FrameRows {
 
     /// Encodes the constant columns of these templates.
     pub fn templates(&mut self, voices: &[FrameTemplate]) -> EncodedTemplates {
-        let voiced = |voice: &FrameTemplate| EncodedTemplate {
-            bus: self.bus.dictionary.number(&voice.link),
-            direction: voice.direction.map(direction_code),
-            protocol: self.protocol.dictionary.number_of_static(protocol_word(voice.protocol)),
-            id: voice.id.cast_signed(),
-            len: voice.len,
-        };
-        let voices: Vec<EncodedTemplate> = voices.iter().map(voiced).collect();
+        let voices: Vec<EncodedTemplate> = voices
+            .iter()
+            .map(|voice| EncodedTemplate {
+                bus: self.bus.dictionary.number(&voice.link),
+                direction: voice.direction.map(direction_code),
+                protocol: self.protocol.dictionary.number_of_static(protocol_word(voice.protocol)),
+                id: voice.id.cast_signed(),
+                len: voice.len,
+            })
+            .collect();
         EncodedTemplates {
             bus: common_value(voices.iter().map(|voice| voice.bus)),
             direction: common_value(voices.iter().map(|voice| voice.direction)),
@@ -194,17 +196,19 @@ fn protocol_word(name: &'static str) -> &'static str {
 
 fn flags_of(event: &DecodedFrame<'_>) -> i32 {
     let is_kind = |kind: &str| event.protocol.is_none() && event.explanation.kind == kind;
-    let is_retry = |notice: &SessionNotice| match notice {
-        SessionNotice::Anomaly(anomaly) => anomaly.kind == AnomalyKind::Retry,
-        _ => false,
-    };
     let error = is_kind(ERROR_FRAME);
     let bits = [
         (event.extended && !error, flags::EXTENDED),
         (event.remote, flags::REMOTE),
         (error, flags::ERROR),
         (event.echo, flags::ECHO),
-        (event.notices.iter().any(is_retry), flags::RETRY),
+        (
+            event.notices.iter().any(|notice| match notice {
+                SessionNotice::Anomaly(anomaly) => anomaly.kind == AnomalyKind::Retry,
+                _ => false,
+            }),
+            flags::RETRY,
+        ),
         (event.defect.is_some_and(FrameDefect::is_bad_check), flags::BAD_CHECK),
         (event.stray, flags::STRAY),
         (is_kind(CAN_FD), flags::FD),

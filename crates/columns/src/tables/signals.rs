@@ -144,13 +144,15 @@ impl SignalRows {
     fn template(&mut self, voice: &FrameTemplate) -> SignalTemplate {
         let process = voice.process_data();
         let places = process.map_or(&[][..], |process| process.mapping().mapped_values());
-        let value = |mapped: &MappedValue| ValueTemplate {
-            position: *mapped,
-            signal: self.signal.dictionary.number_of_static(mapped.name),
-            unit: self.unit.dictionary.number_of_static(mapped.unit),
-        };
         SignalTemplate {
-            values: places.iter().map(value).collect(),
+            values: places
+                .iter()
+                .map(|mapped| ValueTemplate {
+                    position: *mapped,
+                    signal: self.signal.dictionary.number_of_static(mapped.name),
+                    unit: self.unit.dictionary.number_of_static(mapped.unit),
+                })
+                .collect(),
             bus: self.bus.dictionary.number(&voice.link),
             axis: process.map_or(0, |process| process.axis().cast_signed()),
             quality: process.map_or(0, |process| (process.quality() as u8).into()),

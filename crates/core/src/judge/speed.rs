@@ -60,11 +60,10 @@ impl SpeedJudge {
             let speed = speed.abs();
             self.fastest = Some(self.fastest.map_or(speed, |fastest| fastest.max(speed)));
             let setpoint = self.setpoint.map(f64::abs);
-            let near = |setpoint: f64| {
+            self.was_near |= setpoint.is_some_and(|setpoint| {
                 let least = if self.linear { 0.0 } else { REACHED_MIN };
                 (speed - setpoint).abs() <= (setpoint * REACHED_SHARE).max(least)
-            };
-            self.was_near |= setpoint.is_some_and(near);
+            });
         }
         if let Some(position) = position.filter(|position| position.is_finite()) {
             let first = *self.first.get_or_insert(position);

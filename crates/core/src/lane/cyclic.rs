@@ -450,8 +450,10 @@ impl CyclicAxis {
         let raw = slot.to_raw(self.target, si).ok_or(Unsupported::BadArgument)?;
         slot.check_writable(self.target, raw)?;
         let first = self.tracker.is_none();
-        let held = || slot.to_si(self.target, self.raw).map(SetpointTracker::at_rest);
-        let mut trend = self.tracker.or_else(held).ok_or(Unsupported::BadArgument)?;
+        let mut trend = self
+            .tracker
+            .or_else(|| slot.to_si(self.target, self.raw).map(SetpointTracker::at_rest))
+            .ok_or(Unsupported::BadArgument)?;
         let leaps = || (si - trend.last).abs() > self.bounds.max_start_offset(period);
         if first && setpoint == SetpointKind::Position && leaps() {
             return Err(Unsupported::Forbidden(START_TOO_FAR));

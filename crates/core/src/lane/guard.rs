@@ -127,11 +127,14 @@ impl WaitGuard {
 
 /// The bits of a fault parameter that the plan has ruled out before; all of them if it has not looked.
 fn ruled_out_mask(steps: &[Step], id: ParameterId) -> i64 {
-    let mask = |step: &Step| match step {
-        Step::NoFault { read, mask } if *read == id => Some(*mask),
-        _ => None,
-    };
-    steps.iter().rev().find_map(mask).unwrap_or(-1)
+    steps
+        .iter()
+        .rev()
+        .find_map(|step| match step {
+            Step::NoFault { read, mask } if *read == id => Some(*mask),
+            _ => None,
+        })
+        .unwrap_or(-1)
 }
 
 /// The signal's source, if it is that parameter.

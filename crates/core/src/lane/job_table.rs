@@ -126,11 +126,12 @@ impl<R: Request> JobTable<R> {
 
     /// The host's ticket for the protocol's own request that runs under `ticket`.
     pub fn raw_request_ticket(&self, ticket: Ticket) -> Option<Ticket> {
-        let is = |n: &usize| {
-            let job = self.jobs[*n].as_ref();
-            job.is_some_and(|job| job.ticket == ticket && matches!(job.task, JobTask::Raw(_)))
-        };
-        set_bits(self.used & !self.ended).find(is).map(|n| Ticket(n as u32))
+        set_bits(self.used & !self.ended)
+            .find(|n| {
+                let job = self.jobs[*n].as_ref();
+                job.is_some_and(|job| job.ticket == ticket && matches!(job.task, JobTask::Raw(_)))
+            })
+            .map(|n| Ticket(n as u32))
     }
 
     /// The request of job `n` is out: the next turn is another's.

@@ -169,7 +169,6 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     fn add_entry(&mut self, id: ParameterId, parameter: &'static Parameter) {
         let signals = self.profile.signals.iter();
         let inputs = parameter.scale.inputs(self.profile);
-        let place = |input| self.factors.iter().position(|f| f.parameter == input);
         self.entries.push(ParameterEntry {
             parameter,
             read_request: match parameter.access {
@@ -177,7 +176,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
                 _ => self.driver.read_request(parameter),
             },
             scale: constant_si(parameter).map_or(ScaleState::Unread, ScaleState::Known),
-            inputs: inputs.filter_map(place).collect(),
+            inputs: inputs
+                .filter_map(|input| self.factors.iter().position(|f| f.parameter == input))
+                .collect(),
             factor_index: self.factors.iter().position(|f| f.parameter == id),
             signal_sources: signals.filter(|signal| signal.parameter == id).copied().collect(),
             optional: self.profile.optional.contains(&id),
@@ -367,8 +368,10 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     fn is_zero_scaled(&self, id: ParameterId) -> bool {
         let Some(entry) = self.entry(id) else { return false };
         let direct = [entry.parameter.scale.times, entry.parameter.scale.over];
-        let zero = |input| self.factors.iter().any(|f| f.parameter == input && f.raw == Some(0));
-        direct.into_iter().flatten().any(zero)
+        direct
+            .into_iter()
+            .flatten()
+            .any(|input| self.factors.iter().any(|f| f.parameter == input && f.raw == Some(0)))
     }
 
     /// The value of a parameter that others are scaled by.
@@ -427,8 +430,10 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let entry = self.entry(id)?;
         let ScaleState::Unread = entry.scale else { return None };
         let unread = entry.inputs.iter().map(|at| &self.factors[*at]);
-        let due = |f: &&ScaleFactor| f.is_due() && !self.lacks_parameter(f.parameter);
-        unread.filter(due).map(|f| f.parameter).next()
+        unread
+            .filter(|f| f.is_due() && !self.lacks_parameter(f.parameter))
+            .map(|f| f.parameter)
+            .next()
     }
 
     pub fn count_attempt(&mut self, id: ParameterId) {

@@ -333,14 +333,13 @@ impl Motor {
             let voltage = p.resistance * current + l * (current - self.current) + k * speed;
             Means { current, speed, voltage }
         };
-        let with_voltage = |voltage: f64| {
+        self.limited(inputs, with_current, |voltage| {
             let a = l + p.resistance;
             let e = voltage + l * self.current;
             let determinant = a * c + k * k;
             let current = (e * c - k * q) / determinant;
             Means { current, speed: (a * q + k * e) / determinant, voltage }
-        };
-        self.limited(inputs, with_current, with_voltage)
+        })
     }
 
     /// Solves a part with the shaft at rest.
@@ -352,11 +351,10 @@ impl Motor {
             let voltage = p.resistance * current + l * (current - self.current);
             Means { current, speed: 0.0, voltage }
         };
-        let with_voltage = |voltage: f64| {
+        self.limited(inputs, with_current, |voltage| {
             let current = (voltage + l * self.current) / (l + p.resistance);
             Means { current, speed: 0.0, voltage }
-        };
-        self.limited(inputs, with_current, with_voltage)
+        })
     }
 
     /// Applies the winding's command within bus voltage and current limit.

@@ -61,8 +61,10 @@ impl ParameterAddress {
 /// The encoding that a type's word means, such as `u16`.
 #[must_use]
 pub fn parse_encoding(word: &str) -> Option<Encoding> {
-    let same = |(name, _): &&(&str, Encoding)| name.eq_ignore_ascii_case(word);
-    ENCODING_WORDS.iter().find(same).map(|(_, encoding)| *encoding)
+    ENCODING_WORDS
+        .iter()
+        .find(|(name, _)| name.eq_ignore_ascii_case(word))
+        .map(|(_, encoding)| *encoding)
 }
 
 /// The word of an encoding's type.

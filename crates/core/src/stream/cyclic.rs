@@ -137,9 +137,10 @@ impl SetpointTracker {
             return Err(BoundsViolation::NotANumber);
         }
         let beyond = |value: f64, max: Option<f64>| max.is_some_and(|max| value.abs() > max);
-        let beside = |(min, max): (f64, f64)| !(min..=max).contains(&next);
         match setpoint {
-            SetpointKind::Position if bounds.position.is_some_and(beside) => {
+            SetpointKind::Position
+                if bounds.position.is_some_and(|(min, max)| !(min..=max).contains(&next)) =>
+            {
                 Err(BoundsViolation::Position)
             }
             SetpointKind::Position if beyond(rate, bounds.velocity) => {

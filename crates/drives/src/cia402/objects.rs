@@ -13,7 +13,7 @@ use groups::{ACCELERATIONS, IN_UNITS, NEEDED, SCALES, UNSIGNED, VELOCITIES, bits
 
 use super::units;
 use polepair_core::plant::Limits;
-use polepair_core::profile::{ObjectKey, ScaleRule, ScaleRuleValue};
+use polepair_core::profile::{ObjectKey, ScaleRuleValue};
 use polepair_core::proto::canopen::device::motion::{
     Braking, HomingSettings, MotionSettings, Window,
 };
@@ -488,8 +488,8 @@ impl Objects {
         let ratio = |over, under| self.real_value(over) / self.real_value(under).max(1.0);
         let gear = ratio(stored::GEAR_MOTOR, stored::GEAR_SHAFT);
         // A setting that contradicts another one changes nothing.
-        let rule = |rule: &ScaleRule| (rule.compute)(&|key| self.scale_object(key), false).ok();
-        let scales = [&units::POSITION, &units::VELOCITY, &units::ACCELERATION].map(rule);
+        let scales = [&units::POSITION, &units::VELOCITY, &units::ACCELERATION]
+            .map(|rule| (rule.compute)(&|key| self.scale_object(key), false).ok());
         let motor = |per: f64, scale: ScaleRuleValue| per * gear * scale.factor;
         let [position, velocity, acceleration] = scales;
         self.rad_per_unit = position.map_or(self.rad_per_unit, |scale| motor(TAU, scale));

@@ -68,8 +68,10 @@ pub const PURPOSES: [InputPurpose; INPUTS] = [
 /// True when two inputs have the same purpose: ERR_Id.
 #[must_use]
 pub fn has_duplicates(purposes: &[InputPurpose; INPUTS]) -> bool {
-    let used = |p: &&InputPurpose| **p != InputPurpose::Spare;
-    purposes.iter().filter(used).any(|p| purposes.iter().filter(|q| *q == p).count() > 1)
+    purposes
+        .iter()
+        .filter(|p| **p != InputPurpose::Spare)
+        .any(|p| purposes.iter().filter(|q| *q == p).count() > 1)
 }
 
 /// The lines as they are, and the switches that the shaft closes.

@@ -409,9 +409,9 @@ fn set_homing_speed(scene: &mut TickContext<'_>, register: u16, toward: f64) {
 /// The path of that number as its registers now are.
 fn read_path(registers: &Registers, number: u8) -> DecodedPath {
     let nth = u16::from(number) - 1;
-    let word = |offset| registers.value(fn_registers::PATHS + 8 * nth + offset);
     DecodedPath::decode(
-        [0, 1, 2, 3, 4, 5, 6, 7].map(word),
+        [0, 1, 2, 3, 4, 5, 6, 7]
+            .map(|offset| registers.value(fn_registers::PATHS + 8 * nth + offset)),
         registers.value(fn_registers::S_TIMES + nth),
     )
 }

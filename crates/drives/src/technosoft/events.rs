@@ -67,8 +67,9 @@ impl Drive {
 
     /// WAIT!, for at most `periods` slow loop periods.
     pub fn wait_for_event(&mut self, periods: Option<u32>) {
-        let ticks = |n: u32| (f64::from(n) * self.shaft.scale.slow_s / TICK_S) as u64;
-        self.program.wait = Some(ProgramWait::Event(periods.map(ticks)));
+        self.program.wait = Some(ProgramWait::Event(
+            periods.map(|n| (f64::from(n) * self.shaft.scale.slow_s / TICK_S) as u64),
+        ));
     }
 
     /// UPD! and STOP!: when the event comes. \[I\] Without one they are refused.

@@ -115,12 +115,12 @@ fn microsteps_per_turn(read: &dyn Fn(ObjectKey) -> Option<i64>) -> Result<f64, N
 }
 
 fn exponent(raw: Option<i64>) -> Result<Option<u32>, NoScale> {
-    let valid = |raw: i64| {
+    raw.map(|raw| {
         if (0..=EXPONENT_MAX).contains(&raw) {
             Ok(raw as u32)
         } else {
             Err(NoScale("a resolution or divisor that scales it is beyond 13"))
         }
-    };
-    raw.map(valid).transpose()
+    })
+    .transpose()
 }

@@ -58,8 +58,9 @@ pub(super) fn open_holder(path: &str) -> Option<(String, u32)> {
     let ours = std::process::id();
     entries("/proc").take(PROCESSES_MAX).find_map(|process| {
         let pid: u32 = process.file_name()?.to_str()?.parse().ok()?;
-        let holds = |fd: PathBuf| fs::read_link(fd).is_ok_and(|to| to == real);
-        let held = entries(process.join("fd")).take(FILES_MAX).any(holds);
+        let held = entries(process.join("fd"))
+            .take(FILES_MAX)
+            .any(|fd| fs::read_link(fd).is_ok_and(|to| to == real));
         (held && (pid != ours)).then(|| (read_text(&process, "comm"), pid))
     })
 }

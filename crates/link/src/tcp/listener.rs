@@ -59,8 +59,7 @@ impl TcpServer {
         loop {
             if let Ok((stream, _)) = self.listener.accept() {
                 let _ = stream.set_nodelay(true);
-                let fail = |error: std::io::Error| LinkError::from_io(&name, &error);
-                stream.set_nonblocking(true).map_err(fail)?;
+                stream.set_nonblocking(true).map_err(|error| LinkError::from_io(&name, &error))?;
                 let client = Descriptor::with_waker(
                     ReadMode::Stream,
                     stream.into(),

@@ -7,7 +7,7 @@ use crate::profile::argument_word;
 use crate::{mounting, quantity};
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Operand, Step};
-use polepair_core::profile::{AxisKind, Parameter, Profile};
+use polepair_core::profile::{AxisKind, Parameter};
 use polepair_core::units::Unit;
 
 impl LocalAxis {
@@ -84,8 +84,8 @@ impl LocalAxis {
     /// (homing speed switch)`. Empty if none is known to be missing.
     #[must_use]
     pub fn missing_for(&self, verb: Verb, which: Option<Argument>) -> String {
-        let of_family = |profile: &&&Profile| profile.name == self.profile.family;
-        let family = polepair_drives::profiles().iter().find(of_family);
+        let family =
+            polepair_drives::profiles().iter().find(|profile| profile.name == self.profile.family);
         let Some((family, plan)) = family.and_then(|family| Some((family, family.plan(verb)?)))
         else {
             return String::new();

@@ -178,10 +178,10 @@ impl LocalAxis {
         let what = format!("setting `{}`", self.required_parameter(id)?.name);
         let too_long = || Error::usage("E216", "more bytes than a transfer has", "");
         let size = u32::try_from(data.len()).map_err(|_| too_long())?;
-        let request = |axes: &mut dyn Axes, now, ticket| {
-            axes.write_data(now, ticket, self.index, id, size, block)
-        };
-        let mut running: RunningRequest = self.submit(what, RequestKind::Command, request)?;
+        let mut running: RunningRequest =
+            self.submit(what, RequestKind::Command, |axes, now, ticket| {
+                axes.write_data(now, ticket, self.index, id, size, block)
+            })?;
         let ticket = running.pending.ticket();
         let mut sent = 0;
         loop {

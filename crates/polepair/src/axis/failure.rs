@@ -190,9 +190,8 @@ impl LocalAxis {
         let (Some((id, mode)), Some(plan)) = (self.mode_for(verb), self.profile.plan(verb)) else {
             return false;
         };
-        let is_mode = |step: &Step| *step == Step::Write(id, Operand::Constant(mode));
         let refused = plan.steps.iter().enumerate().filter(|(n, _)| extent.refused >> n & 1 == 1);
-        refused.map(|(_, step)| step).any(is_mode)
+        refused.map(|(_, step)| step).any(|step| *step == Step::Write(id, Operand::Constant(mode)))
     }
 
     fn step_name(&self, n: usize, step: Option<&Step>) -> String {

@@ -55,11 +55,13 @@ impl LocalAxis {
         let mut names = source.values.iter().chain(own);
         let word = names.find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
         // Bits, as manuals write them.
-        let number = || match reading.raw {
-            raw @ ..=9 => raw.to_string(),
-            raw => format!("{raw:X}h"),
-        };
-        Some(word.map_or_else(number, str::to_owned))
+        Some(word.map_or_else(
+            || match reading.raw {
+                raw @ ..=9 => raw.to_string(),
+                raw => format!("{raw:X}h"),
+            },
+            str::to_owned,
+        ))
     }
 
     /// Returns whether the motor moves, by the last readings: the drive reports a move, or the speed is above the limit

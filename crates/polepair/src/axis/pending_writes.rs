@@ -45,11 +45,15 @@ impl LocalAxis {
     ) -> Result<i64, Error> {
         let Some(parameter) = self.rescaled(id, pending) else { return self.raw_of(id, amount) };
         let (unit, step) = (self.unit(id), self.raw_step_after(parameter, pending)?);
-        let convert = |si: f64| parameter.encoding.raw(si * self.factor(id) / step);
-        amount.resolve(parameter, unit)?.into_raw(parameter, unit, convert, || {
-            let what = format!("`{}`: its scale would be zero or nothing", parameter.name);
-            Error::usage("E217", what, "write what it is scaled by with another value")
-        })
+        amount.resolve(parameter, unit)?.into_raw(
+            parameter,
+            unit,
+            |si| parameter.encoding.raw(si * self.factor(id) / step),
+            || {
+                let what = format!("`{}`: its scale would be zero or nothing", parameter.name);
+                Error::usage("E217", what, "write what it is scaled by with another value")
+            },
+        )
     }
 
     /// A raw value of a parameter in its unit, as it is once what is pending was written.

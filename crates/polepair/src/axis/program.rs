@@ -181,11 +181,10 @@ impl LocalAxis {
         pieces: &[MemoryBlock],
         mut show: impl FnMut(TransferProgress),
     ) -> Result<TransferProgress, Error> {
-        let begin = |axes: &mut dyn polepair_core::axis::Axes, now, ticket| {
-            axes.start_transfer(now, ticket, self.index, kind, pieces)
-        };
-        let pending =
-            self.connection.submit(begin).map_err(|why| self.unsupported_error(what, why))?;
+        let pending = self
+            .connection
+            .submit(|axes, now, ticket| axes.start_transfer(now, ticket, self.index, kind, pieces))
+            .map_err(|why| self.unsupported_error(what, why))?;
         let request_kind =
             if kind == TransferKind::Write { RequestKind::Command } else { RequestKind::Query };
         let mut running = RunningRequest {

@@ -27,12 +27,11 @@ impl PreparedCommand {
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start(&self) -> Result<RunningRequest, Error> {
         let Self { axis, command } = self;
-        let submit = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
-            axes.command(now, ticket, axis.index, *command)
-        };
         let verb = command.verb.name();
-        let pending =
-            axis.connection.submit(submit).map_err(|why| axis.unsupported_error(verb, why))?;
+        let pending = axis
+            .connection
+            .submit(|axes, now, ticket| axes.command(now, ticket, axis.index, *command))
+            .map_err(|why| axis.unsupported_error(verb, why))?;
         // It is the move that arrived or did not.
         let what = if command.verb == Verb::Reached { "move" } else { verb };
         let (what, request_kind) = (what.to_owned(), RequestKind::Verb(command.verb));
@@ -78,10 +77,9 @@ impl LocalAxis {
     ) -> Result<RunningRequest, Error> {
         let what = format!("setting `{}`", self.required_parameter(id)?.name);
         self.check_write(id, raw)?;
-        let request = |axes: &mut dyn Axes, now, ticket| {
+        self.submit(what, RequestKind::Write(id, raw, keep), |axes: &mut dyn Axes, now, ticket| {
             axes.write_parameter(now, ticket, self.index, id, raw, keep)
-        };
-        self.submit(what, RequestKind::Write(id, raw, keep), request)
+        })
     }
 
     pub(super) fn submit(

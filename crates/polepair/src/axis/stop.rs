@@ -620,8 +620,10 @@ pub fn stop_axes(
     on_notice: impl FnMut(&LocalAxis, &StopNotice) -> bool,
 ) -> Vec<StopResult> {
     let persistence = StopPersistence::Within(within);
-    let begin = |axis| StopSupervisor::begin(axis, options, persistence);
-    await_stops(axes.iter().map(begin).collect(), on_notice)
+    await_stops(
+        axes.iter().map(|axis| StopSupervisor::begin(axis, options, persistence)).collect(),
+        on_notice,
+    )
 }
 
 /// Waits until each of these stops has ended, as [`stop_axes`].

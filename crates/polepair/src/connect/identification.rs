@@ -58,10 +58,9 @@ impl Connector {
         let named = self.chosen_profile(url, &line.protocol)?;
         let mut found: Vec<(&'static Profile, Identification)> = Vec::new();
         for (at, number) in line.axis_numbers.iter().enumerate() {
-            let same_drive = |other: &u32| {
+            let identified = line.axis_numbers[..at].iter().position(|other| {
                 sub_axis(*number) != 0 && drive_address(*other) == drive_address(*number)
-            };
-            let identified = line.axis_numbers[..at].iter().position(same_drive);
+            });
             found.push(match identified {
                 Some(known) => found[known].clone(),
                 None => self.identify_axis(line, at, named, must_ask)?,

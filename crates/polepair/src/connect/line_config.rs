@@ -192,13 +192,10 @@ impl LocalLink {
                  rate is being set: change the address, or try again";
                 return Err(Error::usage("E220", what, hint));
             }
-            let join = |(lane, found, _, profile): &(
-                usize,
-                &DetectedDrive,
-                RackEntry,
-                &'static Profile,
-            )| { axes.add_axis(*lane, profile, found.number) };
-            Ok(ready.iter().filter_map(join).collect::<Vec<_>>())
+            Ok(ready
+                .iter()
+                .filter_map(|(lane, found, _, profile)| axes.add_axis(*lane, profile, found.number))
+                .collect::<Vec<_>>())
         })?;
         let mut link = self.clone();
         for ((lane, found, entry, profile), index) in ready.into_iter().zip(joined) {

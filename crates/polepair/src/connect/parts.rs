@@ -40,9 +40,10 @@ impl Connector {
                 if links.iter().all(|n| description.wires[*n].connect.is_none()) {
                     return Ok(whole(None));
                 }
-                let of = |n| part_of_link(&url, &description, n).transpose();
-                let parts: Vec<LinkPart> =
-                    links.into_iter().filter_map(of).collect::<Result<_, _>>()?;
+                let parts: Vec<LinkPart> = links
+                    .into_iter()
+                    .filter_map(|n| part_of_link(&url, &description, n).transpose())
+                    .collect::<Result<_, _>>()?;
                 let wires = || description.wires.iter().flat_map(|wire| wire.axis_names());
                 match url.names.iter().find(|name| wires().all(|known| known != *name)) {
                     Some(name) => {

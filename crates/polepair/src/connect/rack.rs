@@ -99,11 +99,13 @@ impl Connector {
         {
             protocols.retain(|protocol| protocol.groups > 0);
         }
-        let line = |protocol: ProtocolInfo| {
-            let options = options(&protocol, description.wires[n].baud)?;
-            rack_line(url, description, n, protocol, options, link.clone())
-        };
-        protocols.into_iter().map(line).collect()
+        protocols
+            .into_iter()
+            .map(|protocol| {
+                let options = options(&protocol, description.wires[n].baud)?;
+                rack_line(url, description, n, protocol, options, link.clone())
+            })
+            .collect()
     }
 }
 
@@ -254,16 +256,20 @@ fn rack_line(
     further.iter().try_for_each(|(axis, _)| info.check_address(*axis))?;
     groups.clone().try_for_each(|axis| info.check_address(*axis))?;
     let every = url.axes.is_empty() && url.names.is_empty();
-    let wanted = |(number, entry): &(u32, RackEntry)| {
-        every || url.axes.contains(number) || url.names.contains(&entry.name)
-    };
     let addresses: Vec<u32> = all.iter().map(|(number, _)| *number).collect();
     // Of a group it is known that one of its drives is mounted somehow.
     let mounting = all.iter().find_map(|(_, entry)| entry.mounting.clone());
     let groups = groups
         .map(|axis| (*axis, RackEntry { mounting: mounting.clone(), ..RackEntry::default() }));
     let everything = Arc::from(&*all);
-    let (numbers, seats) = all.into_iter().filter(wanted).chain(further).chain(groups).unzip();
+    let (numbers, seats) = all
+        .into_iter()
+        .filter(|(number, entry)| {
+            every || url.axes.contains(number) || url.names.contains(&entry.name)
+        })
+        .chain(further)
+        .chain(groups)
+        .unzip();
     options.standard = options.standard.or(description.line_standard(n));
     // Behind a relay are axes that the host must not be taken for either.
     let beside = description.host_address(n, &info);

@@ -116,10 +116,9 @@ fn count_senders(line: &ProtocolLine, frames: &[Frame]) -> Vec<(String, usize)> 
         names.iter().map(|name| (*name, SenderDetector::new(name, line.options))).collect();
     let mut found: Vec<(String, usize)> = Vec::new();
     for frame in frames {
-        let sender = |(name, listener): &(&str, SenderDetector)| {
+        let who = listeners.iter().find_map(|(name, listener)| {
             listener.sender(frame).map(|number| format!("{name} {number}"))
-        };
-        let who = listeners.iter().find_map(sender);
+        });
         let who = who.unwrap_or_else(|| format!("id {:X}, unknown device", frame.id));
         match found.iter_mut().find(|(other, _)| *other == who) {
             Some((_, count)) => *count += 1,

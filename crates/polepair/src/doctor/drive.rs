@@ -4,7 +4,6 @@ use super::CheckResult;
 use crate::amount::Value;
 use crate::axis::{LocalAxis, WatchdogState};
 use crate::error::{Error, Exit};
-use crate::interface::FaultReport;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{ParameterId, Signal};
 
@@ -164,8 +163,11 @@ fn fault_check(axis: &LocalAxis, about: &str, raw: i64) -> CheckResult {
     if active.is_empty() {
         return CheckResult::ok(about, "no faults");
     }
-    let text = |fault: &FaultReport| format!("{} ({}): {}", fault.text, fault.name, fault.cause);
-    let output = active.iter().map(text).collect::<Vec<_>>().join(" ");
+    let output = active
+        .iter()
+        .map(|fault| format!("{} ({}): {}", fault.text, fault.name, fault.cause))
+        .collect::<Vec<_>>()
+        .join(" ");
     let remedies: Vec<&str> = active.iter().map(|fault| &*fault.remedy).collect();
     let remedy = format!("{} `polepair clear` once the cause is gone", remedies.join(" "));
     if active.iter().any(|fault| !fault.is_warning) {

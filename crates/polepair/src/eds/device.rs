@@ -157,11 +157,16 @@ fn lacks_node(at: (u16, u8), value: i64) -> bool {
 fn highest_sub_index(object: &EdsObject) -> FactoryValue {
     let is_mapping = matches!(object.index, 0x1600..=0x17FF | 0x1A00..=0x1BFF);
     let is_history = object.index == 0x1003;
-    let counts = |entry: &&EdsEntry| {
-        entry.sub > 0
-            && (!is_mapping || entry.effective_value().is_some_and(|v| v.integer(0) != Some(0)))
-    };
-    let last = object.entries.iter().filter(counts).map(|entry| entry.sub).max().unwrap_or(0);
+    let last = object
+        .entries
+        .iter()
+        .filter(|entry| {
+            entry.sub > 0
+                && (!is_mapping || entry.effective_value().is_some_and(|v| v.integer(0) != Some(0)))
+        })
+        .map(|entry| entry.sub)
+        .max()
+        .unwrap_or(0);
     FactoryValue::Number(if is_history { 0 } else { last.into() })
 }
 

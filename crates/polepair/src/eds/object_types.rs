@@ -167,8 +167,10 @@ impl ObjectAccess {
     /// The access of that word, letter case ignored.
     #[must_use]
     pub fn from_word(word: &str) -> Option<Self> {
-        let same = |(known, _): &&(&str, Self)| known.eq_ignore_ascii_case(word);
-        Self::ALL.iter().find(same).map(|(_, access)| *access)
+        Self::ALL
+            .iter()
+            .find(|(known, _)| known.eq_ignore_ascii_case(word))
+            .map(|(_, access)| *access)
     }
 
     /// Word of the access.

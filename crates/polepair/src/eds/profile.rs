@@ -94,16 +94,17 @@ pub(super) fn left_out_entries(file: &str, eds: &Eds) -> Vec<FileError> {
     let entries =
         eds.objects.iter().flat_map(|object| object.entries.iter().map(move |e| (object, e)));
     let unknown = entries.filter(|(_, entry)| encoding(entry.data_type).is_none());
-    let warning = |(object, entry): (&EdsObject, &EdsEntry)| {
-        let at = symbol(object.index, entry.sub);
-        let kind = match entry.data_type.name() {
-            Some(name) => format!("the type {name}"),
-            None => format!("a type of its own, 0x{:04X}", entry.data_type.0),
-        };
-        let reason = format!("{at} ({}) has {kind}: left out; `{at}` reads it", entry.name);
-        FileError::for_file(file, reason)
-    };
-    unknown.map(warning).collect()
+    unknown
+        .map(|(object, entry)| {
+            let at = symbol(object.index, entry.sub);
+            let kind = match entry.data_type.name() {
+                Some(name) => format!("the type {name}"),
+                None => format!("a type of its own, 0x{:04X}", entry.data_type.0),
+            };
+            let reason = format!("{at} ({}) has {kind}: left out; `{at}` reads it", entry.name);
+            FileError::for_file(file, reason)
+        })
+        .collect()
 }
 
 /// An object that only the sheet describes. An object that a PDO may write is treated as motion.
@@ -169,8 +170,9 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
     let default = if process { entry.effective_value() } else { entry.default.as_ref() };
     let default = default.filter(|it| it.integer(0) == it.integer(1));
     parameter.default = default.and_then(|it| raw_value(encoding, it, 0));
-    let fits = |default: &i64| encoding.is_between(*default, parameter.min, parameter.max);
-    parameter.default = parameter.default.filter(fits);
+    parameter.default = parameter
+        .default
+        .filter(|default| encoding.is_between(*default, parameter.min, parameter.max));
     parameter.access = match (entry.access.is_readable(), entry.access.is_writable()) {
         (true, false) => Access::Read,
         (false, _) => Access::Write,

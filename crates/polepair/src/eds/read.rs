@@ -123,11 +123,15 @@ impl SectionKind {
 }
 
 fn comment_lines(section: &IniSection) -> Vec<String> {
-    let is_line = |line: &&IniLine| {
-        let key = line.key.to_ascii_lowercase();
-        key.strip_prefix("line").is_some_and(|n| n.parse::<u32>().is_ok())
-    };
-    section.lines.iter().filter(is_line).map(|line| line.value.clone()).collect()
+    section
+        .lines
+        .iter()
+        .filter(|line| {
+            let key = line.key.to_ascii_lowercase();
+            key.strip_prefix("line").is_some_and(|n| n.parse::<u32>().is_ok())
+        })
+        .map(|line| line.value.clone())
+        .collect()
 }
 
 /// Sections by what they are about, and what is odd about them.

@@ -114,11 +114,13 @@ impl AxisInterface for LocalAxis {
             return Ok(vec![(self.number(), AxisInterface::read(self, id)?)]);
         }
         let parameter = self.required_parameter(id)?;
-        let with_unit = |(number, raw)| {
-            let value = ParameterValue::Number(self.value(id, raw)?);
-            Ok((number, ReadValue::of(parameter, &value)))
-        };
-        self.read_each(id)?.into_iter().map(with_unit).collect()
+        self.read_each(id)?
+            .into_iter()
+            .map(|(number, raw)| {
+                let value = ParameterValue::Number(self.value(id, raw)?);
+                Ok((number, ReadValue::of(parameter, &value)))
+            })
+            .collect()
     }
 
     fn read_data(&self, id: ParameterId) -> Result<Vec<u8>, Error> {
@@ -228,12 +230,15 @@ impl AxisInterface for LocalAxis {
     fn signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
         let readings = self.signals(signals)?;
         let now = self.connection().now();
-        let reading = |(signal, reading): (&Signal, polepair_core::axis::Reading)| SignalReading {
-            signal: *signal,
-            value: reading.value,
-            age: reading.at.map_or(Duration::ZERO, |at| now.since(at)),
-        };
-        Ok(signals.iter().zip(readings).map(reading).collect())
+        Ok(signals
+            .iter()
+            .zip(readings)
+            .map(|(signal, reading)| SignalReading {
+                signal: *signal,
+                value: reading.value,
+                age: reading.at.map_or(Duration::ZERO, |at| now.since(at)),
+            })
+            .collect())
     }
 
     fn faults(&self) -> Result<Vec<FaultReport>, Error> {

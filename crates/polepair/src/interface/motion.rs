@@ -230,18 +230,18 @@ fn motion_ended(code: &'static str, what: String, why: &str, hint: &str) -> Erro
 /// [`Error`] by source. Those before it are started: stop them.
 pub fn start_each(commands: &[(Axis, Command)]) -> Result<Vec<AxisRequest>, Error> {
     // Values are converted for all axes before the first is started.
-    let prepare = |(axis, command): &(Axis, Command)| {
-        axis.local().map(|axis| axis.prepare(*command)).transpose()
-    };
-    let prepared: Vec<Option<PreparedCommand>> =
-        commands.iter().map(prepare).collect::<Result<_, _>>()?;
-    let start = |((axis, command), prepared): (&(Axis, Command), &Option<PreparedCommand>)| {
-        match prepared {
+    let prepared: Vec<Option<PreparedCommand>> = commands
+        .iter()
+        .map(|(axis, command)| axis.local().map(|axis| axis.prepare(*command)).transpose())
+        .collect::<Result<_, _>>()?;
+    commands
+        .iter()
+        .zip(&prepared)
+        .map(|((axis, command), prepared)| match prepared {
             Some(prepared) => prepared.start().map(AxisRequest::from),
             None => axis.start(*command),
-        }
-    };
-    commands.iter().zip(&prepared).map(start).collect()
+        })
+        .collect()
 }
 
 /// End of a motion of this program.
@@ -279,31 +279,39 @@ pub fn stop_each(
         .iter()
         .map(|(axis, _)| axis.remote().map(crate::interface::remote::RemoteAxis::begin_stop))
         .collect();
-    let begin = |(axis, power_off): &(Axis, bool)| {
-        let options = StopOptions { power_off: *power_off, ..StopOptions::default() };
-        Some(StopSupervisor::begin(axis.local()?, options, StopPersistence::Within(STOP_RETRY_MAX)))
-    };
-    let stops = axes.iter().filter_map(begin).collect();
+    let stops = axes
+        .iter()
+        .filter_map(|(axis, power_off)| {
+            let options = StopOptions { power_off: *power_off, ..StopOptions::default() };
+            Some(StopSupervisor::begin(
+                axis.local()?,
+                options,
+                StopPersistence::Within(STOP_RETRY_MAX),
+            ))
+        })
+        .collect();
     let mut stopped =
         await_stops(stops, |axis, notice| on_notice(&Axis::from(axis.clone()), notice)).into_iter();
-    let finish = |(_index, (axis, _power_off)): (usize, &(Axis, bool))| {
-        #[cfg(feature = "remote")]
-        if let (Some(remote), Some(started)) = (axis.remote(), started[_index].take()) {
-            let stopped = remote.finish_stop(started);
-            // An axis that this program no longer controls is left to its gateway.
-            let is_switched = *_power_off
-                && axis.has_verb(Verb::Disable)
-                && axis.interface().check_control().is_ok();
-            return EndedMotion { stopped, power_off: is_switched.then(|| axis.disable()) };
-        }
-        let _ = axis;
-        let stop = stopped.next();
-        EndedMotion {
-            stopped: stop.as_ref().map_or(Ok(()), StopResult::to_motion_end),
-            power_off: stop.and_then(|stop| stop.power_off),
-        }
-    };
-    axes.iter().enumerate().map(finish).collect()
+    axes.iter()
+        .enumerate()
+        .map(|(_index, (axis, _power_off))| {
+            #[cfg(feature = "remote")]
+            if let (Some(remote), Some(started)) = (axis.remote(), started[_index].take()) {
+                let stopped = remote.finish_stop(started);
+                // An axis that this program no longer controls is left to its gateway.
+                let is_switched = *_power_off
+                    && axis.has_verb(Verb::Disable)
+                    && axis.interface().check_control().is_ok();
+                return EndedMotion { stopped, power_off: is_switched.then(|| axis.disable()) };
+            }
+            let _ = axis;
+            let stop = stopped.next();
+            EndedMotion {
+                stopped: stop.as_ref().map_or(Ok(()), StopResult::to_motion_end),
+                power_off: stop.and_then(|stop| stop.power_off),
+            }
+        })
+        .collect()
 }
 
 #[cfg(test)]

@@ -80,8 +80,7 @@ impl RemoteLink {
     /// [`Error::Gateway`] `E212`.
     pub fn find_axes(&self, words: &str) -> Result<Vec<RemoteAxis>, Error> {
         let found = select_axes(self.server.bench(), words)?;
-        let axis = |info| RemoteAxis::new(Arc::clone(&self.server), info);
-        Ok(found.into_iter().map(axis).collect())
+        Ok(found.into_iter().map(|info| RemoteAxis::new(Arc::clone(&self.server), info)).collect())
     }
 
     /// Stops every axis of this link, also those that other clients command. The gateway's motion lock is not set.

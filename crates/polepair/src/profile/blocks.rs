@@ -21,8 +21,11 @@ const DEPTH_MAX: usize = 8;
 /// Reads the fragments of a profile.
 pub(super) fn read_fragments(node: &TomlTable<'_, '_>) -> Result<Vec<Fragment>, FileError> {
     let Some(table) = node.table("fragments", &[])? else { return Ok(Vec::new()) };
-    let fragment = |key: Located<&str>| Ok((key.value.to_owned(), table.texts(key.value)?));
-    table.keys().into_iter().map(fragment).collect()
+    table
+        .keys()
+        .into_iter()
+        .map(|key| Ok((key.value.to_owned(), table.texts(key.value)?)))
+        .collect()
 }
 
 /// Reads the steps of a plan.

@@ -104,8 +104,7 @@ pub(crate) fn parse_entries(text: &str, strict: bool) -> Result<Vec<MapEntry<'_>
         }
         match parse_entry(line) {
             Ok(entry) => {
-                let new = |entry: &MapEntry<'_>| strict || names.insert(fold(entry.name));
-                entries.extend(entry.filter(new));
+                entries.extend(entry.filter(|entry| strict || names.insert(fold(entry.name))));
             }
             Err(reason) if strict => return Err(format!("map, line {}: {reason}", at + 1)),
             Err(_) => {}
@@ -121,8 +120,9 @@ fn parse_entry(line: &str) -> Result<Option<MapEntry<'_>>, String> {
     let mut words = line.split_whitespace();
     let kind = words.next().unwrap_or("");
     let name = words.next().ok_or("a name is missing behind the type")?;
-    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    if !name.chars().all(plain) || name.starts_with(|c: char| c.is_ascii_digit()) {
+    if !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+        || name.starts_with(|c: char| c.is_ascii_digit())
+    {
         return Err(format!("`{name}` is no name"));
     }
     let address = words.next().and_then(|word| word.strip_prefix("@0x"));

@@ -448,13 +448,14 @@ impl ProfileReader {
         };
         let count = repeat.integer_between("count", 1, ENTRIES_MAX as i64)?.unwrap_or(1);
         let stride = repeat.integer_between("stride", 0, 65535)?.unwrap_or(1);
-        let nth = |n: i64| {
-            let index = u16::try_from(i64::from(one.index) + n * stride).map_err(|_| {
-                repeat.location().error(format!("repetition {} is beyond index 65535", n + 1))
-            })?;
-            Ok(fill_repeated(&one, n + 1, index))
-        };
-        (0..count).map(nth).collect()
+        (0..count)
+            .map(|n| {
+                let index = u16::try_from(i64::from(one.index) + n * stride).map_err(|_| {
+                    repeat.location().error(format!("repetition {} is beyond index 65535", n + 1))
+                })?;
+                Ok(fill_repeated(&one, n + 1, index))
+            })
+            .collect()
     }
 
     fn read_parameter(&self, table: &TomlTable<'_, '_>) -> Result<DraftParameter, FileError> {

@@ -362,10 +362,10 @@ impl<'a> NameResolver<'a> {
         &self,
         condition: &Option<(ParameterName, ParameterTest)>,
     ) -> Result<Option<(ParameterId, ParameterTest)>, FileError> {
-        let resolve = |(name, test): &(ParameterName, ParameterTest)| {
-            self.resolve_test(name, test).map(|id| (id, *test))
-        };
-        condition.as_ref().map(resolve).transpose()
+        condition
+            .as_ref()
+            .map(|(name, test)| self.resolve_test(name, test).map(|id| (id, *test)))
+            .transpose()
     }
 
     fn motion(&self, motion: &DraftMotion) -> Result<MotionRules, FileError> {
@@ -417,13 +417,15 @@ impl<'a> NameResolver<'a> {
 
 /// Steps of a plan that waits for the arrival: its condition gives the time of the check, and the position decides.
 fn judged_arrival(steps: &[DraftStep]) -> Vec<DraftStep> {
-    let judged = |step: &DraftStep| match step {
-        DraftStep::Until { read, test, within_ms, required: true } => {
-            DraftStep::Arrival { flag: Some((read.clone(), *test)), within_ms: *within_ms }
-        }
-        other => other.clone(),
-    };
-    let mut steps: Vec<DraftStep> = steps.iter().map(judged).collect();
+    let mut steps: Vec<DraftStep> = steps
+        .iter()
+        .map(|step| match step {
+            DraftStep::Until { read, test, within_ms, required: true } => {
+                DraftStep::Arrival { flag: Some((read.clone(), *test)), within_ms: *within_ms }
+            }
+            other => other.clone(),
+        })
+        .collect();
     if !steps.iter().any(|step| matches!(step, DraftStep::Arrival { .. })) {
         steps.push(DraftStep::Arrival { flag: None, within_ms: ARRIVAL_MAX_MS });
     }
@@ -437,13 +439,15 @@ fn judged_standstill(steps: &[DraftStep], draft: &Draft) -> Vec<DraftStep> {
     let is_speed = |name: &ParameterName| {
         speed.is_some_and(|signal| fold(&signal.parameter.value) == fold(&name.value))
     };
-    let judged = |step: &DraftStep| match step {
-        DraftStep::Until { read, within_ms, required: true, .. } if is_speed(read) => {
-            DraftStep::Standstill { within_ms: *within_ms }
-        }
-        other => other.clone(),
-    };
-    steps.iter().map(judged).collect()
+    steps
+        .iter()
+        .map(|step| match step {
+            DraftStep::Until { read, within_ms, required: true, .. } if is_speed(read) => {
+                DraftStep::Standstill { within_ms: *within_ms }
+            }
+            other => other.clone(),
+        })
+        .collect()
 }
 
 fn leak_words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {

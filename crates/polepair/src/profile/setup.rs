@@ -10,7 +10,7 @@ use super::memory_map;
 use super::read::MEMORY_PROTOCOL;
 use crate::spelling::fold;
 use crate::toml_file::{FileError, FileLocation, read_limited};
-use polepair_core::profile::{Parameter, Profile};
+use polepair_core::profile::Profile;
 use std::collections::HashSet;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
@@ -82,8 +82,7 @@ fn most_similar_profile(entries: &[memory_map::MapEntry<'_>]) -> Option<&'static
     let places: HashSet<(String, u16)> =
         entries.iter().map(|entry| (fold(entry.name), entry.address)).collect();
     let common = |profile: &&&'static Profile| {
-        let same = |p: &&Parameter| places.contains(&(fold(p.symbol), p.index));
-        profile.parameters.iter().filter(same).count()
+        profile.parameters.iter().filter(|p| places.contains(&(fold(p.symbol), p.index))).count()
     };
     let memories = polepair_drives::profiles().iter().filter(|p| p.protocol == MEMORY_PROTOCOL);
     // Of equals the first: maps share most of their names.

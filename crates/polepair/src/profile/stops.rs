@@ -33,16 +33,16 @@ pub(super) fn with_stop(mut draft: Draft) -> Draft {
 /// The family's plan for a verb, by this draft's names for what lies at the same places. Of several
 /// products it is that which can do most of what this one can.
 fn family_plan(draft: &Draft, verb: Verb) -> Option<(DraftPlan, Vec<DraftSignal>)> {
-    let family = |profile: &&'static Profile| {
-        profile.family == draft.family && profile.protocol == draft.protocol
-    };
     let generic = crate::registry::protocols().into_iter().map(|protocol| protocol.generic);
     let generic = generic.filter(|profile| profile.protocol == draft.protocol);
     let alike = |profile: &&'static Profile| {
         draft.plans.iter().filter(|plan| profile.plan(plan.verb).is_some()).count()
     };
-    let mut products: Vec<&'static Profile> =
-        polepair_drives::profiles().iter().copied().filter(family).collect();
+    let mut products: Vec<&'static Profile> = polepair_drives::profiles()
+        .iter()
+        .copied()
+        .filter(|profile| profile.family == draft.family && profile.protocol == draft.protocol)
+        .collect();
     products.sort_by_key(|profile| std::cmp::Reverse(alike(profile)));
     let there = AvailableParameters::from_draft(draft);
     products.into_iter().chain(generic).find_map(|profile| {

@@ -409,12 +409,12 @@ impl DriveScanner {
     /// Ends the scan after a lost link: found drives are kept, the others count as not tried, with the
     /// present address.
     pub(super) fn set_link_lost(&mut self, error: LinkError) {
-        let left = |scan_target: &ScanTarget| {
-            let line = scan_target.open_line().ok()?.0;
-            Some(self.addresses.on_line(&line, &self.named_axes).len())
-        };
-        let rest =
-            self.targets.iter().skip(self.current + usize::from(self.started)).filter_map(left);
+        let rest = self.targets.iter().skip(self.current + usize::from(self.started)).filter_map(
+            |scan_target| {
+                let line = scan_target.open_line().ok()?.0;
+                Some(self.addresses.on_line(&line, &self.named_axes).len())
+            },
+        );
         let rest: usize = rest.sum();
         self.cancel();
         self.report.not_queried += rest;
@@ -437,12 +437,11 @@ impl KnownAxis {
     /// Asks the axis for something as always. `None` where it has nothing that can be asked for.
     fn check_answer(&self) -> Option<AxisAnswer> {
         let profile = self.axis.profile();
-        let readable = |id: &ParameterId| {
-            profile.parameter(*id).is_some_and(|parameter| parameter.access != Access::Write)
-        };
         let signal_parameters = profile.signals.iter().map(|source| source.parameter);
         let all = (0..).map(ParameterId).take(profile.parameters.len());
-        let id = signal_parameters.chain(all).find(readable)?;
+        let id = signal_parameters.chain(all).find(|id| {
+            profile.parameter(*id).is_some_and(|parameter| parameter.access != Access::Write)
+        })?;
         let counters = || self.axis.connection().with_axes(|axes, _| axes.counters());
         let before = counters();
         let answers = match self.axis.read(id) {

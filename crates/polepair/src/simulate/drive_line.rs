@@ -40,8 +40,12 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
     let ends: Vec<EndId> = built.links.iter().map(|(wire, _)| world.open_end(*wire)).collect();
     let doors = ends.iter().map(|end| LinePort { end: *end, waker: None }).collect();
     let shared = Arc::new(Mutex::new(LineWorld { world, ports: doors }));
-    let line = |((_, nodes), end)| DriveLine { shared: Arc::clone(&shared), end, nodes };
-    Ok(built.links.into_iter().zip(ends).map(line).collect())
+    Ok(built
+        .links
+        .into_iter()
+        .zip(ends)
+        .map(|((_, nodes), end)| DriveLine { shared: Arc::clone(&shared), end, nodes })
+        .collect())
 }
 
 /// The drives of one link of a rack, behind a wire with the rack's faults. Clones are the same drives.
@@ -90,8 +94,9 @@ impl DriveLine {
         Self: Station<M>,
     {
         let waker = wire.waker();
-        let authenticator = |line_port: &&mut LinePort| line_port.end == self.end;
-        if let Some(line_port) = self.lock().ports.iter_mut().find(authenticator) {
+        if let Some(line_port) =
+            self.lock().ports.iter_mut().find(|line_port| line_port.end == self.end)
+        {
             line_port.waker = Some(waker);
         }
         ServeThread::new(wire, Box::new(self))

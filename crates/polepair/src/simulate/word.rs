@@ -56,9 +56,8 @@ fn find_product(
         Some((*profile, protocol.clone()))
     });
     let named = || profile::find_shipped(name);
-    let of_family = || profiles.iter().find(|p| p.family == name).copied();
     of_protocol.or_else(|| {
-        let profile = named().or_else(of_family)?;
+        let profile = named().or_else(|| profiles.iter().find(|p| p.family == name).copied())?;
         let protocol = names.iter().find(|protocol| protocol.profile == profile.protocol)?;
         Some((profile, protocol.clone()))
     })

@@ -260,8 +260,9 @@ impl Url {
 
 /// The protocols that have a key, by their words.
 fn owners(name: &str) -> Vec<String> {
-    let has = |protocol: &registry::ProtocolInfo| protocol.keys.iter().any(|key| key.name == name);
-    let owners = registry::protocols().into_iter().filter(has);
+    let owners = registry::protocols()
+        .into_iter()
+        .filter(|protocol| protocol.keys.iter().any(|key| key.name == name));
     owners.map(|protocol| protocol.unique_word()).collect()
 }
 

@@ -80,8 +80,8 @@ pub(super) async fn serve_page(State(state): State<SharedAppState>, request: Req
             Err(refused) => refused.into_response(),
         };
     }
-    let missing = || GatewayError::new("gateway.missing", "not found").into_response();
-    page::file(uri.path()).unwrap_or_else(missing)
+    page::file(uri.path())
+        .unwrap_or_else(|| GatewayError::new("gateway.missing", "not found").into_response())
 }
 
 fn cookies(cookie: String) -> [(HeaderName, String); 1] {

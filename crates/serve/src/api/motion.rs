@@ -74,8 +74,7 @@ pub(super) async fn release_lease(
 }
 
 fn require_grant(granted: Result<Option<LeaseGrant>, GatewayError>) -> ApiResult<LeaseGrant> {
-    let ended = || GatewayError::new("gateway.lease", "the lease has ended");
-    granted?.map(Json).ok_or_else(ended)
+    granted?.map(Json).ok_or_else(|| GatewayError::new("gateway.lease", "the lease has ended"))
 }
 
 /// Have an axis do something, at most once

@@ -169,13 +169,12 @@ impl Capture {
     ) -> Result<CapturePage, GatewayError> {
         let filter = filter.filter(|text| !text.trim().is_empty());
         let mut cursor = lock_unpoisoned(&self.cursor);
-        let goes_on = |cursor: &Cursor| {
-            cursor.next_unread() == from
-                && cursor.filter.as_ref().map(|(text, _)| &**text) == filter
-        };
         let recorded = cursor
             .take()
-            .filter(goes_on)
+            .filter(|cursor| {
+                cursor.next_unread() == from
+                    && cursor.filter.as_ref().map(|(text, _)| &**text) == filter
+            })
             .map_or_else(|| Cursor::new(detect_decoder(&self.bytes), filter), Ok);
         let cursor = cursor.insert(recorded?);
         let mut items = Vec::new();

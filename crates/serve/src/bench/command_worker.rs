@@ -260,8 +260,7 @@ impl CommandWorker {
 
     /// Returns whether something was set in motion under a lease, or is about to be.
     fn has_moved(&self, axis: usize, lost: &EndedLease) -> bool {
-        let powers = |going: &ActiveCommand| going.axis == axis && going.action.may_move();
-        lost.moved || self.active.iter().any(powers)
+        lost.moved || self.active.iter().any(|going| going.axis == axis && going.action.may_move())
     }
 
     /// Reports the end of a lease.
@@ -439,8 +438,7 @@ impl CommandWorker {
         }
         let held = watched.lease.check_holder(session, epoch, self.context.now());
         held.map_err(|refused| watched.lease_error(refused))?;
-        let pending = |stop: &PendingStop| !stop.is_holder_stop(epoch);
-        if moves && watched.pending_stop.as_ref().is_some_and(pending) {
+        if moves && watched.pending_stop.as_ref().is_some_and(|stop| !stop.is_holder_stop(epoch)) {
             return Err(stop_pending_error());
         }
         Ok(())

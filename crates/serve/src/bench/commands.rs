@@ -129,12 +129,16 @@ impl Bench {
         then: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
     ) -> PendingReply<T> {
         let (reply_sender, reply) = oneshot::channel();
-        let go = move |recorded: Result<(), GatewayError>| {
-            // Who has gone does not want to know.
-            let _ = reply_sender.send(recorded.and_then(|()| then()));
-        };
         let BenchContext { journal, .. } = &*self.0.context;
-        journal.write_ahead(what, detail, self.0.context.now(), Box::new(go));
+        journal.write_ahead(
+            what,
+            detail,
+            self.0.context.now(),
+            Box::new(move |recorded: Result<(), GatewayError>| {
+                // Who has gone does not want to know.
+                let _ = reply_sender.send(recorded.and_then(|()| then()));
+            }),
+        );
         PendingReply::from_receiver(reply, Ok(()))
     }
 

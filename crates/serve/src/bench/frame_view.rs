@@ -45,14 +45,17 @@ fn raw(event: &DecodedFrame<'_>) -> String {
 
 /// The fields of a frame, in order.
 pub(super) fn explained_fields(event: &DecodedFrame<'_>) -> Vec<ExplainedField> {
-    let field = |item: polepair_capture::ExplanationField<'_>| ExplainedField {
-        from: item.start,
-        to: item.end,
-        name: item.name.to_owned(),
-        value: value(item.value),
-        meaning: item.meaning.to_owned(),
-    };
-    event.explanation.fields().map(field).collect()
+    event
+        .explanation
+        .fields()
+        .map(|item| ExplainedField {
+            from: item.start,
+            to: item.end,
+            name: item.name.to_owned(),
+            value: value(item.value),
+            meaning: item.meaning.to_owned(),
+        })
+        .collect()
 }
 
 fn value(value: ExplanationValue<'_>) -> String {

@@ -148,11 +148,10 @@ fn open_parts(
     }
     std::thread::scope(|scope| {
         let opening = parts.iter().zip(firsts).zip(simulated).map(|((part, first), simulated)| {
-            let present = move || match simulated {
+            std::thread::Builder::new().spawn_scoped(scope, move || match simulated {
                 Some(opened) => Ok((opened, Vec::new())),
                 None => tapped_connector(connector, traffic, first).connect_present(&part.url),
-            };
-            std::thread::Builder::new().spawn_scoped(scope, present)
+            })
         });
         let opening: Vec<_> = opening.collect::<Result<_, _>>().map_err(|e| thread_error(&e))?;
         let tried = opening.into_iter().map(|opening| match opening.join() {
@@ -271,8 +270,10 @@ impl BenchLink {
     }
 
     fn set_absent(&self, absent: Vec<(u32, Error)>) {
-        let reported = |(number, error): (u32, Error)| AbsentAxis { number, error: error.into() };
-        *lock_unpoisoned(&self.absent) = absent.into_iter().map(reported).collect();
+        *lock_unpoisoned(&self.absent) = absent
+            .into_iter()
+            .map(|(number, error)| AbsentAxis { number, error: error.into() })
+            .collect();
     }
 
     /// Absent axes of the link.

@@ -158,15 +158,17 @@ fn read_axis_parameter(axis: &LocalAxis, name: &str) -> Result<ParameterReading,
 
 /// A raw value as text: a double does not hold every one.
 fn parse_raw_text(text: &str) -> Result<i64, GatewayError> {
-    let wrong = |_| GatewayError::new("E217", format!("{text:?} is not a whole number"));
-    text.trim().parse().map_err(wrong)
+    text.trim()
+        .parse()
+        .map_err(|_| GatewayError::new("E217", format!("{text:?} is not a whole number")))
 }
 
 /// A raw value: no drive has one that a `f64` cannot hold.
 fn parse_raw_number(number: f64) -> Result<i64, GatewayError> {
     let is_whole = number.fract() == 0.0 && number.abs() <= 9e15;
-    let wrong = || GatewayError::new("E217", format!("{number} is not a whole number"));
-    is_whole.then_some(number as i64).ok_or_else(wrong)
+    is_whole
+        .then_some(number as i64)
+        .ok_or_else(|| GatewayError::new("E217", format!("{number} is not a whole number")))
 }
 
 /// Writer of the parameters of one request.
@@ -234,8 +236,10 @@ impl ParameterWriter {
             let amount = self.axis.amount_for_name(name, id, amount)?;
             self.axis.raw_of_after(id, &amount, pending)
         };
-        let missing = || GatewayError::new("E213", format!("there is no parameter `{name}`"));
-        let parameter = self.axis.parameter(id).ok_or_else(missing)?;
+        let parameter = self
+            .axis
+            .parameter(id)
+            .ok_or_else(|| GatewayError::new("E213", format!("there is no parameter `{name}`")))?;
         if parameter.moves {
             let what = format!("`{}` may move the motor", parameter.name);
             return Err(GatewayError::new("E219", what).hint("use a command, not a setting"));

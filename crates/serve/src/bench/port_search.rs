@@ -99,8 +99,10 @@ impl Bench {
     /// # Errors
     /// `gateway.missing` where there was none.
     pub fn search_view(&self) -> Result<SearchView, GatewayError> {
-        let nobody = || GatewayError::new("gateway.missing", "no port was searched");
-        self.0.port_search.last_view().ok_or_else(nobody)
+        self.0
+            .port_search
+            .last_view()
+            .ok_or_else(|| GatewayError::new("gateway.missing", "no port was searched"))
     }
 
     /// Breaks a search off: nothing is asked after what is being asked.

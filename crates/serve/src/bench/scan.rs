@@ -165,10 +165,13 @@ impl LinkScanner {
 
     /// Which axis of the bench that is.
     fn find_axis_id(&self, axis: &LocalAxis) -> Option<u16> {
-        let same = |(_, known): &&(u16, LocalAxis)| {
-            known.number() == axis.number() && known.protocol() == axis.protocol()
-        };
-        self.wire.axes.iter().find(same).map(|(id, _)| *id)
+        self.wire
+            .axes
+            .iter()
+            .find(|(_, known)| {
+                known.number() == axis.number() && known.protocol() == axis.protocol()
+            })
+            .map(|(id, _)| *id)
     }
 }
 
@@ -202,13 +205,17 @@ impl Bench {
                 // Who has gone does not want to know.
                 let _ = reply_sender.send(started);
             };
-            let then = move |recorded: Result<(), GatewayError>| match recorded {
-                Ok(()) => wire.submit_reserved(sequence, WireRequest::Scan(Box::new(begin))),
-                Err(refused) => begin(Err(refused)),
-            };
             let what = ActionSubject::new(session, JournalAction::Look, None);
             let detail = json!({ "link": link.id, "first": request.first, "last": request.last });
-            self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
+            self.0.context.journal.write_ahead(
+                what,
+                detail,
+                self.0.context.now(),
+                Box::new(move |recorded: Result<(), GatewayError>| match recorded {
+                    Ok(()) => wire.submit_reserved(sequence, WireRequest::Scan(Box::new(begin))),
+                    Err(refused) => begin(Err(refused)),
+                }),
+            );
             Ok(())
         });
         PendingReply::from_receiver(reply, result)
@@ -219,8 +226,10 @@ impl Bench {
     /// # Errors
     /// `gateway.missing` where there was none, or no such link.
     pub fn scan_view(&self, link: u16) -> Result<ScanView, GatewayError> {
-        let nobody = || GatewayError::new("gateway.missing", "this link was not scanned");
-        self.find_link(link)?.scan.last_view().ok_or_else(nobody)
+        self.find_link(link)?
+            .scan
+            .last_view()
+            .ok_or_else(|| GatewayError::new("gateway.missing", "this link was not scanned"))
     }
 
     /// Breaks a look off: no address is asked after the one that is being asked.
@@ -270,21 +279,25 @@ impl Bench {
         let (reply_sender, reply) = oneshot::channel();
         let (worker, who) = (Arc::clone(&self.0.links[n].request_worker), session.clone());
         // Limits may have to be asked of the drive: the request worker does that.
-        let then = move |recorded: Result<(), GatewayError>| match recorded {
-            Ok(()) => worker.submit_query(reply_sender, move || {
-                let taken = bench.add_found_drives(n, &found);
-                let detail = match &taken {
-                    Ok(added) => json!({ "link": link, "axes": added.axes }),
-                    Err(refused) => json!({ "link": link, "error": refused }),
-                };
-                bench.0.context.record(&who, JournalAction::Outcome, None, detail);
-                taken
-            }),
-            // Who has gone does not want to know.
-            Err(refused) => drop(reply_sender.send(Err(refused))),
-        };
         let what = ActionSubject::new(session, JournalAction::TakeIn, None);
-        self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
+        self.0.context.journal.write_ahead(
+            what,
+            detail,
+            self.0.context.now(),
+            Box::new(move |recorded: Result<(), GatewayError>| match recorded {
+                Ok(()) => worker.submit_query(reply_sender, move || {
+                    let taken = bench.add_found_drives(n, &found);
+                    let detail = match &taken {
+                        Ok(added) => json!({ "link": link, "axes": added.axes }),
+                        Err(refused) => json!({ "link": link, "error": refused }),
+                    };
+                    bench.0.context.record(&who, JournalAction::Outcome, None, detail);
+                    taken
+                }),
+                // Who has gone does not want to know.
+                Err(refused) => drop(reply_sender.send(Err(refused))),
+            }),
+        );
         PendingReply::from_receiver(reply, Ok(()))
     }
 
@@ -316,10 +329,10 @@ impl Bench {
         self.0.traffic.replace_decoder(n, link.decoder());
         link.scan.update_view(&self.0.context, |view| {
             for (found, id) in found.iter().zip(&ids) {
-                let its = |one: &&mut FoundDrive| {
-                    one.number == found.number && one.protocol == found.protocol
-                };
-                view.found.iter_mut().filter(its).for_each(|one| one.axis = Some(*id));
+                view.found
+                    .iter_mut()
+                    .filter(|one| one.number == found.number && one.protocol == found.protocol)
+                    .for_each(|one| one.axis = Some(*id));
             }
         });
         self.0.context.publish(BenchEvent::BenchChanged);
@@ -363,10 +376,12 @@ fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive
         number: one.number,
     };
     let axis = |one: &DetectedDrive| {
-        let same = |found_drive: &&FoundDrive| {
-            found_drive.number == one.number && found_drive.protocol == one.protocol
-        };
-        last_found.iter().find(same).and_then(|found_drive| found_drive.axis)
+        last_found
+            .iter()
+            .find(|found_drive| {
+                found_drive.number == one.number && found_drive.protocol == one.protocol
+            })
+            .and_then(|found_drive| found_drive.axis)
     };
     if let Some(missing) = take.drives.iter().find(|d| !found.iter().any(|f| at(f) == **d)) {
         let what = format!("no drive was found at {} {}", missing.protocol, missing.number);

@@ -30,8 +30,9 @@ impl SimulatedDrive {
     pub fn find(simulation: &Simulation, link: usize, number: u32, index: usize) -> Option<Self> {
         let motor = simulation.description().motor_of_axis(link, number, index)?;
         // Releasing a key that is not pressed does nothing, and shows whether it exists.
-        let has = |n: &u8| simulation.act_on_motor(motor, Act::Key(*n, false));
-        let keys = (0..KEYS_MAX).take_while(has).count() as u8;
+        let keys = (0..KEYS_MAX)
+            .take_while(|n| simulation.act_on_motor(motor, Act::Key(*n, false)))
+            .count() as u8;
         Some(Self { simulation: simulation.clone(), motor, keys })
     }
 

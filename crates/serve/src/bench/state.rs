@@ -1,7 +1,6 @@
 //! The known state of an axis as a message, without a request to the drive.
 
 use polepair::LocalAxis;
-use polepair::interface::FaultReport;
 use polepair_core::axis::AxisStatus;
 use polepair_core::profile::{Signal, SignalSource};
 use polepair_core::time::Instant;
@@ -55,13 +54,14 @@ fn faults(axis: &LocalAxis, state: &AxisStatus) -> Vec<ActiveFault> {
         return Vec::new();
     }
     let active = polepair::active_faults(axis.profile(), reading.raw).into_iter();
-    let message = |fault: FaultReport| ActiveFault {
-        code: fault.code,
-        name: if fault.text.is_empty() { &fault.name } else { &fault.text }.to_string(),
-        symbol: fault.name.into_owned(),
-        cause: fault.cause.into_owned(),
-        remedy: fault.remedy.into_owned(),
-        warning: fault.is_warning,
-    };
-    active.map(message).collect()
+    active
+        .map(|fault| ActiveFault {
+            code: fault.code,
+            name: if fault.text.is_empty() { &fault.name } else { &fault.text }.to_string(),
+            symbol: fault.name.into_owned(),
+            cause: fault.cause.into_owned(),
+            remedy: fault.remedy.into_owned(),
+            warning: fault.is_warning,
+        })
+        .collect()
 }

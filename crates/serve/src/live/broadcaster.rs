@@ -95,26 +95,28 @@ impl Broadcaster {
             SetupError::adapter("E318", "no threads can be started").why(error.to_string())
         };
         let runtime = Builder::new_current_thread().enable_time().build().map_err(refused)?;
-        let looks = move || {
-            runtime.block_on(async {
-                let mut events = state.bench.subscribe_events();
-                let ended = tokio::select! {
-                    () = Self::run(&state, &mut events) => return,
-                    // The sender of the end may be gone as well.
-                    ended = &mut end => ended,
-                };
-                // Events of the last stops are still sent.
-                while let Ok(event) = events.try_recv() {
-                    state.broadcaster.publish_event(&state, event);
-                }
-                if ended.is_ok() {
-                    state.broadcaster.publish_final_states(&state);
-                    // There may be no viewer.
-                    let _ = state.broadcaster.events.send(BroadcastEvent::Closed);
-                }
-            });
-        };
-        std::thread::Builder::new().name("broadcaster".into()).spawn(looks).map_err(refused)
+        std::thread::Builder::new()
+            .name("broadcaster".into())
+            .spawn(move || {
+                runtime.block_on(async {
+                    let mut events = state.bench.subscribe_events();
+                    let ended = tokio::select! {
+                        () = Self::run(&state, &mut events) => return,
+                        // The sender of the end may be gone as well.
+                        ended = &mut end => ended,
+                    };
+                    // Events of the last stops are still sent.
+                    while let Ok(event) = events.try_recv() {
+                        state.broadcaster.publish_event(&state, event);
+                    }
+                    if ended.is_ok() {
+                        state.broadcaster.publish_final_states(&state);
+                        // There may be no viewer.
+                        let _ = state.broadcaster.events.send(BroadcastEvent::Closed);
+                    }
+                });
+            })
+            .map_err(refused)
     }
 
     async fn run(state: &SharedAppState, events: &mut broadcast::Receiver<BenchEvent>) {

@@ -1,6 +1,6 @@
 //! The device: its end of the bus, its objects, and the drive, if any.
 
-use super::{AXIS_TAGS, DataSheet, DataSheetAxis, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
+use super::{AXIS_TAGS, DataSheet, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::proto::canopen::device::{CanEndpoint, Firmware, Quirks, SettingsGroup};
 use polepair_core::proto::canopen::emcy::Emergency;
@@ -103,11 +103,12 @@ impl DataSheetNode {
             .iter()
             .map(|cell| ObjectValue::from_factory(&cell.default, node))
             .collect();
-        let drive = |axis: &DataSheetAxis| {
-            Drive::new(node, serial, BIT_RATE).with_objects(axis.objects.clone())
-        };
         Self {
-            drives: data_sheet.axes.iter().map(drive).collect(),
+            drives: data_sheet
+                .axes
+                .iter()
+                .map(|axis| Drive::new(node, serial, BIT_RATE).with_objects(axis.objects.clone()))
+                .collect(),
             stored: values.clone(),
             values,
             write_buffer: Vec::new(),

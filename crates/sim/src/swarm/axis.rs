@@ -285,15 +285,15 @@ impl SwarmAxis {
             }
             _ => AxisAction::Command(random.pick(&VERBS)),
         };
-        let same = |open: &OpenAction| match (open.action, what) {
+        (!self.open.iter().any(|open| match (open.action, what) {
             (
                 AxisAction::Read(a) | AxisAction::Write(a, _),
                 AxisAction::Read(b) | AxisAction::Write(b, _),
             ) => a == b,
             (AxisAction::Command(a), AxisAction::Command(b)) => a == b,
             _ => false,
-        };
-        (!self.open.iter().any(same)).then_some(what)
+        }))
+        .then_some(what)
     }
 
     /// A value for an inert parameter; often one without which some plan refuses to begin.

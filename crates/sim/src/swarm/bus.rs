@@ -4,7 +4,6 @@
 use std::collections::BTreeMap;
 
 use polepair_core::medium::{CanLine, MediumKind};
-use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
@@ -101,9 +100,11 @@ impl Scenario {
         let mut wanted = Vec::new();
         for n in 0..random.between(1, DRIVES_MAX) as u32 {
             let host_protocol = random.pick(&names);
-            let speaks = |p: &&Profile| p.protocol == host_protocol.profile;
-            let products: Vec<_> =
-                polepair_drives::profiles().iter().copied().filter(speaks).collect();
+            let products: Vec<_> = polepair_drives::profiles()
+                .iter()
+                .copied()
+                .filter(|p| p.protocol == host_protocol.profile)
+                .collect();
             let mut spec = RackDrive::new(random.pick(&products), host_protocol.name);
             // Odd steps leave room for what hosts have between the drives.
             (spec.address, spec.seed) =
@@ -137,7 +138,6 @@ impl Scenario {
     ) {
         let mut lanes: BTreeMap<&str, Vec<&PlannedDrive>> = BTreeMap::new();
         own.iter().for_each(|w| lanes.entry(w.protocol.name).or_default().push(w));
-        let served = |w: &&PlannedDrive| (w.spec.profile, w.spec.address.unwrap_or(0));
         let axes = lanes.values().flatten().enumerate().map(|(n, w)| {
             let index = AxisIndex(n as u8);
             SwarmAxis::new(
@@ -159,7 +159,13 @@ impl Scenario {
                     probe_seed: doubt,
                     ..HostOptions::new(bit_rate)
                 };
-                (*name, options, own.iter().map(served).collect::<Vec<_>>())
+                (
+                    *name,
+                    options,
+                    own.iter()
+                        .map(|w| (w.spec.profile, w.spec.address.unwrap_or(0)))
+                        .collect::<Vec<_>>(),
+                )
             })
             .collect();
         let Some(lane) = host::can_program(&lanes).filter(|_| !axes.is_empty()) else { return };

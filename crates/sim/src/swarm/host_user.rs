@@ -201,8 +201,9 @@ impl HostUser {
             InvariantChecker::Can(watch) => {
                 let has = |axis: &&SwarmAxis, t| axis.open.iter().any(|open| open.ticket == t);
                 let axis = |t| self.axes.iter().find(|axis| has(axis, t));
-                let waits = |t: Ticket| !ends.iter().any(|(ended, _)| *ended == t);
-                let verb = |axis: &SwarmAxis| axis.verb_since(waits);
+                let verb = |axis: &SwarmAxis| {
+                    axis.verb_since(|t| !ends.iter().any(|(ended, _)| *ended == t))
+                };
                 let drives = gave_up.iter().filter_map(|(t, _)| axis(*t));
                 let drives: Vec<_> = drives.map(|axis| (axis.drive, verb(axis))).collect();
                 let believed = (watch.copies_taken, watch.intruder_taken);

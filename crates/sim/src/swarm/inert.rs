@@ -137,8 +137,7 @@ fn required_values(profile: &Profile, id: ParameterId, min: i64, max: i64) -> &'
         })
         .filter(|test| matches!(test.compare, Compare::Equal | Compare::Among))
         .collect();
-    let fits = |raw: &i64| tests.iter().any(|test| test.passes(*raw));
-    (min..=max).filter(fits).collect::<Vec<_>>().leak()
+    (min..=max).filter(|raw| tests.iter().any(|test| test.passes(*raw))).collect::<Vec<_>>().leak()
 }
 
 /// One host and one drive on a wire that works.

@@ -98,8 +98,7 @@ fn annotate_whole(
 /// A text, a number, or the first of its bytes.
 fn append_value(head: &[u8], len: u32, text: &mut String) {
     let letters = head.strip_suffix(&[0]).unwrap_or(head);
-    let is_text = |c: &u8| c.is_ascii_graphic() || *c == b' ';
-    if !letters.is_empty() && letters.iter().all(is_text) {
+    if !letters.is_empty() && letters.iter().all(|c| c.is_ascii_graphic() || *c == b' ') {
         let shown = letters.iter().take(LETTERS).map(|c| char::from(*c));
         text.push('"');
         text.extend(shown);

@@ -91,8 +91,10 @@ impl HeartbeatMonitor {
 
     fn learn_period(&mut self) {
         let middle = self.median();
-        let near = |interval: &u64| interval.abs_diff(middle) * 5 <= middle;
-        if self.count >= 5 && self.steady_period.is_none() && self.intervals().iter().all(near) {
+        if self.count >= 5
+            && self.steady_period.is_none()
+            && self.intervals().iter().all(|interval| interval.abs_diff(middle) * 5 <= middle)
+        {
             self.steady_period = Some(middle);
         }
     }
@@ -139,12 +141,11 @@ impl HeartbeatMonitor {
     /// Each two intervals are what one was.
     fn is_denser(&self) -> bool {
         let Some(period) = self.steady_period.or(self.configured) else { return false };
-        let pair = |at: usize| {
+        (0..INTERVALS_MAX - 1).all(|at| {
             let (one, other) = (self.interval(at), self.interval(at + 1));
             let both = (one + other).abs_diff(period) * 7 <= period;
             both && one.max(other) * 10 < period * 9 && one.min(other) * 100 > period
-        };
-        (0..INTERVALS_MAX - 1).all(pair)
+        })
     }
 
     /// A long and a short interval in turn.

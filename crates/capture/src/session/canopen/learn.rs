@@ -138,8 +138,11 @@ impl CanopenTracker {
 
     /// A channel gets its identifiers one by one.
     fn configure_channel(&mut self, owner: u8, ObjectIndex { index, sub }: ObjectIndex, raw: u32) {
-        let same = |server: &SdoChannelConfig| (server.owner, server.index) == (owner, index);
-        let at = self.channel_configs.iter().position(same).unwrap_or(self.channel_configs.len());
+        let at = self
+            .channel_configs
+            .iter()
+            .position(|server| (server.owner, server.index) == (owner, index))
+            .unwrap_or(self.channel_configs.len());
         if at == CHANNEL_CONFIGS_MAX {
             return;
         }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use polepair_core::profile::{Encoding, Parameter, ParameterId, Profile, Signal};
+use polepair_core::profile::{Encoding, ParameterId, Profile, Signal};
 use polepair_core::proto::canopen::explain::meanings;
 use polepair_core::proto::canopen::sdo::ObjectIndex;
 
@@ -98,10 +98,10 @@ impl ObjectLookup<'_> {
     fn object_name(&self, object: ObjectIndex) -> InternedName {
         let ObjectIndex { index, sub } = object;
         if let Some((profile, id)) = self.parameter(object) {
-            let whole = |s: &&polepair_core::profile::SignalSource| {
-                s.parameter == id && s.mask == -1 && s.equals.is_none()
-            };
-            let source = profile.signals.iter().find(whole);
+            let source = profile
+                .signals
+                .iter()
+                .find(|s| s.parameter == id && s.mask == -1 && s.equals.is_none());
             let word = source.and_then(|source| axis_signal_name(source.signal));
             // Profiles have no signal for it.
             let torque = (object == TARGET_TORQUE).then_some("Setpoint/Torque");
@@ -118,8 +118,8 @@ impl ObjectLookup<'_> {
 
     fn parameter(&self, object: ObjectIndex) -> Option<(&'static Profile, ParameterId)> {
         let profile = meanings::canopen_profile(self.profile)?;
-        let same = |p: &Parameter| ObjectIndex::new(p.index, p.space) == object;
-        let at = profile.parameters.iter().position(same)?;
+        let at =
+            profile.parameters.iter().position(|p| ObjectIndex::new(p.index, p.space) == object)?;
         Some((profile, ParameterId(at as u16)))
     }
 

@@ -96,10 +96,10 @@ impl Pdo {
     /// Mapping for a frame of `len` bytes, if the last frame was as long and nothing changed.
     #[inline]
     pub fn matching_process_data(&self, len: u8) -> Option<&Arc<ProcessData>> {
-        let fits = |laid: &&ResolvedMapping| {
-            (self.length_matched || laid.unmapped) && !self.length_reported
-        };
-        let laid = self.resolved.as_ref().filter(fits)?;
+        let laid = self
+            .resolved
+            .as_ref()
+            .filter(|laid| (self.length_matched || laid.unmapped) && !self.length_reported)?;
         let process = laid.process_data.as_ref()?;
         let need = process.mapping().bytes();
         let right = len == need || (!self.from_node && len > need) || laid.unmapped;
@@ -276,8 +276,10 @@ pub(super) struct PdoMove {
 impl PdoTable {
     /// Index of a PDO, which is added if there is room.
     pub fn find_or_add(&mut self, node: u8, reported: bool, number: u16) -> Option<usize> {
-        let same = |p: &Pdo| (p.node, p.from_node, p.number) == (node, reported, number);
-        let known = self.all.iter().position(same);
+        let known = self
+            .all
+            .iter()
+            .position(|p| (p.node, p.from_node, p.number) == (node, reported, number));
         known.or_else(|| {
             (self.all.len() < PDOS_MAX).then(|| {
                 self.all.push(Pdo::new(node, reported, number));

@@ -30,8 +30,12 @@ pub struct ProcessData {
 impl ProcessData {
     pub(super) fn new(node: u8, name: PdoName, mapping: Mapping) -> Self {
         let from_node = name.from_node;
-        let watches = |mapped: &&MappedValue| from_node && mapped.tells_state();
-        let state_values = mapping.mapped_values().iter().filter(watches).copied().collect();
+        let state_values = mapping
+            .mapped_values()
+            .iter()
+            .filter(|mapped| from_node && mapped.tells_state())
+            .copied()
+            .collect();
         Self { node, name, mapping, from_node, state_values, text: None }
     }
 
@@ -64,8 +68,7 @@ impl ProcessData {
         name: impl FnOnce() -> String,
         profile: Option<&'static Profile>,
     ) {
-        let known = |wording: &ProcessText| wording.has_text(data);
-        if !this.text.as_ref().is_some_and(known) {
+        if !this.text.as_ref().is_some_and(|wording| wording.has_text(data)) {
             let Self { mapping, text, .. } = Arc::make_mut(this);
             let wording = text.get_or_insert_with(|| ProcessText::new(name(), mapping, profile));
             wording.learn_text(data);

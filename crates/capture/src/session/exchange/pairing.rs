@@ -360,14 +360,13 @@ impl Pairing {
         let again =
             |request: &TrackedRequest| fits(request) && self.may_come_again(request, observed);
         // A request that was given up a moment ago still expects a reply; an answered one does not.
-        let pending = |request: &TrackedRequest| {
+        let outstanding = self.requests.iter().rposition(|request| {
             let waited =
                 request.last_sent.zip(observed.time).map_or(0, |(last, now)| now.since(last));
             request.state == RequestState::GivenUp
                 && waited <= request.patience_ns()
                 && fits(request)
-        };
-        let outstanding = self.requests.iter().rposition(pending);
+        });
         let known = outstanding.or_else(|| self.requests.iter().rposition(again));
         let mut quality = Quality::Good;
         match known {
@@ -409,10 +408,10 @@ impl Pairing {
             return true;
         }
         let answered = request.exchange.answered.map_or(request.last_sent, |(_, time)| time);
-        let soon = |(now, then): (Timestamp, Timestamp)| now.since(then) <= request.limit_ns;
         let turns = observed.raw.id.is_none() && request.awaits.acks == ReplyCount::Zero;
         let newest = self.requests.back().is_some_and(|last| core::ptr::eq(last, request));
-        observed.time.zip(answered).is_none_or(soon) && (newest || !turns)
+        observed.time.zip(answered).is_none_or(|(now, then)| now.since(then) <= request.limit_ns)
+            && (newest || !turns)
     }
 
     /// An answer to what waits for it.

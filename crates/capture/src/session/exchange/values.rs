@@ -230,8 +230,11 @@ impl ValueTracker {
         let word = raw as u32;
         let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
         let is_set = |fault: &Known| if bits { fault.code & word != 0 } else { fault.code == word };
-        let reported = |fault: &&Known| fault.severity != Severity::Note && is_set(fault);
-        let now: Vec<&'static Known> = profile.faults.iter().filter(reported).collect();
+        let now: Vec<&'static Known> = profile
+            .faults
+            .iter()
+            .filter(|fault| fault.severity != Severity::Note && is_set(fault))
+            .collect();
         let code =
             |gone: u32| now.iter().any(|fault| fault.code == gone) || (!bits && gone == word);
         let (stay, gone): (Vec<_>, Vec<_>) =

@@ -63,11 +63,10 @@ impl Decode {
     }
 
     fn output_folder(&self) -> Result<&Path> {
-        let missing = || {
+        self.out.as_deref().ok_or_else(|| {
             Problem::usage("E250", "the output folder is missing.")
                 .why("Tables are several files, which cannot be written to stdout.")
                 .hint("-o FOLDER")
-        };
-        self.out.as_deref().ok_or_else(missing)
+        })
     }
 }

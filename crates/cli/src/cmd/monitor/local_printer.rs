@@ -100,8 +100,8 @@ impl LocalPrinter {
         if self.jsonl {
             return monitor.axes.iter().for_each(|axis| write_axis_json(axis, self.out.buffer()));
         }
-        let do_now = |axis: &MonitoredAxis| (axis.activity(), axis.faults().len());
-        let did: Vec<(AxisActivity, usize)> = monitor.axes.iter().map(do_now).collect();
+        let did: Vec<(AxisActivity, usize)> =
+            monitor.axes.iter().map(|axis| (axis.activity(), axis.faults().len())).collect();
         if did != self.last_activity {
             self.last_activity = did;
             self.out.buffer().extend_from_slice(axes_table(&monitor.axes).as_bytes());

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use polepair::axis::{StopSupervisor, WireAirtime};
+use polepair::axis::WireAirtime;
 use polepair::listen::WireListener;
 use polepair::url::shell_word;
 use polepair::wire::OpenWire;
@@ -142,8 +142,7 @@ impl Monitor {
         for (n, watched) in self.axes.iter_mut().enumerate() {
             anew |= watched.poll(self.period, n == self.chosen);
             let stopping = watched.stopping.take();
-            let reported = |stop: &StopSupervisor| !stop.is_expired(STOP_SHOWN_MAX);
-            watched.stopping = stopping.filter(reported);
+            watched.stopping = stopping.filter(|stop| !stop.is_expired(STOP_SHOWN_MAX));
         }
         self.process_received(show);
         self.traffic.update_rates(self.now());
@@ -259,8 +258,8 @@ impl Monitor {
 fn wire_decoding(wire: &OpenWire, axes: &[LocalAxis], stated: Option<&Rules>) -> WireDecoding {
     let own: Vec<&LocalAxis> =
         axes.iter().filter(|axis| axis.connection().describe() == wire.name).collect();
-    let drive = |axis: &&LocalAxis| (proto::drive_address(axis.number()), axis.profile());
-    let drives = own.iter().map(drive).collect();
+    let drives =
+        own.iter().map(|axis| (proto::drive_address(axis.number()), axis.profile())).collect();
     if let Some(rules) = stated {
         return WireDecoding { rules: rules.clone(), drives };
     }

@@ -265,11 +265,10 @@ impl MonitoredAxis {
     /// Activity of the axis.
     pub fn activity(&self) -> AxisActivity {
         let faults = self.faults();
-        let stops = |fault: &FaultReport| !fault.is_warning;
         match self.flag(Signal::Enabled) {
             _ if self.silent.is_some() => AxisActivity::Silent,
             _ if !self.has_readings() => AxisActivity::Unknown,
-            _ if faults.iter().any(stops) => AxisActivity::Fault,
+            _ if faults.iter().any(|fault| !fault.is_warning) => AxisActivity::Fault,
             _ if self.is_turning() => AxisActivity::Turning,
             _ if !faults.is_empty() => AxisActivity::Warning,
             Some(true) => AxisActivity::Holding,

@@ -4,8 +4,8 @@
 use std::time::Duration;
 
 use polepair_client::message::{
-    AxisInfo, AxisState, AxisStopReport, FrameDirection, FrameItem, PendingStopView, StopClass,
-    StopReport, StopRequest,
+    AxisInfo, AxisState, FrameDirection, FrameItem, PendingStopView, StopClass, StopReport,
+    StopRequest,
 };
 use polepair_client::{FrameStream, Gateway, GatewayError, LiveConnection, PendingOperation};
 use polepair_core::explain::Direction;
@@ -322,8 +322,7 @@ impl MonitorSource for RemoteMonitor {
                     .into(),
             ),
             Some(Ok(Some(stopped))) => {
-                let failed = |axis: &&AxisStopReport| axis.error.is_some();
-                lines.extend(stopped.axes.iter().filter(failed).map(|axis| {
+                lines.extend(stopped.axes.iter().filter(|axis| axis.error.is_some()).map(|axis| {
                     let why = axis.error.as_ref().map_or("", |error| &*error.message);
                     format!("axis {} may not have stopped: {why}", axis.id)
                 }));
@@ -408,8 +407,13 @@ fn parse_raw(raw: &str) -> (Option<(u32, bool)>, Vec<u8>) {
         Some((id, data)) => (u32::from_str_radix(id, 16).ok().map(|n| (n, id.len() > 3)), data),
         None => (None, raw),
     };
-    let byte = |at| u8::from_str_radix(data.get(at..at + 2)?, 16).ok();
-    (id, (0..data.len()).step_by(2).map_while(byte).collect())
+    (
+        id,
+        (0..data.len())
+            .step_by(2)
+            .map_while(|at| u8::from_str_radix(data.get(at..at + 2)?, 16).ok())
+            .collect(),
+    )
 }
 
 #[cfg(test)]

@@ -158,10 +158,12 @@ impl RemotePrinter {
                 .iter()
                 .for_each(|(axis, state)| write_axis_json(axis, state, self.out.buffer()));
         }
-        let do_now = |(_, state): &(&AxisInfo, AxisState)| {
-            (activity(state), state.faults.len() + usize::from(state.owed.is_some()))
-        };
-        let did: Vec<_> = states.iter().map(do_now).collect();
+        let did: Vec<_> = states
+            .iter()
+            .map(|(_, state)| {
+                (activity(state), state.faults.len() + usize::from(state.owed.is_some()))
+            })
+            .collect();
         if did != self.last_activity {
             self.last_activity = did;
             self.out.buffer().extend_from_slice(axes_table(states).as_bytes());
@@ -209,10 +211,9 @@ fn signal_value(state: &AxisState, signal: Signal) -> Option<f64> {
 
 /// Returns whether it turned at its last state, of any age and with any other trouble.
 fn is_turning(state: &AxisState) -> bool {
-    let by_speed = || {
+    state.moving.unwrap_or_else(|| {
         signal_value(state, Signal::Velocity).is_some_and(|speed| speed.abs() > STANDSTILL_SPEED)
-    };
-    state.moving.unwrap_or_else(by_speed)
+    })
 }
 
 /// Notes for a user who leaves a motor that turns, or may. Without a server no program stops it.

@@ -111,16 +111,19 @@ pub struct WireDecoding {
 impl TrafficLog {
     /// Creates the log of these wires. Without a host here, senders are unknown.
     pub fn new(wires: &[OpenWire], protocols: Vec<WireDecoding>, listening: bool) -> Self {
-        let wire = |(wire, wire_decoding): (&OpenWire, WireDecoding)| WireTraffic {
-            name: short_name(&wire.name),
-            decoder: CaptureDecoder::new(wire_decoding.rules)
-                .with_drive_profiles(wire_decoding.drives),
-            rate: wire.rate,
-            bits: 0,
-            load: None,
-        };
         Self {
-            wires: wires.iter().zip(protocols).map(wire).collect(),
+            wires: wires
+                .iter()
+                .zip(protocols)
+                .map(|(wire, wire_decoding)| WireTraffic {
+                    name: short_name(&wire.name),
+                    decoder: CaptureDecoder::new(wire_decoding.rules)
+                        .with_drive_profiles(wire_decoding.drives),
+                    rate: wire.rate,
+                    bits: 0,
+                    load: None,
+                })
+                .collect(),
             listening,
             history: FrameHistory::default(),
             rates_at: Instant::ZERO,
@@ -131,15 +134,17 @@ impl TrafficLog {
 
     /// Creates the log of links that a server watches and explains.
     pub fn for_remote(links: Vec<String>) -> Self {
-        let wire = |name| WireTraffic {
-            name,
-            decoder: CaptureDecoder::new(Rules::default()),
-            rate: None,
-            bits: 0,
-            load: None,
-        };
         Self {
-            wires: links.into_iter().map(wire).collect(),
+            wires: links
+                .into_iter()
+                .map(|name| WireTraffic {
+                    name,
+                    decoder: CaptureDecoder::new(Rules::default()),
+                    rate: None,
+                    bits: 0,
+                    load: None,
+                })
+                .collect(),
             listening: false,
             history: FrameHistory::default(),
             rates_at: Instant::ZERO,
@@ -266,8 +271,11 @@ impl FrameHistory {
         self.recent += 1;
         self.wrong += u64::from(!row.wrong.is_empty());
         if known || self.kinds.len() < KINDS_MAX {
-            let first = || FrameGroup { last: row.clone(), count: 0, period: None };
-            let kind = self.kinds.entry(key).or_insert_with(first);
+            let kind = self.kinds.entry(key).or_insert_with(|| FrameGroup {
+                last: row.clone(),
+                count: 0,
+                period: None,
+            });
             kind.period = (kind.count > 0).then(|| row.time.saturating_sub(kind.last.time));
             kind.count += 1;
             kind.last = row.clone();

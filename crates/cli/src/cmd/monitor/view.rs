@@ -117,8 +117,9 @@ impl View {
     }
 
     fn halt(&mut self, monitor: &dyn MonitorSource) {
-        let now = || (monitor.traffic().counts().0, monitor.traffic().kinds().cloned().collect());
-        self.halted.get_or_insert_with(now);
+        self.halted.get_or_insert_with(|| {
+            (monitor.traffic().counts().0, monitor.traffic().kinds().cloned().collect())
+        });
     }
 
     /// Scrolls up, or down by less than nothing. Frames that one scrolls in stand still.

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
+use polepair::LocalAxis;
 use polepair::axis::ProgramStatus;
 use polepair::instruction_program::{InstructionProgram, is_binary, language_of};
-use polepair::{Error, LocalAxis};
 use polepair_core::program::TransferProgress;
 use polepair_core::time::Instant;
 
@@ -96,15 +96,14 @@ pub fn load(session: &LocalSession, axis: &LocalAxis, path: &Path, dry_run: bool
         .download_instructions(&program, |at: TransferProgress| meter.set_of(at.done, at.total));
     axis.arm(false);
     drop((holding, meter));
-    let incomplete = |error: Error| {
+    stored.map_err(|error| {
         let problem = outcome::to_problem(error);
         match problem.exit {
             Exit::Usage => problem,
             _ => problem
                 .hint("the program in the module is incomplete: load it again before running it"),
         }
-    };
-    stored.map_err(incomplete)?;
+    })?;
     print_note(&format!("{count} instructions stored and verified"));
     Ok(Exit::Ok)
 }
@@ -120,8 +119,9 @@ pub fn verify(session: &LocalSession, axis: &LocalAxis, path: &Path) -> Result {
 pub fn save(session: &LocalSession, axis: &LocalAxis, path: &Path, count: Option<u16>) -> Result {
     session.listen_for_interrupts();
     let meter = Progress::of_count(0, "instructions");
-    let show = |at: TransferProgress| meter.set_of(at.done, at.total);
-    let read = axis.upload_instructions(count.map(usize::from), show);
+    let read = axis.upload_instructions(count.map(usize::from), |at: TransferProgress| {
+        meter.set_of(at.done, at.total)
+    });
     drop(meter);
     let program = read.map_err(outcome::to_problem)?;
     if program.instructions().is_empty() {

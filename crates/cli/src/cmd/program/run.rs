@@ -155,15 +155,20 @@ impl ProgramCall {
         let axis = single_axis(&session)?;
         let start = self.place.address(axis, &self.start)?;
         let within = Duration::from_secs_f64(self.timeout.unwrap_or(CALL_MAX_S));
-        let returned = || {
-            let end = axis.connection().now() + within;
-            while axis.is_routine_running().map_err(outcome::to_problem)? {
-                wait_routine(axis, end)?;
-            }
-            print_note("the routine has returned");
-            Ok(())
-        };
-        run_program(&session, axis, self.detach, || axis.call(start), returned)
+        run_program(
+            &session,
+            axis,
+            self.detach,
+            || axis.call(start),
+            || {
+                let end = axis.connection().now() + within;
+                while axis.is_routine_running().map_err(outcome::to_problem)? {
+                    wait_routine(axis, end)?;
+                }
+                print_note("the routine has returned");
+                Ok(())
+            },
+        )
     }
 }
 

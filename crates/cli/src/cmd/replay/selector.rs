@@ -179,8 +179,7 @@ impl FrameSelector {
         if event.remote {
             return Effect::NOTHING;
         }
-        let speaks = |p: &&Profile| dissector.language().starts_with(p.protocol);
-        match self.profile.filter(speaks) {
+        match self.profile.filter(|p| dissector.language().starts_with(p.protocol)) {
             Some(stated) => dissector.effect(raw, Some(stated)),
             // A usual drive's table warns of what it knows; it vouches for no other drive.
             None => dissector

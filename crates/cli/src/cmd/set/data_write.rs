@@ -91,6 +91,8 @@ fn parse_bytes(text: &str) -> Result<Vec<u8>> {
             .why(outcome::sent_so_far())
             .hint("two hexadecimal digits a byte, as in \"0F 00\", or @FILE"));
     }
-    let byte = |at: usize| u8::from_str_radix(&digits[at..at + 2], 16).unwrap_or(0);
-    Ok((0..digits.len()).step_by(2).map(byte).collect())
+    Ok((0..digits.len())
+        .step_by(2)
+        .map(|at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap_or(0))
+        .collect())
 }

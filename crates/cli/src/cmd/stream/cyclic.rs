@@ -233,15 +233,19 @@ impl SetpointTable {
         if self.columns.iter().all(|column| column.name.is_empty()) {
             return Ok((0..axes.len()).collect());
         }
-        let of = |axis: &LocalAxis| {
-            let number = axis.number().to_string();
-            let is = |column: &SetpointColumn| column.name == number || column.name == axis.name();
-            self.columns.iter().position(is).ok_or_else(|| {
-                Problem::usage("E245", format!("no column is named `{number}`."))
-                    .why("The header names each axis by its number, or its name in the rack.")
+        axes.iter()
+            .map(|axis| {
+                let number = axis.number().to_string();
+                self.columns
+                    .iter()
+                    .position(|column| column.name == number || column.name == axis.name())
+                    .ok_or_else(|| {
+                        Problem::usage("E245", format!("no column is named `{number}`.")).why(
+                            "The header names each axis by its number, or its name in the rack.",
+                        )
+                    })
             })
-        };
-        axes.iter().map(of).collect()
+            .collect()
     }
 
     /// Set-points every `period`, those of a cycle side by side in the order of the axes: on the
@@ -260,11 +264,10 @@ impl SetpointTable {
                 at += 1;
             }
             let part = (time - self.times[at]) / (self.times[at + 1] - self.times[at]);
-            let between = |n: &usize| {
+            all.extend(order.iter().map(|n| {
                 let (from, to) = (self.rows[at][*n], self.rows[at + 1][*n]);
                 from + (to - from) * part.clamp(0.0, 1.0)
-            };
-            all.extend(order.iter().map(between));
+            }));
         }
         Ok(all)
     }
@@ -277,8 +280,9 @@ impl SetpointColumn {
 }
 
 fn parse_numbers(line: &str) -> Option<Vec<f64>> {
-    let number = |cell: &str| cell.trim().parse::<f64>().ok().filter(|number| number.is_finite());
-    line.split(',').map(number).collect()
+    line.split(',')
+        .map(|cell| cell.trim().parse::<f64>().ok().filter(|number| number.is_finite()))
+        .collect()
 }
 
 /// `2 deg`, `2 [deg]`, `time s`.

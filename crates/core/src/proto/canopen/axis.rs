@@ -135,8 +135,11 @@ impl Axis {
     }
 
     fn find_parameter(&self, index: u16) -> Option<ParameterId> {
-        let is = |p: &Parameter| (p.index, p.space) == (index, 0);
-        self.profile.parameters.iter().position(is).map(|at| ParameterId(at as u16))
+        self.profile
+            .parameters
+            .iter()
+            .position(|p| (p.index, p.space) == (index, 0))
+            .map(|at| ParameterId(at as u16))
     }
 
     fn find_setpoint_pdo(&self, setpoint: SetpointKind) -> Option<SetpointPdo> {
@@ -436,8 +439,10 @@ impl Driver for Axis {
         let objects =
             unknown.flat_map(|pdo| (1..=8).chain([0]).map(move |sub| (0x1A00 + pdo, sub)));
         let parameters = self.profile.parameters;
-        let known = |object| parameters.iter().position(|p| (p.index, p.space) == object);
-        objects.filter_map(known).nth(n).map(|id| ParameterId(id as u16))
+        objects
+            .filter_map(|object| parameters.iter().position(|p| (p.index, p.space) == object))
+            .nth(n)
+            .map(|id| ParameterId(id as u16))
     }
 
     fn setpoint_parameter(&self, setpoint: SetpointKind) -> Option<ParameterId> {

@@ -257,8 +257,10 @@ impl Dissector for CanopenDissector {
     }
 
     fn is_request(&self, frame: &RawFrame<'_>) -> bool {
-        let asks = |id| matches!(cob_of_id(id), Some(Cob::SdoRequest(_) | Cob::LssRequest));
-        !frame.extended && frame.id.is_some_and(asks)
+        !frame.extended
+            && frame.id.is_some_and(|id| {
+                matches!(cob_of_id(id), Some(Cob::SdoRequest(_) | Cob::LssRequest))
+            })
     }
 
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {

@@ -374,11 +374,10 @@ impl SerialHost {
     fn quarantine_probe(&self) -> Option<HostRequest> {
         let unit = self.sent_unit.filter(|&unit| unit != BROADCAST)?;
         let spaces = [Space::Holding, Space::Coil, Space::Input, Space::Discrete];
-        let free = |space: &Space| {
+        let space = spaces.into_iter().find(|space| {
             let code = space.read_function().code();
             !self.outstanding().iter().any(|awaited| awaited.function == code)
-        };
-        let space = spaces.into_iter().find(free)?;
+        })?;
         let request = RequestBody::Read { space, start: 0, count: 1 };
         Some(HostRequest { unit, body: request, class: RequestClass::Idempotent })
     }
@@ -504,10 +503,9 @@ impl SerialHost {
             return Ok(());
         }
         // The caller gets the reason for which a read was not repeated.
-        let again = |current: &CurrentExchange| {
+        let given_up = self.current.as_ref().is_some_and(|current| {
             current.request.class == RequestClass::Idempotent && current.attempts < ATTEMPTS_MAX
-        };
-        let given_up = self.current.as_ref().is_some_and(again);
+        });
         self.fail_current(if given_up { Failure::Cancelled } else { Failure::Silent });
         for awaited in &mut self.outstanding[..self.outstanding_len] {
             if awaited.role == ReplyRole::Request {

@@ -62,8 +62,7 @@ impl Axis {
 
     /// The parameter that a command reads or writes.
     fn find_parameter(&self, command: CommandWord) -> Option<(ParameterId, &'static Parameter)> {
-        let of_command = |p: &Parameter| is_command(p, command);
-        let at = self.profile.parameters.iter().position(of_command)?;
+        let at = self.profile.parameters.iter().position(|p| is_command(p, command))?;
         let id = ParameterId(u16::try_from(at).ok()?);
         Some((id, self.profile.parameter(id)?))
     }

@@ -141,8 +141,9 @@ impl NodeTable {
 
     /// A drive whose timeout stop has to be fed now.
     pub fn next_to_feed(&self, now: Instant) -> Option<(u8, Interpretation)> {
-        let due = |id: &u8| self.nodes[usize::from(*id)].feed_due().is_some_and(|at| at <= now);
-        set_bits(self.with_stop_timeout).find(due).map(|id| (id, Interpretation::default()))
+        set_bits(self.with_stop_timeout)
+            .find(|id| self.nodes[usize::from(*id)].feed_due().is_some_and(|at| at <= now))
+            .map(|id| (id, Interpretation::default()))
     }
 
     /// A drive in doubt without a pending request, and a probe with an unmistakable reply.

@@ -176,8 +176,7 @@ impl Session {
             self.start_probes(now);
             return Err(request);
         }
-        let of_node = |p: &&PendingExchange| p.host_request.id == request.id;
-        let busy = self.pending.iter().flatten().filter(of_node);
+        let busy = self.pending.iter().flatten().filter(|p| p.host_request.id == request.id);
         let blocked = if stop {
             busy.filter(|p| p.host_request.class == RequestClass::Stop && p.ticket.is_some())
                 .count()
@@ -231,8 +230,11 @@ impl Session {
     /// A frame of a drive that has no valid form. It may have been the reply to any request that is out.
     pub(super) fn handle_damaged(&mut self, id: u8) {
         self.counters.foreign += 1;
-        let of_drive = |p: &&mut PendingExchange| p.host_request.id == id && p.sent;
-        self.pending.iter_mut().flatten().filter(of_drive).for_each(|p| p.reply_damaged = true);
+        self.pending
+            .iter_mut()
+            .flatten()
+            .filter(|p| p.host_request.id == id && p.sent)
+            .for_each(|p| p.reply_damaged = true);
     }
 
     /// Handles a message of a drive.
@@ -240,16 +242,17 @@ impl Session {
         match message {
             DriveMessage::Reply(reply) => self.handle_reply(now, id, reply),
             DriveMessage::Report(report) => {
-                let of = |p: &PendingExchange| {
-                    p.host_request.request.command.0.to_be_bytes()[0] == report.source
-                };
                 let status = if report.part == 2 { report.words[0] } else { 0 };
                 let last = match self.nodes.get_mut(id).reply_format {
                     ReplyFormat::Frames(mask) => mask >> report.part == 0,
                     _ => true,
                 };
                 self.push_unsolicited(id, Answer::Report(report));
-                let n = self.oldest_output_request(now, id, of).filter(|_| last);
+                let n = self
+                    .oldest_output_request(now, id, |p| {
+                        p.host_request.request.command.0.to_be_bytes()[0] == report.source
+                    })
+                    .filter(|_| last);
                 self.finish_output_request(now, n, Answer::Report(report), status);
             }
             DriveMessage::Headerless(bare) => {
@@ -288,8 +291,12 @@ impl Session {
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        let due = |p: &PendingExchange| if p.sent { p.deadline } else { p.sent_at };
-        let pending = self.pending.iter().flatten().map(due).min();
+        let pending = self
+            .pending
+            .iter()
+            .flatten()
+            .map(|p| if p.sent { p.deadline } else { p.sent_at })
+            .min();
         earliest(pending, self.nodes.next_due())
     }
 
@@ -407,14 +414,15 @@ impl Session {
 
     fn handle_reply(&mut self, now: Instant, id: u8, reply: Reply) {
         let same = |out: &Request| out.command == reply.command && out.sub == reply.sub;
-        let exact = |p: &PendingExchange| {
-            same(&p.outgoing_request()) && is_echo(&p.outgoing_request(), reply.data)
-        };
-        let fits = |p: &PendingExchange| {
-            same(&p.outgoing_request()) && may_answer(&p.outgoing_request(), reply.data)
-        };
-        let found =
-            self.oldest_matching(now, id, exact).or_else(|| self.oldest_matching(now, id, fits));
+        let found = self
+            .oldest_matching(now, id, |p| {
+                same(&p.outgoing_request()) && is_echo(&p.outgoing_request(), reply.data)
+            })
+            .or_else(|| {
+                self.oldest_matching(now, id, |p| {
+                    same(&p.outgoing_request()) && may_answer(&p.outgoing_request(), reply.data)
+                })
+            });
         let Some(n) = found else { return self.handle_unexpected(id, reply) };
         let Some(pending) = self.pending[n].as_mut() else { return };
         let out = pending.outgoing_request();

@@ -227,8 +227,10 @@ impl Driver for Axis {
             }
             Some(_) => return Err(Unsupported::BadBytes),
         };
-        let to_it = |request: &Request| request.address == self.module;
-        let request = request.ok().filter(to_it).ok_or(Unsupported::BadBytes)?;
+        let request = request
+            .ok()
+            .filter(|request| request.address == self.module)
+            .ok_or(Unsupported::BadBytes)?;
         Ok(self.host_request(request))
     }
 

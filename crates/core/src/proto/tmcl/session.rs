@@ -252,18 +252,18 @@ impl Session {
         {
             return Some(waiting.ticket);
         }
-        let unsent = |p: &&PendingExchange| {
-            !p.sent && p.attempts == 0 && p.host_request.class != RequestClass::Stop
-        };
-        let ticket = self.pending.as_ref().filter(unsent)?.ticket?;
+        let ticket = self
+            .pending
+            .as_ref()
+            .filter(|p| !p.sent && p.attempts == 0 && p.host_request.class != RequestClass::Stop)?
+            .ticket?;
         self.pending = None;
         Some(ticket)
     }
 
     /// The request of that ticket, of which nothing is on the wire yet, gets one attempt.
     pub(super) fn disable_retries(&mut self, ticket: Ticket) {
-        let its = |p: &&mut PendingExchange| p.ticket == Some(ticket);
-        if let Some(pending) = self.pending.as_mut().filter(its) {
+        if let Some(pending) = self.pending.as_mut().filter(|p| p.ticket == Some(ticket)) {
             pending.flags.no_retry = true;
         }
     }
@@ -535,8 +535,9 @@ impl Session {
         // After a lost MST another MST is the same request, and nothing but stops was sent since.
         if self.suspicious && request.request.opcode != Opcode::Mst {
             let opcode = request.request.opcode.number();
-            let of_module = |s: &&SuspectModule| s.module == request.request.address;
-            if let Some(suspect) = self.suspects.iter().flatten().find(of_module) {
+            if let Some(suspect) =
+                self.suspects.iter().flatten().find(|s| s.module == request.request.address)
+            {
                 ambiguous =
                     suspect.outstanding_opcodes(now).filter(|tag| *tag == opcode).count() as u8;
             }

@@ -57,8 +57,12 @@ impl Axis {
 
     /// Returns whether an assignment makes the drive send by itself.
     fn enables_unsolicited(&self, address: u16, value: u32) -> bool {
-        let at_address = |parameter: &&Parameter| parameter.index == address;
-        let mut symbols = self.profile.parameters.iter().filter(at_address).map(|p| p.symbol);
+        let mut symbols = self
+            .profile
+            .parameters
+            .iter()
+            .filter(|parameter| parameter.index == address)
+            .map(|p| p.symbol);
         symbols.any(|symbol| match symbol {
             PVT_SILENCE => value == 0,
             _ => value != 0 && EVENT_MASKS.contains(&symbol),

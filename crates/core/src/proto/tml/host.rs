@@ -223,8 +223,7 @@ impl Timeouts {
 
 /// Place of the host on a wire with these axes.
 fn topology_of(wire: TmlWire, options: &HostOptions, axes: &[u32]) -> Topology {
-    let single = |axis: &&u32| **axis & GROUP == 0;
-    let first = axes.iter().find(single).map(|axis| *axis as u8);
+    let first = axes.iter().find(|axis| **axis & GROUP == 0).map(|axis| *axis as u8);
     let given = options.host_address.and_then(|host| u8::try_from(host).ok());
     let through = options.relay_axis.and_then(|relay| u8::try_from(relay).ok());
     let connected = through.or(first);

@@ -227,8 +227,9 @@ fn split_label(piece: &str) -> Option<(&str, &str)> {
     let (name, behind) = piece.split_once(':')?;
     let name = name.trim();
     let first = name.bytes().next()?;
-    let good = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_';
-    (!first.is_ascii_digit() && name.bytes().all(good)).then_some((name, behind))
+    (!first.is_ascii_digit()
+        && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_'))
+    .then_some((name, behind))
 }
 
 /// Notes the label of that number, counted from 1.

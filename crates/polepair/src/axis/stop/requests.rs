@@ -19,8 +19,7 @@ impl LocalAxis {
             parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
         };
         let steps = self.profile.plan(verb)?.steps;
-        let writes = |step: &Step| matches!(step, Step::Write(id, _) if is_stored(id));
-        steps.iter().any(writes).then_some(ram)
+        steps.iter().any(|step| matches!(step, Step::Write(id, _) if is_stored(id))).then_some(ram)
     }
 
     /// Sends a part of the stop; each of its requests `once` even if the drive is silent.

@@ -147,8 +147,9 @@ impl StandstillMonitor {
     fn next_source(&self, axis: &LocalAxis) -> Option<StandstillSource> {
         let sources = [self.speed_source, self.position_source];
         if self.judge.is_none() {
-            let unread = |id: ParameterId| axis.unread_factor(id, self.factors_read);
-            if let Some(factor) = sources.into_iter().flatten().find_map(unread) {
+            let sources = sources.into_iter().flatten();
+            let mut factors = sources.filter_map(|id| axis.unread_factor(id, self.factors_read));
+            if let Some(factor) = factors.next() {
                 return Some(StandstillSource::Factor(factor));
             }
         }
@@ -341,8 +342,8 @@ impl StandstillMonitor {
             raw.abs_diff(first) > POSITION_DITHER && axis.has_drifted(id, first, raw, over, slow);
         match self.speed {
             Some((speed, false)) => {
-                let mismatch = || axis.speed_mismatch_error(speed, id, first, raw, over);
-                self.mismatch = moved.then(mismatch);
+                self.mismatch =
+                    moved.then(|| axis.speed_mismatch_error(speed, id, first, raw, over));
             }
             Some(_) => self.mismatch = None,
             None => {

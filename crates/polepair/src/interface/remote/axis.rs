@@ -165,8 +165,9 @@ impl RemoteAxis {
             return Err(GatewayError::new("E219", what).hint(hint));
         }
         let server = Arc::clone(&self.server);
-        let run = move |lease: &Lease| lease.run(verb.name(), arguments, REPLY_MAX);
-        Ok(self.server.gateway().spawn(move |_| server.with_lease(id, run)))
+        Ok(self.server.gateway().spawn(move |_| {
+            server.with_lease(id, move |lease| lease.run(verb.name(), arguments, REPLY_MAX))
+        }))
     }
 
     /// Has the gateway read a parameter.
@@ -312,8 +313,8 @@ impl AxisInterface for RemoteAxis {
 
     fn start_raw(&self, text: &str) -> Result<AxisRequest, Error> {
         let (server, axis, text) = (Arc::clone(&self.server), self.info.id, text.to_owned());
-        let send = move |lease: &Lease| lease.raw(&text);
-        let sent = self.gateway().spawn(move |_| server.with_lease(axis, send));
+        let sent =
+            self.gateway().spawn(move |_| server.with_lease(axis, move |lease| lease.raw(&text)));
         Ok(RemoteRequest::number(sent).into())
     }
 
@@ -379,16 +380,18 @@ impl AxisInterface for RemoteAxis {
             return Ok(Vec::new());
         }
         let read = self.read_signals(signals)?;
-        let reading = |signal: &Signal| {
-            let found = read.iter().find(|reading| reading.signal == *signal).copied();
-            found.ok_or_else(|| {
-                Error::from(GatewayError::new(
-                    "E213",
-                    format!("{}: the gateway sent no {}", self.info.label, signal.name()),
-                ))
+        signals
+            .iter()
+            .map(|signal| {
+                let found = read.iter().find(|reading| reading.signal == *signal).copied();
+                found.ok_or_else(|| {
+                    Error::from(GatewayError::new(
+                        "E213",
+                        format!("{}: the gateway sent no {}", self.info.label, signal.name()),
+                    ))
+                })
             })
-        };
-        signals.iter().map(reading).collect()
+            .collect()
     }
 
     fn faults(&self) -> Result<Vec<FaultReport>, Error> {

@@ -222,8 +222,7 @@ fn newest_ms(state: &AxisState) -> f64 {
 
 /// The value of a signal that is no older than this.
 fn newest_value(state: &AxisState, signal: Signal, age: Duration) -> Option<f64> {
-    let is_it = |value: &&SignalValue| value.signal == signal.name();
-    let read = state.signals.iter().find(is_it)?;
+    let read = state.signals.iter().find(|value| value.signal == signal.name())?;
     read.value.filter(|_| read.age_ms < age.as_secs_f64() * 1e3)
 }
 

@@ -107,8 +107,9 @@ impl Server {
             return Ok(address.clone());
         }
         let parameter = self.parameters(axis)?.get(usize::from(id.0));
-        let missing = || GatewayError::new("E213", format!("there is no parameter {}", id.0));
-        parameter.map(|parameter| parameter.name.clone()).ok_or_else(missing)
+        parameter
+            .map(|parameter| parameter.name.clone())
+            .ok_or_else(|| GatewayError::new("E213", format!("there is no parameter {}", id.0)))
     }
 
     fn find_address(&self, axis: u16, text: &str) -> Option<ParameterId> {
@@ -174,8 +175,8 @@ impl Server {
         let changed = &self.slots[usize::from(axis)].1;
         let waited = changed.wait_timeout_while(self.slot(axis), within, |state| state.locked);
         let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        let guard = || LeaseGuard { server: Arc::clone(self), axis };
-        (!std::mem::replace(&mut state.locked, true)).then(guard)
+        (!std::mem::replace(&mut state.locked, true))
+            .then(|| LeaseGuard { server: Arc::clone(self), axis })
     }
 
     /// [`try_lock_slot`](Self::try_lock_slot) without a time limit.
@@ -213,10 +214,12 @@ impl Server {
             let info = &self.bench.axes[usize::from(id)];
             info.verbs.iter().any(|known| known.verb == verb)
         };
-        let start = |(id, lease): &(u16, Arc<Lease>)| {
-            has_verb(*id, "stop").then(|| lease.start("stop", CommandArguments::default()))
-        };
-        let started: Vec<_> = armed.iter().map(start).collect();
+        let started: Vec<_> = armed
+            .iter()
+            .map(|(id, lease)| {
+                has_verb(*id, "stop").then(|| lease.start("stop", CommandArguments::default()))
+            })
+            .collect();
         let late = || GatewayError {
             executed: None,
             ..GatewayError::new("E101", "standstill of a motor was not confirmed in time")

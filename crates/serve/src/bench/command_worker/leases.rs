@@ -69,17 +69,21 @@ impl CommandWorker {
             return drop(reply_sender.send(Ok(Some(lease_grant(&held, now)))));
         }
         let (wire, epoch) = (Arc::clone(&self.wire), held.epoch);
-        let then = move |recorded: Result<(), GatewayError>| {
-            if recorded.is_err() {
-                wire.submit_first(0, WireRequest::LeaseNotRecorded { axis, epoch });
-            }
-            let _ = reply_sender.send(recorded.map(|()| Some(lease_grant(&held, now))));
-        };
         let (id, action) =
             (self.axes[axis].id, if over { JournalAction::TakeOver } else { JournalAction::Lease });
         let (what, detail) =
             (ActionSubject::new(session, action, Some(id)), json!({ "epoch": epoch }));
-        self.context.journal.write_ahead(what, detail, now, Box::new(then));
+        self.context.journal.write_ahead(
+            what,
+            detail,
+            now,
+            Box::new(move |recorded: Result<(), GatewayError>| {
+                if recorded.is_err() {
+                    wire.submit_first(0, WireRequest::LeaseNotRecorded { axis, epoch });
+                }
+                let _ = reply_sender.send(recorded.map(|()| Some(lease_grant(&held, now))));
+            }),
+        );
     }
 
     /// Revokes a lease that was granted and not reported.

@@ -86,11 +86,10 @@ impl CommandWorker {
         watched.last_stop_number = sequence.max(watched.last_stop_number);
         let (report, reply) = StopCollector::for_axes(&[watched.id], Vec::new(), Vec::new());
         let is_new = watched.pending_stop.is_none();
-        let fresh = || {
+        let pending = watched.pending_stop.get_or_insert_with(|| {
             let stop = PendingStop::new(&watched.axis, StopCause::Stop, session.clone(), now);
             stop.for_holder(epoch)
-        };
-        let pending = watched.pending_stop.get_or_insert_with(fresh);
+        });
         pending.send(now, Some(report));
         self.last_start = now;
         self.publish_pending_stop(axis, is_new);
@@ -127,8 +126,11 @@ impl CommandWorker {
     /// Ends the pending stop of a lease's holder, who commands the axis again.
     pub(super) fn cancel_holder_stop(&mut self, axis: usize, session: &SessionName, epoch: u64) {
         let (id, now) = (self.axes[axis].id, self.context.now());
-        let of_holder = |pending: &mut PendingStop| pending.is_holder_stop(epoch);
-        let Some(mut outstanding) = self.axes[axis].pending_stop.take_if(of_holder) else { return };
+        let Some(mut outstanding) =
+            self.axes[axis].pending_stop.take_if(|pending| pending.is_holder_stop(epoch))
+        else {
+            return;
+        };
         let what = "it was moved again before its standstill was confirmed";
         outstanding.abandon(id, now, &GatewayError::new("gateway.owed", what));
         self.clear_pending_stop(axis, session, json!({ "how": "moved again" }), None);
@@ -193,8 +195,9 @@ impl CommandWorker {
     /// Repeats pending stops, and checks their progress.
     pub(super) fn poll_pending_stops(&mut self) {
         let now = self.context.now();
-        let pending = |watched: &&WorkerAxis| watched.pending_stop.is_some();
-        let Some(first) = self.axes.iter().find(pending) else { return };
+        let Some(first) = self.axes.iter().find(|watched| watched.pending_stop.is_some()) else {
+            return;
+        };
         self.airtime.update(&first.axis);
         for axis in 0..self.axes.len() {
             let watched = &mut self.axes[axis];

@@ -96,14 +96,18 @@ pub fn decode_into(
 /// The tables that `--tables` names.
 pub fn parse_tables(words: Option<&str>) -> Result<Vec<TableKind>> {
     let Some(words) = words else { return Ok(TableKind::ALL.to_vec()) };
-    let named = |word: &str| {
-        TableKind::from_name(word.trim()).ok_or_else(|| {
-            let known = TableKind::ALL.map(TableKind::name);
-            Problem::usage("E250", format!("{word:?} is not a table."))
-                .why(format!("A decoded capture has the tables {}.", problem::join_list(&known)))
+    words
+        .split(',')
+        .map(|word| {
+            TableKind::from_name(word.trim()).ok_or_else(|| {
+                let known = TableKind::ALL.map(TableKind::name);
+                Problem::usage("E250", format!("{word:?} is not a table.")).why(format!(
+                    "A decoded capture has the tables {}.",
+                    problem::join_list(&known)
+                ))
+            })
         })
-    };
-    words.split(',').map(named).collect()
+        .collect()
 }
 
 /// The content of a capture, whose rows are called by `name`.

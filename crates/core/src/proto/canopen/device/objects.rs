@@ -127,13 +127,12 @@ impl<const N: usize> CanEndpoint<N> {
             0x1016 => {
                 let node = (value >> 16) as u8;
                 let others = (0..CONSUMERS_MAX).filter(|n| *n + 1 != usize::from(sub));
-                let is_there = |n: usize| {
-                    let other = comm.consumers[n];
-                    other & 0xFFFF != 0 && (other >> 16) as u8 == node
-                };
                 err(value >> 23 != 0, AbortCode::VALUE)?;
                 err(
-                    value & 0xFFFF != 0 && node != 0 && { others }.any(is_there),
+                    value & 0xFFFF != 0 && node != 0 && { others }.any(|n| {
+                        let other = comm.consumers[n];
+                        other & 0xFFFF != 0 && (other >> 16) as u8 == node
+                    }),
                     AbortCode::INCOMPATIBLE,
                 )
             }

@@ -198,10 +198,14 @@ impl<const N: usize> TransmitPdos<N> {
     }
 
     pub(super) fn due(&self) -> Instant {
-        let at = |send: &TransmitPdo| {
-            if send.send_pending { send.event_at.min(send.free_at) } else { send.event_at }
-        };
-        self.all.iter().map(at).fold(Instant::FAR_FUTURE, Instant::min)
+        self.all
+            .iter()
+            .map(
+                |send| {
+                    if send.send_pending { send.event_at.min(send.free_at) } else { send.event_at }
+                },
+            )
+            .fold(Instant::FAR_FUTURE, Instant::min)
     }
 }
 

@@ -32,8 +32,10 @@ pub fn find_parameter(
     object: ObjectIndex,
     profile: Option<&'static Profile>,
 ) -> Option<&'static Parameter> {
-    let same = |p: &&Parameter| (p.index, p.space) == (object.index, object.sub);
-    canopen_profile(profile)?.parameters.iter().find(same)
+    canopen_profile(profile)?
+        .parameters
+        .iter()
+        .find(|p| (p.index, p.space) == (object.index, object.sub))
 }
 
 /// Name of an object; empty if it has none.

@@ -141,8 +141,8 @@ impl Network {
         if self.due.is_none_or(|due| due > now) {
             return None;
         }
-        let late = |node: &NetworkNode| node.heartbeat_due.is_some_and(|due| due <= now);
-        let at = self.nodes.iter().position(late);
+        let at =
+            self.nodes.iter().position(|node| node.heartbeat_due.is_some_and(|due| due <= now));
         match at {
             Some(at) => (self.nodes[at].heartbeat_due, self.nodes[at].state) = (None, None),
             None => self.due = self.nodes.iter().filter_map(|node| node.heartbeat_due).min(),

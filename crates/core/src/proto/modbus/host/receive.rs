@@ -135,10 +135,9 @@ impl SerialHost {
     /// Returns whether bytes begin like an expected reply.
     fn is_expected_head(&self, bytes: &[u8]) -> bool {
         let [unit, function, ..] = *bytes else { return false };
-        let ours = |awaited: &AwaitedReply| {
-            awaited.unit == unit && awaited.function == function & !EXCEPTION_BIT
-        };
-        self.outstanding().iter().any(ours)
+        self.outstanding()
+            .iter()
+            .any(|awaited| awaited.unit == unit && awaited.function == function & !EXCEPTION_BIT)
     }
 
     /// Position of a complete expected reply after bytes that look like the head of a longer frame: those

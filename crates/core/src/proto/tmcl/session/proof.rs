@@ -6,10 +6,7 @@
 //! [`SECOND_REPLIES_MIN`] in a row end the request. A pending reply has the opcode of the probe only by
 //! chance.
 
-use super::{
-    EARLY_STREAK_MAX, HostRequest, LATEST_TIMEOUTS, PendingExchange, RECENT_MAX, Session,
-    SuspectModule,
-};
+use super::{EARLY_STREAK_MAX, HostRequest, LATEST_TIMEOUTS, PendingExchange, RECENT_MAX, Session};
 use crate::error::Failure;
 use crate::proto::tmcl::opcode::Opcode;
 use crate::proto::tmcl::wire::{Reply, Request};
@@ -102,10 +99,10 @@ impl Session {
         let module = waiting.host_request.request.address;
         let suspect = self.suspects.iter().flatten().find(|suspect| suspect.module == module);
         let fresh = |(opcode, _): &(Opcode, u8)| {
-            let is_owed = |suspect: &SuspectModule| {
-                suspect.outstanding_opcodes(now).any(|tag| tag == opcode.number())
-            };
-            waiting.last_probe != Some(opcode.number()) && !suspect.is_some_and(is_owed)
+            waiting.last_probe != Some(opcode.number())
+                && !suspect.is_some_and(|suspect| {
+                    suspect.outstanding_opcodes(now).any(|tag| tag == opcode.number())
+                })
         };
         // A reply to what was asked lately may still come, also a second one that a bus error made.
         let unasked = |(opcode, _): &(Opcode, u8)| {

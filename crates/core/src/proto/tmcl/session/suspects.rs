@@ -49,9 +49,12 @@ impl Session {
         }
         let module = pending.host_request.request.address;
         let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
-        let of_module = |s: &Option<SuspectModule>| s.is_some_and(|s| s.module == module);
         let free = |slots: &[Option<SuspectModule>]| slots.iter().position(Option::is_none);
-        let index = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
+        let index = self
+            .suspects
+            .iter()
+            .position(|s| s.is_some_and(|s| s.module == module))
+            .or_else(|| free(&self.suspects));
         // A full table keeps its oldest entry longest: the line is closed until one is out.
         let index = index.unwrap_or(SUSPECTS_MAX - 1);
         let tags = [(0, until); OUTSTANDING_MAX];
@@ -89,8 +92,11 @@ impl Session {
     pub(super) fn expire_suspects(&mut self, now: Instant) {
         let probed = self.pending.map(|pending| pending.host_request.request.address);
         for slot in &mut self.suspects {
-            let over = |s: &SuspectModule| now >= s.until && probed != Some(s.module);
-            let Some(SuspectModule { module, .. }) = slot.filter(over) else { continue };
+            let Some(SuspectModule { module, .. }) =
+                slot.filter(|s| now >= s.until && probed != Some(s.module))
+            else {
+                continue;
+            };
             *slot = None;
             // Time has passed, and proves nothing.
             self.proven_addresses.remove(module);

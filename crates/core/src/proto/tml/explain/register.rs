@@ -39,10 +39,9 @@ fn register_parts(name: &str, value: u32) -> impl Iterator<Item = (&'static Regi
         (instruction::find_register("SRH").filter(|_| both), value >> 16, 16),
     ];
     let value_of = move |value: u32| if both { value & 0xFFFF } else { value };
-    let known = move |(register, value, first): (Option<_>, _, _)| {
+    named.into_iter().filter_map(move |(register, value, first)| {
         register.map(|register| (register, value_of(value), first))
-    };
-    named.into_iter().filter_map(known)
+    })
 }
 
 /// The profile's faults that the value shows, when this is the register that it has them from.

@@ -34,14 +34,13 @@ pub fn disassemble_word(word: u16, out: &mut dyn FnMut(&str)) {
 /// The form that an instruction is written in, if the table has one for it.
 #[must_use]
 pub fn form_of(instruction: &Instruction, scope: &LanguageScope<'_>) -> Option<&'static Form> {
-    let fits = |form: &&Form| {
+    forms().filter(|form| !form.alias).find(|form| {
         let out = &mut |_: &str| ();
         form.matches(instruction.opcode, instruction.data())
             && InstructionWriter { scope, instruction, variable_kind: VariableKind::Double, out }
                 .write_form(form)
                 .is_ok()
-    };
-    forms().filter(|form| !form.alias).find(fits)
+    })
 }
 
 struct PieceWriter<'o>(&'o mut dyn FnMut(&str));

@@ -48,10 +48,9 @@ impl RegisterField {
 impl Register {
     /// The fields of a value that are not zero, or whose zero has a meaning.
     pub fn shown_fields(&'static self, value: u32) -> impl Iterator<Item = &'static RegisterField> {
-        let reports = move |bits: &&RegisterField| {
-            bits.value_in(value) != 0 || !bits.meaning(value).is_empty()
-        };
-        self.bits.iter().filter(reports)
+        self.bits
+            .iter()
+            .filter(move |bits| bits.value_in(value) != 0 || !bits.meaning(value).is_empty())
     }
 }
 

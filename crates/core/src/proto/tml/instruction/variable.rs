@@ -97,8 +97,9 @@ pub fn name_at_address(
     long: bool,
 ) -> Option<&'static Parameter> {
     let is_name = |text: &str| {
-        let plain = |c: u8| c.is_ascii_alphanumeric() || c == b'_';
-        !text.is_empty() && !text.as_bytes()[0].is_ascii_digit() && text.bytes().all(plain)
+        !text.is_empty()
+            && !text.as_bytes()[0].is_ascii_digit()
+            && text.bytes().all(|c| c.is_ascii_alphanumeric() || c == b'_')
     };
     at_address(profile, address)
         .find(|p| VariableKind::of(p.encoding).is_long() == long && is_name(symbol(p)))

@@ -67,8 +67,7 @@ impl StaleReplies {
     }
 
     fn entry_mut(&mut self, axis: u8, until: Instant) -> &mut StaleAxis {
-        let same = |d: &Option<StaleAxis>| d.is_some_and(|d| d.axis == axis);
-        let index = self.axes.iter().position(same);
+        let index = self.axes.iter().position(|d| d.is_some_and(|d| d.axis == axis));
         let index = index.or_else(|| self.axes.iter().position(Option::is_none));
         let fresh = StaleAxis {
             axis,
