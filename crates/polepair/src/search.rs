@@ -164,6 +164,8 @@ struct PortSearch {
     damaged: Vec<String>,
     /// Addresses that were asked of each attempt.
     asked: usize,
+    /// Addresses that the host may not ask, being its own: `tmcl address 2`.
+    left_out: Vec<String>,
     found: Vec<FoundLink>,
 }
 
@@ -243,6 +245,7 @@ impl PortSearch {
             error: None,
             damaged: Vec::new(),
             asked: 0,
+            left_out: Vec::new(),
             found: Vec::new(),
         }
     }
@@ -324,6 +327,12 @@ impl PortSearch {
                 {
                     self.damaged.push(label.clone());
                 }
+                ProbeResult::Forbidden(_) => {
+                    let address = format!("{} address {number}", protocol.name);
+                    if !self.left_out.contains(&address) {
+                        self.left_out.push(address);
+                    }
+                }
                 _ => {}
             }
         }
@@ -391,10 +400,17 @@ impl PortSearch {
         let rates = BAUD_RATES.map(|rate| rate.to_string()).join(", ");
         match self.asked {
             0 => String::new(),
-            count => format!(
-                "{} at {rates} baud, {EVEN_PARITY} with even parity too, the first {count} addresses of each",
-                protocols.join(", ")
-            ),
+            count => {
+                let left_out = match &*self.left_out {
+                    [] => String::new(),
+                    own => format!(", without {} (the host's own)", own.join(", ")),
+                };
+                format!(
+                    "{} at {rates} baud, {EVEN_PARITY} with even parity too, the first {count} addresses \
+                     of each{left_out}",
+                    protocols.join(", ")
+                )
+            }
         }
     }
 }
@@ -417,6 +433,15 @@ impl SearchReport {
 #[cfg(test)]
 mod tests {
     use super::PortSearch;
+
+    #[test]
+    fn an_address_that_was_left_out_is_not_called_asked() {
+        let mut search = PortSearch::of_serial_port("/dev/ttyUSB0");
+        search.asked = 32;
+        assert!(search.tried_text().ends_with("the first 32 addresses of each"));
+        search.left_out.push("tmcl address 2".to_owned());
+        assert!(search.tried_text().ends_with("without tmcl address 2 (the host's own)"));
+    }
 
     #[test]
     fn a_serial_port_is_asked_the_usual_way_first_and_never_twice_alike() {
