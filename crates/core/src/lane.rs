@@ -134,6 +134,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     #[inline]
     fn drain_host_events(&mut self, now: Instant) {
         while let Some(event) = self.host.poll_event() {
+            // Looked up before the event is processed, because that may free the job's place.
             let silent = silent_axis(&self.jobs, event);
             let report = (&mut self.group_answers, &mut self.events);
             handle_host_event(now, &mut self.jobs, &mut self.slots, report, event);
@@ -151,6 +152,9 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     /// Records the frames received during a request of this axis that timed out.
     #[cold]
     fn record_silence(&mut self, axis: u8) {
+        // A session keeps only its counters; the difference to those at the request is the traffic during it
+        // (REQ-4). Bytes that are no frame yet count as skipped: an adapter at the wrong rate produces nothing
+        // else.
         let mut counted = self.host.counters();
         counted.skipped += self.host.unparsed_len() as u64;
         if let Some(slot) = self.slots.get_mut(usize::from(axis)) {
@@ -165,11 +169,18 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let mut open = u64::MAX;
         while let Some((n, job)) = self.jobs.next_ready(open) {
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
+            // A scale that cannot be true may be the reply to another question (REQ-6). The host first proves the
+            // order of replies again; without that it would believe the same wrong value twice.
             if core::mem::take(&mut slot.implausible_reply) {
                 self.host.quarantine_drive(now, drive_address(slot.driver.address()));
             }
             if let Some((id, request)) = execute::plain_read_request(job, slot) {
                 if let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) {
+                    debug_assert_eq!(
+                        job.in_flight,
+                        InFlight::Nothing,
+                        "one request of a job at a time"
+                    );
                     job.in_flight = InFlight::Read(id);
                     if job.no_retry {
                         self.host.disable_retries(Ticket(n as u32));
@@ -214,11 +225,17 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                     if job.no_retry {
                         self.host.disable_retries(Ticket(n as u32));
                     }
+                    // From here on the motor may turn, whatever becomes of the reply.
                     slot.state.motion_active |= job.starts_motion(slot, in_flight);
                 }
                 self.jobs.mark_sent(n);
             }
             Err(next) => {
+                debug_assert_eq!(
+                    job.in_flight,
+                    InFlight::Nothing,
+                    "a job that sends nothing waits for nothing"
+                );
                 execute::note_end(now, &next, job, slot);
                 self.jobs.apply_unsent(n, next);
             }
@@ -256,6 +273,7 @@ fn handle_host_event<R: Request, A: Copy + 'static>(
         (EventSubject::GroupMember(Ticket(n), address), _) => {
             let part = jobs.handle_group_answer(now, slots, *n as usize, *address, answer);
             let Some(part) = part else { return };
+            // The newest replies are of more use than the oldest to a caller that fell behind.
             if parts.len() >= GROUP_ANSWERS_MAX {
                 parts.pop_front();
             }
@@ -285,6 +303,7 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
             if self.jobs.handle_read_answer(now, &mut self.slots, event) {
                 continue;
             }
+            // Looked up before the event is processed, because that may free the job's place.
             let silent = silent_axis(&self.jobs, event);
             let report = (&mut self.group_answers, &mut self.events);
             handle_host_event(now, &mut self.jobs, &mut self.slots, report, event);
@@ -302,12 +321,15 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     fn handle_line(&mut self, now: Instant, event: LineEvent) {
         self.host.handle_line(now, event);
         self.drain_host_events(now);
+        // A bus-off controller sends nothing: for every job that is a pulled cable.
         if matches!(event, LineEvent::Down | LineEvent::BusOff) {
             self.jobs.handle_link_down();
             if let Some(cycle) = &mut self.cyclic {
                 cycle.handle_link_down();
             }
         }
+        // Whatever was plugged in since may be another drive, with other scales. A break is only a disturbed
+        // line.
         if event != LineEvent::Break {
             self.slots.iter_mut().for_each(AxisSlot::forget_learned);
         }
@@ -368,6 +390,8 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             self.slot_mut(axis)?.setpoint_kind = setpoint_kind_of(verb);
         }
         let ends_program = self.slot(axis)?.program_end_request(&command).is_some();
+        // A program that goes on would set the motor going again after the stop, so it is ended between two
+        // stops (STOP-19).
         let program_end = halt_steps.filter(|_| ends_program).and_then(|at| u8::try_from(at).ok());
         if program_end.is_some() {
             let state = &mut self.slot_mut(axis)?.state;
@@ -420,6 +444,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         if request.effect(slot.profile).impact >= Impact::Motion && !slot.state.armed {
             return Err(Unsupported::NotArmed);
         }
+        // Its effect, and not the text that it was typed as, decides what a raw request needs.
         let stop = request.is_stop();
         if stop {
             self.cancel_motion(axis);

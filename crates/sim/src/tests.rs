@@ -297,13 +297,15 @@ fn seeded_buses_keep_every_invariant() {
 /// copy of a reply that came before its request had left, what the checkers had wrong of a stop
 /// that overtakes, of a frame that is taken twice and of a second drive with the same address; a refusal behind
 /// a damaged reply, a start that the motion before seemed to prove, and a doubled reply that was taken for a scale.
-const ONCE_BROKEN: [(MediumKind, u64); 10] = [
+const ONCE_BROKEN: [(MediumKind, u64); 12] = [
     (MediumKind::Can, 1615),
     (MediumKind::Can, 1648),
     (MediumKind::Can, 2445),
     (MediumKind::Can, 2604),
     (MediumKind::Can, 2885),
     (MediumKind::Can, 2968),
+    (MediumKind::Can, 65_887),
+    (MediumKind::Can, 74_415),
     (MediumKind::Can, 21_007_327),
     (MediumKind::Can, 21_028_611),
     (MediumKind::Can, 22_004_573),

@@ -29,6 +29,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
     raw: Result<i64, Failure>,
 ) -> JobState {
     if let InFlight::Factor(id) = in_flight {
+        // Once the steps are checked, factors are only read for the judge, who can do without them.
         let is_needed = !run.checked && missing_factor(run, slot) == Some(id);
         slot.count_attempt(id);
         return match raw {
@@ -59,6 +60,10 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
         run.stage = StepStage::EndStore;
         return JobState::Ready;
     }
+    debug_assert!(
+        run.stage != StepStage::Before || matches!(in_flight, InFlight::Watch(_)),
+        "only readings precede a start"
+    );
     if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
         return handle_guard_answer(run, slot, read, id, raw);
     }
@@ -70,6 +75,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
     }
     match (in_flight, raw) {
         (InFlight::Send(_), Err(Failure::Silent)) if !group && !run.is_stop() => {
+            // TML leaves open what a missing acknowledgement means, so the drive's registers are asked (TML-1).
             match execution_proof(run, slot) {
                 Some(proof) => run.stage = StepStage::Proof(proof),
                 None if slot.begin_start_proof(now, run) => run.stage = StepStage::StartProof,
@@ -78,11 +84,15 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
             JobState::Ready
         }
         (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
+            // Never written twice without a look: the drive's value shows whether the lost request was executed
+            // (REQ-1).
             let readable = slot.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
             if class == RequestClass::ReadBack && readable {
                 run.stage = StepStage::ReadBack(id, value);
                 return JobState::Ready;
             }
+            // A target register reads back what was written even if the motor never started, so the motion itself
+            // is looked at.
             let moves = slot.parameter(id).is_some_and(|parameter| parameter.moves);
             if moves && !group && slot.begin_start_proof(now, run) {
                 run.stage = StepStage::StartProof;
@@ -140,6 +150,8 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
             complete_step(now, run, run.last_value)
         }
         (InFlight::ReadBack(id, value), Ok(raw)) if raw != value => {
+            // The reading proves that the write was not executed, and a drive answers in order: nothing older can
+            // arrive.
             let rewritable = slot.parameter(id).is_some_and(|it| slot.driver.may_rewrite(it));
             if rewritable && !group && run.may_resend() {
                 run.stage = StepStage::Write(value);
@@ -196,6 +208,8 @@ fn handle_proof(now: Instant, run: &mut PlanRun, raw: Result<i64, Failure>) -> J
             JobState::Ready
         }
         (StepStage::FaultBeforeResend(proof), Ok(raw)) => {
+            // A drive with a fault ignores such a request whenever it comes, so to send it again would be of no
+            // use.
             if raw & proof.fault_mask == 0 && run.may_resend() {
                 run.stage = StepStage::First;
                 return JobState::Ready;
@@ -239,6 +253,7 @@ fn handle_guard_answer<R: Request, A: Copy + 'static>(
         Err(Failure::Refused { .. }) if read != GuardRead::FaultWithoutPower => {
             return JobState::Ready;
         }
+        // The power is gone in any case; only its cause stays unknown.
         Err(_) if read == GuardRead::FaultWithoutPower => {
             return fail_step(run, Failure::PowerLost);
         }
@@ -267,6 +282,7 @@ fn handle_watch_answer<R: Request, A: Copy + 'static>(
             if !slot.driver.is_group() {
                 slot.observe(now, slot.driver.address(), &WatchValue::of(run), id, raw);
             }
+            // Nothing moved for `PROOF_MS`: that is no proof that nothing will, so the outcome stays unknown.
             if run.stage == StepStage::StartProof && slot.is_proof_over(now, run) {
                 run.stage = StepStage::First;
                 return fail_step(run, Failure::Silent);
@@ -319,6 +335,7 @@ fn handle_program_answer<R: Request, A: Copy + 'static>(
         // It runs no programs.
         Err(Failure::Refused { .. }) if asked => run.resume_stop(false),
         Err(failure) => {
+            // The program may go on, so the motor is stopped again all the same.
             run.undo_reason.get_or_insert(failure);
             run.resume_stop(true);
         }

@@ -23,6 +23,7 @@ use crate::time::Instant;
 const PREFILL: Duration = Duration::from_millis(100);
 /// Silence of a drive, together with a number of beats, after which it counts as lost.
 const SILENCE_MAX: Duration = Duration::from_millis(100);
+// One lost report is usual on a full bus; at long periods four of them are longer than `SILENCE_MAX`.
 const SILENT_CYCLES: u32 = 4;
 /// A host that is late by more than this is no hiccup: drives that watch it have given up.
 const HOST_PAUSE_MAX: Duration = Duration::from_millis(100);
@@ -113,6 +114,7 @@ impl CyclicMotion {
             setpoint_kind: following.setpoint,
             period: following.period,
             timeout_scale: following.timeout_scale,
+            // All memory is taken here. An allocation in a cycle may take longer than the cycle.
             queue: VecDeque::with_capacity(CYCLES_MAX * members.len()),
             axes: members,
             complete: false,
@@ -183,6 +185,7 @@ impl CyclicMotion {
             return None;
         }
         let axes = self.axes.len();
+        debug_assert_eq!(self.queue.len() % axes, 0, "the queue holds whole cycles");
         let capacity = CYCLES_MAX - self.queue.len() / axes;
         let (all, mut taken) = (setpoints.len() / axes, Ok(()));
         for cycle in setpoints.chunks_exact(axes).take(capacity) {
@@ -273,6 +276,7 @@ impl CyclicMotion {
         }
         self.statistics.syncs += 1;
         self.statistics.lateness.record(now.since(self.due).as_nanos() as u64);
+        // From the planned time, not from now: otherwise each delay would shift all later beats.
         self.due = self.due + self.period;
         self.axes.iter_mut().for_each(|member| member.reported = false);
     }
@@ -290,6 +294,7 @@ impl CyclicMotion {
         }
         let missed = (late.as_nanos() / self.period.as_nanos()) as u32;
         self.statistics.missed_cycles += u64::from(missed);
+        // Missed beats are left out. To make them up would send a burst, and drives would jump.
         self.due = self.due + self.period * missed;
         if let Some(failure) = self.check_reports(now, slots) {
             return self.fail(failure);
@@ -310,6 +315,7 @@ impl CyclicMotion {
         now: Instant,
         slots: &[AxisSlot<R, A>],
     ) -> Option<Failure> {
+        debug_assert!(!self.axes.is_empty(), "a beat has axes");
         let patience = SILENCE_MAX.max(self.period * SILENT_CYCLES) * self.timeout_scale;
         let mut absent = None;
         for member in self.axes.iter().filter(|_| self.statistics.syncs > 0) {
@@ -343,6 +349,7 @@ impl CyclicMotion {
         }
         for member in &mut self.axes {
             member.previous_raw = member.raw;
+            debug_assert!(!self.queue.is_empty(), "a cycle has a set-point for each axis");
             member.raw = self.queue.pop_front().unwrap_or(member.raw);
         }
         self.statistics.cycles += 1;
@@ -401,6 +408,7 @@ impl CyclicMotion {
             CyclicStage::Run => CyclicStage::Stop(Outcome::Unknown(failure)),
             CyclicStage::Stop(_) | CyclicStage::Ended => return,
         };
+        // Due at once: the stop of all axes does not wait for the next beat.
         (self.next_axis, self.due) = (0, Instant::ZERO);
     }
 }

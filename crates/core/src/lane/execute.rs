@@ -18,6 +18,8 @@ use crate::station::{Request, RequestClass};
 use crate::time::Instant;
 
 /// Interval of reading a condition of a wait.
+// As often as the judge reads a drive's report, see `watch`: a waiting plan takes a tenth of a serial
+// line.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Next state of a job.
@@ -111,6 +113,8 @@ fn next_run_request<R: Request, A: Copy + 'static>(
         if let Some(id) = missing_factor(run, slot) {
             return read_request(slot, InFlight::Factor(id)).map_err(end_impossible);
         }
+        // All limits are checked before the first byte, so that a plan never ends half way because of an
+        // argument.
         for at in 0..=u8::MAX {
             let Some(step) = run.steps.step(at) else { break };
             slot.check_step(&step, &run.command).map_err(end_impossible)?;
@@ -123,6 +127,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
     }
     // Each turn of this loop passes a step that sends nothing; plans are bounded.
     loop {
+        // To end a program that may not run is of less use than a stop that arrives.
         if run.is_program_end_due() && matches!(run.undo_reason, Some(Failure::Silent)) {
             // No drive receives: the whole stop is repeated.
             run.resume_stop(false);
@@ -147,6 +152,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
                     .map_err(end_impossible);
             }
             StepStage::Sleep(until) if until > now => return Err(JobState::Sleeping(until)),
+            // The condition is read anew after the pause: an old reading proves nothing.
             StepStage::Sleep(_) => run.stage = StepStage::First,
             StepStage::Guard(_, id) => {
                 return read_request(slot, InFlight::Guard(id)).map_err(end_impossible);
@@ -171,6 +177,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
         let Some(step) = run.current_step() else {
             return Err(JobState::Ended(finished_outcome(run)));
         };
+        // An object that the drive refused as missing changes nothing here, see `AxisSlot::skips_step`.
         if slot.skips_step(&step) {
             advance_past_missing(run);
             continue;
@@ -230,6 +237,10 @@ fn program_request<R: Request, A: Copy + 'static>(
     slot: &AxisSlot<R, A>,
     command: ProgramCommand,
 ) -> Result<(R, InFlight), JobState> {
+    debug_assert!(
+        !slot.driver.is_group() || command != ProgramCommand::QueryProgram,
+        "a group has no one answer"
+    );
     let request = slot.driver.program_request(command);
     let request = request.ok_or_else(|| end_impossible(Unsupported::NoPlan))?;
     Ok((request, InFlight::Send(request.class())))
@@ -328,11 +339,13 @@ pub fn abort_outcome<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
     match job.task {
         JobTask::Run(mut run) => {
             // What is out may be executed.
+            // A request that has left counts as possibly executed, until something is read back.
             if job.in_flight.may_have_changed() {
                 run.record_result(job.in_flight, Err(Failure::Silent));
             }
             run.outcome_for(failure)
         }
+        // Points and blocks that went out stay in the drive, and nothing here knows how many of them it took.
         JobTask::Path | JobTask::Transfer(TransferKind::Write) => Outcome::Unknown(failure),
         _ if job.in_flight.may_have_changed() => Outcome::Unknown(failure),
         _ => Outcome::NotDone(failure),
@@ -379,10 +392,14 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
     slot: &mut AxisSlot<R, A>,
     raw: Result<i64, Failure>,
 ) -> JobState {
+    debug_assert_ne!(job.in_flight, InFlight::Nothing, "a reply belongs to a request");
+    debug_assert!(job.outcome.is_none(), "an ended job gets no reply");
     let in_flight = core::mem::replace(&mut job.in_flight, InFlight::Nothing);
     if let Some(again) = busy_pause(now, job, slot, raw) {
         return JobState::Sleeping(again);
     }
+    // Leaving the download mode changes no motor, so it does not count as a part of the stop that was
+    // done.
     if let JobTask::Run(run) = &mut job.task
         && run.stage != StepStage::EndStore
     {
@@ -394,6 +411,7 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
         (Some(id), Err(Failure::WrongSize { .. })) => slot.mark_lacking(id),
         _ => {}
     }
+    // Nothing can be read back any more, so the bits noted so far decide.
     if raw == Err(Failure::LinkDown) {
         let failure = Failure::LinkDown;
         return JobState::Ended(match &job.task {
@@ -419,6 +437,7 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
         },
         JobTask::Raw(_) => JobState::Ended(match raw {
             Ok(raw) => Outcome::Done(raw),
+            // Modbus exception 5: accepted, and not finished yet (Modbus application protocol 1.1b3, chapter 7).
             Err(Failure::Refused { code }) if slot.driver.refusal(code) == Refusal::Accepted => {
                 Outcome::Done(0)
             }
@@ -457,6 +476,7 @@ fn busy_pause<R: Request, A: Copy + 'static>(
         Err(Failure::Refused { code })
             if repeats && !job.cancelled && slot.driver.refusal(code) == Refusal::Busy =>
         {
+            // The refusal proves that the request was not executed, so to send it again is no repetition (REQ-1).
             let since = *job.busy_since.get_or_insert(now);
             (now <= since.plus_ms(BUSY_MAX_MS)).then(|| now.plus_ms(BUSY_PAUSE_MS))
         }
@@ -471,6 +491,7 @@ fn busy_pause<R: Request, A: Copy + 'static>(
 fn cancelled_outcome(run: &PlanRun, in_flight: InFlight, raw: Result<i64, Failure>) -> Outcome {
     let last = run.is_last_step();
     match (in_flight, raw) {
+        // The stop came after its last step had been acknowledged: it was done, and then stopped.
         (InFlight::Write(..) | InFlight::Send(_), Ok(raw)) if last => Outcome::Done(raw),
         (InFlight::ReadBack(_, value), Ok(raw)) if last && raw == value => Outcome::Done(raw),
         _ => run.outcome_for(Failure::Cancelled),
@@ -538,6 +559,8 @@ pub fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
             return fail_step(run, Failure::Faulted { code: (raw & mask) as u32 });
         }
         (Step::Until { test, within_ms, required, .. }, _) if !test.passes(raw) => {
+            // Counted from the first reading, not from the step's request: a slow line shall not use up the
+            // drive's time.
             let since = *run.waiting_since.get_or_insert(now);
             let over = now > since.plus_ms(run.wait_limit_ms(within_ms));
             if !over {

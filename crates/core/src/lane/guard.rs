@@ -10,6 +10,7 @@ use crate::station::Request;
 use crate::time::Instant;
 
 /// Interval of reads that the step does not make by itself.
+// Power, mode and fault change rarely, and each takes a request from the reading that ends the wait.
 const PERIOD_MS: u32 = 200;
 
 /// Values seen during one run.
@@ -72,6 +73,7 @@ impl WaitGuard {
         id: ParameterId,
         raw: i64,
     ) -> GuardVerdict {
+        // These verbs take the power away themselves, or are there to end a fault.
         if verb.is_stop() || matches!(verb, Verb::Disable | Verb::Clear) {
             return GuardVerdict::WaitOn;
         }
@@ -114,6 +116,7 @@ impl WaitGuard {
             }
             GuardRead::Mode(mode) => (raw != mode).then_some(Failure::ModeChanged { mode: raw }),
             GuardRead::Fault => fault_of(slot, id, raw & ruled_out_mask(steps, id)),
+            // A drive that lost its power mostly knows why, and the fault is the better answer.
             GuardRead::FaultWithoutPower => {
                 Some(fault_of(slot, id, raw).unwrap_or(Failure::PowerLost))
             }

@@ -156,6 +156,8 @@ impl InFlight {
 const MOTION_WAIT_MIN_MS: u32 = 10_000;
 
 /// Limit of repetitions of a step that readings prove not executed.
+// The manual of TML asks for a repetition, and names no limit. Two are enough for a bad contact; a third silence has
+// another cause.
 const RESENDS_MAX: u8 = 2;
 
 /// A walk along steps.
@@ -329,6 +331,8 @@ impl PlanRun {
 
     /// Returns whether all of a homing's start was sent, so that readings show whether it runs.
     pub fn is_homing_under_way(&self) -> bool {
+        // A drive reports a finished homing before its motor is at standstill; until then the readings belong to the
+        // judge.
         let left = (self.index..=u8::MAX).map_while(|at| self.steps.step(at));
         let next = left.into_iter().find(|step| step.may_change_drive() || step.is_judged());
         self.verb == Some(Verb::Home)
@@ -382,6 +386,8 @@ impl PlanRun {
             self.undo_failed |= !whole;
             return;
         }
+        // A plan has at most 64 steps that change a drive. What is beyond would be missing in the outcome, not
+        // wrong.
         let bit = 1u64.checked_shl(self.index.into()).unwrap_or(0);
         let extent = &mut self.extent;
         match (in_flight, raw) {
@@ -419,6 +425,7 @@ impl PlanRun {
 
     /// Records the result of a reading for the current step.
     pub fn record_proof(&mut self, executed: bool) {
+        debug_assert!(u32::from(self.index) < u64::BITS, "an extent has a bit for each step");
         let bit = 1u64.checked_shl(self.index.into()).unwrap_or(0);
         let extent = &mut self.extent;
         extent.unknown &= !bit;
@@ -428,6 +435,7 @@ impl PlanRun {
 
     /// Returns whether the current step may be sent once more after a reading showed that it was not executed.
     pub fn may_resend(&mut self) -> bool {
+        // A stop is repeated as a whole by its supervisor, and the way back is not worth a delay.
         let allowed = self.resends < RESENDS_MAX && !self.is_stop() && self.undo_reason.is_none();
         self.resends += u8::from(allowed);
         allowed
@@ -437,6 +445,7 @@ impl PlanRun {
     pub fn write_class(&self, parameter: &Parameter) -> RequestClass {
         if self.is_stop() {
             RequestClass::Stop
+        // Flash wears with each write, and a motion must not be begun twice: neither is ever sent again.
         } else if parameter.moves || parameter.persistence == Persistence::Always {
             RequestClass::NoRetry
         } else {
@@ -446,6 +455,7 @@ impl PlanRun {
 
     /// On to the next step.
     pub fn advance(&mut self, raw: i64) {
+        debug_assert!(self.index < u8::MAX, "a plan is shorter than its index");
         self.index += 1;
         self.stage = StepStage::First;
         self.waiting_since = None;

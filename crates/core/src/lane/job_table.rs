@@ -58,6 +58,7 @@ impl<R: Request> JobTable<R> {
         task: JobTask<R>,
         stop: bool,
     ) -> Result<(), Unsupported> {
+        // The lowest free bits are used first, so the reserved places are the last to be filled.
         let n = (!self.used).trailing_zeros() as usize;
         if n >= JOBS_MAX - if stop { 0 } else { RESERVED_STOP_JOBS } {
             return Err(Unsupported::Busy);
@@ -80,6 +81,11 @@ impl<R: Request> JobTable<R> {
             outcome: None,
         });
         let bit = 1 << n;
+        debug_assert_eq!(
+            (self.ready | self.sleeping | self.ended) & bit,
+            0,
+            "a free place has no state"
+        );
         self.used |= bit;
         self.ready |= bit;
         if stop || moves || (self.urgent | self.motion) & bit != 0 {
@@ -101,6 +107,7 @@ impl<R: Request> JobTable<R> {
             let urgent = from & self.urgent;
             from &= if urgent == 0 { self.motion } else { urgent };
         }
+        // In turns, so that one caller who asks again and again does not keep the others waiting.
         let behind = from & self.after_last;
         let pick = if behind == 0 { from } else { behind };
         let n = pick.trailing_zeros() as usize;
@@ -138,6 +145,12 @@ impl<R: Request> JobTable<R> {
     #[inline]
     pub fn mark_sent(&mut self, n: usize) {
         self.ready &= !(1 << n);
+        debug_assert_eq!(self.used >> n & 1, 1, "only a job in use is sent");
+        debug_assert_eq!(
+            (self.sleeping | self.ended) >> n & 1,
+            0,
+            "what is sent neither sleeps nor has ended"
+        );
         self.after_last = !1 << n;
     }
 
@@ -147,6 +160,7 @@ impl<R: Request> JobTable<R> {
         let Some(Some(job)) = self.jobs.get_mut(n) else { return };
         job.in_flight = InFlight::Nothing;
         if job.cancelled {
+            // It could not be recalled before, because its request was waiting for the line to be silent (STOP-3).
             let outcome = execute::abort_outcome(job, Failure::Cancelled);
             self.end_job(n, outcome);
         } else {
@@ -180,6 +194,7 @@ impl<R: Request> JobTable<R> {
         let Some(slot) = slots.get_mut(usize::from(job.axis)) else { return false };
         match slot.handle_answer(now, id, answer) {
             Ok(raw) => self.end_job(n, Outcome::Done(raw)),
+            // The general way counts attempts and marks what the drive lacks.
             // A busy drive is asked again.
             Err(Failure::Refused { .. } | Failure::WrongSize { .. }) => return false,
             Err(failure) => self.fail_job(n, failure),
@@ -242,6 +257,11 @@ impl<R: Request> JobTable<R> {
                 if let Some(job) = &mut self.jobs[n] {
                     job.sleeps_until = until;
                 }
+                debug_assert_eq!(
+                    (self.ready | self.ended) >> n & 1,
+                    0,
+                    "a job either runs or sleeps"
+                );
                 self.sleeping |= 1 << n;
                 self.wake_at = earliest(self.wake_at, Some(until));
             }
@@ -254,9 +274,11 @@ impl<R: Request> JobTable<R> {
     #[inline]
     fn end_job(&mut self, n: usize, outcome: Outcome) {
         if let Some(job) = &mut self.jobs[n] {
+            debug_assert!(job.outcome.is_none(), "an outcome is final");
             job.outcome = Some(outcome);
             job.in_flight = InFlight::Nothing;
         }
+        debug_assert_eq!(self.used >> n & 1, 1, "only a job in use can end");
         self.ended |= 1 << n;
     }
 
@@ -303,6 +325,8 @@ impl<R: Request> JobTable<R> {
                 let outcome = execute::abort_outcome(job, Failure::Cancelled);
                 self.abort_job(n, outcome);
             } else {
+                // Its request is on the wire. To end it now would free its place for another job, and the reply would
+                // be taken for that one's.
                 job.cancelled = true;
             }
         }
@@ -312,6 +336,8 @@ impl<R: Request> JobTable<R> {
     pub fn handle_link_down(&mut self) {
         for n in set_bits(self.used & !self.ended) {
             let Some(job) = &self.jobs[n] else { continue };
+            // A reply may still come after the cable is back. The host refuses it then, because the job is gone
+            // (REQ-8).
             let outcome = execute::abort_outcome(job, Failure::LinkDown);
             self.abort_job(n, outcome);
         }

@@ -135,6 +135,7 @@ impl PathStream {
         &mut self,
         slot: &AxisSlot<R, A>,
     ) -> Result<(R, InFlight), JobState> {
+        // The motion begins with a full buffer, so that a pause of the caller does not end it.
         let fed_up = self.complete && self.points.is_empty();
         if self.buffer_model.is_filled() || fed_up && self.buffer_model.sent() > 0 {
             return self.step_request(slot, PathStep::Start);
@@ -154,6 +155,7 @@ impl PathStream {
         slot: &AxisSlot<R, A>,
     ) -> Result<(R, InFlight), JobState> {
         let may_send = self.buffer_model.next_send_at();
+        // A status that is due goes first: it is what notices a lost point.
         if !self.points.is_empty() && now >= may_send && now < self.next_status {
             return self.point_request(slot);
         }
@@ -209,6 +211,7 @@ impl PathStream {
         let PathParameters { position, velocity, time, .. } = self.parameters;
         let raw_time = slot.to_raw(time, point.time)?;
         let raw = RawPoint {
+            // From the rounded end of the last point, so that rounding does not add up along the path.
             distance: slot.to_raw(position, point.position)? - self.end_position,
             velocity: slot.to_raw(velocity, point.velocity)?,
             time: raw_time,
@@ -297,6 +300,7 @@ impl PathStream {
         match (in_flight, raw) {
             (InFlight::Factor(id), Ok(_)) => slot.count_attempt(id),
             (_, Ok(raw)) if n == 0 => {
+                // A buffer that claims to be empty or endless is a misread register.
                 let capacity = raw.clamp(ROOM_MIN, POINTS_MAX as i64) as u32;
                 self.low_mark = (capacity / 2).clamp(1, 15) as u8;
                 *self.buffer_model = BufferModel::new(capacity, self.low_mark.into());
@@ -317,6 +321,7 @@ impl PathStream {
         slot: &AxisSlot<R, A>,
     ) -> JobState {
         if let Some((raw, time_ns)) = self.raw_point(slot) {
+            debug_assert!(!self.points.is_empty(), "the point that was sent is still the first");
             self.end_position += raw.distance;
             self.buffer_model.record_sent(time_ns);
             self.points.pop_front();
@@ -327,6 +332,7 @@ impl PathStream {
 
     /// Handles a point without a reply: the drive's counter shows whether the point arrived.
     fn verify_point<R: Request, A: Copy + 'static>(&mut self, slot: &AxisSlot<R, A>) -> JobState {
+        // Without an earlier status nothing shows which number the drive waits for.
         if self.counter_offset.is_none() || self.resends >= RESENDS_MAX {
             return self.fail(Failure::Silent);
         }
@@ -380,6 +386,7 @@ impl PathStream {
         let status = slot.driver.decode_path_status(raw);
         let sent = self.buffer_model.sent();
         let offset = status.offset(sent);
+        // The counter starts wherever the last path left it; from then on it must keep step with the points.
         let known = *self.counter_offset.get_or_insert(offset);
         self.next_status = now + STATUS_INTERVAL;
         if status.underrun {
@@ -412,6 +419,7 @@ impl PathStream {
         if now > end + GRACE {
             return self.fail(Failure::NotReached);
         }
+        // Fifty times a second once the path should be over: the caller waits for the answer now.
         self.next_status = if end > now { end } else { now + STATUS_INTERVAL / 50 };
         JobState::Ready
     }

@@ -41,6 +41,7 @@ struct ScaleFactor {
 /// Parameters that are added to those of an axis' profile at most.
 const ADDED_PARAMETERS_MAX: usize = 4096;
 /// Times a factor is asked at most while what comes is not believed.
+// Two equal readings decide; the third is for one that was damaged.
 const ATTEMPTS_MAX: u8 = 3;
 
 impl ScaleFactor {
@@ -58,6 +59,8 @@ impl ScaleFactor {
     /// request, where replies do not repeat their request; it is accepted when the drive repeats it. With
     /// `is_anonymous` that holds for each new value: one wrong scale would make all later values wrong.
     fn accept_reading(&mut self, raw: i64, possible: bool, is_anonymous: bool) -> bool {
+        // A wrong microstep resolution would shift every position by up to 256 times, so a reply that does not
+        // name its question counts when it came twice (TMCL-6).
         let is_known = !is_anonymous || self.raw == Some(raw);
         if possible && is_known || self.unconfirmed == Some(raw) {
             (self.raw, self.unconfirmed) = (Some(raw), None);
@@ -190,6 +193,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     /// is added again. `None` when there are too many.
     pub fn add_parameter(&mut self, parameter: &'static Parameter) -> Option<ParameterId> {
         let known = self.entries.iter().position(|entry| core::ptr::eq(entry.parameter, parameter));
+        // The same definition keeps its number, so that programs that name it again do not fill the table.
         let at = known.unwrap_or(self.entries.len());
         let id = u16::try_from(at).ok().map(ParameterId)?;
         if known.is_none() {
@@ -263,6 +267,10 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     /// Takes a raw reading of a parameter into the state and the scales.
     #[inline]
     pub fn record_value(&mut self, now: Instant, id: ParameterId, raw: i64) {
+        debug_assert!(
+            usize::from(id.0) < self.entries.len(),
+            "a value belongs to a known parameter"
+        );
         let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
         if let Some(factor) = entry.factor_index.and_then(|at| self.factors.get_mut(at)) {
             let possible = entry.parameter.allows(raw);
@@ -314,6 +322,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     /// Processes a refusal. A refusal that shows that an optional parameter is missing is remembered.
     #[cold]
     pub fn handle_refusal(&mut self, id: ParameterId, code: u32) {
+        // "Not now" is not "never": only a refusal for a missing object takes a reading out (STOP-21).
         if self.driver.refusal(code) == Refusal::Missing {
             self.handle_missing(id);
         }
@@ -350,6 +359,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     fn scale_from_factors(&self, entry: &ParameterEntry<R>) -> ScaleState {
         let parameter = entry.parameter;
         let factors = || entry.inputs.iter().map(|at| &self.factors[*at]);
+        // A missing factor of the scale itself is known to be missing; one of a rule may have a default.
         let direct = [parameter.scale.times, parameter.scale.over];
         let lacks = |id| self.lacks_parameter(id);
         let unread = factors().any(|f| f.raw.is_none() && !lacks(f.parameter));
@@ -420,6 +430,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
         self.update_scales();
         self.motion.end_start();
+        // The person who armed it did so for the drive that was there then.
         self.state.armed = false;
         self.setpoint_kind = None;
     }
@@ -540,6 +551,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         if let (Some(which), Some(id)) = (operand.argument(), like) {
             match command.argument(which) {
                 Some(si) if !si.is_finite() => return Err(Unsupported::BadArgument),
+                // A speed or a limit that the caller named must not be dropped silently (PROFILE-2).
                 Some(_) if self.lacks_parameter(id) => {
                     return Err(Unsupported::Forbidden(NO_OBJECT));
                 }

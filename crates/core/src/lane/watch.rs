@@ -21,6 +21,7 @@ use crate::station::Request;
 use crate::time::Instant;
 
 /// Interval of reading the drive's own report.
+// A TMCL poll at 9,600 baud takes 19 ms, so a slow line is not asked for more than it can carry.
 const FLAG_MS: u32 = 20;
 /// Interval of reading position and speed while the report shows a running motion.
 const MEASURE_MS: u32 = 100;
@@ -31,6 +32,7 @@ const ROUND_PAUSE_FACTOR: u32 = 2;
 /// Drives of a group that are judged, at most.
 const MEMBERS_MAX: usize = 32;
 /// Time to look for evidence of a start that was not acknowledged.
+// Room for five readings of each of three values on a TMCL line at 9,600 baud.
 const PROOF_MS: u32 = 300;
 
 /// Something that is read while a motion is waited for.
@@ -152,6 +154,7 @@ impl MotionWatch {
     fn replace(&mut self, first: Option<MotionJudge>) {
         self.motions = self.motions.wrapping_add(1);
         self.members.clear();
+        debug_assert!(self.members.is_empty(), "a new motion has no readings");
         (self.epoch, self.first, self.before) = (self.motions, first, None);
     }
 
@@ -194,6 +197,7 @@ impl MotionWatch {
     fn judge(&mut self, address: u32) -> Option<&mut MotionJudge> {
         let at = match self.members.iter().position(|(member, _)| *member == address) {
             Some(at) => at,
+            // Room was made with the slot: nothing is allocated while motors turn.
             None if self.members.len() < self.members.capacity() => {
                 self.members.push((address, self.first?));
                 self.members.len() - 1
@@ -249,9 +253,11 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             _ => return,
         };
         self.motion.keep_motion();
+        // The motion before stays known until this one has started: a refused start changes nothing of it.
         let before = self.motion.before;
         self.begin_watch(goal, Some(&run.command));
         self.motion.before = before;
+        // What is read before the start is then the end of another motion, and proves nothing of this one.
         if self.state.motion_active {
             self.motion.members.iter_mut().for_each(|(_, judge)| judge.mark_follows_motion());
         }
@@ -426,6 +432,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             }
             self.begin_wait(now, run, step);
         }
+        // Another motion has begun on this axis: its readings would be taken for those of the one waited for.
         if run.watch.epoch != Some(self.motion.epoch) {
             return WatchStep::Failed(Failure::Cancelled);
         }
@@ -579,6 +586,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         let target = (self.source(Item::TargetPosition, None) == Some(id)).then_some(raw);
         let window =
             (self.profile.motion.window == Some(id)).then(|| self.own_window(id, raw)).flatten();
+        // More drives than `MEMBERS_MAX` answered: those beyond are not judged, and the group's end is not
+        // delayed by them.
         let Some(judge) = self.motion.judge(address) else { return };
         if run.before {
             judge.observe_before(now, &seen);
@@ -610,6 +619,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         let first = self.motion.first.as_mut();
         let members = self.motion.members.iter_mut().map(|(_, judge)| judge);
         for judge in first.into_iter().chain(members) {
+            // Without this, the wait would look for a position until its time is over.
             if position {
                 judge.mark_without_position();
             }
@@ -635,6 +645,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// Returns whether the time is over in which a start without acknowledgement may be proven.
     pub fn is_proof_over(&self, now: Instant, run: &PlanRun) -> bool {
+        debug_assert!(!self.driver.is_group(), "the start of a group is not proven");
         let late = run.watch.began.is_none_or(|began| now > began.plus_ms(PROOF_MS));
         let proven = self.motion.members.iter().all(|(_, judge)| judge.proves_start());
         let mut pending = run.watch.pending;

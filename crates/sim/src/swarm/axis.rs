@@ -88,6 +88,9 @@ pub struct SwarmAxis {
     /// Another drive of the same address is on the wire.
     pub has_twin: bool,
     damage: FrameDamage,
+    /// True if a motion ended without certainty and the host's controller has not been empty since: its frame may
+    /// still be on the wire.
+    late_motion: bool,
     /// Verbs executed twice, because their frame was received twice: the drive cannot distinguish that from two
     /// requests.
     pub repeated: u64,
@@ -168,6 +171,7 @@ impl SwarmAxis {
             intruder_frames: 0,
             has_twin: false,
             damage: FrameDamage::default(),
+            late_motion: false,
             repeated: 0,
             unreported: 0,
         }
@@ -218,6 +222,7 @@ impl SwarmAxis {
         let truth = self.truth(world);
         // What a controller holds cannot be called back.
         let waits = own.is_some_and(|standing| standing.is_waiting);
+        self.late_motion &= waits;
         let going = waits || self.open.iter().any(|open| starts_motion(open.action));
         let toll = FrameDamage {
             taken_twice: own.map_or(0, |standing| standing.taken_twice),
@@ -370,7 +375,7 @@ impl SwarmAxis {
                 asked_at: since,
                 truth_before: before,
                 damage: self.damage,
-                doubtful: false,
+                doubtful: self.late_motion,
             });
         }
         self.armed = armed;
@@ -482,6 +487,9 @@ impl SwarmAxis {
         open: &OpenAction,
     ) -> Result<(), (&'static str, String)> {
         let after = self.truth(world);
+        let uncertain = matches!(outcome, Outcome::Partly(..) | Outcome::Unknown(_));
+        self.late_motion |= verb.needs_arming() && uncertain;
+        let copies = self.damage.taken_twice - open.damage.taken_twice;
         if self.homing_idle.record_end(world.now(), verb, outcome) {
             self.position_offset = None;
         }
@@ -489,7 +497,7 @@ impl SwarmAxis {
         let let_go = self.disturbed_at.is_some_and(|at| world.now() < at.plus_ms(LET_GO_MS));
         let unknown = self.untrusted || self.has_twin || verb.is_stop() && let_go;
         if !unknown {
-            let claimed = self.witness.check(verb, outcome, open, &after);
+            let claimed = self.witness.check(verb, outcome, open, &after, copies);
             claimed.map_err(|wrong| ("I15", wrong))?;
         }
         // A drive with a fault acknowledges what it does not execute.
@@ -498,7 +506,6 @@ impl SwarmAxis {
         }
         let executed = after.unrepeatable.saturating_sub(open.truth_before.unrepeatable);
         let once = verb.is_move() || matches!(verb, Verb::Velocity | Verb::Torque);
-        let copies = self.damage.taken_twice - open.damage.taken_twice;
         if executed > 1 && once && executed <= 1 + copies {
             self.repeated += 1;
         } else if executed > 1 && once {

@@ -69,13 +69,15 @@ impl ClaimWitness {
         *self = Self::default();
     }
 
-    /// Checks the claim of a verb that has ended.
+    /// Checks the claim of a verb that has ended. While it was open, `copies` frames of the host were received twice,
+    /// each of which may have been executed again.
     pub fn check(
         &mut self,
         verb: Verb,
         outcome: Outcome,
         open: &OpenAction,
         after: &GroundTruth,
+        copies: u64,
     ) -> Result<(), String> {
         let done = matches!(outcome, Outcome::Done(_));
         if verb.is_move() {
@@ -107,7 +109,11 @@ impl ClaimWitness {
                 ),
                 _ => return Ok(()),
             },
-            _ if verb.is_move() && refused(outcome) && after.unrepeatable > before.unrepeatable => {
+            _ if verb.is_move()
+                && refused(outcome)
+                && !open.doubtful
+                && after.unrepeatable > before.unrepeatable + copies =>
+            {
                 format!("{} ended as {outcome:?}, but was executed", verb.name())
             }
             _ => return Ok(()),
