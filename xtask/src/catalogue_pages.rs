@@ -9,19 +9,17 @@ const MARK: &str = "<!-- Made from the profiles by `cargo xtask codegen`. Do not
 
 /// Name of a page below `docs/drives`, and its text.
 pub fn pages() -> [(&'static str, String); 3] {
-    let of_kind = |simulated: bool| {
-        let modules = polepair::profile::catalogue().iter();
-        modules
-            .filter(|it| it.is_simulated() == simulated)
-            .map(|it| it.profile())
-            .collect::<Vec<_>>()
-    };
-    let (steppers, brushless) = (of_kind(true), of_kind(false));
+    let (steppers, brushless) = (modules_of_kind(true), modules_of_kind(false));
     [
         ("all.md", table_of_all(&steppers, &brushless)),
         ("trinamic-steppers.md", modules_page(STEPPERS, &steppers)),
         ("trinamic-brushless.md", modules_page(BRUSHLESS, &brushless)),
     ]
+}
+
+fn modules_of_kind(simulated: bool) -> Vec<&'static Profile> {
+    let modules = polepair::profile::catalogue().iter();
+    modules.filter(|it| it.is_simulated() == simulated).map(|it| it.profile()).collect::<Vec<_>>()
 }
 
 const STEPPERS: &str = "\

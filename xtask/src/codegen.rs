@@ -97,23 +97,26 @@ fn destination(root: &Path, profile: &Profile) -> PathBuf {
 
 /// The text as formatted by `rustfmt` with the workspace's settings.
 fn format_source(text: &str) -> CodegenResult<String> {
-    let failed = |e: std::io::Error| format!("rustfmt: {e}");
     let mut child = Command::new("rustfmt")
         .args(["--edition", "2024", "--config-path"])
         .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()
-        .map_err(failed)?;
+        .map_err(rustfmt_error)?;
     let mut input = child.stdin.take().ok_or("rustfmt takes no input")?;
     let text = text.to_owned();
     let writer = std::thread::spawn(move || input.write_all(text.as_bytes()));
-    let output = child.wait_with_output().map_err(failed)?;
-    writer.join().map_err(|_| "rustfmt: its input broke".to_owned())?.map_err(failed)?;
+    let output = child.wait_with_output().map_err(rustfmt_error)?;
+    writer.join().map_err(|_| "rustfmt: its input broke".to_owned())?.map_err(rustfmt_error)?;
     if !output.status.success() {
         return Err("rustfmt did not take the generated text".into());
     }
     String::from_utf8(output.stdout).map_err(|e| e.to_string())
+}
+
+fn rustfmt_error(e: std::io::Error) -> String {
+    format!("rustfmt: {e}")
 }
 
 /// The profiles of one family as one Rust file, which names the core crate by this word.
@@ -278,11 +281,8 @@ impl Emitter {
                  firmware: {firmware} }})"
             )
         });
-        let ids = |ids: &[ParameterId]| {
-            ids.iter().map(|it| parameter_id(*it)).collect::<Vec<String>>().join(", ")
-        };
         let motion = motion_expr(&p.motion);
-        let (link_settings, optional) = (ids(p.link_settings), ids(p.optional));
+        let (link_settings, optional) = (id_list(p.link_settings), id_list(p.optional));
         let ram = p.ram.map_or("None".to_owned(), |mode| {
             let (parameter, ram, flash) = (parameter_id(mode.parameter), mode.ram, mode.flash);
             format!("Some(RamMode {{ parameter: {parameter}, ram: {ram}, flash: {flash} }})")
@@ -347,6 +347,10 @@ impl Emitter {
             self.text = self.text.replacen(&head, &both, 1);
         }
     }
+}
+
+fn id_list(ids: &[ParameterId]) -> String {
+    ids.iter().map(|it| parameter_id(*it)).collect::<Vec<String>>().join(", ")
 }
 
 /// A table as another one with some rows replaced; `None` when that would not be shorter.
@@ -424,14 +428,17 @@ fn mapped_row(p: &Parameter) -> String {
 }
 
 fn scale_expr(scale: Scale) -> String {
-    let part = |it: Option<ParameterId>| match it {
-        Some(it) => format!("Some({})", parameter_id(it)),
-        None => "None".to_owned(),
-    };
     let Scale { factor, times, over, rule } = scale;
-    let (times, over) = (part(times), part(over));
+    let (times, over) = (optional_id(times), optional_id(over));
     let rule = rule.map_or_else(|| "None".to_owned(), |rule| format!("Some({})", rule_path(rule)));
     format!("Scale {{ factor: {factor:?}, times: {times}, over: {over}, rule: {rule} }}")
+}
+
+fn optional_id(it: Option<ParameterId>) -> String {
+    match it {
+        Some(it) => format!("Some({})", parameter_id(it)),
+        None => "None".to_owned(),
+    }
 }
 
 /// Path of a rule: `tmcm-velocity-pps` is `VELOCITY_PPS` of that family's units.
@@ -465,20 +472,23 @@ fn mask_literal(mask: i64) -> String {
 }
 
 fn plan_row(p: &Plan) -> String {
-    let steps = |steps: &[Step]| match steps {
+    format!(
+        "Plan {{ verb: Verb::{:?}, source: {:?}, steps: &[{}], undo: &[{}] }}",
+        p.verb,
+        p.source,
+        steps_text(p.steps),
+        steps_text(p.undo)
+    )
+}
+
+fn steps_text(steps: &[Step]) -> String {
+    match steps {
         [] => String::new(),
         steps => {
             steps.iter().map(|step| format!("\n        {},", step_expr(step))).collect::<String>()
                 + "\n    "
         }
-    };
-    format!(
-        "Plan {{ verb: Verb::{:?}, source: {:?}, steps: &[{}], undo: &[{}] }}",
-        p.verb,
-        p.source,
-        steps(p.steps),
-        steps(p.undo)
-    )
+    }
 }
 
 fn step_expr(step: &Step) -> String {

@@ -68,8 +68,7 @@ fn write_verb(text: &mut String, verb: &Command, path: &str, level: &str) {
 }
 
 fn write_arguments(text: &mut String, verb: &Command) {
-    let own = |arg: &&Arg| !arg.is_global_set() && !arg.is_hide_set() && arg.get_id() != "help";
-    let arguments: Vec<&Arg> = verb.get_arguments().filter(own).collect();
+    let arguments: Vec<&Arg> = verb.get_arguments().filter(is_own_argument).collect();
     if arguments.is_empty() {
         return;
     }
@@ -78,7 +77,7 @@ fn write_arguments(text: &mut String, verb: &Command) {
         let _ = writeln!(text, "| `{}` | {} |", written(argument), cell(&effect(argument)));
     }
     text.push('\n');
-    for argument in verb.get_arguments().filter(own) {
+    for argument in verb.get_arguments().filter(is_own_argument) {
         // The first paragraph is in the table.
         let long = argument.get_long_help().map(ToString::to_string).unwrap_or_default();
         if let Some((_, more)) = long.split_once("\n\n") {
@@ -86,6 +85,10 @@ fn write_arguments(text: &mut String, verb: &Command) {
             let _ = writeln!(text, "`--{name}`: {more}\n");
         }
     }
+}
+
+fn is_own_argument(arg: &&Arg) -> bool {
+    !arg.is_global_set() && !arg.is_hide_set() && arg.get_id() != "help"
 }
 
 /// An argument as a user writes it.

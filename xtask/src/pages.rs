@@ -132,31 +132,52 @@ fn plan_text(profile: &Profile, plan: &Plan) -> String {
 }
 
 fn step_text(profile: &Profile, step: Step) -> String {
-    let name = |id| parameter_name(profile, id);
     match step {
-        Step::Write(id, operand) => format!("write {} = {}", name(id), operand_text(operand)),
-        Step::Ensure(id, raw) => format!("make sure that {} = {raw}", name(id)),
-        Step::Read(id) => format!("read {}", name(id)),
-        Step::Copy { from, to } => format!("write {} = what {} is", name(to), name(from)),
+        Step::Write(id, operand) => {
+            format!("write {} = {}", name_of_parameter(id, profile), operand_text(operand))
+        }
+        Step::Ensure(id, raw) => {
+            format!("make sure that {} = {raw}", name_of_parameter(id, profile))
+        }
+        Step::Read(id) => format!("read {}", name_of_parameter(id, profile)),
+        Step::Copy { from, to } => format!(
+            "write {} = what {} is",
+            name_of_parameter(to, profile),
+            name_of_parameter(from, profile)
+        ),
         Step::Require { read, test, hint } => {
-            format!("go on only if {} (else: {hint})", test_text(&name(read), test))
+            format!(
+                "go on only if {} (else: {hint})",
+                test_text(&name_of_parameter(read, profile), test)
+            )
         }
         Step::Skip { read, test, count } => {
-            format!("leave out the next {count} if {}", test_text(&name(read), test))
+            format!(
+                "leave out the next {count} if {}",
+                test_text(&name_of_parameter(read, profile), test)
+            )
         }
         Step::SkipIfMissing { read, count } => {
-            format!("leave out the next {count} if the drive has no {}", name(read))
+            format!(
+                "leave out the next {count} if the drive has no {}",
+                name_of_parameter(read, profile)
+            )
         }
-        Step::NoFault { read, .. } => format!("go on only if {} shows no fault", name(read)),
+        Step::NoFault { read, .. } => {
+            format!("go on only if {} shows no fault", name_of_parameter(read, profile))
+        }
         Step::Until { read, test, within_ms, required } => {
             let after = if required { "" } else { ", then go on" };
             let seconds = seconds(within_ms);
-            format!("wait until {}, at most {seconds} s{after}", test_text(&name(read), test))
+            format!(
+                "wait until {}, at most {seconds} s{after}",
+                test_text(&name_of_parameter(read, profile), test)
+            )
         }
         Step::Send { function, index, operand, .. } => {
             format!("send {function} {index} {}", operand_text(operand))
         }
-        Step::Store(id) => format!("have {} kept over power-off", name(id)),
+        Step::Store(id) => format!("have {} kept over power-off", name_of_parameter(id, profile)),
         Step::Wait { ms } => format!("wait {ms} ms"),
         Step::Standstill { within_ms } => {
             format!(
@@ -166,12 +187,12 @@ fn step_text(profile: &Profile, step: Step) -> String {
         }
         Step::Homed { read, test, within_ms } => format!(
             "wait until homing was seen to run and {}, at most {} s",
-            test_text(&name(read), test),
+            test_text(&name_of_parameter(read, profile), test),
             seconds(within_ms)
         ),
         Step::Arrival { flag, within_ms } => {
             let flag = flag.map_or_else(String::new, |(read, test)| {
-                format!("{}, and ", test_text(&name(read), test))
+                format!("{}, and ", test_text(&name_of_parameter(read, profile), test))
             });
             format!(
                 "wait until {flag}the measured position is at the target, at most {} s",
@@ -179,6 +200,10 @@ fn step_text(profile: &Profile, step: Step) -> String {
             )
         }
     }
+}
+
+fn name_of_parameter(id: ParameterId, profile: &Profile) -> String {
+    parameter_name(profile, id)
 }
 
 fn seconds(ms: u32) -> f64 {
@@ -204,7 +229,22 @@ fn test_text(name: &str, test: ParameterTest) -> String {
 }
 
 fn operand_text(operand: Operand) -> String {
-    let word = |argument| match argument {
+    match operand {
+        Operand::Constant(raw) => raw.to_string(),
+        Operand::Argument(argument) => format!("the {}", argument_word(argument)),
+        Operand::OptionalArgument(argument) => format!("the {}, if given", argument_word(argument)),
+        Operand::OptionalRampTime { argument, speed } => {
+            let speed = match speed {
+                RampSpeed::Fixed(rpm) => format!("{rpm} rpm"),
+                RampSpeed::VelocityOr(rpm) => format!("the velocity, else to {rpm} rpm"),
+            };
+            format!("the time in which the {}, if given, leads to {speed}", argument_word(argument))
+        }
+    }
+}
+
+fn argument_word(argument: Argument) -> &'static str {
+    match argument {
         Argument::Target => "target",
         Argument::Velocity => "velocity",
         Argument::Acceleration => "acceleration",
@@ -212,18 +252,6 @@ fn operand_text(operand: Operand) -> String {
         Argument::Torque => "torque",
         Argument::JerkTime => "time of the jerk",
         Argument::Period => "period",
-    };
-    match operand {
-        Operand::Constant(raw) => raw.to_string(),
-        Operand::Argument(argument) => format!("the {}", word(argument)),
-        Operand::OptionalArgument(argument) => format!("the {}, if given", word(argument)),
-        Operand::OptionalRampTime { argument, speed } => {
-            let speed = match speed {
-                RampSpeed::Fixed(rpm) => format!("{rpm} rpm"),
-                RampSpeed::VelocityOr(rpm) => format!("the velocity, else to {rpm} rpm"),
-            };
-            format!("the time in which the {}, if given, leads to {speed}", word(argument))
-        }
     }
 }
 

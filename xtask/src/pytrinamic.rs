@@ -46,16 +46,11 @@ struct Module {
 pub fn run(root: &Path, package: &Path) -> Result<(), String> {
     let version = package_version(package)?;
     let modules = read_modules(&package.join("modules"))?;
-    let written_by_hand = |name: &str| root.join(format!("profiles/{name}.toml")).is_file();
-    let load = |name: &str| {
-        let file = root.join(format!("profiles/{name}.toml"));
-        polepair::profile::load(&file).map_err(|error| error.to_string())
-    };
-    let (many, single) = (load(DIVIDED_BASE.0)?, load(DIVIDED_BASE.1)?);
+    let (many, single) = (load_profile(DIVIDED_BASE.0, root)?, load_profile(DIVIDED_BASE.1, root)?);
     let first = modules.iter().find(|module| module.name == PPS_BASE);
     let first = first.ok_or_else(|| format!("PyTrinamic has no {PPS_BASE}"))?;
     let source = format!("PyTrinamic {version}");
-    for module in modules.iter().filter(|module| !written_by_hand(&module.name)) {
+    for module in modules.iter().filter(|module| !is_written_by_hand(&module.name, root)) {
         let text = if !module.has("MicrostepResolution") {
             brushless(module, &source)
         } else if module.has("PulseDivisor") {
@@ -71,6 +66,15 @@ pub fn run(root: &Path, package: &Path) -> Result<(), String> {
     Ok(())
 }
 
+fn load_profile(name: &str, root: &Path) -> Result<&'static Profile, String> {
+    let file = root.join(format!("profiles/{name}.toml"));
+    polepair::profile::load(&file).map_err(|error| error.to_string())
+}
+
+fn is_written_by_hand(name: &str, root: &Path) -> bool {
+    root.join(format!("profiles/{name}.toml")).is_file()
+}
+
 impl Module {
     fn has(&self, name: &str) -> bool {
         self.parameters.values().any(|known| known == name)
@@ -83,17 +87,18 @@ fn package_version(package: &Path) -> Result<String, String> {
     let entries =
         std::fs::read_dir(site).map_err(|error| format!("{}: {error}", site.display()))?;
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
-    let version = |name: String| {
-        let rest = name.strip_prefix("pytrinamic-")?;
-        Some(rest.strip_suffix(".dist-info").unwrap_or(rest).to_owned())
-    };
     names
         .into_iter()
-        .find_map(version)
-        .or_else(|| version(site.file_name()?.to_string_lossy().into_owned()))
+        .find_map(dist_info_version)
+        .or_else(|| dist_info_version(site.file_name()?.to_string_lossy().into_owned()))
         .ok_or_else(|| {
             format!("no pytrinamic-*.dist-info in {}: which version is it?", site.display())
         })
+}
+
+fn dist_info_version(name: String) -> Option<String> {
+    let rest = name.strip_prefix("pytrinamic-")?;
+    Some(rest.strip_suffix(".dist-info").unwrap_or(rest).to_owned())
 }
 
 fn read_modules(folder: &Path) -> Result<Vec<Module>, String> {
@@ -134,16 +139,15 @@ fn motor_of<'a>(before: &str, from: &'a str) -> Option<&'a str> {
 
 /// The constants of `class AP`.
 fn read_class(text: &str) -> BTreeMap<u16, String> {
-    let indent = |line: &str| line.len() - line.trim_start().len();
     let mut parameters = BTreeMap::new();
     let mut inside: Option<usize> = None;
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
-        if inside.is_some_and(|class| indent(line) <= class) {
+        if inside.is_some_and(|class| indent_width(line) <= class) {
             inside = None;
         }
         let words = line.trim();
         if words.strip_prefix("class AP").is_some_and(|rest| rest.starts_with([':', '(', '_'])) {
-            inside = Some(indent(line));
+            inside = Some(indent_width(line));
         } else if inside.is_some()
             && let Some((name, number)) = words.split_once('=')
             && let Ok(number) = number.split('#').next().unwrap_or_default().trim().parse::<u16>()
@@ -152,6 +156,10 @@ fn read_class(text: &str) -> BTreeMap<u16, String> {
         }
     }
     parameters
+}
+
+fn indent_width(line: &str) -> usize {
+    line.len() - line.trim_start().len()
 }
 
 /// `SmartEnergyHysteresis` in words.

@@ -202,7 +202,6 @@ impl RuleVisitor<'_> {
     /// Judges a path, `use` trees taken apart, `self` and `super` resolved.
     fn check_path(&mut self, span: proc_macro2::Span, segments: &[String]) {
         let path = self.resolve_path(segments);
-        let has = |word: &str| path.iter().any(|segment| segment == word);
         let first = path.first().map_or("", String::as_str);
         if self.location.is_bare() && first == "std" {
             self.report_at(span, "rule 1: core uses std");
@@ -213,7 +212,11 @@ impl RuleVisitor<'_> {
             self.report_at(span, "rule 1: core allocates outside lane and mux");
         }
         self.check_layers(span, &path);
-        let named = self.names.all().find(|name| has(name)).filter(|_| self.location.is_general());
+        let named = self
+            .names
+            .all()
+            .find(|name| path_has(name, &path))
+            .filter(|_| self.location.is_general());
         if let Some(name) = named.map(str::to_owned) {
             self.report_at(span, format!("rule 5: names `{name}`"));
         }
@@ -260,17 +263,16 @@ impl RuleVisitor<'_> {
     }
 
     fn check_time(&mut self, span: proc_macro2::Span, path: &[String]) {
-        let ends = |a: &str, b: &str| matches!(path, [.., x, y] if x == a && y == b);
-        let clock = ends("SystemTime", "now") || ends("Instant", "now");
+        let clock = path_ends("SystemTime", "now", path) || path_ends("Instant", "now", path);
         // The tools measure how long their runs take, and tests wait; neither is shipped.
         let is_tool = matches!(self.location.krate.as_str(), "xtask" | "test-support");
         if clock && !is_tool && self.path != "crates/link/src/clock.rs" {
             self.report_at(span, "rule 6: reads the clock outside link/clock");
         }
-        let waits = ends("thread", "sleep") || ends("thread", "spawn");
+        let waits = path_ends("thread", "sleep", path) || path_ends("thread", "spawn", path);
         let link = self.location.krate == "link" || is_tool;
-        let spawns =
-            matches!(self.location.krate.as_str(), "capture" | "cli") && ends("thread", "spawn");
+        let spawns = matches!(self.location.krate.as_str(), "capture" | "cli")
+            && path_ends("thread", "spawn", path);
         if waits && !link && !spawns {
             self.report_at(span, "rule 6: sleeps or spawns outside link");
         }
@@ -278,8 +280,9 @@ impl RuleVisitor<'_> {
 
     /// A file that is created in place is lost where its writing fails.
     fn check_files(&mut self, span: proc_macro2::Span, path: &[String]) {
-        let ends = |a: &str, b: &str| matches!(path, [.., x, y] if x == a && y == b);
-        let creates = ends("File", "create") || ends("fs", "write") || ends("fs", "rename");
+        let creates = path_ends("File", "create", path)
+            || path_ends("fs", "write", path)
+            || path_ends("fs", "rename", path);
         // The tools write what git can restore.
         let is_tool = matches!(self.location.krate.as_str(), "xtask" | "test-support");
         if creates && !is_tool && self.location.krate != "files" {
@@ -339,6 +342,14 @@ impl RuleVisitor<'_> {
             }
         }
     }
+}
+
+fn path_ends(a: &str, b: &str, path: &[String]) -> bool {
+    matches!(path, [.., x, y] if x == a && y == b)
+}
+
+fn path_has(word: &str, path: &[String]) -> bool {
+    path.iter().any(|segment| segment == word)
 }
 
 fn is_test(attributes: &[syn::Attribute]) -> bool {

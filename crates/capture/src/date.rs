@@ -136,13 +136,14 @@ pub(crate) fn parse_iso(text: &str) -> Option<Timestamp> {
     let text = text.trim().trim_end_matches('Z');
     let (day, clock) = text.split_once([' ', 'T']).unwrap_or((text, "0:0"));
     let (clock, fraction) = clock.split_once('.').unwrap_or((clock, ""));
-    let three = |text: &str, sign| -> Option<[u16; 3]> {
-        let mut parts = text.split(sign).map(str::parse::<u16>);
-        let parts = [parts.next()?.ok()?, parts.next()?.ok()?, parts.next().unwrap_or(Ok(0)).ok()?];
-        Some(parts)
-    };
     let ns = format!("{fraction:0<9}").get(..9)?.parse().ok()?;
-    from_calendar(three(day, '-')?, three(clock, ':')?, ns)
+    from_calendar(parse_three(day, '-')?, parse_three(clock, ':')?, ns)
+}
+
+fn parse_three(text: &str, sign: char) -> Option<[u16; 3]> {
+    let mut parts = text.split(sign).map(str::parse::<u16>);
+    let parts = [parts.next()?.ok()?, parts.next()?.ok()?, parts.next().unwrap_or(Ok(0)).ok()?];
+    Some(parts)
 }
 
 #[cfg(test)]

@@ -259,11 +259,9 @@ impl LinkDetection {
 
     /// Returns whether both are of one link and find the same protocols and axes on it.
     pub(crate) fn has_same_protocols(&self, other: &Self) -> bool {
-        let names = |it: &Self| it.protocols().map(|each| each.name()).collect::<Vec<_>>();
-        let axes = |it: &Self| it.proven_axes.iter().map(|(_, axis)| *axis).collect::<Vec<_>>();
         self.link == other.link
-            && names(self) == names(other)
-            && axes(self) == axes(other)
+            && protocol_names(self) == protocol_names(other)
+            && proven_axis_numbers(self) == proven_axis_numbers(other)
             && (&self.tied, &self.shared_axes) == (&other.tied, &other.shared_axes)
     }
 
@@ -272,4 +270,12 @@ impl LinkDetection {
         let claims = |dissector: &'static dyn Dissector| score::claims_frame(dissector, frame);
         !self.protocols().any(claims) && proto::dissectors().iter().copied().any(claims)
     }
+}
+
+fn proven_axis_numbers(detection: &LinkDetection) -> Vec<u32> {
+    detection.proven_axes.iter().map(|(_, axis)| *axis).collect::<Vec<_>>()
+}
+
+fn protocol_names(detection: &LinkDetection) -> Vec<&'static str> {
+    detection.protocols().map(|each| each.name()).collect::<Vec<_>>()
 }

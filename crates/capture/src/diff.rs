@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::session::InternedName;
 use crate::summary::{
-    AxisKey, FrameKind, IndexedMap, RequestSummary, Summary, ValueSummary, axis_label,
+    AxisKey, AxisSummary, FaultSummary, FrameKind, IndexedMap, RequestSummary, Summary,
+    ValueSummary, axis_label,
 };
 use crate::text::{DurationText, NumberText};
 
@@ -97,15 +98,11 @@ impl<'s> SummaryComparison<'s> {
     }
 
     fn compare_kinds(&mut self) {
-        type KindKey = (AxisKey, InternedName, Option<(u32, bool)>);
-        let key = |kind: &FrameKind| -> KindKey { (self.axis_key(kind.who), kind.kind, kind.id) };
-        let maps = self.map_both(|s| s.kinds().into_iter().map(|k| (key(k), k)).collect());
+        let maps =
+            self.map_both(|s| s.kinds().into_iter().map(|k| (self.kind_key(k), k)).collect());
         self.compare_maps(maps, |all, (who, kind, id), a, b| {
-            let missing = |map: &IndexedMap<AxisKey, crate::summary::AxisSummary>| {
-                who.axis.is_some() && !map.keys().any(|known| all.axis_key(*known) == *who)
-            };
             // Reported already: the axis is missing.
-            if missing(&all.a.axes) || missing(&all.b.axes) {
+            if is_axis_missing(&all.a.axes, all, who) || is_axis_missing(&all.b.axes, all, who) {
                 return;
             }
             let id = id.map_or_else(String::new, |(id, _)| format!(" {id:03X}h"));
@@ -122,6 +119,10 @@ impl<'s> SummaryComparison<'s> {
         });
     }
 
+    fn kind_key(&self, kind: &FrameKind) -> (AxisKey, InternedName, Option<(u32, bool)>) {
+        (self.axis_key(kind.who), kind.kind, kind.id)
+    }
+
     fn compare_rate(&mut self, of: String, a: &FrameKind, b: &FrameKind) {
         let rate = |kind: &FrameKind, summary: &Summary| {
             if kind.is_regular() {
@@ -133,8 +134,7 @@ impl<'s> SummaryComparison<'s> {
         let rates = (rate(a, self.a), rate(b, self.b));
         let enough = a.count.max(b.count) >= COUNT_MIN;
         if enough && relative_gap(rates.0, rates.1) > self.tolerance {
-            let shown = |rate| format!("{rate:.1}/s");
-            self.push("rate", of, shown(rates.0), shown(rates.1));
+            self.push("rate", of, rate_text(rates.0), rate_text(rates.1));
         }
     }
 
@@ -154,15 +154,11 @@ impl<'s> SummaryComparison<'s> {
             let none = BTreeSet::new();
             let (a, b) = (a.unwrap_or(&none), b.unwrap_or(&none));
             if a != b {
-                let alone = |names: &BTreeSet<InternedName>, other: &BTreeSet<InternedName>| {
-                    let names: Vec<InternedName> = names.difference(other).copied().collect();
-                    if names.is_empty() { "none besides".to_owned() } else { names.join(", ") }
-                };
                 all.push(
                     "state",
                     format!("{}  {what}", axis_label(*who)),
-                    alone(a, b),
-                    alone(b, a),
+                    names_only_in(a, b),
+                    names_only_in(b, a),
                 );
             }
         });
@@ -176,10 +172,7 @@ impl<'s> SummaryComparison<'s> {
         self.compare_maps(maps, |all, (who, code), a, b| {
             if let (Some(fault), None) | (None, Some(fault)) = (a, b) {
                 let of = format!("{}  0x{code:X} {}", axis_label(*who), fault.text);
-                let shown = |seen: Option<&&crate::summary::FaultSummary>| {
-                    seen.map_or_else(|| "none".to_owned(), |seen| times_text(seen.count))
-                };
-                all.push("fault", of, shown(a), shown(b));
+                all.push("fault", of, fault_times_text(a), fault_times_text(b));
             }
         });
     }
@@ -239,8 +232,7 @@ impl<'s> SummaryComparison<'s> {
         });
         self.compare_maps(maps, |all, (who, op), a, b| {
             let (Some(a), Some(b)) = (a, b) else { return };
-            let few = |requests: &RequestSummary| requests.latency.count() < COUNT_MIN;
-            if few(a) || few(b) {
+            if has_few_replies(a) || has_few_replies(b) {
                 return;
             }
             for (share, word, more) in [(0.5, "median", MEDIAN_TIMES), (0.99, "p99", TAIL_TIMES)] {
@@ -258,6 +250,31 @@ impl<'s> SummaryComparison<'s> {
             }
         });
     }
+}
+
+fn has_few_replies(requests: &RequestSummary) -> bool {
+    requests.latency.count() < COUNT_MIN
+}
+
+fn fault_times_text(seen: Option<&&FaultSummary>) -> String {
+    seen.map_or_else(|| "none".to_owned(), |seen| times_text(seen.count))
+}
+
+fn names_only_in(names: &BTreeSet<InternedName>, other: &BTreeSet<InternedName>) -> String {
+    let names: Vec<InternedName> = names.difference(other).copied().collect();
+    if names.is_empty() { "none besides".to_owned() } else { names.join(", ") }
+}
+
+fn rate_text(rate: f64) -> String {
+    format!("{rate:.1}/s")
+}
+
+fn is_axis_missing(
+    map: &IndexedMap<AxisKey, AxisSummary>,
+    all: &SummaryComparison<'_>,
+    who: &AxisKey,
+) -> bool {
+    who.axis.is_some() && !map.keys().any(|known| all.axis_key(*known) == *who)
 }
 
 /// Relative difference, as a share of the smaller one.

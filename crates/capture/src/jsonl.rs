@@ -51,15 +51,9 @@ pub fn write_frame(event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
 
 /// Appends a notice of a conversation as an object: `{"notice":"odd",…}`.
 pub fn write_notice(out: &mut Vec<u8>, notice: &SessionNotice) {
-    let begin = |out: &mut Vec<u8>, word, axis: Option<u32>| {
-        out.extend_from_slice(b"{\"notice\":");
-        write_string(out, word);
-        write_key(out, "axis");
-        write_or_null(out, axis, write_unsigned);
-    };
     match notice {
         SessionNotice::Signal(signal) => {
-            begin(out, "signal", Some(signal.axis));
+            begin_notice(out, "signal", Some(signal.axis));
             write_words(out, &[("name", signal.name)]);
             write_key(out, "value");
             write_real(out, signal.value);
@@ -70,7 +64,7 @@ pub fn write_notice(out: &mut Vec<u8>, notice: &SessionNotice) {
             write_or_null(out, signal.request, write_unsigned);
         }
         SessionNotice::Exchange(exchange) => {
-            begin(out, "exchange", exchange.axis);
+            begin_notice(out, "exchange", exchange.axis);
             write_words(out, &[("op", exchange.op), ("outcome", exchange.outcome.as_str())]);
             write_key(out, "asked");
             write_unsigned(out, exchange.requested.0);
@@ -82,11 +76,11 @@ pub fn write_notice(out: &mut Vec<u8>, notice: &SessionNotice) {
             write_unsigned(out, exchange.retries);
         }
         SessionNotice::Change(change) => {
-            begin(out, "change", change.axis);
+            begin_notice(out, "change", change.axis);
             write_words(out, &[("what", change.what), ("from", change.from), ("to", change.to)]);
         }
         SessionNotice::Fault(fault) => {
-            begin(out, "fault", Some(fault.axis));
+            begin_notice(out, "fault", Some(fault.axis));
             write_key(out, "code");
             write_unsigned(out, fault.code);
             let FaultNotice { text, cause, remedy, gone, .. } = fault;
@@ -95,13 +89,20 @@ pub fn write_notice(out: &mut Vec<u8>, notice: &SessionNotice) {
             write_bool(out, *gone);
         }
         SessionNotice::Anomaly(anomaly) => {
-            begin(out, "odd", anomaly.axis);
+            begin_notice(out, "odd", anomaly.axis);
             write_words(out, &[("kind", anomaly.kind.as_str()), ("text", &anomaly.text)]);
             write_key(out, "time");
             write_or_null(out, anomaly.time, write_timestamp);
         }
     }
     out.push(b'}');
+}
+
+fn begin_notice(out: &mut Vec<u8>, word: &str, axis: Option<u32>) {
+    out.extend_from_slice(b"{\"notice\":");
+    write_string(out, word);
+    write_key(out, "axis");
+    write_or_null(out, axis, write_unsigned);
 }
 
 fn write_words(out: &mut Vec<u8>, pairs: &[(&str, &str)]) {
@@ -264,25 +265,30 @@ fn write_escaped(out: &mut Vec<u8>, text: &str) {
     out.extend_from_slice(rest);
 }
 
+/// A one in each byte.
+const ONES: u64 = 0x0101_0101_0101_0101;
+
 /// Position of the first byte that JSON needs escaped.
 fn find_escape(text: &[u8]) -> Option<usize> {
-    const ONES: u64 = 0x0101_0101_0101_0101;
-    // The uppermost bit of a byte below `limit`, and perhaps of some behind it.
-    let below = |eight: u64, limit: u64| eight.wrapping_sub(limit * ONES) & !eight & (0x80 * ONES);
-    let is = |eight: u64, byte: u8| below(eight ^ (u64::from(byte) * ONES), 1);
+    let is = |eight: u64, byte: u8| bytes_below(eight ^ (u64::from(byte) * ONES), 1);
     let started_at = 8 * text
         .as_chunks::<8>()
         .0
         .iter()
         .take_while(|eight| {
             let eight = u64::from_le_bytes(**eight);
-            below(eight, 0x20) | is(eight, b'"') | is(eight, b'\\') == 0
+            bytes_below(eight, 0x20) | is(eight, b'"') | is(eight, b'\\') == 0
         })
         .count();
     text[started_at..]
         .iter()
         .position(|byte| matches!(byte, b'"' | b'\\' | 0..0x20))
         .map(|at| started_at + at)
+}
+
+/// The uppermost bit of each byte below `limit`, and perhaps of some behind it.
+fn bytes_below(eight: u64, limit: u64) -> u64 {
+    eight.wrapping_sub(limit * ONES) & !eight & (0x80 * ONES)
 }
 
 /// Appends bytes as hexadecimal digits without spaces.

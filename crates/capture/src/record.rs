@@ -125,12 +125,7 @@ impl CanErrorFrame {
 
     /// The state of a controller with these error counters.
     pub(crate) fn from_counters(transmit: u8, receive: u8) -> Self {
-        let level = |count: u8, warning: u8, passive: u8| match count {
-            0..96 => 0,
-            96..128 => warning,
-            _ => passive,
-        };
-        let details = level(transmit, 0x08, 0x20) | level(receive, 0x04, 0x10);
+        let details = error_level(transmit, 0x08, 0x20) | error_level(receive, 0x04, 0x10);
         let details = if details == 0 { Self::ACTIVE } else { details };
         let class = Self::CONTROLLER_CLASS | Self::COUNTERS;
         Self { class, data: [0, details, 0, 0, 0, 0, transmit, receive] }
@@ -149,6 +144,14 @@ impl CanErrorFrame {
         let details = if self.class & Self::CONTROLLER_CLASS == 0 { 0 } else { self.data[1] };
         let known = if details == 0 { self.class } else { self.class & !Self::CONTROLLER_CLASS };
         bits(known, &Self::CLASSES).chain(bits(u32::from(details), &Self::CONTROLLER))
+    }
+}
+
+fn error_level(count: u8, warning: u8, passive: u8) -> u8 {
+    match count {
+        0..96 => 0,
+        96..128 => warning,
+        _ => passive,
     }
 }
 

@@ -356,9 +356,7 @@ impl LinkSession {
             self.trackers.iter_mut().for_each(|(_, follower)| follower.advance_time(now, notices));
         }
         let protocol = observed.dissector.name();
-        // The same word is the same place of memory, mostly.
-        let same = |name: InternedName| core::ptr::eq(name, protocol) || name == protocol;
-        let at = self.trackers.iter().position(|(name, _)| same(name));
+        let at = self.trackers.iter().position(|(name, _)| is_same_protocol(name, protocol));
         let at = at.unwrap_or_else(|| {
             self.trackers.push((protocol, new_tracker(observed.dissector)));
             self.trackers.len() - 1
@@ -399,6 +397,11 @@ impl LinkSession {
             notices.iter().for_each(|notice| report_line(protocol, notice));
         }
     }
+}
+
+fn is_same_protocol(name: InternedName, protocol: &str) -> bool {
+    // The same word is the same place of memory, mostly.
+    core::ptr::eq(name, protocol) || name == protocol
 }
 
 /// Returns whether a notice describes a defect of a single frame.

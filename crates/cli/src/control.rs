@@ -86,15 +86,16 @@ fn comparable(location: &str) -> String {
 
 /// The folder of control sockets of this user.
 fn socket_folder() -> PathBuf {
-    let user = || {
-        let name = std::env::var_os(if cfg!(windows) { "USERNAME" } else { "USER" });
-        let name = name.unwrap_or_default();
-        std::env::temp_dir().join(format!("polepair-{}", name.to_string_lossy()))
-    };
     match std::env::var_os("XDG_RUNTIME_DIR").filter(|folder| Path::new(folder).is_dir()) {
         Some(folder) => Path::new(&folder).join("polepair"),
-        None => user(),
+        None => user_name(),
     }
+}
+
+fn user_name() -> PathBuf {
+    let name = std::env::var_os(if cfg!(windows) { "USERNAME" } else { "USER" });
+    let name = name.unwrap_or_default();
+    std::env::temp_dir().join(format!("polepair-{}", name.to_string_lossy()))
 }
 
 /// Listens until it is dropped.

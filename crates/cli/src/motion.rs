@@ -242,9 +242,8 @@ fn check_detach(session: &Session, commands: &[(Axis, Command)]) -> Result<()> {
             "Motion of a client is stopped when the client ends.",
         ));
     }
-    let has_limits = |axis: &Axis| axis.local().is_some_and(LocalAxis::has_position_limits);
     let limited = commands.iter().find(|(axis, command)| {
-        matches!(command.verb, Verb::Velocity | Verb::Torque) && has_limits(axis)
+        matches!(command.verb, Verb::Velocity | Verb::Torque) && has_axis_limits(axis)
     });
     match limited {
         None => Ok(()),
@@ -255,6 +254,10 @@ fn check_detach(session: &Session, commands: &[(Axis, Command)]) -> Result<()> {
                 .hint("remove --detach, or give a target: polepair move"))
         }
     }
+}
+
+fn has_axis_limits(axis: &Axis) -> bool {
+    axis.local().is_some_and(LocalAxis::has_position_limits)
 }
 
 /// Result of a verb that has ended a motion: the reason of the end, and the result of its stop.

@@ -163,13 +163,14 @@ pub fn create_recording(path: &Path, existing: ExistingFile) -> Result<File> {
 
 /// Returns whether the last line of a text log has no end. Compressed logs are whole frames that end anywhere.
 fn ends_within_line(path: &Path) -> bool {
-    let last_byte = || {
-        let (mut file, mut last) = (File::open(path)?, [0]);
-        file.seek(SeekFrom::End(-1))?;
-        file.read_exact(&mut last)?;
-        io::Result::Ok(last[0])
-    };
-    Compression::from_path(path).is_none() && last_byte().is_ok_and(|byte| byte != b'\n')
+    Compression::from_path(path).is_none() && read_last_byte(path).is_ok_and(|byte| byte != b'\n')
+}
+
+fn read_last_byte(path: &Path) -> std::result::Result<u8, io::Error> {
+    let (mut file, mut last) = (File::open(path)?, [0]);
+    file.seek(SeekFrom::End(-1))?;
+    file.read_exact(&mut last)?;
+    io::Result::Ok(last[0])
 }
 
 /// Refuses a file that is there and may not be touched, before a link is opened.
@@ -177,8 +178,15 @@ fn ends_within_line(path: &Path) -> bool {
 /// # Errors
 /// `E259`.
 pub fn check_recording(path: &Path, existing: ExistingFile) -> Result<()> {
-    let is_file = || std::fs::metadata(path).is_ok_and(|found| found.is_file());
-    if existing == ExistingFile::Refuse && is_file() { Err(existing_problem(path)) } else { Ok(()) }
+    if existing == ExistingFile::Refuse && is_regular_file(path) {
+        Err(existing_problem(path))
+    } else {
+        Ok(())
+    }
+}
+
+fn is_regular_file(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|found| found.is_file())
 }
 
 fn existing_problem(path: &Path) -> Problem {

@@ -75,16 +75,15 @@ reads only, if no client controls an axis there. Ctrl-C ends the scan.";
 /// Rewrites a gateway's address in the place of URL as `--server`: `spin ws://HOST#1` is
 /// `spin --server ws://HOST 1`. A name in `polepair.toml` may stand for such an address.
 pub fn rewrite_gateway_url(mut words: Vec<OsString>) -> Vec<OsString> {
-    let text = |word: &OsString| word.to_str().map(str::to_owned);
     let is_server = |word: &OsString| {
-        text(word).is_some_and(|word| word == "--server" || word.starts_with("--server="))
+        word_text(word).is_some_and(|word| word == "--server" || word.starts_with("--server="))
     };
-    let verb = words.iter().skip(1).filter_map(text).find(|word| !word.starts_with('-'));
+    let verb = words.iter().skip(1).filter_map(word_text).find(|word| !word.starts_with('-'));
     if verb.as_deref() == Some("serve") || words.iter().any(is_server) {
         return words;
     }
     let expanded = |word: &OsString| {
-        let word = text(word)?;
+        let word = word_text(word)?;
         let url = if word.starts_with('@') {
             polepair::config::Config::discover().expand(&word).ok()?
         } else {
@@ -102,6 +101,10 @@ pub fn rewrite_gateway_url(mut words: Vec<OsString>) -> Vec<OsString> {
     // Options of the program may stand before the verb.
     words.splice(1..1, options.map(OsString::from));
     words
+}
+
+fn word_text(word: &OsString) -> Option<String> {
+    word.to_str().map(str::to_owned)
 }
 
 /// Options for a running server.
@@ -133,15 +136,6 @@ impl ServerArgs {
     /// The command line's grammar where a server is named: URLs are axes.
     pub fn reword_help(command: Command) -> Command {
         SERVER_VERBS.iter().fold(command, |command, (verb, all)| {
-            let axes = |url: Arg| {
-                let url =
-                    url.value_name("AXES").help("Axes of the server: 1,3, a name, LINK#1, all");
-                if *all == AxesScope::AllUnlessNamed {
-                    url.required(false).default_value(ALL)
-                } else {
-                    url
-                }
-            };
             let dry = *verb != "set";
             let note = match *verb {
                 "scan" => SCAN_HELP,
@@ -150,7 +144,7 @@ impl ServerArgs {
             };
             command.mut_subcommand(verb, |verb| {
                 verb.mut_args(|arg| match arg.get_id().as_str() {
-                    "url" => axes(arg),
+                    "url" => axes_argument(arg, all),
                     "dry_run" => arg.hide(dry),
                     "look" | "take" => arg.hide(false),
                     id if LINK_OPTIONS.contains(&id) => arg.hide(true),
@@ -235,6 +229,11 @@ impl ServerArgs {
     }
 }
 
+fn axes_argument(url: Arg, all: &AxesScope) -> Arg {
+    let url = url.value_name("AXES").help("Axes of the server: 1,3, a name, LINK#1, all");
+    if *all == AxesScope::AllUnlessNamed { url.required(false).default_value(ALL) } else { url }
+}
+
 /// A server, and what it has.
 pub struct RemoteSession {
     pub gateway: Gateway,
@@ -284,15 +283,11 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
         LinkState::Lost => Some("LOST"),
         LinkState::NotOpen => Some("NOT OPEN"),
     };
-    let hinted = |error: &GatewayError| match &*error.hint {
-        "" => error.message.clone(),
-        hint => format!("{}; {hint}", error.message),
-    };
     let mut lines = Vec::new();
     if let Some(word) = word {
-        let why = error
-            .as_ref()
-            .map_or_else(String::new, |error| format!(": {} ({})", hinted(error), error.code));
+        let why = error.as_ref().map_or_else(String::new, |error| {
+            format!(": {} ({})", message_with_hint(error), error.code)
+        });
         lines.push(format!("LINK {id} IS {word} for {seconds:.0} s, {url}{why}"));
     }
     if *state == LinkState::NotOpen {
@@ -301,7 +296,7 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
         ));
     }
     for axis in absent {
-        let why = hinted(&axis.error);
+        let why = message_with_hint(&axis.error);
         lines.push(format!("axis {} of link {id} is missing: {why}", AxisNumber(axis.number)));
     }
     for number in owed {
@@ -311,6 +306,13 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
         ));
     }
     lines
+}
+
+fn message_with_hint(error: &GatewayError) -> String {
+    match &*error.hint {
+        "" => error.message.clone(),
+        hint => format!("{}; {hint}", error.message),
+    }
 }
 
 /// Adds a hint for a server that does not reply: it holds its ports, and stops nothing.

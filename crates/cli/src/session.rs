@@ -5,8 +5,9 @@ use polepair::url::AxisNumber;
 use polepair::url::shell_word;
 use polepair::{Axis, Link, LocalAxis, LocalLink, Value};
 use polepair_core::axis::{Command, Verb};
-use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::profile::{Encoding, ParameterId, Signal};
 use polepair_core::time::Instant;
+use polepair_core::units::Unit;
 
 use crate::outcome;
 use crate::problem::Result;
@@ -179,28 +180,31 @@ pub fn read_signal(axis: &LocalAxis, signal: Signal) -> Result<Option<Value>> {
     let value = axis.value(id, raw).map_err(outcome::to_problem)?;
     outcome::note_missing_unit(axis, id);
     let masked = value.raw & source.mask;
-    let plain = |raw: i64| Value {
-        raw,
-        value: raw as f64,
-        step: 1.0,
-        unit: polepair_core::units::Unit::None,
-        word: None,
-        encoding: value.encoding,
-        is_raw: true,
-    };
     Ok(Some(match source.equals {
         Some(equals) if masked != equals && signal == Signal::Moving => {
             // The flag often means that a target is not reached: the speed shows it, too.
             if let Some(source) = axis.profile().signal(Signal::Velocity) {
                 axis.read_optional(source.parameter).map_err(outcome::to_problem)?;
             }
-            plain(i64::from(axis.moving(&axis.state()) == Some(true)))
+            plain_value(i64::from(axis.moving(&axis.state()) == Some(true)), value.encoding)
         }
-        Some(equals) => plain(i64::from(masked == equals)),
+        Some(equals) => plain_value(i64::from(masked == equals), value.encoding),
         None if source.mask == -1 => value,
         None => {
             let named = source.values.iter().find(|(raw, _)| *raw == masked);
-            Value { word: named.map(|(_, word)| *word), ..plain(masked) }
+            Value { word: named.map(|(_, word)| *word), ..plain_value(masked, value.encoding) }
         }
     }))
+}
+
+fn plain_value(raw: i64, encoding: Encoding) -> Value {
+    Value {
+        raw,
+        value: raw as f64,
+        step: 1.0,
+        unit: Unit::None,
+        word: None,
+        encoding,
+        is_raw: true,
+    }
 }

@@ -10,7 +10,7 @@ use polepair_capture::{CaptureDecoder, Rules, Timestamp, text};
 use polepair_core::axis::{Command, RehearsalAction, Verb};
 use polepair_core::explain::Direction as Said;
 use polepair_core::medium::{Can, Frame, Stream};
-use polepair_core::profile::Profile;
+use polepair_core::profile::{ParameterId, Profile};
 use polepair_core::proto::drive_address;
 use polepair_core::time::Instant;
 use polepair_link::clock;
@@ -238,17 +238,22 @@ pub fn warn_ignored_files(connector: &Connector) {
 
 /// One step of a plan: its bytes, and what they do.
 pub fn describe_step(axis: &LocalAxis, step: &Rehearsal) -> String {
-    let name = |id| axis.parameter(id).map_or("?", |parameter| parameter.name);
     let does = match step.step {
-        RehearsalAction::Read(id) => format!("read {}", name(id)),
-        RehearsalAction::Write(id, raw) => format!("write {} = {raw} raw", name(id)),
+        RehearsalAction::Read(id) => format!("read {}", parameter_name(id, axis)),
+        RehearsalAction::Write(id, raw) => {
+            format!("write {} = {raw} raw", parameter_name(id, axis))
+        }
         RehearsalAction::WriteIfDifferent(id, raw) => {
-            format!("write {} = {raw} raw unless it is", name(id))
+            format!("write {} = {raw} raw unless it is", parameter_name(id, axis))
         }
         RehearsalAction::WriteReadValue(from, to) => {
-            format!("read {} and write it to {}", name(from), name(to))
+            format!(
+                "read {} and write it to {}",
+                parameter_name(from, axis),
+                parameter_name(to, axis)
+            )
         }
-        RehearsalAction::Store(id) => format!("keep {} over power-off", name(id)),
+        RehearsalAction::Store(id) => format!("keep {} over power-off", parameter_name(id, axis)),
         RehearsalAction::Send => format!("send {}", explain_step(axis, step)),
         RehearsalAction::QueryProgram => "read whether its program runs".to_owned(),
         RehearsalAction::EndProgram => "end its program, if one runs".to_owned(),
@@ -263,6 +268,10 @@ pub fn describe_step(axis: &LocalAxis, step: &Rehearsal) -> String {
         }
     };
     format!("{shown:<26}  {does}")
+}
+
+fn parameter_name(id: ParameterId, axis: &LocalAxis) -> &str {
+    axis.parameter(id).map_or("?", |parameter| parameter.name)
 }
 
 /// Meaning of a frame in its protocol's own words; empty if unknown.

@@ -26,8 +26,11 @@ pub fn is_screen() -> bool {
 pub fn width() -> usize {
     const PAGE: usize = 100;
     let stated = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
-    let found = || ratatui_crossterm::crossterm::terminal::size().ok().map(|size| size.0.into());
-    stated.or_else(|| found().filter(|_| io::stdout().is_terminal())).unwrap_or(PAGE)
+    stated.or_else(|| detected_width().filter(|_| io::stdout().is_terminal())).unwrap_or(PAGE)
+}
+
+fn detected_width() -> Option<usize> {
+    ratatui_crossterm::crossterm::terminal::size().ok().map(|size| size.0.into())
 }
 
 /// Returns whether stderr takes colours.
@@ -36,10 +39,13 @@ pub fn colour_err() -> bool {
 }
 
 fn colours_wanted() -> bool {
-    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    !set("NO_COLOR")
+    !is_env_set("NO_COLOR")
         && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
         && understands_escapes()
+}
+
+fn is_env_set(name: &str) -> bool {
+    std::env::var_os(name).is_some_and(|value| !value.is_empty())
 }
 
 #[cfg(unix)]
@@ -148,8 +154,7 @@ const OWN_STYLES: [&str; 12] =
 /// Escapes the control characters of text, but for the ends of its lines, tabs, and with `colours` the styles of this
 /// program.
 fn escape_controls(text: &mut Vec<u8>, colours: bool) {
-    let is_kept = |byte: &u8| matches!(byte, b'\n' | b'\t');
-    let is_clean = text.split(is_kept).all(is_plain);
+    let is_clean = text.split(is_kept_byte).all(is_plain);
     if is_clean {
         return;
     }
@@ -163,7 +168,7 @@ fn escape_controls(text: &mut Vec<u8>, colours: bool) {
         let first = rest.chars().next().map_or(rest.len(), char::len_utf8);
         let taken = own.filter(|_| colours).unwrap_or(first);
         let (piece, others) = rest.split_at(taken);
-        if taken > first || piece.bytes().all(|byte| is_kept(&byte)) {
+        if taken > first || piece.bytes().all(|byte| is_kept_byte(&byte)) {
             escaped.push_str(piece)
         } else {
             escaped.push_str(&EscapedText(piece).to_string())
@@ -171,6 +176,10 @@ fn escape_controls(text: &mut Vec<u8>, colours: bool) {
         rest = others;
     }
     *text = escaped.into_bytes();
+}
+
+fn is_kept_byte(byte: &u8) -> bool {
+    matches!(byte, b'\n' | b'\t')
 }
 
 static QUIET: AtomicBool = AtomicBool::new(false);

@@ -8,17 +8,22 @@ use polepair_core::units::Unit;
 /// # Errors
 /// What is wrong with it, in words.
 pub fn parse_span(text: &str) -> Result<f64, String> {
-    let wrong = |why: String| format!("{why}; write 100ms, 5s or 1min");
-    let measure = polepair::quantity::parse(text).map_err(|error| wrong(error.to_string()))?;
+    let measure =
+        polepair::quantity::parse(text).map_err(|error| duration_error(error.to_string()))?;
     if measure.quantity.is_none() && measure.si != 0.0 {
-        return Err(wrong("a time needs its unit".to_owned()));
+        return Err(duration_error("a time needs its unit".to_owned()));
     }
-    let seconds = measure.in_unit(Unit::Second).map_err(|error| wrong(error.to_string()))?;
+    let seconds =
+        measure.in_unit(Unit::Second).map_err(|error| duration_error(error.to_string()))?;
     if (0.0..=1e6).contains(&seconds) {
         Ok(seconds)
     } else {
-        Err(wrong("not a span of time".to_owned()))
+        Err(duration_error("not a span of time".to_owned()))
     }
+}
+
+fn duration_error(why: String) -> String {
+    format!("{why}; write 100ms, 5s or 1min")
 }
 
 /// A number with at most six digits that matter, without trailing zeros.

@@ -21,21 +21,19 @@ impl Address {
     /// # Errors
     /// `E256` for an invalid address, `E252` where a token would cross a network in clear text.
     pub fn parse(url: &str) -> Result<Self, GatewayError> {
-        let wrong = |why: &str| {
-            GatewayError::new("E256", format!("{url:?} is not the URL of a server: {why}"))
-                .hint("http://127.0.0.1:7365, or https://HOST:PORT for another machine")
-        };
-        let (scheme, rest) = url.split_once("://").ok_or_else(|| wrong("it has no `://`"))?;
+        let (scheme, rest) =
+            url.split_once("://").ok_or_else(|| url_problem("it has no `://`", url))?;
         let tls = match scheme {
             "http" | "ws" => false,
             "https" | "wss" => true,
-            _ => return Err(wrong("it begins with http, https, ws or wss")),
+            _ => return Err(url_problem("it begins with http, https, ws or wss", url)),
         };
         let location = rest.split(['/', '?', '#']).next().unwrap_or_default();
         if location.contains('@') {
-            return Err(wrong("a secret does not belong there"));
+            return Err(url_problem("a secret does not belong there", url));
         }
-        let (host, port) = split(location).ok_or_else(|| wrong("that is no HOST:PORT"))?;
+        let (host, port) =
+            split(location).ok_or_else(|| url_problem("that is no HOST:PORT", url))?;
         let address = Self { tls, host, port };
         if !tls && !address.is_loopback() {
             let what =
@@ -59,6 +57,11 @@ impl Address {
         let ip = self.host.parse::<IpAddr>();
         ip.map_or(self.host == "localhost", |ip| ip.is_loopback())
     }
+}
+
+fn url_problem(why: &str, url: &str) -> GatewayError {
+    GatewayError::new("E256", format!("{url:?} is not the URL of a server: {why}"))
+        .hint("http://127.0.0.1:7365, or https://HOST:PORT for another machine")
 }
 
 /// Host and port of `HOST`, `HOST:PORT`, `[IPV6]:PORT`.

@@ -53,7 +53,6 @@ impl Dialer {
     /// `E314`, `E315` if no server listens; `E321` if another server does; `E256` if the server demands a client
     /// certificate and none is set, or if it has none of our tokens and would be sent our own.
     pub async fn dial(&self) -> Result<Box<dyn ServerStream>, GatewayError> {
-        let late = || self.unreachable("no answer within 5 s");
         let dialled = async {
             let (stream, there) = self.connect().await?;
             match self.secret.token_to_prove() {
@@ -61,7 +60,11 @@ impl Dialer {
                 None => Ok(stream),
             }
         };
-        timeout(clock::scale_timeout(CONNECT_MAX), dialled).await.map_err(|_| late())?
+        timeout(clock::scale_timeout(CONNECT_MAX), dialled).await.map_err(|_| self.late_error())?
+    }
+
+    fn late_error(&self) -> GatewayError {
+        self.unreachable("no answer within 5 s")
     }
 
     /// The connection, once the server at its other end has proved to have our token.

@@ -340,15 +340,18 @@ impl Gateway {
 
 /// Escapes characters that a path must not contain.
 fn escaped(name: &str) -> String {
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.');
     name.bytes().fold(String::with_capacity(name.len()), |mut text, byte| {
-        if plain(byte) {
+        if is_plain_byte(byte) {
             text.push(char::from(byte))
         } else {
             text.push_str(&format!("%{byte:02X}"))
         }
         text
     })
+}
+
+fn is_plain_byte(byte: u8) -> bool {
+    byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.')
 }
 
 #[cfg(test)]

@@ -86,8 +86,7 @@ impl RestClient {
     ) -> Result<T, GatewayError> {
         let changes = method != Method::GET;
         let result = timeout(within, self.send(method, path, body)).await;
-        let late = || server_lost(&format!("it did not answer within {} s", within.as_secs()));
-        let answer = result.unwrap_or_else(|_| Err(late()));
+        let answer = result.unwrap_or_else(|_| Err(late_error(within)));
         let answer =
             answer.map_err(
                 |refused| if changes { action_error(refused) } else { query_error(refused) },
@@ -143,6 +142,10 @@ impl RestClient {
             *stored = Some((sender, clock::now()));
         }
     }
+}
+
+fn late_error(within: Duration) -> GatewayError {
+    server_lost(&format!("it did not answer within {} s", within.as_secs()))
 }
 
 fn to_json(body: &impl Serialize) -> Result<Bytes, GatewayError> {

@@ -50,10 +50,13 @@ impl fmt::Debug for Secret {
 /// `~/.local/state/polepair`, `%LOCALAPPDATA%\polepair`. `None` where neither is known.
 #[must_use]
 pub fn state_folder() -> Option<PathBuf> {
-    let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let base = of("XDG_STATE_HOME").or_else(|| of("LOCALAPPDATA"));
-    let base = base.or_else(|| Some(of("HOME")?.join(".local").join("state")));
+    let base = env_path("XDG_STATE_HOME").or_else(|| env_path("LOCALAPPDATA"));
+    let base = base.or_else(|| Some(env_path("HOME")?.join(".local").join("state")));
     base.map(|base| base.join("polepair"))
+}
+
+fn env_path(name: &str) -> Option<PathBuf> {
+    std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from)
 }
 
 /// Token of that file; otherwise that of the environment; otherwise, for a server on this machine's loopback, the first

@@ -80,11 +80,14 @@ fn before_link<'a>(
 /// A link by its number, its URL, or its URL without axes.
 #[must_use]
 pub fn find_link<'a>(bench: &'a BenchView, word: &str) -> Option<&'a LinkView> {
-    let plain = |url: &str| url.split('#').next() == Some(word);
     bench
         .links
         .iter()
-        .find(|link| word.parse() == Ok(link.id) || link.url == word || plain(&link.url))
+        .find(|link| word.parse() == Ok(link.id) || link.url == word || is_url_of(&link.url, word))
+}
+
+fn is_url_of(url: &str, word: &str) -> bool {
+    url.split('#').next() == Some(word)
 }
 
 fn find_axis(

@@ -12,8 +12,8 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use arrow_array::cast::AsArray;
-use arrow_array::types::{Int32Type, Int64Type};
-use arrow_array::{Array, BooleanArray, RecordBatch};
+use arrow_array::types::{GenericStringType, Int32Type, Int64Type};
+use arrow_array::{Array, BooleanArray, GenericByteArray, PrimitiveArray, RecordBatch};
 use arrow_schema::ArrowError;
 
 use polepair_files::SealedFile;
@@ -212,15 +212,18 @@ pub fn note_copy(site: &DatasetSite, capture: &CaptureFile) -> std::io::Result<(
 fn split_by_date(table: TableKind, batch: &RecordBatch) -> Vec<(String, RecordBatch)> {
     let Some(times) = batch.column_by_name(table.time_column()) else { return Vec::new() };
     let times = times.as_primitive::<Int64Type>();
-    let day = |row: usize| times.is_valid(row).then(|| times.value(row).div_euclid(DAY_NS));
     let (mut days, mut from) = (Vec::new(), 0);
     while from < batch.num_rows() {
-        let here = day(from);
-        let same = (from..batch.num_rows()).take_while(|row| day(*row) == here).count();
+        let here = row_day(from, times);
+        let same = (from..batch.num_rows()).take_while(|row| row_day(*row, times) == here).count();
         days.push((here.map_or(NO_DATE.to_owned(), format_date), batch.slice(from, same)));
         from += same;
     }
     days
+}
+
+fn row_day(row: usize, times: &PrimitiveArray<Int64Type>) -> Option<i64> {
+    times.is_valid(row).then(|| times.value(row).div_euclid(DAY_NS))
 }
 
 /// The rows of each bus.
@@ -233,18 +236,21 @@ fn split_by_bus(batch: &RecordBatch) -> Result<Vec<(String, RecordBatch)>, Arrow
     let mut there: Vec<i32> = keys.values().to_vec();
     there.sort_unstable();
     there.dedup();
-    let name = |key: i32| names.value(key as usize).to_owned();
     if let [only] = there[..] {
-        return Ok(vec![(name(only), batch.clone())]);
+        return Ok(vec![(key_name(only, names), batch.clone())]);
     }
     there
         .into_iter()
         .map(|key| {
             let mask: BooleanArray =
                 keys.values().iter().map(|other| Some(*other == key)).collect();
-            Ok((name(key), arrow_select::filter::filter_record_batch(batch, &mask)?))
+            Ok((key_name(key, names), arrow_select::filter::filter_record_batch(batch, &mask)?))
         })
         .collect()
+}
+
+fn key_name(key: i32, names: &GenericByteArray<GenericStringType<i32>>) -> String {
+    names.value(key as usize).to_owned()
 }
 
 /// The date of a day since 1970, after Howard Hinnant's `civil_from_days`.

@@ -170,17 +170,14 @@ fn set_encoding(
     name: &str,
     kind: &DataType,
 ) -> WriterPropertiesBuilder {
-    let plain = |properties: WriterPropertiesBuilder, encoding| {
-        properties
-            .set_column_dictionary_enabled(column.clone(), false)
-            .set_column_encoding(column.clone(), encoding)
-    };
     match kind {
-        DataType::Float64 => plain(properties, Encoding::PLAIN),
-        DataType::Binary => plain(properties, Encoding::DELTA_LENGTH_BYTE_ARRAY)
-            .set_column_statistics_enabled(column, EnabledStatistics::None),
+        DataType::Float64 => without_dictionary(properties, Encoding::PLAIN, &column),
+        DataType::Binary => {
+            without_dictionary(properties, Encoding::DELTA_LENGTH_BYTE_ARRAY, &column)
+                .set_column_statistics_enabled(column, EnabledStatistics::None)
+        }
         kind if kind.is_integer() || matches!(kind, DataType::Timestamp(..)) => {
-            plain(properties, Encoding::DELTA_BINARY_PACKED)
+            without_dictionary(properties, Encoding::DELTA_BINARY_PACKED, &column)
         }
         // Minimum and maximum of these are of no use in a query.
         _ if matches!(name, "signal" | "unit" | "protocol") => {
@@ -188,4 +185,14 @@ fn set_encoding(
         }
         _ => properties,
     }
+}
+
+fn without_dictionary(
+    properties: WriterPropertiesBuilder,
+    encoding: Encoding,
+    column: &ColumnPath,
+) -> WriterPropertiesBuilder {
+    properties
+        .set_column_dictionary_enabled(column.clone(), false)
+        .set_column_encoding(column.clone(), encoding)
 }

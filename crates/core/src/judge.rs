@@ -435,11 +435,8 @@ impl MotionJudge {
     /// Returns whether speeds and positions have shown standstill for so long; for `by_position` if positions alone
     /// have to show it.
     fn rests(&self, by_both: Duration, by_position: Duration) -> bool {
-        let standing = |since: Option<Instant>, last: Option<Instant>| {
-            since.zip(last).map(|(since, last)| last.since(since))
-        };
-        let slow = standing(self.slow_since, self.speed_at);
-        let still = standing(self.anchor.map(|(_, since)| since), self.position_at);
+        let slow = standing_time(self.slow_since, self.speed_at);
+        let still = standing_time(self.anchor.map(|(_, since)| since), self.position_at);
         let slow_enough = self.slow_readings >= STANDSTILL_READINGS_MIN
             && slow.is_some_and(|slow| slow >= by_both);
         if self.lacks_position {
@@ -567,10 +564,13 @@ impl MotionJudge {
 
     /// Returns whether the axis is, or was, elsewhere than before the command.
     fn left_start(&self) -> bool {
-        let moved = |start: i64, position: i64| {
-            self.tolerance.distance(start, position).abs() > self.tolerance.noise
-        };
-        self.start.zip(self.position).is_some_and(|(start, position)| moved(start, position))
+        self.start
+            .zip(self.position)
+            .is_some_and(|(start, position)| self.has_moved(start, position))
+    }
+
+    fn has_moved(&self, start: i64, position: i64) -> bool {
+        self.tolerance.distance(start, position).abs() > self.tolerance.noise
     }
 
     /// The end of a motion of which no position can be known.
@@ -672,6 +672,10 @@ impl MotionJudge {
             .is_none_or(|to| (self.tolerance.distance(start, to) > 0.0) == (way > 0.0));
         towards && way.abs() > self.tolerance.noise + drift
     }
+}
+
+fn standing_time(since: Option<Instant>, last: Option<Instant>) -> Option<Duration> {
+    since.zip(last).map(|(since, last)| last.since(since))
 }
 
 #[cfg(test)]

@@ -28,11 +28,10 @@ pub struct Plan {
 impl Plan {
     /// Start and end of the last wait: steps that only read and wait.
     fn last_wait(&self) -> Option<(usize, usize)> {
-        let waits = |step: &Step| step.is_wait();
-        let last = self.steps.iter().rposition(waits)?;
+        let last = self.steps.iter().rposition(is_wait_step)?;
         let sent =
             self.steps[..last].iter().rposition(Step::may_change_drive).map_or(0, |at| at + 1);
-        let first = sent + self.steps[sent..].iter().position(waits)?;
+        let first = sent + self.steps[sent..].iter().position(is_wait_step)?;
         Some((first, last + 1))
     }
 
@@ -47,6 +46,10 @@ impl Plan {
     pub fn after_wait(&self) -> &'static [Step] {
         &self.steps[self.last_wait().map_or(self.steps.len(), |(_, end)| end)..]
     }
+}
+
+fn is_wait_step(step: &Step) -> bool {
+    step.is_wait()
 }
 
 /// One step.
@@ -270,12 +273,15 @@ impl RampSpeed {
     /// The speed, rad/s, for a command of that velocity, rad/s.
     #[must_use]
     pub fn of(self, velocity: Option<f64>) -> f64 {
-        let of_rpm = |rpm: u16| f64::from(rpm) * Unit::Rpm.si_factor();
         match self {
-            Self::Fixed(rpm) => of_rpm(rpm),
-            Self::VelocityOr(rpm) => velocity.map_or(of_rpm(rpm), f64::abs),
+            Self::Fixed(rpm) => rpm_si(rpm),
+            Self::VelocityOr(rpm) => velocity.map_or(rpm_si(rpm), f64::abs),
         }
     }
+}
+
+fn rpm_si(rpm: u16) -> f64 {
+    f64::from(rpm) * Unit::Rpm.si_factor()
 }
 
 /// Arguments of a command.

@@ -180,13 +180,19 @@ impl MemoryRules {
     #[must_use]
     pub fn memory_at(&self, start: u16, count: usize) -> Option<MemoryKind> {
         let last = u16::try_from(usize::from(start) + count.max(1) - 1).ok()?;
-        let within = |range: &RangeInclusive<u16>| range.contains(&start) && range.contains(&last);
-        match (within(&self.permanent), within(&self.volatile)) {
+        match (
+            contains_both(&self.permanent, start, last),
+            contains_both(&self.volatile, start, last),
+        ) {
             (true, _) => Some(MemoryKind::Permanent),
             (_, true) => Some(MemoryKind::Volatile),
             _ => None,
         }
     }
+}
+
+fn contains_both(range: &RangeInclusive<u16>, start: u16, last: u16) -> bool {
+    range.contains(&start) && range.contains(&last)
 }
 
 /// A request that a transfer needs.

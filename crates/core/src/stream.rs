@@ -6,6 +6,8 @@
 
 pub mod cyclic;
 
+use core::time::Duration;
+
 use crate::profile::ParameterId;
 use crate::time::Instant;
 
@@ -186,24 +188,35 @@ impl BufferModel {
     /// clock is slow, fewer that it is fast.
     pub fn correct_clock(&mut self, now: Instant, status: &PathStatus) {
         let Some(started_at) = self.started_at else { return };
-        // The first point leaves at once. With `held` in the buffer, `sent - held` have left.
-        let left_at = |held: u32| {
-            self.sent.checked_sub(held + 1).map(|used| started_at.plus_ns(self.end_of(used)))
-        };
-        let behind = |at: Option<Instant>| at.filter(|at| now > *at).map(|at| now.since(at));
-        let ahead = |at: Option<Instant>| at.filter(|at| now < *at).map(|at| at.since(now));
         let late = match (status.full, status.low) {
-            (true, _) => behind(left_at(self.capacity - 1)),
-            (_, false) => behind(left_at(self.low_mark)),
+            (true, _) => time_behind(self.buffer_left_at(self.capacity - 1, started_at), now),
+            (_, false) => time_behind(self.buffer_left_at(self.low_mark, started_at), now),
             _ => None,
         };
-        let early = if status.low { ahead(left_at(self.low_mark)) } else { None };
+        let early = if status.low {
+            time_ahead(self.buffer_left_at(self.low_mark, started_at), now)
+        } else {
+            None
+        };
         self.started_at = Some(match (late, early) {
             (Some(late), _) => started_at + late,
             (_, Some(early)) => Instant(started_at.0.saturating_sub(early.as_nanos() as u64)),
             _ => started_at,
         });
     }
+
+    fn buffer_left_at(&self, held: u32, started_at: Instant) -> Option<Instant> {
+        // The first point leaves at once. With `held` in the buffer, `sent - held` have left.
+        self.sent.checked_sub(held + 1).map(|used| started_at.plus_ns(self.end_of(used)))
+    }
+}
+
+fn time_ahead(at: Option<Instant>, now: Instant) -> Option<Duration> {
+    at.filter(|at| now < *at).map(|at| at.since(now))
+}
+
+fn time_behind(at: Option<Instant>, now: Instant) -> Option<Duration> {
+    at.filter(|at| now > *at).map(|at| now.since(at))
 }
 
 #[cfg(test)]

@@ -132,13 +132,12 @@ pub(crate) unsafe fn build_command(
     // SAFETY: as promised by the caller.
     let limits = unsafe { read_struct(limits, UNLIMITED)? };
     let verb = read_verb(verb)?;
-    let given = |value: f64| (!value.is_nan()).then_some(value);
     let mut command = Command {
-        velocity: given(limits.velocity),
-        acceleration: given(limits.acceleration),
-        deceleration: given(limits.deceleration),
-        torque: given(limits.torque),
-        jerk_time: given(limits.jerk_time),
+        velocity: given_value(limits.velocity),
+        acceleration: given_value(limits.acceleration),
+        deceleration: given_value(limits.deceleration),
+        torque: given_value(limits.torque),
+        jerk_time: given_value(limits.jerk_time),
         ..Command::new(verb)
     };
     match target_of(verb) {
@@ -149,6 +148,10 @@ pub(crate) unsafe fn build_command(
         Some(_) => command.target = Some(target),
     }
     Ok(command)
+}
+
+fn given_value(value: f64) -> Option<f64> {
+    (!value.is_nan()).then_some(value)
 }
 
 /// The SI value of a text with a unit.

@@ -34,8 +34,13 @@ use std::path::Path;
 /// missing, and for devices and pipes, which are no files that could be lost.
 #[must_use]
 pub fn is_same_file(one: &Path, other: &Path) -> bool {
-    let is_regular = |path: &Path| std::fs::metadata(path).is_ok_and(|found| found.is_file());
-    is_regular(one) && is_regular(other) && same_file::is_same_file(one, other).unwrap_or(false)
+    is_regular_file(one)
+        && is_regular_file(other)
+        && same_file::is_same_file(one, other).unwrap_or(false)
+}
+
+fn is_regular_file(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|found| found.is_file())
 }
 
 #[cfg(test)]

@@ -176,17 +176,13 @@ impl<S: HubSession> Hub<S> {
             *place = Some(Arc::clone(&client.fd));
         }
         let wake = self.waker.as_fd();
-        let watched = |fd: Option<BorrowedFd<'_>>| match fd {
-            Some(_) => PollFlags::IN,
-            None => PollFlags::empty(),
-        };
         let mut polled: [PollFd<'_>; CLIENTS_MAX + 2] = std::array::from_fn(|n| {
             let fd = match n {
                 0 => Some(wake),
                 1 => self.listener.as_ref().map(AsFd::as_fd),
                 n => fds[n - 2].as_ref().map(AsFd::as_fd),
             };
-            PollFd::from_borrowed_fd(fd.unwrap_or(wake), watched(fd))
+            PollFd::from_borrowed_fd(fd.unwrap_or(wake), watched_flags(fd))
         });
         let left = until.since(clock::now());
         let timeout = (until != Instant::FAR_FUTURE).then(|| timespec(left));
@@ -201,6 +197,13 @@ impl<S: HubSession> Hub<S> {
             self.accept_clients();
         }
         Ok(!polled[0].revents().is_empty() && self.waker.take_wakeup())
+    }
+}
+
+fn watched_flags(fd: Option<BorrowedFd<'_>>) -> PollFlags {
+    match fd {
+        Some(_) => PollFlags::IN,
+        None => PollFlags::empty(),
     }
 }
 

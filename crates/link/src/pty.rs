@@ -105,20 +105,25 @@ fn open_pair() -> Result<(OwnedFd, OwnedFd, String), rustix::io::Errno> {
 
 fn create_alias(name: &str, alias: &Path) -> Result<PathBuf, LinkError> {
     let shown = alias.to_string_lossy();
-    let fail = |error: &std::io::Error| LinkError::from_io(&shown, error);
     if let Ok(target) = std::fs::read_link(alias)
         && let Some(busy) = crate::ports::serving_instance(&target, alias)
     {
         return Err(LinkError::new(&shown, Cause::Busy).with_hint(&busy));
     }
     match std::fs::symlink_metadata(alias) {
-        Ok(found) if found.is_symlink() => std::fs::remove_file(alias).map_err(|e| fail(&e))?,
+        Ok(found) if found.is_symlink() => {
+            std::fs::remove_file(alias).map_err(|e| pty_error(&e, &shown))?
+        }
         Ok(_) => {
             let hint = "A file of this name exists; choose another path.";
             return Err(LinkError::new(&shown, Cause::Busy).with_hint(hint));
         }
         Err(_) => {}
     }
-    std::os::unix::fs::symlink(name, alias).map_err(|e| fail(&e))?;
+    std::os::unix::fs::symlink(name, alias).map_err(|e| pty_error(&e, &shown))?;
     Ok(alias.to_owned())
+}
+
+fn pty_error(error: &std::io::Error, shown: &str) -> LinkError {
+    LinkError::from_io(shown, error)
 }

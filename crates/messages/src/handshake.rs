@@ -44,13 +44,16 @@ pub fn token_proof(
 #[must_use]
 pub fn parse_hex(text: &str) -> Option<[u8; PROOF_BYTES]> {
     let text = text.as_bytes();
-    let digit = |at: usize| char::from(text[at]).to_digit(16);
     let mut bytes = [0; PROOF_BYTES];
     if text.len() != 2 * PROOF_BYTES {
         return None;
     }
     for (at, byte) in bytes.iter_mut().enumerate() {
-        *byte = (digit(2 * at)? << 4 | digit(2 * at + 1)?) as u8;
+        *byte = (hex_digit(2 * at, text)? << 4 | hex_digit(2 * at + 1, text)?) as u8;
     }
     Some(bytes)
+}
+
+fn hex_digit(at: usize, text: &[u8]) -> Option<u32> {
+    char::from(text[at]).to_digit(16)
 }

@@ -31,8 +31,8 @@ pub struct Sample {
 #[must_use]
 pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, usize) {
     let t0_us = samples.first().map_or(0, |sample| sample.t_us);
-    let after = |sample: &Sample| u32::try_from(sample.t_us.saturating_sub(t0_us)).ok();
-    let count = samples.iter().take(SAMPLES_MAX).take_while(|s| after(s).is_some()).count();
+    let count =
+        samples.iter().take(SAMPLES_MAX).take_while(|s| time_after(s, t0_us).is_some()).count();
     let mut bytes = Vec::with_capacity(HEADER_LEN + count * SAMPLE_LEN);
     bytes.extend([1, 1]);
     bytes.extend(channel.to_le_bytes());
@@ -40,28 +40,29 @@ pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, us
     bytes.extend(t0_us.to_le_bytes());
     bytes.extend(lost_total.to_le_bytes());
     for sample in &samples[..count] {
-        bytes.extend(after(sample).unwrap_or_default().to_le_bytes());
+        bytes.extend(time_after(sample, t0_us).unwrap_or_default().to_le_bytes());
         bytes.extend(sample.value.to_le_bytes());
     }
     (bytes, count)
+}
+
+fn time_after(sample: &Sample, t0_us: u64) -> Option<u32> {
+    u32::try_from(sample.t_us.saturating_sub(t0_us)).ok()
 }
 
 /// Decodes a message: channel, number of lost samples, samples. `None` if it is invalid.
 #[must_use]
 pub fn decode(bytes: &[u8]) -> Option<(u16, u64, Vec<Sample>)> {
     let (head, samples) = bytes.split_at_checked(HEADER_LEN)?;
-    let field = |at: usize, length: usize| {
-        head[at..at + length].iter().rev().fold(0, |all, byte| all << 8 | u64::from(*byte))
-    };
-    let count = usize::try_from(field(4, 4)).ok()?;
+    let count = usize::try_from(head_field(4, 4, head)).ok()?;
     let (samples, rest) = samples.as_chunks::<SAMPLE_LEN>();
     if head[..2] != [1, 1] || samples.len() != count || !rest.is_empty() {
         return None;
     }
-    let t0_us = field(8, 8);
+    let t0_us = head_field(8, 8, head);
     Some((
-        field(2, 2) as u16,
-        field(16, 8),
+        head_field(2, 2, head) as u16,
+        head_field(16, 8, head),
         samples
             .iter()
             .map(|bytes| {
@@ -74,4 +75,8 @@ pub fn decode(bytes: &[u8]) -> Option<(u16, u64, Vec<Sample>)> {
             })
             .collect(),
     ))
+}
+
+fn head_field(at: usize, length: usize, head: &[u8]) -> u64 {
+    head[at..at + length].iter().rev().fold(0, |all, byte| all << 8 | u64::from(*byte))
 }

@@ -50,10 +50,11 @@ impl ProtocolInfo {
     /// The host's address on a bus with `others`: the default, or the last free one.
     pub(crate) fn host_among(&self, drives: &[u32], others: &[BusAddress]) -> Option<u32> {
         let usual = self.host?;
-        let entry = |address| BusAddress { protocol: self.clone(), address };
         let free = |address: &u32| {
             !drives.contains(address)
-                && !others.iter().any(|other| other.shared_identifier(&entry(*address)).is_some())
+                && !others
+                    .iter()
+                    .any(|other| other.shared_identifier(&self.bus_entry(*address)).is_some())
         };
         if free(&usual) {
             return None;
@@ -67,17 +68,22 @@ impl ProtocolInfo {
             })
             .or_else(|| every().find(free))
     }
+
+    fn bus_entry(&self, address: u32) -> BusAddress {
+        BusAddress { protocol: self.clone(), address }
+    }
 }
 
 /// 11-bit identifiers of all possible drives of these protocols.
 pub(crate) fn claimed_identifiers(seats: &[BusAddress]) -> Vec<bool> {
-    let could = |bus_address: &BusAddress, id| {
-        bus_address
-            .protocol
-            .byte_addresses()
-            .any(|a| (bus_address.protocol.uses_identifier)(a, id, false))
-    };
-    (0..STANDARD_IDS).map(|id| seats.iter().any(|bus_address| could(bus_address, id))).collect()
+    (0..STANDARD_IDS).map(|id| seats.iter().any(|bus_address| could_use(bus_address, id))).collect()
+}
+
+fn could_use(bus_address: &BusAddress, id: u32) -> bool {
+    bus_address
+        .protocol
+        .byte_addresses()
+        .any(|a| (bus_address.protocol.uses_identifier)(a, id, false))
 }
 
 /// Orders protocols so that one whose drives have no identifiers but another's comes after it: its
@@ -101,11 +107,14 @@ pub(crate) fn guest_ranks(protocols: &[&ProtocolInfo]) -> Vec<usize> {
     let all: Vec<(&str, Vec<bool>)> = protocols.iter().map(|one| (one.name, ids(one))).collect();
     all.iter()
         .map(|(name, ids)| {
-            let within = |other: &Vec<bool>| ids.iter().zip(other).all(|(mine, its)| !mine || *its);
             let any = ids.contains(&true);
-            all.iter().filter(|(other, its)| other != name && any && within(its)).count()
+            all.iter().filter(|(other, its)| other != name && any && is_subset(its, ids)).count()
         })
         .collect()
+}
+
+fn is_subset(other: &Vec<bool>, ids: &[bool]) -> bool {
+    ids.iter().zip(other).all(|(mine, its)| !mine || *its)
 }
 
 /// Returns whether an address has one of those identifiers.
@@ -158,10 +167,16 @@ impl BusLoadRange {
     /// Adds frames of these lengths in bytes, `rate` times a second; without lengths a full frame in each direction.
     pub(crate) fn add(&mut self, bit_rate: u32, extended: bool, rate: f64, lengths: &[u32]) {
         let lengths = if lengths.is_empty() { &EXCHANGE_LENGTHS } else { lengths };
-        let share = |bits: u32| rate * f64::from(bits) / f64::from(bit_rate.max(1));
-        self.least +=
-            share(lengths.iter().map(|bytes| bits::unstuffed_bits(extended, *bytes)).sum());
-        self.most += share(lengths.iter().map(|bytes| bits::max_wire_bits(extended, *bytes)).sum());
+        self.least += load_share(
+            lengths.iter().map(|bytes| bits::unstuffed_bits(extended, *bytes)).sum(),
+            rate,
+            bit_rate,
+        );
+        self.most += load_share(
+            lengths.iter().map(|bytes| bits::max_wire_bits(extended, *bytes)).sum(),
+            rate,
+            bit_rate,
+        );
     }
 
     /// The sum, where it is too much.
@@ -171,6 +186,10 @@ impl BusLoadRange {
             format!("its drives take {self} of the bus; at most {max:.0} % can be planned for")
         })
     }
+}
+
+fn load_share(bits: u32, rate: f64, bit_rate: u32) -> f64 {
+    rate * f64::from(bits) / f64::from(bit_rate.max(1))
 }
 
 impl std::fmt::Display for BusLoadRange {

@@ -208,9 +208,8 @@ fn merge_url(url: &str, more: &str) -> String {
     let (head, keys) = rest.split_once('?').map_or((rest, ""), |(a, b)| (a, b));
     let (new_keys, new_axes) = more.split_once('#').map_or((more, None), |(a, b)| (a, Some(b)));
     let new_keys = new_keys.trim_start_matches('?');
-    let name = |pair: &str| pair.split('=').next().unwrap_or_default().to_owned();
-    let replaced: Vec<String> = new_keys.split('&').map(name).collect();
-    let stored = keys.split('&').filter(|pair| !replaced.contains(&name(pair)));
+    let replaced: Vec<String> = new_keys.split('&').map(pair_name).collect();
+    let stored = keys.split('&').filter(|pair| !replaced.contains(&pair_name(pair)));
     let all: Vec<&str> =
         stored.chain(new_keys.split('&')).filter(|pair| !pair.is_empty()).collect();
     let mut out = head.to_owned();
@@ -223,6 +222,10 @@ fn merge_url(url: &str, more: &str) -> String {
         out.push_str(axes);
     }
     out
+}
+
+fn pair_name(pair: &str) -> String {
+    pair.split('=').next().unwrap_or_default().to_owned()
 }
 
 /// Every name of a file with its connection string.
@@ -252,13 +255,16 @@ fn parse_links(file: &str, text: &str) -> Result<Vec<(String, String)>, FileErro
 /// The configuration folder.
 #[must_use]
 pub fn folder() -> Option<PathBuf> {
-    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let base = if cfg!(windows) {
-        set("APPDATA")
+        env_path("APPDATA")
     } else {
-        set("XDG_CONFIG_HOME").or_else(|| set("HOME").map(|home| home.join(".config")))
+        env_path("XDG_CONFIG_HOME").or_else(|| env_path("HOME").map(|home| home.join(".config")))
     };
     base.map(|base| base.join("polepair"))
+}
+
+fn env_path(name: &str) -> Option<PathBuf> {
+    std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from)
 }
 
 /// The profiles of a folder, by name.

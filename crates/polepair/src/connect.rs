@@ -533,9 +533,8 @@ impl ProtocolLine {
         axes: &[Vec<(&'static Profile, u32)>],
     ) -> Result<Connection, Error> {
         let [first, _, ..] = lines else { return lines[0].open_connection(&axes[0]) };
-        let no = |what: &str| Error::usage("E203", what, "");
         let SharedLink::Can(link) = &first.link else {
-            return Err(no("a serial line carries one protocol"));
+            return Err(parse_failure("a serial line carries one protocol"));
         };
         let lanes: Option<Vec<_>> = lines
             .iter()
@@ -544,8 +543,9 @@ impl ProtocolLine {
                 registry::build_lane::<Can>(line.protocol.name, line.session_options(), axes)
             })
             .collect();
-        let mux = Mux::new(lanes.ok_or_else(|| no("the protocol has no host"))?);
-        let mux = mux.ok_or_else(|| no("these drives cannot share a bus: too many axes"))?;
+        let mux = Mux::new(lanes.ok_or_else(|| parse_failure("the protocol has no host"))?);
+        let mux =
+            mux.ok_or_else(|| parse_failure("these drives cannot share a bus: too many axes"))?;
         Ok(Connection::new::<Can>(Box::new(link.clone()), Box::new(mux)))
     }
 
@@ -554,19 +554,26 @@ impl ProtocolLine {
         options: HostOptions,
         axes: &[(&'static Profile, u32)],
     ) -> Result<Connection, Error> {
-        let missing = || Error::usage("E203", "the protocol has no host", "");
         let name = self.protocol.name;
         Ok(match &self.link {
             SharedLink::Serial(link) => {
-                let lane = registry::build_lane(name, options, axes).ok_or_else(missing)?;
+                let lane = registry::build_lane(name, options, axes).ok_or_else(no_host_error)?;
                 Connection::new::<Stream>(Box::new(link.clone()), lane)
             }
             SharedLink::Can(link) => {
-                let lane = registry::build_lane(name, options, axes).ok_or_else(missing)?;
+                let lane = registry::build_lane(name, options, axes).ok_or_else(no_host_error)?;
                 Connection::new::<Can>(Box::new(link.clone()), lane)
             }
         })
     }
+}
+
+fn no_host_error() -> Error {
+    Error::usage("E203", "the protocol has no host", "")
+}
+
+fn parse_failure(what: &str) -> Error {
+    Error::usage("E203", what, "")
 }
 
 /// An open link and its axes. Dropping the last handle closes it.

@@ -165,14 +165,18 @@ impl LocalAxis {
                 .take(self.params().len())
                 .collect()
         });
-        let refused = |result: Result<(), Error>| match result {
-            Err(error) if error.exit() == Exit::Refused => Ok(()),
-            result => result,
-        };
-        unlearnt.into_iter().try_for_each(|id| refused(self.read(id).map(drop)))?;
+        unlearnt.into_iter().try_for_each(|id| ignore_refusal(self.read(id).map(drop)))?;
         let mut signal_parameters =
             self.profile.signals.iter().filter_map(|s| self.profile.parameter(s.parameter));
-        signal_parameters.try_for_each(|parameter| refused(self.read_unread_factors(parameter)))
+        signal_parameters
+            .try_for_each(|parameter| ignore_refusal(self.read_unread_factors(parameter)))
+    }
+}
+
+fn ignore_refusal(result: Result<(), Error>) -> Result<(), Error> {
+    match result {
+        Err(error) if error.exit() == Exit::Refused => Ok(()),
+        result => result,
     }
 }
 
@@ -281,17 +285,17 @@ impl Events {
     fn to_event(&self, notice: (usize, ConnectionEvent)) -> Option<Event> {
         let (wire, notice) = notice;
 
-        let of_link = |at, kind| Event { at, axis: None, index: wire, kind };
         Some(match notice {
             ConnectionEvent::Axis(event) => return self.axis_event(wire, &event),
-            ConnectionEvent::LinkLost(at, error) => of_link(at, EventKind::LinkLost { error }),
-            ConnectionEvent::LinkRestored(at) => of_link(at, EventKind::LinkBack),
+            ConnectionEvent::LinkLost(at, error) => {
+                link_event(at, EventKind::LinkLost { error }, wire)
+            }
+            ConnectionEvent::LinkRestored(at) => link_event(at, EventKind::LinkBack, wire),
         })
     }
 
     fn axis_event(&self, wire: usize, event: &AxisEvent) -> Option<Event> {
         let (position, axis) = self.axes.get(wire)?.iter().find(|(_, a)| a.index == event.axis)?;
-        let fault = |code| axis.profile.faults.iter().find(|fault| fault.code == code);
         let kind = match event.kind {
             AxisEventKind::Signal(signal, reading) => EventKind::Signal {
                 signal,
@@ -304,10 +308,10 @@ impl Events {
                 EventKind::Parameter { parameter, raw, value, unit }
             }
             AxisEventKind::Fault { code, appeared: true } => {
-                EventKind::FaultAppeared { code, fault: fault(code) }
+                EventKind::FaultAppeared { code, fault: profile_fault(code, axis.profile.faults) }
             }
             AxisEventKind::Fault { code, appeared: false } => {
-                EventKind::FaultCleared { code, fault: fault(code) }
+                EventKind::FaultCleared { code, fault: profile_fault(code, axis.profile.faults) }
             }
             AxisEventKind::Presence(presence) => EventKind::Presence(presence),
             AxisEventKind::Armed(true) => EventKind::Armed,
@@ -317,6 +321,14 @@ impl Events {
         };
         Some(Event { at: event.at, axis: Some(axis.number), index: *position, kind })
     }
+}
+
+fn profile_fault(code: u32, axis_profile_faults: &[Fault]) -> Option<&Fault> {
+    axis_profile_faults.iter().find(|fault| fault.code == code)
+}
+
+fn link_event(at: Instant, kind: EventKind, wire: usize) -> Event {
+    Event { at, axis: None, index: wire, kind }
 }
 
 impl LocalAxis {
@@ -357,15 +369,14 @@ impl fmt::Display for EventKind {
     /// One sentence without full stop. A parameter is printed by its index in the profile, because its name
     /// is known to the axis only.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let of_fault = |fault: &Option<&'static Fault>| fault.map_or("", |fault| fault.name);
         match self {
             Self::Signal { signal, reading } => write!(f, "{} {}", signal.name(), reading.value),
             Self::Parameter { parameter, value, unit, .. } => {
                 write!(f, "parameter {} {value} {}", parameter.0, unit.symbol())
             }
-            Self::FaultAppeared { code, fault } => write!(f, "fault {code} {}", of_fault(fault)),
+            Self::FaultAppeared { code, fault } => write!(f, "fault {code} {}", fault_name(*fault)),
             Self::FaultCleared { code, fault } => {
-                write!(f, "fault {code} {} cleared", of_fault(fault))
+                write!(f, "fault {code} {} cleared", fault_name(*fault))
             }
             Self::Presence(presence) => f.write_str(presence.name()),
             Self::Armed => f.write_str("armed"),
@@ -374,4 +385,8 @@ impl fmt::Display for EventKind {
             Self::LinkBack => f.write_str("the link is back"),
         }
     }
+}
+
+fn fault_name(fault: Option<&'static Fault>) -> &'static str {
+    fault.map_or("", |fault| fault.name)
 }

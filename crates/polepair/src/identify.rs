@@ -282,7 +282,6 @@ impl<'a> Prober<'a> {
         let until = self.time_limit.map_or(Instant::FAR_FUTURE, |limit| {
             connection.now() + connection.scale_timeout(limit)
         });
-        let is_over = || connection.now() >= until;
         let (mut received, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
         let (mut lacks_identity, mut is_refused, mut has_value) = (false, false, false);
         let mut requests: Vec<(Identity, Option<Outcome>)> = Vec::new();
@@ -290,7 +289,7 @@ impl<'a> Prober<'a> {
             if (self.is_cancelled)() {
                 return Ok(ProbeResult::Silent(NoReplyDetails::default()));
             }
-            if is_over() {
+            if is_time_over(&connection, until) {
                 break;
             }
             let outcome = match requests.iter().find(|(q, _)| is_same_query(q, identity, profile)) {
@@ -346,7 +345,10 @@ impl<'a> Prober<'a> {
         }
         // A module in download mode refuses its version, and stores a read.
         let only_refused = is_refused && best.is_none() && !has_value;
-        if (!received || only_refused) && !(self.is_cancelled)() && !is_over() {
+        if (!received || only_refused)
+            && !(self.is_cancelled)()
+            && !is_time_over(&connection, until)
+        {
             let answer = self.query_generic(&connection, generic, until)?;
             if answer.and_then(Outcome::failure) == Some(Failure::AnsweredTwice) {
                 return Ok(ProbeResult::AnsweredTwice);
@@ -467,6 +469,10 @@ impl<'a> Prober<'a> {
         }
         is_ended
     }
+}
+
+fn is_time_over(connection: &Connection, until: Instant) -> bool {
+    connection.now() >= until
 }
 
 /// Returns whether two questions are the same, so that their answer can be shared. A parameter's number means another

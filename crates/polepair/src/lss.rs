@@ -21,6 +21,7 @@ use crate::identify::is_answer;
 use crate::simulate::Simulation;
 use crate::url::{LinkTarget, Url};
 use polepair_core::error::{Failure, Outcome};
+use polepair_core::station::Counters;
 use polepair_link::Interrupter;
 use std::fmt;
 use std::str::FromStr;
@@ -62,14 +63,7 @@ impl FromStr for LssIdentity {
 
     /// Reads four numbers, decimal or hexadecimal, with commas between.
     fn from_str(text: &str) -> Result<Self, String> {
-        let number = |word: &str| {
-            let word = word.trim();
-            match word.strip_prefix("0x").or_else(|| word.strip_prefix("0X")) {
-                Some(hex) => u32::from_str_radix(hex, 16).ok(),
-                None => word.parse().ok(),
-            }
-        };
-        let numbers: Option<Vec<u32>> = text.split(',').map(number).collect();
+        let numbers: Option<Vec<u32>> = text.split(',').map(parse_number).collect();
         match numbers.as_deref() {
             Some(&[vendor, product, revision, serial]) => {
                 Ok(Self { vendor, product, revision, serial })
@@ -78,6 +72,14 @@ impl FromStr for LssIdentity {
                       0x22,0x33,0x10001,1234"
                 .to_owned()),
         }
+    }
+}
+
+fn parse_number(word: &str) -> Option<u32> {
+    let word = word.trim();
+    match word.strip_prefix("0x").or_else(|| word.strip_prefix("0X")) {
+        Some(hex) => u32::from_str_radix(hex, 16).ok(),
+        None => word.parse().ok(),
     }
 }
 
@@ -230,8 +232,7 @@ impl LssMaster {
     /// [`Error::Failed`] `E401` where no device answers, [`Error::Usage`] `E220` where several do:
     /// they leave LSS configuration at once.
     pub fn select_only_device(&self) -> Result<LssIdentity, Error> {
-        let counters = || self.axis().connection().with_axes(|axes, _| axes.counters());
-        let before = counters();
+        let before = self.session_counters();
         self.configures.store(true, Ordering::Relaxed);
         self.request("lss configuration", "LSS configuration")?;
         self.request("lss inquire vendor", "LSS: vendor")?;
@@ -241,7 +242,7 @@ impl LssMaster {
             identity => Some(identity?),
         };
         match identity {
-            Some(identity) if counters().since(before).late == 0 => Ok(identity),
+            Some(identity) if self.session_counters().since(before).late == 0 => Ok(identity),
             _ => {
                 self.leave_configuration()?;
                 let what = format!("several devices answer LSS requests on {}", self.link_name());
@@ -249,6 +250,10 @@ impl LssMaster {
                 Err(Error::usage("E220", what, hint))
             }
         }
+    }
+
+    fn session_counters(&self) -> Counters {
+        self.axis().connection().with_axes(|axes, _| axes.counters())
     }
 
     /// The identity of the device in LSS configuration (services 5Ah to 5Dh).
@@ -260,16 +265,17 @@ impl LssMaster {
     }
 
     fn read_identity(&self, service: &str) -> Result<LssIdentity, Error> {
-        let read = |name: &str| {
-            let number = self.request(&format!("{service} {name}"), &format!("LSS: {name}"))?;
-            Ok::<_, Error>(u32::try_from(number).unwrap_or_default())
-        };
         Ok(LssIdentity {
-            vendor: read("vendor")?,
-            product: read("product")?,
-            revision: read("revision")?,
-            serial: read("serial")?,
+            vendor: self.read_identity_number("vendor", service)?,
+            product: self.read_identity_number("product", service)?,
+            revision: self.read_identity_number("revision", service)?,
+            serial: self.read_identity_number("serial", service)?,
         })
+    }
+
+    fn read_identity_number(&self, name: &str, service: &str) -> Result<u32, Error> {
+        let number = self.request(&format!("{service} {name}"), &format!("LSS: {name}"))?;
+        Ok::<_, Error>(u32::try_from(number).unwrap_or_default())
     }
 
     /// The node-ID of the device in LSS configuration (service 5Eh); `None` where it has none.

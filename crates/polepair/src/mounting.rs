@@ -220,12 +220,17 @@ fn find_operand(
     verb: Verb,
     which: Argument,
 ) -> Option<(Operand, Option<ParameterId>)> {
-    let takes = |operand: Operand| operand.argument() == Some(which);
     profile.plan(verb)?.steps.iter().find_map(|step| match *step {
-        Step::Write(id, operand) if takes(operand) => Some((operand, Some(id))),
-        Step::Send { operand, like, .. } if takes(operand) => Some((operand, like)),
+        Step::Write(id, operand) if takes_argument(operand, &which) => Some((operand, Some(id))),
+        Step::Send { operand, like, .. } if takes_argument(operand, &which) => {
+            Some((operand, like))
+        }
         _ => None,
     })
+}
+
+fn takes_argument(operand: Operand, which: &Argument) -> bool {
+    operand.argument() == Some(*which)
 }
 
 /// Role of a parameter in the motion of its axis.
@@ -319,9 +324,12 @@ pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> 
 
 /// Returns whether a drive is given this current where others are given a torque: its sign is then that of the torque.
 fn is_torque_substitute(profile: &Profile, current: ParameterId) -> bool {
-    let unit = |id: ParameterId| profile.parameter(id).map(|parameter| parameter.unit);
     let given = destination(profile, Verb::Torque, Argument::Torque).flatten();
-    given.is_some_and(|given| unit(given) == unit(current))
+    given.is_some_and(|given| parameter_unit(given, profile) == parameter_unit(current, profile))
+}
+
+fn parameter_unit(id: ParameterId, profile: &Profile) -> Option<Unit> {
+    profile.parameter(id).map(|parameter| parameter.unit)
 }
 
 pub(crate) const ARGUMENTS: [Argument; 5] = [

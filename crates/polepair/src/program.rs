@@ -60,12 +60,15 @@ impl Program {
     /// [`FileError`] with file, line, column and reason.
     pub fn read(path: &Path, source: &AssemblyContext<'_>) -> Result<Self, FileError> {
         let file = path.display().to_string();
-        let whole = |reason: String| FileError::for_file(&file, reason);
-        let size = std::fs::metadata(path).map_err(|e| whole(e.to_string()))?.len();
+        let size =
+            std::fs::metadata(path).map_err(|e| whole_file_error(e.to_string(), &file))?.len();
         if size > FILE_MAX {
-            return Err(whole(format!("larger than {FILE_MAX} bytes: is it a program?")));
+            return Err(whole_file_error(
+                format!("larger than {FILE_MAX} bytes: is it a program?"),
+                &file,
+            ));
         }
-        let text = std::fs::read(path).map_err(|e| whole(e.to_string()))?;
+        let text = std::fs::read(path).map_err(|e| whole_file_error(e.to_string(), &file))?;
         let text = String::from_utf8_lossy(&text);
         if is_software(path) {
             Self::parse_sw(&file, &text)
@@ -108,13 +111,13 @@ impl Program {
         let mut pieces: Vec<MemoryBlock> = Vec::new();
         let (mut open, mut total) = (false, 0);
         for (line, digits) in (1..).zip(text.lines().map(str::trim)) {
-            let refuse = |reason: String| FileError { line, column: 1, ..file_error(file, reason) };
             let word = match digits {
                 "" => {
                     open = false;
                     continue;
                 }
-                digits => parse_hex_word(digits).ok_or_else(|| refuse(not_hex_reason(digits)))?,
+                digits => parse_hex_word(digits)
+                    .ok_or_else(|| line_error(not_hex_reason(digits), line, file))?,
             };
             match pieces.last_mut().filter(|_| open) {
                 Some(piece) => piece.words.push(word),
@@ -122,7 +125,7 @@ impl Program {
             }
             (open, total) = (true, total + 1);
             if total > WORDS_MAX {
-                return Err(refuse(format!("more than {WORDS_MAX} words")));
+                return Err(line_error(format!("more than {WORDS_MAX} words"), line, file));
             }
         }
         check_layout(file, &pieces)?;
@@ -184,6 +187,14 @@ impl Program {
     }
 }
 
+fn line_error(reason: String, line: u32, file: &str) -> FileError {
+    FileError { line, column: 1, ..file_error(file, reason) }
+}
+
+fn whole_file_error(reason: String, file: &str) -> FileError {
+    FileError::for_file(file, reason)
+}
+
 /// A listing, an instruction a line.
 #[derive(Default)]
 struct ListingWriter {
@@ -242,7 +253,6 @@ fn not_hex_reason(digits: &str) -> String {
 
 /// Checks that the blocks have words, end within memory, and do not overlap.
 fn check_layout(file: &str, pieces: &[MemoryBlock]) -> Result<(), FileError> {
-    let end = |piece: &MemoryBlock| usize::from(piece.start) + piece.words.len();
     if pieces.is_empty() {
         return Err(file_error(file, "there is no block in it".to_owned()));
     }
@@ -251,11 +261,11 @@ fn check_layout(file: &str, pieces: &[MemoryBlock]) -> Result<(), FileError> {
         if piece.words.is_empty() {
             return Err(file_error(file, format!("the block at {start:04X} has no words")));
         }
-        if end(piece) > WORDS_MAX {
+        if block_end(piece) > WORDS_MAX {
             return Err(file_error(file, format!("the block at {start:04X} goes beyond FFFF")));
         }
         let overlaps = |other: &&MemoryBlock| {
-            usize::from(other.start) < end(piece) && usize::from(start) < end(other)
+            usize::from(other.start) < block_end(piece) && usize::from(start) < block_end(other)
         };
         if let Some(other) = pieces[..n].iter().find(overlaps) {
             let other = other.start;
@@ -266,6 +276,10 @@ fn check_layout(file: &str, pieces: &[MemoryBlock]) -> Result<(), FileError> {
         }
     }
     Ok(())
+}
+
+fn block_end(piece: &MemoryBlock) -> usize {
+    usize::from(piece.start) + piece.words.len()
 }
 
 /// A complaint about a place in a text.

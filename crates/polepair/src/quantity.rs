@@ -151,22 +151,27 @@ impl Measure {
 }
 
 fn mismatch_error(found: Quantity, wanted: Unit) -> Error {
-    let name = |quantity: Quantity| {
-        let name = format!("{quantity:?}").to_lowercase();
-        let article = if name.starts_with(['a', 'i']) { "an" } else { "a" };
-        format!("{article} {name}")
-    };
     let (what, hint) = match wanted.quantity() {
         Quantity::Plain => (
-            format!("this has no unit, but {} was given", name(found)),
+            format!("this has no unit, but {} was given", quantity_name(found)),
             "write the number alone".to_owned(),
         ),
         quantity => (
-            format!("{} is wanted, but {} was given", name(quantity), name(found)),
+            format!(
+                "{} is wanted, but {} was given",
+                quantity_name(quantity),
+                quantity_name(found)
+            ),
             format!("write it in {0}, such as `10 {0}`", wanted.symbol()),
         ),
     };
     Error::usage("E217", what, hint)
+}
+
+fn quantity_name(quantity: Quantity) -> String {
+    let name = format!("{quantity:?}").to_lowercase();
+    let article = if name.starts_with(['a', 'i']) { "an" } else { "a" };
+    format!("{article} {name}")
 }
 
 /// A number that was written with one decimal comma, with a point.

@@ -96,8 +96,9 @@ impl ProtocolLine {
         if known > 0 {
             return Ok(numbers.map(found).collect());
         }
-        let source = |signal| one.profile.signal(signal).map(|source| source.parameter);
-        let Some(state) = source(Signal::Enabled).or_else(|| source(Signal::Position)) else {
+        let Some(state) = signal_parameter(Signal::Enabled, one.profile)
+            .or_else(|| signal_parameter(Signal::Position, one.profile))
+        else {
             return Ok(Vec::new());
         };
         let drives: Vec<_> = numbers.map(|number| (one.profile, number)).collect();
@@ -110,6 +111,13 @@ impl ProtocolLine {
         let looks_at_axis = answers.len() < axes.len();
         Ok(answers.iter().filter(|_| looks_at_axis).map(|axis| found(axis.number())).collect())
     }
+}
+
+fn signal_parameter(
+    signal: Signal,
+    one_profile: &Profile,
+) -> Option<polepair_core::profile::ParameterId> {
+    one_profile.signal(signal).map(|source| source.parameter)
 }
 
 /// Progress of a scan.

@@ -200,11 +200,10 @@ impl PortSearch {
         let protocols = registry::protocols();
         let serial = || protocols.iter().filter(|it| it.medium == MediumKind::Serial);
         let mut add = |protocol: &ProtocolInfo, rate: u32, has_parity: bool| {
-            let key = |name: &str, value: &str| (name.to_owned(), value.to_owned());
             let url = Url {
                 protocol: protocol.name.to_owned(),
                 target: LinkTarget::Serial { path: path.to_owned(), baud: Some(rate) },
-                keys: if has_parity { vec![key("parity", "even")] } else { Vec::new() },
+                keys: if has_parity { vec![option_pair("parity", "even")] } else { Vec::new() },
                 axes: Vec::new(),
                 names: Vec::new(),
             };
@@ -228,11 +227,9 @@ impl PortSearch {
         let protocols = registry::protocols();
         let all: Vec<_> = protocols.iter().filter(|it| it.medium == MediumKind::Can).collect();
         let ranks = bus::guest_ranks(&all);
-        let named = |are_guests: bool| {
-            let of_kind = all.iter().zip(&ranks).filter(|(_, rank)| (**rank > 0) == are_guests);
-            of_kind.map(|(protocol, _)| protocol.name).collect::<Vec<_>>().join(",")
-        };
-        let words = [named(false), named(true)].into_iter().filter(|words| !words.is_empty());
+        let words = [named_ports(false, &all, &ranks), named_ports(true, &all, &ranks)]
+            .into_iter()
+            .filter(|words| !words.is_empty());
         let buses = words.map(|words| format!("{words}+socketcan://{interface}")).collect();
         Self { buses, ..Self::with_attempts(interface, Vec::new()) }
     }
@@ -413,6 +410,15 @@ impl PortSearch {
             }
         }
     }
+}
+
+fn named_ports(are_guests: bool, all: &[&ProtocolInfo], ranks: &[usize]) -> String {
+    let of_kind = all.iter().zip(ranks).filter(|(_, rank)| (**rank > 0) == are_guests);
+    of_kind.map(|(protocol, _)| protocol.name).collect::<Vec<_>>().join(",")
+}
+
+fn option_pair(name: &str, value: &str) -> (String, String) {
+    (name.to_owned(), value.to_owned())
 }
 
 impl SearchReport {

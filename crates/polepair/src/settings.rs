@@ -486,24 +486,30 @@ impl Setting {
         let Some(parameter) = axis.parameter(id) else {
             return Err(self.name.location.error("no such parameter").into());
         };
-        let wrong = |reason: String| Err(self.name.location.error(reason).into());
         let moves = parameter.moves && !is_undescribed(axis, id);
         if parameter.access != Access::ReadWrite || moves {
-            return wrong(format!("`{}` is no setting", parameter.name));
+            return self.name_error(format!("`{}` is no setting", parameter.name));
         }
         if !parameter.allows(raw) {
             let (min, max) = (axis.value(id, parameter.min)?, axis.value(id, parameter.max)?);
-            return wrong(format!("`{}` takes {min} to {max}", parameter.name));
+            return self.name_error(format!("`{}` takes {min} to {max}", parameter.name));
         }
         Ok(raw)
+    }
+
+    fn name_error(&self, reason: String) -> Result<i64, Error> {
+        Err(self.name.location.error(reason).into())
     }
 }
 
 /// Returns whether no table describes a parameter that was found by its number.
 fn is_undescribed(axis: &LocalAxis, id: ParameterId) -> bool {
     let parameter = axis.parameter(id);
-    let undescribed = |p: &Parameter| p.certainty == Certainty::Undocumented && p.moves;
-    axis.profile().parameter(id).is_none() && parameter.is_some_and(undescribed)
+    axis.profile().parameter(id).is_none() && parameter.is_some_and(is_undescribed_motion)
+}
+
+fn is_undescribed_motion(p: &Parameter) -> bool {
+    p.certainty == Certainty::Undocumented && p.moves
 }
 
 /// The settings of a profile by name.

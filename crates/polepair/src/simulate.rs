@@ -203,8 +203,7 @@ impl RackDescription {
     /// The link on which a drive relays to this one.
     #[must_use]
     pub fn relay_link(&self, link: usize) -> Option<usize> {
-        let relays = |drives: &[RackDrive]| drives.iter().any(|d| d.second_link == Some(link));
-        self.rack.links.iter().position(|other| relays(&other.drives))
+        self.rack.links.iter().position(|other| has_relay(&other.drives, link))
     }
 
     /// A motor of a drive that is on this link, or behind a relay on it: of the axis of that name or number;
@@ -480,6 +479,10 @@ impl RackDescription {
             }
         }
     }
+}
+
+fn has_relay(drives: &[RackDrive], link: usize) -> bool {
+    drives.iter().any(|d| d.second_link == Some(link))
 }
 
 /// Returns whether a drive uses that protocol on the link that it is listed on.

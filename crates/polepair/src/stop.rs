@@ -518,13 +518,7 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
         let mut received = Vec::new();
         let mut silent: Vec<(u8, Error)> = Vec::new();
         let mut in_a_row = 0;
-        let is_axis = |number: u8| {
-            let address = with_sub_axis(axis.number(), number);
-            axes.iter().any(|other| {
-                other.number() == address && other.connection().is_same(axis.connection())
-            })
-        };
-        for number in (1..MOTORS_MAX).filter(|number| !is_axis(*number)) {
+        for number in (1..MOTORS_MAX).filter(|number| !is_axis_number(*number, axis, axes)) {
             let sent =
                 |axis: &LocalAxis| axis.connection().with_axes(|axes, _| axes.counters().sent);
             let before = sent(axis);
@@ -565,6 +559,12 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
     };
     let all = axes.iter().filter(|axis| sub_axis(axis.number()) == 0).map(of);
     all.filter(|motors| !motors.confirmed.is_empty() || motors.result.is_err()).collect()
+}
+
+fn is_axis_number(number: u8, axis: &LocalAxis, axes: &[LocalAxis]) -> bool {
+    let address = with_sub_axis(axis.number(), number);
+    axes.iter()
+        .any(|other| other.number() == address && other.connection().is_same(axis.connection()))
 }
 
 /// Returns whether the drive reports that it has no such motor.

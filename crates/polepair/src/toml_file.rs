@@ -134,9 +134,16 @@ impl<'a> SourceText<'a> {
         let offset = if self.text.is_char_boundary(offset) { offset } else { self.text.len() };
         let line = self.line_starts.partition_point(|&start| start <= offset);
         let column = self.text[self.line_starts[line - 1]..offset].chars().count() + 1;
-        let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-        FileLocation { file: Arc::clone(&self.file), line: small(line), column: small(column) }
+        FileLocation {
+            file: Arc::clone(&self.file),
+            line: u32_or_max(line),
+            column: u32_or_max(column),
+        }
     }
+}
+
+fn u32_or_max(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 /// A value with its location.
@@ -205,8 +212,13 @@ impl<'t, 'a> TomlTable<'t, 'a> {
 
     /// Every key of the table, with its place.
     pub(crate) fn keys(&self) -> Vec<Located<&'t str>> {
-        let locate = |start| self.text.location_at(start);
-        self.entries().map(|(value, at, _)| Located { value, location: locate(at.start) }).collect()
+        self.entries()
+            .map(|(value, at, _)| Located { value, location: self.location_of(at.start) })
+            .collect()
+    }
+
+    fn location_of(&self, start: usize) -> FileLocation {
+        self.text.location_at(start)
     }
 
     fn get(&self, key: &str) -> Option<&'t Spanned<DeValue<'a>>> {

@@ -354,14 +354,16 @@ pub(crate) fn parse_keys(query: &str) -> Result<Vec<(String, String)>, Error> {
 /// The names of a fragment, and what else it has: `x,y,3` are two names and a number. A word that
 /// begins like a group is one.
 pub(crate) fn split_names(fragment: &str) -> (Vec<String>, String) {
-    let group = |piece: &str| {
-        let rest = piece.strip_prefix('g').and_then(|rest| rest.chars().next());
-        rest.is_some_and(|c| c == '*' || c.is_ascii_digit())
+    let is_name = |piece: &&str| {
+        piece.trim().starts_with(char::is_alphabetic) && !is_group_piece(piece.trim())
     };
-    let is_name =
-        |piece: &&str| piece.trim().starts_with(char::is_alphabetic) && !group(piece.trim());
     let (names, numbers): (Vec<&str>, Vec<&str>) = fragment.split(',').partition(is_name);
     (names.iter().map(|name| name.trim().to_owned()).collect(), numbers.join(","))
+}
+
+fn is_group_piece(piece: &str) -> bool {
+    let rest = piece.strip_prefix('g').and_then(|rest| rest.chars().next());
+    rest.is_some_and(|c| c == '*' || c.is_ascii_digit())
 }
 
 /// `1,2`, `1-4`, `5.2`, `1.0-5`, `g3`, `g1+2`, `g*`.
@@ -423,20 +425,24 @@ fn parse_group(fragment: &str, groups: &str) -> Result<u32, Error> {
     }
     groups.split('+').try_fold(GROUP, |mask, text| {
         let number = text.parse::<u32>().ok().filter(|number| (1..=31).contains(number));
-        let what = || format!("`#{fragment}`: `g{groups}` is not a group");
-        let number = number.ok_or_else(|| url_error(what(), "write `#g3`, `#g1+2` or `#g*`"))?;
+        let number = number.ok_or_else(|| {
+            url_error(bad_group(fragment, groups), "write `#g3`, `#g1+2` or `#g*`")
+        })?;
         Ok(mask | 1 << (number - 1))
     })
+}
+
+fn bad_group(fragment: &str, groups: &str) -> String {
+    format!("`#{fragment}`: `g{groups}` is not a group")
 }
 
 impl Url {
     /// The protocol on the target's medium.
     pub(crate) fn protocol_info(&self) -> Result<registry::ProtocolInfo, Error> {
-        let on = |medium| registry::find_protocol(&self.protocol, medium);
         let Some(medium) = self.target.medium() else {
             return Err(url_error("the links of a rack state their protocols".into(), ""));
         };
-        on(medium).ok_or_else(|| {
+        self.protocol_on(medium).ok_or_else(|| {
             let (not, hint) = match medium {
                 MediumKind::Serial => {
                     ("a serial line", "it is used on CAN: udp, slcan, socketcand, socketcan")
@@ -445,6 +451,10 @@ impl Url {
             };
             url_error(format!("`{}` is not used on {not}", self.protocol), hint)
         })
+    }
+
+    fn protocol_on(&self, medium: MediumKind) -> Option<registry::ProtocolInfo> {
+        registry::find_protocol(&self.protocol, medium)
     }
 }
 
@@ -501,9 +511,8 @@ impl fmt::Display for Url {
 /// ```
 #[must_use]
 pub fn shell_word(word: &str) -> Cow<'_, str> {
-    let plain = |c: char| c.is_alphanumeric() || "_-+=:,./@%".contains(c);
     // Behind something else `#` begins no comment.
-    let is_plain = word.chars().enumerate().all(|(n, c)| plain(c) || c == '#' && n > 0);
+    let is_plain = word.chars().enumerate().all(|(n, c)| is_plain_char(c) || c == '#' && n > 0);
     if is_plain && !word.is_empty() {
         Cow::Borrowed(word)
     } else if cfg!(windows) {
@@ -511,6 +520,10 @@ pub fn shell_word(word: &str) -> Cow<'_, str> {
     } else {
         Cow::Owned(format!("'{}'", word.replace('\'', r"'\''")))
     }
+}
+
+fn is_plain_char(c: char) -> bool {
+    c.is_alphanumeric() || "_-+=:,./@%".contains(c)
 }
 
 /// The string that means the links of a rack file, or one of them.

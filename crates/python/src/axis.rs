@@ -619,21 +619,28 @@ impl PyAxis {
         given: [Option<PyAmount>; 6],
     ) -> PyResult<Command> {
         let verb = parse_verb(py, verb)?;
-        let argument = |which, given: Option<PyAmount>| {
-            let amount = given.map(Amount::from);
-            let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
-            value.map_err(|error| to_py_error(py, &error))
-        };
         let [target, velocity, acceleration, torque, jerk_time, deceleration] = given;
         Ok(Command {
-            target: argument(Argument::Target, target)?,
-            velocity: argument(Argument::Velocity, velocity)?,
-            acceleration: argument(Argument::Acceleration, acceleration)?,
-            deceleration: argument(Argument::Deceleration, deceleration)?,
-            torque: argument(Argument::Torque, torque)?,
-            jerk_time: argument(Argument::JerkTime, jerk_time)?,
+            target: self.verb_argument(Argument::Target, target, verb, py)?,
+            velocity: self.verb_argument(Argument::Velocity, velocity, verb, py)?,
+            acceleration: self.verb_argument(Argument::Acceleration, acceleration, verb, py)?,
+            deceleration: self.verb_argument(Argument::Deceleration, deceleration, verb, py)?,
+            torque: self.verb_argument(Argument::Torque, torque, verb, py)?,
+            jerk_time: self.verb_argument(Argument::JerkTime, jerk_time, verb, py)?,
             ..Command::new(verb)
         })
+    }
+
+    fn verb_argument(
+        &self,
+        which: Argument,
+        given: Option<PyAmount>,
+        verb: Verb,
+        py: Python<'_>,
+    ) -> Result<Option<f64>, PyErr> {
+        let amount = given.map(Amount::from);
+        let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
+        value.map_err(|error| to_py_error(py, &error))
     }
 
     fn start_request(

@@ -267,9 +267,8 @@ fn copy_parallel<T: Sync>(
         shares.push((mine, part));
     }
     let shares = Mutex::new(shares.into_iter());
-    let next = || shares.lock().ok()?.next();
     let work = || {
-        while let Some((mine, mut part)) = next() {
+        while let Some((mine, mut part)) = next_share(&shares) {
             for piece in mine {
                 let into;
                 (into, part) = mem::take(&mut part).split_at_mut(len(piece));
@@ -284,6 +283,11 @@ fn copy_parallel<T: Sync>(
         }
         work();
     });
+}
+
+/// The next share of pieces and bytes that no thread has yet.
+fn next_share<S>(shares: &Mutex<impl Iterator<Item = S>>) -> Option<S> {
+    shares.lock().ok()?.next()
 }
 
 /// Error for columns that cannot be built, which is a fault of this library.

@@ -4,7 +4,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use polepair::axis::{STOP_RETRY_MAX, StopNotice, StopOptions, StopResult, stop_axes};
-use polepair::{Error, LocalAxis};
+use polepair::{Error, LocalAxis, LocalLink};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
@@ -67,16 +67,17 @@ pub fn stop_armed(py: Python<'_>) {
 ///
 /// # Errors
 /// The first, after every axis was tried.
-pub fn stop_link(link: &polepair::LocalLink) -> Result<(), polepair::Error> {
-    let is_of_link = |axis: &LocalAxis| {
-        link.axes().iter().any(|one| one.connection().is_same(axis.connection()))
-    };
+pub fn stop_link(link: &LocalLink) -> Result<(), polepair::Error> {
     let axes: Vec<LocalAxis> =
-        lock_armed().iter().filter(|axis| is_of_link(axis)).cloned().collect();
+        lock_armed().iter().filter(|axis| is_axis_of_link(axis, link)).cloned().collect();
     let ended = stop_and_disable(&axes).into_iter().try_for_each(StopResult::into_result);
     // A signal that comes meanwhile finds them, and waits for its own stops of them.
     axes.iter().for_each(unregister_armed);
     ended
+}
+
+fn is_axis_of_link(axis: &LocalAxis, link: &LocalLink) -> bool {
+    link.axes().iter().any(|one| one.connection().is_same(axis.connection()))
 }
 
 /// Stops axes, and repeats the stop of those that did not confirm it. Returns the first error, after all were tried. A

@@ -152,16 +152,14 @@ impl ValueLayout {
             let Ok(number) = number.into_pyobject(py);
             number.into_any()
         };
-        let real = |real: f64| -> Bound<'py, PyAny> {
-            let Ok(real) = real.into_pyobject(py);
-            real.into_any()
-        };
         match self.kind {
             ValueType::Signed => {
                 number((raw << (64 - self.bits)).cast_signed() >> (64 - self.bits))
             }
-            ValueType::Float if self.bits == 32 => real(f32::from_bits(raw as u32).into()),
-            ValueType::Float => real(f64::from_bits(raw)),
+            ValueType::Float if self.bits == 32 => {
+                python_real(f32::from_bits(raw as u32).into(), py)
+            }
+            ValueType::Float => python_real(f64::from_bits(raw), py),
             ValueType::Unsigned | ValueType::Gap => {
                 let Ok(number) = raw.into_pyobject(py);
                 number.into_any()
@@ -171,24 +169,34 @@ impl ValueLayout {
 
     /// A value as its bits.
     fn python_to_raw(self, value: &Bound<'_, PyAny>, name: &str) -> PyResult<u64> {
-        let beyond = || {
-            let what = format!("`{name}` does not fit into {} bits", self.bits);
-            PyOverflowError::new_err(what)
-        };
         match self.kind {
             ValueType::Float if self.bits == 32 => Ok((value.extract::<f32>()?.to_bits()).into()),
             ValueType::Float => Ok(value.extract::<f64>()?.to_bits()),
             ValueType::Signed => {
                 let number: i64 = value.extract()?;
                 let fits = number >> (self.bits - 1) == number >> 63;
-                if fits { Ok(number.cast_unsigned()) } else { Err(beyond()) }
+                if fits { Ok(number.cast_unsigned()) } else { Err(self.overflow_error(name)) }
             }
             ValueType::Unsigned | ValueType::Gap => {
                 let number: u64 = value.extract()?;
-                if number <= u64::MAX >> (64 - self.bits) { Ok(number) } else { Err(beyond()) }
+                if number <= u64::MAX >> (64 - self.bits) {
+                    Ok(number)
+                } else {
+                    Err(self.overflow_error(name))
+                }
             }
         }
     }
+
+    fn overflow_error(&self, name: &str) -> PyErr {
+        let what = format!("`{name}` does not fit into {} bits", self.bits);
+        PyOverflowError::new_err(what)
+    }
+}
+
+fn python_real<'py>(real: f64, py: Python<'py>) -> Bound<'py, PyAny> {
+    let Ok(real) = real.into_pyobject(py);
+    real.into_any()
 }
 
 fn parse_type(word: &str) -> Option<(ValueType, u32)> {

@@ -100,11 +100,14 @@ pub(crate) fn lease_session(
     epoch: u64,
 ) -> SessionName {
     let lease = app_state.bench.axis_state(axis).ok().and_then(|state| state.lease);
-    let of_caller = |owner: &str| owner.split(' ').next() == Some(&caller.name);
-    match lease.filter(|lease| lease.epoch == epoch && of_caller(&lease.owner)) {
+    match lease.filter(|lease| lease.epoch == epoch && is_callers(&lease.owner, &caller.name)) {
         Some(lease) => lease.owner.into(),
         None => rest_session(caller),
     }
+}
+
+fn is_callers(owner: &str, caller_name: &str) -> bool {
+    owner.split(' ').next() == Some(caller_name)
 }
 
 /// Access rule of a route.

@@ -160,8 +160,7 @@ impl Viewer {
             subscription_requests,
             subscriptions: Subscriptions::default(),
         };
-        let slots = || Arc::new(Semaphore::new(COMMANDS_MAX));
-        let (command_slots, lease_slots) = (slots(), slots());
+        let (command_slots, lease_slots) = (new_slots(), new_slots());
         let (app_state, session) = (Arc::clone(app_state), session.clone());
         let viewer = Self {
             state: app_state,
@@ -482,6 +481,10 @@ impl Viewer {
     }
 }
 
+fn new_slots() -> Arc<Semaphore> {
+    Arc::new(Semaphore::new(COMMANDS_MAX))
+}
+
 /// Writer of a viewer.
 struct ViewerWriter {
     state: SharedAppState,
@@ -554,19 +557,22 @@ impl ViewerWriter {
 
 /// A message's `type`, and what it needs besides being let in.
 fn type_and_access(message: &ClientMessage) -> (&'static str, AccessRule) {
-    let needs = |scopes| AccessRule::AnyOf(scopes);
     match message {
-        ClientMessage::Command { .. } => ("command", needs(&[Scope::Move])),
-        ClientMessage::Lease { .. } => ("lease", needs(LEASE_SCOPES)),
-        ClientMessage::Stop(_) => ("stop", needs(&[Scope::Stop])),
-        ClientMessage::Release => ("release", needs(&[Scope::Move])),
-        ClientMessage::Dismiss { .. } => ("dismiss", needs(&[Scope::Move])),
-        ClientMessage::Ping { .. } => ("ping", needs(&[Scope::Read])),
-        ClientMessage::Subscribe { .. } => ("subscribe", needs(&[Scope::Read])),
-        ClientMessage::Unsubscribe { .. } => ("unsubscribe", needs(&[Scope::Read])),
-        ClientMessage::Frames { .. } => ("frames", needs(&[Scope::Read])),
-        ClientMessage::Explain { .. } => ("explain", needs(&[Scope::Read])),
+        ClientMessage::Command { .. } => ("command", any_of(&[Scope::Move])),
+        ClientMessage::Lease { .. } => ("lease", any_of(LEASE_SCOPES)),
+        ClientMessage::Stop(_) => ("stop", any_of(&[Scope::Stop])),
+        ClientMessage::Release => ("release", any_of(&[Scope::Move])),
+        ClientMessage::Dismiss { .. } => ("dismiss", any_of(&[Scope::Move])),
+        ClientMessage::Ping { .. } => ("ping", any_of(&[Scope::Read])),
+        ClientMessage::Subscribe { .. } => ("subscribe", any_of(&[Scope::Read])),
+        ClientMessage::Unsubscribe { .. } => ("unsubscribe", any_of(&[Scope::Read])),
+        ClientMessage::Frames { .. } => ("frames", any_of(&[Scope::Read])),
+        ClientMessage::Explain { .. } => ("explain", any_of(&[Scope::Read])),
     }
+}
+
+const fn any_of(scopes: &'static [Scope]) -> AccessRule {
+    AccessRule::AnyOf(scopes)
 }
 
 fn to_json(message: &ServerMessage) -> Utf8Bytes {

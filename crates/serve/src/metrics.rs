@@ -50,7 +50,6 @@ pub struct Metrics {
 impl Default for Metrics {
     fn default() -> Self {
         let mut registry = Registry::with_prefix("polepair");
-        let steps = || Histogram::new(exponential_buckets(0.0001, 2.0, STEPS));
         let metrics = Self {
             answers: Family::default(),
             refusals: Family::default(),
@@ -60,8 +59,8 @@ impl Default for Metrics {
             connections: Gauge::default(),
             viewers: Gauge::default(),
             dropped: Counter::default(),
-            commands: steps(),
-            stops: steps(),
+            commands: latency_buckets(),
+            stops: latency_buckets(),
             registry: Registry::default(),
         };
         let m = &metrics;
@@ -90,6 +89,10 @@ impl Default for Metrics {
     }
 }
 
+fn latency_buckets() -> Histogram {
+    Histogram::new(exponential_buckets(0.0001, 2.0, STEPS))
+}
+
 impl Metrics {
     /// Counts an answer.
     pub fn count_response(&self, status: u16) {
@@ -105,13 +108,12 @@ impl Metrics {
     #[must_use]
     pub fn to_openmetrics(&self, bench: &BenchView) -> String {
         for link in &bench.links {
-            let of = |what: &str| LinkLabels { link: link.id, what: what.to_owned() };
             for counter in &link.counters {
                 let count = i64::try_from(counter.count).unwrap_or(i64::MAX);
-                self.link_counts.get_or_create(&of(&counter.name)).set(count);
+                self.link_counts.get_or_create(&link_labels(&counter.name, link.id)).set(count);
             }
             if let Some(load) = link.load {
-                self.link_loads.get_or_create(&of("load")).set(load);
+                self.link_loads.get_or_create(&link_labels("load", link.id)).set(load);
             }
         }
         let lost = bench.links.iter().filter(|link| link.state != LinkState::Open).count();
@@ -123,6 +125,10 @@ impl Metrics {
         }
         text
     }
+}
+
+fn link_labels(what: &str, link_id: u16) -> LinkLabels {
+    LinkLabels { link: link_id, what: what.to_owned() }
 }
 
 #[cfg(test)]

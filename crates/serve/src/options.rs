@@ -105,11 +105,14 @@ impl<'a> HostName<'a> {
         let port = port
             .map(|port| port.parse().ok().filter(|port| *port != 0))
             .map_or(Some(None), |port: Option<u16>| port.map(Some))?;
-        // Letters, digits, dots, hyphens; colons of IPv6.
-        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | ':');
-        let valid = !host.is_empty() && host.len() <= 253 && host.chars().all(plain);
+        let valid = !host.is_empty() && host.len() <= 253 && host.chars().all(is_host_char);
         valid.then_some(Self { host, port })
     }
+}
+
+fn is_host_char(c: char) -> bool {
+    // Letters, digits, dots, hyphens; colons of IPv6.
+    c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | ':')
 }
 
 /// Returns whether it can be the origin of a page: a scheme and a host, without a path.

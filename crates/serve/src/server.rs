@@ -283,10 +283,9 @@ fn runtime(first: impl Fn() + Send + Sync + 'static) -> Result<Runtime, SetupErr
 
 /// Error of a journal that does not accept its first record: without it no server runs that could stop anything.
 fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
-    let link = |url: &String| url.split('#').next().unwrap_or_default().to_owned();
     let stops = urls.iter().filter(|url| !url.starts_with("sim:"));
     let stops: Vec<_> =
-        stops.map(|url| format!("`polepair stop {}`", shell_word(&link(url)))).collect();
+        stops.map(|url| format!("`polepair stop {}`", shell_word(&link_of_url(url)))).collect();
     let without = if stops.is_empty() {
         String::new()
     } else {
@@ -295,6 +294,10 @@ fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
     SetupError::from(refused)
         .why("The server was not started.")
         .hint(format!("free space on the disk, or use another folder by --state{without}"))
+}
+
+fn link_of_url(url: &str) -> String {
+    url.split('#').next().unwrap_or_default().to_owned()
 }
 
 /// Makes the server's folder, for its owner alone.
@@ -316,17 +319,18 @@ fn browser_ip(address: SocketAddr) -> std::net::IpAddr {
 }
 
 fn listen(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), SetupError> {
-    let listening = || {
-        let listener = std::net::TcpListener::bind(bind)?;
-        listener.set_nonblocking(true)?;
-        let address = listener.local_addr()?;
-        Ok((listener, address))
-    };
-    listening().map_err(|error: io::Error| {
+    bind_listener(bind).map_err(|error: io::Error| {
         SetupError::adapter("E320", format!("cannot listen on {bind}"))
             .why(format!("The system says: {error}."))
             .hint("another server may use it: --bind 127.0.0.1:0 selects a free port")
     })
+}
+
+fn bind_listener(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), io::Error> {
+    let listener = std::net::TcpListener::bind(bind)?;
+    listener.set_nonblocking(true)?;
+    let address = listener.local_addr()?;
+    Ok((listener, address))
 }
 
 async fn accept_connections(

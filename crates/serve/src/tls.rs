@@ -62,11 +62,10 @@ pub fn load(options: &ServerOptions) -> Result<ServerTls, SetupError> {
     }
     let file = File::open(&key).map_err(|error| SetupError::file(&key, "read", &error))?;
     require_private(&key, &file)?;
-    let again = |refusal: SetupError| refusal.hint("remove both files to get new ones");
-    let chain = certificates(&certificate).map_err(again)?;
+    let chain = certificates(&certificate).map_err(with_renewal_hint)?;
     let fingerprint = chain.first().map(|own| certificate_fingerprint(own)).unwrap_or_default();
-    let secret =
-        PrivateKeyDer::from_pem_file(&key).map_err(|error| again(invalid_file(&key, &error)))?;
+    let secret = PrivateKeyDer::from_pem_file(&key)
+        .map_err(|error| with_renewal_hint(invalid_file(&key, &error)))?;
     let provider = Arc::new(ring::default_provider());
     let config = ServerConfig::builder_with_provider(Arc::clone(&provider))
         .with_protocol_versions(&[&version::TLS13])
@@ -76,8 +75,12 @@ pub fn load(options: &ServerOptions) -> Result<ServerTls, SetupError> {
         None => config.with_no_client_auth(),
     };
     let config = config.with_single_cert(chain, secret);
-    let config = config.map_err(|error| again(invalid_file(&certificate, &error)))?;
+    let config = config.map_err(|error| with_renewal_hint(invalid_file(&certificate, &error)))?;
     Ok(ServerTls { acceptor: Acceptor(TlsAcceptor::from(Arc::new(config))), fingerprint })
+}
+
+fn with_renewal_hint(refusal: SetupError) -> SetupError {
+    refusal.hint("remove both files to get new ones")
 }
 
 /// Verifier of client certificates by the CA certificates of a file.

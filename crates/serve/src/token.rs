@@ -112,20 +112,17 @@ pub fn load(path: &Path) -> Result<Vec<Grant>, SetupError> {
 fn make(path: &Path) -> Result<Vec<Grant>, SetupError> {
     let operator = Scopes::from_iter([Scope::Read, Scope::Stop, Scope::Move, Scope::Configure]);
     let viewer = Scopes::from_iter([Scope::Read, Scope::Stop]);
-    let grant = |name: &str, scopes| {
-        Ok::<_, SetupError>(Grant {
-            token: AccessToken::generate()?,
-            scopes,
-            name: name.to_owned(),
-        })
-    };
-    let grants = vec![grant("operator", operator)?, grant("viewer", viewer)?];
+    let grants = vec![new_grant("operator", operator)?, new_grant("viewer", viewer)?];
     let mut text = String::from("# TOKEN SCOPES NAME; a token grants its scopes to its holder\n");
     for Grant { token, scopes, name } in &grants {
         let _ = writeln!(text, "{} {scopes} {name}", token.reveal());
     }
     write_private_file(path, text.as_bytes())?;
     Ok(grants)
+}
+
+fn new_grant(name: &str, scopes: Scopes) -> Result<Grant, SetupError> {
+    Ok::<_, SetupError>(Grant { token: AccessToken::generate()?, scopes, name: name.to_owned() })
 }
 
 /// Makes a file that only its owner can read; there must be none yet.

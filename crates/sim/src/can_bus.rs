@@ -262,12 +262,12 @@ impl CanBus {
     /// Starts the frame that wins. Returns when it will have ended.
     pub(crate) fn start_frame(&mut self, now: Instant) -> Option<Instant> {
         self.start_pending = false;
-        let first = |plug: &CanPlug| plug.queue.front().copied();
-        let won = self.plugs.iter().filter_map(first).min_by_key(|p| arbitration_key(&p.frame))?;
+        let won =
+            self.plugs.iter().filter_map(first_posted).min_by_key(|p| arbitration_key(&p.frame))?;
         let QueuedFrame { frame, label, .. } = won;
         let (mut bits, mut end) = (bits::wire_bits(&frame), TransmissionEnd::Arrived);
         for plug in &mut self.plugs {
-            let rival = first(plug).map(|posted| posted.frame);
+            let rival = first_posted(plug).map(|posted| posted.frame);
             let rival = rival.filter(|other| arbitration_key(other) == arbitration_key(&frame));
             plug.sending = rival.is_some();
             if let Some(rival) = rival.filter(|rival| *rival != frame) {
@@ -464,6 +464,10 @@ impl CanBus {
     fn bits_ns(&self, bits: u64) -> u64 {
         (bits * 1_000_000_000).checked_div(self.line.bit_rate.into()).unwrap_or(0)
     }
+}
+
+fn first_posted(plug: &CanPlug) -> Option<QueuedFrame> {
+    plug.queue.front().copied()
 }
 
 fn hash_frame(frame: &Frame) -> u64 {

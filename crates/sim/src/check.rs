@@ -112,10 +112,12 @@ impl SerialChecker {
             self.open_requests.drain(..old);
             self.open_requests.push(known.last_sent.content_hash);
         }
-        let acknowledged = |c: &Counters| c.acknowledged + c.relayed;
         let later = known.last_received.answers != transmission_label.tag
             && known.last_received.begun_by >= transmission_label.left_at;
-        if known.last_received.is_copy && later && acknowledged(&counters) > acknowledged(&before) {
+        if known.last_received.is_copy
+            && later
+            && acknowledged_count(&counters) > acknowledged_count(&before)
+        {
             // A copy of an acknowledgement, which names nothing, that an adapter had kept back.
             self.copies_taken += 1;
         }
@@ -181,6 +183,10 @@ impl SerialChecker {
             .peekable();
         last.peek().is_some() && last.all(|frame| !world.is_as_sent(self.wire, drive, frame))
     }
+}
+
+fn acknowledged_count(c: &Counters) -> u64 {
+    c.acknowledged + c.relayed
 }
 
 /// Places of every frame that passes its check, wherever it begins, and ends behind `fresh`.

@@ -118,19 +118,19 @@ impl DataSheet {
             .collect();
         let mut places = vec![0; (2 * entries.len()).next_power_of_two().max(2)];
         Dictionary::fill_slots(&entries, &mut places);
-        let number = |at| listed.iter().find(|one| (one.index, one.sub) == at)?.number();
         Self {
             axes: (0..axes)
                 .map(|axis| {
                     let offset = axis * AXIS_STEP;
-                    let turn = number((INCREMENTS.0 + offset, INCREMENTS.1));
+                    let turn = listed_number((INCREMENTS.0 + offset, INCREMENTS.1), listed);
                     let turn = turn.and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0);
                     let turn = turn.unwrap_or(polepair_drives::cia402::objects::INCREMENTS as u32);
-                    let its = |entry: &ObjectEntry| entry.tag / AXIS_TAGS == axis;
-                    let values = listed.iter().zip(&entries).filter(|(_, entry)| its(entry));
+                    let values =
+                        listed.iter().zip(&entries).filter(|(_, entry)| is_entry_of(entry, axis));
                     let values = values
                         .filter_map(|(one, entry)| Some((entry.tag % AXIS_TAGS, one.number()?)));
-                    let modes = number((MODES.0 + offset, MODES.1)).unwrap_or(0) as u32;
+                    let modes =
+                        listed_number((MODES.0 + offset, MODES.1), listed).unwrap_or(0) as u32;
                     DataSheetAxis { objects: Objects::from_defaults(values, turn), modes }
                 })
                 .collect(),
@@ -145,6 +145,14 @@ impl DataSheet {
     pub const fn is_drive(&self) -> bool {
         !self.axes.is_empty()
     }
+}
+
+fn is_entry_of(entry: &ObjectEntry, axis: u16) -> bool {
+    entry.tag / AXIS_TAGS == axis
+}
+
+fn listed_number(at: (u16, u8), listed: &[DataSheetEntry]) -> Option<i64> {
+    listed.iter().find(|one| (one.index, one.sub) == at)?.number()
 }
 
 impl DataSheetEntry {

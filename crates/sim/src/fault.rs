@@ -109,24 +109,22 @@ impl SerialFaults {
     /// A set drawn from `random`, for a wire whose hosts wait `host_timeout_ms` for a reply and whose
     /// drives may take up to `late_max_ms`.
     pub fn random(random: &mut Random, host_timeout_ms: u32, late_max_ms: u32) -> Self {
-        let per_byte = |random: &mut Random| random_chance(random, &[50, 200, 1_000, 5_000]);
-        let per_unit = |random: &mut Random| random_chance(random, &[500, 2_000, 10_000, 50_000]);
         Self {
-            flip: per_byte(random),
-            burst: per_byte(random),
+            flip: byte_chance(random),
+            burst: byte_chance(random),
             burst_max: random.between(2, 20) as u8,
-            lose: per_byte(random),
-            insert: per_byte(random),
-            truncate: per_unit(random),
+            lose: byte_chance(random),
+            insert: byte_chance(random),
+            truncate: unit_chance(random),
             chunk: random_chance(random, &[10_000, 200_000, 1_000_000]),
             chunk_gap_us: random.pick(&[0, 100, 1_000, 5_000]),
-            duplicate: per_unit(random),
-            late: per_unit(random),
+            duplicate: unit_chance(random),
+            late: unit_chance(random),
             host_timeout_ms,
             late_max_ms,
-            lose_request: per_unit(random),
-            lose_reply: per_unit(random),
-            collide: per_unit(random),
+            lose_request: unit_chance(random),
+            lose_reply: unit_chance(random),
+            collide: unit_chance(random),
             release_late_bits: random.pick(&[0, 0, 0, 1, 3]),
             latency_ms: random.pick(&[0, 0, 1, 16, 20]),
             host_baud: 0,
@@ -184,6 +182,14 @@ impl SerialFaults {
         bytes.insert(at, random.pick(&[noise, noise, 0x00, 0xFF]));
         at + 2
     }
+}
+
+fn unit_chance(random: &mut Random) -> Ppm {
+    random_chance(random, &[500, 2_000, 10_000, 50_000])
+}
+
+fn byte_chance(random: &mut Random) -> Ppm {
+    random_chance(random, &[50, 200, 1_000, 5_000])
 }
 
 /// Off one time in two, else one of `choices`.

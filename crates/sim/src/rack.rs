@@ -289,22 +289,24 @@ impl RackDrive {
     /// The device of a data sheet, which knows of the options the serial number and, to be given a
     /// node-ID by LSS, `node=none`.
     fn sheet_device(&self, sheet: &Arc<DataSheet>) -> Result<Box<dyn SimNode>, RackError> {
-        let wrong = |option: &str| RackError::Option {
-            profile: self.profile.name,
-            option: option.to_owned(),
-        };
         let address = self.address.unwrap_or(1);
-        let mut node = u8::try_from(address).map_err(|_| wrong("address"))?;
+        let mut node = u8::try_from(address).map_err(|_| self.option_error("address"))?;
         let mut serial = address;
         for (key, value) in &self.extra {
             match (key.as_str(), value.as_str()) {
-                ("serial", number) => serial = number.parse().map_err(|_| wrong(number))?,
+                ("serial", number) => {
+                    serial = number.parse().map_err(|_| self.option_error(number))?
+                }
                 ("node", "none") => node = u8::MAX,
                 ("host", _) => {}
-                ("node", other) | (other, _) => return Err(wrong(other)),
+                ("node", other) | (other, _) => return Err(self.option_error(other)),
             }
         }
         Ok(Box::new(DriveNode(data_sheet::DataSheetDevice::new(Arc::clone(sheet), node, serial))))
+    }
+
+    fn option_error(&self, option: &str) -> RackError {
+        RackError::Option { profile: self.profile.name, option: option.to_owned() }
     }
 
     /// Executes the acts of the description on the drive before power is given.

@@ -29,12 +29,16 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
 
 /// Words that look like an id of a known subject and are not in `ids`.
 pub(crate) fn undecided_ids(text: &str, ids: &BTreeSet<String>) -> BTreeSet<String> {
-    let subject = |id: &str| id.split_once('-').map(|(subject, _)| subject.to_owned());
-    let subjects: BTreeSet<String> = ids.iter().filter_map(|id| subject(id)).collect();
+    let subjects: BTreeSet<String> = ids.iter().filter_map(|id| decision_subject(id)).collect();
     let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '-');
-    let cited =
-        words.filter(|word| is_id(word) && subject(word).is_some_and(|s| subjects.contains(&s)));
+    let cited = words.filter(|word| {
+        is_id(word) && decision_subject(word).is_some_and(|s| subjects.contains(&s))
+    });
     cited.filter(|word| !ids.contains(*word)).map(str::to_owned).collect()
+}
+
+fn decision_subject(id: &str) -> Option<String> {
+    id.split_once('-').map(|(subject, _)| subject.to_owned())
 }
 
 /// `STOP-12`.

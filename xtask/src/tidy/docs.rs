@@ -154,8 +154,11 @@ fn command_verbs(root: &Path) -> Vec<String> {
 
 fn make_targets(root: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(root.join("Makefile")).unwrap_or_default();
-    let head = |line: &str| line.split_once(':').map(|(head, _)| head.to_owned());
     let heads =
-        text.lines().filter(|line| !line.starts_with(['\t', ' ', '#', '.'])).filter_map(head);
+        text.lines().filter(|line| !line.starts_with(['\t', ' ', '#', '.'])).filter_map(line_head);
     heads.flat_map(|h| h.split_whitespace().map(str::to_owned).collect::<Vec<_>>()).collect()
+}
+
+fn line_head(line: &str) -> Option<String> {
+    line.split_once(':').map(|(head, _)| head.to_owned())
 }

@@ -42,11 +42,15 @@ pub(crate) fn check_test_file(
         _ => {
             let (name, parents) = module_of(path)?;
             let line = format!("mod {name};");
-            let has = |text: &str| text.lines().any(|l| l.trim_start_matches("pub ") == line);
-            let reported = parents.iter().filter_map(|parent| read(parent)).any(|text| has(&text));
+            let reported =
+                parents.iter().filter_map(|parent| read(parent)).any(|text| has_line(&text, &line));
             (!reported).then(|| format!("{}: no program has it: `{line}`", path.display()))
         }
     }
+}
+
+fn has_line(text: &str, line: &str) -> bool {
+    text.lines().any(|l| l.trim_start_matches("pub ") == line)
 }
 
 /// A file's module, and the files that may declare it.

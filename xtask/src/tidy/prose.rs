@@ -43,28 +43,38 @@ pub fn depends_on_prose(expression: &Expr) -> bool {
         }
         Expr::Binary(binary) => {
             let compares = matches!(binary.op, BinOp::Eq(_) | BinOp::Ne(_));
-            let words = |one: &Expr, other: &Expr| is_text_literal(one) && is_prose(other);
-            compares && (words(&binary.left, &binary.right) || words(&binary.right, &binary.left))
+            compares
+                && (joins_prose(&binary.left, &binary.right)
+                    || joins_prose(&binary.right, &binary.left))
         }
         _ => false,
     }
 }
 
+fn joins_prose(one: &Expr, other: &Expr) -> bool {
+    is_text_literal(one) && is_prose(other)
+}
+
 /// Returns whether an expression is what people read.
 fn is_prose(expression: &Expr) -> bool {
-    let of = |name: &syn::Ident| PROSE.iter().any(|word| name == word);
     match expression {
         Expr::Reference(inner) => is_prose(&inner.expr),
         Expr::Paren(inner) => is_prose(&inner.expr),
         Expr::Unary(inner) => is_prose(&inner.expr),
-        Expr::Field(field) => matches!(&field.member, syn::Member::Named(name) if of(name)),
+        Expr::Field(field) => {
+            matches!(&field.member, syn::Member::Named(name) if is_prose_name(name))
+        }
         Expr::MethodCall(call) if PASSING.iter().any(|name| call.method == name) => {
             is_prose(&call.receiver)
         }
         Expr::MethodCall(call) if call.method == "to_string" => is_error(&call.receiver),
-        Expr::MethodCall(call) => of(&call.method),
+        Expr::MethodCall(call) => is_prose_name(&call.method),
         _ => false,
     }
+}
+
+fn is_prose_name(name: &syn::Ident) -> bool {
+    PROSE.iter().any(|word| name == word)
 }
 
 fn is_error(expression: &Expr) -> bool {

@@ -61,10 +61,11 @@ impl CaptureDecoder {
 
     /// Detections that differ from those before the first frame was decoded.
     pub fn later_detections(&self) -> impl Iterator<Item = &LinkDetection> {
-        let is_first = |later: &LinkDetection| {
-            self.first_detections.iter().any(|first| first.has_same_protocols(later))
-        };
-        self.detections.iter().filter(move |later| !is_first(later))
+        self.detections.iter().filter(move |later| !self.is_first_detection(later))
+    }
+
+    fn is_first_detection(&self, later: &LinkDetection) -> bool {
+        self.first_detections.iter().any(|first| first.has_same_protocols(later))
     }
 
     /// Before a frame is decoded: detects further if its identifier is new.

@@ -171,10 +171,10 @@ impl RuleExplainer {
         };
         for (at, rule) in rules.iter().enumerate().filter(claims) {
             self.apply_rule(rule, frame, context, conversation, explained);
-            // A broadcast concerns each axis.
-            let intended = |axis| explained.axis.is_none_or(|found| found == axis);
             match rule.scope {
-                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) if !intended(axis) => {
+                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis)
+                    if !matches_axis(axis, explained.axis) =>
+                {
                     self.rejected_by_content |= self.deferred_axis.is_none();
                 }
                 _ => return Some(at),
@@ -182,8 +182,8 @@ impl RuleExplainer {
         }
         explained.clear();
         self.deferred_axis = None;
-        let whole = |rule: &Rule| !matches!(rule.scope, RuleScope::Axis(_) | RuleScope::AxisOn(..));
-        let at = rules.iter().position(|rule| !self.detected && !frame.remote && whole(rule))?;
+        let at =
+            rules.iter().position(|rule| !self.detected && !frame.remote && is_whole_rule(rule))?;
         self.apply_rule(&rules[at], frame, context, conversation, explained);
         Some(at)
     }
@@ -223,4 +223,13 @@ impl RuleExplainer {
             conversation.push_request(&raw);
         }
     }
+}
+
+fn is_whole_rule(rule: &Rule) -> bool {
+    !matches!(rule.scope, RuleScope::Axis(_) | RuleScope::AxisOn(..))
+}
+
+fn matches_axis(axis: u32, explained_axis: Option<u32>) -> bool {
+    // A broadcast concerns each axis.
+    explained_axis.is_none_or(|found| found == axis)
 }

@@ -53,11 +53,12 @@ impl LookAhead {
 
     /// Returns whether the result holds for a frame of a link too, or for a link without a frame.
     pub fn covers(&self, link: &str, frame: Option<&Frame>) -> bool {
-        let is_claimed = |frame: &Frame| {
-            proto::dissectors().iter().any(|dissector| score::claims_frame(*dissector, frame))
-        };
         self.ended
             || self.detector.weighing.sampler.has_seen(link, frame)
-            || frame.is_some_and(|frame| !is_claimed(frame))
+            || frame.is_some_and(|frame| !is_claimed_frame(frame))
     }
+}
+
+fn is_claimed_frame(frame: &Frame) -> bool {
+    proto::dissectors().iter().any(|dissector| score::claims_frame(*dissector, frame))
 }

@@ -57,14 +57,9 @@ impl Pairs {
             self.requests.push_back(PairCandidate { data, len: len as u8, id, extended, time });
             return;
         }
-        let soon = |pair_candidate: &PairCandidate| {
-            pair_candidate
-                .time
-                .zip(event.time)
-                .is_none_or(|(then, now)| now.since(then) <= ANSWER_MAX_NS)
-        };
         let fits = |pair_candidate: &PairCandidate| {
-            soon(pair_candidate) && dissector.is_answer_to(&raw, &pair_candidate.raw())
+            answers_in_time(pair_candidate, event.time)
+                && dissector.is_answer_to(&raw, &pair_candidate.raw())
         };
         let Some(at) = self.requests.iter().position(fits) else { return };
         self.requests.remove(at);
@@ -80,4 +75,8 @@ impl Pairs {
     pub fn proven_axes(&self) -> impl Iterator<Item = u32> + '_ {
         self.axes.iter().filter(|(_, pairs)| **pairs >= PROOF_PAIRS).map(|(axis, _)| *axis)
     }
+}
+
+fn answers_in_time(pair_candidate: &PairCandidate, event_time: Option<Timestamp>) -> bool {
+    pair_candidate.time.zip(event_time).is_none_or(|(then, now)| now.since(then) <= ANSWER_MAX_NS)
 }

@@ -142,18 +142,17 @@ impl RecordSampler {
 
     /// A frame for each identifier of a link.
     pub fn ids_of(&self, name: &str) -> impl Iterator<Item = Frame> {
-        const EXTENDED: u32 = id_key(0, true);
-        let frame = |key: &u32| Frame {
-            id: key & !EXTENDED,
-            extended: key & EXTENDED != 0,
-            ..Frame::default()
-        };
-        self.link(name).into_iter().flat_map(move |link| link.ids.keys().map(frame))
+        self.link(name).into_iter().flat_map(move |link| link.ids.keys().map(key_frame))
     }
 
     fn link(&self, name: &str) -> Option<&SampledLink> {
         self.links.iter().find(|link| link.name == name)
     }
+}
+
+fn key_frame(key: &u32) -> Frame {
+    const EXTENDED: u32 = id_key(0, true);
+    Frame { id: key & !EXTENDED, extended: key & EXTENDED != 0, ..Frame::default() }
 }
 
 impl SampledLink {

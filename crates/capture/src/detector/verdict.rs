@@ -231,9 +231,11 @@ fn select_protocols<'a>(
 fn unresolved_axes(read: &[ScoredCandidate<'_>]) -> Vec<(&'static str, Vec<u32>)> {
     let won: BTreeSet<u32> =
         read.iter().flat_map(|(_, score)| score.proven_shared_axes()).collect();
-    let open = |score: &LinkScore| -> Vec<u32> {
-        score.shared_axes.keys().copied().filter(|axis| !won.contains(axis)).collect()
-    };
-    let named = read.iter().map(|(dissector, score)| (dissector.name(), open(score)));
+    let named =
+        read.iter().map(|(dissector, score)| (dissector.name(), undecided_axes(score, &won)));
     named.filter(|(_, axes)| !axes.is_empty()).collect()
+}
+
+fn undecided_axes(score: &LinkScore, won: &BTreeSet<u32>) -> Vec<u32> {
+    score.shared_axes.keys().copied().filter(|axis| !won.contains(axis)).collect()
 }

@@ -98,18 +98,17 @@ fn concerns(
     values: Option<&NumberRanges>,
 ) -> bool {
     let Some(dissector) = event.protocol.and_then(proto::find_dissector) else { return false };
-    let place = |other: &ParameterAddress| (other.index, other.space);
     let carried = event.explanation.frame_values().iter().filter(|carried| {
         let own = match carried.source {
             StoredValueSource::Parameter(parameter) => Some((parameter.index, parameter.space)),
             StoredValueSource::Named(word) => match dissector.parse_address(word) {
-                Some(Ok(other)) => Some(place(&other)),
+                Some(Ok(other)) => Some(index_and_space(&other)),
                 _ => None,
             },
         };
         // A parameter of the profile is every motor's.
         let like = address.like.filter(|_| carried.motor > 0);
-        own == Some(like.unwrap_or(place(address)))
+        own == Some(like.unwrap_or(index_and_space(address)))
     });
     let field = |name: &str| {
         let mut all = event.explanation.fields();
@@ -123,6 +122,10 @@ fn concerns(
     let own = || field("value").filter(|_| dissector.concerns(address, &field));
     let own = if numbers.peek().is_none() { own().and_then(FieldValue::integer) } else { None };
     numbers.chain(own).any(|number| values.contains(fixed_point::from_integer(number)))
+}
+
+fn index_and_space(other: &ParameterAddress) -> (u16, u8) {
+    (other.index, other.space)
 }
 
 fn defect_matches(event: &DecodedFrame<'_>, words: &WordPattern) -> bool {

@@ -33,8 +33,7 @@ pub(super) fn parse(text: &str) -> Option<(i128, bool)> {
     if let Some(hex) = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X")) {
         return Some((sign * from_integer(u64::from_str_radix(hex, 16).ok()?), false));
     }
-    let plain = |c: char| c.is_ascii_digit() || c == '.';
-    let end = digits.find(|c| !plain(c)).unwrap_or(digits.len());
+    let end = digits.find(|c| !is_decimal_char(c)).unwrap_or(digits.len());
     let value = parse_decimal(&digits[..end])?;
     match &digits[end..] {
         "" => Some((sign * value, false)),
@@ -45,15 +44,22 @@ pub(super) fn parse(text: &str) -> Option<(i128, bool)> {
     }
 }
 
+fn is_decimal_char(c: char) -> bool {
+    c.is_ascii_digit() || c == '.'
+}
+
 fn parse_decimal(text: &str) -> Option<i128> {
     let (before, after) = text.split_once('.').unwrap_or((text, ""));
-    let all = |part: &str| part.bytes().all(|c| c.is_ascii_digit());
-    if before.is_empty() || !all(before) || !all(after) {
+    if before.is_empty() || !is_all_digits(before) || !is_all_digits(after) {
         return None;
     }
     let fraction: String = after.chars().chain("000000000".chars()).take(9).collect();
     let before: u64 = before.parse().ok()?;
     Some(from_integer(before) + fraction.parse::<i128>().ok()?)
+}
+
+fn is_all_digits(part: &str) -> bool {
+    part.bytes().all(|c| c.is_ascii_digit())
 }
 
 /// Ranges of which one has to hold a number; both ends belong to them.

@@ -388,11 +388,10 @@ impl Parser<'_> {
         how: CompareOperator,
         test: impl Fn(ValuePattern) -> FilterTest,
     ) -> FilterResult<FilterTest> {
-        let number = |token: &FilterToken| matches!(&token.kind, TokenKind::Word(w) if fixed_point::parse(w).is_some());
         let open = usize::from(self.peek().kind == TokenKind::Sign("("));
         let first = &self.tokens[(self.position + open).min(self.tokens.len() - 1)];
         if how != CompareOperator::Contains
-            && (number(first) || first.kind == TokenKind::Sign(".."))
+            && (is_number_token(first) || first.kind == TokenKind::Sign(".."))
         {
             let words = WordPattern::default();
             self.parse_numbers(how, false, |numbers| {
@@ -547,6 +546,10 @@ impl Parser<'_> {
         };
         FilterError { nearest: near.map(str::to_owned), ..self.error_at(token, what) }
     }
+}
+
+fn is_number_token(token: &FilterToken) -> bool {
+    matches!(&token.kind, TokenKind::Word(w) if fixed_point::parse(w).is_some())
 }
 
 fn is_connective(word: &str) -> bool {

@@ -33,15 +33,8 @@ pub(super) fn tokenize(text: &str) -> Result<Vec<FilterToken>, FilterError> {
     let chars: Vec<char> = text.chars().collect();
     let mut tokens = Vec::new();
     let mut at = 0;
-    let wrong = |at, len, what: &str| FilterError {
-        text: text.to_owned(),
-        position: at,
-        len,
-        message: what.to_owned(),
-        nearest: None,
-    };
     if chars.len() > TEXT_MAX {
-        return Err(wrong(TEXT_MAX, 1, "a filter has at most 4096 characters"));
+        return Err(filter_error(TEXT_MAX, 1, "a filter has at most 4096 characters", text));
     }
     while at < chars.len() {
         let rest = &chars[at..];
@@ -52,7 +45,7 @@ pub(super) fn tokenize(text: &str) -> Result<Vec<FilterToken>, FilterError> {
             }
             c @ ('"' | '\'') => {
                 let len = rest[1..].iter().position(|other| *other == c).map(|end| end + 2);
-                let len = len.ok_or_else(|| wrong(at, 1, "this quote has no end"))?;
+                let len = len.ok_or_else(|| filter_error(at, 1, "this quote has no end", text))?;
                 (TokenKind::Quoted(rest[1..len - 1].iter().collect()), len)
             }
             _ => match SIGNS.into_iter().find(|sign| starts_with_sign(rest, sign)) {
@@ -69,6 +62,16 @@ pub(super) fn tokenize(text: &str) -> Result<Vec<FilterToken>, FilterError> {
     }
     tokens.push(FilterToken { kind: TokenKind::End, position: at, len: 1 });
     Ok(tokens)
+}
+
+fn filter_error(at: usize, len: usize, what: &str, text: &str) -> FilterError {
+    FilterError {
+        text: text.to_owned(),
+        position: at,
+        len,
+        message: what.to_owned(),
+        nearest: None,
+    }
 }
 
 fn starts_with_sign(rest: &[char], sign: &str) -> bool {

@@ -48,11 +48,10 @@ fn draw_panel(panel: &PlotPanel<'_>, span: (u64, u64), top: f64, last: bool, out
 
     let wide = WIDTH - LEFT - RIGHT;
     let (min, max) = panel.range;
-    let x_of = |ns: f64| LEFT + (ns - begin as f64) / (end - begin) as f64 * wide;
-    let y_of = |value: f64| top + (max - value) / (max - min) * HEIGHT;
     let (ticks, decimals) = scale::ticks(panel.range, 5);
     for tick in ticks {
-        let (y, right, label) = (y_of(tick), WIDTH - RIGHT, scale::label(tick, decimals));
+        let (y, right, label) =
+            (plot_y(tick, top, max, min), WIDTH - RIGHT, scale::label(tick, decimals));
         let (at, below) = (LEFT - 8.0, y + 4.0);
         let _ = writeln!(
             out,
@@ -63,7 +62,7 @@ fn draw_panel(panel: &PlotPanel<'_>, span: (u64, u64), top: f64, last: bool, out
     let (ticks, decimals) = scale::ticks((begin as f64 / 1e9, end as f64 / 1e9), 10);
     let bottom = top + HEIGHT;
     for tick in ticks {
-        let x = x_of(tick * 1e9);
+        let x = plot_x(tick * 1e9, begin, end, wide);
         let _ = writeln!(out, "<path d=\"M{x:.1} {top}V{bottom}\" stroke=\"#eeeeee\"/>");
         if last {
             let (y, label) = (bottom + 16.0, scale::label(tick, decimals));
@@ -84,7 +83,8 @@ fn draw_panel(panel: &PlotPanel<'_>, span: (u64, u64), top: f64, last: bool, out
         let mut path = String::new();
         for line in series.lines(BUCKETS) {
             for (n, (time, value)) in line.iter().enumerate() {
-                let (x, y) = (x_of(*time as f64), y_of(*value));
+                let (x, y) =
+                    (plot_x(*time as f64, begin, end, wide), plot_y(*value, top, max, min));
                 let _ = write!(path, "{}{x:.1} {y:.1}", if n == 0 { 'M' } else { 'L' });
             }
             // A single value is drawn as a short line, or it would be invisible.
@@ -96,6 +96,14 @@ fn draw_panel(panel: &PlotPanel<'_>, span: (u64, u64), top: f64, last: bool, out
              stroke-linejoin=\"round\" stroke-linecap=\"round\"/>"
         );
     }
+}
+
+fn plot_y(value: f64, top: f64, max: f64, min: f64) -> f64 {
+    top + (max - value) / (max - min) * HEIGHT
+}
+
+fn plot_x(ns: f64, begin: u64, end: u64, wide: f64) -> f64 {
+    LEFT + (ns - begin as f64) / (end - begin) as f64 * wide
 }
 
 /// The signal's name, and at the right whose line has which colour.

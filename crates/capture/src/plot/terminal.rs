@@ -128,11 +128,11 @@ impl Canvas {
 
         let steps = (to_x - x).abs().max((to_y - y).abs());
         for step in 0..=steps {
-            let part = |from: i64, to: i64| {
-                let moved = (to - from) as f64 * step as f64 / steps.max(1) as f64;
-                from + moved.round() as i64
-            };
-            self.set_dot(part(x, to_x), part(y, to_y), number);
+            self.set_dot(
+                moved_by_steps(x, to_x, step, steps),
+                moved_by_steps(y, to_y, step, steps),
+                number,
+            );
         }
     }
 
@@ -145,12 +145,8 @@ impl Canvas {
 
     fn render(&self, range: (f64, f64), colour: bool, out: &mut String) {
         let (ticks, decimals) = scale::ticks(range, self.rows / 3);
-        let row_of = |tick: f64| {
-            let share = (range.1 - tick) / (range.1 - range.0);
-            (share * (self.rows * 4 - 1) as f64).round() as usize / 4
-        };
         for (number, row) in self.cells.chunks(self.columns).enumerate() {
-            let tick = ticks.iter().find(|tick| row_of(**tick) == number);
+            let tick = ticks.iter().find(|tick| self.tick_row(**tick, range) == number);
             let label = tick.map_or_else(String::new, |tick| scale::label(*tick, decimals));
             let edge = if tick.is_some() { '┤' } else { '│' };
             let _ = write!(out, "{label:>LABELS$} {edge}");
@@ -173,4 +169,14 @@ impl Canvas {
             out.push_str(if lit.is_some() { "\x1b[0m\n" } else { "\n" });
         }
     }
+
+    fn tick_row(&self, tick: f64, range: (f64, f64)) -> usize {
+        let share = (range.1 - tick) / (range.1 - range.0);
+        (share * (self.rows * 4 - 1) as f64).round() as usize / 4
+    }
+}
+
+fn moved_by_steps(from: i64, to: i64, step: i64, steps: i64) -> i64 {
+    let moved = (to - from) as f64 * step as f64 / steps.max(1) as f64;
+    from + moved.round() as i64
 }

@@ -217,13 +217,16 @@ fn parse_status<'w>(words: &mut impl Iterator<Item = &'w str>) -> AscLine {
         () if state.starts_with("error active") => CanErrorFrame::from_state(CanErrorFrame::ACTIVE),
         () => return AscLine::Skipped("events that are not CAN frames"),
     };
-    let counter = |name: &str| -> Option<u8> {
-        let (_, after) = state.split_once(name)?;
-        Some(after.split_ascii_whitespace().next()?.parse::<u32>().ok()?.min(255) as u8)
-    };
-    if let (Some(transmit), Some(receive)) = (counter("txerr:"), counter("rxerr:")) {
+    if let (Some(transmit), Some(receive)) =
+        (error_counter("txerr:", &state), error_counter("rxerr:", &state))
+    {
         error.class |= CanErrorFrame::COUNTERS;
         (error.data[6], error.data[7]) = (transmit, receive);
     }
     AscLine::Frame((channel, None, CanRecord::Error(error)))
+}
+
+fn error_counter(name: &str, state: &str) -> Option<u8> {
+    let (_, after) = state.split_once(name)?;
+    Some(after.split_ascii_whitespace().next()?.parse::<u32>().ok()?.min(255) as u8)
 }

@@ -134,9 +134,12 @@ impl BlfReader {
     fn read_file_header(&mut self, bytes: &[u8]) -> Option<usize> {
         let size = (u32_at(bytes, 4)? as usize).clamp(BEGIN_AT + 16, 4096);
         let header = bytes.get(..size)?;
-        let word = |n: usize| u16_at(header, BEGIN_AT + 2 * n).unwrap_or(0);
-        let (date, time) = ([word(0), word(1), word(3)], [word(4), word(5), word(6)]);
-        let begin = date::from_calendar(date, time, u32::from(word(7).min(999)) * 1_000_000);
+        let (date, time) = (
+            [header_word(0, header), header_word(1, header), header_word(3, header)],
+            [header_word(4, header), header_word(5, header), header_word(6, header)],
+        );
+        let begin =
+            date::from_calendar(date, time, u32::from(header_word(7, header).min(999)) * 1_000_000);
         self.start_time = Some(begin.unwrap_or(Timestamp(0)));
         Some(size)
     }
@@ -297,6 +300,10 @@ impl BlfReader {
             reason: ReadError(reason),
         });
     }
+}
+
+fn header_word(n: usize, header: &[u8]) -> u16 {
+    u16_at(header, BEGIN_AT + 2 * n).unwrap_or(0)
 }
 
 /// Fields of an object.

@@ -147,12 +147,13 @@ fn parse_clock(word: &str) -> Option<u64> {
 /// before it, and the moment.
 fn parse_start(text: &str) -> Option<(u64, u64)> {
     let (day, clock) = text.trim().split_once(' ')?;
-    let numbers = |text: &str| -> Option<Vec<u16>> {
-        text.split([':', '.']).map(|part| part.parse().ok()).collect()
-    };
-    let [day, month, year] = numbers(day)?[..] else { return None };
-    let [hour, minute, second, ms] = numbers(clock)?[..] else { return None };
+    let [day, month, year] = split_numbers(day)?[..] else { return None };
+    let [hour, minute, second, ms] = split_numbers(clock)?[..] else { return None };
     let midnight = date::from_calendar([year, month, day], [0; 3], 0)?.0;
     let ns = u32::from(ms.min(999)) * 1_000_000;
     Some((midnight, date::from_calendar([year, month, day], [hour, minute, second], ns)?.0))
+}
+
+fn split_numbers(text: &str) -> Option<Vec<u16>> {
+    text.split([':', '.']).map(|part| part.parse().ok()).collect()
 }

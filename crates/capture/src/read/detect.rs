@@ -34,14 +34,15 @@ impl CaptureFormat {
     /// The format that has such a line, if it is not a mere comment.
     fn detect_line(line: &[u8]) -> Option<Self> {
         let line = line.trim_ascii();
-        let begins = |word: &[u8]| {
-            line.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word))
-        };
         match line {
-            _ if begins(b";$FILEVERSION") => Some(Self::Trc),
+            _ if begins_with_word(b";$FILEVERSION", line) => Some(Self::Trc),
             [] | [b';' | b'#', ..] => None,
-            _ if begins(b"date ") || begins(b"base ") => Some(Self::Asc),
-            _ if csv::HEADERS.iter().any(|header| begins(header)) => Some(Self::Csv),
+            _ if begins_with_word(b"date ", line) || begins_with_word(b"base ", line) => {
+                Some(Self::Asc)
+            }
+            _ if csv::HEADERS.iter().any(|header| begins_with_word(header, line)) => {
+                Some(Self::Csv)
+            }
             _ if line.starts_with(b"***BUSMASTER") => Some(Self::Busmaster),
             _ if crtd::is_line(line) => Some(Self::Crtd),
             [b'{', ..] => Some(Self::Jsonl),
@@ -50,6 +51,10 @@ impl CaptureFormat {
             _ => Some(Self::Text),
         }
     }
+}
+
+fn begins_with_word(word: &[u8], line: &[u8]) -> bool {
+    line.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word))
 }
 
 fn after_digits(line: &[u8]) -> &[u8] {

@@ -84,13 +84,16 @@ impl JsonlFrame<'_> {
         if id > if extended { ID_MASK } else { STANDARD_MAX } {
             return Err(ReadError("the identifier is too great"));
         }
-        let says = |word: &str| self.text.as_ref().is_some_and(|text| text.starts_with(word));
-        let remote = self.remote.is_some() || bytes.is_empty() && says(REMOTE_REQUEST);
+        let remote = self.remote.is_some() || bytes.is_empty() && self.begins_with(REMOTE_REQUEST);
         let len = self.remote.map_or(bytes.len(), |wanted| usize::from(wanted.min(8)));
         Ok(Some(match bytes.len() {
             0..=8 => CanRecord::Frame(classic_frame(id, extended, remote, len as u8, bytes)),
             9..=64 => CanRecord::Fd { id, extended, flags: 0 },
             _ => return Err(ReadError("a CAN frame has at most 64 bytes")),
         }))
+    }
+
+    fn begins_with(&self, word: &str) -> bool {
+        self.text.as_ref().is_some_and(|text| text.starts_with(word))
     }
 }

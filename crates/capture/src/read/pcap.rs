@@ -123,14 +123,11 @@ impl PcapReader {
     fn parse_header(&self, bytes: &[u8]) -> Option<PacketHeader> {
         let words = bytes.get(..HEAD)?.as_chunks::<4>().0;
         let big = self.header.as_ref()?.is_bigendian();
-        let word = |n: usize| {
-            if big { u32::from_be_bytes(words[n]) } else { u32::from_le_bytes(words[n]) }
-        };
         Some(PacketHeader {
-            seconds: word(0),
-            fraction: word(1),
-            captured_len: word(2),
-            original_len: word(3),
+            seconds: word_value(0, big, words),
+            fraction: word_value(1, big, words),
+            captured_len: word_value(2, big, words),
+            original_len: word_value(3, big, words),
         })
     }
 
@@ -176,4 +173,8 @@ impl PcapReader {
             reason: ReadError(reason),
         });
     }
+}
+
+fn word_value(n: usize, big: bool, words: &[[u8; 4]]) -> u32 {
+    if big { u32::from_be_bytes(words[n]) } else { u32::from_le_bytes(words[n]) }
 }

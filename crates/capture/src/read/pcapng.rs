@@ -89,8 +89,7 @@ impl PcapngReader {
             [0, 4, 8].map(|at| [head[at], head[at + 1], head[at + 2], head[at + 3]]);
         let section = kind == SECTION;
         let big = if section { order == ORDER_BIG } else { self.big_endian };
-        let number = |word| if big { u32::from_be_bytes(word) } else { u32::from_le_bytes(word) };
-        let (size, kind) = (number(length) as usize, number(kind));
+        let (size, kind) = (word_value(length, big) as usize, word_value(kind, big));
         let known = section || matches!(kind, 1..=0x20 | 0x80..=0x300 | 0xBAD | 0x4000_0BAD);
         if size < BLOCK_MIN
             || !size.is_multiple_of(4)
@@ -209,6 +208,10 @@ impl PcapngReader {
             reason: ReadError(reason),
         });
     }
+}
+
+fn word_value(word: [u8; 4], big: bool) -> u32 {
+    if big { u32::from_be_bytes(word) } else { u32::from_le_bytes(word) }
 }
 
 impl PcapngInterface {

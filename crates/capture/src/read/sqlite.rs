@@ -128,7 +128,6 @@ fn read_row(
     bytes: &mut Vec<u8>,
     taker: &mut dyn RecordSink,
 ) -> Result<(), ReadError> {
-    let is_set = |column| matches!(row.get_ref(column), Ok(ValueRef::Integer(value)) if value != 0);
     let seconds: f64 = row.get(0).map_err(|_| ReadError("expected seconds"))?;
     // The shortest decimal number is what was written: a product with 10⁹ has digits of chance.
     let time = Timestamp::parse(seconds.to_string().as_bytes());
@@ -141,11 +140,16 @@ fn read_row(
         Ok(ValueRef::Null) => {}
         _ => return Err(ReadError("expected bytes")),
     }
-    let (extended, remote, error) = (is_set(2), is_set(3), is_set(4));
+    let (extended, remote, error) =
+        (is_column_set(2, row), is_column_set(3, row), is_column_set(4, row));
     let shape = build_python_can_frame(id, extended, remote, error, dlc, bytes)?;
     let (time, data) = (Some(time), shape.with_bytes(bytes));
     taker.handle_record(&Record { time, link: "can0", direction: None, data, offset: 0 });
     Ok(())
+}
+
+fn is_column_set(column: usize, row: &Row<'_>) -> bool {
+    matches!(row.get_ref(column), Ok(ValueRef::Integer(value)) if value != 0)
 }
 
 #[cfg(test)]

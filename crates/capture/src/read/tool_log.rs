@@ -90,7 +90,6 @@ pub(super) fn parse_tool_line<'a>(
 fn split_time(line: &str) -> (Option<Timestamp>, &str) {
     let open = line.strip_prefix('[').unwrap_or(line);
     let (first, rest) = split_at_space(open);
-    let closed = |word: &str| word.ends_with(']');
     if let Some(date) = parse_date(first) {
         let (clock, rest) = split_at_space(rest);
         if let Some((clock, ns)) = parse_clock(clock.trim_end_matches([']', 'Z'])) {
@@ -106,11 +105,15 @@ fn split_time(line: &str) -> (Option<Timestamp>, &str) {
     if let Some((clock, ns)) = parse_clock(first.trim_end_matches(']')) {
         return (date::from_calendar([1970, 1, 1], clock, ns), rest);
     }
-    if open.len() < line.len() && closed(first) && first.contains('.') {
+    if open.len() < line.len() && ends_bracket(first) && first.contains('.') {
         let time = Timestamp::parse(first.trim_end_matches(']').as_bytes());
         return (time, if time.is_some() { rest } else { line });
     }
     (None, line)
+}
+
+fn ends_bracket(word: &str) -> bool {
+    word.ends_with(']')
 }
 
 /// `2026-11-27`.

@@ -215,16 +215,19 @@ fn error_frame(class: u32, detail: u8) -> CanErrorFrame {
 
 /// State in a warning's last words: the bus is light, heavy or off, a queue is full.
 fn warning_frame(text: &str) -> CanErrorFrame {
-    let says = |word: &str| text.split_ascii_whitespace().any(|other| other.starts_with(word));
     match () {
-        () if says("BUSOFF") => error_frame(0x40, 0),
-        () if says("BUSHEAVY") || says("BUSPASSIVE") => {
+        () if has_word("BUSOFF", text) => error_frame(0x40, 0),
+        () if has_word("BUSHEAVY", text) || has_word("BUSPASSIVE", text) => {
             error_frame(CanErrorFrame::CONTROLLER_CLASS, 0x30)
         }
-        () if says("BUSLIGHT") => error_frame(CanErrorFrame::CONTROLLER_CLASS, 0x0C),
-        () if says("QOVERRUN") || says("OVERRUN") => {
+        () if has_word("BUSLIGHT", text) => error_frame(CanErrorFrame::CONTROLLER_CLASS, 0x0C),
+        () if has_word("QOVERRUN", text) || has_word("OVERRUN", text) => {
             error_frame(CanErrorFrame::CONTROLLER_CLASS, 0x01)
         }
         () => error_frame(CanErrorFrame::BUS_ERROR, 0),
     }
+}
+
+fn has_word(word: &str, text: &str) -> bool {
+    text.split_ascii_whitespace().any(|other| other.starts_with(word))
 }

@@ -230,8 +230,7 @@ impl CanopenTracker {
     /// Profile for the names of a node, and whether the frame was explained by other names.
     fn naming_profile(&self, id: u8) -> (Option<&'static Profile>, bool) {
         let profile = self.node_profile(id);
-        let place = |profile: Option<&'static Profile>| profile.map(core::ptr::from_ref);
-        (profile, place(profile) != place(self.profile))
+        (profile, profile_address(profile) != profile_address(self.profile))
     }
 
     fn is_from_master(&self, service: Service) -> bool {
@@ -279,8 +278,7 @@ impl CanopenTracker {
     /// Checks for missing heartbeats. If no frame at all was received, several nodes are not silent: the capture
     /// paused, or the bus was down.
     fn check_heartbeats(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
-        let missed = |node: &NodeTracker| node.heartbeat.due().filter(|due| *due < now);
-        let missing = self.nodes.iter().flatten().filter_map(|node| missed(node));
+        let missing = self.nodes.iter().flatten().filter_map(|node| missed_heartbeat(node, now));
         let (count, first) = missing.fold((0, NEVER), |(n, first), due| (n + 1, first.min(due)));
         let paused = count > 1 && self.last_time.is_some_and(|latest| latest < first);
         if let (true, Some(latest)) = (paused, self.last_time) {
@@ -565,6 +563,14 @@ impl CanopenTracker {
             self.learn_value(id, &settled, notices);
         }
     }
+}
+
+fn missed_heartbeat(node: &NodeTracker, now: Timestamp) -> Option<Timestamp> {
+    node.heartbeat.due().filter(|due| *due < now)
+}
+
+fn profile_address(profile: Option<&'static Profile>) -> Option<*const Profile> {
+    profile.map(core::ptr::from_ref)
 }
 
 /// Up to eight bytes as a number, the first lowest.

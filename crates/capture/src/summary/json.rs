@@ -37,7 +37,6 @@ fn links(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {
             let peak = link.load.peak_per_s(summary.length_ns());
             let rate = manner.rate(name, link);
             let mean = (spent > 0.0).then(|| link.load.bits() as f64 / spent);
-            let share = |bits: Option<f64>| Some(bits? / f64::from(rate?.0));
             json!({
                 "link": name,
                 "frames": link.frames,
@@ -47,11 +46,15 @@ fn links(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {
                 "bit_rate_stated": rate.map(|(_, stated)| stated),
                 "bits_per_s": mean,
                 "peak_bits_per_s": peak,
-                "load": share(mean),
-                "peak_load": share(Some(peak)),
+                "load": load_share(mean, rate),
+                "peak_load": load_share(Some(peak), rate),
             })
         })
         .collect()
+}
+
+fn load_share(bits: Option<f64>, rate: Option<(u32, bool)>) -> Option<f64> {
+    Some(bits? / f64::from(rate?.0))
 }
 
 fn axes(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {

@@ -103,11 +103,6 @@ impl SummaryWriter {
         for (name, link) in summary.links.iter() {
             let rate = manner.rate(name, link);
             let mean = link.load.bits() as f64 / seconds.max(1e-9);
-            let share = |bits: f64| match rate {
-                _ if seconds == 0.0 => "-".to_owned(),
-                Some((rate, _)) => format!("{:.1} %", bits / f64::from(rate) * 100.0),
-                None => format!("{:.1} kbit/s", bits / 1e3),
-            };
             let text = match rate {
                 Some((rate, true)) => format!("{} kbit/s", f64::from(rate) / 1e3),
                 Some((rate, false)) => format!("~{} kbit/s", f64::from(rate) / 1e3),
@@ -119,8 +114,8 @@ impl SummaryWriter {
                 format!("  {name}"),
                 link.frames.to_string(),
                 format!("{per_s:.1}"),
-                share(mean),
-                share(link.load.peak_per_s(summary.length_ns())),
+                share_text(mean, seconds, &rate),
+                share_text(link.load.peak_per_s(summary.length_ns()), seconds, &rate),
                 text,
                 protocols.join(", "),
             ]);
@@ -167,7 +162,6 @@ impl SummaryWriter {
             all.sort_by_key(|(key, _)| **key);
         }
         for ((who, op), requests) in all {
-            let ended = |outcome| blank_if_zero(requests.count_of(outcome));
             let spread = &requests.latency;
             let span =
                 |ns| if spread.count() == 0 { String::new() } else { DurationText(ns).to_string() };
@@ -175,9 +169,9 @@ impl SummaryWriter {
                 format!("  {}  {op}", axis_label(*who)),
                 requests.count().to_string(),
                 requests.count_of(ExchangeOutcome::Done).to_string(),
-                ended(ExchangeOutcome::Refused),
-                ended(ExchangeOutcome::Unanswered),
-                ended(ExchangeOutcome::Late),
+                outcome_count_text(ExchangeOutcome::Refused, requests),
+                outcome_count_text(ExchangeOutcome::Unanswered, requests),
+                outcome_count_text(ExchangeOutcome::Late, requests),
                 blank_if_zero(requests.retries),
                 span(spread.median()),
                 span(spread.quantile(0.99)),
@@ -308,9 +302,8 @@ impl SummaryWriter {
             return;
         }
         let columns = rows[0].len();
-        let cell = |row: &[String], at: usize| row.get(at).map_or(0, |cell| cell.chars().count());
         let widths: Vec<usize> = (0..columns)
-            .map(|at| rows.iter().map(|row| cell(row, at)).max().unwrap_or(0))
+            .map(|at| rows.iter().map(|row| cell_width(row, at)).max().unwrap_or(0))
             .collect();
         for (n, row) in rows.iter().enumerate() {
             let mut line = String::new();
@@ -330,6 +323,22 @@ impl SummaryWriter {
                 }
             }
         }
+    }
+}
+
+fn cell_width(row: &[String], at: usize) -> usize {
+    row.get(at).map_or(0, |cell| cell.chars().count())
+}
+
+fn outcome_count_text(outcome: ExchangeOutcome, requests: &RequestSummary) -> String {
+    blank_if_zero(requests.count_of(outcome))
+}
+
+fn share_text(bits: f64, seconds: f64, rate: &Option<(u32, bool)>) -> String {
+    match *rate {
+        _ if seconds == 0.0 => "-".to_owned(),
+        Some((rate, _)) => format!("{:.1} %", bits / f64::from(rate) * 100.0),
+        None => format!("{:.1} kbit/s", bits / 1e3),
     }
 }
 

@@ -99,9 +99,12 @@ impl AscWriter {
 fn date_text(stamp: Timestamp) -> String {
     let date::CalendarTime { date: [year, month, day], time: [hour, minute, second], ms, weekday } =
         date::to_calendar(stamp);
-    let name = |names: &[&'static str], at: u16| names.get(usize::from(at)).copied().unwrap_or("");
-    let (weekday, month) = (name(&DAYS, weekday), name(&MONTHS, month - 1));
+    let (weekday, month) = (name_at(&DAYS, weekday), name_at(&MONTHS, month - 1));
     format!("{weekday} {month} {day:02} {hour:02}:{minute:02}:{second:02}.{ms:03} {year}")
+}
+
+fn name_at(names: &[&'static str], at: u16) -> &'static str {
+    names.get(usize::from(at)).copied().unwrap_or("")
 }
 
 fn identifier(id: u32, extended: bool) -> String {

@@ -132,18 +132,17 @@ fn append_object(record: &Record<'_>, channel: u16, since: u64, out: &mut Vec<u8
 
 fn append_body(record: &Record<'_>, out: &mut Vec<u8>) {
     let sent = if record.direction == Some(Direction::ToDrive) { SENT } else { 0 };
-    let identifier = |id: u32, extended| if extended { id | EXTENDED_FLAG } else { id };
     match &record.data {
         RecordData::Frame(frame) => {
             let remote = if frame.remote { REMOTE } else { 0 };
             out.extend_from_slice(&[sent | remote, frame.len]);
-            out.extend_from_slice(&identifier(frame.id, frame.extended).to_le_bytes());
+            out.extend_from_slice(&blf_identifier(frame.id, frame.extended).to_le_bytes());
             out.extend_from_slice(&frame.data);
         }
         RecordData::Fd(fd) => {
             let at = out.len();
             out.extend_from_slice(&[sent, fd_dlc_from_len(fd.bytes.len())]);
-            out.extend_from_slice(&identifier(fd.id, fd.extended).to_le_bytes());
+            out.extend_from_slice(&blf_identifier(fd.id, fd.extended).to_le_bytes());
             out.extend_from_slice(&[0; 5]);
             out.extend_from_slice(&[1 | (fd.flags & 3) << 1, fd.bytes.len() as u8]);
             out.extend_from_slice(&[0; 5]);
@@ -153,4 +152,8 @@ fn append_body(record: &Record<'_>, out: &mut Vec<u8>) {
         // Length, flags, code, position, length code, lengths, identifier, flags, data: not known.
         RecordData::Error(_) | RecordData::Bytes(_) => out.resize(out.len() + 30, 0),
     }
+}
+
+fn blf_identifier(id: u32, extended: bool) -> u32 {
+    if extended { id | EXTENDED_FLAG } else { id }
 }

@@ -76,16 +76,15 @@ pub(super) fn append_packet(record: &Record<'_>, out: &mut Vec<u8>) {
         out.extend_from_slice(&[len, flags, 0, 0]);
         out.extend_from_slice(bytes);
     };
-    let extended = |extended: bool| if extended { EXTENDED_FLAG } else { 0 };
     match &record.data {
         RecordData::Frame(frame) => {
             let remote = if frame.remote { REMOTE_FLAG } else { 0 };
             let bytes = if frame.remote { &[] } else { frame.bytes() };
-            can(frame.id | extended(frame.extended) | remote, frame.len, 0, bytes);
+            can(frame.id | extended_flag(frame.extended) | remote, frame.len, 0, bytes);
         }
         RecordData::Fd(fd) => {
             let flags = fd.flags & 3 | FLAG_FD;
-            can(fd.id | extended(fd.extended), fd.bytes.len() as u8, flags, fd.bytes);
+            can(fd.id | extended_flag(fd.extended), fd.bytes.len() as u8, flags, fd.bytes);
         }
         RecordData::Error(error) => can(error.class | ERROR_FLAG, 8, 0, &error.data),
         RecordData::Bytes(bytes) => {
@@ -97,4 +96,8 @@ pub(super) fn append_packet(record: &Record<'_>, out: &mut Vec<u8>) {
             out.extend_from_slice(bytes);
         }
     }
+}
+
+fn extended_flag(extended: bool) -> u32 {
+    if extended { EXTENDED_FLAG } else { 0 }
 }

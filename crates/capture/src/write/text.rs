@@ -57,14 +57,10 @@ fn append_timestamp(time: Timestamp, out: &mut Vec<u8>) {
 }
 
 fn append_frame(data: &RecordData<'_>, out: &mut Vec<u8>) {
-    let id = |out: &mut Vec<u8>, id: u32, extended: bool| {
-        let digits = if extended { 8 } else { 3 };
-        let _ = write!(out, "{id:0digits$X}#");
-    };
     match data {
         RecordData::Bytes(_) => {}
         RecordData::Frame(frame) => {
-            id(out, frame.id, frame.extended);
+            write_id(out, frame.id, frame.extended);
             match (frame.remote, frame.len) {
                 (true, 0) => out.push(b'R'),
                 (true, length) => out.extend_from_slice(&[b'R', b'0' + length]),
@@ -72,13 +68,18 @@ fn append_frame(data: &RecordData<'_>, out: &mut Vec<u8>) {
             }
         }
         RecordData::Fd(fd) => {
-            id(out, fd.id, fd.extended);
+            write_id(out, fd.id, fd.extended);
             let _ = write!(out, "#{:X}", fd.flags & 0xF);
             write_hex(out, fd.bytes);
         }
         RecordData::Error(error) => {
-            id(out, ERROR_FLAG | error.class, true);
+            write_id(out, ERROR_FLAG | error.class, true);
             write_hex(out, &error.data);
         }
     }
+}
+
+fn write_id(out: &mut Vec<u8>, id: u32, extended: bool) {
+    let digits = if extended { 8 } else { 3 };
+    let _ = write!(out, "{id:0digits$X}#");
 }

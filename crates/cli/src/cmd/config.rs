@@ -256,9 +256,8 @@ impl ConfigApply {
         if self.yes {
             return Ok(());
         }
-        let refused = |what: &str| Problem::usage("E247", what).why("Nothing was written.");
         if !std::io::stdin().is_terminal() {
-            return Err(refused(
+            return Err(nothing_written(
                 "stdin is not a terminal, so the question cannot be \
              answered.",
             )
@@ -271,7 +270,7 @@ impl ConfigApply {
         if read && matches!(answer.trim(), "y" | "Y" | "yes") {
             return Ok(());
         }
-        Err(refused("not agreed."))
+        Err(nothing_written("not agreed."))
     }
 
     fn write_changes(
@@ -340,6 +339,10 @@ impl ConfigApply {
         Err(Problem::new(Exit::Negative, "E111", what)
             .why("It was written and accepted, but another value was read back."))
     }
+}
+
+fn nothing_written(what: &str) -> Problem {
+    Problem::usage("E247", what).why("Nothing was written.")
 }
 
 fn load_settings(file: &Path) -> Result<Settings> {

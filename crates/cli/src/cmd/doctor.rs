@@ -123,9 +123,8 @@ impl Doctor {
         if self.yes {
             return Ok(());
         }
-        let refused = |what: &str| Problem::usage("E247", what).why("Nothing was moved.");
         if !std::io::stdin().is_terminal() {
-            return Err(refused(
+            return Err(nothing_moved(
                 "stdin is not a terminal, so the question cannot be \
              answered.",
             )
@@ -137,7 +136,7 @@ impl Doctor {
             let mut answer = String::new();
             let read = std::io::stdin().read_line(&mut answer).is_ok();
             if !read || !matches!(answer.trim(), "y" | "Y" | "yes") {
-                return Err(refused("not agreed."));
+                return Err(nothing_moved("not agreed."));
             }
         }
         Ok(())
@@ -164,6 +163,10 @@ impl Doctor {
         }
         shown
     }
+}
+
+fn nothing_moved(what: &str) -> Problem {
+    Problem::usage("E247", what).why("Nothing was moved.")
 }
 
 /// Prints the observations of a proof, and ends it on a request of the user.

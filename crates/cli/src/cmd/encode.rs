@@ -79,17 +79,21 @@ fn parse_destination(text: &str) -> std::result::Result<Destination, String> {
     if let Some(axis) = text.strip_prefix(['h', 'H']) {
         return single(axis, true);
     }
-    let group = |text: &str| match text.parse::<u32>() {
-        Ok(number @ 1..=8) => Ok(1 << (number - 1)),
-        _ => Err("groups are 1 to 8: g1, g1+2, or g* for broadcast".to_owned()),
-    };
     match text.strip_prefix(['g', 'G']) {
         None => single(text, false),
         Some("*") => Ok(Destination { id: 0, groups: true, host: false }),
         Some(numbers) => {
-            let mask = numbers.split('+').try_fold(0, |mask, n| Ok::<_, String>(mask | group(n)?));
+            let mask =
+                numbers.split('+').try_fold(0, |mask, n| Ok::<_, String>(mask | parse_group(n)?));
             mask.map(|id| Destination { id, groups: true, host: false })
         }
+    }
+}
+
+fn parse_group(text: &str) -> std::result::Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(number @ 1..=8) => Ok(1 << (number - 1)),
+        _ => Err("groups are 1 to 8: g1, g1+2, or g* for broadcast".to_owned()),
     }
 }
 
@@ -190,12 +194,15 @@ fn no_such_wire(dissector: &dyn Dissector, word: &str) -> Problem {
 
 /// Instructions, and where in the text they begin; comments behind `//` are none.
 fn instructions(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let locate = move |piece: &str| piece.as_ptr() as usize - text.as_ptr() as usize;
     let lines = text.lines().map(|line| line.find("//").map_or(line, |end| &line[..end]));
     let pieces = lines.flat_map(|line| line.split(';')).filter(|piece| !piece.trim().is_empty());
     // A text without any is refused by the protocol, which knows what it expects.
     let empty = Some((0, text)).filter(|_| text.trim().is_empty());
-    empty.into_iter().chain(pieces.map(move |piece| (locate(piece), piece)))
+    empty.into_iter().chain(pieces.map(move |piece| (piece_offset(piece, text), piece)))
+}
+
+fn piece_offset(piece: &str, text: &str) -> usize {
+    piece.as_ptr() as usize - text.as_ptr() as usize
 }
 
 /// The bytes as a capture's line without the time.

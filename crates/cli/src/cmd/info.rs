@@ -3,6 +3,7 @@
 use clap::Args;
 use polepair::axis::DeviceDetail;
 use polepair::doctor::{ABSENT_TEXT, is_absent_error};
+use polepair::remote::RemoteLink;
 use polepair::{AxisInterface, LocalAxis};
 use polepair_client::message::{AxisInfo, AxisState, SignalValue};
 use polepair_core::profile::Signal;
@@ -93,8 +94,7 @@ impl Info {
         }
         out.flush()?;
         let links = server.bench().links.iter();
-        let is_shown = |link: u16| server.axes().iter().any(|axis| axis.info().link == link);
-        for link in links.filter(|link| is_shown(link.id)) {
+        for link in links.filter(|link| is_link_shown(link.id, &server)) {
             remote::link_troubles(link).iter().for_each(|line| print_note(line));
         }
         match failed.len() {
@@ -107,6 +107,10 @@ impl Info {
             }
         }
     }
+}
+
+fn is_link_shown(link: u16, server: &RemoteLink) -> bool {
+    server.axes().iter().any(|axis| axis.info().link == link)
 }
 
 /// Age above which a value is shown with it, ms.
@@ -238,13 +242,16 @@ fn absent_text(axis: &LocalAxis, wanted: Signal, problem: Problem) -> Result<Str
 pub fn signal_text(axis: &LocalAxis, wanted: Signal) -> Result<Option<String>> {
     let flag = axis.profile().signal(wanted).is_some_and(|source| source.equals.is_some());
     let value = read_signal(axis, wanted)?;
-    // The speed, which was read before, shows motion as well as the drive's own flag.
-    let moving = || axis.moving(&axis.state()) == Some(true);
     Ok(value.map(|value| match (wanted, flag) {
-        (Signal::Moving, _) => if moving() { "yes" } else { "no" }.to_owned(),
+        (Signal::Moving, _) => if is_axis_moving(axis) { "yes" } else { "no" }.to_owned(),
         (_, true) => if value.raw != 0 { "yes" } else { "no" }.to_owned(),
         (_, false) => value.to_string(),
     }))
+}
+
+fn is_axis_moving(axis: &LocalAxis) -> bool {
+    // The speed, which was read before, shows motion as well as the drive's own flag.
+    axis.moving(&axis.state()) == Some(true)
 }
 
 /// Faults and warnings with cause and remedy; empty without any.

@@ -79,16 +79,17 @@ impl CommandLine {
 
     /// Reads the command line.
     pub fn parse(words: Vec<OsString>, version: &str) -> std::result::Result<Self, clap::Error> {
-        let names = |word: &OsString| {
-            word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
-        };
         let command = ServerArgs::hide_server_options(Self::grammar().version(version.to_owned()));
         let command =
-            if words.iter().any(names) { ServerArgs::reword_help(command) } else { command };
+            if words.iter().any(names_server) { ServerArgs::reword_help(command) } else { command };
         let matches = command.try_get_matches_from(words)?;
         let word = matches.subcommand_name().unwrap_or_default().to_owned();
         Ok(Self { word, ..Self::from_arg_matches(&matches)? })
     }
+}
+
+fn names_server(word: &OsString) -> bool {
+    word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
 }
 
 const HELP_FOOTER: &str = "\

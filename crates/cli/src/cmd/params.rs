@@ -3,7 +3,9 @@
 use clap::Args;
 use polepair_capture::Explanation;
 use polepair_core::explain::Dissector;
-use polepair_core::profile::{Access, Certainty, Encoding, Parameter, Persistence, Profile};
+use polepair_core::profile::{
+    Access, Certainty, Encoding, Parameter, ParameterId, Persistence, Profile,
+};
 
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
@@ -155,8 +157,11 @@ fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
     fact("unit", parameter.unit.symbol().to_owned());
     fact("scale", scale_text(profile, parameter));
     let raw = if parameter.encoding.is_number() {
-        let raw = |raw| polepair::format_raw(parameter.encoding, raw);
-        format!("{} to {}, ", raw(parameter.min), raw(parameter.max))
+        format!(
+            "{} to {}, ",
+            raw_text(parameter.min, parameter.encoding),
+            raw_text(parameter.max, parameter.encoding)
+        )
     } else {
         String::new()
     };
@@ -178,6 +183,10 @@ fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
     }
     text.push_str(&table.render(false));
     text
+}
+
+fn raw_text(raw: i64, parameter_encoding: Encoding) -> String {
+    polepair::format_raw(parameter_encoding, raw)
 }
 
 /// Access to the parameter on the wire, by its protocol.
@@ -204,10 +213,11 @@ fn source_text(profile: &Profile, parameter: &Parameter) -> String {
 }
 
 fn scale_text(profile: &Profile, parameter: &Parameter) -> String {
-    let name = |id| profile.parameter(id).map_or("?", |other| other.name);
     let scale = parameter.scale;
-    let times = scale.times.map_or_else(String::new, |id| format!(" x {:?}", name(id)));
-    let over = scale.over.map_or_else(String::new, |id| format!(" / {:?}", name(id)));
+    let times =
+        scale.times.map_or_else(String::new, |id| format!(" x {:?}", parameter_name(id, profile)));
+    let over =
+        scale.over.map_or_else(String::new, |id| format!(" / {:?}", parameter_name(id, profile)));
     if scale.is_constant() && scale.factor == 1.0 {
         return String::new();
     }
@@ -218,6 +228,10 @@ fn scale_text(profile: &Profile, parameter: &Parameter) -> String {
         return format!("computed from {}", symbols.join(", "));
     }
     format!("raw x {}{times}{over}", format_number(scale.factor))
+}
+
+fn parameter_name(id: ParameterId, profile: &Profile) -> &str {
+    profile.parameter(id).map_or("?", |other| other.name)
 }
 
 fn range_text(parameter: &Parameter) -> String {

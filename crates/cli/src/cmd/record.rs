@@ -163,23 +163,23 @@ impl Recorder {
     /// Writes the frames since the last call, and prints losses at once.
     fn process_received(&mut self) -> Result<()> {
         let lost = self.traffic.process_received()?;
-        let sum = |which: fn(&Losses) -> u64, medium: MediumKind| -> u64 {
-            let wires = self.listener.wires().iter().enumerate();
-            let of = wires.filter(|(_, wire)| wire.medium == medium);
-            of.map(|(wire, _)| which(&self.listener.losses(wire))).sum()
-        };
-        let overrun = |losses: &Losses| losses.overrun;
-        let malformed = |losses: &Losses| losses.malformed;
-        let dropped = sum(overrun, MediumKind::Can) + sum(overrun, MediumKind::Serial);
+        let dropped = self.sum_losses(overrun_count, MediumKind::Can)
+            + self.sum_losses(overrun_count, MediumKind::Serial);
         self.lost += lost;
         let fresh = (dropped + self.lost).saturating_sub(self.overrun);
         if fresh > 0 {
             print_warning(&format!("{fresh} dropped: the system could not read them fast enough"));
         }
-        self.malformed = sum(malformed, MediumKind::Can);
-        self.damaged = sum(malformed, MediumKind::Serial);
+        self.malformed = self.sum_losses(malformed_count, MediumKind::Can);
+        self.damaged = self.sum_losses(malformed_count, MediumKind::Serial);
         self.overrun += fresh;
         Ok(())
+    }
+
+    fn sum_losses(&self, which: fn(&Losses) -> u64, medium: MediumKind) -> u64 {
+        let wires = self.listener.wires().iter().enumerate();
+        let of = wires.filter(|(_, wire)| wire.medium == medium);
+        of.map(|(wire, _)| which(&self.listener.losses(wire))).sum()
     }
 
     /// Completes the file and prints its contents.
@@ -191,13 +191,9 @@ impl Recorder {
         last?;
         let (what, seconds) = (plural(count, "record"), took.as_secs_f64());
         let files = if files > 1 { format!(" in {files} files") } else { String::new() };
-        let reported = |count: u64, what: &str| match count {
-            0 => String::new(),
-            count => format!("; {count} {what}"),
-        };
         let malformed_text =
-            reported(self.malformed, "were not frames of classic CAN and are not recorded")
-                + &reported(self.damaged, "characters were damaged (framing or parity)");
+            count_text(self.malformed, "were not frames of classic CAN and are not recorded")
+                + &count_text(self.damaged, "characters were damaged (framing or parity)");
         print_note(&format!(
             "{what}{files} in {seconds:.1} s, {} dropped{malformed_text}",
             self.overrun
@@ -212,6 +208,21 @@ impl Recorder {
         }
         Ok(if self.overrun > 0 { Exit::Partial } else { Exit::Ok })
     }
+}
+
+fn count_text(count: u64, what: &str) -> String {
+    match count {
+        0 => String::new(),
+        count => format!("; {count} {what}"),
+    }
+}
+
+fn malformed_count(losses: &Losses) -> u64 {
+    losses.malformed
+}
+
+fn overrun_count(losses: &Losses) -> u64 {
+    losses.overrun
 }
 
 pub fn plural(count: u64, what: &str) -> String {

@@ -342,8 +342,7 @@ impl ReplayLinks {
                 }
                 let all = played.moved_unknown;
                 let axes: Vec<u32> = played.moved_axes.iter().copied().filter(|_| !all).collect();
-                let mut on_event = |_: Stopping<'_>| ControlFlow::Continue(());
-                let stopped = stop_on(&self.connector, opened, wire, &axes, &mut on_event);
+                let stopped = stop_on(&self.connector, opened, wire, &axes, &mut ignore_stop_event);
                 let result =
                     stopped.map_err(outcome::to_problem).and_then(|it| stop::report_stops(url, it));
                 ended = ended.and(result.map(drop));
@@ -353,20 +352,32 @@ impl ReplayLinks {
     }
 }
 
+fn ignore_stop_event(_: Stopping<'_>) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
 fn join_thread<T>(ended: std::thread::Result<T>) -> T {
     ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// Prints the number of frames, their rate and their delays.
 fn print_result(played: &[ReplayResult], took: Duration) {
-    let sum = |which: fn(&ReplayResult) -> u64| played.iter().map(which).sum::<u64>();
-    let (sent, received) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.received));
+    let (sent, received) =
+        (plural(sum_results(|it| it.sent, played), "frame"), sum_results(|it| it.received, played));
     print_note(&format!("{sent} sent in {:.3} s; {received} received", took.as_secs_f64()));
-    let ms = |span: Duration| span.as_secs_f64() * 1e3;
     for (min_value, middle, max_value) in played.iter().filter_map(|it| it.lateness.summary()) {
-        let (least, middle, most) = (ms(min_value), ms(middle), ms(max_value));
+        let (least, middle, most) =
+            (milliseconds(min_value), milliseconds(middle), milliseconds(max_value));
         print_note(&format!("late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"));
     }
+}
+
+fn milliseconds(span: Duration) -> f64 {
+    span.as_secs_f64() * 1e3
+}
+
+fn sum_results(which: fn(&ReplayResult) -> u64, played: &[ReplayResult]) -> u64 {
+    played.iter().map(which).sum::<u64>()
 }
 
 /// Result of the whole: an error of a link before frames that could not be sent.

@@ -236,11 +236,14 @@ fn write_remote_json(axis: &AxisInfo, clash: bool, out: &mut Vec<u8>) {
 
 fn parse_ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
     let (first, last) = text.split_once('-').unwrap_or((text, text));
-    let number = |text: &str| text.trim().parse::<u32>().ok();
-    match (number(first), number(last)) {
+    match (parse_number_text(first), parse_number_text(last)) {
         (Some(first), Some(last)) if first <= last => Ok(first..=last),
         _ => Err("write one address, or FIRST-LAST such as 1-32".to_owned()),
     }
+}
+
+fn parse_number_text(text: &str) -> Option<u32> {
+    text.trim().parse::<u32>().ok()
 }
 
 fn found_table(found: &[DetectedDrive]) -> String {

@@ -10,6 +10,7 @@ use crate::outcome::to_sentence;
 use crate::problem::{Exit, Problem, Result};
 use crate::profile_args::ProfileFile;
 use crate::terminal::{DataOutput, print_note, print_warning};
+use tracing_subscriber::EnvFilter;
 
 /// Opens links and serves them to browsers and programs until Ctrl-C.
 ///
@@ -128,20 +129,21 @@ impl Serve {
     }
 
     fn init_logging(&self) {
-        let filter = || {
-            let wanted = std::env::var("POLEPAIR_LOG").unwrap_or_default();
-            let usual = "warn,polepair_serve=info";
-            let text = if wanted.is_empty() { usual } else { &wanted };
-            tracing_subscriber::EnvFilter::new(text)
-        };
         let to = tracing_subscriber::fmt().with_writer(std::io::stderr);
         // One was set already only where this runs inside another program.
         let _ = match self.log {
             LogFormat::Off => return,
-            LogFormat::Text => to.with_env_filter(filter()).try_init(),
-            LogFormat::Json => to.json().with_env_filter(filter()).try_init(),
+            LogFormat::Text => to.with_env_filter(log_filter()).try_init(),
+            LogFormat::Json => to.json().with_env_filter(log_filter()).try_init(),
         };
     }
+}
+
+fn log_filter() -> EnvFilter {
+    let wanted = std::env::var("POLEPAIR_LOG").unwrap_or_default();
+    let usual = "warn,polepair_serve=info";
+    let text = if wanted.is_empty() { usual } else { &wanted };
+    EnvFilter::new(text)
 }
 
 /// Problem for an error of the server.

@@ -19,6 +19,7 @@ use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note};
 use crate::value;
 use data_write::DataWrite;
+use polepair_serve::message::ParameterInfo;
 use readdress::AddressChange;
 
 /// Writes parameters by name or number, with units. Values are checked against their limits first.
@@ -92,13 +93,12 @@ impl Set {
                 continue;
             }
             let has = server.gateway.parameters(axis.id).map_err(remote::refusal_problem)?;
-            let reads = |name: &str| has.iter().any(|its| its.name == name && its.readable);
             let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
             let write = WriteParameters { epoch: lease.epoch(), ..write };
             for change in
                 server.gateway.write_parameters(axis.id, &write).map_err(remote::refusal_problem)?
             {
-                if reads(&change.name) {
+                if is_readable(&change.name, &has) {
                     self.read_back(server, axis.id, &who, &change, &mut out)?
                 } else {
                     out.write_line(&format!("{who}{}", written_text(&change)))
@@ -283,6 +283,10 @@ impl Set {
     }
 }
 
+fn is_readable(name: &str, has: &[ParameterInfo]) -> bool {
+    has.iter().any(|its| its.name == name && its.readable)
+}
+
 /// Why a value that was written is not shown as it was read.
 fn not_read_back_text(label: &str, name: &str, problem: &Problem) -> String {
     let label = if label.is_empty() { String::new() } else { format!("{label}: ") };
@@ -370,9 +374,12 @@ fn parse_switch(parameter: &Parameter, text: &str) -> Option<i64> {
 }
 
 fn out_of_range(axis: &LocalAxis, id: ParameterId, parameter: &Parameter, text: &str) -> Problem {
-    let shown = |raw| axis.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
-    let (min, max) = (shown(parameter.min), shown(parameter.max));
+    let (min, max) = (value_text(parameter.min, id, axis), value_text(parameter.max, id, axis));
     Problem::usage("E216", format!("{text} is out of range for {:?}.", parameter.name))
         .why(format!("It takes {min} to {max}. {}", outcome::sent_so_far()))
         .hint(format!("polepair params {} {:?}", axis.profile().name, parameter.name))
+}
+
+fn value_text(raw: i64, id: ParameterId, axis: &LocalAxis) -> String {
+    axis.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string())
 }

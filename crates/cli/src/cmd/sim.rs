@@ -190,13 +190,12 @@ struct WireEnds {
 
 impl WireEnds {
     fn from_args(sim: &Sim) -> Self {
-        let own = |list: &[String]| list.iter().cloned().collect();
         Self {
             pty: sim.pty.iter().cloned().collect(),
-            tcp: own(&sim.tcp),
-            udp: own(&sim.udp),
-            can: own(&sim.can),
-            socketcand: own(&sim.socketcand),
+            tcp: cloned_list(&sim.tcp),
+            udp: cloned_list(&sim.udp),
+            can: cloned_list(&sim.can),
+            socketcand: cloned_list(&sim.socketcand),
         }
     }
 
@@ -259,6 +258,10 @@ impl WireEnds {
             }
         }
     }
+}
+
+fn cloned_list(list: &[String]) -> VecDeque<String> {
+    list.iter().cloned().collect()
 }
 
 /// Name of a simulated bus for clients of socketcand.

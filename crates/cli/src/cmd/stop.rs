@@ -175,13 +175,20 @@ fn stop_everything(gateway: &Gateway) -> Result {
     );
     let named =
         RemoteSession::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
-    let label = |id| named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone());
-    let number = |id| format!("the server's axis {id}");
-    let reports =
-        axes.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
+    let reports = axes.into_iter().map(|how| {
+        (axis_label(how.id, &named).unwrap_or_else(|| axis_number_text(how.id)), Some(how))
+    });
     let mut failed: Vec<Problem> = unreached.into_iter().map(unreached_problem).collect();
     failed.extend(refused.into_iter().map(remote::refusal_problem));
     report_remote(reports.collect(), failed)
+}
+
+fn axis_number_text(id: u16) -> String {
+    format!("the server's axis {id}")
+}
+
+fn axis_label(id: u16, named: &[AxisInfo]) -> Option<String> {
+    named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone())
 }
 
 /// Stops axes that are named. One that is not there keeps none of the others from it.

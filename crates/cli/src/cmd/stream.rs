@@ -171,6 +171,9 @@ impl StreamCommand {
 /// The first of the points whose time is none that a TML drive takes where its slow loop is 1 ms.
 fn first_too_long(axis: &LocalAxis, points: &[Point]) -> Option<usize> {
     let is_tml = matches!(axis.protocol(), "tml" | "tmlcan" | "technocan");
-    let loops = |point: &Point| (point.time * 1e3).round();
-    is_tml.then(|| points.iter().position(|point| !(1.0..=511.0).contains(&loops(point))))?
+    is_tml.then(|| points.iter().position(|point| !(1.0..=511.0).contains(&rounded_ms(point))))?
+}
+
+fn rounded_ms(point: &Point) -> f64 {
+    (point.time * 1e3).round()
 }

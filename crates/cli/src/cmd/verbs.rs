@@ -155,20 +155,13 @@ fn run_simple(
 
 /// Observation of a motor that was switched off: its power, and whether it turns.
 fn power_off_text(axis: &Axis) -> Result<String> {
-    let read = |wanted: Signal| {
-        if axis.has_signal(wanted) {
-            axis.signals(&[wanted]).ok().and_then(|read| read.first().map(|one| one.value))
-        } else {
-            None
-        }
-    };
-    let mut powered = read(Signal::Enabled);
+    let mut powered = read_signal_value(Signal::Enabled, axis);
     for _ in 0..POLLS_MAX {
         if powered.is_none_or(|powered| powered == 0.0) {
             break;
         }
         axis.sleep(POLL_INTERVAL);
-        powered = read(Signal::Enabled);
+        powered = read_signal_value(Signal::Enabled, axis);
     }
     if powered.is_some_and(|powered| powered != 0.0) {
         return Err(still_powered_problem(axis.label()));
@@ -187,6 +180,14 @@ fn power_off_text(axis: &Axis) -> Result<String> {
         }
         _ => off.to_owned(),
     })
+}
+
+fn read_signal_value(wanted: Signal, axis: &Axis) -> Option<f64> {
+    if axis.has_signal(wanted) {
+        axis.signals(&[wanted]).ok().and_then(|read| read.first().map(|one| one.value))
+    } else {
+        None
+    }
 }
 
 /// Returns whether the motor turns, by what was read of it last.

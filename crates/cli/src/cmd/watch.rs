@@ -306,14 +306,19 @@ fn local_column(session: &LocalSession, axis: &LocalAxis, name: &str) -> Result<
     outcome::note_missing_unit(axis, id);
     let unit = if flag { "" } else { axis.unit(id).symbol() }.to_owned();
     let (number, its) = (axis.number(), axis.clone());
-    // Raw where its scale is not known.
-    let value = |value: Value| if value.value.is_finite() { value.value } else { value.raw as f64 };
     let read: Box<dyn Fn() -> Result<f64>> = match source {
-        Some((wanted, _)) => Box::new(move || Ok(signal_of(&its, wanted)?.map_or(f64::NAN, value))),
-        None => Box::new(move || read_parameter(&its, id).map(value)),
+        Some((wanted, _)) => {
+            Box::new(move || Ok(signal_of(&its, wanted)?.map_or(f64::NAN, finite_value)))
+        }
+        None => Box::new(move || read_parameter(&its, id).map(finite_value)),
     };
     let name = format!("{}{}", session.axis_prefix(axis), normalize_name(name));
     Ok(WatchColumn { number, link: None, name, unit, read })
+}
+
+fn finite_value(value: Value) -> f64 {
+    // Raw where its scale is not known.
+    if value.value.is_finite() { value.value } else { value.raw as f64 }
 }
 
 impl WatchColumn {

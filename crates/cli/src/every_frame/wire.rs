@@ -7,7 +7,7 @@ use std::time::Duration;
 use polepair::simulate::Simulation;
 use polepair::wire::AnyLink;
 use polepair::{Connector, LocalAxis};
-use polepair_core::medium::Medium;
+use polepair_core::medium::{Can, Medium};
 use polepair_core::time::Instant;
 use polepair_drives::bench::GroundTruth;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
@@ -140,8 +140,7 @@ impl RecordedWire {
             }
             AnyLink::Can(link) => {
                 let link: Arc<dyn LinkIo<_>> = Arc::from(link);
-                let end = |link| AnyLink::Can(Box::new(FailingLink { link, wire: self.clone() }));
-                (end(Arc::clone(&link)), end(link))
+                (self.failing_end(Arc::clone(&link)), self.failing_end(link))
             }
         };
         self.lock_log().simulation = Some(simulation.clone());
@@ -164,6 +163,10 @@ impl RecordedWire {
         self.lock_log().drives = truths.collect();
         self.0.counting.store(true, Ordering::SeqCst);
         theirs
+    }
+
+    fn failing_end(&self, link: Arc<dyn LinkIo<Can>>) -> AnyLink {
+        AnyLink::Can(Box::new(FailingLink { link, wire: self.clone() }))
     }
 
     /// State of all drives at this time after the verb's end.

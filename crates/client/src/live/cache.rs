@@ -118,9 +118,8 @@ impl LiveCache {
     }
 
     pub fn set_links(&self, bench: &BenchView) {
-        let lost = |id| bench.links.iter().find(|l| l.id == id && l.state == LinkState::Lost);
         let why = bench.axes.iter().filter_map(|axis| {
-            let link = lost(axis.link)?;
+            let link = lost_link(axis.link, &bench.links)?;
             let reason =
                 link.error.as_ref().map_or("the reason is unknown", |error| &error.message);
             Some((axis.id, format!("the link of {} went away: {reason}", axis.label)))
@@ -213,6 +212,10 @@ impl LiveCache {
     fn lock_state(&self) -> MutexGuard<'_, CachedState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+fn lost_link(id: u16, bench_links: &[LinkView]) -> Option<&LinkView> {
+    bench_links.iter().find(|l| l.id == id && l.state == LinkState::Lost)
 }
 
 /// Frames that pass on the server's links.

@@ -32,12 +32,12 @@ impl PendingLeaseRequests {
 
     /// Matches a reply about a lease that was acquired or released to its request.
     pub fn match_reply(&mut self, epoch: u64, held: bool) -> Option<PendingLeaseRequest> {
-        let its = |one: &PendingLeaseRequest, act| one.act == act && one.epoch == epoch;
         let at = if held {
-            let renewed = self.waiting.iter().position(|one| its(one, LeaseAction::Renew));
+            let renewed =
+                self.waiting.iter().position(|one| is_request_of(one, LeaseAction::Renew, epoch));
             renewed.or_else(|| self.waiting.iter().position(PendingLeaseRequest::is_acquire))
         } else {
-            self.waiting.iter().position(|one| its(one, LeaseAction::Drop))
+            self.waiting.iter().position(|one| is_request_of(one, LeaseAction::Drop, epoch))
         };
         at.and_then(|at| self.waiting.remove(at))
     }
@@ -59,6 +59,10 @@ impl PendingLeaseRequests {
     pub fn into_senders(self) -> impl Iterator<Item = ResponseSender<u64>> {
         self.waiting.into_iter().filter_map(|one| one.reply)
     }
+}
+
+fn is_request_of(one: &PendingLeaseRequest, act: LeaseAction, epoch: u64) -> bool {
+    one.act == act && one.epoch == epoch
 }
 
 impl PendingLeaseRequest {

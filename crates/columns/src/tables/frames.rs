@@ -119,22 +119,30 @@ impl FrameRows {
     /// Frames that change nothing, column by column.
     pub fn push_plain(&mut self, run: &[CompactFrame], templates: &EncodedTemplates) {
         push_times(&mut self.t_ns, run);
-        let of = |plain| templates.get(plain);
         match templates.bus {
             Some(bus) => self.bus.keys().repeat(Some(bus), run.len()),
-            None => self.bus.keys().extend(run.iter().map(|plain| of(plain).bus)),
+            None => {
+                self.bus.keys().extend(run.iter().map(|plain| template_of(plain, templates).bus))
+            }
         }
         match templates.direction {
             Some(direction) => self.dir.repeat(direction, run.len()),
-            None => run.iter().for_each(|plain| self.dir.push_option(of(plain).direction)),
+            None => run
+                .iter()
+                .for_each(|plain| self.dir.push_option(template_of(plain, templates).direction)),
         }
         match templates.protocol {
             Some(protocol) => self.protocol.keys().repeat(Some(protocol), run.len()),
-            None => self.protocol.keys().extend(run.iter().map(|plain| of(plain).protocol)),
+            None => self
+                .protocol
+                .keys()
+                .extend(run.iter().map(|plain| template_of(plain, templates).protocol)),
         }
-        self.can_id.extend(run.iter().map(|plain| of(plain).id));
+        self.can_id.extend(run.iter().map(|plain| template_of(plain, templates).id));
         self.flags.repeat(Some(0), run.len());
-        self.data.extend(run.iter().map(|plain| (plain.data.to_le_bytes(), of(plain).len)));
+        self.data.extend(
+            run.iter().map(|plain| (plain.data.to_le_bytes(), template_of(plain, templates).len)),
+        );
         self.file_pos.extend(run.iter().map(|plain| to_i64(plain.offset)));
         self.seq.extend(run.iter().map(|plain| to_i64(plain.number)));
     }
@@ -181,6 +189,10 @@ impl FrameRows {
     }
 }
 
+fn template_of<'t>(plain: &CompactFrame, templates: &'t EncodedTemplates) -> &'t EncodedTemplate {
+    templates.get(plain)
+}
+
 fn direction_code(way: Direction) -> i8 {
     (way == Direction::ToDrive).into()
 }
@@ -195,8 +207,7 @@ fn protocol_word(name: &'static str) -> &'static str {
 }
 
 fn flags_of(event: &DecodedFrame<'_>) -> i32 {
-    let is_kind = |kind: &str| event.protocol.is_none() && event.explanation.kind == kind;
-    let error = is_kind(ERROR_FRAME);
+    let error = is_plain_event_kind(ERROR_FRAME, event.protocol, &event.explanation.kind);
     let bits = [
         (event.extended && !error, flags::EXTENDED),
         (event.remote, flags::REMOTE),
@@ -211,8 +222,16 @@ fn flags_of(event: &DecodedFrame<'_>) -> i32 {
         ),
         (event.defect.is_some_and(FrameDefect::is_bad_check), flags::BAD_CHECK),
         (event.stray, flags::STRAY),
-        (is_kind(CAN_FD), flags::FD),
+        (is_plain_event_kind(CAN_FD, event.protocol, &event.explanation.kind), flags::FD),
         (event.defect.is_some(), flags::WRONG),
     ];
     bits.into_iter().filter(|(set, _)| *set).map(|(_, bit)| bit).sum()
+}
+
+fn is_plain_event_kind(
+    kind: &str,
+    event_protocol: Option<&'static str>,
+    event_explanation_kind: &str,
+) -> bool {
+    event_protocol.is_none() && event_explanation_kind == kind
 }

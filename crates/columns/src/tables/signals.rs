@@ -96,14 +96,13 @@ impl SignalRows {
     /// The values of frames that change nothing.
     pub fn push_plain(&mut self, run: &[CompactFrame], templates: &SignalTemplates) {
         let rows = templates.row_count(run);
-        let time = |plain: &CompactFrame| timestamp_ns(Some(plain.time));
-        if run.iter().all(|plain| time(plain).is_some()) {
+        if run.iter().all(|plain| frame_time_ns(plain).is_some()) {
             self.t_ns.extend_default(rows);
         } else {
             let all = run.iter().flat_map(|plain| {
-                core::iter::repeat_n(time(plain), templates.get(plain).values.len())
+                core::iter::repeat_n(frame_time_ns(plain), templates.get(plain).values.len())
             });
-            all.for_each(|time| self.t_ns.push_option(time));
+            all.for_each(|frame_time_ns| self.t_ns.push_option(frame_time_ns));
         }
         let words = self.bus.keys().extend_default(rows).iter_mut();
         let words = words.zip(self.signal.keys().extend_default(rows));
@@ -117,7 +116,8 @@ impl SignalRows {
         let mut rows_left = words.zip(numbers).zip(origins);
         for plain in run {
             let template = templates.get(plain);
-            let (time, number) = (time(plain).unwrap_or_default(), to_i64(plain.number));
+            let (frame_time_ns, number) =
+                (frame_time_ns(plain).unwrap_or_default(), to_i64(plain.number));
             // Values first: where they end, no row is taken.
             for (ValueTemplate { position, signal, unit }, row) in
                 template.values.iter().zip(rows_left.by_ref())
@@ -129,7 +129,7 @@ impl SignalRows {
                 let (exact, value) = numbers;
                 (*exact, *value) = (whole, position.value(whole));
                 let (((t_ns, axis), quality), frame) = origins;
-                (*t_ns, *axis, *quality) = (time, template.axis, template.quality);
+                (*t_ns, *axis, *quality) = (frame_time_ns, template.axis, template.quality);
                 *frame = number;
             }
         }
@@ -179,4 +179,8 @@ impl SignalRows {
         ];
         sort_by_time(&times, RecordBatch::try_new(TableKind::Signals.schema(), columns)?)
     }
+}
+
+fn frame_time_ns(plain: &CompactFrame) -> Option<i64> {
+    timestamp_ns(Some(plain.time))
 }

@@ -189,27 +189,31 @@ fn next_read<R: Request, A: Copy + 'static>(
         let exact = wanted.filter(|test| test.compare == Compare::Equal && test.mask == -1);
         exact.map(|test| (GuardRead::Mode(test.value), mode.parameter))
     });
-    // A fault that the plan has ruled out before is a new one.
-    let is_ruled_out = |source: &SignalSource| {
-        let rules_out =
-            |step: &Step| matches!(step, Step::NoFault { read, .. } if *read == source.parameter);
-        steps.iter().any(rules_out)
-    };
     let fault = slot.profile.signal(Signal::Fault);
-    let fault = fault.filter(|source| power.is_none() || is_ruled_out(source));
+    let fault = fault.filter(|source| power.is_none() || is_source_ruled_out(source, steps));
     let reads = [
         power.map(|power| (GuardRead::Power, power.parameter)),
         mode,
         fault.map(|fault| (GuardRead::Fault, fault.parameter)),
     ];
-    let order = |read: GuardRead| match read {
+    let passed = last.map_or(0, read_order);
+    let mut left = reads.into_iter().flatten().filter(|(read, id)| {
+        read_order(*read) > passed && *id != waited_for && !slot.lacks_parameter(*id)
+    });
+    left.next().map_or(GuardVerdict::WaitOn, |(read, id)| GuardVerdict::Read(read, id))
+}
+
+fn read_order(read: GuardRead) -> i32 {
+    match read {
         GuardRead::Power => 1,
         GuardRead::Mode(_) => 2,
         GuardRead::Fault | GuardRead::FaultWithoutPower => 3,
-    };
-    let passed = last.map_or(0, order);
-    let mut left = reads.into_iter().flatten().filter(|(read, id)| {
-        order(*read) > passed && *id != waited_for && !slot.lacks_parameter(*id)
-    });
-    left.next().map_or(GuardVerdict::WaitOn, |(read, id)| GuardVerdict::Read(read, id))
+    }
+}
+
+fn is_source_ruled_out(source: &SignalSource, steps: &[Step]) -> bool {
+    // A fault that the plan has ruled out before is a new one.
+    let rules_out =
+        |step: &Step| matches!(step, Step::NoFault { read, .. } if *read == source.parameter);
+    steps.iter().any(rules_out)
 }

@@ -36,13 +36,12 @@ impl<R: Request> Job<R> {
         slot: &AxisSlot<R, A>,
         in_flight: InFlight,
     ) -> bool {
-        let moves = |id| slot.parameter(id).is_some_and(|parameter| parameter.moves);
         match (&self.task, in_flight) {
             (JobTask::Run(run), InFlight::Write(..) | InFlight::Send(_))
                 if run.undo_reason.is_none() =>
             {
                 let verb = run.verb.is_some_and(Verb::starts_motion);
-                let sets = matches!(in_flight, InFlight::Write(id, ..) if moves(id));
+                let sets = matches!(in_flight, InFlight::Write(id, ..) if moves_motor(id, slot));
                 in_flight.changes_drive() && (verb || run.verb.is_none() && sets)
             }
             (JobTask::Path, InFlight::Send(_)) => in_flight.changes_drive(),
@@ -60,6 +59,10 @@ impl<R: Request> Job<R> {
             _ => false,
         }
     }
+}
+
+fn moves_motor<R: Request, A: Copy + 'static>(id: ParameterId, slot: &AxisSlot<R, A>) -> bool {
+    slot.parameter(id).is_some_and(|parameter| parameter.moves)
 }
 
 /// Replies so far of the drives of a group to the current request.

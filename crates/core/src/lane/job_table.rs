@@ -127,8 +127,13 @@ impl<R: Request> JobTable<R> {
     /// The jobs of the axis that job `n` is for.
     #[cold]
     pub fn same_axis_mask(&self, n: usize) -> u64 {
-        let axis = |n: usize| self.jobs[n].as_ref().map(|job| job.axis);
-        set_bits(self.used).filter(|m| axis(*m) == axis(n)).fold(0, |mask, m| mask | 1 << m)
+        set_bits(self.used)
+            .filter(|m| self.job_axis(*m) == self.job_axis(n))
+            .fold(0, |mask, m| mask | 1 << m)
+    }
+
+    fn job_axis(&self, n: usize) -> Option<u8> {
+        self.jobs[n].as_ref().map(|job| job.axis)
     }
 
     /// The host's ticket for the protocol's own request that runs under `ticket`.

@@ -37,16 +37,15 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         } else {
             (WINDOW_ROTARY, STANDSTILL_ROTARY)
         };
-        let in_counts = |value: f64| si.map(|si| value / si.abs());
-        let default_window = in_counts(window).unwrap_or(0.0);
+        let default_window = value_in_counts(window, si).unwrap_or(0.0);
         let speed = command.and_then(|command| command.velocity).filter(|speed| *speed != 0.0);
         Tolerance {
             encoding: parameter.map_or(Encoding::I32, |p| p.encoding),
             window: default_window.max(WINDOW_COUNTS_MIN),
             noise: (default_window * NOISE_SHARE).max(NOISE_COUNTS),
             standstill: self.standstill_speed(),
-            drift: in_counts(slow).unwrap_or(0.0),
-            speed: speed.and_then(|speed| in_counts(speed.abs())),
+            drift: value_in_counts(slow, si).unwrap_or(0.0),
+            speed: speed.and_then(|speed| value_in_counts(speed.abs(), si)),
         }
     }
 
@@ -115,10 +114,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         if let Some((_, test)) = flag.filter(|(parameter, _)| *parameter == id) {
             seen.flag = Some(test.passes(raw));
         }
-        let passes = |rule: Option<(ParameterId, ParameterTest)>| {
-            rule.filter(|(parameter, _)| *parameter == id).map(|(_, test)| test.passes(raw))
-        };
-        (seen.halted, seen.stalled) = (passes(rules.halted), passes(rules.stalled));
+        (seen.halted, seen.stalled) =
+            (passes_rule(rules.halted, id, raw), passes_rule(rules.stalled, id, raw));
         seen
     }
 
@@ -130,4 +127,16 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         let stops = known.peek().is_none() || known.any(|fault| fault.severity == Severity::Fault);
         if code != 0 && stops { code } else { 0 }
     }
+}
+
+fn passes_rule(
+    rule: Option<(ParameterId, ParameterTest)>,
+    id: ParameterId,
+    raw: i64,
+) -> Option<bool> {
+    rule.filter(|(parameter, _)| *parameter == id).map(|(_, test)| test.passes(raw))
+}
+
+fn value_in_counts(value: f64, si: Option<f64>) -> Option<f64> {
+    si.map(|si| value / si.abs())
 }

@@ -349,10 +349,13 @@ fn guard_autorun(pieces: Vec<MemoryBlock>, rules: &MemoryRules) -> Vec<MemoryBlo
         }
     }
     let Some(first) = first else { return parts };
-    let word = |word| MemoryBlock { start: autorun, words: Vec::from([word]) };
-    parts.insert(0, word(harmless));
+    parts.insert(0, autorun_block(harmless, autorun));
     if first != harmless {
-        parts.push(word(first));
+        parts.push(autorun_block(first, autorun));
     }
     parts
+}
+
+fn autorun_block(word: u16, autorun: u16) -> MemoryBlock {
+    MemoryBlock { start: autorun, words: Vec::from([word]) }
 }

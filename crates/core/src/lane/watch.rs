@@ -6,6 +6,8 @@
 //! motion; power, fault and limits every 200 ms. The reasons are read only when the motor stopped elsewhere than at its
 //! target.
 
+mod item;
+
 use alloc::vec::Vec;
 use core::time::Duration;
 
@@ -16,9 +18,10 @@ use crate::axis::{Command, MotionReport, Verb};
 use crate::error::{Failure, Outcome};
 use crate::judge::{MotionGoal, MotionJudge, MotionVerdict};
 use crate::plan::{ParameterTest, Step};
-use crate::profile::{ParameterId, RelativeBase, Signal};
+use crate::profile::{Encoding, ParameterId, RelativeBase, Signal};
 use crate::station::Request;
 use crate::time::Instant;
+use item::{Item, bits};
 
 /// Interval of reading the drive's own report.
 // A TMCL poll at 9,600 baud takes 19 ms, so a slow line is not asked for more than it can carry.
@@ -34,55 +37,6 @@ const MEMBERS_MAX: usize = 32;
 /// Time to look for evidence of a start that was not acknowledged.
 // Room for five readings of each of three values on a TMCL line at 9,600 baud.
 const PROOF_MS: u32 = 300;
-
-/// Something that is read while a motion is waited for.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-#[repr(u8)]
-enum Item {
-    Flag,
-    Position,
-    Velocity,
-    Fault,
-    Enabled,
-    PositiveLimit,
-    NegativeLimit,
-    Mode,
-    TargetPosition,
-    Window,
-    Halted,
-    Stalled,
-}
-
-impl Item {
-    const ALL: [Self; 12] = [
-        Self::Flag,
-        Self::Position,
-        Self::Velocity,
-        Self::Fault,
-        Self::Enabled,
-        Self::PositiveLimit,
-        Self::NegativeLimit,
-        Self::Mode,
-        Self::TargetPosition,
-        Self::Window,
-        Self::Halted,
-        Self::Stalled,
-    ];
-    const BEFORE: u16 = bits(&[Self::Flag, Self::Position]);
-    const MEASURED: u16 = bits(&[Self::Position, Self::Velocity]);
-    const SAFETY: u16 =
-        bits(&[Self::Fault, Self::Enabled, Self::PositiveLimit, Self::NegativeLimit, Self::Mode]);
-    const REASONS: u16 = Self::SAFETY | bits(&[Self::Halted, Self::Stalled]);
-}
-
-const fn bits(items: &[Item]) -> u16 {
-    let (mut mask, mut at) = (0, 0);
-    while at < items.len() {
-        mask |= 1 << items[at] as u16;
-        at += 1;
-    }
-    mask
-}
 
 /// The progress of one wait.
 #[derive(Clone, Copy, Debug, Default)]
@@ -315,25 +269,27 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             return;
         };
         let way = command.target.and_then(|target| self.target_counts(id, target, command.raw));
-        let encoding = self.parameter(id).map_or(crate::profile::Encoding::I32, |p| p.encoding);
+        let encoding = self.parameter(id).map_or(Encoding::I32, |p| p.encoding);
         let unscaled = self.unit_value(id).is_none();
         let last = self.motion.last_target;
         let relative = self.profile.motion.relative_from;
         let mut next_target = None;
         for (_, judge) in &mut self.motion.members {
-            let from = |base: Option<i64>| {
-                let sum = encoding.number(base?) + way?;
-                encoding.raw(sum)
-            };
             let before = judge.target_before().or(last);
             let targets = match (verb, relative) {
                 (Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo, _) => {
                     [way.and_then(|way| encoding.raw(way)), None]
                 }
-                (Verb::MoveOn, _) => [from(last), from(judge.target_before())],
-                (_, RelativeBase::Target) => [from(before), None],
-                (_, RelativeBase::Actual) => [from(judge.start()), None],
-                (_, RelativeBase::Either) => [from(judge.start()), from(before)],
+                (Verb::MoveOn, _) => [
+                    offset_target(last, encoding, way),
+                    offset_target(judge.target_before(), encoding, way),
+                ],
+                (_, RelativeBase::Target) => [offset_target(before, encoding, way), None],
+                (_, RelativeBase::Actual) => [offset_target(judge.start(), encoding, way), None],
+                (_, RelativeBase::Either) => [
+                    offset_target(judge.start(), encoding, way),
+                    offset_target(before, encoding, way),
+                ],
             };
             if unscaled {
                 let share = way.map_or(0.0, |way| way.abs() * WINDOW_SHARE);
@@ -508,24 +464,22 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         let watch = &mut run.watch;
         // On a slow line most of the time is for the report, which ends the wait.
         let cost = watch.round_began.map_or(Duration::ZERO, |began| now.since(began));
-        let pause = |ms: u32| now + Duration::from_millis(ms.into()).max(cost * ROUND_PAUSE_FACTOR);
         if watch.measured {
-            watch.measure_due = Some(pause(MEASURE_MS));
+            watch.measure_due = Some(pause_after(MEASURE_MS, now, cost));
         }
         if watch.has_safety {
-            watch.safety_due = Some(pause(SAFETY_MS));
+            watch.safety_due = Some(pause_after(SAFETY_MS, now, cost));
         }
-        let due = |at: Option<Instant>| at.is_none_or(|at| at <= now.plus_ms(FLAG_MS));
         watch.round_began = Some(now.plus_ms(FLAG_MS));
         watch.pending = 0;
         if has_flag && !stops {
             watch.pending |= bits(&[Item::Flag]);
         }
-        watch.measured = !has_flag || stops || due(watch.measure_due);
+        watch.measured = !has_flag || stops || is_due_by(watch.measure_due, now);
         if watch.measured {
             watch.pending |= Item::MEASURED;
         }
-        watch.has_safety = !stops && due(watch.safety_due);
+        watch.has_safety = !stops && is_due_by(watch.safety_due, now);
         if watch.has_safety {
             watch.pending |= Item::SAFETY;
         }
@@ -540,10 +494,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
     /// The verdict of all drives: the first that is not done counts.
     fn combined_verdict(&self, now: Instant) -> MotionVerdict {
         let verdicts = || self.motion.members.iter().map(|(_, judge)| judge.verdict(now));
-        let pending = |verdict: &MotionVerdict| {
-            matches!(verdict, MotionVerdict::Pending | MotionVerdict::Examine)
-        };
-        match verdicts().find(pending) {
+        match verdicts().find(is_pending_verdict) {
             // The reasons are read once all drives have ended.
             Some(_) if verdicts().any(|verdict| verdict == MotionVerdict::Pending) => {
                 MotionVerdict::Pending
@@ -614,8 +565,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// Marks a parameter as missing: its signals are never known.
     pub fn mark_missing(&mut self, id: ParameterId) {
-        let is = |signal| self.profile.signal(signal).is_some_and(|source| source.parameter == id);
-        let (position, speed) = (is(Signal::Position), is(Signal::Velocity));
+        let (position, speed) =
+            (self.is_signal_of(Signal::Position, id), self.is_signal_of(Signal::Velocity, id));
         let first = self.motion.first.as_mut();
         let members = self.motion.members.iter_mut().map(|(_, judge)| judge);
         for judge in first.into_iter().chain(members) {
@@ -627,6 +578,10 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
                 judge.mark_without_speed();
             }
         }
+    }
+
+    fn is_signal_of(&self, signal: Signal, id: ParameterId) -> bool {
+        self.profile.signal(signal).is_some_and(|source| source.parameter == id)
     }
 
     /// Begins to look for evidence of a start that was not acknowledged. False where none is possible.
@@ -663,6 +618,23 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         run.watch.pending = Item::MEASURED | bits(&[Item::Flag]);
         WatchStep::Sleep(now.plus_ms(FLAG_MS))
     }
+}
+
+fn is_pending_verdict(verdict: &MotionVerdict) -> bool {
+    matches!(verdict, MotionVerdict::Pending | MotionVerdict::Examine)
+}
+
+fn is_due_by(at: Option<Instant>, now: Instant) -> bool {
+    at.is_none_or(|at| at <= now.plus_ms(FLAG_MS))
+}
+
+fn pause_after(ms: u32, now: Instant, cost: Duration) -> Instant {
+    now + Duration::from_millis(ms.into()).max(cost * ROUND_PAUSE_FACTOR)
+}
+
+fn offset_target(base: Option<i64>, encoding: Encoding, way: Option<f64>) -> Option<i64> {
+    let sum = encoding.number(base?) + way?;
+    encoding.raw(sum)
 }
 
 /// Purpose of a reading.

@@ -73,11 +73,10 @@ impl Trajectory {
     /// Changes how it may move, from now on. A change of `smoothing_s` takes effect when the
     /// set-point is next at rest.
     pub fn set_limits(&mut self, limits: Limits) {
-        let within = |a: f64| if a > 0.0 { a.min(ACCELERATION_MAX) } else { ACCELERATION_MAX };
         self.limits = Limits {
             velocity: limits.velocity.abs(),
-            acceleration: within(limits.acceleration),
-            deceleration: within(limits.deceleration),
+            acceleration: limited_acceleration(limits.acceleration),
+            deceleration: limited_acceleration(limits.deceleration),
             smoothing_s: limits.smoothing_s.max(0.0),
         };
     }
@@ -243,6 +242,10 @@ impl Trajectory {
             self.output = self.base;
         }
     }
+}
+
+fn limited_acceleration(a: f64) -> f64 {
+    if a > 0.0 { a.min(ACCELERATION_MAX) } else { ACCELERATION_MAX }
 }
 
 /// Nearer than this counts as there, rad: far below a count of any encoder.

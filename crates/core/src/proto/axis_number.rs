@@ -54,12 +54,17 @@ impl AxisNumber {
     /// Reads the number of one axis: `5`, `5.2`. `None` for anything else, groups included.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
-        let plain = |text: &str| text.parse().ok().filter(|number| Self(*number).is_plain());
         match text.split_once('.') {
-            None => plain(text).map(Self),
-            Some((drive, sub)) => Some(Self(with_sub_axis(plain(drive)?, sub.parse().ok()?))),
+            None => plain_number(text).map(Self),
+            Some((drive, sub)) => {
+                Some(Self(with_sub_axis(plain_number(drive)?, sub.parse().ok()?)))
+            }
         }
     }
+}
+
+fn plain_number(text: &str) -> Option<u32> {
+    text.parse().ok().filter(|number| AxisNumber(*number).is_plain())
 }
 
 /// An [`AxisNumber`] in JSON.

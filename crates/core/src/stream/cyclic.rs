@@ -136,26 +136,27 @@ impl SetpointTracker {
         if !rate.is_finite() {
             return Err(BoundsViolation::NotANumber);
         }
-        let beyond = |value: f64, max: Option<f64>| max.is_some_and(|max| value.abs() > max);
         match setpoint {
             SetpointKind::Position
                 if bounds.position.is_some_and(|(min, max)| !(min..=max).contains(&next)) =>
             {
                 Err(BoundsViolation::Position)
             }
-            SetpointKind::Position if beyond(rate, bounds.velocity) => {
+            SetpointKind::Position if is_beyond(rate, bounds.velocity) => {
                 Err(BoundsViolation::Velocity)
             }
-            SetpointKind::Position if beyond((rate - self.speed) / period, bounds.acceleration) => {
+            SetpointKind::Position
+                if is_beyond((rate - self.speed) / period, bounds.acceleration) =>
+            {
                 Err(BoundsViolation::Acceleration)
             }
-            SetpointKind::Velocity if beyond(next, bounds.velocity) => {
+            SetpointKind::Velocity if is_beyond(next, bounds.velocity) => {
                 Err(BoundsViolation::Velocity)
             }
-            SetpointKind::Velocity if beyond(rate, bounds.acceleration) => {
+            SetpointKind::Velocity if is_beyond(rate, bounds.acceleration) => {
                 Err(BoundsViolation::Acceleration)
             }
-            SetpointKind::Torque if beyond(next, bounds.torque) => Err(BoundsViolation::Torque),
+            SetpointKind::Torque if is_beyond(next, bounds.torque) => Err(BoundsViolation::Torque),
             _ => {
                 *self = Self { last: next, speed: rate };
                 Ok(())
@@ -168,6 +169,10 @@ impl SetpointTracker {
     pub fn may_end(&self, setpoint: SetpointKind) -> bool {
         setpoint == SetpointKind::Position || self.last == 0.0
     }
+}
+
+fn is_beyond(value: f64, max: Option<f64>) -> bool {
+    max.is_some_and(|max| value.abs() > max)
 }
 
 /// Timing and following error of a cyclic motion.

@@ -373,10 +373,9 @@ impl Drive {
 
     fn input_bits(&self) -> i64 {
         let (lines, position) = (&self.lines, self.shaft.motor().position());
-        let bit = |n: u8, closed: bool| i64::from(closed) << n;
-        bit(0, lines.is_negative_closed(position))
-            | bit(1, lines.is_positive_closed(position))
-            | bit(2, lines.is_home_closed(position))
+        input_bit(0, lines.is_negative_closed(position))
+            | input_bit(1, lines.is_positive_closed(position))
+            | input_bit(2, lines.is_home_closed(position))
     }
 
     fn clock_value(&self) -> i64 {
@@ -385,6 +384,10 @@ impl Drive {
         let [a, b, c, d, e, f] = TimeOfDay::from_unix_ms(ms).unwrap_or_default().bytes();
         i64::from_le_bytes([a, b, c, d, e, f, 0, 0])
     }
+}
+
+fn input_bit(n: u8, closed: bool) -> i64 {
+    i64::from(closed) << n
 }
 
 /// Returns false for values that are refused although they lie within the entry's limits.

@@ -485,23 +485,31 @@ impl Objects {
     }
 
     fn update_factors(&mut self) {
-        let ratio = |over, under| self.real_value(over) / self.real_value(under).max(1.0);
-        let gear = ratio(stored::GEAR_MOTOR, stored::GEAR_SHAFT);
+        let gear = self.value_ratio(stored::GEAR_MOTOR, stored::GEAR_SHAFT);
         // A setting that contradicts another one changes nothing.
         let scales = [&units::POSITION, &units::VELOCITY, &units::ACCELERATION]
             .map(|rule| (rule.compute)(&|key| self.scale_object(key), false).ok());
-        let motor = |per: f64, scale: ScaleRuleValue| per * gear * scale.factor;
         let [position, velocity, acceleration] = scales;
-        self.rad_per_unit = position.map_or(self.rad_per_unit, |scale| motor(TAU, scale));
+        self.rad_per_unit =
+            position.map_or(self.rad_per_unit, |scale| motor_scale(TAU, scale, gear));
         self.rad_per_velocity_unit =
-            velocity.map_or(self.rad_per_velocity_unit, |scale| motor(RPM, scale));
-        self.rad_per_acceleration_unit =
-            acceleration.map_or(self.rad_per_acceleration_unit, |scale| motor(RPM, scale));
-        let turned = |bit: i32| if self.value(stored::POLARITY) & bit != 0 { -1.0 } else { 1.0 };
-        (self.rad_per_position, self.rad_per_velocity) =
-            (self.rad_per_unit * turned(0x80), self.rad_per_velocity_unit * turned(0x40));
+            velocity.map_or(self.rad_per_velocity_unit, |scale| motor_scale(RPM, scale, gear));
+        self.rad_per_acceleration_unit = acceleration
+            .map_or(self.rad_per_acceleration_unit, |scale| motor_scale(RPM, scale, gear));
+        (self.rad_per_position, self.rad_per_velocity) = (
+            self.rad_per_unit * self.polarity_sign(0x80),
+            self.rad_per_velocity_unit * self.polarity_sign(0x40),
+        );
         (self.positions_per_rad, self.velocities_per_rad) =
             (1.0 / self.rad_per_position, 1.0 / self.rad_per_velocity);
+    }
+
+    fn polarity_sign(&self, bit: i32) -> f64 {
+        if self.value(stored::POLARITY) & bit != 0 { -1.0 } else { 1.0 }
+    }
+
+    fn value_ratio(&self, over: u16, under: u16) -> f64 {
+        self.real_value(over) / self.real_value(under).max(1.0)
     }
 
     /// The objects that units are computed from. 607Eh is not among them: a drive turns its values round
@@ -609,4 +617,8 @@ impl Objects {
             _ => Braking::Hard,
         }
     }
+}
+
+fn motor_scale(per: f64, scale: ScaleRuleValue, gear: f64) -> f64 {
+    per * gear * scale.factor
 }

@@ -157,21 +157,27 @@ impl SiUnit {
 
     /// Codes of CiA 303-2, and what makers add to them for revolutions, increments, inches and feet.
     fn numerator(self) -> Option<Length> {
-        let of_turn = |part: f64| Some(Length::Turns(self.power_of_ten() / part));
-        let of_metre = |metres: f64| Some(Length::Metres(self.power_of_ten() * metres));
         match (self.0 >> 16) as u8 {
-            0x01 => of_metre(1.0),
-            0x10 => of_turn(TAU),
-            0x40 => of_turn(400.0),
-            0x41 => of_turn(360.0),
-            0x42 => of_turn(360.0 * 60.0),
-            0x43 => of_turn(360.0 * 3600.0),
-            0xB4 => of_turn(1.0),
+            0x01 => self.metre_length(1.0),
+            0x10 => self.turn_length(TAU),
+            0x40 => self.turn_length(400.0),
+            0x41 => self.turn_length(360.0),
+            0x42 => self.turn_length(360.0 * 60.0),
+            0x43 => self.turn_length(360.0 * 3600.0),
+            0xB4 => self.turn_length(1.0),
             0xB5 => Some(Length::Increments(self.power_of_ten())),
-            0xC1 => of_metre(0.0254),
-            0xC2 => of_metre(0.3048),
+            0xC1 => self.metre_length(0.0254),
+            0xC2 => self.metre_length(0.3048),
             _ => None,
         }
+    }
+
+    fn metre_length(&self, metres: f64) -> Option<Length> {
+        Some(Length::Metres(self.power_of_ten() * metres))
+    }
+
+    fn turn_length(&self, part: f64) -> Option<Length> {
+        Some(Length::Turns(self.power_of_ten() / part))
     }
 
     /// Seconds of the denominator, where it is a time.
@@ -226,9 +232,6 @@ fn position(objects: &Objects<'_>) -> Result<PositionScale, NoScale> {
     const FROM_ENCODER: &[ObjectKey] = &[INCREMENTS, REVOLUTIONS, GEAR.0, GEAR.1];
     const FROM_FACTOR: &[ObjectKey] = &[P.0, P.1, INCREMENTS, REVOLUTIONS, GEAR.0, GEAR.1];
     let feed = objects.ratio(FEED);
-    let plain = |units_per_turn: f64, from| {
-        Ok(PositionScale { units_per_turn, metres_per_turn: None, from })
-    };
     if let Some(si) = objects.si_unit(SI_POSITION) {
         if si.0 & 0xFFFF != 0 {
             return Err(NoScale(
@@ -253,7 +256,7 @@ fn position(objects: &Objects<'_>) -> Result<PositionScale, NoScale> {
             Some(feed) if !agree(feed, units) => {
                 Err(NoScale("60A8h and 6092h contradict each other"))
             }
-            _ => plain(units, from),
+            _ => rotary_scale(units, from),
         };
     }
     let increments = objects.increments_per_turn();
@@ -262,10 +265,14 @@ fn position(objects: &Objects<'_>) -> Result<PositionScale, NoScale> {
         (Some(feed), Some(units)) if !agree(feed, units) => {
             Err(NoScale("6092h and 6093h with 608Fh and 6091h contradict each other"))
         }
-        (Some(feed), _) => plain(feed, FROM_FEED),
-        (None, Some(units)) => plain(units, FROM_FACTOR),
-        (None, None) => plain(increments.ok_or(NO_INCREMENTS)?, FROM_ENCODER),
+        (Some(feed), _) => rotary_scale(feed, FROM_FEED),
+        (None, Some(units)) => rotary_scale(units, FROM_FACTOR),
+        (None, None) => rotary_scale(increments.ok_or(NO_INCREMENTS)?, FROM_ENCODER),
     }
+}
+
+fn rotary_scale(units_per_turn: f64, from: &'static [(u16, u8)]) -> Result<PositionScale, NoScale> {
+    Ok(PositionScale { units_per_turn, metres_per_turn: None, from })
 }
 
 /// Turns of one unit that is no length of the position.

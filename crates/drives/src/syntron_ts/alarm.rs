@@ -54,11 +54,7 @@ impl Alarm {
     /// character as `c` in `ERR_oc` and as `C` in `ERR_IC`.
     #[must_use]
     pub fn of_glyphs(text: [u8; 2]) -> Option<Self> {
-        let code = |c: u8| {
-            let at = GLYPHS.iter().position(|g| g.eq_ignore_ascii_case(&c))?;
-            u8::try_from(at).ok()
-        };
-        Some(Self(u16::from_be_bytes([code(text[0])?, code(text[1])?])))
+        Some(Self(u16::from_be_bytes([glyph_code(text[0])?, glyph_code(text[1])?])))
     }
 
     /// True for an alarm, false for none.
@@ -66,4 +62,9 @@ impl Alarm {
     pub const fn is_some(self) -> bool {
         self.0 != 0
     }
+}
+
+fn glyph_code(c: u8) -> Option<u8> {
+    let at = GLYPHS.iter().position(|g| g.eq_ignore_ascii_case(&c))?;
+    u8::try_from(at).ok()
 }

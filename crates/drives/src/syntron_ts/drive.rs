@@ -4,6 +4,7 @@
 
 mod canopen;
 mod view;
+mod write_checks;
 
 use core::f64::consts::TAU;
 
@@ -420,17 +421,20 @@ impl DriveCore {
 
     fn with_motion(&mut self, now: Instant, act: impl FnOnce(&mut Motion, &mut TickContext<'_>)) {
         let position = self.shaft.motor().position();
-        let closed = |purpose| self.lines.is_closed(purpose, position);
         let mut scene = TickContext {
             now,
-            home: closed(InputPurpose::Home),
+            home: self.is_input_closed(InputPurpose::Home, position),
             home_at: self.lines.home_at,
-            forward_limit: closed(InputPurpose::ForwardLimit),
-            reverse_limit: closed(InputPurpose::ReverseLimit),
+            forward_limit: self.is_input_closed(InputPurpose::ForwardLimit, position),
+            reverse_limit: self.is_input_closed(InputPurpose::ReverseLimit, position),
             shaft: &mut self.shaft,
             registers: &self.registers,
         };
         act(&mut self.motion, &mut scene);
+    }
+
+    pub(super) fn is_input_closed(&self, purpose: InputPurpose, position: f64) -> bool {
+        self.lines.is_closed(purpose, position)
     }
 
     /// Outside internal position mode a limit switch only keeps the motor from going on `[I]`.
@@ -465,21 +469,20 @@ impl DriveCore {
     fn handle_inputs(&mut self, now: Instant) {
         let wired = self.wired_inputs();
         let was = core::mem::replace(&mut self.previous_inputs, wired);
-        let rises = |at: usize| wired[at] && !was[at];
-        if rises(1) {
+        if rises_at(1, &wired, &was) {
             self.clear_alarm();
         }
-        if rises(0) {
+        if rises_at(0, &wired, &was) {
             self.power_on();
         } else if was[0] && !wired[0] && !self.is_enabled_without_input() {
             self.power_off();
         }
         let by_inputs = self.registers.value(fn_registers::TRIGGER_SOURCE) == 0;
         if by_inputs && self.runs_paths() {
-            if rises(2) {
+            if rises_at(2, &wired, &was) {
                 self.with_motion(now, Motion::trigger_path);
             }
-            if rises(3) {
+            if rises_at(3, &wired, &was) {
                 self.with_motion(now, Motion::trigger_homing);
             }
         }
@@ -602,50 +605,21 @@ impl DriveCore {
 
     fn dn_reading(&self, number: u16) -> u16 {
         let ds102 = self.options.ds102;
-        let counts = || self.shaft.counts(self.motion.origin());
-        let rounded = |value: f64| nearest(value).clamp(-0x8000, 0x7FFF) as u16;
         match number {
-            dn_registers::SPEED => rounded(self.shaft.rpm()),
+            dn_registers::SPEED => rounded_word(self.shaft.rpm()),
             dn_registers::ALARM => self.alarm.0,
             dn_registers::PATH_STATE => u16::from(self.motion.is_busy()),
-            dn_registers::POSITION_LOW => counts() as u16,
-            dn_registers::POSITION_HIGH => (counts() >> 16) as u16,
-            dn_registers::LOAD if ds102 => rounded(self.shaft.load_share() * 1000.0),
+            dn_registers::POSITION_LOW => self.position_counts() as u16,
+            dn_registers::POSITION_HIGH => (self.position_counts() >> 16) as u16,
+            dn_registers::LOAD if ds102 => rounded_word(self.shaft.load_share() * 1000.0),
             dn_registers::VERSION if ds102 => VERSION,
-            dn_registers::TEMPERATURE if ds102 => rounded(self.shaft.temperature()),
+            dn_registers::TEMPERATURE if ds102 => rounded_word(self.shaft.temperature()),
             _ => 0,
         }
     }
 
-    fn check_value(&self, number: u16, value: u16) -> Result<(), RegisterError> {
-        if usize::from(number) >= FN_COUNT || !self.options.variant.has_register(number) {
-            return Err(RegisterError::Address);
-        }
-        let (min, max, signed) = write_limits(self.profile, number);
-        let new_value = if signed { i64::from(value as i16) } else { i64::from(value) };
-        let fits = (min..=max).contains(&new_value);
-        let listed = match number {
-            fn_registers::FORMAT => self.options.accepts_format(value),
-            fn_registers::MODE => self.options.variant.has_mode(value),
-            _ => true,
-        };
-        if fits && listed { Ok(()) } else { Err(RegisterError::Value) }
-    }
-
-    /// Ta/2 must be greater than Ts (§2.6.1), by the values that the write would leave `[I]`.
-    fn check_s_times(&self, start: u16, values: &[u16]) -> Result<(), RegisterError> {
-        let after = |number: u16| {
-            let written = number.checked_sub(start).and_then(|at| values.get(usize::from(at)));
-            written.copied().unwrap_or_else(|| self.registers.value(number))
-        };
-        let touched = |number: u16| {
-            number.checked_sub(start).is_some_and(|at| usize::from(at) < values.len())
-        };
-        let clash = (0..32).any(|path| {
-            let (ta, ts) = (fn_registers::PATHS + 8 * path + 4, fn_registers::S_TIMES + path);
-            (touched(ta) || touched(ts)) && !s_time_fits(after(ta), after(ts))
-        });
-        if clash { Err(RegisterError::Value) } else { Ok(()) }
+    fn position_counts(&self) -> i32 {
+        self.shaft.counts(self.motion.origin())
     }
 
     /// Reacts to a write.
@@ -693,4 +667,12 @@ impl DriveCore {
         let limited = self.registers.value(0x2A) == 1;
         self.shaft.limit_current(if limited { share * peak } else { f64::INFINITY });
     }
+}
+
+fn rounded_word(value: f64) -> u16 {
+    nearest(value).clamp(-0x8000, 0x7FFF) as u16
+}
+
+fn rises_at(at: usize, wired: &[bool; 4], was: &[bool; 4]) -> bool {
+    wired[at] && !was[at]
 }

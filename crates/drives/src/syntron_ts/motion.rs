@@ -44,10 +44,14 @@ impl TickContext<'_> {
 
     /// Position of the Z pulse in this tick, if there was one: at whole turns.
     fn index_pulse(&self) -> Option<f64> {
-        let turns = |position: f64| libm::floor(position / TAU);
-        let (was, is) = (turns(self.shaft.previous_position()), turns(self.shaft.position()));
+        let (was, is) =
+            (whole_turns(self.shaft.previous_position()), whole_turns(self.shaft.position()));
         (was != is).then(|| was.max(is) * TAU)
     }
+}
+
+fn whole_turns(position: f64) -> f64 {
+    libm::floor(position / TAU)
 }
 
 /// Task of the motor.
@@ -277,8 +281,9 @@ impl Motion {
     fn start_search(&mut self, way: HomingMethod, scene: &mut TickContext<'_>) {
         let slow =
             way.z_search || matches!(way.after, AfterHoming::Align | AfterHoming::Unknown(_));
-        let still = |number| scene.register(number) == 0;
-        if still(fn_registers::HOMING_SPEED) || (slow && still(fn_registers::HOMING_SLOW)) {
+        if is_register_zero(fn_registers::HOMING_SPEED, scene)
+            || (slow && is_register_zero(fn_registers::HOMING_SLOW, scene))
+        {
             // It would never arrive `[I]`.
             return self.refuse_path(Alarm::SL);
         }
@@ -396,6 +401,10 @@ impl Motion {
     }
 }
 
+fn is_register_zero(number: u16, scene: &TickContext<'_>) -> bool {
+    scene.register(number) == 0
+}
+
 fn is_blocked(scene: &TickContext<'_>) -> bool {
     scene.register(fn_registers::PATH_STOP) == 1
 }
@@ -420,17 +429,18 @@ fn read_path(registers: &Registers, number: u8) -> DecodedPath {
 /// middle: speed ÷ (Ta - Ts).
 fn path_limits(path: &DecodedPath) -> Limits {
     let speed = rad_per_s(path.rpm);
-    let slope = |ms: u16| {
-        let rounded = path.s_ms.min(ms / 2);
-        let seconds = f64::from(ms - rounded) / 1000.0;
-        if seconds > 0.0 { speed / seconds } else { 0.0 }
-    };
     Limits {
         velocity: speed,
-        acceleration: slope(path.acceleration_ms),
-        deceleration: slope(path.deceleration_ms),
+        acceleration: ramp_slope(path.acceleration_ms, speed, path.s_ms),
+        deceleration: ramp_slope(path.deceleration_ms, speed, path.s_ms),
         smoothing_s: f64::from(path.s_ms) / 1000.0,
     }
+}
+
+fn ramp_slope(ms: u16, speed: f64, path_s_ms: u16) -> f64 {
+    let rounded = path_s_ms.min(ms / 2);
+    let seconds = f64::from(ms - rounded) / 1000.0;
+    if seconds > 0.0 { speed / seconds } else { 0.0 }
 }
 
 /// The ramp where no path gives one.

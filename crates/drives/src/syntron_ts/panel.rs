@@ -211,10 +211,9 @@ impl FrontPanel {
             return;
         }
         let by = step << (4 * self.digit);
-        let moved = |number: u16, max: i32| (i32::from(number) + by).clamp(0, max) as u16;
         self.code = match self.code {
-            RegisterCode::Fn(number) => RegisterCode::Fn(moved(number, 0x2FF)),
-            RegisterCode::Dn(number) => RegisterCode::Dn(moved(number, 0x2F)),
+            RegisterCode::Fn(number) => RegisterCode::Fn(moved_number(number, 0x2FF, by)),
+            RegisterCode::Dn(number) => RegisterCode::Dn(moved_number(number, 0x2F, by)),
         };
     }
 
@@ -264,6 +263,10 @@ impl FrontPanel {
             (false, digit) => text.blank_digit(digit),
         }
     }
+}
+
+fn moved_number(number: u16, max: i32, by: i32) -> u16 {
+    (i32::from(number) + by).clamp(0, max) as u16
 }
 
 /// Writes the idle display: the alarm, the speed, or ready. The manual shows the display with the servo off

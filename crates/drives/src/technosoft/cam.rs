@@ -86,9 +86,15 @@ impl Drive {
         let place = f64::from(master.max(0)) / f64::from(1_u32 << table.step_power);
         let last = table.points - 1;
         let index = (libm::floor(place) as u32).min(last.into()) as u16;
-        let y = |n: u16| f64::from(self.cam_point(&table, n.min(last)));
         let share = if index == last { 0.0 } else { place - f64::from(index) };
-        y(index) + share * (y(index.saturating_add(1)) - y(index))
+        self.cam_value(index, &table, last)
+            + share
+                * (self.cam_value(index.saturating_add(1), &table, last)
+                    - self.cam_value(index, &table, last))
+    }
+
+    fn cam_value(&self, n: u16, table: &CamTable, last: u16) -> f64 {
+        f64::from(self.cam_point(table, n.min(last)))
     }
 
     fn cam_point(&self, table: &CamTable, n: u16) -> i32 {

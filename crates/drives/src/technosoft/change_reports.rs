@@ -76,9 +76,15 @@ impl Drive {
             None
         };
         let points = if self.change_reports.points { self.ticks_to_next_point() } else { None };
-        let at = |ticks: Option<u64>| ticks.map(|n| self.clock.after_ticks(n));
         let held = (!self.outbox.is_empty()).then_some(self.busy_until);
-        earliest(earliest(at(ticks), at(points)), earliest(at(self.sync.ticks_left()), held))
+        earliest(
+            earliest(self.report_at(ticks), self.report_at(points)),
+            earliest(self.report_at(self.sync.ticks_left()), held),
+        )
+    }
+
+    fn report_at(&self, ticks: Option<u64>) -> Option<Instant> {
+        ticks.map(|n| self.clock.after_ticks(n))
     }
 
     fn needs_polling(&self) -> bool {

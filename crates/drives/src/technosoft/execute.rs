@@ -257,8 +257,11 @@ impl Drive {
     /// One or two words of memory.
     pub fn read_memory(&self, space: Space, address: u16, long: bool) -> u32 {
         let low = u32::from(self.memory.read(space, address));
-        let high = || u32::from(self.memory.read(space, address.wrapping_add(1)));
-        if long { low | high() << 16 } else { low }
+        if long { low | self.high_word(space, address) << 16 } else { low }
+    }
+
+    fn high_word(&self, space: Space, address: u16) -> u32 {
+        u32::from(self.memory.read(space, address.wrapping_add(1)))
     }
 
     fn write_memory(

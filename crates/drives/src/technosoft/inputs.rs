@@ -61,11 +61,10 @@ impl Drive {
     pub fn input_levels(&self) -> u16 {
         let (around, at) = (&self.surroundings, self.shaft.motor.position());
         let [home, lsp, lsn] = around.switches;
-        let closed = |on: bool, bit: u16| if on { bit } else { 0 };
         around.levels
-            | closed(at >= home, line::HOME)
-            | closed(at >= lsp, line::LSP)
-            | closed(at <= lsn, line::LSN)
+            | bit_if(at >= home, line::HOME)
+            | bit_if(at >= lsp, line::LSP)
+            | bit_if(at <= lsn, line::LSN)
     }
 
     /// Looks at the inputs once a tick.
@@ -113,10 +112,9 @@ impl Drive {
     }
 
     fn handle_edges(&mut self, levels: u16, changed: u16) {
-        let on = |bit: u16| levels & bit != 0;
-        set_bits(&mut self.status.mer, mer::LSP, on(line::LSP));
-        set_bits(&mut self.status.mer, mer::LSN, on(line::LSN));
-        let enabled = on(line::ENABLE) && on(line::STO);
+        set_bits(&mut self.status.mer, mer::LSP, is_level_on(line::LSP, levels));
+        set_bits(&mut self.status.mer, mer::LSN, is_level_on(line::LSN, levels));
+        let enabled = is_level_on(line::ENABLE, levels) && is_level_on(line::STO, levels);
         set_bits(&mut self.status.mer, mer::DISABLED, !enabled);
         if changed & (line::ENABLE | line::STO) != 0 {
             self.handle_enable_change(enabled);
@@ -210,4 +208,12 @@ impl Drive {
             self.status.der &= !(der::SOFTWARE_LSP | der::SOFTWARE_LSN);
         }
     }
+}
+
+fn is_level_on(bit: u16, levels: u16) -> bool {
+    levels & bit != 0
+}
+
+fn bit_if(on: bool, bit: u16) -> u16 {
+    if on { bit } else { 0 }
 }

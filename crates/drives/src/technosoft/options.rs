@@ -46,16 +46,16 @@ impl Options {
     ) -> Result<Self, &'a str> {
         let mut read = Self::for_profile(profile);
         read.quirks.untimed = options.untimed;
-        let on = |word: &str| options.wires.contains(&word);
         let standard = match options.standard {
             Some(proto::SerialStandard::Rs485) => TmlWire::Rs485,
             _ => TmlWire::Rs232,
         };
-        read.quirks.wire = on("tml").then_some(standard);
-        read.quirks.can = match (on("tmlcan"), on("technocan")) {
-            (_, true) => Some(TmlWire::TechnoCan),
-            (tmlcan, _) => tmlcan.then_some(TmlWire::TmlCan),
-        };
+        read.quirks.wire = is_wired("tml", options.wires).then_some(standard);
+        read.quirks.can =
+            match (is_wired("tmlcan", options.wires), is_wired("technocan", options.wires)) {
+                (_, true) => Some(TmlWire::TechnoCan),
+                (tmlcan, _) => tmlcan.then_some(TmlWire::TmlCan),
+            };
         if let Some(address) = options.address {
             read.axis = u8::try_from(address).unwrap_or(u8::MAX);
         }
@@ -114,6 +114,10 @@ impl Options {
         }
         Ok(())
     }
+}
+
+fn is_wired(word: &str, options_wires: &[&str]) -> bool {
+    options_wires.contains(&word)
 }
 
 fn parse_number<T: core::str::FromStr + PartialOrd>(

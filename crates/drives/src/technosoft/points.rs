@@ -141,10 +141,9 @@ impl PathBuffer {
 
     /// PVTSTS for a buffer of `room` points.
     fn status(&self, capacity: usize) -> u16 {
-        let bit = |on: bool, bit: u16| if on { bit } else { 0 };
-        bit(self.len == 0, sts::EMPTY)
-            | bit(self.len <= usize::from(self.low_threshold), sts::LOW)
-            | bit(self.len >= capacity, sts::FULL)
+        bit_if(self.len == 0, sts::EMPTY)
+            | bit_if(self.len <= usize::from(self.low_threshold), sts::LOW)
+            | bit_if(self.len >= capacity, sts::FULL)
             | self.error_bits
             | u16::from(self.counter)
     }
@@ -154,6 +153,10 @@ impl PathBuffer {
         let segment = self.segment.as_ref()?;
         Some(libm::ceil((segment.duration - segment.elapsed) / TICK_S).max(1.0) as u64)
     }
+}
+
+fn bit_if(on: bool, bit: u16) -> u16 {
+    if on { bit } else { 0 }
 }
 
 impl Drive {

@@ -180,12 +180,17 @@ impl Drive {
     /// ends the table.
     pub fn call_function(&mut self, number: u16) -> ExecuteResult {
         let table = self.memory.word(addresses::FUNCTION_TABLE);
-        let entry = |n: u16| self.memory.read(Space::Program, table.wrapping_add(n));
-        let missing = |label: u16| label == 0 || label == 0xFFFF;
-        if number == 0 || table == 0 || (0..number).any(|n| missing(entry(n))) {
+        if number == 0
+            || table == 0
+            || (0..number).any(|n| is_missing_label(self.table_entry(n, table)))
+        {
             return Err(ExecuteError::DerBits(der::NO_FUNCTION));
         }
-        self.call_cancelable(entry(number - 1))
+        self.call_cancelable(self.table_entry(number - 1, table))
+    }
+
+    fn table_entry(&self, n: u16, table: u16) -> u16 {
+        self.memory.read(Space::Program, table.wrapping_add(n))
     }
 
     /// ABORT: back to where the cancelable call was made, waiting for nothing.
@@ -258,8 +263,7 @@ impl Drive {
 
     /// Executes one instruction of the program. \[I\] An invalid one ends it. `SEG` waits for free space.
     fn execute_at(&mut self, at: u16) {
-        let word = |n: usize| self.memory.read(Space::Program, at.wrapping_add(n as u16));
-        let opcode = word(0);
+        let opcode = self.program_word(0, at);
         if matches!(opcode & 0xFC00, 0x7800 | 0x7C00) && self.contour.is_full() {
             return;
         }
@@ -271,7 +275,7 @@ impl Drive {
             return self.end_program();
         };
         for (n, slot) in words[..count].iter_mut().enumerate() {
-            *slot = word(n + 1);
+            *slot = self.program_word(n + 1, at);
         }
         self.program.next_address = Some(at.wrapping_add(1 + count as u16));
         if opcode & 0xFFF8 == 0x9400 {
@@ -280,6 +284,10 @@ impl Drive {
         if let Some(instruction) = Instruction::new(opcode, &words[..count]) {
             self.execute(&instruction);
         }
+    }
+
+    fn program_word(&self, n: usize, at: u16) -> u16 {
+        self.memory.read(Space::Program, at.wrapping_add(n as u16))
     }
 
     fn wait_is_over(&mut self) -> bool {
@@ -331,6 +339,10 @@ impl Drive {
             self.program.wait = None;
         }
     }
+}
+
+fn is_missing_label(label: u16) -> bool {
+    label == 0 || label == 0xFFFF
 }
 
 /// Tests against zero: 90 LT, 88 LEQ, C0 EQ, A0 NEQ, 84 GT, 82 GEQ.

@@ -4,6 +4,7 @@
 
 use super::addresses;
 use super::drive::Drive;
+use super::memory::Memory;
 use super::status::{der, der2, isr, mer, set_bits, srh};
 use super::units::{self, I2T_A2S};
 use polepair_core::plant::TICK_S;
@@ -120,19 +121,18 @@ impl Drive {
 
     fn read_limits(&mut self) {
         let (m, slow_s) = (&self.memory, self.shaft.scale.slow_s);
-        let seconds = |address| f64::from(m.word(address)) * slow_s;
         let per_rad = self.shaft.scale.per_rad;
         self.protections = Protections {
             limits_stale: false,
             masks: m.word(addresses::PCR),
             current_limit: units::amperes_of_units(m.int(addresses::IMAXPROT)),
-            current_limit_s: seconds(addresses::TIMAXPROT),
+            current_limit_s: slow_seconds(addresses::TIMAXPROT, slow_s, m),
             nominal: units::amperes_of_units(m.int(addresses::II2TPROT_M)),
             i2t_limit: f64::from(m.long(addresses::I2TINTLIM_M)) * I2T_A2S,
             error_limit: f64::from(m.word(addresses::ERRMAX)) / per_rad,
-            error_limit_s: seconds(addresses::TERRMAX),
+            error_limit_s: slow_seconds(addresses::TERRMAX, slow_s, m),
             speed_limit: self.shaft.scale.speed_of_counts(f64::from(m.word(addresses::SERRMAX))),
-            speed_limit_s: seconds(addresses::TSERRMAX),
+            speed_limit_s: slow_seconds(addresses::TSERRMAX, slow_s, m),
             supply_limits: (
                 units::volts_of_units(m.word(addresses::UMINPROT)),
                 units::volts_of_units(m.word(addresses::UMAXPROT)),
@@ -209,4 +209,8 @@ impl Drive {
             self.trip(mer::CONTROL, "control error: motor off");
         }
     }
+}
+
+fn slow_seconds(address: u16, slow_s: f64, m: &Memory) -> f64 {
+    f64::from(m.word(address)) * slow_s
 }

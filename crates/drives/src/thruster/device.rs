@@ -149,8 +149,11 @@ impl BenchControl for Device {
             }
             Act::Switch { which: which @ 1..=2, at } if self.drive.options.encoder => {
                 let (low, high) = shaft.motor.ends().unwrap_or((f64::MIN, f64::MAX));
-                let at = |none: f64| if at.is_nan() { none } else { at };
-                let ends = if which == 1 { (low, at(f64::MAX)) } else { (at(f64::MIN), high) };
+                let ends = if which == 1 {
+                    (low, turned_or(f64::MAX, at))
+                } else {
+                    (turned_or(f64::MIN, at), high)
+                };
                 shaft.motor.set_ends(Some(ends));
             }
             Act::Fault(bits) => return self.drive.inject_faults(bits),
@@ -166,4 +169,8 @@ impl BenchControl for Device {
     fn take_notice(&mut self) -> Option<&'static str> {
         self.drive.notice.take()
     }
+}
+
+fn turned_or(none: f64, at: f64) -> f64 {
+    if at.is_nan() { none } else { at }
 }

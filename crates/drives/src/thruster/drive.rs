@@ -127,8 +127,6 @@ impl Drive {
     /// The present report.
     pub fn current_telemetry(&self) -> TelemetryValues {
         let shaft = &self.shaft;
-        let whole = |celsius: f64| libm::round(celsius) as i16;
-        let tenths = |value: f64| libm::round(value * 10.0);
         // Without an encoder there is no position (section 1.2): the third report carries none.
         let (absolute, relative) = if self.options.encoder {
             (
@@ -140,11 +138,11 @@ impl Drive {
         };
         TelemetryValues {
             rpm: rpm(shaft.velocity()),
-            decivolt: tenths(shaft.supply) as u16,
-            deciamp: tenths(shaft.motor.current().abs()) as i16,
+            decivolt: in_tenths(shaft.supply) as u16,
+            deciamp: in_tenths(shaft.motor.current().abs()) as i16,
             faults: self.faults | self.expiring_timeout_ms,
-            motor_c: whole(shaft.winding.temperature()),
-            driver_c: whole(shaft.stage.temperature()),
+            motor_c: whole_degrees(shaft.winding.temperature()),
+            driver_c: whole_degrees(shaft.stage.temperature()),
             absolute,
             relative,
         }
@@ -172,4 +170,12 @@ impl Drive {
     fn is_idle(&self) -> bool {
         self.shaft.is_at_rest()
     }
+}
+
+fn in_tenths(value: f64) -> f64 {
+    libm::round(value * 10.0)
+}
+
+fn whole_degrees(celsius: f64) -> i16 {
+    libm::round(celsius) as i16
 }

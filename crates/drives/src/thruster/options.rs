@@ -108,12 +108,13 @@ impl Options {
 /// `-90..90` in degrees or mm, with zero between.
 fn parse_ends(value: &str) -> Option<(i64, i64)> {
     let (low, high) = value.split_once("..")?;
-    let tenths = |text: &str| {
-        let number = text.trim().parse::<f64>().ok()?;
-        number.is_finite().then(|| libm::round(number * 10.0) as i64)
-    };
-    let (low, high) = (tenths(low)?, tenths(high)?);
+    let (low, high) = (parse_tenths(low)?, parse_tenths(high)?);
     (low <= 0 && high >= 0 && low < high).then_some((low, high))
+}
+
+fn parse_tenths(text: &str) -> Option<i64> {
+    let number = text.trim().parse::<f64>().ok()?;
+    number.is_finite().then(|| libm::round(number * 10.0) as i64)
 }
 
 fn parse_number(value: &str, min: f64, max: f64) -> Result<f64, &str> {

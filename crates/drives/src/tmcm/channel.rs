@@ -380,12 +380,11 @@ impl Channel {
     /// \[I\] A stop switch stops only a motor that turns towards it.
     fn check_stop_switches(&mut self, settings: &Settings) {
         let velocity = self.ramp.setpoint().velocity;
-        let is_watched = |disable: usize| settings[disable] == 0;
         let stops = velocity > 0.0
-            && is_watched(number::RIGHT_STOP_DISABLE)
+            && is_switch_watched(number::RIGHT_STOP_DISABLE, settings)
             && self.is_closed(SwitchKind::Right)
             || velocity < 0.0
-                && is_watched(number::LEFT_STOP_DISABLE)
+                && is_switch_watched(number::LEFT_STOP_DISABLE, settings)
                 && self.is_closed(SwitchKind::Left);
         if !stops || self.search.is_some() {
             return;
@@ -458,7 +457,6 @@ impl Channel {
     }
 
     fn begin_search_step(&mut self, mut search: Search, settings: &Settings) {
-        let signed = |speed: f64, forward: bool| if forward { speed } else { -speed };
         match search.step() {
             SearchStep::Find { switch, .. } if self.search_sees(&search, switch) => {
                 // It is there already.
@@ -466,11 +464,11 @@ impl Channel {
             }
             SearchStep::Find { forward, .. } => {
                 let speed = self.speed_of(settings[number::SEARCH_SPEED], settings);
-                self.ramp.set_velocity_goal(signed(speed, forward));
+                self.ramp.set_velocity_goal(signed_speed(speed, forward));
             }
             SearchStep::Leave { forward, .. } => {
                 let speed = self.speed_of(settings[number::SWITCH_SPEED], settings);
-                self.ramp.set_velocity_goal(signed(speed, forward));
+                self.ramp.set_velocity_goal(signed_speed(speed, forward));
             }
             SearchStep::Finish => self.ramp.set_position_goal(search.edge),
         }
@@ -536,8 +534,22 @@ impl Channel {
     }
 
     fn acceleration_unit(&self, settings: &Settings) -> f64 {
-        let divisor = |at: usize| settings[at].clamp(0, 13).unsigned_abs();
-        let both = (divisor(number::PULSE_DIVISOR), divisor(number::RAMP_DIVISOR));
+        let both = (
+            divisor_exponent(number::PULSE_DIVISOR, settings),
+            divisor_exponent(number::RAMP_DIVISOR, settings),
+        );
         units::acceleration_unit(self.has_divisors.then_some(both)) * self.microstep
     }
+}
+
+fn divisor_exponent(at: usize, settings: &[i32; 256]) -> u32 {
+    settings[at].clamp(0, 13).unsigned_abs()
+}
+
+fn signed_speed(speed: f64, forward: bool) -> f64 {
+    if forward { speed } else { -speed }
+}
+
+fn is_switch_watched(disable: usize, settings: &[i32; 256]) -> bool {
+    settings[disable] == 0
 }

@@ -55,12 +55,12 @@ fn read_steps(value: &str) -> Result<u32, &str> {
 }
 
 fn set_ends<'a>(module: &mut Module, value: &'a str) -> Result<(), &'a str> {
-    let degrees = |text: &str| text.trim().parse::<f64>().ok().filter(|angle| angle.is_finite());
     let ends = match value {
         "none" => [None, None],
         _ => {
             let (left, right) = value.split_once("..").ok_or(value)?;
-            let ends = degrees(left).zip(degrees(right)).filter(|(left, right)| left < right);
+            let ends =
+                parse_degrees(left).zip(parse_degrees(right)).filter(|(left, right)| left < right);
             let (left, right) = ends.ok_or(value)?;
             [Some(left.to_radians()), Some(right.to_radians())]
         }
@@ -69,6 +69,10 @@ fn set_ends<'a>(module: &mut Module, value: &'a str) -> Result<(), &'a str> {
         channel.around.switches[..2].copy_from_slice(&ends);
     }
     Ok(())
+}
+
+fn parse_degrees(text: &str) -> Option<f64> {
+    text.trim().parse::<f64>().ok().filter(|angle| angle.is_finite())
 }
 
 /// A simulated module with its motors.

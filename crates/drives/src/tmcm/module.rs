@@ -270,18 +270,21 @@ impl Module {
     pub(super) fn driver_flags(&self, motor: usize) -> i32 {
         let (channel, settings) = (&self.channels[motor], self.settings(motor));
         let celsius = self.stage.temperature();
-        let flag = |set: bool, flag: i32| if set { flag } else { 0 };
         self.raised_faults
-            | flag(celsius > OVERTEMPERATURE_C, FLAG_OVERTEMPERATURE)
-            | flag(celsius > TEMPERATURE_WARNING_C, FLAG_TEMPERATURE_WARNING)
-            | flag(channel.load_value(settings) == 0, FLAG_STALL)
-            | flag(channel.setpoint().velocity == 0.0, FLAG_STANDSTILL)
+            | flag_if(celsius > OVERTEMPERATURE_C, FLAG_OVERTEMPERATURE)
+            | flag_if(celsius > TEMPERATURE_WARNING_C, FLAG_TEMPERATURE_WARNING)
+            | flag_if(channel.load_value(settings) == 0, FLAG_STALL)
+            | flag_if(channel.setpoint().velocity == 0.0, FLAG_STANDSTILL)
     }
 
     fn motor_of(&self, request: &Request) -> Result<usize, Status> {
         let motor = usize::from(request.motor);
         if motor < self.motors { Ok(motor) } else { Err(Status::InvalidValue) }
     }
+}
+
+fn flag_if(set: bool, flag: i32) -> i32 {
+    if set { flag } else { 0 }
 }
 
 impl TmclModule for Module {

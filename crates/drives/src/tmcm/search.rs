@@ -64,14 +64,17 @@ impl Search {
         let mirrored = mode & 64 != 0;
         let stop =
             |right: bool| if right == mirrored { SwitchKind::Left } else { SwitchKind::Right };
-        let find = |switch, forward, turns_round| SearchStep::Find { switch, forward, turns_round };
-        let near =
-            [find(stop(false), mirrored, false), Leave { switch: stop(false), forward: !mirrored }];
-        let far =
-            [find(stop(true), !mirrored, false), Leave { switch: stop(true), forward: mirrored }];
+        let near = [
+            find_step(stop(false), mirrored, false),
+            Leave { switch: stop(false), forward: !mirrored },
+        ];
+        let far = [
+            find_step(stop(true), !mirrored, false),
+            Leave { switch: stop(true), forward: mirrored },
+        ];
         let home = |forward, turns_round| {
             let opened = Leave { switch: SwitchKind::Home, forward: false };
-            [find(SwitchKind::Home, forward, turns_round), opened, Finish, Finish, Finish]
+            [find_step(SwitchKind::Home, forward, turns_round), opened, Finish, Finish, Finish]
         };
         let steps = match mode & 63 {
             1 | 4 => [near[0], near[1], Finish, Finish, Finish],
@@ -105,4 +108,8 @@ impl Search {
         self.is_braking = false;
         self.turned = false;
     }
+}
+
+fn find_step(switch: SwitchKind, forward: bool, turns_round: bool) -> SearchStep {
+    SearchStep::Find { switch, forward, turns_round }
 }

@@ -189,16 +189,21 @@ impl Module {
         self.servo.max_current = f64::from(self.axis(6)) * 0.1;
         self.servo.pwm = f64::from(self.axis(5)) / 255.0;
         let tuned = Gains::tuned(self.motor.parameters());
-        // The factory's numbers are taken for well tuned; others scale from there. [I]
-        let share = |number: u8, usual: f64| f64::from(self.axis(number)) / usual;
         self.servo.gains = Gains {
-            position_p: tuned.position_p * share(130, 500.0),
-            velocity_p: (tuned.velocity_p * share(140, 1000.0)).min(4.0 * tuned.velocity_p),
-            velocity_i: (tuned.velocity_i * share(141, 1000.0)).min(4.0 * tuned.velocity_i),
+            position_p: tuned.position_p * self.axis_share(130, 500.0),
+            velocity_p: (tuned.velocity_p * self.axis_share(140, 1000.0))
+                .min(4.0 * tuned.velocity_p),
+            velocity_i: (tuned.velocity_i * self.axis_share(141, 1000.0))
+                .min(4.0 * tuned.velocity_i),
             deadband: 0.5 / self.encoder.counts_per_rad().abs(),
             ..tuned
         };
         self.set_limits();
+    }
+
+    fn axis_share(&self, number: u8, usual: f64) -> f64 {
+        // The factory's numbers are taken for well tuned; others scale from there. [I]
+        f64::from(self.axis(number)) / usual
     }
 
     /// Limits of the motor by the parameters, read from them and not from the loops.

@@ -92,14 +92,17 @@ fn port(class: &Path) -> Option<Port> {
 
 fn usb(device: &Path) -> Option<UsbInfo> {
     let parent = device.ancestors().take(PARENTS_MAX).find(|p| p.join("idVendor").exists())?;
-    let id = |name| u16::from_str_radix(&read_text(parent, name), 16).unwrap_or(0);
     Some(UsbInfo {
-        vendor_id: id("idVendor"),
-        product_id: id("idProduct"),
+        vendor_id: usb_id("idVendor", parent),
+        product_id: usb_id("idProduct", parent),
         vendor: read_text(parent, "manufacturer"),
         product: read_text(parent, "product"),
         serial: read_text(parent, "serial"),
     })
+}
+
+fn usb_id(name: &str, parent: &Path) -> u16 {
+    u16::from_str_radix(&read_text(parent, name), 16).unwrap_or(0)
 }
 
 /// Looks without opening: opening raises DTR, which resets some boards.

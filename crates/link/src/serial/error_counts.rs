@@ -27,8 +27,10 @@ impl ErrorCounts {
     }
 
     fn from_icounter(counter: &IcounterStruct) -> Self {
-        let sum = |one: usize, other: usize| counter[one].wrapping_add(counter[other]);
-        Self { lost: sum(OVERRUN, BUFFER_OVERRUN), damaged: sum(FRAME, PARITY) }
+        Self {
+            lost: counter_sum(OVERRUN, BUFFER_OVERRUN, counter),
+            damaged: counter_sum(FRAME, PARITY, counter),
+        }
     }
 
     /// Lost and damaged characters since `earlier`.
@@ -37,6 +39,10 @@ impl ErrorCounts {
         let damaged = self.damaged.wrapping_sub(earlier.damaged);
         (lost.into(), damaged.into())
     }
+}
+
+fn counter_sum(one: usize, other: usize, counter: &[u32; 20]) -> u32 {
+    counter[one].wrapping_add(counter[other])
 }
 
 fn read_icounter(fd: &OwnedFd) -> Option<IcounterStruct> {

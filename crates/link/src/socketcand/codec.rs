@@ -221,9 +221,12 @@ fn parse_subscribe(
     of: &Frame,
     mask: Option<[u8; 8]>,
 ) -> Option<SubscribeRequest> {
-    let decimal = |word| str::from_utf8(word).ok()?.parse::<u32>().ok().map(u64::from);
-    let every_ns = decimal(s)? * 1_000_000_000 + decimal(us)? * 1000;
+    let every_ns = parse_decimal(s)? * 1_000_000_000 + parse_decimal(us)? * 1000;
     Some(SubscribeRequest { id: (of.id, of.extended), min_interval_ns: every_ns, mask })
+}
+
+fn parse_decimal(word: &[u8]) -> Option<u64> {
+    str::from_utf8(word).ok()?.parse::<u32>().ok().map(u64::from)
 }
 
 /// `frame`: the bytes as one word of digits, or as several.

@@ -70,14 +70,19 @@ impl LocalAxis {
     /// reading the parameters brings that the scale depends on.
     pub fn raw_argument(&self, verb: Verb, which: Argument, raw: i64) -> Result<f64, Error> {
         let id = mounting::destination(self.profile, verb, which).flatten();
-        let no = |why: &str| {
-            let what = format!("{}: {} {why}", self.label(), verb.name());
-            Error::usage("E217", what, "give it with a unit")
-        };
-        let id = id.ok_or_else(|| no("accepts no raw number there"))?;
+        let id = id.ok_or_else(|| self.refused_argument("accepts no raw number there", verb))?;
         let value = self.value(id, raw)?;
         let si = value.value * value.unit.si_factor();
-        if si.is_finite() { Ok(si) } else { Err(no("has a value with an unknown scale")) }
+        if si.is_finite() {
+            Ok(si)
+        } else {
+            Err(self.refused_argument("has a value with an unknown scale", verb))
+        }
+    }
+
+    fn refused_argument(&self, why: &str, verb: Verb) -> Error {
+        let what = format!("{}: {} {why}", self.label(), verb.name());
+        Error::usage("E217", what, "give it with a unit")
     }
 
     /// Objects that a drive with a data sheet lacks for a verb of its family, or for one of its arguments: `6099h:1

@@ -7,10 +7,11 @@ use super::streaming::SETTLING_MAX;
 use super::together::{check_one_wire, require_plan, run_all};
 use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, StopOptions, StopResult, stop_axes};
 use crate::error::Error;
-use polepair_core::axis::{Command, Verb};
+use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::Signal;
+use polepair_core::station::Ticket;
 use polepair_core::stream::cyclic::{
     self, BoundsViolation, CYCLES_MAX, CycleStatistics, LOAD_MAX_PERCENT, SetpointBounds,
     SetpointKind, SetpointTracker,
@@ -183,12 +184,9 @@ impl CyclicAxes {
     /// [`Error::Usage`] `E216` with cycle, axis and limit.
     pub fn check(&self, setpoints: &[f64]) -> Result<(), Error> {
         let (count, period) = (self.axes.len(), self.period.as_secs_f64());
-        let from = |n: usize| match self.setpoint {
-            SetpointKind::Position => setpoints.get(n).copied().unwrap_or(0.0),
-            SetpointKind::Velocity | SetpointKind::Torque => 0.0,
-        };
-        let mut trends: Vec<SetpointTracker> =
-            (0..count).map(|n| SetpointTracker::at_rest(from(n))).collect();
+        let mut trends: Vec<SetpointTracker> = (0..count)
+            .map(|n| SetpointTracker::at_rest(self.start_setpoint(n, setpoints)))
+            .collect();
         for (k, si) in setpoints.iter().enumerate() {
             let n = k % count;
             trends[n].accept(&self.bounds[n], self.setpoint, *si, period).map_err(
@@ -205,6 +203,13 @@ impl CyclicAxes {
                 Err(Error::usage("E216", what, "end with zero; nothing was moved"))
             }
             None => Ok(()),
+        }
+    }
+
+    fn start_setpoint(&self, n: usize, setpoints: &[f64]) -> f64 {
+        match self.setpoint {
+            SetpointKind::Position => setpoints.get(n).copied().unwrap_or(0.0),
+            SetpointKind::Velocity | SetpointKind::Torque => 0.0,
         }
     }
 
@@ -246,10 +251,8 @@ impl CyclicAxes {
             chunk.extend(rest.by_ref().take(chunk_len - chunk.len()));
             let last = chunk.len() < chunk_len;
             if !fed {
-                let feed = |axes: &mut dyn polepair_core::axis::Axes| {
-                    axes.feed_cycles(ticket, &chunk, last)
-                };
-                match first.connection.with_axes(|axes, _| feed(axes)) {
+                match first.connection.with_axes(|axes, _| feed_chunk(axes, &ticket, &chunk, last))
+                {
                     Some(cycles) => drop(chunk.drain(..cycles * self.axes.len())),
                     None => break running.finish(),
                 }
@@ -304,6 +307,10 @@ impl CyclicAxes {
     }
 }
 
+fn feed_chunk(axes: &mut dyn Axes, ticket: &Ticket, chunk: &[f64], last: bool) -> Option<usize> {
+    axes.feed_cycles(*ticket, chunk, last)
+}
+
 impl Drop for CyclicAxes {
     fn drop(&mut self) {
         if !self.released {
@@ -355,8 +362,7 @@ impl LocalAxis {
         if !actual.is_finite() || (begins - actual).abs() <= max {
             return Ok(());
         }
-        let shown = |si| self.format_signal(Signal::Position, si);
-        let (actual, begins) = (shown(actual), shown(begins));
+        let (actual, begins) = (self.limit_text(actual), self.limit_text(begins));
         Err(Error::Unsupported {
             what: format!("{} is at {actual}, but the path begins at {begins}", self.label()),
             why: Unsupported::Forbidden(
@@ -367,6 +373,10 @@ impl LocalAxis {
              position"
                 .to_owned(),
         })
+    }
+
+    fn limit_text(&self, si: f64) -> String {
+        self.format_signal(Signal::Position, si)
     }
 
     /// A signal's SI value in the unit that people read it in.
@@ -408,21 +418,33 @@ fn check_period(axis: &LocalAxis, verb: Verb, period: Duration) -> Result<(), Er
 
 /// Limits that the drive reports; zero is none.
 fn read_bounds(axis: &LocalAxis) -> Result<SetpointBounds, Error> {
-    let read = |name: &str| read_limit(axis, name);
-    let some = |value: Option<f64>| value.filter(|value| *value > 0.0);
-    let least = |a: Option<f64>, b: Option<f64>| match (a, b) {
-        (Some(a), Some(b)) => Some(a.min(b)),
-        (a, b) => a.or(b),
-    };
-    let velocity = least(some(read("max profile velocity")?), some(read("max motor speed")?));
-    let acceleration = some(read("max acceleration")?);
-    let range = read("position limit min")?.zip(read("position limit max")?);
+    let velocity = least_limit(
+        positive(limit_of("max profile velocity", axis)?),
+        positive(limit_of("max motor speed", axis)?),
+    );
+    let acceleration = positive(limit_of("max acceleration", axis)?);
+    let range = limit_of("position limit min", axis)?.zip(limit_of("position limit max", axis)?);
     Ok(SetpointBounds {
         position: range.filter(|(min_value, max_value)| min_value < max_value),
         velocity,
         acceleration: acceleration.or(velocity.map(|velocity| velocity / FULL_SPEED_S)),
-        torque: some(read("max torque")?),
+        torque: positive(limit_of("max torque", axis)?),
     })
+}
+
+fn least_limit(a: Option<f64>, b: Option<f64>) -> Option<f64> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.min(b)),
+        (a, b) => a.or(b),
+    }
+}
+
+fn positive(value: Option<f64>) -> Option<f64> {
+    value.filter(|value| *value > 0.0)
+}
+
+fn limit_of(name: &str, axis: &LocalAxis) -> Result<Option<f64>, Error> {
+    read_limit(axis, name)
 }
 
 /// A limit in SI; `None` where the drive has none such.

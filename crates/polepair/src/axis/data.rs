@@ -176,8 +176,7 @@ impl LocalAxis {
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), Error> {
         let what = format!("setting `{}`", self.required_parameter(id)?.name);
-        let too_long = || Error::usage("E216", "more bytes than a transfer has", "");
-        let size = u32::try_from(data.len()).map_err(|_| too_long())?;
+        let size = u32::try_from(data.len()).map_err(|_| too_long_error())?;
         let mut running: RunningRequest =
             self.submit(what, RequestKind::Command, |axes, now, ticket| {
                 axes.write_data(now, ticket, self.index, id, size, block)
@@ -193,6 +192,10 @@ impl LocalAxis {
             }
         }
     }
+}
+
+fn too_long_error() -> Error {
+    Error::usage("E216", "more bytes than a transfer has", "")
 }
 
 /// A value of a parameter, whatever its type.

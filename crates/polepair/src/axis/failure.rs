@@ -164,25 +164,26 @@ impl LocalAxis {
             RequestKind::Query | RequestKind::StandstillQuery | RequestKind::Command => None,
         };
         let steps = steps.unwrap_or_default();
-        let named = |word: &str, mask: u64| {
-            let its = (0..64).filter(|n| mask >> n & 1 == 1);
-            let names: Vec<String> = its.map(|n| self.step_name(n, steps.get(n))).collect();
-            let left = names.len().saturating_sub(NAMED_STEPS_MAX);
-            let first = names[left..].join(", ");
-            match (names.len(), left) {
-                (0, _) => None,
-                (_, 0) => Some(format!("{word}: {first}")),
-                _ => Some(format!("{word}: {left} steps and {first}")),
-            }
-        };
         let parts = [
-            named("done", extent.done),
-            named("refused", extent.refused),
-            named("unknown whether executed", extent.unknown),
+            self.bit_names("done", extent.done, &steps),
+            self.bit_names("refused", extent.refused, &steps),
+            self.bit_names("unknown whether executed", extent.unknown, &steps),
             extent.rolled_back.then(|| "the executed part was undone".to_owned()),
         ];
         let messages: Vec<String> = parts.into_iter().flatten().collect();
         format!("it was executed in part; {}", messages.join("; "))
+    }
+
+    fn bit_names(&self, word: &str, mask: u64, steps: &[Step]) -> Option<String> {
+        let its = (0..64).filter(|n| mask >> n & 1 == 1);
+        let names: Vec<String> = its.map(|n| self.step_name(n, steps.get(n))).collect();
+        let left = names.len().saturating_sub(NAMED_STEPS_MAX);
+        let first = names[left..].join(", ");
+        match (names.len(), left) {
+            (0, _) => None,
+            (_, 0) => Some(format!("{word}: {first}")),
+            _ => Some(format!("{word}: {left} steps and {first}")),
+        }
     }
 
     /// Returns whether what was refused of a verb is its mode of operation.
@@ -195,28 +196,29 @@ impl LocalAxis {
     }
 
     fn step_name(&self, n: usize, step: Option<&Step>) -> String {
-        let set = |id: ParameterId, raw: Option<i64>| {
-            let parameter = self.parameter(id);
-            let name = parameter.map_or("?", |parameter| parameter.name);
-            let word = |raw| parameter?.values.iter().find(|(value, _)| *value == raw);
-            match raw {
-                None => format!("`{name}`"),
-                Some(raw) => match word(raw) {
-                    Some((_, word)) => format!("`{name}` = {word}"),
-                    // Bits, as manuals write them.
-                    None if raw > 9 => format!("`{name}` = {raw:X}h"),
-                    None => format!("`{name}` = {raw}"),
-                },
-            }
-        };
         match step {
             Some(Step::Write(id, Operand::Constant(raw)) | Step::Ensure(id, raw)) => {
-                set(*id, Some(*raw))
+                self.setting_text(*id, Some(*raw))
             }
-            Some(Step::Write(id, _) | Step::Copy { to: id, .. }) => set(*id, None),
-            Some(Step::Send { like: Some(id), .. }) => set(*id, None),
-            Some(Step::Store(id)) => format!("keeping {}", set(*id, None)),
+            Some(Step::Write(id, _) | Step::Copy { to: id, .. }) => self.setting_text(*id, None),
+            Some(Step::Send { like: Some(id), .. }) => self.setting_text(*id, None),
+            Some(Step::Store(id)) => format!("keeping {}", self.setting_text(*id, None)),
             _ => format!("step {}", n + 1),
+        }
+    }
+
+    fn setting_text(&self, id: ParameterId, raw: Option<i64>) -> String {
+        let parameter = self.parameter(id);
+        let name = parameter.map_or("?", |parameter| parameter.name);
+        let word = |raw| parameter?.values.iter().find(|(value, _)| *value == raw);
+        match raw {
+            None => format!("`{name}`"),
+            Some(raw) => match word(raw) {
+                Some((_, word)) => format!("`{name}` = {word}"),
+                // Bits, as manuals write them.
+                None if raw > 9 => format!("`{name}` = {raw:X}h"),
+                None => format!("`{name}` = {raw}"),
+            },
         }
     }
 
@@ -412,14 +414,14 @@ impl LocalAxis {
             return ("not reached in time".to_owned(), HINT.to_owned());
         };
         let UnmetWait { test, value, .. } = unmet;
-        let word = |raw: i64| match parameter.values.iter().find(|(known, _)| *known == raw) {
-            Some((_, word)) => format!("{raw} ({word})"),
-            None => raw.to_string(),
-        };
         let (name, wanted) = (parameter.name, test.value);
         let reason = match (test.compare, test.mask) {
             (Compare::Equal, -1) => {
-                format!("`{name}` stayed {}, not {}", word(value), word(wanted))
+                format!(
+                    "`{name}` stayed {}, not {}",
+                    value_word(value, parameter.values),
+                    value_word(wanted, parameter.values)
+                )
             }
             (Compare::Equal, mask) if mask != -1 => {
                 format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} not 0x{wanted:X}")
@@ -427,7 +429,7 @@ impl LocalAxis {
             (Compare::NotEqual, mask) if mask != -1 => {
                 format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} still 0x{wanted:X}")
             }
-            _ => format!("`{name}` stayed {}", word(value)),
+            _ => format!("`{name}` stayed {}", value_word(value, parameter.values)),
         };
         let mode = self.profile.signal(Signal::Mode).map(|source| source.parameter);
         let hint = if mode == Some(unmet.parameter) { MODE_HINT } else { HINT };
@@ -487,7 +489,6 @@ impl LocalAxis {
 
     fn unsupported_reason(&self, why: Unsupported) -> (String, String) {
         let product = self.profile.name;
-        let name = |id: ParameterId| self.parameter(id).map_or("it", |p| p.name);
         match why {
             Unsupported::NoSuchAxis => ("there is no such axis".into(), String::new()),
             Unsupported::NoSuchParameter => ("there is no such parameter".into(), String::new()),
@@ -511,13 +512,13 @@ impl LocalAxis {
                 if self.parameter(id).is_some_and(|p| p.encoding == Encoding::AnyLength) =>
             {
                 let hint = format!("give it with the address, as in `{}`", self.address_example());
-                (format!("the type of `{}` is not known", name(id)), hint)
+                (format!("the type of `{}` is not known", self.parameter_label(id)), hint)
             }
             Unsupported::ReadOnly(id) => {
-                (format!("`{}` can only be read", name(id)), String::new())
+                (format!("`{}` can only be read", self.parameter_label(id)), String::new())
             }
             Unsupported::WriteOnly(id) => {
-                (format!("`{}` can only be written", name(id)), String::new())
+                (format!("`{}` can only be written", self.parameter_label(id)), String::new())
             }
             Unsupported::OutOfRange { parameter, value, min, max } => {
                 self.range_reason(parameter, value, min, max)
@@ -543,6 +544,10 @@ impl LocalAxis {
         }
     }
 
+    fn parameter_label(&self, id: ParameterId) -> &str {
+        self.parameter(id).map_or("it", |p| p.name)
+    }
+
     fn range_reason(&self, id: ParameterId, value: i64, min: i64, max: i64) -> (String, String) {
         let name = self.parameter(id).map_or("it", |p| p.name);
         let (unit, factor) = (self.unit(id), self.factor(id));
@@ -559,6 +564,13 @@ impl LocalAxis {
         };
         let (value, min, max) = (shown(value), shown(min), shown(max));
         (format!("{value} is outside the limits of `{name}`"), format!("it can be {min} to {max}"))
+    }
+}
+
+fn value_word(raw: i64, parameter_values: &[(i64, &'static str)]) -> String {
+    match parameter_values.iter().find(|(known, _)| *known == raw) {
+        Some((_, word)) => format!("{raw} ({word})"),
+        None => raw.to_string(),
     }
 }
 

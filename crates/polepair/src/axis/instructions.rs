@@ -144,12 +144,11 @@ impl LocalAxis {
         let found = self.instruction_at(at as u16)?;
         let wanted =
             InstructionProgram::from_instructions(self.instruction_language()?, vec![*wanted]);
-        let text = |program: &InstructionProgram| program.instruction_text(0).unwrap_or_default();
         let what = format!(
             "{}: at address {at} the module has `{}`, the program `{}`",
             self.label(),
-            text(&found),
-            text(&wanted)
+            first_instruction_text(&found),
+            first_instruction_text(&wanted)
         );
         Err(differs(what, at, "load the program again", false))
     }
@@ -169,11 +168,9 @@ impl LocalAxis {
         let mut read: Vec<InstructionBytes> = Vec::new();
         while read.len() < total {
             let next = self.read_instruction(read.len() as u16);
-            // The memory ends where the module refuses to read.
-            let is_end = |error: &Error| matches!(failure(error), Some(Failure::Refused { .. }));
             match next {
                 Ok(instruction) => read.push(instruction),
-                Err(error) if count.is_none() && !read.is_empty() && is_end(&error) => break,
+                Err(error) if count.is_none() && !read.is_empty() && is_refusal(&error) => break,
                 Err(error) => return Err(error),
             }
             show(TransferProgress { done: read.len(), total: count.unwrap_or(0), repeated: 0 });
@@ -278,6 +275,15 @@ impl LocalAxis {
         }
         Ok(())
     }
+}
+
+fn is_refusal(error: &Error) -> bool {
+    // The memory ends where the module refuses to read.
+    matches!(failure(error), Some(Failure::Refused { .. }))
+}
+
+fn first_instruction_text(program: &InstructionProgram) -> String {
+    program.instruction_text(0).unwrap_or_default()
 }
 
 /// Returns whether the profile has a motor whose speed is that of its steps.

@@ -117,15 +117,18 @@ impl LocalAxis {
         let (low, high) = ends.value;
         let then = position + velocity * ahead.as_secs_f64();
         let out = (then > high && velocity >= 0.0) || (then < low && velocity <= 0.0);
-        let at = || self.format_value(MotionRole::Position, position);
         Ok(out.then(|| {
             format!(
                 "{}: at {} it is about to leave its limits, {}",
                 self.label(),
-                at(),
+                self.position_at_text(position),
                 self.format_limits(ends)
             )
         }))
+    }
+
+    fn position_at_text(&self, position: f64) -> String {
+        self.format_value(MotionRole::Position, position)
     }
 
     /// Refuses what knows nothing of scales and limits.
@@ -310,10 +313,9 @@ impl LocalAxis {
         let mounting = &mounted.mounting;
         let Some(parameter) = self.parameter(id) else { return Ok(()) };
         let role = mounted.role(id);
-        let value = || self.value(id, raw).map(|value| value.value * value.unit.si_factor());
         match (role, &mounting.position) {
             (Some(MotionRole::Position), Some(ends)) if self.is_target(id) => {
-                self.check_position(value()?, ends)?;
+                self.check_position(self.si_value(id, raw)?, ends)?;
             }
             (Some(MotionRole::Position | MotionRole::Speed | MotionRole::Acceleration), _)
             | (_, None) => {}
@@ -325,13 +327,17 @@ impl LocalAxis {
         }
         match (role, &mounting.velocity, &mounting.torque) {
             (Some(MotionRole::Velocity | MotionRole::Speed), Some(most), _) => {
-                self.check_magnitude(MotionRole::Speed, value()?, most)
+                self.check_magnitude(MotionRole::Speed, self.si_value(id, raw)?, most)
             }
             (Some(MotionRole::Torque), _, Some(most)) if parameter.access != Access::Read => {
-                self.check_magnitude(MotionRole::Torque, value()?, most)
+                self.check_magnitude(MotionRole::Torque, self.si_value(id, raw)?, most)
             }
             _ => Ok(()),
         }
+    }
+
+    fn si_value(&self, id: ParameterId, raw: i64) -> Result<f64, Error> {
+        self.value(id, raw).map(|value| value.value * value.unit.si_factor())
     }
 
     /// Returns whether some verb writes its target there.

@@ -80,14 +80,12 @@ impl LocalAxis {
     /// # Errors
     /// What reading these objects brings.
     pub fn describe_units(&self) -> Result<Vec<(&'static str, String)>, Error> {
-        let of_signal = |signal| Some(self.profile.signal(signal)?.parameter);
-        let accelerates = |quantity| quantity == Quantity::Acceleration;
         let mut parameters = self.profile.parameters.iter();
-        let acceleration = parameters.position(|p| accelerates(p.unit.quantity()));
+        let acceleration = parameters.position(|p| is_acceleration(p.unit.quantity()));
         let acceleration = acceleration.and_then(|at| u16::try_from(at).ok()).map(ParameterId);
         let kinds = [
-            ("position", of_signal(Signal::Position)),
-            ("velocity", of_signal(Signal::Velocity)),
+            ("position", self.signal_parameter_id(Signal::Position)),
+            ("velocity", self.signal_parameter_id(Signal::Velocity)),
             ("acceleration", acceleration),
         ];
         let mut lines = Vec::new();
@@ -113,6 +111,14 @@ impl LocalAxis {
         }
         Ok(lines)
     }
+
+    fn signal_parameter_id(&self, signal: Signal) -> Option<ParameterId> {
+        Some(self.profile.signal(signal)?.parameter)
+    }
+}
+
+fn is_acceleration(quantity: Quantity) -> bool {
+    quantity == Quantity::Acceleration
 }
 
 /// A number with as many digits as a float of 32 bits has.

@@ -19,6 +19,7 @@
 
 mod airtime;
 mod attempt;
+mod failures;
 mod requests;
 mod standstill;
 
@@ -33,9 +34,10 @@ use crate::identification::Identification;
 use crate::url::AxisNumber;
 use attempt::StopAttempt;
 pub use attempt::StopProgress;
+use failures::{failure_of, is_impossible, is_superseded, may_be_lost};
 use polepair_core::axis::{Command, Refusal, Verb};
 use polepair_core::error::{Failure, Unsupported};
-use polepair_core::plan::Plan;
+use polepair_core::plan::{Plan, Step};
 use polepair_core::time::Instant;
 use standstill::STANDSTILL_WAIT_MAX;
 
@@ -529,8 +531,9 @@ impl StopSupervisor {
 
     /// Sends a quick stop, if the drive has one that differs from its stop and it was not sent yet.
     fn escalate(&mut self) -> bool {
-        let plan = |verb| self.axis.profile.plan(verb).map(Plan::before_wait);
-        let has_other = plan(Verb::QuickStop).is_some_and(|quick| Some(quick) != plan(Verb::Stop));
+        let has_other = self
+            .sending_plan(Verb::QuickStop)
+            .is_some_and(|quick| Some(quick) != self.sending_plan(Verb::Stop));
         if self.options.quick || self.escalated || !has_other {
             return false;
         }
@@ -539,6 +542,10 @@ impl StopSupervisor {
         self.slowest = (f64::MAX, now);
         self.begin_attempt(false);
         true
+    }
+
+    fn sending_plan(&self, verb: Verb) -> Option<&[Step]> {
+        self.axis.profile.plan(verb).map(Plan::before_wait)
     }
 
     /// Returns whether the axis sent a value just now, after a silence.
@@ -675,24 +682,4 @@ impl LocalAxis {
         let ended = stop_axes(one, options, Duration::ZERO, |_, _| true);
         ended.into_iter().try_for_each(|stop| stop.standstill.map(drop))
     }
-}
-
-fn failure_of(error: &Error) -> Option<Failure> {
-    let Error::Failed { outcome, .. } = error else { return None };
-    outcome.failure()
-}
-
-/// Returns whether a later stop or motion replaced it. The stop is still pending then.
-fn is_superseded(error: &Error) -> bool {
-    failure_of(error) == Some(Failure::Cancelled)
-}
-
-/// Returns whether a repeated stop may still arrive. A drive that refused it has received it.
-fn may_be_lost(error: &Error) -> bool {
-    matches!(failure_of(error), Some(Failure::Silent | Failure::Misbehaved | Failure::LinkDown))
-}
-
-/// Returns whether the drive has no stop, so that a repetition is of no use.
-fn is_impossible(error: &Error) -> bool {
-    matches!(error, Error::Unsupported { why, .. } if *why != Unsupported::Busy)
 }

@@ -107,21 +107,22 @@ impl LocalAxis {
         if !matches!(outcome.failure(), Some(Failure::NotReady { .. })) {
             return error;
         }
-        let has_limit = |signal| {
-            self.provides_signal(signal).unwrap_or(false)
-                && self.signals(&[signal]).is_ok_and(|read| read[0].raw != 0)
-        };
         let fault = AxisInterface::faults(self).into_iter().flatten().find(|one| !one.is_warning);
         let failure = match fault {
             Some(fault) => Failure::Faulted { code: fault.code },
-            None if has_limit(Signal::PositiveLimit) => {
+            None if self.has_active_limit(Signal::PositiveLimit) => {
                 Failure::Elsewhere(EndReason::Limit(LimitEnd::Positive))
             }
-            None if has_limit(Signal::NegativeLimit) => {
+            None if self.has_active_limit(Signal::NegativeLimit) => {
                 Failure::Elsewhere(EndReason::Limit(LimitEnd::Negative))
             }
             None => return error,
         };
         self.outcome_error(what, RequestKind::Command, Outcome::Unknown(failure))
+    }
+
+    fn has_active_limit(&self, signal: Signal) -> bool {
+        self.provides_signal(signal).unwrap_or(false)
+            && self.signals(&[signal]).is_ok_and(|read| read[0].raw != 0)
     }
 }

@@ -9,6 +9,8 @@ use crate::simulate::RackDescription;
 use crate::spelling;
 use crate::url::{AxisNumber, LinkTarget, Url};
 use polepair_core::medium::MediumKind;
+use polepair_sim::rack::RackLink;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// A part of a link that is opened by itself: one wire, or one simulation with all of its wires.
@@ -30,15 +32,14 @@ impl Connector {
     /// [`Error::Usage`] and [`Error::File`], as in [`connect`](Self::connect).
     pub fn parts(&self, text: &str) -> Result<Vec<LinkPart>, Error> {
         let url = self.url(text)?;
-        let whole = |medium| vec![LinkPart { url: text.to_owned(), medium }];
         match &url.target {
-            LinkTarget::Sim { .. } => Ok(whole(None)),
+            LinkTarget::Sim { .. } => Ok(whole_part(None, text)),
             LinkTarget::Rack { file } => {
                 let description = simulate::rack_of_file(Path::new(file), seed_of(&url)?)?;
                 let only = url.key("link").map(|name| find_link(&description, name)).transpose()?;
                 let links = host_links(&description, only);
                 if links.iter().all(|n| description.wires[*n].connect.is_none()) {
-                    return Ok(whole(None));
+                    return Ok(whole_part(None, text));
                 }
                 let parts: Vec<LinkPart> = links
                     .into_iter()
@@ -55,7 +56,7 @@ impl Connector {
             }
             _ => {
                 let protocol = self.check_url(&url)?;
-                Ok(whole(Some(protocol.medium)))
+                Ok(whole_part(Some(protocol.medium), text))
             }
         }
     }
@@ -68,6 +69,10 @@ impl Connector {
         self.chosen_profile(url, &protocol)?;
         Ok(protocol)
     }
+}
+
+fn whole_part(medium: Option<MediumKind>, text: &str) -> Vec<LinkPart> {
+    vec![LinkPart { url: text.to_owned(), medium }]
 }
 
 /// One link of a rack, where the string means any axis of it.
@@ -83,13 +88,11 @@ fn part_of_link(
     let protocols = description.protocols_on(n);
     let Some(first) = protocols.first() else { return Ok(None) };
     let here: Vec<usize> = std::iter::once(n).chain(description.links_behind(n)).collect();
-    let numbers = |number: &u32| {
-        let lowest = *first.addresses.start();
-        let drives = here.iter().flat_map(|n| &description.rack.links[*n].drives);
-        drives.into_iter().any(|drive| drive.address.unwrap_or(lowest) == *number)
-    };
     let mut part = url.clone();
-    part.axes.retain(|axis| AxisNumber(*axis).is_group() || numbers(axis));
+    part.axes.retain(|axis| {
+        AxisNumber(*axis).is_group()
+            || is_drive_number(axis, &here, &first.addresses, &description.rack.links)
+    });
     part.names.retain(|name| {
         here.iter().any(|n| description.wires[*n].axis_names().any(|known| known == name))
     });
@@ -101,4 +104,15 @@ fn part_of_link(
         part.keys.push(("link".to_owned(), rack.name.clone()));
     }
     Ok(Some(LinkPart { url: part.to_string(), medium: Some(first.medium) }))
+}
+
+fn is_drive_number(
+    number: &u32,
+    here: &[usize],
+    first_addresses: &RangeInclusive<u32>,
+    description_rack_links: &[RackLink],
+) -> bool {
+    let lowest = *first_addresses.start();
+    let drives = here.iter().flat_map(|n| &description_rack_links[*n].drives);
+    drives.into_iter().any(|drive| drive.address.unwrap_or(lowest) == *number)
 }

@@ -2,6 +2,7 @@
 
 use super::Connector;
 use crate::error::Error;
+use crate::profile::Listed;
 use crate::registry::ProtocolInfo;
 use crate::spelling;
 use crate::toml_file::FileError;
@@ -96,8 +97,9 @@ impl Connector {
         let found = fitting.find(|p| p.name == name || p.family == name);
         let found = found.or((name == generic.name).then_some(generic));
         let listed = crate::profile::listed_for(protocol.profile);
-        let in_catalogue = || listed.iter().find(|module| module.name == name);
-        if let Some(profile) = found.or_else(|| in_catalogue().map(|module| module.profile())) {
+        if let Some(profile) =
+            found.or_else(|| catalogue_entry(name, listed).map(|module| module.profile()))
+        {
             return Ok(profile);
         }
         if let Some(error) = self.config.broken_profile(name) {
@@ -113,4 +115,8 @@ impl Connector {
         };
         Err(Error::usage("E213", what, format!("known are {}{more}", known.join(", "))))
     }
+}
+
+fn catalogue_entry<'l>(name: &str, listed: &'l [Listed]) -> Option<&'l Listed> {
+    listed.iter().find(|module| module.name == name)
 }

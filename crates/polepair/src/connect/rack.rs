@@ -212,8 +212,8 @@ fn rack_line(
     let seats = |n: usize, own: bool| {
         let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
         let info = &info;
-        let speaks = move |drive: &RackDrive| !own || simulate::speaks_protocol(drive, info);
-        let drives = rack.drives.iter().enumerate().filter(move |(_, drive)| speaks(drive));
+        let drives =
+            rack.drives.iter().enumerate().filter(move |(_, drive)| is_served(drive, own, info));
         drives.flat_map(move |(at, drive)| {
             let address = drive.address.unwrap_or(first);
             let entry = |name: &str, mounting: &Option<_>, steps| RackEntry {
@@ -286,4 +286,8 @@ fn rack_line(
         entries: seats,
         rack_entries: everything,
     })
+}
+
+fn is_served(drive: &RackDrive, own: bool, info: &ProtocolInfo) -> bool {
+    !own || simulate::speaks_protocol(drive, info)
 }

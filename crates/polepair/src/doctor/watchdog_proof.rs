@@ -7,6 +7,7 @@ use crate::axis::{
 use crate::error::{Error, Exit, MAY_TURN};
 use polepair_core::axis::Verb;
 use polepair_core::profile::{AxisKind, ParameterId, Persistence, Signal, Watchdog};
+use polepair_core::time::Instant;
 use polepair_link::clock;
 use std::fmt;
 use std::time::Duration;
@@ -129,12 +130,11 @@ fn restore_watchdog(axis: &LocalAxis, before: Option<Vec<(ParameterId, i64)>>) -
         let text = "its watchdog stays set: the drive does not report its earlier setting";
         return CheckResult::suspicious(&about, text, "`polepair watchdog URL off`, or a time");
     };
-    let is_stored = |id: &ParameterId| {
-        let parameter = axis.parameter(*id);
-        parameter.is_some_and(|found| found.persistence == Persistence::Always)
+    let memory = if before.iter().any(|(id, _)| is_stored_parameter(id, axis)) {
+        ", in its permanent memory"
+    } else {
+        ""
     };
-    let memory =
-        if before.iter().any(|(id, _)| is_stored(id)) { ", in its permanent memory" } else { "" };
     let put = || axis.restore_settings(&before).and_then(|()| axis.watchdog());
     let put = match put() {
         // Who ends the proof has it put back, too.
@@ -153,6 +153,11 @@ fn restore_watchdog(axis: &LocalAxis, before: Option<Vec<(ParameterId, i64)>>) -
             "`polepair watchdog URL` shows and sets it",
         ),
     }
+}
+
+fn is_stored_parameter(id: &ParameterId, axis: &LocalAxis) -> bool {
+    let parameter = axis.parameter(*id);
+    parameter.is_some_and(|found| found.persistence == Persistence::Always)
 }
 
 /// Observation of a motor whose host fell silent.
@@ -205,15 +210,13 @@ fn run_proof(
     let stands = matches!(seen, Ok(MotorObservation::StandingStill));
     let released = motor.release(stands, witness);
     let may_turn = moved && !(stands || released.at_standstill);
-    let unproven = |error: Error| {
-        let may_turn = may_turn || !moved && error.may_turn();
-        Err(ProofError { error: error.into(), moved, may_turn })
-    };
     let seen = match (seen, &released.result) {
         (Ok(seen), _) => seen,
         // The observer that ended it learns that the motor was not stopped.
-        (Err(Error::Interrupted { .. }), Err(stop)) => return unproven(stop.clone()),
-        (Err(error), _) => return unproven(error),
+        (Err(Error::Interrupted { .. }), Err(stop)) => {
+            return unproven_error(stop.clone(), may_turn, moved);
+        }
+        (Err(error), _) => return unproven_error(error, may_turn, moved),
     };
     let seconds = silence.as_secs_f64();
     witness.report_check(match seen {
@@ -239,9 +242,14 @@ fn run_proof(
     match released.result {
         // A drive that its watchdog has stopped may have a fault from it, which is no news.
         Err(error) if stands && !is_communication_error(&error) => Ok(()),
-        Err(error) => unproven(error),
+        Err(error) => unproven_error(error, may_turn, moved),
         Ok(()) => Ok(()),
     }
+}
+
+fn unproven_error(error: Error, may_turn: bool, moved: bool) -> Result<(), ProofError> {
+    let may_turn = may_turn || !moved && error.may_turn();
+    Err(ProofError { error: error.into(), moved, may_turn })
 }
 
 fn is_communication_error(error: &Error) -> bool {
@@ -263,16 +271,19 @@ fn sleep_unless_cancelled(
     span: Duration,
     witness: &dyn ProofObserver,
 ) -> Result<(), Error> {
-    let now = || axis.connection().now();
-    let end = now() + span;
+    let end = axis_now(axis) + span;
     loop {
         check_cancelled(axis, witness)?;
-        let left = end.since(now());
+        let left = end.since(axis_now(axis));
         if left.is_zero() {
             return Ok(());
         }
         axis.sleep(left.min(POLL_INTERVAL));
     }
+}
+
+fn axis_now(axis: &LocalAxis) -> Instant {
+    axis.connection().now()
 }
 
 /// Reads whether it turns.
@@ -311,20 +322,19 @@ impl ArmedMotor<'_> {
         witness: &dyn ProofObserver,
     ) -> Result<MotorObservation, Error> {
         let axis = self.axis;
-        let now = || axis.connection().now();
         check_cancelled(axis, witness)?;
         self.moved = true;
         axis.velocity(proving_speed(axis.profile().axis))?;
-        let end = now() + clock::scale_timeout(SPIN_UP_MAX);
+        let end = axis_now(axis) + clock::scale_timeout(SPIN_UP_MAX);
         while !poll_turning(axis)? {
-            if now() >= end {
+            if axis_now(axis) >= end {
                 return Ok(MotorObservation::NeverTurned);
             }
             sleep_unless_cancelled(axis, POLL_INTERVAL, witness)?;
         }
         // A watch begins with the first word, or heartbeat, behind its setting.
-        let end = now() + HOST_ALIVE_TIME;
-        while now() < end {
+        let end = axis_now(axis) + HOST_ALIVE_TIME;
+        while axis_now(axis) < end {
             poll_turning(axis)?;
             sleep_unless_cancelled(axis, POLL_INTERVAL, witness)?;
         }

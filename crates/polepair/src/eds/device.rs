@@ -118,12 +118,15 @@ fn entry_name(object: &EdsObject, entry: &EdsEntry) -> String {
 }
 
 fn entry_limits(entry: &EdsEntry) -> (i64, i64) {
-    let whole = |literal: &Option<Literal>| literal.as_ref().and_then(|it| it.integer(0));
-    match (whole(&entry.low), whole(&entry.high)) {
+    match (literal_integer(&entry.low), literal_integer(&entry.high)) {
         // Limits that leave no value are none: files have 0 and 0 in unused fields.
         (Some(low), Some(high)) if low >= high => (i64::MIN, i64::MAX),
         (low, high) => (low.unwrap_or(i64::MIN), high.unwrap_or(i64::MAX)),
     }
+}
+
+fn literal_integer(literal: &Option<Literal>) -> Option<i64> {
+    literal.as_ref().and_then(|it| it.integer(0))
 }
 
 fn default_value(eds: &Eds, object: &EdsObject, entry: &EdsEntry) -> FactoryValue {

@@ -1,7 +1,7 @@
 //! Makes a profile from a data sheet: named objects, and the verbs of CiA 402 for a drive.
 
 use super::object_types::DataType;
-use super::{Eds, EdsEntry, EdsObject};
+use super::{Eds, EdsEntry, EdsObject, Literal};
 use crate::profile::draft::{Draft, DraftIdentity, DraftParameter};
 use crate::profile::{name_from_path, remove_missing};
 use crate::spelling::fold;
@@ -158,9 +158,8 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
         parameter.encoding = encoding;
         (parameter.min, parameter.max) = encoding.raw_range();
     }
-    // Limits that depend on the node are not limits of the product.
-    let raw = |literal: &Option<super::Literal>| raw_value(encoding, literal.as_ref()?, 0);
-    if let (Some(low), Some(high)) = (raw(&entry.low), raw(&entry.high))
+    if let (Some(low), Some(high)) =
+        (raw_literal(&entry.low, encoding), raw_literal(&entry.high, encoding))
         && encoding.number(low) < encoding.number(high)
     {
         (parameter.min, parameter.max) = (low, high);
@@ -180,10 +179,15 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
     };
 }
 
+fn raw_literal(literal: &Option<Literal>, encoding: Encoding) -> Option<i64> {
+    // Limits that depend on the node are not limits of the product.
+    raw_value(encoding, literal.as_ref()?, 0)
+}
+
 /// The raw value that a literal means for an encoding; `None` for text and bytes.
-pub(crate) fn raw_value(encoding: Encoding, literal: &super::Literal, node: u8) -> Option<i64> {
+pub(crate) fn raw_value(encoding: Encoding, literal: &Literal, node: u8) -> Option<i64> {
     match literal {
-        super::Literal::Text(text) if encoding.is_real() => encoding.raw(text.parse().ok()?),
+        Literal::Text(text) if encoding.is_real() => encoding.raw(text.parse().ok()?),
         other if encoding.is_number() => other.integer(node),
         _ => None,
     }

@@ -299,13 +299,10 @@ impl EdsReader {
             others: Vec::new(),
         });
         let (names, values) = (self.names.remove(&object.index), self.values.remove(&object.index));
-        let of = |section: &Option<IniSection>, sub: u8| {
-            section.as_ref()?.get(&sub.to_string()).cloned()
-        };
         for sub in 1..=count {
-            let name = of(&names, sub).map(|line| line.value);
+            let name = section_of(&names, sub).map(|line| line.value);
             let name = name.unwrap_or_else(|| format!("{}{sub}", object.name));
-            let own = of(&values, sub);
+            let own = section_of(&values, sub);
             let value = own.and_then(|line| self.read_literal(&line, like.data_type));
             object.entries.push(EdsEntry {
                 sub,
@@ -396,4 +393,8 @@ impl EdsReader {
     fn read_u8(&mut self, section: &IniSection, key: &str) -> Option<u8> {
         self.read_number(section, key).and_then(|number| u8::try_from(number).ok())
     }
+}
+
+fn section_of(section: &Option<IniSection>, sub: u8) -> Option<IniLine> {
+    section.as_ref()?.get(&sub.to_string()).cloned()
 }

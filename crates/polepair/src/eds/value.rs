@@ -115,14 +115,17 @@ pub(super) fn parse_literal(
 
 /// The part beside `$NODEID`, on either side of the `+`.
 fn strip_node_id(text: &str) -> (&str, bool) {
-    const NODE: &str = "$NODEID";
-    let is_node = |part: &str| part.trim().eq_ignore_ascii_case(NODE);
     match text.split_once('+') {
-        _ if is_node(text) => ("", true),
-        Some((a, b)) if is_node(a) => (b.trim(), true),
-        Some((a, b)) if is_node(b) => (a.trim(), true),
+        _ if is_node_id(text) => ("", true),
+        Some((a, b)) if is_node_id(a) => (b.trim(), true),
+        Some((a, b)) if is_node_id(b) => (a.trim(), true),
         _ => (text, false),
     }
+}
+
+fn is_node_id(part: &str) -> bool {
+    const NODE: &str = "$NODEID";
+    part.trim().eq_ignore_ascii_case(NODE)
 }
 
 /// Booleans in words.

@@ -24,12 +24,15 @@ impl fmt::Display for Eds {
         for (name, lines) in &self.others {
             write_section(f, name, lines)?;
         }
-        let is_vendors = |index: u16| (0x2000..0x6000).contains(&index);
         self.write_list(f, "MandatoryObjects", |index| MANDATORY.contains(&index))?;
-        self.write_list(f, "OptionalObjects", |i| !MANDATORY.contains(&i) && !is_vendors(i))?;
-        self.write_list(f, "ManufacturerObjects", is_vendors)?;
+        self.write_list(f, "OptionalObjects", |i| !MANDATORY.contains(&i) && !is_vendor_index(i))?;
+        self.write_list(f, "ManufacturerObjects", is_vendor_index)?;
         self.objects.iter().try_for_each(|object| write_object(f, object))
     }
+}
+
+fn is_vendor_index(index: u16) -> bool {
+    (0x2000..0x6000).contains(&index)
 }
 
 impl Eds {

@@ -273,20 +273,21 @@ impl AxisInterface for LocalAxis {
 impl LocalAxis {
     /// The kind of the drive's watchdog.
     fn watchdog_kind(&self) -> WatchdogKind {
-        let name = || {
-            let parameter = self.watchdog_parameter().and_then(|id| self.parameter(id));
-            parameter.map(|parameter| parameter.name.to_owned())
-        };
         match self.profile().watchdog {
             Watchdog::None => WatchdogKind::None,
             Watchdog::Fixed { after_ms } => WatchdogKind::Fixed(f64::from(after_ms) / 1e3),
-            Watchdog::Configurable { .. } => {
-                name().map_or(WatchdogKind::None, WatchdogKind::Configurable)
-            }
-            Watchdog::Heartbeat { .. } => {
-                WatchdogKind::Heartbeat(self.heartbeat().and_then(|_| name()))
-            }
+            Watchdog::Configurable { .. } => self
+                .watchdog_parameter_name()
+                .map_or(WatchdogKind::None, WatchdogKind::Configurable),
+            Watchdog::Heartbeat { .. } => WatchdogKind::Heartbeat(
+                self.heartbeat().and_then(|_| self.watchdog_parameter_name()),
+            ),
         }
+    }
+
+    fn watchdog_parameter_name(&self) -> Option<String> {
+        let parameter = self.watchdog_parameter().and_then(|id| self.parameter(id));
+        parameter.map(|parameter| parameter.name.to_owned())
     }
 
     /// Setting of the drive's watchdog in words.

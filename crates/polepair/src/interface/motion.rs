@@ -192,16 +192,12 @@ impl MotionMonitor {
         if let Some(fault) = &state.fault {
             return Err(fault.to_error(label));
         }
-        let ended = |what: &str, why: &str| {
-            let hint =
-                "`polepair info URL` shows its state; check whether another master controls it";
-            Err(motion_ended("E102", format!("{label} {what}"), why, hint))
-        };
         self.was_enabled |= state.enabled == Some(true);
         if self.was_enabled && state.enabled == Some(false) {
-            return ended(
+            return ended_error(
                 "has lost its power during the motion",
                 "Another program, an input or the drive itself switched it off.",
+                label,
             );
         }
         let (Some(commanded), Some(actual)) = (self.velocity, state.velocity) else {
@@ -211,12 +207,19 @@ impl MotionMonitor {
         let stands = self.has_turned && actual.abs() < commanded.abs() * STANDSTILL_SHARE;
         self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
         match self.stands_since {
-            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => {
-                ended("stopped during the motion", "Another program stopped it, or it is blocked.")
-            }
+            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => ended_error(
+                "stopped during the motion",
+                "Another program stopped it, or it is blocked.",
+                label,
+            ),
             _ => Ok(()),
         }
     }
+}
+
+fn ended_error(what: &str, why: &str, label: &str) -> Result<(), Error> {
+    let hint = "`polepair info URL` shows its state; check whether another master controls it";
+    Err(motion_ended("E102", format!("{label} {what}"), why, hint))
 }
 
 fn motion_ended(code: &'static str, what: String, why: &str, hint: &str) -> Error {

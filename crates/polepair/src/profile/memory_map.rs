@@ -67,11 +67,10 @@ pub(crate) fn apply_entries(
 /// which is the position error. At the same address it is that one's second name and left out, else its
 /// address makes its name another.
 fn rename_clashing(parameters: &mut Vec<DraftParameter>) {
-    let is_described = |p: &DraftParameter| p.name != p.symbol;
-    let described = parameters.iter().filter(|p| is_described(p));
+    let described = parameters.iter().filter(|p| is_described_parameter(p));
     let words: HashMap<String, u16> = described.map(|p| (fold(&p.name), p.index)).collect();
     parameters.retain_mut(|p| {
-        let clash = words.get(&fold(&p.name)).filter(|_| !is_described(p));
+        let clash = words.get(&fold(&p.name)).filter(|_| !is_described_parameter(p));
         let Some(index) = clash else { return true };
         if *index == p.index {
             return false;
@@ -80,6 +79,10 @@ fn rename_clashing(parameters: &mut Vec<DraftParameter>) {
         p.symbol.clone_from(&p.name);
         true
     });
+}
+
+fn is_described_parameter(p: &DraftParameter) -> bool {
+    p.name != p.symbol
 }
 
 /// The vendor's word for a type.

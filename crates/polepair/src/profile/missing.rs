@@ -31,36 +31,40 @@ pub(crate) fn remove_missing(draft: &mut Draft) {
     for rule in [&mut motion.halted, &mut motion.stalled, &mut motion.unpowered] {
         *rule = rule.take().filter(|(name, _)| reads(name));
     }
-    let both = |name: &ParameterName| {
-        there.supports(name, ParameterUse::Read) && there.supports(name, ParameterUse::Write)
-    };
     let watchdog = match &draft.watchdog {
         DraftWatchdog::None | DraftWatchdog::Fixed(_) => true,
         DraftWatchdog::Configurable { parameter, on_can } => {
             let mut names = [Some(parameter), on_can.as_ref()].into_iter().flatten();
             names.all(|name| there.supports(name, ParameterUse::Write))
         }
-        DraftWatchdog::Heartbeat { consumer, reaction } => both(consumer) && both(reaction),
+        DraftWatchdog::Heartbeat { consumer, reaction } => {
+            supports_both(consumer, &there) && supports_both(reaction, &there)
+        }
     };
     if !watchdog {
         draft.watchdog = DraftWatchdog::None;
     }
-    draft.ram = draft.ram.take().filter(|ram| both(&ram.parameter));
+    draft.ram = draft.ram.take().filter(|ram| supports_both(&ram.parameter, &there));
     draft.optional.retain(|name| there.access.contains_key(&fold(&name.value)));
+}
+
+fn supports_both(name: &ParameterName, there: &AvailableParameters) -> bool {
+    there.supports(name, ParameterUse::Read) && there.supports(name, ParameterUse::Write)
 }
 
 /// Shows values raw that are scaled by a parameter which this drive lacks.
 fn unscale_missing(draft: &mut Draft) {
     let there = AvailableParameters::from_draft(draft);
-    let lacks = |name: &Option<ParameterName>| {
-        name.as_ref().is_some_and(|name| !there.supports(name, ParameterUse::Read))
-    };
     for p in &mut draft.parameters {
-        if lacks(&p.times) || lacks(&p.over) {
+        if lacks_read(&p.times, &there) || lacks_read(&p.over, &there) {
             (p.times, p.over, p.unit) = (None, None, Unit::None);
             p.factor = if p.encoding == Encoding::Fixed { 1.0 / 65536.0 } else { 1.0 };
         }
     }
+}
+
+fn lacks_read(name: &Option<ParameterName>, there: &AvailableParameters) -> bool {
+    name.as_ref().is_some_and(|name| !there.supports(name, ParameterUse::Read))
 }
 
 /// Use of a parameter by a step.
@@ -81,9 +85,8 @@ pub(super) struct AvailableParameters {
 
 impl AvailableParameters {
     pub(super) fn from_draft(draft: &Draft) -> Self {
-        let labels = |p: &DraftParameter| [fold(&p.name), fold(&p.symbol)];
         let known = draft.parameters.iter();
-        let access = known.flat_map(|p| labels(p).map(|label| (label, p.access)));
+        let access = known.flat_map(|p| folded_labels(p).map(|label| (label, p.access)));
         let access = access.filter(|(label, _)| !label.is_empty()).collect();
         let optional = draft.optional.iter().map(|name| fold(&name.value)).collect();
         Self { access, optional }
@@ -171,6 +174,10 @@ impl AvailableParameters {
             _ => false,
         }
     }
+}
+
+fn folded_labels(p: &DraftParameter) -> [String; 2] {
+    [fold(&p.name), fold(&p.symbol)]
 }
 
 /// Steps that a skip may leave out.

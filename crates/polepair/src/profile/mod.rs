@@ -181,29 +181,37 @@ pub(crate) fn profile_with_steps(
 ) -> Result<&'static Profile, Error> {
     type Known = HashMap<(&'static str, usize, u64), &'static Profile>;
     static KNOWN: Mutex<Option<Known>> = Mutex::new(None);
-    let wrong = |what: String, hint: &str| Error::usage("E210", what, hint.to_owned());
     if !(4..=10_000).contains(&steps) {
         let what = format!("`steps={steps}` is no number of full steps");
-        return Err(wrong(what, "200 and 400 are usual; at most 10000"));
+        return Err(profile_error(what, "200 and 400 are usual; at most 10000"));
     }
-    let rule = |parameter: &Parameter| parameter.scale.rule.and_then(|rule| rule.full_steps);
-    let Some((assumed, object)) = profile.parameters.iter().find_map(rule) else {
+    let Some((assumed, object)) = profile.parameters.iter().find_map(full_steps_rule) else {
         let what =
             format!("`steps={steps}`: {} has no stepper motor that it is for", profile.title);
-        return Err(wrong(what, "leave it out"));
+        return Err(profile_error(what, "leave it out"));
     };
     if let Some(own) = profile.find_object(object).and_then(|id| profile.parameter(id)) {
         let what = format!("`steps={steps}`: {} has a setting for it", profile.title);
-        return Err(wrong(what, &format!("set `{}` ({})", own.name, own.symbol)));
+        return Err(profile_error(what, &format!("set `{}` ({})", own.name, own.symbol)));
     }
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     let key = (profile.name, std::ptr::from_ref(profile) as usize, steps);
     Ok(known.get_or_insert_default().entry(key).or_insert_with(|| {
         let mut parameters = profile.parameters.to_vec();
-        for parameter in parameters.iter_mut().filter(|parameter| rule(parameter).is_some()) {
+        for parameter in
+            parameters.iter_mut().filter(|parameter| full_steps_rule(parameter).is_some())
+        {
             parameter.scale.factor *= assumed / steps as f64;
         }
         let parameters = parameters.leak();
         Box::leak(Box::new(Profile { parameters, ..profile.clone() }))
     }))
+}
+
+fn full_steps_rule(parameter: &Parameter) -> Option<(f64, (u16, u8))> {
+    parameter.scale.rule.and_then(|rule| rule.full_steps)
+}
+
+fn profile_error(what: String, hint: &str) -> Error {
+    Error::usage("E210", what, hint.to_owned())
 }

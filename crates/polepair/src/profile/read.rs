@@ -273,12 +273,19 @@ fn read_identity(node: &TomlTable<'_, '_>) -> Result<Option<DraftIdentity>, File
     if parameter.is_some() != text.is_empty() {
         return Err(table.location().error("`identify` needs either `parameter` or `ask`"));
     }
-    let number = |key| table.integer(key).map(|found| found.map_or(0, |found| found.value));
-    let (mask, equals, firmware) = (number("mask")?, number("equals")?, number("firmware")?);
+    let (mask, equals, firmware) = (
+        number_or_zero("mask", &table)?,
+        number_or_zero("equals", &table)?,
+        number_or_zero("firmware", &table)?,
+    );
     if equals & !mask != 0 {
         return Err(table.location().error("`equals` has bits that `mask` takes away"));
     }
     Ok(Some(DraftIdentity { parameter, text, mask, equals, firmware }))
+}
+
+fn number_or_zero(key: &str, table: &TomlTable<'_, '_>) -> Result<i64, FileError> {
+    table.integer(key).map(|found| found.map_or(0, |found| found.value))
 }
 
 fn replace_text(text: &mut String, with: Option<Located<String>>) {
@@ -289,11 +296,14 @@ fn replace_text(text: &mut String, with: Option<Located<String>>) {
 
 /// Names of profiles and families become file names, constants and words in URLs.
 fn check_word(text: String) -> Result<String, String> {
-    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c);
-    if text.is_empty() || !text.chars().all(plain) {
+    if text.is_empty() || !text.chars().all(is_name_char) {
         return Err(format!("`{text}` must be of a-z, 0-9, `-`, `_` and `.`"));
     }
     Ok(text)
+}
+
+fn is_name_char(c: char) -> bool {
+    c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c)
 }
 
 fn parse_choice<T: Copy>(word: &str, table: &[(&str, T)]) -> Result<T, String> {
@@ -362,17 +372,20 @@ fn clear_table(draft: &mut Draft, table: &Located<String>) -> Result<(), FileErr
 }
 
 fn remove_parameters(draft: &mut Draft, names: &[Located<String>]) -> Result<(), FileError> {
-    let folded = |p: &DraftParameter| spelling::fold(&p.name);
-    let mut remaining: HashSet<String> = draft.parameters.iter().map(folded).collect();
+    let mut remaining: HashSet<String> = draft.parameters.iter().map(folded_name).collect();
     for Located { value, location } in names {
         if !remaining.remove(&spelling::fold(value)) {
-            let others = draft.parameters.iter().filter(|p| remaining.contains(&folded(p)));
+            let others = draft.parameters.iter().filter(|p| remaining.contains(&folded_name(p)));
             let hint = spelling::suggestion(value, others.map(|p| p.name.as_str()));
             return Err(location.error(format!("nothing called `{value}` to remove{hint}")));
         }
     }
-    draft.parameters.retain(|p| remaining.contains(&folded(p)));
+    draft.parameters.retain(|p| remaining.contains(&folded_name(p)));
     Ok(())
+}
+
+fn folded_name(p: &DraftParameter) -> String {
+    spelling::fold(&p.name)
 }
 
 /// Takes over the names of another protocol's registers, where they lie as objects here: those of one
@@ -384,8 +397,11 @@ fn shift_registers(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), Fi
     }
     let mut moves = Vec::new();
     for range in &ranges {
-        let number = |key| range.integer_between(key, 0, 65_535).map(|n| n.unwrap_or(0));
-        moves.push((number("from")?, number("to")?, number("count")?));
+        moves.push((
+            word_or_zero("from", range)?,
+            word_or_zero("to", range)?,
+            word_or_zero("count", range)?,
+        ));
     }
     draft.parameters.retain_mut(|p| {
         let at = i64::from(p.index);
@@ -399,6 +415,10 @@ fn shift_registers(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), Fi
     draft.motion = DraftMotion::new();
     draft.optional = Vec::new();
     Ok(())
+}
+
+fn word_or_zero(key: &str, range: &TomlTable<'_, '_>) -> Result<i64, FileError> {
+    range.integer_between(key, 0, 65_535).map(|n| n.unwrap_or(0))
 }
 
 struct ProfileReader {
@@ -466,7 +486,6 @@ impl ProfileReader {
             u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
         })?;
         let (factor, times, over, rule) = read_scale(table)?;
-        let raw = |key: &str| read_raw_limit(table, key, encoding);
         Ok(DraftParameter {
             location: table.location(),
             name: table.required_text("name")?.try_map(check_name)?,
@@ -480,9 +499,9 @@ impl ProfileReader {
             times,
             over,
             rule,
-            min: raw("min")?.unwrap_or(min_value),
-            max: raw("max")?.unwrap_or(max_value),
-            default: raw("default")?,
+            min: raw_limit("min", encoding, table)?.unwrap_or(min_value),
+            max: raw_limit("max", encoding, table)?.unwrap_or(max_value),
+            default: raw_limit("default", encoding, table)?,
             access: optional_choice(table, "access", &ACCESSES)?.unwrap_or(Access::ReadWrite),
             persistence: optional_choice(table, "persistence", &PERSISTENCES)?
                 .unwrap_or(Persistence::Volatile),
@@ -519,6 +538,14 @@ impl ProfileReader {
     }
 }
 
+fn raw_limit(
+    key: &str,
+    encoding: Encoding,
+    table: &TomlTable<'_, '_>,
+) -> Result<Option<i64>, FileError> {
+    read_raw_limit(table, key, encoding)
+}
+
 /// A raw limit or default; of floating-point numbers it is the number itself.
 fn read_raw_limit(
     table: &TomlTable<'_, '_>,
@@ -543,22 +570,25 @@ fn read_raw_limit(
 
 /// The `n`th of a repeated parameter, `{n}` and `{index}` filled in.
 fn fill_repeated(one: &DraftParameter, n: i64, index: u16) -> DraftParameter {
-    let fill = |text: &String| {
-        text.replace("{n}", &n.to_string()).replace("{index}", &format!("{index:X}"))
-    };
     let fill_name = |name: &Option<Located<String>>| {
-        name.as_ref()
-            .map(|name| Located { value: fill(&name.value), location: name.location.clone() })
+        name.as_ref().map(|name| Located {
+            value: filled_template(&name.value, n, index),
+            location: name.location.clone(),
+        })
     };
     DraftParameter {
-        name: fill(&one.name),
-        symbol: fill(&one.symbol),
-        about: fill(&one.about),
+        name: filled_template(&one.name, n, index),
+        symbol: filled_template(&one.symbol, n, index),
+        about: filled_template(&one.about, n, index),
         times: fill_name(&one.times),
         over: fill_name(&one.over),
         index,
         ..one.clone()
     }
+}
+
+fn filled_template(text: &str, n: i64, index: u16) -> String {
+    text.replace("{n}", &n.to_string()).replace("{index}", &format!("{index:X}"))
 }
 
 fn check_name(name: String) -> Result<String, String> {

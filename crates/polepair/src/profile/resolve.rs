@@ -12,8 +12,8 @@ use crate::toml_file::{FileError, FileLocation};
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Compare, Operand, ParameterTest, Plan, STEPS_MAX, Step};
 use polepair_core::profile::{
-    Access, Fault, Identity, IdentityQuery, MotionRules, Parameter, ParameterId, Profile, RamMode,
-    Scale, Signal, SignalSource, Watchdog,
+    Access, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter, ParameterId, Profile,
+    RamMode, Scale, Signal, SignalSource, Watchdog,
 };
 use std::collections::HashMap;
 
@@ -100,8 +100,9 @@ fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
         let reason = format!("`{name}`: min {} is greater than max {}", p.min, p.max);
         return Err(p.location.error(reason));
     }
-    let fits = |raw: i64| p.encoding.is_between(raw, min_value, max_value);
-    if !fits(p.min) || !fits(p.max) {
+    if !fits_range(p.min, min_value, max_value, &p.encoding)
+        || !fits_range(p.max, min_value, max_value, &p.encoding)
+    {
         let reason = format!("`{name}`: {} to {} does not fit its encoding", p.min, p.max);
         return Err(p.location.error(reason));
     }
@@ -111,11 +112,17 @@ fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
         let reason = format!("`{name}`: default {default} is not within {} to {}", p.min, p.max);
         return Err(p.location.error(reason));
     }
-    if let Some((raw, word)) = p.values.iter().find(|(raw, _)| !fits(*raw)) {
+    if let Some((raw, word)) =
+        p.values.iter().find(|(raw, _)| !fits_range(*raw, min_value, max_value, &p.encoding))
+    {
         let reason = format!("`{name}`: value {raw} (`{word}`) does not fit its encoding");
         return Err(p.location.error(reason));
     }
     Ok(())
+}
+
+fn fits_range(raw: i64, min_value: i64, max_value: i64, p_encoding: &Encoding) -> bool {
+    p_encoding.is_between(raw, min_value, max_value)
 }
 
 /// Access that a step or a signal needs.
@@ -186,10 +193,7 @@ impl<'a> NameResolver<'a> {
     }
 
     fn parameter(&self, p: &DraftParameter) -> Result<Parameter, FileError> {
-        let reference = |name: &Option<ParameterName>| {
-            name.as_ref().map(|name| self.resolve_use(name, &[RequiredAccess::Read])).transpose()
-        };
-        let (times, over) = (reference(&p.times)?, reference(&p.over)?);
+        let (times, over) = (self.resolve_reference(&p.times)?, self.resolve_reference(&p.over)?);
         let scale = Scale { factor: p.factor, times, over, rule: p.rule };
         Ok(Parameter {
             name: leak_text(&p.name),
@@ -210,6 +214,13 @@ impl<'a> NameResolver<'a> {
             section: leak_text(&p.section),
             values: leak_words(&p.values),
         })
+    }
+
+    fn resolve_reference(
+        &self,
+        name: &Option<ParameterName>,
+    ) -> Result<Option<ParameterId>, FileError> {
+        name.as_ref().map(|name| self.resolve_use(name, &[RequiredAccess::Read])).transpose()
     }
 
     fn signal(&self, s: &DraftSignal) -> Result<SignalSource, FileError> {
@@ -436,18 +447,21 @@ fn judged_arrival(steps: &[DraftStep]) -> Vec<DraftStep> {
 /// units.
 fn judged_standstill(steps: &[DraftStep], draft: &Draft) -> Vec<DraftStep> {
     let speed = draft.signals.iter().find(|signal| signal.signal == Signal::Velocity);
-    let is_speed = |name: &ParameterName| {
-        speed.is_some_and(|signal| fold(&signal.parameter.value) == fold(&name.value))
-    };
     steps
         .iter()
         .map(|step| match step {
-            DraftStep::Until { read, within_ms, required: true, .. } if is_speed(read) => {
+            DraftStep::Until { read, within_ms, required: true, .. }
+                if is_speed_parameter(read, speed) =>
+            {
                 DraftStep::Standstill { within_ms: *within_ms }
             }
             other => other.clone(),
         })
         .collect()
+}
+
+fn is_speed_parameter(name: &ParameterName, speed: Option<&DraftSignal>) -> bool {
+    speed.is_some_and(|signal| fold(&signal.parameter.value) == fold(&name.value))
 }
 
 fn leak_words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {

@@ -63,9 +63,8 @@ fn read_variables(path: &Path) -> Result<String, String> {
     if archive.len() > FILES_MAX {
         return Err(format!("more than {FILES_MAX} files in it"));
     }
-    let last = |name: &str| name.rsplit(['/', '\\']).next().unwrap_or("").to_ascii_lowercase();
     let names = archive.file_names().filter_map(Result::ok).map(std::borrow::Cow::into_owned);
-    let known = names.into_iter().find(|name| last(name) == VARIABLES);
+    let known = names.into_iter().find(|name| file_part(name) == VARIABLES);
     let known = known.ok_or_else(|| format!("no {VARIABLES} in it"))?;
     let packed = archive.by_name(&known).map_err(|e| format!("{known}: {e}"))?;
     let mut bytes = Vec::new();
@@ -75,6 +74,10 @@ fn read_variables(path: &Path) -> Result<String, String> {
         return Err(format!("{known}: longer than {VARIABLES_MAX} bytes"));
     }
     Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+fn file_part(name: &str) -> String {
+    name.rsplit(['/', '\\']).next().unwrap_or("").to_ascii_lowercase()
 }
 
 /// The shipped profile that has most names at the same addresses.
@@ -95,9 +98,12 @@ pub(crate) fn name_from_path(path: &Path) -> String {
     let stem = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let stem = stem.trim_end_matches(".zip").trim_end_matches(".t");
     let stem = stem.trim_end_matches(".eds").trim_end_matches(".dcf");
-    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c);
-    let name: String = stem.chars().map(|c| if plain(c) { c } else { '-' }).collect();
+    let name: String = stem.chars().map(|c| if is_name_char(c) { c } else { '-' }).collect();
     if name.is_empty() { "setup".to_owned() } else { name }
+}
+
+fn is_name_char(c: char) -> bool {
+    c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c)
 }
 
 /// Writes the memory of a profile as a set-up archive, which [`load`](super::load) reads again.
@@ -110,22 +116,17 @@ pub fn write_setup(profile: &Profile, path: &Path) -> Result<(), FileError> {
         let reason = format!("`{}` has no memory map: only TML drives have set-ups", profile.name);
         return Err(FileError::for_file(file, reason));
     }
-    let pack = || -> zip::result::ZipResult<()> {
-        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-        archive.start_file(VARIABLES, SimpleFileOptions::default())?;
-        writeln!(archive, "# {}", profile.title)?;
-        for p in profile.parameters {
-            writeln!(
-                archive,
-                "{} {} @0x{:04X}",
-                memory_map::type_word(p.encoding),
-                p.symbol,
-                p.index
-            )?;
-        }
-        Ok(polepair_files::write_atomic(path, archive.finish()?.get_ref())?)
-    };
-    pack().map_err(|e| FileError::for_file(file, e.to_string()))
+    pack_archive(profile, path).map_err(|e| FileError::for_file(file, e.to_string()))
+}
+
+fn pack_archive(profile: &Profile, path: &Path) -> zip::result::ZipResult<()> {
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+    archive.start_file(VARIABLES, SimpleFileOptions::default())?;
+    writeln!(archive, "# {}", profile.title)?;
+    for p in profile.parameters {
+        writeln!(archive, "{} {} @0x{:04X}", memory_map::type_word(p.encoding), p.symbol, p.index)?;
+    }
+    Ok(polepair_files::write_atomic(path, archive.finish()?.get_ref())?)
 }
 
 #[cfg(test)]

@@ -245,24 +245,25 @@ impl<'a> StepText<'a> {
         let Some(inner) = self.text.strip_prefix('{').and_then(|t| t.strip_suffix('}')) else {
             return self.number().map(Operand::Constant);
         };
-        let find = |word: &str| {
-            let known = ARGUMENTS.iter().find(|(name, _)| *name == word);
-            known.map(|(_, argument)| *argument).ok_or_else(|| {
-                let hint = spelling::suggestion(word, ARGUMENTS.map(|(name, _)| name));
-                self.error(format!("no command carries `{word}`{hint}"))
-            })
-        };
         if let Some((word, speed)) = inner.split_once("? as time to ") {
-            let argument = find(word)?;
+            let argument = self.find_argument(word)?;
             if !matches!(argument, Argument::Acceleration | Argument::Deceleration) {
                 return Err(self.error(format!("`{word}` has no time in which it reaches a speed")));
             }
             return Ok(Operand::OptionalRampTime { argument, speed: self.ramp_speed(speed)? });
         }
         match inner.strip_suffix('?') {
-            Some(word) => find(word).map(Operand::OptionalArgument),
-            None => find(inner).map(Operand::Argument),
+            Some(word) => self.find_argument(word).map(Operand::OptionalArgument),
+            None => self.find_argument(inner).map(Operand::Argument),
         }
+    }
+
+    fn find_argument(&self, word: &str) -> Result<Argument, FileError> {
+        let known = ARGUMENTS.iter().find(|(name, _)| *name == word);
+        known.map(|(_, argument)| *argument).ok_or_else(|| {
+            let hint = spelling::suggestion(word, ARGUMENTS.map(|(name, _)| name));
+            self.error(format!("no command carries `{word}`{hint}"))
+        })
     }
 
     /// The speed that a ramp's time leads to: `3000 rpm` or `velocity or 300 rpm`.

@@ -9,9 +9,8 @@ use polepair_core::profile::{Profile, Signal};
 
 /// The draft with a stop, or without motion.
 pub(super) fn with_stop(mut draft: Draft) -> Draft {
-    let has = |draft: &Draft, verb| draft.plans.iter().any(|plan| plan.verb == verb);
     for verb in [Verb::Stop, Verb::QuickStop, Verb::Disable] {
-        if !has(&draft, verb) {
+        if !has_plan(&draft, verb) {
             let Some((plan, signals)) = family_plan(&draft, verb) else { continue };
             draft.plans.push(plan);
             // By these its standstill is measured.
@@ -22,12 +21,19 @@ pub(super) fn with_stop(mut draft: Draft) -> Draft {
             }
         }
     }
-    if !has(&draft, Verb::Stop) {
-        let off = has(&draft, Verb::Disable);
-        let stays = |verb: Verb| !verb.needs_arming() || (verb == Verb::Enable && off);
-        draft.plans.retain(|plan| stays(plan.verb));
+    if !has_plan(&draft, Verb::Stop) {
+        let off = has_plan(&draft, Verb::Disable);
+        draft.plans.retain(|plan| is_kept_verb(plan.verb, off));
     }
     draft
+}
+
+fn is_kept_verb(verb: Verb, off: bool) -> bool {
+    !verb.needs_arming() || (verb == Verb::Enable && off)
+}
+
+fn has_plan(draft: &Draft, verb: Verb) -> bool {
+    draft.plans.iter().any(|plan| plan.verb == verb)
 }
 
 /// The family's plan for a verb, by this draft's names for what lies at the same places. Of several
@@ -35,15 +41,12 @@ pub(super) fn with_stop(mut draft: Draft) -> Draft {
 fn family_plan(draft: &Draft, verb: Verb) -> Option<(DraftPlan, Vec<DraftSignal>)> {
     let generic = crate::registry::protocols().into_iter().map(|protocol| protocol.generic);
     let generic = generic.filter(|profile| profile.protocol == draft.protocol);
-    let alike = |profile: &&'static Profile| {
-        draft.plans.iter().filter(|plan| profile.plan(plan.verb).is_some()).count()
-    };
     let mut products: Vec<&'static Profile> = polepair_drives::profiles()
         .iter()
         .copied()
         .filter(|profile| profile.family == draft.family && profile.protocol == draft.protocol)
         .collect();
-    products.sort_by_key(|profile| std::cmp::Reverse(alike(profile)));
+    products.sort_by_key(|profile| std::cmp::Reverse(shared_plans(profile, &draft.plans)));
     let there = AvailableParameters::from_draft(draft);
     products.into_iter().chain(generic).find_map(|profile| {
         let base = Draft::from_profile(profile);
@@ -57,6 +60,10 @@ fn family_plan(draft: &Draft, verb: Verb) -> Option<(DraftPlan, Vec<DraftSignal>
         });
         Some((plan, signals.collect()))
     })
+}
+
+fn shared_plans(profile: &&'static Profile, draft_plans: &[DraftPlan]) -> usize {
+    draft_plans.iter().filter(|plan| profile.plan(plan.verb).is_some()).count()
 }
 
 /// The plan with the draft's names for what the base's plan names.

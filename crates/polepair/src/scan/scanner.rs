@@ -15,6 +15,7 @@ use crate::lss::{self, LssMaster};
 use crate::no_reply::{ACKNOWLEDGES, NoReplyCause, NoReplyDetails};
 use crate::url::AxisNumber;
 use polepair_core::profile::{Access, ParameterId, Profile};
+use polepair_core::station::Counters;
 use polepair_link::{Connection, LinkError};
 use std::collections::VecDeque;
 
@@ -442,15 +443,18 @@ impl KnownAxis {
         let id = signal_parameters.chain(all).find(|id| {
             profile.parameter(*id).is_some_and(|parameter| parameter.access != Access::Write)
         })?;
-        let counters = || self.axis.connection().with_axes(|axes, _| axes.counters());
-        let before = counters();
+        let before = self.session_counters();
         let answers = match self.axis.read(id) {
             Ok(_) => true,
             Err(Error::Failed { outcome, .. }) => is_answer(outcome),
             Err(_) => false,
         };
-        let clash = stray_answers_text(counters().since(before).unaccounted());
+        let clash = stray_answers_text(self.session_counters().since(before).unaccounted());
         let clash = clash.filter(|_| answers);
         Some(AxisAnswer { index: self.index, number: self.axis.number(), answers, clash })
+    }
+
+    fn session_counters(&self) -> Counters {
+        self.axis.connection().with_axes(|axes, _| axes.counters())
     }
 }

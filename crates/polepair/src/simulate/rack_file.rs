@@ -233,16 +233,14 @@ fn read_link(
     let Some(protocol) = protocol else {
         return Err(node.location().error("a link needs a [[link.drive]], or a protocol"));
     };
-    let rates = |key| {
-        node.integer_between(key, 0, 4_000_000).map(|n| n.and_then(|n| u32::try_from(n).ok()))
-    };
     let (requested, wire, shared) = match protocol.medium {
         MediumKind::Serial => {
-            let (serial, shared) = read_serial(node, rates("baud")?, &protocol, drives.len())?;
-            (rates("baud")?, RackWire::Serial(serial), shared)
+            let (serial, shared) =
+                read_serial(node, baud_setting("baud", node)?, &protocol, drives.len())?;
+            (baud_setting("baud", node)?, RackWire::Serial(serial), shared)
         }
         MediumKind::Can => {
-            let bit_rate = rates("bitrate")?;
+            let bit_rate = baud_setting("bitrate", node)?;
             let line = CanLine { bit_rate: bit_rate.unwrap_or(protocol.baud) };
             (bit_rate, RackWire::Can(line), false)
         }
@@ -283,6 +281,10 @@ fn read_link(
         location: Some(node.location()),
     };
     Ok((RackLink { name, wire, drives }, wire_of))
+}
+
+fn baud_setting(key: &str, node: &TomlTable<'_, '_>) -> Result<Option<u32>, FileError> {
+    node.integer_between(key, 0, 4_000_000).map(|n| n.and_then(|n| u32::try_from(n).ok()))
 }
 
 /// Refuses what no link of that protocol can be opened at.
@@ -535,29 +537,36 @@ fn read_drive(
 
 /// Surroundings of a motor, and later acts on it.
 fn read_bench(node: &TomlTable<'_, '_>, motor: u8, drive: &mut RackDrive) -> Result<(), FileError> {
-    let real = |key| node.float(key).map(|found| found.map(|found| found.value));
-    drive.acts.extend(real("load")?.map(|torque| (motor, Act::Load(torque))));
+    drive.acts.extend(real_setting("load", node)?.map(|torque| (motor, Act::Load(torque))));
     for (which, key) in (0..).zip(SWITCH_KEYS) {
-        drive.acts.extend(real(key)?.map(|at| (motor, Act::Switch { which, at })));
+        drive.acts.extend(real_setting(key, node)?.map(|at| (motor, Act::Switch { which, at })));
     }
     drive.scheduled_acts.extend(read_acts(node, motor)?);
     Ok(())
+}
+
+fn real_setting(key: &str, node: &TomlTable<'_, '_>) -> Result<Option<f64>, FileError> {
+    node.float(key).map(|found| found.map(|found| found.value))
 }
 
 /// Acts on a motor while it runs: `[[link.drive.act]]` with `at = "5 s"` and `do = "jam"`.
 fn read_acts(node: &TomlTable<'_, '_>, motor: u8) -> Result<Vec<ScheduledAct>, FileError> {
     let mut acts = Vec::new();
     for table in node.tables("act", &ACT_KEYS)? {
-        let missing = |key: &str| table.location().error(format!("an act needs `{key}`"));
-        let at = table.text("at")?.ok_or_else(|| missing("at"))?.try_map(|text| {
-            parse_time_ns(&text)
-                .ok_or_else(|| format!("`{text}` is no time: write \"5 s\" or \"200 ms\""))
-        })?;
-        let act = table.text("do")?.ok_or_else(|| missing("do"))?;
+        let at =
+            table.text("at")?.ok_or_else(|| missing_setting("at", &table))?.try_map(|text| {
+                parse_time_ns(&text)
+                    .ok_or_else(|| format!("`{text}` is no time: write \"5 s\" or \"200 ms\""))
+            })?;
+        let act = table.text("do")?.ok_or_else(|| missing_setting("do", &table))?;
         let act = act.try_map(|text| parse_act(&text).map_err(|error| error.to_string()))?;
         acts.push(ScheduledAct { at: Instant(at), motor, act });
     }
     Ok(acts)
+}
+
+fn missing_setting(key: &str, table: &TomlTable<'_, '_>) -> FileError {
+    table.location().error(format!("an act needs `{key}`"))
 }
 
 /// `5 s`, `200 ms` or `2 min` in ns.
@@ -603,17 +612,20 @@ fn read_can_faults(node: &TomlTable<'_, '_>) -> Result<CanFaults, FileError> {
     let Some(table) = node.table("faults", &CAN_FAULT_KEYS)? else {
         return Ok(CanFaults::default());
     };
-    let chance = |key| read_probability(&table, key);
     let latest = table.integer_between("latest_ms", 0, 10_000)?.unwrap_or(CAN_DELAY_MAX_MS);
     Ok(CanFaults {
-        error: chance("error")?,
-        last_bit: chance("twice")?,
-        lose: chance("lose")?,
-        late: chance("late")?,
+        error: probability_of("error", &table)?,
+        last_bit: probability_of("twice", &table)?,
+        lose: probability_of("lose", &table)?,
+        late: probability_of("late", &table)?,
         late_max_ms: latest as u32,
-        cut: chance("cut")?,
+        cut: probability_of("cut", &table)?,
         echo: false,
     })
+}
+
+fn probability_of(key: &str, table: &TomlTable<'_, '_>) -> Result<Ppm, FileError> {
+    read_probability(table, key)
 }
 
 fn read_probability(table: &TomlTable<'_, '_>, key: &str) -> Result<Ppm, FileError> {
@@ -629,30 +641,36 @@ fn read_probability(table: &TomlTable<'_, '_>, key: &str) -> Result<Ppm, FileErr
 
 fn read_faults(node: &TomlTable<'_, '_>) -> Result<SerialFaults, FileError> {
     let Some(table) = node.table("faults", &FAULT_KEYS)? else { return Ok(SerialFaults::NONE) };
-    let small = |key, max| table.integer_between(key, 0, max);
-    let patience = small("patience_ms", 60_000)?.unwrap_or(100) as u32;
-    let latest = small("latest_ms", 60_000)?.unwrap_or(300) as u32;
-    if let Some(seed) = small("seed", i64::MAX)? {
+    let patience = bounded_setting("patience_ms", 60_000, &table)?.unwrap_or(100) as u32;
+    let latest = bounded_setting("latest_ms", 60_000, &table)?.unwrap_or(300) as u32;
+    if let Some(seed) = bounded_setting("seed", i64::MAX, &table)? {
         return Ok(SerialFaults::random(&mut Random::new(seed.cast_unsigned()), patience, latest));
     }
-    let chance = |key| read_probability(&table, key);
     Ok(SerialFaults {
-        flip: chance("flip")?,
-        burst: chance("burst")?,
+        flip: probability_of("flip", &table)?,
+        burst: probability_of("burst", &table)?,
         burst_max: 8,
-        lose: chance("lose")?,
-        insert: chance("insert")?,
-        truncate: chance("truncate")?,
-        chunk: chance("chunk")?,
+        lose: probability_of("lose", &table)?,
+        insert: probability_of("insert", &table)?,
+        truncate: probability_of("truncate", &table)?,
+        chunk: probability_of("chunk", &table)?,
         chunk_gap_us: 2_000,
-        duplicate: chance("duplicate")?,
-        late: chance("late")?,
+        duplicate: probability_of("duplicate", &table)?,
+        late: probability_of("late", &table)?,
         host_timeout_ms: patience,
         late_max_ms: latest,
-        lose_request: chance("lose_request")?,
-        lose_reply: chance("lose_reply")?,
-        collide: chance("collide")?,
-        latency_ms: small("latency_ms", 255)?.unwrap_or(0) as u8,
+        lose_request: probability_of("lose_request", &table)?,
+        lose_reply: probability_of("lose_reply", &table)?,
+        collide: probability_of("collide", &table)?,
+        latency_ms: bounded_setting("latency_ms", 255, &table)?.unwrap_or(0) as u8,
         ..SerialFaults::NONE
     })
+}
+
+fn bounded_setting(
+    key: &str,
+    max: i64,
+    table: &TomlTable<'_, '_>,
+) -> Result<Option<i64>, FileError> {
+    table.integer_between(key, 0, max)
 }

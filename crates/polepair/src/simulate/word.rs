@@ -55,10 +55,14 @@ fn find_product(
         let profile = profiles.iter().find(|p| p.protocol == protocol.profile)?;
         Some((*profile, protocol.clone()))
     });
-    let named = || profile::find_shipped(name);
     of_protocol.or_else(|| {
-        let profile = named().or_else(|| profiles.iter().find(|p| p.family == name).copied())?;
+        let profile = shipped_profile(name)
+            .or_else(|| profiles.iter().find(|p| p.family == name).copied())?;
         let protocol = names.iter().find(|protocol| protocol.profile == profile.protocol)?;
         Some((profile, protocol.clone()))
     })
+}
+
+fn shipped_profile(name: &str) -> Option<&'static Profile> {
+    profile::find_shipped(name)
 }

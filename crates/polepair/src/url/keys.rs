@@ -238,12 +238,11 @@ impl Url {
     /// Removes keys that belong to other protocols of the same bus.
     pub(super) fn drop_keys_of(&mut self, protocols: &[&str]) {
         let Some(medium) = self.target.medium() else { return };
-        let has = |protocol: &str, name: &str| {
-            protocol_keys(protocol, medium).iter().any(|key| key.name == name)
-        };
         let own = self.protocol.clone();
-        self.keys
-            .retain(|(name, _)| has(&own, name) || !protocols.iter().any(|other| has(other, name)));
+        self.keys.retain(|(name, _)| {
+            has_key(&own, name, medium)
+                || !protocols.iter().any(|other| has_key(other, name, medium))
+        });
     }
 
     /// Keys that are options of the simulated family.
@@ -256,6 +255,10 @@ impl Url {
         };
         self.keys.iter().filter(|(name, _)| !is_own(name)).cloned().collect()
     }
+}
+
+fn has_key(protocol: &str, name: &str, medium: MediumKind) -> bool {
+    protocol_keys(protocol, medium).iter().any(|key| key.name == name)
 }
 
 /// The protocols that have a key, by their words.
@@ -281,34 +284,38 @@ fn owning_kind(name: &str) -> Option<&'static str> {
 /// The value of a key for [`OptionKey::apply`]; `None` for text.
 fn parse_value(key: &OptionKey, text: &str) -> Result<Option<u32>, Error> {
     let name = key.name;
-    let wrong = |what: &str| url_error(format!("`{name}={text}` is not {what}"), key.help);
     match key.kind {
         OptionKind::Text => Ok(None),
         OptionKind::Milliseconds => Ok(Some(parse_seconds(name, text, |s| (s * 1e3).ceil())?)),
         OptionKind::Gap if text == "3.5c" => Ok(Some(HostOptions::GAP_CHARACTERS)),
         OptionKind::Gap => Ok(Some(parse_seconds(name, text, |s| (s * 1e6).round())?)),
         OptionKind::Number(min, max) => {
-            let number = toml_file::parse_number(text).ok_or_else(|| wrong("a whole number"))?;
+            let number = toml_file::parse_number(text)
+                .ok_or_else(|| key_error("a whole number", name, text, key.help))?;
             let number = u32::try_from(number).ok().filter(|number| (min..=max).contains(number));
             number.map(Some).ok_or_else(|| match max {
-                u32::MAX => wrong(&format!("{min} or more")),
-                _ => wrong(&format!("{min} to {max}")),
+                u32::MAX => key_error(&format!("{min} or more"), name, text, key.help),
+                _ => key_error(&format!("{min} to {max}"), name, text, key.help),
             })
         }
         OptionKind::Flag => match text {
             "0" | "no" | "off" | "false" => Ok(Some(0)),
             "1" | "yes" | "on" | "true" | "" => Ok(Some(1)),
-            _ => Err(wrong("`yes` or `no`")),
+            _ => Err(key_error("`yes` or `no`", name, text, key.help)),
         },
         OptionKind::Word(words) => {
             let index = words.iter().position(|word| *word == text);
             let index = index.and_then(|index| u32::try_from(index).ok());
             index.map(Some).ok_or_else(|| {
                 let words: Vec<String> = words.iter().map(|word| format!("`{word}`")).collect();
-                wrong(&words.join(" or "))
+                key_error(&words.join(" or "), name, text, key.help)
             })
         }
     }
+}
+
+fn key_error(what: &str, name: &str, text: &str, key_help: &str) -> Error {
+    url_error(format!("`{name}={text}` is not {what}"), key_help)
 }
 
 fn parse_seconds(name: &str, text: &str, scale: fn(f64) -> f64) -> Result<u32, Error> {

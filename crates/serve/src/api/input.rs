@@ -34,6 +34,9 @@ pub(super) async fn read_body(request: Request) -> Result<Bytes, GatewayError> {
 
 /// A number in a path.
 pub(crate) fn parse_index(text: &str) -> Result<u16, GatewayError> {
-    let wrong = || GatewayError::new("gateway.missing", format!("{text:?} is not a number"));
-    text.parse().map_err(|_| wrong())
+    text.parse().map_err(|_| number_error(text))
+}
+
+fn number_error(text: &str) -> GatewayError {
+    GatewayError::new("gateway.missing", format!("{text:?} is not a number"))
 }

@@ -227,8 +227,7 @@ impl Capture {
 
 impl Cursor {
     fn new(decoder: CaptureDecoder, filter: Option<&str>) -> Result<Self, GatewayError> {
-        let read = |text: &str| parse_filter(text).map(|filter| (text.to_owned(), filter));
-        let filter = filter.map(read).transpose()?;
+        let filter = filter.map(read_filter).transpose()?;
         Ok(Self { decoder, filter, consumed: 0, ready: VecDeque::new(), next: 0, first_ns: None })
     }
 
@@ -265,4 +264,8 @@ impl Cursor {
         decoder.feed(&bytes[*consumed..end], &mut take);
         *consumed = end;
     }
+}
+
+fn read_filter(text: &str) -> Result<(String, FrameFilter), GatewayError> {
+    parse_filter(text).map(|filter| (text.to_owned(), filter))
 }

@@ -66,10 +66,9 @@ impl ClashDetector {
     /// each request is answered once at most.
     fn count_unsolicited(&mut self, counters: Counters, now: Instant) -> u64 {
         let last = core::mem::replace(&mut self.last, counters);
-        let answers = |counters: &Counters| counters.late - counters.late_acknowledged;
-        let unanswered = |counters: &Counters| counters.silent + counters.resent;
-        self.late_allowed.push_back((now, unanswered(&counters) - unanswered(&last)));
-        self.unexplained.push_back((now, answers(&counters) - answers(&last)));
+        self.late_allowed.push_back((now, unanswered_count(&counters) - unanswered_count(&last)));
+        self.unexplained
+            .push_back((now, unacknowledged_late(&counters) - unacknowledged_late(&last)));
         self.late_allowed.retain(|(at, _)| now.since(*at) < LATE_ALLOWED_FOR);
         for (_, late) in &mut self.unexplained {
             for (_, allowed) in &mut self.late_allowed {
@@ -86,6 +85,14 @@ impl ClashDetector {
         self.late_allowed.retain(|(_, allowed)| *allowed > 0);
         unsolicited
     }
+}
+
+fn unanswered_count(counters: &Counters) -> u64 {
+    counters.silent + counters.resent
+}
+
+fn unacknowledged_late(counters: &Counters) -> u64 {
+    counters.late - counters.late_acknowledged
 }
 
 #[cfg(test)]

@@ -44,7 +44,6 @@ impl Bench {
         action: Result<CommandAction, GatewayError>,
     ) -> PendingReply<CommandOutcome> {
         let id = order.id.clone();
-        let refused = |error| PendingReply::ready(Ok(command_outcome(id, Some(error))));
         let ends_motion = action.as_ref().is_ok_and(CommandAction::ends_motion);
         let key = (!ends_motion).then(|| CommandKey::new(session, axis, &detail));
         let (wire, index, sequence) = match self.register_command(axis, &order, key) {
@@ -53,7 +52,7 @@ impl Bench {
             Ok((CommandLookup::Active(receiver), ..)) => {
                 return PendingReply::from_receiver(receiver, Ok(()));
             }
-            Err(error) => return refused(error),
+            Err(error) => return refused_reply(error, id),
         };
         let (reply_sender, receiver) = oneshot::channel();
         let (shared, session) = (Arc::clone(&self.0.context), session.clone());
@@ -151,4 +150,8 @@ impl Bench {
     ) -> PendingReply<()> {
         self.run_after_journal(ActionSubject::new(&who.into(), action, None), detail, || Ok(()))
     }
+}
+
+fn refused_reply(error: GatewayError, id: String) -> PendingReply<CommandOutcome> {
+    PendingReply::ready(Ok(command_outcome(id, Some(error))))
 }

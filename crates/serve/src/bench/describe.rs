@@ -85,13 +85,19 @@ pub(super) fn is_offered(verb: Verb) -> bool {
 }
 
 fn verbs(axis: &LocalAxis) -> Vec<VerbInfo> {
-    let bare = |verb: &str, moves| VerbInfo { verb: verb.to_owned(), arguments: vec![], moves };
     let of_drive = Verb::ALL.into_iter().filter(|verb| is_offered(*verb)).filter_map(|verb| {
         axis.profile().plan(verb)?;
         let arguments = ARGUMENTS.iter().filter_map(|which| argument(axis, verb, *which));
-        Some(VerbInfo { arguments: arguments.collect(), ..bare(verb.name(), verb.needs_arming()) })
+        Some(VerbInfo {
+            arguments: arguments.collect(),
+            ..bare_verb(verb.name(), verb.needs_arming())
+        })
     });
-    [bare(ARM, true), bare(DISARM, false)].into_iter().chain(of_drive).collect()
+    [bare_verb(ARM, true), bare_verb(DISARM, false)].into_iter().chain(of_drive).collect()
+}
+
+fn bare_verb(verb: &str, moves: bool) -> VerbInfo {
+    VerbInfo { verb: verb.to_owned(), arguments: vec![], moves }
 }
 
 fn argument(axis: &LocalAxis, verb: Verb, argument: (Argument, &str)) -> Option<ArgumentInfo> {
@@ -102,12 +108,15 @@ fn argument(axis: &LocalAxis, verb: Verb, argument: (Argument, &str)) -> Option<
     }
     let unit = axis.unit_of(verb, which)?.si_symbol().to_owned();
     let steps = axis.profile().plan(verb)?.steps;
-    let needs = |operand: &Operand| *operand == Operand::Argument(which);
     let required = steps.iter().any(|step| match step {
-        Step::Write(_, operand) | Step::Send { operand, .. } => needs(operand),
+        Step::Write(_, operand) | Step::Send { operand, .. } => needs_argument(operand, &which),
         _ => false,
     });
     Some(ArgumentInfo { name: name.to_owned(), unit, required })
+}
+
+fn needs_argument(operand: &Operand, which: &Argument) -> bool {
+    *operand == Operand::Argument(*which)
 }
 
 fn limit_info(axis: &LocalAxis, limit: (Verb, Argument, &str)) -> Option<LimitInfo> {

@@ -210,14 +210,13 @@ impl JournalWriter {
 
     /// Waits for a note. False when none will come.
     fn wait(&self) -> bool {
-        let nothing = |queue: &mut EntryQueue| queue.entries.is_empty() && !queue.closed;
         let queue = lock_unpoisoned(&self.queue.queue);
         let queue: MutexGuard<'_, _> = match self.missing.count {
             0 => {
-                self.queue.wakeup.wait_while(queue, nothing).unwrap_or_else(PoisonError::into_inner)
+                self.queue.wakeup.wait_while(queue, is_idle).unwrap_or_else(PoisonError::into_inner)
             }
             _ => {
-                let waited = self.queue.wakeup.wait_timeout_while(queue, RETRY_INTERVAL, nothing);
+                let waited = self.queue.wakeup.wait_timeout_while(queue, RETRY_INTERVAL, is_idle);
                 waited.unwrap_or_else(PoisonError::into_inner).0
             }
         };
@@ -303,6 +302,10 @@ impl JournalWriter {
         }
         result
     }
+}
+
+fn is_idle(queue: &mut EntryQueue) -> bool {
+    queue.entries.is_empty() && !queue.closed
 }
 
 /// About how many bytes a note takes.

@@ -173,12 +173,11 @@ impl Bench {
 
 fn retry_until_open(bench: &Weak<BenchInner>, n: usize, connector: &Connector, url: &str) {
     let mut pause = RETRY_MIN;
-    let here = || bench.upgrade().map(Bench).filter(|bench| !bench.0.context.is_closing());
-    while here().is_some() {
+    while open_bench(bench).is_some() {
         clock::sleep_until(clock::now() + pause);
         pause = (pause * 2).min(RETRY_MAX);
         let opened = connector.connect_present(url);
-        let Some(bench) = here() else { return };
+        let Some(bench) = open_bench(bench) else { return };
         let taken = match opened {
             Ok((opened, absent)) => bench.add_opened_link(n, &opened, absent),
             Err(error) => Err(error.into()),
@@ -194,4 +193,8 @@ fn retry_until_open(bench: &Weak<BenchInner>, n: usize, connector: &Connector, u
         }
     }
     absent_axes::probe_until_joined(bench, n);
+}
+
+fn open_bench(bench: &Weak<BenchInner>) -> Option<Bench> {
+    bench.upgrade().map(Bench).filter(|bench| !bench.0.context.is_closing())
 }

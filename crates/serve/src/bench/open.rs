@@ -103,11 +103,7 @@ pub(super) fn open_links(
     }
     let clock =
         BenchClock::from_simulations(links.iter().filter_map(|link| Some(&link.simulation()?.0)));
-    let is_virtual = |link: &BenchLink| match link.simulation() {
-        Some((simulation, _)) => simulation.pace() == polepair::simulate::SimulationPace::Virtual,
-        None => false,
-    };
-    if !clock.is_real() && !links.iter().all(is_virtual) {
+    if !clock.is_real() && !links.iter().all(is_virtual_link) {
         let what = "some links are in virtual time, others are not";
         return Err(GatewayError::new("gateway.request", what).hint(
             "use time=virtual on all links, or on \
@@ -115,6 +111,13 @@ pub(super) fn open_links(
         ));
     }
     Ok(OpenedBench { links, roots, axes, clock, failed: dead })
+}
+
+fn is_virtual_link(link: &BenchLink) -> bool {
+    match link.simulation() {
+        Some((simulation, _)) => simulation.pace() == polepair::simulate::SimulationPace::Virtual,
+        None => false,
+    }
 }
 
 /// A link with those of its axes that are there, and the others.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use polepair::axis::{DeviceDetail, ParameterValue, PendingWrites, ProgramStatus};
-use polepair::{Amount, LocalAxis, Value};
+use polepair::{Amount, InstructionProgram, LocalAxis, Value};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 use serde_json::json;
 use tokio::sync::oneshot;
@@ -71,12 +71,9 @@ impl Bench {
     pub fn read_program(&self, axis: u16) -> PendingReply<ProgramView> {
         self.query_axis(axis, |axis| {
             let program = axis.upload_instructions(None, |_| ())?.with_labels();
-            let label = |address| {
-                program.labels().find(|(_, at)| *at == address).map(|(name, _)| name.to_owned())
-            };
             let lines = (0..).map_while(|address| {
                 let text = program.instruction_text(address)?;
-                Some(ProgramLine { address, label: label(address), text })
+                Some(ProgramLine { address, label: label_at(address, &program), text })
             });
             Ok(ProgramView { instructions: lines.collect() })
         })
@@ -131,6 +128,10 @@ impl Bench {
         });
         PendingReply::from_receiver(reply, result)
     }
+}
+
+fn label_at(address: u16, program: &InstructionProgram) -> Option<String> {
+    program.labels().find(|(_, at)| *at == address).map(|(name, _)| name.to_owned())
 }
 
 fn read_axis_parameter(axis: &LocalAxis, name: &str) -> Result<ParameterReading, GatewayError> {
@@ -344,13 +345,16 @@ pub(super) fn check_lease_held(
 ) -> Result<(), GatewayError> {
     let lease = wire.lease(index);
     let its = lease.is_some_and(|lease| lease.epoch == epoch && *lease.owner == **session);
-    let ended = || GatewayError::new("gateway.lease", "the lease ended while this was written");
     if its {
         Ok(())
     } else {
-        Err(ended().hint(
+        Err(lease_ended().hint(
             "check the written values, and write the rest \
      again",
         ))
     }
+}
+
+fn lease_ended() -> GatewayError {
+    GatewayError::new("gateway.lease", "the lease ended while this was written")
 }

@@ -371,10 +371,6 @@ impl Bench {
 fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive>, GatewayError> {
     let found = lock_unpoisoned(&link.scan.found).clone();
     let last_found = link.scan.last_view().map(|view| view.found).unwrap_or_default();
-    let at = |one: &DetectedDrive| DriveAddress {
-        protocol: one.protocol.to_owned(),
-        number: one.number,
-    };
     let axis = |one: &DetectedDrive| {
         last_found
             .iter()
@@ -383,14 +379,16 @@ fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive
             })
             .and_then(|found_drive| found_drive.axis)
     };
-    if let Some(missing) = take.drives.iter().find(|d| !found.iter().any(|f| at(f) == **d)) {
+    if let Some(missing) =
+        take.drives.iter().find(|d| !found.iter().any(|f| drive_address(f) == **d))
+    {
         let what = format!("no drive was found at {} {}", missing.protocol, missing.number);
         return Err(GatewayError::new("gateway.missing", what).hint("scan the link first"));
     }
     let every = take.drives.is_empty();
     let mut chosen = Vec::new();
     for one in &found {
-        let named = take.drives.contains(&at(one));
+        let named = take.drives.contains(&drive_address(one));
         let fits = axis(one).is_none() && one.clash.is_none();
         match (&one.clash, axis(one)) {
             _ if every && fits => {}
@@ -407,6 +405,10 @@ fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive
         chosen.push(one.clone());
     }
     Ok(chosen)
+}
+
+fn drive_address(one: &DetectedDrive) -> DriveAddress {
+    DriveAddress { protocol: one.protocol.to_owned(), number: one.number }
 }
 
 /// The addresses that are meant.

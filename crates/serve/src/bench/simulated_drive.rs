@@ -38,18 +38,11 @@ impl SimulatedDrive {
 
     /// Acts of the drive.
     pub fn acts(&self) -> Vec<SimulationActionInfo> {
-        let info = |act: String, kind: &ActKind| SimulationActionInfo {
-            act,
-            about: kind.about.to_owned(),
-            unit: kind.value.unit().map(str::to_owned),
-            flag: kind.value == ActValue::Flag,
-        };
-        let numbered = |word: &str| word.ends_with('N');
-        let plain = ACTS.iter().filter(|kind| !numbered(kind.word));
+        let plain = ACTS.iter().filter(|kind| !is_numbered(kind.word));
         let keys = ACTS.iter().filter(|kind| kind.word.starts_with(KEY));
         plain
-            .map(|kind| info(kind.word.to_owned(), kind))
-            .chain(keys.flat_map(|kind| self.keys().map(move |key| info(key, kind))))
+            .map(|kind| action_info(kind.word.to_owned(), kind))
+            .chain(keys.flat_map(|kind| self.keys().map(move |key| action_info(key, kind))))
             .collect()
     }
 
@@ -79,6 +72,19 @@ impl SimulatedDrive {
             return Ok(());
         }
         Err(request_error(format!("this drive has nothing for `{act}`")))
+    }
+}
+
+fn is_numbered(word: &str) -> bool {
+    word.ends_with('N')
+}
+
+fn action_info(act: String, kind: &ActKind) -> SimulationActionInfo {
+    SimulationActionInfo {
+        act,
+        about: kind.about.to_owned(),
+        unit: kind.value.unit().map(str::to_owned),
+        flag: kind.value == ActValue::Flag,
     }
 }
 

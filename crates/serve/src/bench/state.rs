@@ -10,16 +10,11 @@ use crate::message::{ActiveFault, AxisState, SignalValue};
 /// All but lease and panel.
 pub(super) fn axis_state(id: u16, axis: &LocalAxis) -> AxisState {
     let (state, now) = (axis.state(), axis.connection().now());
-    let flag = |signal| {
-        let reading = state.reading(signal);
-        (axis.profile().signal(signal).is_some() && reading.at.is_some())
-            .then_some(reading.raw != 0)
-    };
     let known = |source: &SignalSource| signal_value(axis, &state, source, now);
     AxisState {
         id,
         mode: axis.mode(&state),
-        enabled: flag(Signal::Enabled),
+        enabled: known_flag(Signal::Enabled, &state, axis),
         armed: state.armed,
         moving: axis.moving(&state),
         signals: axis.profile().signals.iter().filter_map(known).collect(),
@@ -28,6 +23,11 @@ pub(super) fn axis_state(id: u16, axis: &LocalAxis) -> AxisState {
         owed: None,
         panel: None,
     }
+}
+
+fn known_flag(signal: Signal, state: &AxisStatus, axis: &LocalAxis) -> Option<bool> {
+    let reading = state.reading(signal);
+    (axis.profile().signal(signal).is_some() && reading.at.is_some()).then_some(reading.raw != 0)
 }
 
 /// A signal's value, if it was ever read.

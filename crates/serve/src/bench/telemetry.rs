@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::Duration;
 
 use polepair_core::profile::{ParameterId, Signal};
@@ -372,15 +372,16 @@ impl TelemetryChannel {
     pub fn hz(&self) -> f64 {
         let ring = lock_unpoisoned(&self.source.ring);
         let rated = ring.samples.len().min(RATE_SAMPLES);
-        let span = || {
-            let last = ring.samples.back()?.t_us;
-            Some(last.saturating_sub(ring.samples.get(ring.samples.len() - rated)?.t_us))
-        };
-        match span() {
+        match held_span(&ring, rated) {
             Some(us) if rated > 1 && us > 0 => (rated - 1) as f64 * 1e6 / us as f64,
             _ => lock_unpoisoned(&self.source.schedule).hz(),
         }
     }
+}
+
+fn held_span(ring: &MutexGuard<'_, SampleRing>, rated: usize) -> Option<u64> {
+    let last = ring.samples.back()?.t_us;
+    Some(last.saturating_sub(ring.samples.get(ring.samples.len() - rated)?.t_us))
 }
 
 impl Drop for TelemetryChannel {

@@ -22,8 +22,7 @@ impl Bench {
         roots: Vec<(u16, polepair::LocalLink)>,
         scribe: JournalWriter,
     ) -> Result<(), GatewayError> {
-        let named = |what: &str| std::thread::Builder::new().name(what.to_owned());
-        let writes = named("journal-writer").spawn(move || scribe.run());
+        let writes = named_thread("journal-writer").spawn(move || scribe.run());
         *lock_unpoisoned(&self.0.journal_thread) =
             Some(writes.map_err(|error| thread_error(&error))?);
         let mut threads = lock_unpoisoned(&self.0.threads);
@@ -31,15 +30,15 @@ impl Bench {
             let (worker, axis_poller) =
                 (Arc::new(Mutex::new(self.new_command_worker(link))), self.new_poller(link));
             let send_stops = CommandWorker::stop_sender(&worker);
-            let started = named("command-worker").spawn(move || CommandWorker::run(&worker));
+            let started = named_thread("command-worker").spawn(move || CommandWorker::run(&worker));
             let started = started.map_err(|error| thread_error(&error))?;
             link.wire.set_worker(started.thread().clone(), send_stops);
             threads.push(started);
-            let watches = named("axis-poller").spawn(move || axis_poller.run());
+            let watches = named_thread("axis-poller").spawn(move || axis_poller.run());
             threads.push(watches.map_err(|error| thread_error(&error))?);
         }
         let reader = self.new_traffic_decoder();
-        let reads = named("frame-decoder").spawn(move || reader.run());
+        let reads = named_thread("frame-decoder").spawn(move || reader.run());
         threads.push(reads.map_err(|error| thread_error(&error))?);
         drop(threads);
         roots.into_iter().try_for_each(|(base, link)| self.listen_events(base, 0, &link))
@@ -131,4 +130,8 @@ impl Bench {
             lost: 0,
         }
     }
+}
+
+fn named_thread(what: &str) -> std::thread::Builder {
+    std::thread::Builder::new().name(what.to_owned())
 }

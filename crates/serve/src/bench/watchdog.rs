@@ -76,8 +76,11 @@ impl Bench {
 }
 
 fn parse_duration(ms: f64) -> Result<Duration, GatewayError> {
-    let wrong = || GatewayError::new("E217", format!("{ms} ms is no time"));
-    Duration::try_from_secs_f64(ms / 1e3).map_err(|_| wrong())
+    Duration::try_from_secs_f64(ms / 1e3).map_err(|_| no_time(ms))
+}
+
+fn no_time(ms: f64) -> GatewayError {
+    GatewayError::new("E217", format!("{ms} ms is no time"))
 }
 
 fn watchdog_view(axis: &LocalAxis, state: WatchdogState) -> WatchdogView {

@@ -305,22 +305,24 @@ impl BenchWire {
     /// Checks that no axis of it is commanded, has a pending stop, is armed or turns: then no client waits for a scan
     /// there.
     pub fn check_at_rest(&self) -> Result<(), GatewayError> {
-        let refused = |what: String, hint: &str| Err(scan_error(what).hint(hint));
         for (index, (id, axis)) in self.axes.iter().enumerate() {
             let (label, state) = (axis.label(), axis_state(*id, axis));
             if let Some(lease) = self.lease(index) {
                 let what = format!("{} commands {label}", lease.owner);
-                return refused(what, "wait until it is released: it could not be controlled");
+                return refused_scan(what, "wait until it is released: it could not be controlled");
             }
             if self.pending_stop(index).is_some() {
-                return refused(
+                return refused_scan(
                     format!("{label} is being stopped"),
                     "wait until it is at \
                  standstill",
                 );
             }
             if state.armed || state.moving == Some(true) {
-                return refused(format!("{label} is armed or turns"), "stop and disarm it first");
+                return refused_scan(
+                    format!("{label} is armed or turns"),
+                    "stop and disarm it first",
+                );
             }
         }
         Ok(())
@@ -431,6 +433,10 @@ impl BenchWire {
     pub fn set_clash(&self, what: Option<String>) {
         *lock_unpoisoned(&self.clash) = what;
     }
+}
+
+fn refused_scan(what: String, hint: &str) -> Result<(), GatewayError> {
+    Err(scan_error(what).hint(hint))
 }
 
 #[cfg(test)]

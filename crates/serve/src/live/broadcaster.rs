@@ -91,10 +91,7 @@ impl Broadcaster {
         state: SharedAppState,
         mut end: oneshot::Receiver<()>,
     ) -> Result<JoinHandle<()>, SetupError> {
-        let refused = |error: std::io::Error| {
-            SetupError::adapter("E318", "no threads can be started").why(error.to_string())
-        };
-        let runtime = Builder::new_current_thread().enable_time().build().map_err(refused)?;
+        let runtime = Builder::new_current_thread().enable_time().build().map_err(thread_error)?;
         std::thread::Builder::new()
             .name("broadcaster".into())
             .spawn(move || {
@@ -116,7 +113,7 @@ impl Broadcaster {
                     }
                 });
             })
-            .map_err(refused)
+            .map_err(thread_error)
     }
 
     async fn run(state: &SharedAppState, events: &mut broadcast::Receiver<BenchEvent>) {
@@ -251,6 +248,10 @@ impl Broadcaster {
         // The last one may just have gone.
         let _ = self.events.send(BroadcastEvent::Message(to_json(&message)));
     }
+}
+
+fn thread_error(error: std::io::Error) -> SetupError {
+    SetupError::adapter("E318", "no threads can be started").why(error.to_string())
 }
 
 impl PublishedState {

@@ -96,14 +96,14 @@ impl IncomingQueue {
         axes: Option<&[u16]>,
         refuse: impl Fn(&ClientMessage, GatewayError) -> ServerMessage,
     ) {
-        let concerns = |axis: &u16| axes.is_none_or(|axes| axes.contains(axis));
         let void = |message: &ClientMessage| match message {
             // A stop that is received after it is pending anew.
             ClientMessage::Command { axis, .. } | ClientMessage::Dismiss { axis, .. } => {
-                concerns(axis)
+                concerns_axis(axis, axes)
             }
             ClientMessage::Lease { axis, act, .. } => {
-                matches!(act, LeaseAction::Take | LeaseAction::TakeOver) && concerns(axis)
+                matches!(act, LeaseAction::Take | LeaseAction::TakeOver)
+                    && concerns_axis(axis, axes)
             }
             ClientMessage::Release => axes.is_none(),
             _ => false,
@@ -120,6 +120,10 @@ impl IncomingQueue {
             _ => true,
         });
     }
+}
+
+fn concerns_axis(axis: &u16, axes: Option<&[u16]>) -> bool {
+    axes.is_none_or(|axes| axes.contains(axis))
 }
 
 impl QueuedMessage {

@@ -127,11 +127,7 @@ impl CanChecker {
         for (drive, verb) in gave_up {
             let index = world.can_status(self.wire, *drive).map(|drive| drive.plug);
             let id = index.and_then(|plug| self.request_ids.get(&plug)).copied();
-            let newer = |open: &OpenRequest| {
-                let of_verb = verb.is_some_and(|verb| open.sent_at >= verb);
-                of_verb || now < open.sent_at.plus_ms(GIVEN_UP_MS)
-            };
-            self.open.retain(|open| Some(open.label.id) != id || newer(open));
+            self.open.retain(|open| Some(open.label.id) != id || is_newer(open, now, *verb));
         }
         self.record_sent(&was, &known);
         found
@@ -220,15 +216,10 @@ impl CanChecker {
         question: u64,
         behind: Option<OutstandingReply>,
     ) -> Option<Violation> {
-        let soonest = |open: &OpenRequest| {
-            let bits = u64::from(open.label.bits_min + reply.bits_min - INTERFRAME_BITS);
-            let ns = (bits * 1_000_000_000).checked_div(self.bit_rate.into()).unwrap_or(0);
-            open.sent_at.plus_ns(ns - ns / 20)
-        };
         let open = self.last_request_to(&reply);
-        if let Some(open) =
-            open.filter(|a| (reply.is_copy || behind.is_some()) && now >= soonest(a))
-        {
+        if let Some(open) = open.filter(|a| {
+            (reply.is_copy || behind.is_some()) && now >= self.soonest_reply(a, reply.bits_min)
+        }) {
             self.excuse_copy(now, open);
             return None;
         }
@@ -248,6 +239,12 @@ impl CanChecker {
         let requested = open.map_or(0, |open| open.label.tag);
         let what = format!("request {requested} got {copy}the reply to request {tag}");
         Some(Violation { invariant: "I1", at: now, what })
+    }
+
+    fn soonest_reply(&self, open: &OpenRequest, reply_bits_min: u32) -> Instant {
+        let bits = u64::from(open.label.bits_min + reply_bits_min - INTERFRAME_BITS);
+        let ns = (bits * 1_000_000_000).checked_div(self.bit_rate.into()).unwrap_or(0);
+        open.sent_at.plus_ns(ns - ns / 20)
     }
 
     /// The last request to the sender of a reply. A drive that was plugged in with the address of another one, and has
@@ -300,4 +297,9 @@ impl CanChecker {
         self.outstanding.retain(|outstanding| now < outstanding.until);
         self.outstanding.iter().find(|outstanding| outstanding.tag == tag).copied()
     }
+}
+
+fn is_newer(open: &OpenRequest, now: Instant, verb: Option<Instant>) -> bool {
+    let of_verb = verb.is_some_and(|verb| open.sent_at >= verb);
+    of_verb || now < open.sent_at.plus_ms(GIVEN_UP_MS)
 }

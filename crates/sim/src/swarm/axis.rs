@@ -333,16 +333,17 @@ impl SwarmAxis {
             AxisAction::Command(verb) => Some(random_command(verb, random)),
             _ => None,
         };
-        let id = |n: usize| self.inert[n].0.id;
         // In some worlds the axis is not armed.
         let arms = starts_motion(what) && !random.chance(FORGET_CHANCE);
         let armed = self.armed || arms;
         let taken = world.with_node(host, |node, now| {
             let axes = node.axes()?;
             match (what, command) {
-                (AxisAction::Read(n), _) => axes.read_parameter(now, ticket, axis, id(n)).ok(),
+                (AxisAction::Read(n), _) => {
+                    axes.read_parameter(now, ticket, axis, self.inert_id(n)).ok()
+                }
                 (AxisAction::Write(n, raw), _) => {
-                    axes.write_parameter(now, ticket, axis, id(n), raw, false).ok()
+                    axes.write_parameter(now, ticket, axis, self.inert_id(n), raw, false).ok()
                 }
                 (AxisAction::ReadSignal(_, parameter), _) => {
                     axes.read_parameter(now, ticket, axis, parameter).ok()
@@ -380,6 +381,10 @@ impl SwarmAxis {
         }
         self.armed = armed;
         taken.is_some()
+    }
+
+    fn inert_id(&self, n: usize) -> ParameterId {
+        self.inert[n].0.id
     }
 
     /// Checks the end of a request. The text has the fault and the invariant that it violates.

@@ -199,13 +199,10 @@ impl HostUser {
                 watch.copies_taken > copies || mistaken
             }
             InvariantChecker::Can(watch) => {
-                let has = |axis: &&SwarmAxis, t| axis.open.iter().any(|open| open.ticket == t);
-                let axis = |t| self.axes.iter().find(|axis| has(axis, t));
-                let verb = |axis: &SwarmAxis| {
-                    axis.verb_since(|t| !ends.iter().any(|(ended, _)| *ended == t))
-                };
+                let axis = |t| self.axes.iter().find(|axis| has_ticket(axis, t));
                 let drives = gave_up.iter().filter_map(|(t, _)| axis(*t));
-                let drives: Vec<_> = drives.map(|axis| (axis.drive, verb(axis))).collect();
+                let drives: Vec<_> =
+                    drives.map(|axis| (axis.drive, open_verb_since(axis, ends))).collect();
                 let believed = (watch.copies_taken, watch.intruder_taken);
                 report.add_violations(watch.check_event(world, &drives));
                 let copied = watch.copies_taken > believed.0;
@@ -354,4 +351,12 @@ impl HostUser {
             }
         }
     }
+}
+
+fn open_verb_since(axis: &SwarmAxis, ends: &[(Ticket, Outcome)]) -> Option<Instant> {
+    axis.verb_since(|t| !ends.iter().any(|(ended, _)| *ended == t))
+}
+
+fn has_ticket(axis: &&SwarmAxis, t: Ticket) -> bool {
+    axis.open.iter().any(|open| open.ticket == t)
 }

@@ -198,13 +198,9 @@ impl ParameterTrial {
 
     /// Returns whether the drive sends nothing unsolicited: such frames could fill a bus.
     fn is_quiet(&mut self) -> bool {
-        let last_tag = |world: &World, wire, drive| match world.medium(wire) {
-            MediumKind::Serial => world.serial_status(wire, drive).last_sent.tag,
-            MediumKind::Can => world.can_status(wire, drive).map_or(0, |s| s.last_sent.tag),
-        };
-        let before = last_tag(&self.world, self.wire, self.drive);
+        let before = last_sent_tag(&self.world, self.wire, self.drive);
         self.world.run_until(self.world.now().plus_ms(QUIET_MS));
-        last_tag(&self.world, self.wire, self.drive) == before
+        last_sent_tag(&self.world, self.wire, self.drive) == before
     }
 
     /// Has the drive do whatever it does as it comes from the factory.
@@ -222,6 +218,13 @@ impl ParameterTrial {
     fn power_cycle(&mut self) {
         self.world.with_node(self.drive, |n, now| n.bench().map(|b| b.act(now, Act::PowerCycle)));
         self.world.run_until(self.world.now().plus_ms(2_000));
+    }
+}
+
+fn last_sent_tag(world: &World, wire: WireId, drive: NodeId) -> u32 {
+    match world.medium(wire) {
+        MediumKind::Serial => world.serial_status(wire, drive).last_sent.tag,
+        MediumKind::Can => world.can_status(wire, drive).map_or(0, |s| s.last_sent.tag),
     }
 }
 

@@ -67,10 +67,11 @@ struct SpeedRange {
 impl MotionObserver {
     /// Records a verb that starts the motor, by `by` rad from its present position.
     pub fn record_verb(&mut self, now: Instant, truth: &GroundTruth, by: Option<f64>) {
-        let long = |since: Option<Instant>| since.is_some_and(|at| now >= at.plus_ms(REST.1));
         // A motor that was held back goes to its set-point first.
         let lag = truth.setpoint.map_or(0.0, |setpoint| setpoint.position - truth.position);
-        let rested = long(self.rest_since) && long(self.quiet_since) && lag.abs() < STRAY_MAX / 2.0;
+        let rested = lasts_long(self.rest_since, now)
+            && lasts_long(self.quiet_since, now)
+            && lag.abs() < STRAY_MAX / 2.0;
         let to = by.filter(|_| rested).map(|by| truth.position + by);
         self.path = to.map(|to| (truth.position.min(to), truth.position.max(to)));
         self.pending_verbs += 1;
@@ -225,6 +226,10 @@ impl MotionObserver {
         let over = drawn > current * (1.0 + RIPPLE) + ROUNDING;
         over.then(|| ("I14", format!("draws {drawn:.2} A, held to {current:.2}")))
     }
+}
+
+fn lasts_long(since: Option<Instant>, now: Instant) -> bool {
+    since.is_some_and(|at| now >= at.plus_ms(REST.1))
 }
 
 /// Returns whether the drive is held to the same as before, and does the same: a ramp may start anew from a motor that

@@ -408,23 +408,23 @@ impl Scenario {
             return;
         }
         let span = self.faults_end.since(begin).as_nanos() as u64;
-        let sometime = |random: &mut Random| begin.plus_ns(random.below(span));
         if random.chance(Ppm(200_000)) {
             let wrong = random.pick(&[baud / 2, baud * 2, baud / 4 * 3]);
-            let from = sometime(random);
+            let from = random_instant(random, begin, span);
             let until = from.plus_ms(random.between(50, 500) as u32);
             self.disturbances.push((from, Disturbance::Baud(at, wrong)));
             self.disturbances.push((until, Disturbance::Baud(at, 0)));
         }
         if random.chance(Ppm(200_000)) {
-            let from = sometime(random);
+            let from = random_instant(random, begin, span);
             let until = from.plus_ms(random.between(1, 800) as u32);
             self.disturbances.push((from, Disturbance::Cut(at, true)));
             self.disturbances.push((until, Disturbance::Cut(at, false)));
         }
         for _ in 0..random.below(3) * u64::from(random.chance(Ppm(300_000))) {
             let which = random.below(served.len() as u64) as usize;
-            self.disturbances.push((sometime(random), Disturbance::PowerCycle(at, which)));
+            self.disturbances
+                .push((random_instant(random, begin, span), Disturbance::PowerCycle(at, which)));
         }
         for (which, (profile, _)) in served.iter().enumerate() {
             self.plan_acts(at, which, profile, random);
@@ -457,8 +457,7 @@ impl Scenario {
             2 if !faults.is_empty() => (Act::Fault(random.pick(&faults)), None),
             _ => {
                 let which = if limit > 0.0 { 1 } else { 2 };
-                let switch = |at| Act::Switch { which, at };
-                (switch(limit), Some(switch(f64::NAN)))
+                (switch_act(limit, which), Some(switch_act(f64::NAN, which)))
             }
         };
         let from = begin.plus_ns(random.below(span));
@@ -468,4 +467,12 @@ impl Scenario {
             self.disturbances.push((until.min(self.faults_end), Disturbance::Act(at, which, undo)));
         }
     }
+}
+
+fn switch_act(at: f64, which: u8) -> Act {
+    Act::Switch { which, at }
+}
+
+fn random_instant(random: &mut Random, begin: Instant, span: u64) -> Instant {
+    begin.plus_ns(random.below(span))
 }

@@ -105,9 +105,12 @@ impl BootMonitor {
 
     /// Takes a suspicion that is confirmed by `now`; at the end, or when the node sends another state, at any time.
     pub fn take_confirmed(&mut self, now: Option<Timestamp>) -> Option<Suspicion> {
-        let over = |due: Option<Timestamp>| now.is_none_or(|now| due.is_none_or(|due| due < now));
-        self.suspicion.take_if(|suspicion| over(suspicion.due))
+        self.suspicion.take_if(|suspicion| is_over(suspicion.due, now))
     }
+}
+
+fn is_over(due: Option<Timestamp>, now: Option<Timestamp>) -> bool {
+    now.is_none_or(|now| due.is_none_or(|due| due < now))
 }
 
 fn is_near(pace: u64, after: u64) -> bool {

@@ -151,10 +151,17 @@ impl HeartbeatMonitor {
     /// A long and a short interval in turn.
     fn is_alternating(&self) -> bool {
         let (even, odd) = (self.interval(0), self.interval(1));
-        let same = |at: usize, as_: u64| self.interval(at).abs_diff(as_) * 20 <= even + odd;
         let (long, short) = (even.max(odd), even.min(odd));
         let apart = (long - short) * 3 > long && short * 100 > long;
-        apart && (0..INTERVALS_MAX).step_by(2).all(|at| same(at, even) && same(at + 1, odd))
+        apart
+            && (0..INTERVALS_MAX).step_by(2).all(|at| {
+                self.is_interval_like(at, even, even, odd)
+                    && self.is_interval_like(at + 1, odd, even, odd)
+            })
+    }
+
+    fn is_interval_like(&self, at: usize, as_: u64, even: u64, odd: u64) -> bool {
+        self.interval(at).abs_diff(as_) * 20 <= even + odd
     }
 
     /// The intervals in order, the oldest first.

@@ -142,8 +142,7 @@ impl LssTracker {
 
     /// Takes eight bytes from a device.
     pub fn handle_reply(&mut self, bytes: [u8; 8], at: FrameRef, notices: &mut Vec<SessionNotice>) {
-        let fits = |exchange: &LssExchange| lss_answers(&bytes, &exchange.request);
-        if let Some(exchange) = self.pending.take_if(|exchange| fits(exchange)) {
+        if let Some(exchange) = self.pending.take_if(|exchange| fits_exchange(exchange, &bytes)) {
             self.last_answered = Some((exchange, bytes));
             let refused = refusal_code(bytes);
             if let Some(error) = refused {
@@ -154,7 +153,7 @@ impl LssTracker {
                 if refused.is_some() { ExchangeOutcome::Refused } else { ExchangeOutcome::Done };
             return notices.push(exchange.exchange_notice(Some(at), outcome));
         }
-        if let Some(asked) = self.abandoned.take_if(|exchange| fits(exchange)) {
+        if let Some(asked) = self.abandoned.take_if(|exchange| fits_exchange(exchange, &bytes)) {
             let ms = at.1.zip(asked.last.1).map_or(0, |(now, then)| now.since(then) / 1_000_000);
             let text = format!("{}: the answer came {ms} ms after its request", asked.op);
             return notices.push(anomaly(AnomalyKind::LateReply, text));
@@ -162,12 +161,13 @@ impl LssTracker {
         match &self.last_answered {
             // All matching devices reply, in any number.
             Some((exchange, _))
-                if fits(exchange) && exchange.expectation == LssExpectation::Optional => {}
-            Some((exchange, before)) if fits(exchange) && *before == bytes => {
+                if fits_exchange(exchange, &bytes)
+                    && exchange.expectation == LssExpectation::Optional => {}
+            Some((exchange, before)) if fits_exchange(exchange, &bytes) && *before == bytes => {
                 let text = format!("{}: the same answer twice", exchange.op);
                 notices.push(anomaly(AnomalyKind::DuplicateReply, text));
             }
-            Some((exchange, _)) if fits(exchange) => {
+            Some((exchange, _)) if fits_exchange(exchange, &bytes) => {
                 let text = format!("{}: two devices are in configuration at once", exchange.op);
                 notices.push(anomaly(AnomalyKind::DuplicateAddress, text));
             }
@@ -214,6 +214,10 @@ impl LssTracker {
             notices.push(exchange.exchange_notice(None, ExchangeOutcome::Done));
         }
     }
+}
+
+fn fits_exchange(exchange: &LssExchange, bytes: &[u8; 8]) -> bool {
+    lss_answers(bytes, &exchange.request)
 }
 
 /// Returns whether a request goes on with what one of its kind began.

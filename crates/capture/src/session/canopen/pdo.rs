@@ -192,15 +192,15 @@ impl Pdo {
         profile: Option<&'static Profile>,
     ) -> Option<(Vec<MappingEntry>, Quality)> {
         let index = if self.from_node { 0x1A00 } else { 0x1600 } + (self.number - 1);
-        let default = |sub| default_value(profile, ObjectIndex::new(index, sub));
         let mut captured = self.is_captured();
-        let count = self.count.or_else(|| u8::try_from(default(0)?).ok())?;
+        let count = self.count.or_else(|| u8::try_from(default_of_sub(0, profile, index)?).ok())?;
         let mut entries = Vec::new();
         for sub in 1..=count {
             let own = self.entries.get(usize::from(sub) - 1).copied().flatten();
             captured &= own.is_some();
-            let known =
-                own.or_else(|| Some(MappingEntry::from(u32::try_from(default(sub)?).ok()?)));
+            let known = own.or_else(|| {
+                Some(MappingEntry::from(u32::try_from(default_of_sub(sub, profile, index)?).ok()?))
+            });
             entries.push(known?);
         }
         let sheet = profile.is_some_and(|profile| !is_built_in(profile)) && !self.stale;
@@ -235,6 +235,10 @@ impl Pdo {
         self.stale = false;
         self.clear_mapping();
     }
+}
+
+fn default_of_sub(sub: u8, profile: Option<&'static Profile>, index: u16) -> Option<i64> {
+    default_value(profile, ObjectIndex::new(index, sub))
 }
 
 /// The name of a PDO.
@@ -299,13 +303,9 @@ impl PdoTable {
         };
         let at = self.find_or_add(node, reported, (object.index & 0x1FF) + 1)?;
         let pdo = &mut self.all[at];
-        let id = |pdo: &Pdo| match pdo.cob {
-            Some(cob) => Some(cob.id()).filter(|_| cob.is_valid()),
-            None => pdo.default_cob().map(|cob| cob.id().into()),
-        };
-        let from = id(pdo);
+        let from = pdo_cob_id(pdo);
         pdo.learn_object(mapping, object.sub, raw);
-        let to = id(pdo);
+        let to = pdo_cob_id(pdo);
         (from != to || (!mapping && object.sub == 1)).then_some(PdoMove {
             index: at,
             old_id: from,
@@ -316,5 +316,12 @@ impl PdoTable {
     /// PDOs of a node.
     pub fn of_node(&mut self, node: u8) -> impl Iterator<Item = &mut Pdo> {
         self.all.iter_mut().filter(move |pdo| pdo.node == node)
+    }
+}
+
+fn pdo_cob_id(pdo: &Pdo) -> Option<u32> {
+    match pdo.cob {
+        Some(cob) => Some(cob.id()).filter(|_| cob.is_valid()),
+        None => pdo.default_cob().map(|cob| cob.id().into()),
     }
 }

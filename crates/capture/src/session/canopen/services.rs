@@ -120,16 +120,12 @@ impl ServiceTable {
 }
 
 fn default_service(id: u16, pdos: &mut PdoTable) -> Service {
-    let pdo = |pdos: &mut PdoTable, node, reported, number: u8| {
-        let at = pdos.find_or_add(node, reported, number.into());
-        at.and_then(|at| u16::try_from(at).ok()).map_or(Service::Untracked, Service::Pdo)
-    };
     match Cob::of(id) {
         Cob::Nmt => Service::Nmt,
         Cob::Sync => Service::Sync,
         Cob::Emcy(node) => Service::Emcy(node),
-        Cob::Tpdo(number, node) => pdo(pdos, node, true, number),
-        Cob::Rpdo(number, node) => pdo(pdos, node, false, number),
+        Cob::Tpdo(number, node) => pdo_index(pdos, node, true, number),
+        Cob::Rpdo(number, node) => pdo_index(pdos, node, false, number),
         Cob::Heartbeat(node) => Service::State(node),
         Cob::SdoRequest(node) => Service::Request(u16::from(node)),
         Cob::SdoReply(node) => Service::Reply(u16::from(node)),
@@ -137,4 +133,9 @@ fn default_service(id: u16, pdos: &mut PdoTable) -> Service {
         Cob::LssReply => Service::Lss(false),
         _ => Service::Untracked,
     }
+}
+
+fn pdo_index(pdos: &mut PdoTable, node: u8, reported: bool, number: u8) -> Service {
+    let at = pdos.find_or_add(node, reported, number.into());
+    at.and_then(|at| u16::try_from(at).ok()).map_or(Service::Untracked, Service::Pdo)
 }

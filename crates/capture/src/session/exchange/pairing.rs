@@ -120,8 +120,7 @@ pub(super) struct AnswerMatch {
 
 impl TrackedRequest {
     fn requires_reply(&self) -> bool {
-        let sure = |reply_count| matches!(reply_count, ReplyCount::Exactly(_));
-        sure(self.awaits.answers) || sure(self.awaits.acks)
+        is_exact(self.awaits.answers) || is_exact(self.awaits.acks)
     }
 
     fn is_late(&self, now: Option<Timestamp>) -> bool {
@@ -146,6 +145,10 @@ impl TrackedRequest {
         };
         text
     }
+}
+
+fn is_exact(reply_count: ReplyCount) -> bool {
+    matches!(reply_count, ReplyCount::Exactly(_))
 }
 
 impl Pairing {
@@ -303,12 +306,7 @@ impl Pairing {
     ) -> Quality {
         self.note_start(observed.time);
         self.acks += 1;
-        let waits = |request: &&mut TrackedRequest| {
-            request.state == RequestState::Open
-                && request.awaits.acks != ReplyCount::Zero
-                && request.acks == 0
-        };
-        let Some(request) = self.requests.iter_mut().find(waits) else {
+        let Some(request) = self.requests.iter_mut().find(waits_for_ack) else {
             if let Some(request) = self.last_acknowledged(observed.time) {
                 let text = format!("{}: acknowledged twice", request.description());
                 notices.push(anomaly(AnomalyKind::DuplicateReply, request.exchange.axis, text));
@@ -589,8 +587,7 @@ impl Pairing {
 
     /// Returns whether the capture's begin is so long ago that no earlier request can be answered.
     fn is_past_start(&self, now: Option<Timestamp>) -> bool {
-        let past = |now: Timestamp, began: Timestamp| now.since(began) > LIMIT_MIN;
-        let later = now.zip(self.start_time).is_none_or(|(now, began)| past(now, began));
+        let later = now.zip(self.start_time).is_none_or(|(now, began)| is_past_limit(now, began));
         later && self.request_count >= FIRST_REQUESTS
     }
 
@@ -604,6 +601,16 @@ impl Pairing {
         }
         op
     }
+}
+
+fn is_past_limit(now: Timestamp, began: Timestamp) -> bool {
+    now.since(began) > LIMIT_MIN
+}
+
+fn waits_for_ack(request: &&mut TrackedRequest) -> bool {
+    request.state == RequestState::Open
+        && request.awaits.acks != ReplyCount::Zero
+        && request.acks == 0
 }
 
 fn deadline(request: &TrackedRequest) -> Option<Timestamp> {

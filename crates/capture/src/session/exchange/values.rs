@@ -84,8 +84,7 @@ impl ValueTracker {
     }
 
     fn set_profile(&mut self, profile: Option<&'static Profile>) {
-        let place = |profile: Option<&'static Profile>| profile.map(core::ptr::from_ref);
-        if place(self.profile) == place(profile) {
+        if profile_address(self.profile) == profile_address(profile) {
             return;
         }
         self.profile = profile;
@@ -103,16 +102,19 @@ impl ValueTracker {
         notices: &mut Vec<SessionNotice>,
     ) {
         let Some(profile) = self.profile else { return };
-        let is_it = |id: ParameterId| {
-            profile.parameter(id).is_some_and(|other| core::ptr::eq(other, parameter))
-        };
-        if let Some(id) = self.factors.iter().copied().find(|id| is_it(*id)) {
+        if let Some(id) =
+            self.factors.iter().copied().find(|id| is_parameter(*id, profile, parameter))
+        {
             let key = (found.axis, found.frame_value.motor, object_key(profile, id));
             replace_known(&mut self.factor_values, key, found.frame_value.raw);
         }
         let (value, unit, quality) = self.scale_value(profile, parameter, &found);
         let mut named = false;
-        for source in profile.signals.iter().filter(|source| is_it(source.parameter)) {
+        for source in profile
+            .signals
+            .iter()
+            .filter(|source| is_parameter(source.parameter, profile, parameter))
+        {
             match signal_name(profile, source) {
                 Some(word) => {
                     named = true;
@@ -229,11 +231,10 @@ impl ValueTracker {
         let (axis, raw) = (found.axis, found.frame_value.raw);
         let word = raw as u32;
         let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
-        let is_set = |fault: &Known| if bits { fault.code & word != 0 } else { fault.code == word };
         let now: Vec<&'static Known> = profile
             .faults
             .iter()
-            .filter(|fault| fault.severity != Severity::Note && is_set(fault))
+            .filter(|fault| fault.severity != Severity::Note && has_fault(fault, bits, word))
             .collect();
         let code =
             |gone: u32| now.iter().any(|fault| fault.code == gone) || (!bits && gone == word);
@@ -254,6 +255,18 @@ impl ValueTracker {
             }
         }
     }
+}
+
+fn has_fault(fault: &Known, bits: bool, word: u32) -> bool {
+    if bits { fault.code & word != 0 } else { fault.code == word }
+}
+
+fn is_parameter(id: ParameterId, profile: &Profile, parameter: &Parameter) -> bool {
+    profile.parameter(id).is_some_and(|other| core::ptr::eq(other, parameter))
+}
+
+fn profile_address(profile: Option<&'static Profile>) -> Option<*const Profile> {
+    profile.map(core::ptr::from_ref)
 }
 
 impl ObservedValue<'_> {
@@ -277,12 +290,13 @@ fn object_key(profile: &'static Profile, id: ParameterId) -> ObjectKey {
 }
 
 fn signal_name(profile: &'static Profile, source: &SignalSource) -> Option<InternedName> {
-    let of = |signal| profile.signal(signal).map(|source| source.parameter);
     Some(match source.signal {
         Source::Position => "Actual/Position",
         Source::Velocity => "Actual/Velocity",
         // A current in the place of the torque is reported as current.
-        Source::Torque if of(Source::Current) != Some(source.parameter) => "Actual/Torque",
+        Source::Torque if signal_parameter(Source::Current, profile) != Some(source.parameter) => {
+            "Actual/Torque"
+        }
         Source::Current => "Actual/Current",
         Source::Voltage => "Actual/Voltage",
         Source::Temperature => "Temp/Drive",
@@ -290,6 +304,10 @@ fn signal_name(profile: &'static Profile, source: &SignalSource) -> Option<Inter
         Source::TargetVelocity => "Setpoint/Velocity",
         _ => return None,
     })
+}
+
+fn signal_parameter(signal: Source, profile: &Profile) -> Option<ParameterId> {
+    profile.signal(signal).map(|source| source.parameter)
 }
 
 /// The name for one of several motors.

@@ -44,17 +44,18 @@ impl Expectation {
 }
 
 fn parse_object(path: &Path, number: usize, line: &str) -> Result<Value> {
-    let wrong = |why: String| {
-        let what = format!("{}, line {number}: no JSON object.", path.display());
-        Problem::usage("E230", what).why(why).hint(
-            "`polepair decode GOOD --format jsonl -o EXPECTED.jsonl` writes one to begin with",
-        )
-    };
     match serde_json::from_str(line) {
         Ok(object @ Value::Object(_)) => Ok(object),
-        Ok(other) => Err(wrong(format!("It is {other}."))),
-        Err(error) => Err(wrong(format!("{error}."))),
+        Ok(other) => Err(no_json_object(format!("It is {other}."), number, path)),
+        Err(error) => Err(no_json_object(format!("{error}."), number, path)),
     }
+}
+
+fn no_json_object(why: String, number: usize, path: &Path) -> Problem {
+    let what = format!("{}, line {number}: no JSON object.", path.display());
+    Problem::usage("E230", what)
+        .why(why)
+        .hint("`polepair decode GOOD --format jsonl -o EXPECTED.jsonl` writes one to begin with")
 }
 
 /// Compares a capture with what is expected of it.
@@ -149,8 +150,7 @@ impl ExpectationTest {
         let frame = self.frames.pop_front();
         self.matched += 1;
         if let (Some((_, line)), Some(frame), None) = (line, frame, self.time_origin) {
-            let time = |value: &Value| value.get("time").and_then(Value::as_f64);
-            self.time_origin = time(&frame.value).zip(time(&line));
+            self.time_origin = row_time(&frame.value).zip(row_time(&line));
         }
     }
 
@@ -252,4 +252,8 @@ impl ExpectationTest {
         print_note(&format!("{} differences{more}; {agreed} frames match", self.differences));
         Ok(Exit::Negative)
     }
+}
+
+fn row_time(value: &Value) -> Option<f64> {
+    value.get("time").and_then(Value::as_f64)
 }

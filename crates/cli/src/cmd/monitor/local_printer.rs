@@ -122,16 +122,13 @@ fn axes_table(axes: &[MonitoredAxis]) -> String {
     let heads = ["axis", "drive", "state", "mode", "position", "velocity", "torque", "age"];
     let mut table = TextTable::with_heads(&heads);
     for watched in axes {
-        let cell = |signal| {
-            watched.display_value(signal).map_or_else(|| "-".to_owned(), |s| s.to_string())
-        };
         table.add_row([
             watched.name(),
             watched.axis.profile().name.to_owned(),
             watched.activity().word().to_owned(),
-            cell(Signal::Mode),
-            cell(Signal::Position),
-            cell(Signal::Velocity),
+            signal_cell(Signal::Mode, watched),
+            signal_cell(Signal::Position, watched),
+            signal_cell(Signal::Velocity, watched),
             watched.effort().map_or_else(|| "-".to_owned(), |shown| shown.to_string()),
             watched.age().map_or_else(|| "-".to_owned(), format_age),
         ]);
@@ -143,6 +140,10 @@ fn axes_table(axes: &[MonitoredAxis]) -> String {
         }
     }
     text
+}
+
+fn signal_cell(signal: Signal, watched: &MonitoredAxis) -> String {
+    watched.display_value(signal).map_or_else(|| "-".to_owned(), |s| s.to_string())
 }
 
 /// Troubles of an axis, a line each, and whether it stopped the drive.
@@ -209,12 +210,11 @@ pub fn trouble_counts(monitor: &Monitor, wrong: u64) -> [(u64, &'static str); 8]
 
 fn write_axis_json(watched: &MonitoredAxis, out: &mut Vec<u8>) {
     let now = clock::wall_ns(watched.axis.connection().now());
-    let add = |out: &mut Vec<u8>, text: &str| out.extend_from_slice(text.as_bytes());
     let pair = |out: &mut Vec<u8>, key: &str, text: &str| {
-        add(out, &format!(",\"{key}\":"));
+        push_text(out, &format!(",\"{key}\":"));
         jsonl::write_string(out, text);
     };
-    add(
+    push_text(
         out,
         &format!(
             "{{\"time\":{:.6},\"axis\":{}",
@@ -226,43 +226,49 @@ fn write_axis_json(watched: &MonitoredAxis, out: &mut Vec<u8>) {
     pair(out, "drive", watched.axis.profile().name);
     pair(out, "protocol", watched.axis.protocol());
     pair(out, "state", watched.activity().word());
-    add(out, ",\"signals\":{");
+    push_text(out, ",\"signals\":{");
     let shown = Signal::ALL.into_iter().filter_map(|s| Some((s, watched.display_value(s)?)));
     for (n, (signal, shown)) in shown.enumerate() {
-        add(out, if n > 0 { "," } else { "" });
+        push_text(out, if n > 0 { "," } else { "" });
         jsonl::write_string(out, signal.name());
-        add(out, ":{\"value\":");
+        push_text(out, ":{\"value\":");
         jsonl::write_real(out, shown.value);
         pair(out, "unit", shown.unit);
         if let Some(word) = shown.word {
             pair(out, "word", word);
         }
-        add(out, &format!(",\"age\":{:.6}}}", shown.age.as_secs_f64()));
+        push_text(out, &format!(",\"age\":{:.6}}}", shown.age.as_secs_f64()));
     }
-    add(out, "},\"troubles\":[");
+    push_text(out, "},\"troubles\":[");
     for (n, (line, _)) in trouble_lines(watched).iter().enumerate() {
-        add(out, if n > 0 { "," } else { "" });
+        push_text(out, if n > 0 { "," } else { "" });
         jsonl::write_string(out, line.trim());
     }
-    add(out, "]}\n");
+    push_text(out, "]}\n");
+}
+
+fn push_text(out: &mut Vec<u8>, text: &str) {
+    out.extend_from_slice(text.as_bytes())
 }
 
 fn write_link_json(monitor: &Monitor, out: &mut Vec<u8>) {
-    let add = |out: &mut Vec<u8>, text: &str| out.extend_from_slice(text.as_bytes());
     let (count, wrong) = monitor.traffic.counts();
-    add(out, &format!("{{\"time\":{:.6},\"url\":", clock::wall_ns(monitor.now()) as f64 / 1e9));
+    push_text(
+        out,
+        &format!("{{\"time\":{:.6},\"url\":", clock::wall_ns(monitor.now()) as f64 / 1e9),
+    );
     jsonl::write_string(out, &monitor.url);
     let (age, rate) = (monitor.age().as_secs_f64(), monitor.traffic.per_second());
-    add(out, &format!(",\"age\":{age:.3},\"frames\":{count},\"per second\":{rate:.1}"));
+    push_text(out, &format!(",\"age\":{age:.3},\"frames\":{count},\"per second\":{rate:.1}"));
     for (count, word) in trouble_counts(monitor, wrong) {
-        add(out, &format!(",\"{word}\":{count}"));
+        push_text(out, &format!(",\"{word}\":{count}"));
     }
-    add(out, ",\"load\":{");
+    push_text(out, ",\"load\":{");
     for (n, (name, load)) in monitor.traffic.wires().enumerate() {
-        add(out, if n > 0 { "," } else { "" });
+        push_text(out, if n > 0 { "," } else { "" });
         jsonl::write_string(out, name);
         let load = load.map_or("null".to_owned(), |load| format!("{load:.4}"));
-        add(out, &format!(":{load}"));
+        push_text(out, &format!(":{load}"));
     }
-    add(out, "}}\n");
+    push_text(out, "}}\n");
 }

@@ -109,8 +109,8 @@ impl RemoteMonitor {
     }
 
     fn add_frame(&mut self, item: FrameItem) {
-        let ours = || clock::wall_ns(clock::now());
-        let (theirs, ours) = *self.first_frame.get_or_insert_with(|| (item.t_us, ours()));
+        let (theirs, own_wall_ns) =
+            *self.first_frame.get_or_insert_with(|| (item.t_us, own_wall_ns()));
         let since = ((item.t_us - theirs).max(0.0) * 1e3) as u64;
         self.flaw_count += u64::from(!item.ok);
         let wire = self.links.iter().position(|link| *link == item.link).unwrap_or(0);
@@ -120,14 +120,13 @@ impl RemoteMonitor {
             None => (item.text.clone(), String::new()),
         };
         // Texts that differ only in numbers are of one kind.
-        let words = || text.split_whitespace().next().unwrap_or_default();
         let kind = match id {
             Some((id, extended)) => format!("{id:08X} {extended}"),
-            None => format!("{:?} {:?} {}", item.dir, item.axis, words()),
+            None => format!("{:?} {:?} {}", item.dir, item.axis, first_word(&text)),
         };
         let row = FrameRow {
             number: 0,
-            time: ours + since,
+            time: own_wall_ns + since,
             wire,
             direction: item.dir.map(|direction| match direction {
                 FrameDirection::Tx => Direction::ToDrive,
@@ -163,20 +162,33 @@ impl RemoteMonitor {
                 .is_none()
                 .then_some(StopSummary { state: StopState::Sent, elapsed: took });
         };
-        let why = || match &stopped.error {
-            Some(error) => error.message.clone(),
-            None => "no drive replied".to_owned(),
-        };
         let class = match stopped.class {
             StopClass::Standing => StopState::Standstill,
             StopClass::Acknowledged => StopState::Acknowledged,
             StopClass::Sent if stopped.error.is_none() => StopState::Sent,
-            StopClass::Sent | StopClass::Owed | StopClass::Failed => StopState::Failed(why()),
+            StopClass::Sent | StopClass::Owed | StopClass::Failed => {
+                StopState::Failed(stop_error_text(&stopped.error))
+            }
         };
         let over = class == StopState::Standstill && now.since(at) > STOP_SHOWN_MAX;
         let took = Duration::from_secs_f64(stopped.ms.clamp(0.0, 1e9) / 1e3);
         (!over).then_some(StopSummary { state: class, elapsed: took })
     }
+}
+
+fn stop_error_text(stopped_error: &Option<GatewayError>) -> String {
+    match stopped_error {
+        Some(error) => error.message.clone(),
+        None => "no drive replied".to_owned(),
+    }
+}
+
+fn first_word(text: &str) -> &str {
+    text.split_whitespace().next().unwrap_or_default()
+}
+
+fn own_wall_ns() -> u64 {
+    clock::wall_ns(clock::now())
 }
 
 impl MonitorSource for RemoteMonitor {

@@ -19,6 +19,7 @@ use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
 use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
+use polepair_serve::message::SignalValue;
 
 /// Interval of polling received messages.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -130,15 +131,12 @@ impl RemotePrinter {
 
     /// Prints the troubles of links, if they changed.
     fn print_links(&mut self, links: &[LinkView]) {
-        let brief = |link: &LinkView| {
-            let code = link.error.as_ref().map_or("", |error| &error.code);
-            (link.id, link.state, code.to_owned())
-        };
-        let now: Vec<_> = links.iter().map(brief).collect();
+        let now: Vec<_> = links.iter().map(link_summary).collect();
         if now == self.last_link_states {
             return;
         }
-        for link in links.iter().filter(|link| !self.last_link_states.contains(&brief(link))) {
+        for link in links.iter().filter(|link| !self.last_link_states.contains(&link_summary(link)))
+        {
             let lines = remote::link_troubles(link);
             if self.jsonl && (!lines.is_empty() || !self.last_link_states.is_empty()) {
                 write_link_json(link, &lines, self.out.buffer());
@@ -189,6 +187,11 @@ impl RemotePrinter {
     }
 }
 
+fn link_summary(link: &LinkView) -> (u16, LinkState, String) {
+    let code = link.error.as_ref().map_or("", |error| &error.code);
+    (link.id, link.state, code.to_owned())
+}
+
 fn sleep(now: Instant, span: Duration) {
     clock::sleep_until(now + span);
 }
@@ -198,11 +201,17 @@ fn axis_states<'a>(
     live: &LiveConnection,
     axes: &'a [AxisInfo],
 ) -> Result<Vec<(&'a AxisInfo, AxisState)>> {
-    let state = |axis: &'a AxisInfo| Ok(live.state(axis.id)?.map(|state| (axis, state)));
     axes.iter()
-        .filter_map(|axis| state(axis).transpose())
+        .filter_map(|axis| live_state(axis, live).transpose())
         .collect::<std::result::Result<_, _>>()
         .map_err(remote::refusal_problem)
+}
+
+fn live_state<'a>(
+    axis: &'a AxisInfo,
+    live: &LiveConnection,
+) -> std::result::Result<Option<(&'a AxisInfo, AxisState)>, polepair_client::GatewayError> {
+    Ok(live.state(axis.id)?.map(|state| (axis, state)))
 }
 
 fn signal_value(state: &AxisState, signal: Signal) -> Option<f64> {
@@ -272,14 +281,17 @@ fn axes_table(states: &[(&AxisInfo, AxisState)]) -> String {
     let heads = ["axis", "drive", "state", "mode", "position", "velocity", "torque", "age"];
     let mut table = TextTable::with_heads(&heads);
     for (axis, state) in states {
-        let reported = |wanted: Signal| state.signals.iter().find(|s| s.signal == wanted.name());
-        let cell = |signal: Signal| match reported(signal).and_then(|s| Some((s.value?, &*s.unit)))
+        let cell = |signal: Signal| match find_signal(signal, &state.signals)
+            .and_then(|s| Some((s.value?, &*s.unit)))
         {
             Some((value, unit)) => remote::format_value(value, unit),
             None => "-".to_owned(),
         };
-        let effort =
-            if reported(Signal::Torque).is_some() { Signal::Torque } else { Signal::Current };
+        let effort = if find_signal(Signal::Torque, &state.signals).is_some() {
+            Signal::Torque
+        } else {
+            Signal::Current
+        };
         let oldest = state.signals.iter().map(|signal| signal.age_ms).reduce(f64::max);
         table.add_row([
             axis_name(axis),
@@ -302,6 +314,10 @@ fn axes_table(states: &[(&AxisInfo, AxisState)]) -> String {
         }
     }
     text
+}
+
+fn find_signal(wanted: Signal, state_signals: &[SignalValue]) -> Option<&SignalValue> {
+    state_signals.iter().find(|s| s.signal == wanted.name())
 }
 
 /// Line for an axis with a pending stop.

@@ -198,7 +198,6 @@ impl MonitorSource for Monitor {
 
 fn axis_row(watched: &MonitoredAxis, chosen: bool) -> AxisRow {
     let profile = watched.axis.profile();
-    let value = |signal| watched.display_value(signal).map(|shown| shown_value(&shown));
     let details = [
         ("target", Signal::TargetPosition),
         ("target", Signal::TargetVelocity),
@@ -212,14 +211,20 @@ fn axis_row(watched: &MonitoredAxis, chosen: bool) -> AxisRow {
         drive: [profile.name.to_owned(), profile.title.to_owned()],
         activity: watched.activity(),
         stop: watched.stopping.as_ref().map(stop_summary),
-        mode: value(Signal::Mode),
-        position: value(Signal::Position),
-        velocity: value(Signal::Velocity),
+        mode: signal_value(Signal::Mode, watched),
+        position: signal_value(Signal::Position, watched),
+        velocity: signal_value(Signal::Velocity, watched),
         effort: watched.effort().map(|shown| shown_value(&shown)),
         age: watched.age(),
         troubles: if chosen { trouble_lines(watched) } else { Vec::new() },
-        facts: facts.filter_map(|(word, signal)| Some((word, value(signal)?))).collect(),
+        facts: facts
+            .filter_map(|(word, signal)| Some((word, signal_value(signal, watched)?)))
+            .collect(),
     }
+}
+
+fn signal_value(signal: Signal, watched: &MonitoredAxis) -> Option<ShownValue> {
+    watched.display_value(signal).map(|shown| shown_value(&shown))
 }
 
 fn stop_summary(stopping: &StopSupervisor) -> StopSummary {

@@ -140,13 +140,18 @@ impl Assemble {
         let known = self.profiles.known_profiles()?;
         let named = self.drive.as_deref().map(|word| crate::cmd::params::find_drive(&known, word));
         let named = named.transpose()?;
-        let speaks = |name: &str| named.is_none_or(|profile| profile.protocol == name);
         let found = proto::dissectors().iter().find_map(|dissector| {
-            let language = dissector.program_language().filter(|_| speaks(dissector.language()))?;
+            let language = dissector
+                .program_language()
+                .filter(|_| profile_speaks(dissector.language(), named))?;
             Some((language, named.or_else(|| polepair_drives::usual_profile(*dissector))))
         });
         found.ok_or_else(|| Problem::usage("E218", "This drive takes no programs."))
     }
+}
+
+fn profile_speaks(name: &str, named: Option<&Profile>) -> bool {
+    named.is_none_or(|profile| profile.protocol == name)
 }
 
 /// Writes a program to the drive's memory, and verifies it.

@@ -151,10 +151,9 @@ impl Listing {
 
     /// The address that a word means: a label, a line (`:12`), or a number.
     fn address(&self, word: &str) -> Result<u16> {
-        let wrong = |what: String| Problem::usage("E242", what);
         let Some(source) = &self.source else {
             return word.parse().map_err(|_| {
-                wrong(format!("{word:?} is not the address of an instruction."))
+                instruction_problem(format!("{word:?} is not the address of an instruction."))
                     .hint("for a label or a line (:12): --source FILE names the text")
             });
         };
@@ -165,7 +164,7 @@ impl Listing {
         };
         found.ok_or_else(|| {
             let names: Vec<&str> = source.labels().map(|(name, _)| name).collect();
-            wrong(format!("the program has no place {word:?}."))
+            instruction_problem(format!("the program has no place {word:?}."))
                 .why(format!("Its labels are {}.", crate::problem::join_list(&names)))
                 .hint("a line is written :12, an instruction by its number")
         })
@@ -186,6 +185,10 @@ impl Listing {
         };
         Ok(format!("{at:4}  {text:<28}{place}").trim_end().to_owned())
     }
+}
+
+fn instruction_problem(what: String) -> Problem {
+    Problem::usage("E242", what)
 }
 
 /// Starts the program and waits until it ends, or for so long.

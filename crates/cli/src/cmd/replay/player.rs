@@ -140,13 +140,12 @@ impl ReplayMedium for polepair_core::medium::Can {
         request: &Frame,
         _: &mut Vec<u8>,
     ) -> bool {
-        let raw = |frame| RawFrame {
-            bytes: Frame::bytes(frame),
-            id: Some(frame.id),
-            extended: frame.extended,
-        };
-        by.is_answer_to(&raw(received), &raw(request))
+        by.is_answer_to(&raw_frame(received), &raw_frame(request))
     }
+}
+
+fn raw_frame(frame: &Frame) -> RawFrame<'_> {
+    RawFrame { bytes: Frame::bytes(frame), id: Some(frame.id), extended: frame.extended }
 }
 
 struct WirePlayer<'a, M: ReplayMedium> {

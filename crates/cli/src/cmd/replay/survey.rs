@@ -47,15 +47,11 @@ impl Survey {
         self.frames += 1;
         self.span = item.at;
         *self.counts.entry(effect_word(item.effect)).or_default() += 1;
-        let shown = || {
-            let link = event.link;
-            format!("The first is frame {} on {link}: {}", event.number, event.explanation.text)
-        };
         if item.effect.impact >= Impact::Motion {
-            self.first_moving.get_or_insert_with(|| (shown(), 0)).1 += 1;
+            self.first_moving.get_or_insert_with(|| (first_frame_text(event), 0)).1 += 1;
         }
         if item.effect.persistent {
-            self.first_keeping.get_or_insert_with(|| (shown(), 0)).1 += 1;
+            self.first_keeping.get_or_insert_with(|| (first_frame_text(event), 0)).1 += 1;
         }
     }
 
@@ -70,14 +66,12 @@ impl Survey {
 
     /// Prints the frames that will be sent.
     pub fn print_summary(&self, file: &str, wires: &[String]) {
-        let reported = |word: &str, what: &str| {
-            self.counts.get(word).map(|count| format!("{count} {what}")).into_iter()
-        };
-        let parts = reported("asks", "ask or stop")
-            .chain(reported("sets", "set"))
-            .chain(reported("moves", "may move motors"))
-            .chain(reported("keeps", "reach permanent memory"))
-            .chain(reported("?", "are unknown"));
+        let parts = self
+            .count_line("asks", "ask or stop")
+            .chain(self.count_line("sets", "set"))
+            .chain(self.count_line("moves", "may move motors"))
+            .chain(self.count_line("keeps", "reach permanent memory"))
+            .chain(self.count_line("?", "are unknown"));
         let (frames, seconds) = (plural(self.frames, "frame"), self.span as f64 / 1e9);
         let parts = parts.collect::<Vec<_>>().join(", ");
         if self.frames > 0 {
@@ -86,16 +80,24 @@ impl Survey {
                 wires.join(", ")
             ));
         }
-        let out = |left: SkipReason, what: &str| {
-            if self.skipped_count(left) > 0 {
-                print_warning(&format!(
-                    "{} skipped: {what}",
-                    plural(self.skipped_count(left), "frame")
-                ));
-            }
-        };
-        out(SkipReason::UnknownSender, "their sender is unknown; --direction both sends them too");
-        out(SkipReason::UnfitForWire, "this link has no such frames");
+        self.warn_skipped(
+            SkipReason::UnknownSender,
+            "their sender is unknown; --direction both sends them too",
+        );
+        self.warn_skipped(SkipReason::UnfitForWire, "this link has no such frames");
+    }
+
+    fn warn_skipped(&self, left: SkipReason, what: &str) {
+        if self.skipped_count(left) > 0 {
+            print_warning(&format!(
+                "{} skipped: {what}",
+                plural(self.skipped_count(left), "frame")
+            ));
+        }
+    }
+
+    fn count_line(&self, word: &str, what: &str) -> std::option::IntoIter<String> {
+        self.counts.get(word).map(|count| format!("{count} {what}")).into_iter()
     }
 
     /// Prints what is not sent, for a dry run.
@@ -164,4 +166,9 @@ impl Survey {
             None => problem.why(format!("Its links are: {links}.")),
         }
     }
+}
+
+fn first_frame_text(event: &DecodedFrame<'_>) -> String {
+    let link = event.link;
+    format!("The first is frame {} on {link}: {}", event.number, event.explanation.text)
 }

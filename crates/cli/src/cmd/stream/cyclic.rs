@@ -146,39 +146,44 @@ impl Drop for CycleMeter {
 impl SetpointTable {
     fn parse_lines(file: &str, lines: &[(usize, String)]) -> Result<Self> {
         let headed = lines.first().is_some_and(|(_, line)| is_header(line));
-        let wrong = |n: usize, why: String| {
-            Problem::usage("E210", format!("{file}:{n}: {why}.")).why(
-                "A line is a time and a set-point for each axis; the header names them with \
-                 their units: `time s, 2 deg, 3 deg`.",
-            )
-        };
         let mut cells = match lines.first() {
             Some((n, line)) if headed => {
                 let columns = line.split(',').map(parse_column);
-                columns.collect::<std::result::Result<_, _>>().map_err(|why| wrong(*n, why))?
+                columns
+                    .collect::<std::result::Result<_, _>>()
+                    .map_err(|why| line_problem(*n, why, file))?
             }
             _ => Vec::new(),
         };
         let mut table = Self { columns: Vec::new(), times: Vec::new(), rows: Vec::new() };
         for (n, line) in lines.iter().skip(usize::from(headed)) {
-            let numbers = parse_numbers(line)
-                .ok_or_else(|| wrong(*n, format!("`{line}` is not a line of numbers")))?;
+            let numbers = parse_numbers(line).ok_or_else(|| {
+                line_problem(*n, format!("`{line}` is not a line of numbers"), file)
+            })?;
             if cells.is_empty() {
                 cells.resize_with(numbers.len(), SetpointColumn::unnamed);
             }
             if numbers.len() != cells.len() || numbers.len() < 2 {
-                return Err(wrong(*n, format!("{} columns, not {}", numbers.len(), cells.len())));
+                return Err(line_problem(
+                    *n,
+                    format!("{} columns, not {}", numbers.len(), cells.len()),
+                    file,
+                ));
             }
             let mut scaled = numbers.iter().zip(&cells).map(|(number, cell)| number * cell.factor);
             let time = scaled.next().unwrap_or(0.0);
             if table.times.last().is_some_and(|last| time <= *last) {
-                return Err(wrong(*n, "the time does not increase".into()));
+                return Err(line_problem(*n, "the time does not increase".into(), file));
             }
             table.times.push(time);
             table.rows.push(scaled.collect());
         }
         if table.times.len() < 2 {
-            return Err(wrong(lines.len(), "at least two lines of numbers are needed".into()));
+            return Err(line_problem(
+                lines.len(),
+                "at least two lines of numbers are needed".into(),
+                file,
+            ));
         }
         table.columns = cells.into_iter().skip(1).collect();
         Ok(table)
@@ -271,6 +276,13 @@ impl SetpointTable {
         }
         Ok(all)
     }
+}
+
+fn line_problem(n: usize, why: String, file: &str) -> Problem {
+    Problem::usage("E210", format!("{file}:{n}: {why}.")).why(
+        "A line is a time and a set-point for each axis; the header names them with \
+                 their units: `time s, 2 deg, 3 deg`.",
+    )
 }
 
 impl SetpointColumn {

@@ -119,9 +119,8 @@ fn wait_for_report(
     began: Instant,
     within: Duration,
 ) -> Result<()> {
-    let has_come = || axis.state().reading(signal).at.is_some_and(|at| at >= began);
     let end = axis.connection().now() + within;
-    while !has_come() {
+    while !has_report_come(signal, began, axis) {
         if interrupt::was_interrupted() {
             return Err(Problem::interrupted());
         }
@@ -136,6 +135,10 @@ fn wait_for_report(
         let _ = events.next(left);
     }
     Ok(())
+}
+
+fn has_report_come(signal: Signal, began: Instant, axis: &LocalAxis) -> bool {
+    axis.state().reading(signal).at.is_some_and(|at| at >= began)
 }
 
 /// The last value that came, where it is not older than `fresh`.

@@ -53,13 +53,12 @@ fn parse_parts<'a>(
     index: u32,
     parts: impl Iterator<Item = &'a str>,
 ) -> Result<ParameterAddress, TextError> {
-    let at_part = |part: &str| part.as_ptr() as usize - text.as_ptr() as usize;
     let expected = "an index, 0x1 to 0xFFFF";
     let index = u16::try_from(index).ok().filter(|index| *index > 0);
     let mut address = ParameterAddress::new(index.ok_or(TextError { at: 0, expected })?, 0);
     let mut has_sub = false;
     for part in parts {
-        let wrong = |expected| TextError { at: at_part(part), expected };
+        let wrong = |expected| TextError { at: part_offset(part, text), expected };
         let encoding = parse_encoding(part.trim()).filter(|encoding| is_object_type(*encoding));
         match (encoding, has_sub, address.encoding) {
             (Some(encoding), _, None) => address.encoding = Some(encoding),
@@ -77,6 +76,10 @@ fn parse_parts<'a>(
         address.like = Some((first, address.space));
     }
     Ok(address)
+}
+
+fn part_offset(part: &str, text: &str) -> usize {
+    part.as_ptr() as usize - text.as_ptr() as usize
 }
 
 const EXPECTED_TYPE: &str = "a type: u8, i8, u16, i16, u32, i32, u64, i64, f32, f64, str or bytes";

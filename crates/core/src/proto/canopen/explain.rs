@@ -230,19 +230,18 @@ impl Dissector for CanopenDissector {
         profile: Option<&'static Profile>,
         sink: &mut dyn ExplainSink,
     ) -> bool {
-        let is = |word: &str| name.eq_ignore_ascii_case(word);
-        if is("statusword") || is("0x6041:0") || is("0x6041") {
+        if is_word("statusword", name) || is_word("0x6041:0", name) || is_word("0x6041", name) {
             return explain_word_bits(value as u16, false, sink);
         }
-        if is("controlword") || is("0x6040:0") || is("0x6040") {
+        if is_word("controlword", name) || is_word("0x6040:0", name) || is_word("0x6040", name) {
             return explain_word_bits(value as u16, true, sink);
         }
-        if is("emcy") {
+        if is_word("emcy", name) {
             sink.kind("emcy");
             sink.text(meanings::fault_text(value as u16, profile));
             return true;
         }
-        if is("abort") {
+        if is_word("abort", name) {
             sink.kind("abort");
             sink.text(meanings::abort_text(AbortCode(value)));
             return true;
@@ -309,6 +308,10 @@ impl Dissector for CanopenDissector {
     }
 }
 
+fn is_word(word: &str, name: &str) -> bool {
+    name.eq_ignore_ascii_case(word)
+}
+
 /// Explains a segment of a block, which can be distinguished from a command only by following the transfer: `bytes` are
 /// eight, and the identifier that of the node's default channel.
 pub fn explain_block_segment(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
@@ -359,25 +362,20 @@ fn explain_message(
 
 /// Violation of the protocol by a frame that has a meaning nevertheless.
 fn frame_error(statement: &Statement, frame: &Frame) -> Option<WireError> {
-    let unexpected = |at: u16| {
-        let found = frame.data[usize::from(at)];
-        Some(WireError::Unexpected { at, found })
-    };
-    let count = |at: u16, found: u8| Some(WireError::Count { at, found: found.into() });
     let blocks = 1..=BLOCK_MAX;
     match *statement {
-        Statement::Order(NmtCommand::Other(_), _) => unexpected(0),
+        Statement::Order(NmtCommand::Other(_), _) => unexpected_at(0, &frame.data),
         Statement::State(heartbeat) if matches!(heartbeat.state, NmtState::Other(_)) => {
-            unexpected(0)
+            unexpected_at(0, &frame.data)
         }
         Statement::Sync(sync::SyncMessage { counter: Some(counter @ (0 | 241..)) }) => {
-            count(0, counter)
+            count_error(0, counter)
         }
-        Statement::Time(time) if time.ms >= DAY_MS => unexpected(3),
+        Statement::Time(time) if time.ms >= DAY_MS => unexpected_at(3, &frame.data),
         Statement::Lss(lss::LssRequest::Other(_))
-        | Statement::LssReply(lss::LssReply::Other(_)) => unexpected(0),
+        | Statement::LssReply(lss::LssReply::Other(_)) => unexpected_at(0, &frame.data),
         Statement::Request(SdoRequest::Other(_), _) | Statement::Reply(SdoReply::Other(_), _) => {
-            unexpected(0)
+            unexpected_at(0, &frame.data)
         }
         Statement::Request(
             SdoRequest::ReadBlock { segments, .. } | SdoRequest::ReadBlockAck { segments, .. },
@@ -388,13 +386,22 @@ fn frame_error(statement: &Statement, frame: &Frame) -> Option<WireError> {
             _,
         ) if !blocks.contains(&segments) => {
             let at = if statement.object().is_some() { 4 } else { 2 };
-            count(at, segments)
+            count_error(at, segments)
         }
         Statement::Request(_, 7) | Statement::Reply(_, 7) if !is_complete_in_seven(statement) => {
             Some(WireError::Short { need: 8, found: 7 })
         }
         _ => None,
     }
+}
+
+fn count_error(at: u16, found: u8) -> Option<WireError> {
+    Some(WireError::Count { at, found: found.into() })
+}
+
+fn unexpected_at(at: u16, frame_data: &[u8; 8]) -> Option<WireError> {
+    let found = frame_data[usize::from(at)];
+    Some(WireError::Unexpected { at, found })
 }
 
 /// Returns whether the byte that lacks of eight would not count anyway.
@@ -415,12 +422,9 @@ fn is_complete_in_seven(statement: &Statement) -> bool {
 
 /// Returns whether a reply of the same node can be to that request: the same object, or the next of it.
 fn service_answers(reply: &[u8], request: &[u8]) -> bool {
-    let eight = |bytes: &[u8]| {
-        let mut all = [0; 8];
-        all.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
-        (bytes.len() >= 7).then_some(all)
+    let (Some(reply), Some(request)) = (first_eight(reply), first_eight(request)) else {
+        return false;
     };
-    let (Some(reply), Some(request)) = (eight(reply), eight(request)) else { return false };
     let (reply, request) = (SdoReply::of(reply), SdoRequest::of(request));
     if let (Some(object), Some(requested)) = (reply.object(), request.object()) {
         return object == requested;
@@ -441,6 +445,12 @@ fn service_answers(reply: &[u8], request: &[u8]) -> bool {
             | (SdoReply::ReadBlockEnd { .. }, SdoRequest::ReadBlockAck { .. })
             | (SdoReply::Abort(..), _)
     )
+}
+
+fn first_eight(bytes: &[u8]) -> Option<[u8; 8]> {
+    let mut all = [0; 8];
+    all.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+    (bytes.len() >= 7).then_some(all)
 }
 
 /// Returns whether a reply of layer setting can be to that request.

@@ -130,10 +130,13 @@ impl HostRequest {
     /// the reply to the other's.
     #[must_use]
     pub fn is_of_other_axis(&self, other: &Self) -> bool {
-        let axis = |request: &Self| address::axis_number(request.object()?.index);
-        let axes = axis(self).zip(axis(other));
+        let axes = request_axis(self).zip(request_axis(other));
         !self.moves_bytes() && axes.is_some_and(|(one, other)| one != other)
     }
+}
+
+fn request_axis(request: &HostRequest) -> Option<u16> {
+    address::axis_number(request.object()?.index)
 }
 
 impl Request for HostRequest {

@@ -56,7 +56,6 @@ fn parse_parts<'a>(
     let mut has_order = false;
     for part in parts {
         let at = part.as_ptr() as usize - text.as_ptr() as usize;
-        let wrong = |expected| TextError { at, expected };
         let word = part.trim();
         let low_first = match word {
             _ if word.eq_ignore_ascii_case("le") => Some(true),
@@ -67,22 +66,28 @@ fn parse_parts<'a>(
             (None, None) if !has_order => {
                 let encoding = parse_encoding(word).filter(|known| is_register_type(*known));
                 let expected = "a type: u16, i16, u32, i32, u64, i64, f32 or f64";
-                address.encoding = Some(encoding.ok_or(wrong(expected))?);
+                address.encoding = Some(encoding.ok_or(text_error(expected, at))?);
             }
             (Some(low_first), Some(encoding)) if !has_order => {
                 let ordered = if low_first { low_word_first(encoding) } else { Some(encoding) };
                 let expected = "no word order: this type has one register";
-                address.encoding = Some(ordered.ok_or(wrong(expected))?);
+                address.encoding = Some(ordered.ok_or(text_error(expected, at))?);
                 has_order = true;
             }
-            (Some(_), None) => return Err(wrong("a type before the word order, such as i32:le")),
-            _ => return Err(wrong("the end of the address")),
+            (Some(_), None) => {
+                return Err(text_error("a type before the word order, such as i32:le", at));
+            }
+            _ => return Err(text_error("the end of the address", at)),
         }
     }
     if space.is_bits() && address.encoding.is_some() {
         return Err(TextError { at: 0, expected: "no type: it is one bit" });
     }
     Ok(address)
+}
+
+const fn text_error(expected: &'static str, at: usize) -> TextError {
+    TextError { at, expected }
 }
 
 const fn is_register_type(encoding: Encoding) -> bool {

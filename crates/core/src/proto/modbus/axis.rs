@@ -120,14 +120,10 @@ impl Driver for Axis {
         index: u16,
         value: i64,
     ) -> Result<HostRequest, Unsupported> {
-        let word = || {
-            let right = (-32_768..=65_535).contains(&value);
-            if right { Ok(value as u16) } else { Err(Unsupported::BadArgument) }
-        };
         let function = Function::of_code(function);
         if let Some(space) = function.read_space() {
             let max = if space.is_bits() { COILS_MAX } else { space.read_max() };
-            let count = word()?;
+            let count = word_value(value)?;
             if !(1..=max).contains(&count) {
                 return Err(Unsupported::BadArgument);
             }
@@ -139,14 +135,14 @@ impl Driver for Axis {
         let request = match function {
             Function::WriteCoil => RequestBody::WriteCoil { address: index, on: value != 0 },
             Function::WriteRegister if self.profile.multiple_writes => {
-                write_registers(index, &[word()?])
+                write_registers(index, &[word_value(value)?])
             }
             Function::WriteRegister => {
-                RequestBody::WriteRegister { address: index, value: word()? }
+                RequestBody::WriteRegister { address: index, value: word_value(value)? }
             }
             Function::WriteRegisters => {
                 let mut words = [0; WORDS_MAX];
-                words[0] = word()?;
+                words[0] = word_value(value)?;
                 RequestBody::WriteRegisters { start: index, count: 1, words }
             }
             _ => return Err(Unsupported::Forbidden("no such Modbus function in plans")),
@@ -210,6 +206,11 @@ impl Driver for Axis {
             _ => Ok(answer.raw()),
         }
     }
+}
+
+fn word_value(value: i64) -> Result<u16, Unsupported> {
+    let right = (-32_768..=65_535).contains(&value);
+    if right { Ok(value as u16) } else { Err(Unsupported::BadArgument) }
 }
 
 fn write_registers(start: u16, values: &[u16]) -> RequestBody {

@@ -364,14 +364,17 @@ fn shift_error_offset(error: WireError) -> WireError {
 
 /// Returns whether a frame is a reply. Without a direction, a refusal is one, and a frame that fits the last request.
 fn is_reply(pdu: &[u8], direction: Option<Direction>, request: Option<&[u8]>) -> bool {
-    let can_be = || ReplyPdu::parse(pdu).is_ok();
     match direction {
         Some(direction) => direction == Direction::ToHost,
         None => {
             let refused = pdu[0] & 0x80 != 0;
-            refused || (can_be() && (request.is_some() || RequestPdu::parse(pdu).is_err()))
+            refused || (can_be_reply(pdu) && (request.is_some() || RequestPdu::parse(pdu).is_err()))
         }
     }
+}
+
+fn can_be_reply(pdu: &[u8]) -> bool {
+    ReplyPdu::parse(pdu).is_ok()
 }
 
 /// Explains a PDU in fields and words.

@@ -271,10 +271,9 @@ fn parse_device_id(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, Te
     let start = parse_number(object.text).and_then(|number| u8::try_from(number).ok());
     let start = start.ok_or(TextError { at: object.at, expected })?;
     let expected = "which seven bytes of the text: 0 to 34, and the end of the text";
-    let part = |token: &Token<'_>| parse_number(token.text).filter(|part| (0..=34).contains(part));
     let count = match rest {
         [] => 0,
-        [only] => part(only).ok_or(TextError { at: only.at, expected })? as u16,
+        [only] => number_part(only).ok_or(TextError { at: only.at, expected })? as u16,
         [_, extra, ..] => return Err(TextError { at: extra.at, expected }),
     };
     Ok(ParsedRequest {
@@ -283,6 +282,10 @@ fn parse_device_id(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, Te
         count,
         words: [0; READ_WORDS_MAX as usize],
     })
+}
+
+fn number_part(token: &Token<'_>) -> Option<i64> {
+    parse_number(token.text).filter(|part| (0..=34).contains(part))
 }
 
 fn is_word(text: &str) -> bool {

@@ -108,18 +108,17 @@ impl Axis {
 
     fn decode_report(&self, report: &ReportFrame) -> [Option<DriveReport>; REPORTS_MAX] {
         let [a, b, c] = report.words;
-        let signed = |word: u16| i64::from(word.cast_signed());
         match report.part {
             1 => [
-                self.parameter_report(CommandWord::QV, signed(a)),
+                self.parameter_report(CommandWord::QV, signed_word(a)),
                 self.parameter_report(CommandWord::QP, b.into()),
-                self.parameter_report(CommandWord::QC, signed(c)),
+                self.parameter_report(CommandWord::QC, signed_word(c)),
                 None,
             ],
             2 => [
                 self.parameter_report(CommandWord::EF, a.into()),
-                self.parameter_report(CommandWord::QT, signed(b)),
-                self.parameter_report(CommandWord::EQ, signed(c)),
+                self.parameter_report(CommandWord::QT, signed_word(b)),
+                self.parameter_report(CommandWord::EQ, signed_word(c)),
                 None,
             ],
             _ => {
@@ -129,6 +128,10 @@ impl Axis {
             }
         }
     }
+}
+
+fn signed_word(word: u16) -> i64 {
+    i64::from(word.cast_signed())
 }
 
 const RANGE_UNREAD: &str =
@@ -271,7 +274,6 @@ impl Driver for Axis {
         parameter: Option<&Parameter>,
         answer: &Answer,
     ) -> Result<i64, Failure> {
-        let bytes = |frame: Frame| u64::from_be_bytes(frame.data).cast_signed();
         if let (Answer::Reply(reply), Some(parameter)) = (answer, parameter)
             && parameter.space != 0
             && parameter.index == RANGE_PARAMETER
@@ -280,9 +282,9 @@ impl Driver for Axis {
         }
         Ok(match (answer, parameter) {
             (Answer::Reply(reply), Some(parameter)) => decode_value(parameter, reply.data),
-            (Answer::Reply(reply), None) => bytes(reply.frame(self.id)),
-            (Answer::Report(report), _) => bytes(report.frame(self.id)),
-            (Answer::Headerless(bare), _) => bytes(bare.frame(self.id)),
+            (Answer::Reply(reply), None) => frame_number(reply.frame(self.id)),
+            (Answer::Report(report), _) => frame_number(report.frame(self.id)),
+            (Answer::Headerless(bare), _) => frame_number(bare.frame(self.id)),
             (Answer::OutputOff { faults }, _) => (*faults).into(),
             (Answer::Proven, _) => 0,
         })
@@ -328,6 +330,10 @@ impl Driver for Axis {
             Answer::Proven | Answer::OutputOff { .. } => [None; REPORTS_MAX],
         }
     }
+}
+
+fn frame_number(frame: Frame) -> i64 {
+    u64::from_be_bytes(frame.data).cast_signed()
 }
 
 /// Thrusters, servos and actuators on CAN.

@@ -380,12 +380,11 @@ fn emit_value(
     readings: Interpretation,
     sink: &mut dyn ExplainSink,
 ) {
-    let tenths = |raw: i64| FieldValue::Real(raw as f64 / 10.0);
     match command {
         CommandWord::SP | CommandWord::RP if sub == RANGE_PARAMETER => {
             let (reverse, forward) = range_ends(data);
-            emit_field(sink, "reverse_deg", (4, 6), tenths(reverse.into()), "");
-            emit_field(sink, "forward_deg", (6, 8), tenths(forward.into()), "");
+            emit_field(sink, "reverse_deg", (4, 6), tenths_value(reverse.into()), "");
+            emit_field(sink, "forward_deg", (6, 8), tenths_value(forward.into()), "");
         }
         CommandWord::SP | CommandWord::RP => {
             emit_field(sink, "value", (4, 8), FieldValue::Hex(data.into(), 8), "");
@@ -405,16 +404,20 @@ fn emit_value(
         }
         CommandWord::LA | CommandWord::LR => {
             let position = command.width().decode(data);
-            emit_field(sink, "deg", (4, 8), tenths(position), "");
+            emit_field(sink, "deg", (4, 8), tenths_value(position), "");
         }
         _ => {
             let CountUnit { unit, tenths: by_ten } = CountUnit::of_command(command);
             let raw = command.width().decode(data);
-            let shown = if by_ten { tenths(raw) } else { FieldValue::Int(raw) };
+            let shown = if by_ten { tenths_value(raw) } else { FieldValue::Int(raw) };
             let start = if data >> 16 == 0 { 6 } else { 4 };
             emit_field(sink, "value", (start, 8), shown, unit);
         }
     }
+}
+
+fn tenths_value(raw: i64) -> FieldValue<'static> {
+    FieldValue::Real(raw as f64 / 10.0)
 }
 
 /// A fault word and its bits.
@@ -436,34 +439,47 @@ fn explain_report(report: &ReportFrame, readings: Interpretation, sink: &mut dyn
     sink.kind(kind);
     emit_field(sink, "frame", (1, 2), FieldValue::Int(report.part.into()), "");
     let [a, b, c] = report.words;
-    let signed = |word: u16| i64::from(word.cast_signed());
-    let tenths = |raw: i64| FieldValue::Real(raw as f64 / 10.0);
     match report.part {
         1 => {
-            emit_field(sink, "rpm", (2, 4), FieldValue::Int(signed(a)), "speed");
-            emit_field(sink, "volt", (4, 6), tenths(b.into()), "");
-            emit_field(sink, "amp", (6, 8), tenths(signed(c)), "");
+            emit_field(sink, "rpm", (2, 4), FieldValue::Int(signed_word(a)), "speed");
+            emit_field(sink, "volt", (4, 6), tenths_value(b.into()), "");
+            emit_field(sink, "amp", (6, 8), tenths_value(signed_word(c)), "");
         }
         2 => {
             emit_faults(a, (2, 4), "status", sink);
-            emit_field(sink, "motor_c", (4, 6), FieldValue::Int(signed(b)), "motor temperature");
-            emit_field(sink, "driver_c", (6, 8), FieldValue::Int(signed(c)), "driver temperature");
+            emit_field(
+                sink,
+                "motor_c",
+                (4, 6),
+                FieldValue::Int(signed_word(b)),
+                "motor temperature",
+            );
+            emit_field(
+                sink,
+                "driver_c",
+                (6, 8),
+                FieldValue::Int(signed_word(c)),
+                "driver temperature",
+            );
         }
         _ => {
             let (absolute, relative) = readings.positions(report);
             let cut = if readings.even_positions { 5 } else { 4 };
-            emit_field(sink, "absolute_deg", (2, cut), tenths(absolute.into()), "");
-            emit_field(sink, "relative_deg", (cut, 8), tenths(relative.into()), "");
+            emit_field(sink, "absolute_deg", (2, cut), tenths_value(absolute.into()), "");
+            emit_field(sink, "relative_deg", (cut, 8), tenths_value(relative.into()), "");
         }
     }
+}
+
+fn signed_word(word: u16) -> i64 {
+    i64::from(word.cast_signed())
 }
 
 fn explain_headerless(bare: &HeaderlessReport, sink: &mut dyn ExplainSink) {
     sink.kind("report");
     let HeaderlessReport { rpm, decivolt, deciamp, status } = *bare;
-    let tenths = |raw: i64| FieldValue::Real(raw as f64 / 10.0);
     emit_field(sink, "rpm", (0, 2), FieldValue::Int(rpm.into()), "speed");
-    emit_field(sink, "volt", (2, 4), tenths(decivolt.into()), "");
-    emit_field(sink, "amp", (4, 6), tenths(deciamp.into()), "");
+    emit_field(sink, "volt", (2, 4), tenths_value(decivolt.into()), "");
+    emit_field(sink, "amp", (4, 6), tenths_value(deciamp.into()), "");
     emit_faults(status, (6, 8), "status", sink);
 }

@@ -34,13 +34,10 @@ impl Interpretation {
     /// The format in a profile.
     #[must_use]
     pub fn of(profile: &Profile) -> Self {
-        let table_flags = |vm: &Parameter| {
-            vm.values.iter().any(|(raw, name)| *raw == 0x0100 && *name == "silent")
-        };
         let of_command = |command: CommandWord| move |p: &&Parameter| is_command(p, command);
         let find = |command| profile.parameters.iter().find(of_command(command));
         Self {
-            table_flags: find(CommandWord::VM).is_some_and(table_flags),
+            table_flags: find(CommandWord::VM).is_some_and(is_silent_table),
             even_positions: find(CommandWord::QA).is_some_and(|p| p.encoding == Encoding::I32),
         }
     }
@@ -86,6 +83,10 @@ impl Interpretation {
         }
         [absolute as u16, (relative >> 16) as u16, relative as u16]
     }
+}
+
+fn is_silent_table(vm: &Parameter) -> bool {
+    vm.values.iter().any(|(raw, name)| *raw == 0x0100 && *name == "silent")
 }
 
 /// Returns whether a command of the manual reads or writes a parameter.

@@ -53,16 +53,17 @@ pub fn check(request: &Request) -> Result<(), &'static str> {
                     choose a neighbouring value");
     }
     let value = command.width().decode(data);
-    let within = |min: i64, max: i64| (min..=max).contains(&value);
     match command {
-        CommandWord::TC if !within(-100, 100) => Err("the signal goes from -100 to 100 %"),
+        CommandWord::TC if !is_within(-100, 100, value) => {
+            Err("the signal goes from -100 to 100 %")
+        }
         CommandWord::VC if value != 0 && value.abs() < i64::from(RPM_MIN) => {
             Err("the slowest speed is 30 rpm; 0 stops")
         }
         CommandWord::VC if value.abs() > i64::from(i16::MAX) => {
             Err("a speed has 16 bits: at most 32767 rpm")
         }
-        CommandWord::CI if !within(1, ID_MAX.into()) => Err("ids are 1 to 127"),
+        CommandWord::CI if !is_within(1, ID_MAX.into(), value) => Err("ids are 1 to 127"),
         CommandWord::CB if !BIT_RATES.iter().any(|rate| i64::from(*rate) == value) => {
             Err("bit rates are 1000, 800, 666, 500, 400, 333, 250, 200, 150, 125, 100, 83, 80, \
                  66, 50, 40, 33, 20 and 10 kbit/s")
@@ -78,6 +79,10 @@ pub fn check(request: &Request) -> Result<(), &'static str> {
         CommandWord::SP if sub == RANGE_PARAMETER => check_range(data),
         _ => Ok(()),
     }
+}
+
+fn is_within(min: i64, max: i64, value: i64) -> bool {
+    (min..=max).contains(&value)
 }
 
 fn is_valid_timeout(value: i64) -> bool {

@@ -198,12 +198,8 @@ impl Session {
 
     /// The next request to put on the bus: stops first.
     pub(super) fn transmit(&mut self, now: Instant) -> Option<(u8, Request)> {
-        let unsent = |p: &Option<PendingExchange>| p.is_some_and(|p| !p.sent);
-        let is_stop = |p: &Option<PendingExchange>| {
-            p.is_some_and(|p| p.host_request.class == RequestClass::Stop)
-        };
-        let stop = self.pending.iter().position(|p| unsent(p) && is_stop(p));
-        let n = stop.or_else(|| self.pending.iter().position(unsent))?;
+        let stop = self.pending.iter().position(|p| is_unsent(p) && is_pending_stop(p));
+        let n = stop.or_else(|| self.pending.iter().position(is_unsent))?;
         let deadline = now.plus_ns(self.timeout_ns);
         let pending = self.pending[n].as_mut()?;
         let (id, request) = (pending.host_request.id, pending.outgoing_request());
@@ -406,21 +402,19 @@ impl Session {
         id: u8,
         fits: impl Fn(&PendingExchange) -> bool,
     ) -> Option<usize> {
-        let output = |p: &PendingExchange| {
-            p.stage == RequestStage::Request && p.host_request.request.command.is_output()
-        };
-        self.oldest_matching(now, id, |p| output(p) && fits(p))
+        self.oldest_matching(now, id, |p| is_output_request(p) && fits(p))
     }
 
     fn handle_reply(&mut self, now: Instant, id: u8, reply: Reply) {
-        let same = |out: &Request| out.command == reply.command && out.sub == reply.sub;
         let found = self
             .oldest_matching(now, id, |p| {
-                same(&p.outgoing_request()) && is_echo(&p.outgoing_request(), reply.data)
+                is_same_command(&p.outgoing_request(), &reply.command, reply.sub)
+                    && is_echo(&p.outgoing_request(), reply.data)
             })
             .or_else(|| {
                 self.oldest_matching(now, id, |p| {
-                    same(&p.outgoing_request()) && may_answer(&p.outgoing_request(), reply.data)
+                    is_same_command(&p.outgoing_request(), &reply.command, reply.sub)
+                        && may_answer(&p.outgoing_request(), reply.data)
                 })
             });
         let Some(n) = found else { return self.handle_unexpected(id, reply) };
@@ -603,6 +597,22 @@ impl Session {
             self.events.push(EventSubject::Request(ticket), result);
         }
     }
+}
+
+fn is_same_command(out: &Request, reply_command: &CommandWord, reply_sub: u16) -> bool {
+    out.command == *reply_command && out.sub == reply_sub
+}
+
+fn is_output_request(p: &PendingExchange) -> bool {
+    p.stage == RequestStage::Request && p.host_request.request.command.is_output()
+}
+
+fn is_pending_stop(p: &Option<PendingExchange>) -> bool {
+    p.is_some_and(|p| p.host_request.class == RequestClass::Stop)
+}
+
+fn is_unsent(p: &Option<PendingExchange>) -> bool {
+    p.is_some_and(|p| !p.sent)
 }
 
 /// Returns whether a reply can belong to this request: refused TC and VC may have another reply.

@@ -309,26 +309,37 @@ fn write_report(
     };
     write!(out, "{of} frame {}: ", report.part)?;
     let [a, b, c] = report.words;
-    let signed = |word: u16| i64::from(word.cast_signed());
     match report.part {
         1 => {
             let (rpm, amperes) =
-                (MeasuredNumber(signed(a), RPM), MeasuredNumber(signed(c), AMPERE));
+                (MeasuredNumber(signed_word(a), RPM), MeasuredNumber(signed_word(c), AMPERE));
             write!(out, "{rpm}, {}, {amperes}", MeasuredNumber(b.into(), VOLT))
         }
         2 => {
             write!(out, "status 0x{a:04X}")?;
             write_fault_names(a, out)?;
             let (motor, driver) =
-                (MeasuredNumber(signed(b), CELSIUS), MeasuredNumber(signed(c), CELSIUS));
+                (MeasuredNumber(signed_word(b), CELSIUS), MeasuredNumber(signed_word(c), CELSIUS));
             write!(out, ", {motor} (motor), {driver} (driver)")
         }
         _ => {
             let (absolute, relative) = readings.positions(report);
-            let tenths = |raw: i32| MeasuredNumber(raw.into(), DEGREE);
-            write!(out, "{} (absolute), {} (relative)", tenths(absolute), tenths(relative))
+            write!(
+                out,
+                "{} (absolute), {} (relative)",
+                measured_tenths(absolute),
+                measured_tenths(relative)
+            )
         }
     }
+}
+
+fn measured_tenths(raw: i32) -> MeasuredNumber {
+    MeasuredNumber(raw.into(), DEGREE)
+}
+
+fn signed_word(word: u16) -> i64 {
+    i64::from(word.cast_signed())
 }
 
 fn write_headerless(bare: &HeaderlessReport, out: &mut PieceFormatter<'_>) -> fmt::Result {

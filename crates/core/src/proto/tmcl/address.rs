@@ -72,12 +72,11 @@ impl Space {
 pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
     let mut parts = text.split(':');
     let (word, place) = parts.next()?.trim().split_once([' ', '\t'])?;
-    let is = |name: &str| word.eq_ignore_ascii_case(name);
     let space: fn(u8) -> Space = match () {
-        () if is("AP") => Space::Motor,
-        () if is("GP") => Space::Global,
-        () if is("IO") => Space::Io,
-        () if is("CO") => Space::Coordinate,
+        () if is_word("AP", word) => Space::Motor,
+        () if is_word("GP", word) => Space::Global,
+        () if is_word("IO", word) => Space::Io,
+        () if is_word("CO", word) => Space::Coordinate,
         () => return None,
     };
     let (number, part) = match place.trim().split_once('.') {
@@ -110,6 +109,10 @@ pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
         address.encoding = whole;
     }
     Some(Ok(address))
+}
+
+fn is_word(name: &str, word: &str) -> bool {
+    word.eq_ignore_ascii_case(name)
 }
 
 /// Writes an address: `AP 6`, `AP 6.2`.

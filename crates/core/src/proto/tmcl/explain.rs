@@ -199,8 +199,7 @@ impl Dissector for TmclDissector {
                 return Some(true);
             }
         }
-        let known = |at: usize| frame.bytes.get(at).is_some_and(|b| Opcode::from(*b).is_named());
-        (!known(if request { 0 } else { 2 })).then_some(false)
+        (!is_known_opcode(if request { 0 } else { 2 }, frame.bytes)).then_some(false)
     }
 
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
@@ -218,6 +217,10 @@ impl Dissector for TmclDissector {
     fn refusal_reason(&self, answer: &RawFrame<'_>, _: &RawFrame<'_>) -> Option<&'static str> {
         conversation::refusal_reason(answer)
     }
+}
+
+fn is_known_opcode(at: usize, frame_bytes: &[u8]) -> bool {
+    frame_bytes.get(at).is_some_and(|b| Opcode::from(*b).is_named())
 }
 
 /// The length of a line of ASCII mode at the head of `bytes`.
@@ -256,21 +259,22 @@ fn is_plausible(bytes: &[u8; DATAGRAM], direction: Option<Direction>) -> bool {
 /// or nothing good follows at all, they are a broken one; if one begins among them, what is before
 /// it belongs to none.
 fn resynchronise(bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
-    let good = |at: usize| {
-        bytes.get(at..).and_then(<[u8]>::first_chunk::<DATAGRAM>).is_some_and(|window| {
-            has_valid_checksum(window)
-                && is_plausible(window, direction)
-                && !window.iter().all(|b| *b == 0)
-        })
-    };
-    if good(DATAGRAM) {
+    if is_good_datagram(DATAGRAM, &direction, bytes) {
         return FrameBoundary::Corrupt(DATAGRAM);
     }
-    match (1..DATAGRAM).find(|at| good(*at)) {
+    match (1..DATAGRAM).find(|at| is_good_datagram(*at, &direction, bytes)) {
         Some(at) => FrameBoundary::Skip(at),
         None if ended || bytes.len() >= 2 * DATAGRAM => FrameBoundary::Corrupt(DATAGRAM),
         None => FrameBoundary::Incomplete,
     }
+}
+
+fn is_good_datagram(at: usize, direction: &Option<Direction>, bytes: &[u8]) -> bool {
+    bytes.get(at..).and_then(<[u8]>::first_chunk::<DATAGRAM>).is_some_and(|window| {
+        has_valid_checksum(window)
+            && is_plausible(window, *direction)
+            && !window.iter().all(|b| *b == 0)
+    })
 }
 
 fn explain_serial(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {

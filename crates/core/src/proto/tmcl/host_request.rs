@@ -5,7 +5,7 @@ use super::explain::parameter_of;
 use super::opcode::{Opcode, SEARCH_STATUS};
 use super::wire::Request;
 use crate::explain::Effect;
-use crate::profile::{ParameterAddress, Profile};
+use crate::profile::{Parameter, ParameterAddress, Profile};
 use crate::station::RequestClass;
 
 /// A request with what may be done when no answer comes.
@@ -53,14 +53,17 @@ impl crate::station::Request for HostRequest {
             Opcode::Sgp => Space::Global(motor),
             _ => return Effect::from_class(self.class),
         };
-        let undescribed = || describe(&ParameterAddress::new(kind.into(), space.number()));
         match parameter_of(&self.request, Some(profile)) {
             Some(parameter) => Effect::from_write(Some(parameter)),
-            None => Effect::from_write(Some(&undescribed())),
+            None => Effect::from_write(Some(&undescribed_address(kind, &space))),
         }
     }
 
     fn class(&self) -> RequestClass {
         self.class
     }
+}
+
+fn undescribed_address(kind: u8, space: &Space) -> Parameter {
+    describe(&ParameterAddress::new(kind.into(), space.number()))
 }

@@ -16,7 +16,7 @@ use super::technocan::MessageClass as Service;
 use super::wire::{IdCode, Instruction, Message, low_first};
 use super::{keys, serial, technocan, tmlcan};
 use crate::axis::{DriveReport, Driver, ExecutionProof, REPORTS_MAX};
-use crate::error::{Failure, Unsupported};
+use crate::error::{Failure, Unsupported, WireError};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
 use crate::plan::{Compare, ParameterTest};
@@ -227,22 +227,22 @@ impl Driver for Axis {
 
     /// A message on a serial line, or a CAN frame in either encapsulation.
     fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
-        let bad = |_| Unsupported::BadBytes;
         let can = |id: u32| match (frame.extended, frame.bytes.len()) {
             (_, 9..) => Err(Unsupported::BadBytes),
             (true, _) => {
                 let frame = Frame { id, extended: true, ..Frame::standard(0, frame.bytes) };
-                tmlcan::decode(&frame).map_err(bad)
+                tmlcan::decode(&frame).map_err(bad_bytes)
             }
             (false, _) => {
                 let id = u16::try_from(id).map_err(|_| Unsupported::BadBytes)?;
-                let content = technocan::decode(&Frame::standard(id, frame.bytes)).map_err(bad)?;
+                let content =
+                    technocan::decode(&Frame::standard(id, frame.bytes)).map_err(bad_bytes)?;
                 let to = content.to.ok_or(Unsupported::BadBytes)?;
                 Ok(Message { to, instruction: content.instruction })
             }
         };
         let message = match frame.id {
-            None => serial::decode(frame.bytes).map_err(bad)?,
+            None => serial::decode(frame.bytes).map_err(bad_bytes)?,
             Some(id) => can(id)?,
         };
         if message.to != self.destination {
@@ -305,13 +305,12 @@ impl Driver for Axis {
     /// PVTSTS: bit 15 empty, 14 low, 13 full, 12 integrity counter wrong, 11 stopped because it ran
     /// empty, 6 to 0 the counter (object 2072h of the same drives with CANopen).
     fn decode_path_status(&self, raw: i64) -> PathStatus {
-        let bit = |n: u32| raw >> n & 1 != 0;
         PathStatus {
-            empty: bit(15),
-            low: bit(14),
-            full: bit(13),
-            lost: bit(12),
-            underrun: bit(11),
+            empty: is_bit_set(15, raw),
+            low: is_bit_set(14, raw),
+            full: is_bit_set(13, raw),
+            lost: is_bit_set(12, raw),
+            underrun: is_bit_set(11, raw),
             counter: raw as u32 & u32::from(PvtPoint::COUNTER_MAX),
             counter_modulus: u32::from(PvtPoint::COUNTER_MAX) + 1,
         }
@@ -370,6 +369,14 @@ impl Driver for Axis {
     }
 }
 
+fn is_bit_set(n: u32, raw: i64) -> bool {
+    raw >> n & 1 != 0
+}
+
+fn bad_bytes(_: WireError) -> Unsupported {
+    Unsupported::BadBytes
+}
+
 const fn is_long(encoding: Encoding) -> bool {
     !matches!(encoding, Encoding::Bit | Encoding::U16 | Encoding::I16)
 }
@@ -401,15 +408,18 @@ const NO_POINT: &str = "a point goes at most 8,388,607 counts beyond the one bef
 /// drives with CANopen: bit 15 clears the buffer, 13 sets the counter to bits 6 to 0, 7 sets how
 /// many points count as few to bits 11 to 8.
 fn path_preparation(number: u8, kind: PathKind, few: u8) -> Option<Instruction> {
-    let mcr = |and, or| Instruction::of(0x5909, [and, or]);
     Some(match (number, kind) {
-        (0, PathKind::Pvt) => mcr(0xFFC1, 0x8709),
-        (0, PathKind::Pt) => mcr(0xFFC0, 0x870A),
-        (1, _) => mcr(0xDFFF, 0x0000),
-        (2, _) => mcr(0xFFFF, 0x4000),
+        (0, PathKind::Pvt) => mask_mcr(0xFFC1, 0x8709),
+        (0, PathKind::Pt) => mask_mcr(0xFFC0, 0x870A),
+        (1, _) => mask_mcr(0xDFFF, 0x0000),
+        (2, _) => mask_mcr(0xFFFF, 0x4000),
         (3, _) => Instruction::of(0x1880, [0xA080 | u16::from(few & 0xF) << 8]),
         _ => return None,
     })
+}
+
+fn mask_mcr(and: u16, or: u16) -> Instruction {
+    Instruction::of(0x5909, [and, or])
 }
 
 /// A point in the drive's numbers, if they fit.

@@ -469,6 +469,9 @@ fn is_frame(bytes: &[u8]) -> bool {
 
 /// Returns whether an ID code follows the length byte, as far as received.
 fn has_id_code(bytes: &[u8]) -> bool {
-    let byte = |at: usize| bytes.get(at).copied().unwrap_or(0);
-    IdCode::from_word(u16::from_be_bytes([byte(1), byte(2)])).is_some()
+    IdCode::from_word(u16::from_be_bytes([byte_at(1, bytes), byte_at(2, bytes)])).is_some()
+}
+
+fn byte_at(at: usize, bytes: &[u8]) -> u8 {
+    bytes.get(at).copied().unwrap_or(0)
 }

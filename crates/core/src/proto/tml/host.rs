@@ -203,22 +203,27 @@ const fn early_bytes_of(untimed: bool, line: &SerialLine) -> EarlyBytes {
 impl Timeouts {
     fn new(options: &HostOptions, character_ns: u64) -> Self {
         let usual = if options.baud == 0 { ACK_NETWORK_MS } else { ACK_SERIAL_MS };
-        let ms = |given: Option<u32>| {
-            let timeout_ms = options.scaled_ms(given.unwrap_or(usual).max(ACK_MIN_MS));
-            u64::from(timeout_ms) * 1_000_000
-        };
         let quick = options.scanning && options.baud != 0;
         let usual_answer = if quick { SCAN_ANSWER_MS } else { REPLY_TIMEOUT_MS };
         let answer = options.reply_timeout_ms(usual_answer);
         let pace_us = if options.baud == 0 { RELAY_GAP_US } else { 0 };
         Self {
-            ack_ns: ms(options.ack_timeout_ms),
-            sync_pause_ns: ms(options.resync_pause_ms.or(options.ack_timeout_ms)),
+            ack_ns: scaled_timeout(options.ack_timeout_ms, usual, options),
+            sync_pause_ns: scaled_timeout(
+                options.resync_pause_ms.or(options.ack_timeout_ms),
+                usual,
+                options,
+            ),
             answer_ns: u64::from(answer) * 1_000_000 + FRAME_MAX as u64 * character_ns,
             character_ns,
             relay_gap_ns: u64::from(pace_us) * 1_000,
         }
     }
+}
+
+fn scaled_timeout(given: Option<u32>, usual: u32, options: &HostOptions) -> u64 {
+    let timeout_ms = options.scaled_ms(given.unwrap_or(usual).max(ACK_MIN_MS));
+    u64::from(timeout_ms) * 1_000_000
 }
 
 /// Place of the host on a wire with these axes.
@@ -246,9 +251,13 @@ fn topology_of(wire: TmlWire, options: &HostOptions, axes: &[u32]) -> Topology {
 
 /// An axis ID that none of these axes has, the usual one if possible.
 fn free_id(wire: TmlWire, axes: &[u32]) -> u8 {
-    let number = |id: u8| if wire == TmlWire::TechnoCan { id % 32 } else { id };
-    let taken = |id: u8| axes.iter().any(|axis| number(*axis as u8) == number(id));
-    (1..=HOST_ID).rev().find(|id| number(*id) != 0 && !taken(*id)).unwrap_or(HOST_ID)
+    let taken =
+        |id: u8| axes.iter().any(|axis| wire_number(*axis as u8, &wire) == wire_number(id, &wire));
+    (1..=HOST_ID).rev().find(|id| wire_number(*id, &wire) != 0 && !taken(*id)).unwrap_or(HOST_ID)
+}
+
+fn wire_number(id: u8, wire: &TmlWire) -> u8 {
+    if *wire == TmlWire::TechnoCan { id % 32 } else { id }
 }
 
 impl Timed for SerialHost {

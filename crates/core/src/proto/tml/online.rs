@@ -374,21 +374,24 @@ impl OnlineMessage {
     /// have them.
     #[must_use]
     pub fn answers(&self, request: &Self, to: IdCode) -> bool {
-        let from = |id: u8| to.group || to.id == 0 || to.id == id;
         match (*request, *self) {
             (Self::GiveMeData { cell: requested, .. }, Self::TakeData { sender, cell, .. }) => {
-                requested == cell && from(sender.id)
+                requested == cell && is_addressed(sender.id, to.group, to.id)
             }
             (
                 Self::GiveMeData2 { cell: requested, .. },
                 Self::TakeData2 { sender, address, long, .. },
-            ) => requested.address == address && requested.long == long && from(sender),
+            ) => {
+                requested.address == address
+                    && requested.long == long
+                    && is_addressed(sender, to.group, to.id)
+            }
             (
                 Self::GetData { address: wanted, long: wide, .. },
                 Self::GotData { sender, address, long, .. },
-            ) => wanted == address && wide == long && from(sender.id),
+            ) => wanted == address && wide == long && is_addressed(sender.id, to.group, to.id),
             (Self::GetVersion { .. }, Self::TakeVersion { .. }) => true,
-            (Self::Ping { .. }, Self::Pong { sender, .. }) => from(sender),
+            (Self::Ping { .. }, Self::Pong { sender, .. }) => is_addressed(sender, to.group, to.id),
             (Self::GetChecksum { memory: memory_space, .. }, Self::TakeChecksum { memory, .. }) => {
                 memory_space == memory
             }
@@ -449,18 +452,14 @@ impl OnlineMessage {
 
     fn parse_service(instruction: &Instruction, count: usize) -> Option<Self> {
         let sender = IdCode::from_word(instruction.word(0));
-        let version = || {
-            let ([a, b], [c, d]) =
-                (instruction.word(0).to_be_bytes(), instruction.word(1).to_be_bytes());
-            [a, b, c, d]
-        };
         match (instruction.opcode, count) {
             (code::VERSION, 1) => Some(Self::GetVersion { sender: sender? }),
-            (code::VERSION, 2) => Some(Self::TakeVersion { version: version() }),
+            (code::VERSION, 2) => Some(Self::TakeVersion { version: version_letters(instruction) }),
             (code::PING, 2) => Some(Self::Ping { sender: sender?, word: instruction.word(1) }),
-            (0xD601..=0xD6FF, 2) => {
-                Some(Self::Pong { sender: instruction.opcode as u8, version: version() })
-            }
+            (0xD601..=0xD6FF, 2) => Some(Self::Pong {
+                sender: instruction.opcode as u8,
+                version: version_letters(instruction),
+            }),
             (opcode, n) if opcode & 0xFF9F == code::CHECKSUM => {
                 let memory = MemorySpace::of_bits(opcode >> 5)?;
                 let (start, end) = (instruction.word(1), instruction.word(2));
@@ -473,6 +472,15 @@ impl OnlineMessage {
             _ => None,
         }
     }
+}
+
+fn version_letters(instruction: &Instruction) -> [u8; 4] {
+    let ([a, b], [c, d]) = (instruction.word(0).to_be_bytes(), instruction.word(1).to_be_bytes());
+    [a, b, c, d]
+}
+
+fn is_addressed(id: u8, to_group: bool, to_id: u8) -> bool {
+    to_group || to_id == 0 || to_id == id
 }
 
 const fn cell_bits(cell: Cell) -> u16 {

@@ -183,13 +183,14 @@ pub fn encode(message: &Message) -> Result<Frame, WireRule> {
     let class = class_of(message)?;
     let Message { to, instruction } = message;
     let count = instruction.word_count() as u8;
-    let plain = || (instruction.packed() << 16 | u64::from(instruction.opcode), 2 * count + 2);
     let (number, (data, len)) = match class {
         MessageClass::Group if to.id & !GROUP_MASK != 0 => return Err(WireRule::TechnoCanGroups),
-        MessageClass::Group => (to.id, plain()),
+        MessageClass::Group => (to.id, plain_payload(count, instruction)),
         MessageClass::Synchronisation => (0, (0, 0)),
-        MessageClass::Broadcast => (0, plain()),
-        MessageClass::Normal | MessageClass::Host => (axis_number(to.id)?, plain()),
+        MessageClass::Broadcast => (0, plain_payload(count, instruction)),
+        MessageClass::Normal | MessageClass::Host => {
+            (axis_number(to.id)?, plain_payload(count, instruction))
+        }
         MessageClass::Pvt => (axis_number(to.id)?, (pack_point(instruction), 8)),
         MessageClass::TakeData => {
             (axis_number(to.id)?, (pack_take_data(*to, instruction)?, 2 * count))
@@ -201,6 +202,10 @@ pub fn encode(message: &Message) -> Result<Frame, WireRule> {
     };
     let id = u32::from(class.base() | u16::from(number));
     Ok(Frame { id, extended: false, remote: false, len, data: data.to_le_bytes() })
+}
+
+fn plain_payload(count: u8, instruction: &Instruction) -> (u64, u8) {
+    (instruction.packed() << 16 | u64::from(instruction.opcode), 2 * count + 2)
 }
 
 /// Decodes a frame.

@@ -73,17 +73,16 @@ impl DriveCore {
         ) -> R,
     ) -> R {
         let position = self.shaft.motor().position();
-        let closed = |purpose| self.lines.is_closed(purpose, position);
         let settings = CommandedObjects {
             objects: &self.canopen.objects,
             registers: &self.registers,
             homes_by_cia: self.options.homes_by_cia,
         };
         let mut scene = motion::MotionContext {
-            home: closed(InputPurpose::Home),
+            home: self.is_input_closed(InputPurpose::Home, position),
             home_at: self.lines.home_at,
-            positive: closed(InputPurpose::ForwardLimit),
-            negative: closed(InputPurpose::ReverseLimit),
+            positive: self.is_input_closed(InputPurpose::ForwardLimit, position),
+            negative: self.is_input_closed(InputPurpose::ReverseLimit, position),
             shaft: &mut self.shaft,
             settings: &settings,
         };
@@ -164,22 +163,23 @@ impl DriveCore {
     fn object_value(&self, tag: u16) -> i64 {
         let (node, shaft) = (&self.canopen, &self.shaft);
         let origin = self.motion.origin();
-        let demand = || shaft.setpoint();
-        let increments = |position: f64| nearest((position - origin) / TAU * COUNTS_PER_TURN);
-        let pulses = |rad: f64| i64::from(node.objects.pulses(rad));
         match tag {
             computed::STATUS if self.mode() == MODE_CANOPEN => node.axis.status(true).into(),
             computed::STATUS if self.alarm.is_some() => 0x88,
             computed::STATUS => 0x50,
             computed::MODE => node.axis.mode().into(),
-            computed::POSITION_DEMAND => pulses(demand().position - origin),
-            computed::POSITION => pulses(shaft.position() - origin),
-            computed::INCREMENTS => increments(shaft.position()),
-            computed::DEMAND_INCREMENTS => increments(demand().position),
+            computed::POSITION_DEMAND => {
+                to_pulses(demanded_setpoint(shaft).position - origin, &node.objects)
+            }
+            computed::POSITION => to_pulses(shaft.position() - origin, &node.objects),
+            computed::INCREMENTS => to_increments(shaft.position(), origin),
+            computed::DEMAND_INCREMENTS => to_increments(demanded_setpoint(shaft).position, origin),
             computed::SENSOR_VELOCITY => nearest(shaft.rpm() * 10.0),
-            computed::VELOCITY_DEMAND => nearest(demand().velocity / TAU * 600.0),
+            computed::VELOCITY_DEMAND => nearest(demanded_setpoint(shaft).velocity / TAU * 600.0),
             computed::VELOCITY => nearest(shaft.rpm()),
-            computed::FOLLOWING_ERROR => pulses(demand().position - shaft.position()),
+            computed::FOLLOWING_ERROR => {
+                to_pulses(demanded_setpoint(shaft).position - shaft.position(), &node.objects)
+            }
             computed::ERROR_CODE => self.alarm.0.into(),
             computed::TIME => (self.now.0 / 1000) as i64 & 0xFFFF_FFFF,
             computed::TORQUE => nearest(shaft.load_share() * 1000.0),
@@ -203,6 +203,18 @@ impl DriveCore {
             (is && !was).then_some(code)
         })
     }
+}
+
+fn to_pulses(rad: f64, node_objects: &Objects) -> i64 {
+    i64::from(node_objects.pulses(rad))
+}
+
+fn to_increments(position: f64, origin: f64) -> i64 {
+    nearest((position - origin) / TAU * COUNTS_PER_TURN)
+}
+
+fn demanded_setpoint(shaft: &Shaft) -> Setpoint {
+    shaft.setpoint()
 }
 
 impl Firmware for Drive {
@@ -266,15 +278,14 @@ impl Firmware for Drive {
     #[inline]
     fn poll_emergency(&mut self) -> Option<Emergency> {
         let core = &mut self.core;
-        let report_line = |code| Some(Emergency { code, ..Emergency::default() });
         if core.canopen.reported_alarm != core.alarm {
             core.canopen.reported_alarm = core.alarm;
-            return report_line(core.alarm.0);
+            return line_emergency(core.alarm.0);
         }
         if core::mem::take(&mut core.canopen.arrival_pending) {
-            return report_line(ARRIVED);
+            return line_emergency(ARRIVED);
         }
-        core.next_limit_emergency().and_then(report_line)
+        core.next_limit_emergency().and_then(line_emergency)
     }
 
     fn set_node_id(&mut self, node: u8) {
@@ -296,6 +307,10 @@ impl Firmware for Drive {
         }
         true
     }
+}
+
+fn line_emergency(code: u16) -> Option<Emergency> {
+    Some(Emergency { code, ..Emergency::default() })
 }
 
 impl motion::MotorControl for Shaft {

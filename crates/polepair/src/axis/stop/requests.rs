@@ -14,12 +14,16 @@ impl LocalAxis {
     /// The setting that keeps the writes of a stop out of permanent memory, if there is one.
     pub(super) fn stop_ram_mode(&self, verb: Verb) -> Option<RamMode> {
         let ram = self.profile.ram?;
-        let is_stored = |id: &ParameterId| {
-            let parameter = self.parameter(*id);
-            parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
-        };
         let steps = self.profile.plan(verb)?.steps;
-        steps.iter().any(|step| matches!(step, Step::Write(id, _) if is_stored(id))).then_some(ram)
+        steps
+            .iter()
+            .any(|step| matches!(step, Step::Write(id, _) if self.is_stored_parameter(id)))
+            .then_some(ram)
+    }
+
+    fn is_stored_parameter(&self, id: &ParameterId) -> bool {
+        let parameter = self.parameter(*id);
+        parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
     }
 
     /// Sends a part of the stop; each of its requests `once` even if the drive is silent.

@@ -17,7 +17,7 @@ use polepair_core::axis::{AxisStatus, Refusal, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::judge::{MotionGoal, MotionJudge, MotionVerdict, Observation, Tolerance};
 use polepair_core::plan::Step;
-use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::profile::{ParameterId, Profile, Signal};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 
@@ -95,12 +95,11 @@ impl StandstillSource {
 impl StandstillMonitor {
     /// A monitor of a stop that the drive replied to just now. `retries`: a missing reply is asked for again.
     pub fn new(axis: &LocalAxis, now: Instant, retries: bool) -> Self {
-        let parameter = |signal| axis.profile.signal(signal).map(|source| source.parameter);
         Self {
             since: now,
             judge: None,
-            speed_source: parameter(Signal::Velocity),
-            position_source: parameter(Signal::Position),
+            speed_source: signal_parameter(Signal::Velocity, axis.profile),
+            position_source: signal_parameter(Signal::Position, axis.profile),
             in_flight: None,
             single_attempt: !retries,
             next_poll: now,
@@ -353,6 +352,10 @@ impl StandstillMonitor {
             }
         }
     }
+}
+
+fn signal_parameter(signal: Signal, axis_profile: &Profile) -> Option<ParameterId> {
+    axis_profile.signal(signal).map(|source| source.parameter)
 }
 
 impl LocalAxis {

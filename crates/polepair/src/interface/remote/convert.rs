@@ -110,23 +110,27 @@ pub(super) const fn command_arguments(command: &Command) -> CommandArguments {
 }
 
 pub(super) fn parameter_description(info: &ParameterInfo) -> ParameterDescription {
-    let owned = |text: &String| Cow::Owned(text.clone());
-    let words = info.word_values.iter().copied().zip(info.words.iter().map(owned));
+    let words =
+        info.word_values.iter().copied().zip(info.words.iter().map(|word| owned_text(word)));
     ParameterDescription {
-        name: owned(&info.name),
-        symbol: owned(&info.symbol),
-        about: owned(&info.about),
-        unit: owned(&info.unit),
-        kind: owned(&info.kind),
+        name: owned_text(&info.name),
+        symbol: owned_text(&info.symbol),
+        about: owned_text(&info.about),
+        unit: owned_text(&info.unit),
+        kind: owned_text(&info.kind),
         raw_range: (info.raw_min, info.raw_max),
         raw_default: info.raw_default,
         readable: info.readable,
         writable: info.writable,
-        persistence: owned(&info.persistence),
+        persistence: owned_text(&info.persistence),
         moves: info.moves,
         words: words.collect(),
-        section: owned(&info.group),
+        section: owned_text(&info.group),
     }
+}
+
+fn owned_text(text: &str) -> Cow<'static, str> {
+    Cow::Owned(text.to_owned())
 }
 
 pub(super) fn parameter_reading(read: ReadingMessage) -> ReadValue {

@@ -88,10 +88,9 @@ impl SampleRows {
     /// nothing. `None` for a drive that sends by itself, which may have nothing to send.
     #[must_use]
     pub fn silence_limit(&self) -> Option<f64> {
-        let is_polled = |stream: &SampleStream| stream.source() == SampleSource::Polled;
         let periods = self.subscriptions.iter().map(|(stream, _)| 1.0 / stream.hz());
         let longest = periods.fold(SILENT_MIN, |max, period| max.max(SILENT_PERIODS * period));
-        let all_polled = self.subscriptions.iter().all(|(stream, _)| is_polled(stream));
+        let all_polled = self.subscriptions.iter().all(|(stream, _)| is_polled_stream(stream));
         all_polled.then_some(longest.min(SILENT_MAX))
     }
 
@@ -100,4 +99,8 @@ impl SampleRows {
     pub fn lost(&self) -> u64 {
         self.lost.iter().copied().max().unwrap_or_default()
     }
+}
+
+fn is_polled_stream(stream: &SampleStream) -> bool {
+    stream.source() == SampleSource::Polled
 }

@@ -141,16 +141,8 @@ impl Server {
 
     /// Refuses a gateway that was restarted with other drives: an axis is known by its index.
     pub fn check_same_drives(&self) -> Result<(), GatewayError> {
-        fn identity(bench: &BenchView, axis: &AxisInfo) -> Option<(String, u32, String)> {
-            let link = bench.links.iter().find(|link| link.id == axis.link)?;
-            Some((link.url.clone(), axis.number, axis.profile.clone()))
-        }
         let now = self.gateway.bench()?;
-        let is_same = |axis: &AxisInfo| {
-            let there = now.axes.iter().find(|there| there.id == axis.id);
-            there.is_some_and(|there| identity(&now, there) == identity(&self.bench, axis))
-        };
-        match self.bench.axes.iter().find(|axis| !is_same(axis)) {
+        match self.bench.axes.iter().find(|axis| !self.is_same_axis(axis, &now)) {
             None => Ok(()),
             Some(axis) => {
                 let what =
@@ -158,6 +150,11 @@ impl Server {
                 Err(GatewayError::new("E313", what).hint("connect again, and check its axes"))
             }
         }
+    }
+
+    fn is_same_axis(&self, axis: &AxisInfo, now: &BenchView) -> bool {
+        let there = now.axes.iter().find(|there| there.id == axis.id);
+        there.is_some_and(|there| axis_identity(now, there) == axis_identity(&self.bench, axis))
     }
 
     fn slot(&self, axis: u16) -> MutexGuard<'_, LeaseState> {
@@ -210,25 +207,20 @@ impl Server {
         let ids = self.bench.axes.iter().map(|axis| axis.id);
         let armed = ids.filter_map(|id| Some((id, self.armed_lease(id)?)));
         let armed: Vec<_> = armed.filter(|(_, lease)| lease.check().is_ok()).collect();
-        let has_verb = |id: u16, verb: &str| {
-            let info = &self.bench.axes[usize::from(id)];
-            info.verbs.iter().any(|known| known.verb == verb)
-        };
         let started: Vec<_> = armed
             .iter()
             .map(|(id, lease)| {
-                has_verb(*id, "stop").then(|| lease.start("stop", CommandArguments::default()))
+                self.axis_has_verb(*id, "stop")
+                    .then(|| lease.start("stop", CommandArguments::default()))
             })
             .collect();
-        let late = || GatewayError {
-            executed: None,
-            ..GatewayError::new("E101", "standstill of a motor was not confirmed in time")
-        };
-        let stopped =
-            started.into_iter().flatten().map(|result| result?.wait(STOP_MAX)?.ok_or_else(late));
+        let stopped = started
+            .into_iter()
+            .flatten()
+            .map(|result| result?.wait(STOP_MAX)?.ok_or_else(late_standstill));
         let stopped = stopped.fold(Ok(()), Result::and);
         armed.into_iter().fold(stopped, |ended, (id, lease)| {
-            let disabled = if has_verb(id, "disable") {
+            let disabled = if self.axis_has_verb(id, "disable") {
                 lease.run("disable", CommandArguments::default(), REPLY_MAX)
             } else {
                 Ok(())
@@ -236,6 +228,23 @@ impl Server {
             drop(lease);
             ended.and(disabled).and(self.lock_slot(id).disarm_and_release())
         })
+    }
+
+    fn axis_has_verb(&self, id: u16, verb: &str) -> bool {
+        let info = &self.bench.axes[usize::from(id)];
+        info.verbs.iter().any(|known| known.verb == verb)
+    }
+}
+
+fn axis_identity(bench: &BenchView, axis: &AxisInfo) -> Option<(String, u32, String)> {
+    let link = bench.links.iter().find(|link| link.id == axis.link)?;
+    Some((link.url.clone(), axis.number, axis.profile.clone()))
+}
+
+fn late_standstill() -> GatewayError {
+    GatewayError {
+        executed: None,
+        ..GatewayError::new("E101", "standstill of a motor was not confirmed in time")
     }
 }
 

@@ -64,13 +64,14 @@ pub fn is_capture_name(name: &str) -> bool {
 /// # Errors
 /// An option does not hold.
 pub fn decode_inputs(options: &[String]) -> std::result::Result<String, DatasetError> {
-    let inputs = |decode: &Decode| -> Result<String> {
-        decode.stated.source()?;
-        let tables = columns::parse_tables(decode.tables.as_deref())?;
-        let site = DatasetSite { root: Path::new("").to_owned(), name: decode.site.clone() };
-        Ok(decode.folder_job(site, &tables).record("").inputs)
-    };
-    Ok(parse(Path::new("capture"), options).and_then(|decode| inputs(&decode))?)
+    Ok(parse(Path::new("capture"), options).and_then(|decode| read_inputs(&decode))?)
+}
+
+fn read_inputs(decode: &Decode) -> std::result::Result<String, Problem> {
+    decode.stated.source()?;
+    let tables = columns::parse_tables(decode.tables.as_deref())?;
+    let site = DatasetSite { root: Path::new("").to_owned(), name: decode.site.clone() };
+    Ok(decode.folder_job(site, &tables).record("").inputs)
 }
 
 /// Decodes a capture on this thread into the data set at `root`. Its rows are called by `name`.

@@ -78,25 +78,36 @@ fn row_line(columns: &[AxisColumn], n: usize, chosen: bool, theme: Theme) -> Lin
 }
 
 fn axis_columns(axes: &[AxisRow], rows: usize) -> Vec<AxisColumn> {
-    let column = |head, right, cell: &dyn Fn(&AxisRow) -> (String, TextRole)| AxisColumn {
-        head,
-        right,
-        cells: axes.iter().take(rows).map(cell).collect(),
-    };
     vec![
-        column("axis", false, &|axis| (axis.name.clone(), TextRole::Plain)),
-        column("drive", false, &|axis| (axis.drive[0].clone(), TextRole::Dim)),
-        column("state", false, &state_cell),
-        column("mode", false, &|axis| value_cell(axis.mode.as_ref())),
-        column("position", true, &|axis| value_cell(axis.position.as_ref())),
-        column("velocity", true, &|axis| value_cell(axis.velocity.as_ref())),
-        column("torque", true, &|axis| value_cell(axis.effort.as_ref())),
-        column("age", true, &|axis| match axis.age {
-            Some(old) if old > OLD_AGE => (format_age(old), TextRole::Warn),
-            Some(fresh) => (format_age(fresh), TextRole::Dim),
-            None => ("-".to_owned(), TextRole::Dim),
-        }),
+        axis_column("axis", false, &|axis| (axis.name.clone(), TextRole::Plain), rows, axes),
+        axis_column("drive", false, &|axis| (axis.drive[0].clone(), TextRole::Dim), rows, axes),
+        axis_column("state", false, &state_cell, rows, axes),
+        axis_column("mode", false, &|axis| value_cell(axis.mode.as_ref()), rows, axes),
+        axis_column("position", true, &|axis| value_cell(axis.position.as_ref()), rows, axes),
+        axis_column("velocity", true, &|axis| value_cell(axis.velocity.as_ref()), rows, axes),
+        axis_column("torque", true, &|axis| value_cell(axis.effort.as_ref()), rows, axes),
+        axis_column(
+            "age",
+            true,
+            &|axis| match axis.age {
+                Some(old) if old > OLD_AGE => (format_age(old), TextRole::Warn),
+                Some(fresh) => (format_age(fresh), TextRole::Dim),
+                None => ("-".to_owned(), TextRole::Dim),
+            },
+            rows,
+            axes,
+        ),
     ]
+}
+
+fn axis_column(
+    head: &'static str,
+    right: bool,
+    cell: &dyn Fn(&AxisRow) -> (String, TextRole),
+    rows: usize,
+    axes: &[AxisRow],
+) -> AxisColumn {
+    AxisColumn { head, right, cells: axes.iter().take(rows).map(cell).collect() }
 }
 
 /// Leaves columns out until the others fit.

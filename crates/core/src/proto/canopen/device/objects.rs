@@ -105,30 +105,28 @@ impl<const N: usize> CanEndpoint<N> {
     fn check_value(&self, index: u16, sub: u8, value: u32) -> Result<(), AbortCode> {
         let comm = &self.communication;
         let id = CobId(value).id();
-        let moves = |old: u32| CobId(old).id() != id;
-        let err = |wrong: bool, abort: AbortCode| if wrong { Err(abort) } else { Ok(()) };
         let reserved = is_reserved(id) || CobId(value).is_extended();
         match index {
             0x1005 => {
                 let produces = comm.sync_cob & CobId::FLAG != 0;
-                err(
-                    produces && value & CobId::FLAG != 0 && moves(comm.sync_cob),
+                abort_if(
+                    produces && value & CobId::FLAG != 0 && moves_cob_id(comm.sync_cob, id),
                     AbortCode::STATE,
                 )?;
-                err(reserved && id != 0x80, AbortCode::VALUE)
+                abort_if(reserved && id != 0x80, AbortCode::VALUE)
             }
-            0x1012 => err(reserved && id != 0x100, AbortCode::VALUE),
+            0x1012 => abort_if(reserved && id != 0x100, AbortCode::VALUE),
             0x1014 => {
                 let there = CobId(comm.emcy_cob).is_valid() && CobId(value).is_valid();
-                err(there && moves(comm.emcy_cob), AbortCode::STATE)?;
-                err(reserved, AbortCode::VALUE)
+                abort_if(there && moves_cob_id(comm.emcy_cob, id), AbortCode::STATE)?;
+                abort_if(reserved, AbortCode::VALUE)
             }
             0x1015 => Ok(()),
             0x1016 => {
                 let node = (value >> 16) as u8;
                 let others = (0..CONSUMERS_MAX).filter(|n| *n + 1 != usize::from(sub));
-                err(value >> 23 != 0, AbortCode::VALUE)?;
-                err(
+                abort_if(value >> 23 != 0, AbortCode::VALUE)?;
+                abort_if(
                     value & 0xFFFF != 0 && node != 0 && { others }.any(|n| {
                         let other = comm.consumers[n];
                         other & 0xFFFF != 0 && (other >> 16) as u8 == node
@@ -137,8 +135,8 @@ impl<const N: usize> CanEndpoint<N> {
                 )
             }
             0x1019 => {
-                err(value == 1 || value > 240, AbortCode::VALUE)?;
-                err(comm.sync_period_us != 0, AbortCode::STATE)
+                abort_if(value == 1 || value > 240, AbortCode::VALUE)?;
+                abort_if(comm.sync_period_us != 0, AbortCode::STATE)
             }
             _ => Ok(()),
         }
@@ -248,6 +246,14 @@ impl<const N: usize> CanEndpoint<N> {
         }
         if bits > u32::from(BITS_MAX) { Err(AbortCode::PDO_LENGTH) } else { Ok(()) }
     }
+}
+
+fn abort_if(wrong: bool, abort: AbortCode) -> Result<(), AbortCode> {
+    if wrong { Err(abort) } else { Ok(()) }
+}
+
+fn moves_cob_id(old: u32, id: u32) -> bool {
+    CobId(old).id() != id
 }
 
 /// Checks whether an object can be mapped.

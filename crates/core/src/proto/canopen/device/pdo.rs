@@ -258,11 +258,10 @@ impl<const N: usize> CanEndpoint<N> {
         (send.send_pending, send.event_at) = (false, Instant::FAR_FUTURE);
         let event = matches!(kind, Transmission::Manufacturer | Transmission::Profile);
         let timed = kind == Transmission::Manufacturer && self.quirks.type_254_by_timer;
-        let put = |mask: &mut u32, on: bool| *mask = if on { *mask | bit } else { *mask & !bit };
-        put(&mut self.tpdos.event_driven, exists && event && !timed);
-        put(&mut self.tpdos.sync_driven, exists && kind.is_synchronous());
-        put(&mut self.tpdos.sync_after_change, exists && kind == Transmission::OnChange);
-        put(&mut self.tpdos.ready, false);
+        put_bit(&mut self.tpdos.event_driven, exists && event && !timed, bit);
+        put_bit(&mut self.tpdos.sync_driven, exists && kind.is_synchronous(), bit);
+        put_bit(&mut self.tpdos.sync_after_change, exists && kind == Transmission::OnChange, bit);
+        put_bit(&mut self.tpdos.ready, false, bit);
         if self.state == NmtState::Operational && exists {
             self.start_pdo(now, n, firmware);
         }
@@ -489,4 +488,8 @@ impl<const N: usize> CanEndpoint<N> {
         self.sync.window_until = self.sync.window_until.max(now);
         self.tpdos.ready |= 1 << n;
     }
+}
+
+fn put_bit(mask: &mut u32, on: bool, bit: u32) {
+    *mask = if on { *mask | bit } else { *mask & !bit }
 }

@@ -213,15 +213,10 @@ impl<const N: usize> CanEndpoint<N> {
     /// Bytes of the object that is read, from `offset` on, within its length.
     fn fetch_bytes(&self, offset: u32, out: &mut [u8], firmware: &mut impl Firmware) {
         let Some(entry) = self.sdo_server.entry else { return };
-        let from = |all: &[u8], out: &mut [u8]| {
-            let start = (offset as usize).min(all.len());
-            let len = out.len().min(all.len() - start);
-            out[..len].copy_from_slice(&all[start..start + len]);
-        };
         match (entry.kind.bytes(), entry.default) {
-            (Some(_), _) => from(&self.sdo_server.value, out),
+            (Some(_), _) => copy_from_offset(&self.sdo_server.value, out, offset),
             (None, DefaultValue::Text(text)) if entry.tag == PROTOCOL_TAG => {
-                from(text.as_bytes(), out)
+                copy_from_offset(text.as_bytes(), out, offset)
             }
             (None, _) => firmware.read(entry.tag, offset, out),
         }
@@ -542,6 +537,12 @@ impl<const N: usize> CanEndpoint<N> {
         self.finish_write(now, firmware)?;
         Ok(SdoReply::WriteBlockDone)
     }
+}
+
+fn copy_from_offset(all: &[u8], out: &mut [u8], offset: u32) {
+    let start = (offset as usize).min(all.len());
+    let len = out.len().min(all.len() - start);
+    out[..len].copy_from_slice(&all[start..start + len]);
 }
 
 /// Bytes of the last segment that do not count.

@@ -58,8 +58,9 @@ pub(in crate::proto::canopen) fn object_effect(
     object: ObjectIndex,
     profile: Option<&'static Profile>,
 ) -> Effect {
-    let is_it = |index: u16, space: u8| index == object.index && space == object.sub;
-    let known = profile.and_then(|p| p.parameters.iter().find(|p| is_it(p.index, p.space)));
+    let known = profile.and_then(|p| {
+        p.parameters.iter().find(|p| is_object(p.index, p.space, object.index, object.sub))
+    });
     match object.index {
         0x1010 | 0x1011 | 0x1F50..=0x1F57 => Effect::PERSISTENT,
         _ if known.is_some() => Effect::from_write(known),
@@ -69,6 +70,10 @@ pub(in crate::proto::canopen) fn object_effect(
         0x6000..=0x67FF => Effect::SETTINGS,
         _ => Effect::UNKNOWN,
     }
+}
+
+fn is_object(index: u16, space: u8, object_index: u16, object_sub: u8) -> bool {
+    index == object_index && space == object_sub
 }
 
 const fn lss_effect(request: &lss::LssRequest) -> Effect {

@@ -177,17 +177,20 @@ impl NodeChannel {
             long.push_segment(bytes);
             return if segment.last { self.begin_drain() } else { self.resume(long) };
         }
-        let value = |len| Answer::Value { object: self.object(), bits: self.bits, len };
         match (segment.last, self.size.is_some_and(|size| size != self.bytes_done)) {
             (true, true) => self.abort_broken(AbortCode::LENGTH),
-            (true, false) => ChannelStep::End(Ok(value(self.bytes_done))),
+            (true, false) => ChannelStep::End(Ok(self.value_answer(self.bytes_done))),
             // The outcome has room for no more.
             (false, _) if self.bytes_done >= VALUE_BYTES_MAX => {
                 let len = self.size.unwrap_or(self.bytes_done).max(self.bytes_done);
-                ChannelStep::Abort(AbortCode::MEMORY, Ok(value(len)))
+                ChannelStep::Abort(AbortCode::MEMORY, Ok(self.value_answer(len)))
             }
             (false, _) => ChannelStep::Send,
         }
+    }
+
+    fn value_answer(&self, len: u32) -> Answer {
+        Answer::Value { object: self.object(), bits: self.bits, len }
     }
 
     /// A segment was taken.

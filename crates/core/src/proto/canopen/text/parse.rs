@@ -58,48 +58,51 @@ pub fn named_object(name: &str, profile: Option<&'static Profile>) -> Option<Obj
 
 fn parse_statement(words: &mut Tokenizer<'_>) -> Result<Statement> {
     let (at, verb) = words.next().ok_or(TextError { at: words.at, expected: EXPECTED_VERB })?;
-    let is = |word: &str| verb.eq_ignore_ascii_case(word);
     if let Some((reported, number)) = parse_process_verb(verb) {
         return parse_process_data(words, reported, number);
     }
     match () {
-        () if is("nmt") => parse_nmt(words),
-        () if is("sync") => {
+        () if is_word("nmt", verb) => parse_nmt(words),
+        () if is_word("sync", verb) => {
             let counter =
                 words.peek().map(|_| words.read_byte("a counter, 0 to 255")).transpose()?;
             Ok(Statement::Sync(SyncMessage { counter }))
         }
-        () if is("time") => parse_time(words),
-        () if is("emcy") => parse_emergency(words),
-        () if is("boot-up") => Ok(Statement::State(Heartbeat {
+        () if is_word("time", verb) => parse_time(words),
+        () if is_word("emcy", verb) => parse_emergency(words),
+        () if is_word("boot-up", verb) => Ok(Statement::State(Heartbeat {
             state: NmtState::BootUp,
             toggle: words.accept_word("toggled"),
         })),
-        () if is("heartbeat") => parse_heartbeat(words),
-        () if is("guard") => Ok(Statement::Guard),
-        () if is("read") => parse_read(words),
-        () if is("write") => parse_write(words),
-        () if is("value") => parse_value(words),
-        () if is("written") => parse_written(words),
-        () if is("upload") => Ok(Statement::Upload(words.read_object()?.0, false)),
-        () if is("upload-block") => Ok(Statement::Upload(words.read_object()?.0, true)),
-        () if is("download") => parse_download(words, false),
-        () if is("download-block") => parse_download(words, true),
-        () if is("abort") => Ok(Statement::Request(
+        () if is_word("heartbeat", verb) => parse_heartbeat(words),
+        () if is_word("guard", verb) => Ok(Statement::Guard),
+        () if is_word("read", verb) => parse_read(words),
+        () if is_word("write", verb) => parse_write(words),
+        () if is_word("value", verb) => parse_value(words),
+        () if is_word("written", verb) => parse_written(words),
+        () if is_word("upload", verb) => Ok(Statement::Upload(words.read_object()?.0, false)),
+        () if is_word("upload-block", verb) => Ok(Statement::Upload(words.read_object()?.0, true)),
+        () if is_word("download", verb) => parse_download(words, false),
+        () if is_word("download-block", verb) => parse_download(words, true),
+        () if is_word("abort", verb) => Ok(Statement::Request(
             SdoRequest::Abort(words.read_object()?.0, AbortCode(words.read_word("an abort code")?)),
             8,
         )),
-        () if is("refused") => {
+        () if is_word("refused", verb) => {
             let object = words.read_object()?.0;
             Ok(Statement::Reply(
                 SdoReply::Abort(object, AbortCode(words.read_word("an abort code")?)),
                 8,
             ))
         }
-        () if is("lss") => parse_lss(words),
-        () if is("raw") => parse_raw(words),
+        () if is_word("lss", verb) => parse_lss(words),
+        () if is_word("raw", verb) => parse_raw(words),
         () => Err(TextError { at, expected: EXPECTED_VERB }),
     }
+}
+
+fn is_word(word: &str, verb: &str) -> bool {
+    verb.eq_ignore_ascii_case(word)
 }
 
 /// An object and how many bytes it will get.
@@ -344,40 +347,39 @@ fn parse_lss(words: &mut Tokenizer<'_>) -> Result<Statement> {
     let expected = "configuration, waiting, select, node, bit-timing, activate, store, inquire, \
                     identify, unconfigured, scan or fastscan";
     let (at, word) = words.next().ok_or(TextError { at: words.at, expected })?;
-    let is = |name: &str| word.eq_ignore_ascii_case(name);
     Ok(Statement::Lss(match () {
-        () if is("fastscan") => return Ok(Statement::FastScan),
-        () if is("configuration") => LssRequest::SwitchGlobal(true),
-        () if is("waiting") => LssRequest::SwitchGlobal(false),
-        () if is("select") => {
+        () if is_word("fastscan", word) => return Ok(Statement::FastScan),
+        () if is_word("configuration", word) => LssRequest::SwitchGlobal(true),
+        () if is_word("waiting", word) => LssRequest::SwitchGlobal(false),
+        () if is_word("select", word) => {
             LssRequest::SwitchSelective(words.read_lss_number()?, words.read_word("a number")?)
         }
-        () if is("node") => {
+        () if is_word("node", word) => {
             LssRequest::SetNode(words.read_byte("a node-ID, 1 to 127, or 255 for none")?)
         }
-        () if is("bit-timing") => LssRequest::SetBitTiming(
+        () if is_word("bit-timing", word) => LssRequest::SetBitTiming(
             words.read_byte("a table, 0")?,
             words.read_byte("an index, 0 to 8")?,
         ),
-        () if is("activate") => {
+        () if is_word("activate", word) => {
             LssRequest::ActivateBitTiming(words.read_number("a delay in ms", 0, 0xFFFF)? as u16)
         }
-        () if is("store") => LssRequest::Store,
-        () if is("inquire") => match words.accept_one_of(&NUMBERS) {
+        () if is_word("store", word) => LssRequest::Store,
+        () if is_word("inquire", word) => match words.accept_one_of(&NUMBERS) {
             Some(number) => LssRequest::Inquire(number),
             None => {
                 words.accept_word("node");
                 LssRequest::InquireNode
             }
         },
-        () if is("identify") => {
+        () if is_word("identify", word) => {
             let expected = "vendor, product, revision-low, revision-high, serial-low, serial-high";
             let wrong = TextError { at: words.at, expected };
             let bound = words.accept_one_of(&BOUNDS).ok_or(wrong)?;
             LssRequest::Identify(bound, words.read_word("a number")?)
         }
-        () if is("unconfigured") => LssRequest::IdentifyUnconfigured,
-        () if is("scan") => {
+        () if is_word("unconfigured", word) => LssRequest::IdentifyUnconfigured,
+        () if is_word("scan", word) => {
             let (sub, number) = (words.read_lss_number()?, words.read_word("the number so far")?);
             words.expect_word("bit")?;
             let bit = words.read_byte("the lowest bit that counts, 0 to 31, or 128")?;
@@ -396,24 +398,23 @@ fn parse_lss_reply(words: &mut Tokenizer<'_>) -> Result<lss::LssReply> {
     let expected = "selected, node, bit-timing, store, vendor, product, revision, serial, node-id, \
                     identified or unconfigured";
     let (at, word) = words.next().ok_or(TextError { at: words.at, expected })?;
-    let is = |name: &str| word.eq_ignore_ascii_case(name);
     Ok(match () {
-        () if is("selected") => LssReply::Selected,
-        () if is("node") => LssReply::SetNode(
+        () if is_word("selected", word) => LssReply::Selected,
+        () if is_word("node", word) => LssReply::SetNode(
             words.read_byte("an error, 0 for none")?,
             words.read_byte("the maker's own")?,
         ),
-        () if is("bit-timing") => LssReply::SetBitTiming(
+        () if is_word("bit-timing", word) => LssReply::SetBitTiming(
             words.read_byte("an error, 0 for none")?,
             words.read_byte("the maker's own")?,
         ),
-        () if is("store") => LssReply::Store(
+        () if is_word("store", word) => LssReply::Store(
             words.read_byte("an error, 0 for none")?,
             words.read_byte("the maker's own")?,
         ),
-        () if is("node-id") => LssReply::Node(words.read_byte("a node-ID")?),
-        () if is("identified") => LssReply::Identified,
-        () if is("unconfigured") => LssReply::Unconfigured,
+        () if is_word("node-id", word) => LssReply::Node(words.read_byte("a node-ID")?),
+        () if is_word("identified", word) => LssReply::Identified,
+        () if is_word("unconfigured", word) => LssReply::Unconfigured,
         () => return Err(TextError { at, expected }),
     })
 }
@@ -571,17 +572,18 @@ impl<'a> Tokenizer<'a> {
     fn read_object(&mut self) -> Result<(ObjectIndex, Option<&'static Parameter>)> {
         let (at, word) = self.next().ok_or(TextError { at: self.at, expected: EXPECTED_OBJECT })?;
         let wrong = TextError { at, expected: EXPECTED_OBJECT };
-        let known = |object: ObjectIndex| {
-            let same = |p: &&Parameter| (p.index, p.space) == (object.index, object.sub);
-            self.canopen_profile().and_then(|profile| profile.parameters.iter().find(same))
-        };
         if word.starts_with(|c: char| c.is_ascii_digit()) {
             let object = parse_object(word).ok_or(wrong)?;
-            return Ok((object, known(object)));
+            return Ok((object, self.known_object(object)));
         }
         let parameter = self.match_parameter(at).ok_or(wrong)?;
         let object = ObjectIndex { index: parameter.index, sub: parameter.space };
         Ok((object, Some(parameter)))
+    }
+
+    fn known_object(&self, object: ObjectIndex) -> Option<&'static Parameter> {
+        let same = |p: &&Parameter| (p.index, p.space) == (object.index, object.sub);
+        self.canopen_profile().and_then(|profile| profile.parameters.iter().find(same))
     }
 
     fn canopen_profile(&self) -> Option<&'static Profile> {

@@ -131,8 +131,13 @@ pub(in crate::proto::modbus) fn write_effect(
     start: u16,
     count: u16,
 ) -> Effect {
-    let of = |address| Effect::from_write(parameter_covering(profile, space, address));
-    (0..count).map(|at| of(start.wrapping_add(at))).fold(Effect::NOTHING, Effect::combine)
+    (0..count)
+        .map(|at| address_effect(start.wrapping_add(at), profile, &space))
+        .fold(Effect::NOTHING, Effect::combine)
+}
+
+fn address_effect(address: u16, profile: Option<&'static Profile>, space: &Space) -> Effect {
+    Effect::from_write(parameter_covering(profile, *space, address))
 }
 
 fn parameter_covering(

@@ -41,8 +41,11 @@ impl SerialHost {
             && usize::from(*count) == data.len()
             && (1..=PDU_MAX - 2).contains(&data.len())
             && Space::of_read_code(*function).is_some();
-        let echo = || adu.starts_with(&self.sent[..self.sent_len]);
-        (plain && fits && !echo() && rtu::crc_matches(adu)).then_some(data)
+        (plain && fits && !self.is_echo(adu) && rtu::crc_matches(adu)).then_some(data)
+    }
+
+    fn is_echo(&self, adu: &[u8]) -> bool {
+        adu.starts_with(&self.sent[..self.sent_len])
     }
 
     /// Takes the data that came as a plain read.
@@ -199,8 +202,7 @@ impl SerialHost {
     /// same bytes. Where there is an echo, the first of them is it: if the echo was damaged, that
     /// costs an answer, where the other guess would make an answer of an echo.
     fn handle_identical(&mut self, now: Instant) {
-        let single = |awaited: &AwaitedReply| matches!(awaited.function, 0x05 | 0x06);
-        let Some(last) = self.outstanding().last().copied().filter(single) else {
+        let Some(last) = self.outstanding().last().copied().filter(is_single_write) else {
             return self.handle_idle_identical();
         };
         let known = self.echo != EchoState::NotDetected && !self.echo_seen;
@@ -235,11 +237,12 @@ impl SerialHost {
     fn sent_function(&self) -> u8 {
         match self.format {
             WireFormat::Rtu => self.sent[1],
-            WireFormat::Ascii => {
-                let nibble = |at: usize| ascii::hex_value(self.sent[at]).unwrap_or(0);
-                nibble(3) << 4 | nibble(4)
-            }
+            WireFormat::Ascii => self.sent_nibble(3) << 4 | self.sent_nibble(4),
         }
+    }
+
+    fn sent_nibble(&self, at: usize) -> u8 {
+        ascii::hex_value(self.sent[at]).unwrap_or(0)
     }
 
     fn learn_echo(&mut self, sure: bool) {
@@ -456,6 +459,10 @@ impl SerialHost {
     }
 }
 
+fn is_single_write(awaited: &AwaitedReply) -> bool {
+    matches!(awaited.function, 0x05 | 0x06)
+}
+
 enum ReplyScan {
     Frame(usize),
     Echo,
@@ -465,7 +472,6 @@ enum ReplyScan {
 
 /// Returns whether a reply is of the expected kind: function, byte count, address and value.
 fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
-    let coil = |on: bool| if on { 0xFF00 } else { 0 };
     match *reply {
         ReplyPdu::Exception { function, .. } => function == awaited.function,
         ReplyPdu::Read { space, data } => {
@@ -473,7 +479,7 @@ fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
                 && data.len() == usize::from(awaited.reply_fields.1)
         }
         ReplyPdu::WroteCoil { address, on } => {
-            awaited.function == 0x05 && awaited.reply_fields == (address, coil(on))
+            awaited.function == 0x05 && awaited.reply_fields == (address, coil_word(on))
         }
         ReplyPdu::WroteRegister { address, value } => {
             awaited.function == 0x06 && awaited.reply_fields == (address, value)
@@ -488,4 +494,8 @@ fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
                     if u16::from(*code) == awaited.reply_fields.0)
         }
     }
+}
+
+fn coil_word(on: bool) -> u16 {
+    if on { 0xFF00 } else { 0 }
 }

@@ -14,17 +14,24 @@ pub fn parse_list(text: &str, tokens: &[Token<'_>]) -> Result<Option<ParsedReque
     if !first.is("write") {
         return Ok(None);
     }
-    let has = |word: &str| rest.iter().any(|token| token.is(word));
     match rest {
         [multiple, rest @ ..] if multiple.is("multiple:") => parse_registers(text, rest).map(Some),
-        [kind, list @ ..] if kind.is("coil") && (has("on:") || has("all")) => {
+        [kind, list @ ..]
+            if kind.is("coil") && (has_word("on:", rest) || has_word("all", rest)) =>
+        {
             parse_coils(text, list).map(Some)
         }
-        [kind, list @ ..] if kind.is("register") && (has("then") || has_register_word(list)) => {
+        [kind, list @ ..]
+            if kind.is("register") && (has_word("then", rest) || has_register_word(list)) =>
+        {
             parse_registers(text, rest).map(Some)
         }
         _ => Ok(None),
     }
+}
+
+fn has_word(word: &str, rest: &[Token<'_>]) -> bool {
+    rest.iter().any(|token| token.is(word))
 }
 
 fn has_register_word(list: &[Token<'_>]) -> bool {

@@ -92,9 +92,14 @@ pub(super) fn refusal_reason(
         return Some("refused: a fault, an output that is forbidden, or a bad value");
     }
     let set = matches!(reply.command.definition(), Some((CommandKind::Set, _)));
-    let read = |data| reply.command.width().decode(data);
-    let other = requested.is_some_and(|requested| read(requested) != read(reply.data));
+    let other = requested.is_some_and(|requested| {
+        decode_value(requested, &reply.command) != decode_value(reply.data, &reply.command)
+    });
     (set && other).then_some("not what was asked: not accepted, or stopped")
+}
+
+fn decode_value(data: u32, reply_command: &CommandWord) -> i64 {
+    reply_command.width().decode(data)
 }
 
 /// From power-up a drive repeats TC and VC; one that VM had set to something else and that repeats them has restarted.
@@ -165,17 +170,16 @@ fn visit_report_values(
     say: &mut dyn FnMut(CommandWord, i64),
 ) {
     let [a, b, c] = report.words;
-    let signed = |word: u16| i64::from(word.cast_signed());
     match report.part {
         1 => {
-            say(CommandWord::QV, signed(a));
+            say(CommandWord::QV, signed_word(a));
             say(CommandWord::QP, b.into());
-            say(CommandWord::QC, signed(c));
+            say(CommandWord::QC, signed_word(c));
         }
         2 => {
             say(CommandWord::EF, a.into());
-            say(CommandWord::QT, signed(b));
-            say(CommandWord::EQ, signed(c));
+            say(CommandWord::QT, signed_word(b));
+            say(CommandWord::EQ, signed_word(c));
         }
         _ => {
             let (absolute, relative) = readings.positions(report);
@@ -183,6 +187,10 @@ fn visit_report_values(
             say(CommandWord::QR, relative.into());
         }
     }
+}
+
+fn signed_word(word: u16) -> i64 {
+    i64::from(word.cast_signed())
 }
 
 fn emit_frame_value(

@@ -91,12 +91,13 @@ pub(super) fn refusal_reason(answer: &RawFrame<'_>) -> Option<&'static str> {
 /// Distinguishes requests on CAN from replies to a host that is not at its usual address, by shape alone: a reply has a
 /// good status where a request has its type, and an opcode for a motor.
 pub(super) fn is_can_reply(data: &[u8], id: u32) -> bool {
-    let shaped = |data: &[u8]| {
-        let good = Status::from(data[1]).is_good();
-        good && data[2] >= MOTORS_MAX && Opcode::from(data[2]).is_named()
-    };
     id == u32::from(HOST)
-        || (data.len() >= CAN_DATAGRAM && shaped(data) && u32::from(data[0]) != id)
+        || (data.len() >= CAN_DATAGRAM && is_reply_shaped(data) && u32::from(data[0]) != id)
+}
+
+fn is_reply_shaped(data: &[u8]) -> bool {
+    let good = Status::from(data[1]).is_good();
+    good && data[2] >= MOTORS_MAX && Opcode::from(data[2]).is_named()
 }
 
 fn is_serial_reply(bytes: &[u8]) -> bool {
@@ -158,23 +159,47 @@ pub(super) fn report_request_values(
 ) {
     let Request { opcode, kind, motor, value, .. } = *request;
     let raw = i64::from(value);
-    let signal = |signal| signal_parameter(profile, signal);
     match opcode {
-        Opcode::Ror => {
-            report_setpoint(signal(Signal::TargetVelocity), "target velocity", raw, motor, sink)
-        }
-        Opcode::Rol => {
-            report_setpoint(signal(Signal::TargetVelocity), "target velocity", -raw, motor, sink)
-        }
-        Opcode::Mst => {
-            report_setpoint(signal(Signal::TargetVelocity), "target velocity", 0, motor, sink)
-        }
+        Opcode::Ror => report_setpoint(
+            parameter_of_signal(Signal::TargetVelocity, profile),
+            "target velocity",
+            raw,
+            motor,
+            sink,
+        ),
+        Opcode::Rol => report_setpoint(
+            parameter_of_signal(Signal::TargetVelocity, profile),
+            "target velocity",
+            -raw,
+            motor,
+            sink,
+        ),
+        Opcode::Mst => report_setpoint(
+            parameter_of_signal(Signal::TargetVelocity, profile),
+            "target velocity",
+            0,
+            motor,
+            sink,
+        ),
         Opcode::Mvp if kind == 0 => {
-            report_setpoint(signal(Signal::TargetPosition), "target position", raw, motor, sink);
+            report_setpoint(
+                parameter_of_signal(Signal::TargetPosition, profile),
+                "target position",
+                raw,
+                motor,
+                sink,
+            );
         }
         Opcode::Sap | Opcode::Sgp => report_parameter(request, raw, true, profile, sink),
         _ => {}
     }
+}
+
+fn parameter_of_signal(
+    signal: Signal,
+    profile: Option<&'static Profile>,
+) -> Option<&'static Parameter> {
+    signal_parameter(profile, signal)
 }
 
 /// Reports the value of a parameter in a reply.

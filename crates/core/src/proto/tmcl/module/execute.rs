@@ -256,11 +256,12 @@ fn execute_program<M: TmclModule + ?Sized>(
 ) -> Result<i32, Status> {
     let value = request.value;
     let state = module.state_mut();
-    let has_address = || state.memory.program.instruction_at(value).is_some();
     match (request.opcode, request.kind) {
         (Opcode::ProgramStop, _) => state.program.state = ProgramState::Stop,
         (Opcode::ProgramRun, 0) => state.program.run(None),
-        (Opcode::ProgramRun, 1) if has_address() => state.program.run(Some(value)),
+        (Opcode::ProgramRun, 1) if has_instruction(value, &state.memory.program) => {
+            state.program.run(Some(value))
+        }
         (Opcode::ProgramRun, 1) => return Err(Status::InvalidValue),
         (Opcode::ProgramRun, _) => return Err(Status::WrongType),
         (Opcode::ProgramStep, _) => state.program.state = ProgramState::Step,
@@ -268,7 +269,9 @@ fn execute_program<M: TmclModule + ?Sized>(
             state.program = Interpreter::NEW;
             state.program.state = ProgramState::Reset;
         }
-        (Opcode::DownloadStart, _) if !has_address() => return Err(Status::InvalidValue),
+        (Opcode::DownloadStart, _) if !has_instruction(value, &state.memory.program) => {
+            return Err(Status::InvalidValue);
+        }
         (Opcode::DownloadStart, _) => {
             if state.memory.global[81] & 2 != 0 || state.program.is_active() {
                 return Err(Status::DownloadNotPossible);
@@ -280,6 +283,10 @@ fn execute_program<M: TmclModule + ?Sized>(
         _ => return Err(Status::InvalidCommand),
     }
     Ok(value)
+}
+
+fn has_instruction(value: i32, state_memory_program: &ProgramMemory) -> bool {
+    state_memory_program.instruction_at(value).is_some()
 }
 
 /// Between 132 and 133 commands go into program memory.
@@ -318,15 +325,18 @@ fn read_memory(module: &impl TmclModule, request: &Request) -> Response {
 /// Eight characters: `170V1.14`, and of a module of four digits `6110V148` (136 type 0).
 fn version_text(module: &impl TmclModule) -> [u8; 8] {
     let (number, major, minor) = module.version();
-    let digit = |value: u16, place: u16| b'0' + (value / place % 10) as u8;
-    let minor = [digit(minor.into(), 10), digit(minor.into(), 1)];
-    let major = digit(major.into(), 1);
-    let [a, b, c, d] = [1000, 100, 10, 1].map(|place| digit(number, place));
+    let minor = [decimal_digit(minor.into(), 10), decimal_digit(minor.into(), 1)];
+    let major = decimal_digit(major.into(), 1);
+    let [a, b, c, d] = [1000, 100, 10, 1].map(|place| decimal_digit(number, place));
     if number < 1000 {
         [b, c, d, b'V', major, b'.', minor[0], minor[1]]
     } else {
         [a, b, c, d, b'V', major, minor[0], minor[1]]
     }
+}
+
+fn decimal_digit(value: u16, place: u16) -> u8 {
+    b'0' + (value / place % 10) as u8
 }
 
 /// 242 with its magic (TMCL reference): type 81h, motor 92h, value A3B4C5D6h.

@@ -97,20 +97,21 @@ impl ModuleState {
     /// A wire that spoke once and is silent for longer than its heartbeat allows (global parameters 68 and
     /// 82). \[I\]
     pub fn check_heartbeats(&mut self, now: Instant) -> Option<&'static str> {
-        let late = |limit: i32, received_at: Option<Instant>| {
-            let limit = u32::try_from(limit).unwrap_or(0);
-            limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
-        };
-        if late(self.memory.global[68], self.last_requests.serial) {
+        if is_late(self.memory.global[68], self.last_requests.serial, now) {
             self.last_requests.serial = None;
             return Some("no serial request: motor stopped");
         }
-        if late(self.memory.global[82], self.last_requests.can) {
+        if is_late(self.memory.global[82], self.last_requests.can, now) {
             self.last_requests.can = None;
             return Some("no CAN request: motor stopped");
         }
         None
     }
+}
+
+fn is_late(limit: i32, received_at: Option<Instant>, now: Instant) -> bool {
+    let limit = u32::try_from(limit).unwrap_or(0);
+    limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
 }
 
 /// A product: its motors, ports and identity.

@@ -154,9 +154,8 @@ impl Session {
     pub(super) fn note_unanswered(&mut self, now: Instant, pending: &PendingExchange) {
         let module = pending.host_request.request.address;
         let same = |quiet: &Option<SilentModule>| quiet.is_some_and(|quiet| quiet.module == module);
-        let free = |slots: &[Option<SilentModule>]| slots.iter().position(Option::is_none);
         let index =
-            self.silent_modules.iter().position(same).or_else(|| free(&self.silent_modules));
+            self.silent_modules.iter().position(same).or_else(|| free_slot(&self.silent_modules));
         let quiet = &mut self.silent_modules[index.unwrap_or(SUSPECTS_MAX - 1)];
         if !same(quiet) {
             *quiet = Some(SilentModule::new(module, now));
@@ -243,10 +242,6 @@ impl Session {
         let paused = now >= answer_due.plus_ns(self.timeout_ns / 2);
         let Some(quiet) = self.silent_module_mut(module) else { return SendPlan::PLAIN };
         let back = if quiet.answered_burst { 0 } else { (OFFSETS - offset) % OFFSETS };
-        let burst = |trail| SendPlan {
-            filler_bytes: 0,
-            burst: Some(Burst { lead_bytes: back, trail_bytes: trail }),
-        };
         if is_stop(pending) {
             // On two wires its answer meets the bytes that are still being sent: every second goes alone.
             let alone = quiet.unanswered.is_multiple_of(2);
@@ -254,8 +249,8 @@ impl Session {
                 !alone && lost && !quiet.answered_burst && quiet.next_attempt() % 2 == 1;
             return match (alone, elsewhere) {
                 (true, _) => SendPlan::PLAIN,
-                (_, true) => burst(quiet.next_search_offset()),
-                _ => burst(0),
+                (_, true) => burst_plan(quiet.next_search_offset(), back),
+                _ => burst_plan(0, back),
             };
         }
         if core::mem::take(&mut quiet.just_answered_burst) {
@@ -286,7 +281,7 @@ impl Session {
             return SendPlan::PLAIN;
         }
         match quiet.next_attempt() % ATTEMPT_CYCLE {
-            0 if repeats => burst(0),
+            0 if repeats => burst_plan(0, back),
             2 => SendPlan::at_offset(quiet.next_search_offset(), offset),
             _ => SendPlan::at_offset(0, offset),
         }
@@ -325,6 +320,14 @@ impl Session {
     }
 }
 
+fn burst_plan(trail: u8, back: u8) -> SendPlan {
+    SendPlan { filler_bytes: 0, burst: Some(Burst { lead_bytes: back, trail_bytes: trail }) }
+}
+
+fn free_slot(slots: &[Option<SilentModule>]) -> Option<usize> {
+    slots.iter().position(Option::is_none)
+}
+
 fn is_stop(pending: &PendingExchange) -> bool {
     pending.host_request.class == RequestClass::Stop
         && pending.host_request.request.opcode == Opcode::Mst
@@ -350,9 +353,10 @@ fn is_safe_to_burst(pending: &PendingExchange) -> bool {
 
 /// Returns whether the bytes after the first datagram contain no request at any position.
 fn has_no_shifted_request(bytes: &[u8; 2 * DATAGRAM + 1]) -> bool {
-    let is_request = |w: &[u8]| {
-        let sum = w.try_into().map(|w: &[u8; DATAGRAM]| checksum(w));
-        w[0] != 0 && w[1] != 0 && sum.is_ok_and(|sum| sum == w[DATAGRAM - 1])
-    };
-    !bytes.windows(DATAGRAM).skip(1).take(DATAGRAM).any(is_request)
+    !bytes.windows(DATAGRAM).skip(1).take(DATAGRAM).any(is_request_bytes)
+}
+
+fn is_request_bytes(w: &[u8]) -> bool {
+    let sum = w.try_into().map(|w: &[u8; DATAGRAM]| checksum(w));
+    w[0] != 0 && w[1] != 0 && sum.is_ok_and(|sum| sum == w[DATAGRAM - 1])
 }

@@ -49,12 +49,11 @@ impl Session {
         }
         let module = pending.host_request.request.address;
         let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
-        let free = |slots: &[Option<SuspectModule>]| slots.iter().position(Option::is_none);
         let index = self
             .suspects
             .iter()
             .position(|s| s.is_some_and(|s| s.module == module))
-            .or_else(|| free(&self.suspects));
+            .or_else(|| free_slot(&self.suspects));
         // A full table keeps its oldest entry longest: the line is closed until one is out.
         let index = index.unwrap_or(SUSPECTS_MAX - 1);
         let tags = [(0, until); OUTSTANDING_MAX];
@@ -115,4 +114,8 @@ impl Session {
         let full = self.suspects.iter().all(Option::is_some);
         !full && !self.suspects.iter().flatten().any(|suspect| suspect.module == module)
     }
+}
+
+fn free_slot(slots: &[Option<SuspectModule>]) -> Option<usize> {
+    slots.iter().position(Option::is_none)
 }

@@ -85,7 +85,6 @@ pub(super) fn report_value(
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
-    let data = |address, long| Cell { memory: MemorySpace::Data, address, long };
     match OnlineMessage::parse(&parsed.instruction) {
         Some(OnlineMessage::TakeData { cell, value, .. }) => {
             emit_frame_value(cell, value, false, profile, sink)
@@ -93,7 +92,7 @@ pub(super) fn report_value(
         Some(
             OnlineMessage::TakeData2 { address, long, value, .. }
             | OnlineMessage::GotData { address, long, value, .. },
-        ) => emit_frame_value(data(address, long), value, false, profile, sink),
+        ) => emit_frame_value(data_cell(address, long), value, false, profile, sink),
         Some(OnlineMessage::Pvt(PvtPoint { position, .. })) => {
             report_point("path position", position.into(), sink);
         }
@@ -103,10 +102,14 @@ pub(super) fn report_value(
         Some(_) => {}
         None => {
             if let Some((address, value, long)) = assigned_variable(&parsed.instruction) {
-                emit_frame_value(data(address, long), value, true, profile, sink);
+                emit_frame_value(data_cell(address, long), value, true, profile, sink);
             }
         }
     }
+}
+
+fn data_cell(address: u16, long: bool) -> Cell {
+    Cell { memory: MemorySpace::Data, address, long }
 }
 
 fn report_point(name: &str, raw: i64, sink: &mut dyn ExplainSink) {

@@ -62,8 +62,11 @@ impl ParsedFrame {
 
 /// Words one behind the other from a byte on.
 fn word_ranges_from(from: u16) -> [ByteRange; DATA_WORDS_MAX] {
-    let at = |n: u16| (from + 2 * n, from + 2 * n + 2);
-    [at(0), at(1), at(2), at(3)]
+    [word_range(0, from), word_range(1, from), word_range(2, from), word_range(3, from)]
+}
+
+fn word_range(n: u16, from: u16) -> (u16, u16) {
+    (from + 2 * n, from + 2 * n + 2)
 }
 
 /// Parses a frame of a serial line. A frame whose sum alone is wrong is explained nevertheless.

@@ -38,10 +38,13 @@ fn register_parts(name: &str, value: u32) -> impl Iterator<Item = (&'static Regi
         (instruction::find_register(if both { "SRL" } else { name }), value, 0),
         (instruction::find_register("SRH").filter(|_| both), value >> 16, 16),
     ];
-    let value_of = move |value: u32| if both { value & 0xFFFF } else { value };
     named.into_iter().filter_map(move |(register, value, first)| {
-        register.map(|register| (register, value_of(value), first))
+        register.map(|register| (register, limited_value(value, both), first))
     })
+}
+
+fn limited_value(value: u32, both: bool) -> u32 {
+    if both { value & 0xFFFF } else { value }
 }
 
 /// The profile's faults that the value shows, when this is the register that it has them from.

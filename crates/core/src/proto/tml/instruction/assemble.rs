@@ -3,7 +3,7 @@
 use super::super::online::{OnlineMessage, PvtPoint};
 use super::super::wire::{IdCode, Instruction, low_first, short_operand};
 use super::form::{Category, CodingCertainty, Form, FormPiece};
-use super::reader::{ParseFailure, Result, SourceReader};
+use super::reader::{ParseFailure, ParsedNumber, Result, SourceReader};
 use super::variable::{self, Variable, VariableKind};
 use super::{CONDITIONS, LanguageScope, MEMORIES, RAW_DIRECTIVE, forms};
 use crate::explain::TextError;
@@ -328,17 +328,13 @@ impl<'a, 's> InstructionParser<'a, 's> {
     }
 
     fn parse_number(&mut self, piece: FormPiece) -> Result<()> {
-        const SHORT: &str = "a number of 16 bits: -32768 to 65535";
-        const LONG: &str = "a number of 32 bits: -2147483648 to 4294967295";
         const FIXED: &str = "a number from -32768.0 to 32767.99998";
         let expected = if matches!(piece, FormPiece::Long(_)) { LONG } else { SHORT };
         let number = self.reader.read_number(expected)?;
-        let short = || number.within(-0x8000, 0xFFFF, SHORT);
-        let long = || number.within(-0x8000_0000, 0xFFFF_FFFF, LONG);
         let fixed = || {
             match number.fixed {
                 Some(raw) => Ok(raw),
-                None if number.hex.is_some() || number.long => long(),
+                None if number.hex.is_some() || number.long => fits_long(&number),
                 None => Ok(number.integer << 16),
             }
             .and_then(|raw| {
@@ -353,15 +349,19 @@ impl<'a, 's> InstructionParser<'a, 's> {
         let wide = number.long
             || number.hex.is_some_and(|digits| digits > 4)
             || number.fixed.is_some()
-            || short().is_err();
+            || fits_short(&number).is_err();
         match piece {
-            FormPiece::Number(at) | FormPiece::Hex(at) => self.set_word(at, short()? as u16),
-            FormPiece::Narrow(at) if !wide => self.set_word(at, short()? as u16),
+            FormPiece::Number(at) | FormPiece::Hex(at) => {
+                self.set_word(at, fits_short(&number)? as u16)
+            }
+            FormPiece::Narrow(at) if !wide => self.set_word(at, fits_short(&number)? as u16),
             FormPiece::Narrow(_) => return Err(self.reader.failure_here(SHORT)),
             FormPiece::Wide(at) if number.fixed.is_some() => self.set_long(at, fixed()? as u32),
-            FormPiece::Wide(at) if wide => self.set_long(at, long()? as u32),
-            FormPiece::High(at) if !wide => self.set_long(at, (short()? as u32) << 16),
-            FormPiece::High(at) if number.fixed.is_none() => self.set_long(at, long()? as u32),
+            FormPiece::Wide(at) if wide => self.set_long(at, fits_long(&number)? as u32),
+            FormPiece::High(at) if !wide => self.set_long(at, (fits_short(&number)? as u32) << 16),
+            FormPiece::High(at) if number.fixed.is_none() => {
+                self.set_long(at, fits_long(&number)? as u32)
+            }
             FormPiece::Fixed(at) | FormPiece::High(at) => self.set_long(at, fixed()? as u32),
             FormPiece::Long(at) if self.variable_kind == VariableKind::Fixed => {
                 self.set_long(at, fixed()? as u32)
@@ -371,7 +371,7 @@ impl<'a, 's> InstructionParser<'a, 's> {
             {
                 self.set_long(at, fixed()? as u32);
             }
-            FormPiece::Long(at) => self.set_long(at, long()? as u32),
+            FormPiece::Long(at) => self.set_long(at, fits_long(&number)? as u32),
             _ => return Err(number.failure(SHORT)),
         }
         Ok(())
@@ -533,4 +533,15 @@ impl<'a, 's> InstructionParser<'a, 's> {
         self.count += data.len() as u8;
         Ok(())
     }
+}
+
+const SHORT: &str = "a number of 16 bits: -32768 to 65535";
+const LONG: &str = "a number of 32 bits: -2147483648 to 4294967295";
+
+fn fits_long(number: &ParsedNumber) -> Result<i64> {
+    number.within(-0x8000_0000, 0xFFFF_FFFF, LONG)
+}
+
+fn fits_short(number: &ParsedNumber) -> Result<i64> {
+    number.within(-0x8000, 0xFFFF, SHORT)
 }

@@ -96,11 +96,12 @@ pub fn name_at_address(
     address: u16,
     long: bool,
 ) -> Option<&'static Parameter> {
-    let is_name = |text: &str| {
-        !text.is_empty()
-            && !text.as_bytes()[0].is_ascii_digit()
-            && text.bytes().all(|c| c.is_ascii_alphanumeric() || c == b'_')
-    };
     at_address(profile, address)
-        .find(|p| VariableKind::of(p.encoding).is_long() == long && is_name(symbol(p)))
+        .find(|p| VariableKind::of(p.encoding).is_long() == long && is_variable_name(symbol(p)))
+}
+
+fn is_variable_name(text: &str) -> bool {
+    !text.is_empty()
+        && !text.as_bytes()[0].is_ascii_digit()
+        && text.bytes().all(|c| c.is_ascii_alphanumeric() || c == b'_')
 }

@@ -324,7 +324,10 @@ fn is_searched_limit(signal: HomingSwitch, toward: f64) -> bool {
 
 /// Position of the index pulse in this tick, if there was one: at whole turns.
 fn index_pulse(shaft: &impl MotorControl) -> Option<f64> {
-    let turns = |position: f64| libm::floor(position / TAU);
-    let (was, is) = (turns(shaft.previous_position()), turns(shaft.position()));
+    let (was, is) = (whole_turns(shaft.previous_position()), whole_turns(shaft.position()));
     (was != is).then(|| was.max(is) * TAU)
+}
+
+fn whole_turns(position: f64) -> f64 {
+    libm::floor(position / TAU)
 }
