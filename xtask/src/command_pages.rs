@@ -34,7 +34,7 @@ fn group_page(command: &Command, group: &VerbGroup) -> String {
     let verbs: Vec<&Command> =
         group.verbs.iter().filter_map(|v| command.find_subcommand(v)).collect();
     for verb in &verbs {
-        let about = verb.get_about().map(ToString::to_string).unwrap_or_default();
+        let about = help_text(verb.get_about());
         let _ = writeln!(text, "| [`{0}`](#{0}) | {about} |", verb.get_name());
     }
     for verb in verbs {
@@ -47,8 +47,7 @@ fn group_page(command: &Command, group: &VerbGroup) -> String {
 /// The section of a verb, and those of its subcommands.
 fn write_verb(text: &mut String, verb: &Command, path: &str, level: &str) {
     let _ = write!(text, "{level} {path}\n\n");
-    let about =
-        verb.get_long_about().or(verb.get_about()).map(ToString::to_string).unwrap_or_default();
+    let about = help_text(verb.get_long_about().or(verb.get_about()));
     let about = about.trim_end();
     let _ = writeln!(text, "{about}{}\n", if about.ends_with(['.', ':']) { "" } else { "." });
     let subcommands: Vec<&Command> = verb
@@ -61,7 +60,7 @@ fn write_verb(text: &mut String, verb: &Command, path: &str, level: &str) {
         let _ = writeln!(text, "```text\nusage: {usage}\n```\n");
     }
     write_arguments(text, verb);
-    write_notes(text, &verb.get_after_help().map(ToString::to_string).unwrap_or_default());
+    write_notes(text, &help_text(verb.get_after_help()));
     for sub in subcommands {
         write_verb(text, sub, &format!("{path} {}", sub.get_name()), "###");
     }
@@ -79,7 +78,7 @@ fn write_arguments(text: &mut String, verb: &Command) {
     text.push('\n');
     for argument in verb.get_arguments().filter(is_own_argument) {
         // The first paragraph is in the table.
-        let long = argument.get_long_help().map(ToString::to_string).unwrap_or_default();
+        let long = help_text(argument.get_long_help());
         if let Some((_, more)) = long.split_once("\n\n") {
             let name = argument.get_long().unwrap_or_default();
             let _ = writeln!(text, "`--{name}`: {more}\n");
@@ -109,7 +108,7 @@ fn written(argument: &Arg) -> String {
 }
 
 fn effect(argument: &Arg) -> String {
-    let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+    let help = help_text(argument.get_help());
     let mut effect = help.replace('|', "\\|").replace('<', "&lt;").replace('\n', " ");
     let possible = argument.get_possible_values();
     let shown: Vec<String> =
@@ -159,4 +158,9 @@ fn example(line: &str) -> String {
         }
         _ => line.to_owned(),
     }
+}
+
+/// A text of the help; empty where there is none.
+fn help_text(text: Option<&clap::builder::StyledStr>) -> String {
+    text.map(ToString::to_string).unwrap_or_default()
 }

@@ -150,7 +150,8 @@ fn read_class(text: &str) -> BTreeMap<u16, String> {
             inside = Some(indent_width(line));
         } else if inside.is_some()
             && let Some((name, number)) = words.split_once('=')
-            && let Ok(number) = number.split('#').next().unwrap_or_default().trim().parse::<u16>()
+            && let Ok(number) =
+                number.split_once('#').map_or(number, |(number, _)| number).trim().parse::<u16>()
         {
             parameters.entry(number).or_insert_with(|| name.trim().to_owned());
         }

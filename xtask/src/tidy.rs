@@ -50,6 +50,12 @@ pub fn run(root: &Path) -> Result<String, String> {
     if broken.is_empty() { Ok(vocabulary.to_string()) } else { Err(broken.join("\n")) }
 }
 
+/// The text of a file that the rules need. Without it they would hold for nothing, so they end here.
+fn read_text(file: impl AsRef<Path>) -> String {
+    let file = file.as_ref();
+    std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()))
+}
+
 fn display_path(root: &Path, file: &Path) -> String {
     let short = file.strip_prefix(root).unwrap_or(file);
     short.to_string_lossy().replace('\\', "/")

@@ -70,6 +70,12 @@ pub struct DecodedFrame<'a> {
 }
 
 impl<'a> DecodedFrame<'a> {
+    /// Name of its protocol; empty for no known one, as tables and filters have it.
+    #[must_use]
+    pub fn protocol_name(&self) -> &'static str {
+        self.protocol.unwrap_or("")
+    }
+
     /// No frame.
     const fn empty(link: &'a str, explanation: &'a Explanation) -> Self {
         Self {

@@ -59,6 +59,12 @@ impl Rules {
         text.split(',').map(|rule| Rule::parse(rule.trim())).collect::<Result<_, _>>().map(Self)
     }
 
+    /// Rules for a link with these protocols. Ones that have no frames to decode, such as `sim`, are left out.
+    #[must_use]
+    pub fn for_protocols<'a>(names: impl IntoIterator<Item = &'a str>) -> Self {
+        Self(names.into_iter().filter_map(|name| Rule::parse(name).ok()).collect())
+    }
+
     /// Possible protocols of a link, in the order of trials.
     pub(crate) fn for_link(&self, link: &str) -> Vec<Rule> {
         let mut rules: Vec<Rule> = self

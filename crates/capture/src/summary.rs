@@ -241,7 +241,7 @@ impl Summary {
         // The address in a damaged serial frame belongs to no axis.
         let damaged = event.id.is_none() && event.defect.is_some();
         let axis = event.explanation.axis.filter(|_| !damaged);
-        let who = AxisKey { link, protocol: event.protocol.unwrap_or(""), axis };
+        let who = AxisKey { link, protocol: event.protocol_name(), axis };
         let axis = axis.and_then(|_| self.axes.number(who, AXES_MAX));
         FramePlace { link: number, axis, kind: self.kind_number(who, event) }
     }
@@ -277,7 +277,7 @@ impl Summary {
 
     /// Takes what conversations leave open, which is no frame.
     pub fn add_open_notices(&mut self, event: &DecodedFrame<'_>) {
-        let (link, protocol) = (intern(event.link), event.protocol.unwrap_or(""));
+        let (link, protocol) = (intern(event.link), event.protocol_name());
         let origin = NoticeOrigin { link, protocol, number: 0, time: None };
         event.notices.iter().for_each(|notice| self.add_notice(notice, origin));
     }

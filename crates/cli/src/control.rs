@@ -4,6 +4,7 @@
 //! A request is one line with tab-separated fields: link, drive, act. The reply is `ok`, `elsewhere` (the
 //! simulation has no such link), or `error` with a reason.
 
+use polepair::url::without_axes;
 use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -202,14 +203,14 @@ pub enum ActReply {
 /// Returns whether a text is the path of a control socket, behind which a drive may be named.
 #[cfg(unix)]
 pub fn is_socket(target: &str) -> bool {
-    let path = target.split('#').next().unwrap_or(target);
+    let path = without_axes(target);
     std::fs::metadata(path).is_ok_and(|found| found.file_type().is_socket())
 }
 
 /// Returns whether it is such a file, which has the number of a port.
 #[cfg(windows)]
 pub fn is_socket(target: &str) -> bool {
-    read_port(Path::new(target.split('#').next().unwrap_or(target))).is_some()
+    read_port(Path::new(without_axes(target))).is_some()
 }
 
 /// Has an act done to a drive of a simulation that runs on this machine.

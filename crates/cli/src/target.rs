@@ -276,7 +276,7 @@ fn parameter_name(id: ParameterId, axis: &LocalAxis) -> &str {
 
 /// Meaning of a frame in its protocol's own words; empty if unknown.
 fn explain_step(axis: &LocalAxis, step: &Rehearsal) -> String {
-    let rules = Rules::parse(axis.protocol()).unwrap_or_default();
+    let rules = Rules::for_protocols([axis.protocol()]);
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
     let mut text = String::new();
     let mut keep =
@@ -366,7 +366,7 @@ struct FramePrinter {
 impl FramePrinter {
     /// For a link on which these protocols are spoken.
     fn new(protocols: &[&str], name: String, naming: NamingProfiles) -> Self {
-        let rules = Rules::parse(&protocols.join(",")).unwrap_or_default();
+        let rules = Rules::for_protocols(protocols.iter().copied());
         let style =
             text::TextStyle { colour: terminal::colour_err(), ..text::TextStyle::default() };
         Self {

@@ -285,7 +285,7 @@ impl TextTable {
 
     /// The lines.
     pub fn render(&self, colour: bool) -> String {
-        let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
+        let columns = self.rows.iter().map(Vec::len).fold(0, usize::max);
         let width = |at: usize| {
             self.rows.iter().filter_map(|row| row.get(at)).map(|cell| cell.chars().count()).max()
         };

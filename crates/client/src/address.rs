@@ -28,7 +28,7 @@ impl Address {
             "https" | "wss" => true,
             _ => return Err(url_problem("it begins with http, https, ws or wss", url)),
         };
-        let location = rest.split(['/', '?', '#']).next().unwrap_or_default();
+        let location = rest.split_once(['/', '?', '#']).map_or(rest, |(location, _)| location);
         if location.contains('@') {
             return Err(url_problem("a secret does not belong there", url));
         }

@@ -1,5 +1,6 @@
 //! A capture as a file: the fingerprint of its content, what it has grown from, and whether it changes.
 
+use polepair_core::convert::saturating;
 use std::fs::{File, Metadata};
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
@@ -67,7 +68,7 @@ impl ContentHasher {
         if self.size == 0 && bytes.starts_with(BLF_MAGIC) {
             self.header = BLF_HEADER;
         }
-        let skipped = self.header.saturating_sub(usize::try_from(self.size).unwrap_or(usize::MAX));
+        let skipped = self.header.saturating_sub(saturating(self.size));
         self.all.update(bytes);
         self.body.update(&bytes[skipped.min(bytes.len())..]);
         self.size += bytes.len() as u64;

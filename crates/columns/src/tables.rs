@@ -10,6 +10,7 @@ use arrow_array::{RecordBatch, UInt32Array};
 use arrow_schema::ArrowError;
 use polepair_capture::session::SessionNotice;
 use polepair_capture::{CompactFrame, DecodedFrame, FrameBatch, FrameRun, Timestamp};
+use polepair_core::convert::saturating;
 
 use crate::column::NumberColumn;
 use crate::schema::TableKind;
@@ -192,7 +193,7 @@ pub(crate) fn common_value<T: PartialEq>(mut all: impl Iterator<Item = T>) -> Op
 
 /// A number of a frame as columns have it.
 pub(crate) fn to_i64(number: u64) -> i64 {
-    i64::try_from(number).unwrap_or(i64::MAX)
+    saturating(number)
 }
 
 /// The batch with its rows in the order of time: captures of several interfaces may not be.

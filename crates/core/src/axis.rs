@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use crate::convert::saturating;
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::plan::{Argument, ParameterTest};
@@ -91,7 +92,7 @@ impl Command {
     /// Returns this command with a time limit for its motion, in place of the plan's limit.
     #[must_use]
     pub fn limited(self, within: Duration) -> Self {
-        let limit_ms = u32::try_from(within.as_millis()).unwrap_or(u32::MAX);
+        let limit_ms = saturating(within.as_millis());
         Self { limit_ms: Some(limit_ms), ..self }
     }
 

@@ -25,9 +25,8 @@ const START_MAX: Duration = Duration::from_secs(2);
 /// Time for which a set flag may be left over from an earlier motion.
 const STALE_FLAG_MAX: Duration = Duration::from_millis(300);
 /// Time between the first and the last reading that mean standstill.
-const STANDSTILL_SPAN: Duration = Duration::from_millis(60);
-/// Span of positions that show standstill without a speed.
-const STANDSTILL_POSITION_SPAN: Duration = Duration::from_millis(100);
+// Static friction holds a servo that is returning to its set-point for 60 ms and more before it breaks loose.
+const STANDSTILL_SPAN: Duration = Duration::from_millis(100);
 /// Readings of the speed that mean standstill, at least: one alone may be taken at a change of direction.
 const STANDSTILL_READINGS_MIN: u32 = 3;
 /// Time for a fault to appear after a motion ended elsewhere without another reason.
@@ -432,19 +431,18 @@ impl MotionJudge {
         self.speed_at = Some(now);
     }
 
-    /// Returns whether speeds and positions have shown standstill for so long; for `by_position` if positions alone
-    /// have to show it.
-    fn rests(&self, by_both: Duration, by_position: Duration) -> bool {
+    /// Returns whether speeds and positions have shown standstill for `span`; if positions alone have to show it, for
+    /// longer where they are coarse.
+    fn rests(&self, span: Duration) -> bool {
         let slow = standing_time(self.slow_since, self.speed_at);
         let still = standing_time(self.anchor.map(|(_, since)| since), self.position_at);
-        let slow_enough = self.slow_readings >= STANDSTILL_READINGS_MIN
-            && slow.is_some_and(|slow| slow >= by_both);
+        let slow_enough =
+            self.slow_readings >= STANDSTILL_READINGS_MIN && slow.is_some_and(|slow| slow >= span);
         if self.lacks_position {
             return slow_enough;
         }
         let Some(still) = still else { return false };
-        let by_position = self.tolerance.coarse_span(by_position);
-        slow_enough && still >= by_both || still >= by_position
+        slow_enough && still >= span || still >= self.tolerance.coarse_span(span)
     }
 
     /// Returns whether the axis is at its target, by the last position.
@@ -533,7 +531,7 @@ impl MotionJudge {
             return MotionVerdict::Arrived;
         }
         let rest = self.tolerance.motion_rest();
-        if !self.rests(rest, rest) {
+        if !self.rests(rest) {
             return MotionVerdict::Pending;
         }
         if at_target {
@@ -575,7 +573,7 @@ impl MotionJudge {
 
     /// The end of a motion of which no position can be known.
     fn judge_without_position(&self, now: Instant) -> MotionVerdict {
-        let rests = self.rests(REST_MIN, REST_MIN);
+        let rests = self.rests(REST_MIN);
         let over = match self.flagged(now) {
             Some(flagged) => self.started || flagged >= STALE_FLAG_MAX,
             None if self.flag == Some(false) => false,
@@ -592,12 +590,12 @@ impl MotionJudge {
             return MotionVerdict::Arrived;
         }
         let ignored = flagged.is_some_and(|flagged| flagged >= STALE_FLAG_MAX);
-        let stuck = self.flag != Some(true) && self.rests(HOMING_REST_MIN, HOMING_REST_MIN);
+        let stuck = self.flag != Some(true) && self.rests(HOMING_REST_MIN);
         self.conclude(now, ignored || stuck)
     }
 
     fn judge_standstill(&self) -> MotionVerdict {
-        if self.rests(STANDSTILL_SPAN, STANDSTILL_POSITION_SPAN) {
+        if self.rests(STANDSTILL_SPAN) {
             return MotionVerdict::Arrived;
         }
         // Nothing can be measured: the drive's own report is all there is.
@@ -610,10 +608,10 @@ impl MotionJudge {
 
     fn judge_idle(&self) -> MotionVerdict {
         let measured = !(self.lacks_position && self.lacks_speed);
-        let rests = self.rests(STANDSTILL_SPAN, STANDSTILL_POSITION_SPAN);
+        let rests = self.rests(STANDSTILL_SPAN);
         match self.flag {
             Some(true) if rests || !measured => MotionVerdict::Arrived,
-            None if self.rests(REST_MIN, REST_MIN) => MotionVerdict::Arrived,
+            None if self.rests(REST_MIN) => MotionVerdict::Arrived,
             None if !measured => MotionVerdict::Unconfirmed,
             _ => MotionVerdict::Pending,
         }

@@ -20,6 +20,7 @@
 extern crate alloc;
 
 pub mod axis;
+pub mod convert;
 pub mod error;
 pub mod escape;
 pub mod explain;

@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 use std::time::{Duration, SystemTime};
 
+use polepair_core::convert::saturating;
 use polepair_core::time::Instant;
 
 /// A stamp older than this is not believed.
@@ -63,7 +64,7 @@ pub fn scale_timeout(timeout: Duration) -> Duration {
 #[must_use]
 pub fn scaled_ms(timeout_ms: u32) -> u32 {
     let scaled = scale_timeout(Duration::from_millis(timeout_ms.into()));
-    u32::try_from(scaled.as_millis()).unwrap_or(u32::MAX)
+    saturating(scaled.as_millis())
 }
 
 /// The environment variable that scales time-outs.

@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use polepair_core::convert::saturating;
 use polepair_core::time::Instant;
 use rustix::event::{Nsecs, PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -207,8 +208,5 @@ pub(crate) fn write_bytes(fd: &OwnedFd, bytes: &[u8]) -> Result<usize, Errno> {
 }
 
 pub(crate) fn timespec(span: Duration) -> Timespec {
-    Timespec {
-        tv_sec: i64::try_from(span.as_secs()).unwrap_or(i64::MAX),
-        tv_nsec: span.subsec_nanos() as Nsecs,
-    }
+    Timespec { tv_sec: saturating(span.as_secs()), tv_nsec: span.subsec_nanos() as Nsecs }
 }

@@ -225,7 +225,7 @@ fn merge_url(url: &str, more: &str) -> String {
 }
 
 fn pair_name(pair: &str) -> String {
-    pair.split('=').next().unwrap_or_default().to_owned()
+    pair.split_once('=').map_or(pair, |(name, _)| name).to_owned()
 }
 
 /// Every name of a file with its connection string.

@@ -36,6 +36,7 @@ use crate::wire::{AnyLink, OpenWire, SentCounter, SharedLink};
 pub(crate) use line_config::{AnyBorrowedLink, LineConfig};
 use options::{random_seed, rate_key, serial_line, wire_options};
 pub use parts::LinkPart;
+use polepair_core::convert::saturating;
 use polepair_core::medium::{Can, CanLine, MediumKind, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
@@ -254,7 +255,7 @@ impl Connector {
                 let mounted = line.mounting(n).map(|m| Arc::new(ResolvedMounting::new(m, profile)));
                 axes.push(LocalAxis {
                     connection: connection.clone(),
-                    index: AxisIndex(u8::try_from(axes.len()).unwrap_or(u8::MAX)),
+                    index: AxisIndex(saturating(axes.len())),
                     number: line.axis_numbers[n],
                     name: line.entries[n].name.clone(),
                     protocol: line.protocol.name,
@@ -361,7 +362,7 @@ fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Er
     }
     let count = url.number("axes")?.unwrap_or(1);
     let axes = url.axes.iter().filter(|axis| !AxisNumber(**axis).is_group());
-    let max = axes.map(|axis| u64::from(drive_address(*axis))).max().unwrap_or(0);
+    let max = axes.map(|axis| u64::from(drive_address(*axis))).fold(0, u64::max);
     let count = count.max(max);
     if count == 0 || count > 32 {
         let what = format!("`axes={count}` is not 1 to 32");
@@ -488,7 +489,7 @@ impl ProtocolLine {
             .enumerate()
             .map(|(n, &(profile, number))| LocalAxis {
                 connection: connection.clone(),
-                index: AxisIndex(u8::try_from(n).unwrap_or(u8::MAX)),
+                index: AxisIndex(saturating(n)),
                 number,
                 name: String::new(),
                 protocol: self.protocol.name,

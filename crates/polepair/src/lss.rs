@@ -275,7 +275,7 @@ impl LssMaster {
 
     fn read_identity_number(&self, name: &str, service: &str) -> Result<u32, Error> {
         let number = self.request(&format!("{service} {name}"), &format!("LSS: {name}"))?;
-        Ok::<_, Error>(u32::try_from(number).unwrap_or_default())
+        Ok(number.cast_unsigned() as u32)
     }
 
     /// The node-ID of the device in LSS configuration (service 5Eh); `None` where it has none.

@@ -11,6 +11,8 @@
 //! ```
 
 use crate::toml_file::FileError;
+use polepair_core::convert::saturating;
+use polepair_core::convert::text_from;
 use polepair_core::lane::MemoryBlock;
 use polepair_core::profile::Profile;
 use polepair_core::program::{
@@ -287,8 +289,8 @@ fn source_error(file: &str, text: &str, error: &SourceError) -> FileError {
     let SourceError { line, at, expected } = *error;
     let source = text.lines().nth(line as usize - 1).unwrap_or("");
     let before = source.get(..at).unwrap_or(source);
-    let column = u32::try_from(before.chars().count() + 1).unwrap_or(0);
-    let found: String = source.get(at..).unwrap_or("").trim().chars().take(24).collect();
+    let column = saturating(before.chars().count() + 1);
+    let found: String = text_from(source, at).trim().chars().take(24).collect();
     let reason = match found.as_str() {
         "" => format!("expected {expected}"),
         found => format!("`{found}`: expected {expected}"),

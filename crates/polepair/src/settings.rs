@@ -212,7 +212,7 @@ impl fmt::Display for AxisSettings {
         }
         writeln!(f, "\n[axis.{number}.settings]")?;
         let lines: Vec<String> = self.settings.iter().map(Setting::format_line).collect();
-        let width = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+        let width = lines.iter().map(|line| line.chars().count()).fold(0, usize::max);
         for (line, setting) in lines.iter().zip(&self.settings) {
             match setting.symbol {
                 "" => writeln!(f, "{line}")?,

@@ -1,6 +1,7 @@
 //! Reads TOML files, with file, line, column and reason in every error.
 
 use crate::spelling;
+use polepair_core::convert::saturating;
 use std::borrow::Cow;
 use std::io::Read as _;
 use std::iter;
@@ -76,12 +77,12 @@ impl FileLocation {
 
     /// The beginning of a line, counted from 1.
     pub(crate) fn line_start(file: &Arc<str>, line: usize) -> Self {
-        Self { file: Arc::clone(file), line: u32::try_from(line).unwrap_or(u32::MAX), column: 1 }
+        Self { file: Arc::clone(file), line: saturating(line), column: 1 }
     }
 
     /// The location some characters further on the line.
     pub(crate) fn shifted(&self, characters: usize) -> Self {
-        let more = u32::try_from(characters).unwrap_or(0);
+        let more = saturating::<u32>(characters);
         Self { column: self.column + more, ..self.clone() }
     }
 
@@ -143,7 +144,7 @@ impl<'a> SourceText<'a> {
 }
 
 fn u32_or_max(n: usize) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
+    saturating(n)
 }
 
 /// A value with its location.

@@ -500,6 +500,17 @@ impl fmt::Display for Url {
     }
 }
 
+/// The connection string without its axes: the link.
+///
+/// ```
+/// use polepair::url::without_axes;
+/// assert_eq!(without_axes("tmcl+serial:///dev/ttyUSB0#1,2"), "tmcl+serial:///dev/ttyUSB0");
+/// ```
+#[must_use]
+pub fn without_axes(url: &str) -> &str {
+    url.split_once('#').map_or(url, |(link, _)| link)
+}
+
 /// The word quoted for a shell: a connection string may have characters that mean something there. A command that is
 /// shown to be pasted names its drives by this.
 ///

@@ -406,11 +406,12 @@ impl PyAxis {
     fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: PyAmount) -> PyResult<f64> {
         let mut given = [None, None, None, None, None, None];
         let places = ["target", "velocity", "acceleration", "torque"];
-        let at = places.iter().position(|location| *location == argument).unwrap_or(0);
+        let no_such = || usage_error(py, "E217", &format!("there is no argument `{argument}`"), "");
+        let at = places.iter().position(|name| *name == argument).ok_or_else(no_such)?;
         given[at] = Some(amount);
         let Command { target, velocity, acceleration, torque, .. } =
             self.parse_command(py, verb, given)?;
-        Ok([target, velocity, acceleration, torque][at].unwrap_or_default())
+        [target, velocity, acceleration, torque][at].ok_or_else(no_such)
     }
 
     /// Lets motion commands through, or no longer. What is armed on a wire of this program is stopped when the

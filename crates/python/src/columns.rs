@@ -139,7 +139,7 @@ impl Columns {
             pieces.iter().map(|piece| binary_array(piece, column)).collect::<PyResult<_>>()?;
         let places = pieces.iter().flat_map(|piece| piece.value_offsets().windows(2));
         let lengths: Vec<i32> = places.map(|slots| slots[1] - slots[0]).collect();
-        let (rows, width) = (lengths.len(), lengths.iter().copied().max().unwrap_or(0) as usize);
+        let (rows, width) = (lengths.len(), lengths.iter().copied().fold(0, i32::max) as usize);
         if width.saturating_mul(rows) > PADDED_BYTES_MAX {
             let max = PADDED_BYTES_MAX >> 30;
             let what =

@@ -3,6 +3,7 @@
 //!
 //! Why: GW-18.
 
+use polepair_core::convert::saturating;
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -49,7 +50,7 @@ impl ConnectionLimiter {
     /// Creates the empty list, with a limit that fits the limit of open files.
     pub fn new(files: Option<u64>) -> Self {
         let left = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
-        let max = usize::try_from(left).unwrap_or(usize::MAX).min(CONNECTIONS_MAX);
+        let max = saturating::<usize>(left).min(CONNECTIONS_MAX);
         let (unproven, proven) = (BTreeMap::new(), BTreeMap::new());
         Self(Arc::new(Mutex::new(OpenConnections {
             most: max,

@@ -241,7 +241,7 @@ fn check_origin(
 fn check_csrf(headers: &HeaderMap, route: Option<&ApiRoute>) -> Result<(), GatewayError> {
     let marked = header_text(headers, HeaderName::from_static(CSRF_HEADER)) == Some("1");
     let kind = header_text(headers, header::CONTENT_TYPE).unwrap_or_default();
-    let kind = kind.split(';').next().unwrap_or_default().trim();
+    let kind = kind.split_once(';').map_or(kind, |(kind, _)| kind).trim();
     let wanted = if route.is_some_and(|route| route.accepts_file) { OCTET_STREAM } else { JSON };
     if marked && kind.eq_ignore_ascii_case(wanted) {
         return Ok(());

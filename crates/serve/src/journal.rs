@@ -9,6 +9,8 @@
 
 mod verify;
 
+use polepair::url::without_axes;
+use polepair_core::convert::saturating;
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
@@ -175,7 +177,7 @@ impl JournalFile {
         let first = after.map_or(0, |n| n.saturating_add(1));
         let (index, length) = {
             let written = self.lock_index();
-            let stride = usize::try_from(first / STRIDE).unwrap_or(usize::MAX);
+            let stride = saturating::<usize>(first / STRIDE);
             (written.offsets.get(stride).copied(), written.length)
         };
         let Some(index) = index else { return Ok(Vec::new()) };
@@ -245,7 +247,7 @@ fn pending_stops_hint(path: &Path) -> String {
     let stops: Vec<String> = pending
         .into_iter()
         .map(|(link, number)| {
-            let url = link.split('#').next().unwrap_or_default().to_owned();
+            let url = without_axes(&link).to_owned();
             format!("`polepair stop {}`", shell_word(&format!("{url}#{number}")))
         })
         .collect();

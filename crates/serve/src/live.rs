@@ -12,6 +12,7 @@ mod incoming;
 mod split_socket;
 mod subscriptions;
 
+use polepair_core::convert::saturating;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -197,7 +198,7 @@ impl Viewer {
             t0_ms: bench.t0_ms(),
             session: self.session.to_string(),
             scopes: self.caller.scopes.iter().collect(),
-            lease_ms: u32::try_from(bench.lease_duration().as_millis()).unwrap_or(u32::MAX),
+            lease_ms: saturating(bench.lease_duration().as_millis()),
         });
         let view = ServerMessage::Bench(api::bench_of(&self.state, &self.caller));
         let states =

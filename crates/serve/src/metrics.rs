@@ -1,5 +1,6 @@
 //! Counters for Prometheus.
 
+use polepair_core::convert::saturating;
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicU64;
 
@@ -109,7 +110,7 @@ impl Metrics {
     pub fn to_openmetrics(&self, bench: &BenchView) -> String {
         for link in &bench.links {
             for counter in &link.counters {
-                let count = i64::try_from(counter.count).unwrap_or(i64::MAX);
+                let count = saturating(counter.count);
                 self.link_counts.get_or_create(&link_labels(&counter.name, link.id)).set(count);
             }
             if let Some(load) = link.load {
@@ -117,7 +118,7 @@ impl Metrics {
             }
         }
         let lost = bench.links.iter().filter(|link| link.state != LinkState::Open).count();
-        self.links_lost.set(i64::try_from(lost).unwrap_or(i64::MAX));
+        self.links_lost.set(saturating(lost));
         let mut text = String::new();
         if let Err(error) = prometheus_client::encoding::text::encode(&mut text, &self.registry) {
             // Writing into a String cannot fail; neither can saying so.

@@ -1,5 +1,7 @@
 //! The server: opens the bench, listens, passes requests to the guard, and shuts down in order.
 
+use polepair::url::without_axes;
+use polepair_core::convert::saturating;
 use std::convert::Infallible;
 use std::io;
 use std::net::SocketAddr;
@@ -285,7 +287,7 @@ fn runtime(first: impl Fn() + Send + Sync + 'static) -> Result<Runtime, SetupErr
 fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
     let stops = urls.iter().filter(|url| !url.starts_with("sim:"));
     let stops: Vec<_> =
-        stops.map(|url| format!("`polepair stop {}`", shell_word(&link_of_url(url)))).collect();
+        stops.map(|url| format!("`polepair stop {}`", shell_word(without_axes(url)))).collect();
     let without = if stops.is_empty() {
         String::new()
     } else {
@@ -294,10 +296,6 @@ fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
     SetupError::from(refused)
         .why("The server was not started.")
         .hint(format!("free space on the disk, or use another folder by --state{without}"))
-}
-
-fn link_of_url(url: &str) -> String {
-    url.split('#').next().unwrap_or_default().to_owned()
 }
 
 /// Makes the server's folder, for its owner alone.
@@ -349,7 +347,7 @@ async fn accept_connections(
             accepted = listener.accept() => accepted,
             _ = end.wait_for(|end| *end) => return,
         };
-        state.metrics.connections.set(i64::try_from(connections.count()).unwrap_or(i64::MAX));
+        state.metrics.connections.set(saturating(connections.count()));
         let Ok((stream, peer)) = accepted else {
             connections.make_room();
             tokio::time::sleep(ACCEPT_BACKOFF).await;

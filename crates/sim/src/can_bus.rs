@@ -9,6 +9,7 @@
 
 mod fault;
 
+use polepair_core::medium::bits::bit_time_ns;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use polepair_core::medium::{CanLine, Frame};
@@ -462,7 +463,7 @@ impl CanBus {
 
     /// Time of `bits` bits, ns; 0 on a bus without bit timing.
     fn bits_ns(&self, bits: u64) -> u64 {
-        (bits * 1_000_000_000).checked_div(self.line.bit_rate.into()).unwrap_or(0)
+        bit_time_ns(bits, self.line.bit_rate)
     }
 }
 

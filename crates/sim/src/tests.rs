@@ -297,7 +297,7 @@ fn seeded_buses_keep_every_invariant() {
 /// copy of a reply that came before its request had left, what the checkers had wrong of a stop
 /// that overtakes, of a frame that is taken twice and of a second drive with the same address; a refusal behind
 /// a damaged reply, a start that the motion before seemed to prove, and a doubled reply that was taken for a scale.
-const ONCE_BROKEN: [(MediumKind, u64); 12] = [
+const ONCE_BROKEN: [(MediumKind, u64); 13] = [
     (MediumKind::Can, 1615),
     (MediumKind::Can, 1648),
     (MediumKind::Can, 2445),
@@ -309,6 +309,7 @@ const ONCE_BROKEN: [(MediumKind, u64); 12] = [
     (MediumKind::Can, 21_007_327),
     (MediumKind::Can, 21_028_611),
     (MediumKind::Can, 22_004_573),
+    (MediumKind::Serial, 78_382),
     (MediumKind::Serial, 21_004_791),
 ];
 

@@ -1,6 +1,7 @@
 //! Instructions of TML for the selected axis or group.
 
 use polepair::LocalAxis;
+use polepair_core::convert::text_from;
 use polepair_core::profile::Profile;
 use polepair_core::proto::AxisNumber;
 use polepair_core::proto::tml::instruction::{
@@ -54,7 +55,7 @@ impl Target {
     fn assemble(&self, statement: &str) -> CallResult<Instruction> {
         let scope = LanguageScope { profile: Some(self.setup), ..LanguageScope::default() };
         assemble(statement, &scope).map_err(|wrong| {
-            let place = match statement.get(wrong.at..).unwrap_or("").trim() {
+            let place = match text_from(statement, wrong.at).trim() {
                 "" => "at its end".to_owned(),
                 rest => format!("at `{rest}`"),
             };
@@ -159,7 +160,7 @@ fn wrong_kind(name: &str, kind: VariableKind) -> TmlError {
 fn statements(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
     for line in text.lines() {
-        let line = line.split("//").next().unwrap_or("");
+        let line = line.split_once("//").map_or(line, |(code, _)| code);
         let (mut depth, mut begin) = (0_u32, 0);
         for (at, sign) in line.char_indices() {
             match sign {

@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::{display_path, docs, rust_files};
+use super::{display_path, docs, read_text, rust_files};
 
 /// Every id that is cited and not decided, and every one that is decided twice.
 pub(crate) fn check(root: &Path) -> Vec<String> {
     let (mut ids, mut broken) = (BTreeSet::new(), Vec::new());
     let pages = docs::doc_pages(root);
     for file in pages.iter().filter(|file| file.starts_with(root.join("docs/decisions"))) {
-        let text = std::fs::read_to_string(file).unwrap_or_default();
+        let text = read_text(file);
         for id in text.lines().filter_map(|line| line.strip_prefix("## ")) {
             if is_id(id) && !ids.insert(id.to_owned()) {
                 broken.push(format!("{}: {id} is decided twice", display_path(root, file)));
@@ -18,7 +18,7 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
         }
     }
     for file in pages.into_iter().chain(rust_files(root)) {
-        let text = std::fs::read_to_string(&file).unwrap_or_default();
+        let text = read_text(&file);
         let missing = undecided_ids(&text, &ids).into_iter();
         broken.extend(
             missing.map(|id| format!("{}: nobody decided {id}", display_path(root, &file))),

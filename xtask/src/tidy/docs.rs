@@ -1,5 +1,6 @@
 //! Commands that README and docs show must exist, and every error's code must be explained.
 
+use super::read_text;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -65,7 +66,7 @@ pub(crate) fn named_tests(text: &str) -> Vec<(usize, String)> {
 
 /// Codes of errors that the code gives and the page on exit codes does not explain.
 fn check_codes(root: &Path) -> Vec<String> {
-    let page = std::fs::read_to_string(root.join(CODES)).unwrap_or_default();
+    let page = read_text(root.join(CODES));
     let explained = explained_codes(&page);
     let mut broken = Vec::new();
     for file in super::rust_files(root) {
@@ -142,7 +143,7 @@ pub(super) fn doc_pages(root: &Path) -> Vec<PathBuf> {
 
 /// The variants of the command line's enum of verbs, as they are typed.
 fn command_verbs(root: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(root.join("crates/cli/src/cmd/mod.rs")).unwrap_or_default();
+    let text = read_text(root.join("crates/cli/src/cmd/mod.rs"));
     let items = syn::parse_file(&text).map(|file| file.items).unwrap_or_default();
     let verbs = items.iter().find_map(|item| match item {
         syn::Item::Enum(item) if item.ident == "CommandVerb" => Some(item),
@@ -153,7 +154,7 @@ fn command_verbs(root: &Path) -> Vec<String> {
 }
 
 fn make_targets(root: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(root.join("Makefile")).unwrap_or_default();
+    let text = read_text(root.join("Makefile"));
     let heads =
         text.lines().filter(|line| !line.starts_with(['\t', ' ', '#', '.'])).filter_map(line_head);
     heads.flat_map(|h| h.split_whitespace().map(str::to_owned).collect::<Vec<_>>()).collect()

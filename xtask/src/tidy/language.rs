@@ -3,6 +3,7 @@
 //! Phrases that readers had to guess are refused, and so are sentences that are too long. The words between
 //! backticks are code and are not checked. CONTRIBUTING.md has the rules of style.
 
+use super::read_text;
 use std::path::Path;
 
 use clap::Command;
@@ -45,7 +46,7 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
         if !for_users || path.ends_with("tests.rs") || path.contains("/tests/") {
             continue;
         }
-        let text = std::fs::read_to_string(&file).unwrap_or_default();
+        let text = read_text(&file);
         broken.extend(check_literals(&text).into_iter().map(|what| format!("{path}:{what}")));
     }
     for page in super::docs::doc_pages(root) {
@@ -53,7 +54,7 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
         if DOCUMENTS_LEFT.iter().any(|left| path.starts_with(left)) {
             continue;
         }
-        let text = std::fs::read_to_string(&page).unwrap_or_default();
+        let text = read_text(&page);
         broken.extend(check_document(&text).into_iter().map(|what| format!("{path}:{what}")));
     }
     broken

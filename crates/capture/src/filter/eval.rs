@@ -7,6 +7,7 @@ use super::{FilterTest, ValuePattern, WordPattern, fixed_point};
 use crate::decoder::DecodedFrame;
 use crate::explanation::{ExplanationField, ExplanationValue, StoredValueSource};
 use crate::timestamp::Timestamp;
+use polepair_core::convert::ascii_text;
 use polepair_core::explain::FieldValue;
 use polepair_core::profile::ParameterAddress;
 use polepair_core::proto;
@@ -133,7 +134,7 @@ fn defect_matches(event: &DecodedFrame<'_>, words: &WordPattern) -> bool {
     let mut fixed_text = FixedText { bytes: [0; ERROR_MAX], len: 0 };
     // What is longer is looked through as far as it goes.
     let _ = write!(fixed_text, "{wrong}");
-    let output = core::str::from_utf8(&fixed_text.bytes[..fixed_text.len]).unwrap_or_default();
+    let output = ascii_text(&fixed_text.bytes[..fixed_text.len]);
     words.matches(output)
 }
 

@@ -270,9 +270,7 @@ impl Parser<'_> {
                 let name = field.unwrap_or(word).to_owned();
                 self.parse_value(how, |either| FilterTest::Field(name.clone(), either))
             }
-            "protocol" => {
-                self.parse_words(how, |w| FilterTest::Word(|e| e.protocol.unwrap_or(""), w))
-            }
+            "protocol" => self.parse_words(how, |w| FilterTest::Word(|e| e.protocol_name(), w)),
             "direction" => self.parse_direction(how),
             "link" => self.parse_words(how, FilterTest::Link),
             "kind" => self.parse_words(how, FilterTest::Kind),

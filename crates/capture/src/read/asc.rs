@@ -4,6 +4,7 @@ use polepair_core::explain::Direction;
 
 use super::ReadError;
 use super::lines::{LineFormat, ParsedLine};
+use super::words::next_word;
 use crate::date;
 use crate::record::{
     CanErrorFrame, CanRecord, ID_MASK, Record, STANDARD_MAX, classic_frame, fd_len_from_dlc,
@@ -84,7 +85,7 @@ impl AscReader {
         &mut self,
         words: &mut impl Iterator<Item = &'w str>,
     ) -> Result<AscLine, ReadError> {
-        let first = words.next().unwrap_or_default();
+        let first = next_word(words);
         match first {
             "CANFD" => return self.parse_fd(words).map(AscLine::Frame),
             "CAN" => return Ok(parse_status(words)),
@@ -94,13 +95,13 @@ impl AscReader {
         let Ok(channel @ 1..) = first.parse::<u32>() else {
             return Ok(AscLine::Skipped("events that are not CAN frames"));
         };
-        let second = words.next().unwrap_or_default();
+        let second = next_word(words);
         if second.eq_ignore_ascii_case("ErrorFrame") {
             let error =
                 CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
             return Ok(AscLine::Frame((channel, None, CanRecord::Error(error))));
         }
-        let direction = words.next().unwrap_or_default();
+        let direction = next_word(words);
         if !matches!(direction, "Rx" | "Tx" | "TxRq") {
             let statistic = second.starts_with("Statistic");
             let kind = if statistic { "bus statistics" } else { "events that are not CAN frames" };
@@ -130,8 +131,8 @@ impl AscReader {
     ) -> Result<AscEvent, ReadError> {
         let channel = words.next().and_then(|word| word.parse::<u32>().ok()).filter(|n| *n > 0);
         let channel = channel.ok_or(ReadError("expected a channel after CANFD"))?;
-        let direction = parse_direction(words.next().unwrap_or_default());
-        let word = words.next().unwrap_or_default();
+        let direction = parse_direction(next_word(words));
+        let word = next_word(words);
         if word.eq_ignore_ascii_case("ErrorFrame") {
             let error =
                 CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
@@ -139,11 +140,11 @@ impl AscReader {
         }
         let (id, extended) = self.parse_id(word)?;
         // A message's name may stand before the two flags.
-        let mut flag = words.next().unwrap_or_default();
+        let mut flag = next_word(words);
         if !matches!(flag, "0" | "1") {
-            flag = words.next().unwrap_or_default();
+            flag = next_word(words);
         }
-        let esi = words.next().unwrap_or_default();
+        let esi = next_word(words);
         let code = words.next().and_then(|word| u8::from_str_radix(word, 16).ok());
         let code = code.ok_or(ReadError("expected a length code"))?;
         let count = words.next().map_or(Ok(0), |word| self.parse_length(word))?;

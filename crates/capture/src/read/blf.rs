@@ -2,6 +2,8 @@
 //! containers; an object may begin in one container and end in the next.
 
 use flate2::{Decompress, FlushDecompress, Status};
+use polepair_core::convert::ascii_text;
+use polepair_core::convert::tail;
 use polepair_core::explain::Direction;
 
 use super::{BLOCK_MAX, CapturePosition, Damage, FormatReader, ReadError, RecordSink};
@@ -193,7 +195,7 @@ impl BlfReader {
     /// Reads the intact part of a truncated container.
     fn salvage_container(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) {
         if let Some(head) = ObjectHeader::parse(bytes).filter(|head| head.kind == kind::CONTAINER) {
-            let rest = bytes.get(head.header_len..).unwrap_or_default();
+            let rest = tail(bytes, head.header_len);
             self.unpack_container(rest, taker);
             self.tail.clear();
         }
@@ -209,7 +211,7 @@ impl BlfReader {
     /// Unpacks a container and takes the objects that are whole. False when it is damaged.
     fn unpack_container(&mut self, body: &[u8], taker: &mut dyn RecordSink) -> bool {
         let (Some(method), Some(size)) = (u16_at(body, 0), u32_at(body, 8)) else { return false };
-        let packed = body.get(CONTAINER_HEAD..).unwrap_or_default();
+        let packed = tail(body, CONTAINER_HEAD);
         let mut plain = core::mem::take(&mut self.tail);
         let whole = match method {
             0 => {
@@ -257,7 +259,7 @@ impl BlfReader {
             }
             return;
         };
-        let body = object.get(head.header_len..).unwrap_or_default();
+        let body = tail(object, head.header_len);
         match self.object_time(object, head).zip(shape(body)) {
             Some((time, BlfFrame { channel, sent, record, bytes, len })) => {
                 let mut padded = [0; FD_MAX];
@@ -422,7 +424,7 @@ fn link_name(channel: u16, name: &mut [u8; 16]) -> &str {
     // Sixteen bytes hold every such name.
     let _ = write!(rest, "can{}", channel.saturating_sub(1));
     let left = rest.len();
-    std::str::from_utf8(&name[..16 - left]).unwrap_or_default()
+    ascii_text(&name[..16 - left])
 }
 
 /// Announced unpacked size of a container, if it is possible and permitted.

@@ -5,6 +5,7 @@ use polepair_core::explain::Direction;
 
 use super::ReadError;
 use super::lines::{LineFormat, ParsedLine};
+use super::words::next_word;
 use crate::date;
 use crate::record::{ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame};
 use crate::timestamp::Timestamp;
@@ -46,7 +47,7 @@ impl LineFormat for BusmasterReader {
         }
         let mut words = line.split_ascii_whitespace();
         let time = words.next().and_then(parse_clock).ok_or(ReadError("expected a time"))?;
-        let direction = match words.next().unwrap_or_default() {
+        let direction = match next_word(&mut words) {
             "Rx" => Direction::ToHost,
             "Tx" => Direction::ToDrive,
             _ => return Ok(ParsedLine::Skipped("events that are not CAN frames")),
@@ -107,11 +108,11 @@ impl BusmasterReader {
         words: &mut impl Iterator<Item = &'w str>,
     ) -> Result<RecordData<'static>, ReadError> {
         let radix = if self.decimal { 10 } else { 16 };
-        let id = words.next().unwrap_or_default();
+        let id = next_word(words);
         let digits = id.strip_prefix("0x").unwrap_or(id);
         let id = u32::from_str_radix(digits, radix)
             .map_err(|_| ReadError("expected an identifier; names of messages are not read"))?;
-        let kind = words.next().unwrap_or_default();
+        let kind = next_word(words);
         let (extended, remote) = match kind {
             "s" => (false, false),
             "x" => (true, false),

@@ -6,6 +6,7 @@ use polepair_core::explain::Direction;
 
 use super::ReadError;
 use super::lines::{LineFormat, ParsedLine};
+use super::words::next_word;
 use crate::record::{ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame};
 use crate::timestamp::Timestamp;
 
@@ -34,7 +35,7 @@ pub(crate) fn is_line(line: &[u8]) -> bool {
     let Ok(line) = std::str::from_utf8(line) else { return false };
     let mut words = line.split_ascii_whitespace();
     let time = words.next().filter(|word| word.contains('.'));
-    let kind = words.next().unwrap_or_default();
+    let kind = next_word(&mut words);
     let comment = matches!(kind.trim_start_matches(|c: char| c.is_ascii_digit()), "CXX" | "CEV");
     time.is_some_and(|word| Timestamp::parse(word.as_bytes()).is_some())
         && (comment || parse_kind(kind).is_some())

@@ -1,6 +1,7 @@
 //! pcap: a header, then packets with their time and length.
 
 use pcap_parser::{PcapHeader, parse_pcap_header};
+use polepair_core::convert::tail;
 
 use super::tcp::{self, PacketOrigin, TcpStreams};
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink, link_type};
@@ -147,7 +148,7 @@ impl PcapReader {
 
     /// Returns whether another packet follows at the end of this one, as far as can be seen.
     fn has_next(&self, bytes: &[u8], head: PacketHeader) -> bool {
-        let next = bytes.get(HEAD + head.captured_len as usize..).unwrap_or_default();
+        let next = tail(bytes, HEAD + head.captured_len as usize);
         self.parse_header(next).is_none_or(|next| self.is_plausible(next))
     }
 

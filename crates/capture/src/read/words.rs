@@ -45,3 +45,8 @@ pub(crate) const HEX: [u8; 256] = {
     }
     table
 };
+
+/// The next word of a line; an empty one at its end, which no field accepts.
+pub(super) fn next_word<'l>(words: &mut impl Iterator<Item = &'l str>) -> &'l str {
+    words.next().unwrap_or("")
+}

@@ -303,7 +303,7 @@ impl SummaryWriter {
         }
         let columns = rows[0].len();
         let widths: Vec<usize> = (0..columns)
-            .map(|at| rows.iter().map(|row| cell_width(row, at)).max().unwrap_or(0))
+            .map(|at| rows.iter().map(|row| cell_width(row, at)).fold(0, usize::max))
             .collect();
         for (n, row) in rows.iter().enumerate() {
             let mut line = String::new();

@@ -4,6 +4,7 @@
 //! options of the grammar; ports, protocols, drives, names of links and axes, and parameters of this
 //! machine. Nothing is sent to a drive.
 
+use polepair::url::without_axes;
 use std::ffi::{OsStr, OsString};
 use std::path::Path;
 use std::sync::Arc;
@@ -272,7 +273,7 @@ fn drives_of(typed: &[String]) -> Vec<&'static Profile> {
     let Some(word) = typed.iter().find(|word| word.starts_with('@') || word.contains(':')) else {
         return Vec::new();
     };
-    let link = word.split('#').next().unwrap_or_default();
+    let link = without_axes(word);
     if let Some(rack) = rack_of(&connector, link) {
         let drives = rack.rack.links.iter().flat_map(|link| &link.drives);
         return drives.map(|drive| drive.profile).collect();

@@ -2,6 +2,7 @@
 
 mod relay;
 
+use polepair::url::without_axes;
 use std::collections::VecDeque;
 use std::io::Write as _;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -136,7 +137,7 @@ impl DemoRun {
         let (wire, place) =
             local_wire::open(None).map_err(|error| outcome::link_problem(&error))?;
         let url = description.urls(0, &place).remove(0);
-        let url = url.split('#').next().unwrap_or(&url).to_owned();
+        let url = without_axes(&url).to_owned();
         let served = line.clone().serve(wire);
         print_note(&format!("scanning {url}"));
         let frames = FrameLines::default();
@@ -342,7 +343,7 @@ fn pause(ms: u32) {
 /// A connector whose frames are explained into `frames`.
 fn recording_connector(url: &str, frames: &FrameLines) -> Connector {
     let protocol = url.split('+').next().unwrap_or(url).to_owned();
-    let rules = Rules::parse(&protocol).unwrap_or_default();
+    let rules = Rules::for_protocols([&*protocol]);
     let decoder = CaptureDecoder::new(rules);
     let text = text::FrameTextWriter::new(text::TextStyle {
         colour: terminal::colour_err(),
@@ -440,7 +441,7 @@ mod tests {
     #[test]
     fn every_drive_of_the_scene_has_the_plans_it_plays() {
         for part in &DEMO_DRIVES {
-            let name = part.drive.split(':').next().unwrap_or("");
+            let name = part.drive.split_once(':').map_or(part.drive, |(name, _)| name);
             let profile = polepair_drives::profiles().iter().find(|p| p.name == name);
             let profile = profile.expect("a profile");
             for verb in [Verb::Enable, Verb::Home, Verb::MoveBy, Verb::Velocity, Verb::Stop] {

@@ -1,5 +1,6 @@
 //! `polepair lss URL [--node N] [--bit-rate RATE] [--store]`
 
+use polepair::url::without_axes;
 use std::io::IsTerminal as _;
 
 use clap::Args;
@@ -97,7 +98,7 @@ impl LssCommand {
 
     /// The connection string without its node.
     fn link_url(&self) -> &str {
-        self.target.url.split('#').next().unwrap_or_default()
+        without_axes(&self.target.url)
     }
 
     /// The devices that are asked for.

@@ -125,7 +125,7 @@ fn seconds_to_duration(seconds: f64) -> Duration {
 /// The protocol that the connection string states.
 fn link_rules(listening: &WireListener) -> Rules {
     let words = listening.wires().iter().flat_map(|wire| wire.protocols.iter().copied());
-    Rules::parse(&words.take(1).collect::<String>()).unwrap_or_default()
+    Rules::for_protocols(words.take(1))
 }
 
 struct Recorder {

@@ -153,7 +153,7 @@ impl Send {
 
 /// Meaning of the drive's frames, from the last answered request on: the host may send another one before.
 fn explain_replies(axis: &LocalAxis, replies: &TapQueue) -> String {
-    let rules = Rules::parse(axis.protocol()).unwrap_or_default();
+    let rules = Rules::for_protocols([axis.protocol()]);
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
     let (mut texts, mut asked) = (Vec::<String>::new(), false);
     let (units, _) = replies.drain();

@@ -1,5 +1,6 @@
 //! `polepair stop URL`
 
+use polepair::url::without_axes;
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
@@ -325,7 +326,7 @@ fn motors_text(motors: &[u8]) -> String {
 
 /// Prints the stopped drives, and those that were not reached.
 pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
-    let link = url.split('#').next().unwrap_or(url);
+    let link = without_axes(url);
     let (mut tally, mut unasked) = (StopTally::default(), None);
     for (label, ended) in stopped.axes {
         if ended.is_err() {

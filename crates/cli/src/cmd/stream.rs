@@ -131,7 +131,8 @@ impl StreamCommand {
                 .hint("its lines are the points of a path: `polepair stream --help`")
         })?;
         let numbered = text.lines().enumerate().map(|(n, line)| (n + 1, line));
-        let bare = numbered.map(|(n, line)| (n, line.split('#').next().unwrap_or("").trim()));
+        let bare = numbered
+            .map(|(n, line)| (n, line.split_once('#').map_or(line, |(text, _)| text).trim()));
         Ok(bare.filter(|(_, line)| !line.is_empty()).map(|(n, line)| (n, line.into())).collect())
     }
 

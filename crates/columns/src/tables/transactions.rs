@@ -1,5 +1,6 @@
 //! Table `transactions`: every request and its result.
 
+use polepair_core::convert::saturating;
 use std::sync::Arc;
 
 use arrow_array::types::{Int16Type, Int32Type, Int64Type};
@@ -40,7 +41,7 @@ impl TransactionRows {
         self.axis.push_option(exchange.axis.map(u32::cast_signed));
         self.op.push_static(exchange.op);
         self.outcome.push_static(exchange.outcome.as_str());
-        self.retries.push(i16::try_from(exchange.retries).unwrap_or(i16::MAX));
+        self.retries.push(saturating(exchange.retries));
         self.bus.push(at.link);
     }
 

@@ -1,6 +1,7 @@
 //! The role of a frame in its conversation, and its values.
 
 use super::{Direction, RawFrame};
+use crate::convert::ascii_text;
 use crate::profile::{Parameter, Profile};
 
 /// The conversation around a frame.
@@ -138,7 +139,7 @@ impl ShortText {
     /// The text.
     #[must_use]
     pub fn as_str(&self) -> &str {
-        core::str::from_utf8(&self.bytes[..self.len]).unwrap_or("")
+        ascii_text(&self.bytes[..self.len])
     }
 }
 

@@ -3,6 +3,7 @@
 use super::*;
 use crate::axis::{MotionReport, Refusal, TextRehearsal, UnmetWait};
 use crate::judge::Tolerance;
+use crate::medium::bits::bit_time_ns;
 use crate::profile::{Access, Encoding, NoScale, Parameter};
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
@@ -248,7 +249,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             return Err(Unsupported::Busy);
         }
         let cycle = CyclicMotion::new(now, ticket, following, &self.slots)?;
-        let needs = u128::from(self.cycle_ns(following.axes).unwrap_or(0));
+        let needs = u128::from(self.cycle_ns(following.axes).ok_or(Unsupported::NoSuchAxis)?);
         if needs * 100 > following.period.as_nanos() * u128::from(LOAD_MAX_PERCENT) {
             return Err(Unsupported::Forbidden(BUS_OVERLOADED));
         }
@@ -271,8 +272,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             let (own, beat) = self.slot(*axis).ok()?.driver.cycle_bits();
             bits = (bits.0 + u64::from(own), u64::from(beat));
         }
-        let ns = (bits.0 + bits.1) * 1_000_000_000;
-        Some(ns.checked_div(self.host.bit_rate().into()).unwrap_or(0))
+        Some(bit_time_ns(bits.0 + bits.1, self.host.bit_rate()))
     }
 
     fn memory_rules(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {

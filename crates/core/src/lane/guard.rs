@@ -58,7 +58,7 @@ impl WaitGuard {
     ) {
         self.was_enabled |= source(slot, Signal::Enabled, id)
             .and_then(|source| enabled_by(source, raw))
-            .unwrap_or(false);
+            == Some(true);
         let rule = slot.profile.motion.unpowered.filter(|(rule, _)| *rule == id);
         self.was_ready |= rule.is_some_and(|(_, test)| !test.passes(raw));
     }

@@ -6,7 +6,7 @@ use super::transfer::TransferKind;
 use super::watch::WatchReads;
 use crate::axis::{Command, ExecutionProof, Verb};
 use crate::error::{Extent, Failure, Outcome};
-use crate::plan::{Operand, Step};
+use crate::plan::{Operand, STEPS_MAX, Step};
 use crate::profile::{Parameter, ParameterId, Persistence, Profile, RamMode};
 use crate::station::{Request, RequestClass, Ticket};
 use crate::time::Instant;
@@ -389,9 +389,7 @@ impl PlanRun {
             self.undo_failed |= !whole;
             return;
         }
-        // A plan has at most 64 steps that change a drive. What is beyond would be missing in the outcome, not
-        // wrong.
-        let bit = 1u64.checked_shl(self.index.into()).unwrap_or(0);
+        let bit = self.extent_bit();
         let extent = &mut self.extent;
         match (in_flight, raw) {
             (InFlight::ReadBack(_, value), Ok(raw)) => {
@@ -426,10 +424,15 @@ impl PlanRun {
         self.verb.is_some_and(Verb::needs_arming)
     }
 
+    /// The bit of the current step in an extent.
+    fn extent_bit(&self) -> u64 {
+        debug_assert!(usize::from(self.index) < STEPS_MAX, "an extent has a bit for each step");
+        1 << self.index
+    }
+
     /// Records the result of a reading for the current step.
     pub fn record_proof(&mut self, executed: bool) {
-        debug_assert!(u32::from(self.index) < u64::BITS, "an extent has a bit for each step");
-        let bit = 1u64.checked_shl(self.index.into()).unwrap_or(0);
+        let bit = self.extent_bit();
         let extent = &mut self.extent;
         extent.unknown &= !bit;
         extent.refused &= !bit;

@@ -2,6 +2,12 @@
 
 use super::Frame;
 
+/// Time of a number of bits, ns; 0 where the bit rate is not known, as on a virtual bus.
+#[must_use]
+pub fn bit_time_ns(bits: u64, bit_rate: u32) -> u64 {
+    (bits * 1_000_000_000).checked_div(bit_rate.into()).unwrap_or(0)
+}
+
 /// Bits between two frames.
 pub const INTERFRAME_BITS: u32 = 3;
 /// Bits after the CRC, which are never stuffed: CRC delimiter, ACK slot and delimiter, end of frame.

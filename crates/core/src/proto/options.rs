@@ -62,6 +62,12 @@ impl HostOptions {
     /// [`gap_us`](Self::gap_us) of 3.5 characters at the line's baud rate.
     pub const GAP_CHARACTERS: u32 = u32::MAX;
 
+    /// The stated [`gap_us`](Self::gap_us) in ns; 0 for none.
+    #[must_use]
+    pub fn stated_gap_ns(&self) -> u64 {
+        u64::from(self.gap_us.unwrap_or(0)) * 1_000
+    }
+
     /// Scales a time-out in milliseconds.
     #[must_use]
     pub const fn scaled_ms(&self, timeout_ms: u32) -> u32 {

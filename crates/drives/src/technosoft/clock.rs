@@ -1,6 +1,7 @@
 //! The time of a drive: its quartz, its slow loop, and the master's time that it follows.
 
 use super::options::Options;
+use polepair_core::convert::saturating;
 use polepair_core::plant::{TICK_NS, Ticks};
 use polepair_core::time::Instant;
 
@@ -72,7 +73,7 @@ impl DriveClock {
         }
         let own = i128::from(own.0);
         let world = own * 1_000_000 / (1_000_000 + i128::from(self.ppm)) + 1;
-        Instant(u64::try_from(world).unwrap_or(u64::MAX))
+        Instant(saturating(world))
     }
 
     /// The end of the last tick, as of which everything is known, in the world's time.

@@ -1,6 +1,7 @@
 //! Options of a simulated drive.
 
 use crate::DeviceOptions;
+use polepair_core::convert::saturating;
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 use polepair_core::proto::tml::device::Quirks;
@@ -57,7 +58,7 @@ impl Options {
                 (tmlcan, _) => tmlcan.then_some(TmlWire::TmlCan),
             };
         if let Some(address) = options.address {
-            read.axis = u8::try_from(address).unwrap_or(u8::MAX);
+            read.axis = saturating(address);
         }
         for (key, value) in options.extra {
             read.set_option(key, value)?;

@@ -490,7 +490,7 @@ impl Channel {
 
     /// Ticks of a time in 10 ms.
     fn ticks_of(setting: i32) -> u32 {
-        u32::try_from(setting).unwrap_or(0).saturating_mul(10)
+        setting.max(0).cast_unsigned().saturating_mul(10)
     }
 
     fn apply_limits(&mut self, settings: &Settings) {

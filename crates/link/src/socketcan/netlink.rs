@@ -1,5 +1,6 @@
 //! State of CAN interfaces from the kernel: rtnetlink's `RTM_GETLINK`.
 
+use polepair_core::convert::tail;
 use std::io;
 
 use rustix::net::netlink::SocketAddrNetlink;
@@ -78,7 +79,7 @@ pub(super) fn parse_answer(mut answer: &[u8], found: &mut Vec<CanInterface>) -> 
         if kind == NEW_LINK && found.len() < INTERFACES_MAX {
             found.extend(parse_interface(&answer[HEADER..len]));
         }
-        answer = answer.get(aligned(len)..).unwrap_or_default();
+        answer = tail(answer, aligned(len));
     }
     false
 }
@@ -140,7 +141,7 @@ impl<'a> Iterator for Attributes<'a> {
         // The two highest bits give the type of the value, which is known here.
         let (len, kind) = (usize::from(read_u16(self.0, 0)?), read_u16(self.0, 2)? & 0x3FFF);
         let value = self.0.get(4..len)?;
-        self.0 = self.0.get(aligned(len)..).unwrap_or_default();
+        self.0 = tail(self.0, aligned(len));
         Some((kind, value))
     }
 }

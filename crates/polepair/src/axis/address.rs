@@ -5,6 +5,7 @@ use crate::amount::Amount;
 use crate::error::Error;
 use crate::profile::generic_profile;
 use crate::spelling;
+use polepair_core::convert::text_from;
 use polepair_core::error::Unsupported;
 use polepair_core::explain::{Dissector, TextError};
 use polepair_core::profile::{
@@ -74,7 +75,7 @@ impl LocalAxis {
             None => return Ok(None),
             Some(Ok(address)) => address,
             Some(Err(TextError { expected, at })) => {
-                let rest = text.get(at..).unwrap_or("");
+                let rest = text_from(text, at);
                 let what = format!("`{text}` is no address: expected {expected} at `{rest}`");
                 let hint = format!("an address is written `{}`", dissector.address_example());
                 return Err(Error::usage("E213", what, hint));

@@ -150,7 +150,7 @@ impl CyclicAxes {
     #[must_use]
     pub fn load(&self) -> Option<f64> {
         let indices: Vec<_> = self.axes.iter().map(|axis| axis.index).collect();
-        let ns = self.axes[0].connection.with_axes(|axes, _| axes.cycle_ns(&indices)).unwrap_or(0);
+        let ns = self.axes[0].connection.with_axes(|axes, _| axes.cycle_ns(&indices))?;
         let load = Duration::from_nanos(ns).as_secs_f64() / self.period.as_secs_f64();
         (ns > 0).then_some(load)
     }

@@ -3,6 +3,7 @@
 use super::LocalAxis;
 use crate::error::Error;
 use crate::instruction_program::InstructionProgram;
+use polepair_core::convert::saturating;
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Profile, Signal};
 use polepair_core::program::{
@@ -199,7 +200,7 @@ impl LocalAxis {
         let counter =
             self.run_order("reading the program counter", ProgramCommand::QueryCounter)?;
         let running = self.instruction_language()?.is_running(raw);
-        Ok(ProgramStatus { running, counter: u16::try_from(counter).unwrap_or(u16::MAX) })
+        Ok(ProgramStatus { running, counter: saturating(counter) })
     }
 
     /// Runs the module's program, from an address or from where it is. The axis must be armed.
@@ -295,7 +296,7 @@ fn is_stepper(profile: &Profile) -> bool {
 }
 
 fn differs(what: String, at: usize, hint: &'static str, may_turn: bool) -> Error {
-    let at = u32::try_from(at).unwrap_or(u32::MAX);
+    let at = saturating(at);
     Error::Failed {
         what,
         execution: String::new(),

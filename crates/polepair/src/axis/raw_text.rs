@@ -5,6 +5,7 @@ use super::{LocalAxis, Rehearsal, RunningRequest};
 use crate::error::Error;
 use crate::url::AxisNumber;
 use polepair_core::axis::{Axes, RehearsalStep};
+use polepair_core::convert::text_from;
 use polepair_core::error::Unsupported;
 use polepair_core::explain::{EncodeError, EncodeOptions, Impact};
 use polepair_core::medium::STREAM_UNIT_MAX;
@@ -88,7 +89,7 @@ impl LocalAxis {
         let encoded = self.dissector().map(|known| known.encode(text, &options, &mut frame));
         let what = match encoded {
             Some(Err(EncodeError::Text(wrong))) => {
-                let rest = text.get(wrong.at..).unwrap_or("").trim();
+                let rest = text_from(text, wrong.at).trim();
                 let place = match rest {
                     "" => "at its end".to_owned(),
                     rest => format!("at `{rest}`"),

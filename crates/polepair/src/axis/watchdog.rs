@@ -3,6 +3,7 @@
 use super::LocalAxis;
 use crate::amount::Amount;
 use crate::error::Error;
+use polepair_core::convert::saturating;
 use polepair_core::error::{Outcome, Unsupported};
 use polepair_core::profile::{Access, ParameterId, Persistence, Signal, Watchdog};
 use std::fmt;
@@ -244,7 +245,7 @@ impl LocalAxis {
                 let limit = (1_u32 << TIME_BITS) - 1;
                 let ms = u32::try_from(ms).ok().filter(|ms| *ms <= limit).ok_or_else(|| {
                     let (parameter, min, max) = (consumer, 0, i64::from(limit));
-                    let value = i64::try_from(ms).unwrap_or(i64::MAX);
+                    let value = saturating(ms);
                     self.unsupported_error(
                         WHAT,
                         Unsupported::OutOfRange { parameter, value, min, max },

@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::registry::{self, ProtocolInfo};
 use crate::url::{LinkTarget, Url};
+use polepair_core::convert::saturating;
 use polepair_core::medium::{Parity, SerialLine, Stream};
 use polepair_core::proto::HostOptions;
 use polepair_link::clock;
@@ -66,7 +67,7 @@ pub(super) fn random_seed() -> u32 {
 }
 
 pub(super) fn rate_key(url: &Url, key: &str) -> Result<Option<u32>, Error> {
-    Ok(url.number(key)?.map(|rate| u32::try_from(rate).unwrap_or(u32::MAX)))
+    Ok(url.number(key)?.map(saturating))
 }
 
 /// Settings of the port: those of the protocol, unless the string has others.

@@ -3,6 +3,8 @@
 use super::{INCLUDE_MAX, InstructionProgram, SourceLine, read_file};
 use crate::spelling;
 use crate::toml_file::FileError;
+use polepair_core::convert::saturating;
+use polepair_core::convert::text_from;
 use polepair_core::program::{InstructionBytes, InstructionLanguage};
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -74,7 +76,7 @@ impl SourceReader {
                         file,
                     ));
                 }
-                let address = u16::try_from(self.statements.len()).unwrap_or(u16::MAX);
+                let address = saturating(self.statements.len());
                 self.labels.push((name.to_owned(), address));
                 at += colon + 1;
                 at += whole[at..].len() - whole[at..].trim_start().len();
@@ -173,7 +175,7 @@ impl SourceReader {
 
     fn instruction(&self, statement: &Statement) -> Result<InstructionBytes, FileError> {
         let Statement { line, column, text } = statement;
-        let name = text.split([' ', '\t', ',']).next().unwrap_or_default();
+        let name = text.split_once([' ', '\t', ',']).map_or(&**text, |(name, _)| name);
         let shape = self.language.fields(name).ok_or_else(|| {
             let words = (0..).map_while(|n| self.language.mnemonic(n));
             column_error(
@@ -205,8 +207,8 @@ impl SourceReader {
         let bytes = self.language.parse(&rewritten).map_err(|error| {
             let place = places.iter().rev().find(|(new, _)| *new <= error.at);
             let begin = place.map_or(text.len(), |(_, begin)| *begin);
-            let found = text.get(begin..).unwrap_or_default();
-            let reason = match found.split(',').next().unwrap_or_default().trim() {
+            let found = text_from(text, begin);
+            let reason = match found.split_once(',').map_or(found, |(field, _)| field).trim() {
                 "" => format!("expected {}", error.expected),
                 found => format!("`{found}`: expected {}", error.expected),
             };
@@ -311,7 +313,7 @@ fn column_error(
 ) -> FileError {
     FileError {
         line: line_number,
-        column: u32::try_from(column + at + 1).unwrap_or(0),
+        column: saturating(column + at + 1),
         ..FileError::for_file(line_file, reason)
     }
 }
@@ -384,6 +386,6 @@ fn without_comments(file: &str, text: &str) -> Result<String, FileError> {
 }
 
 fn located(file: &str, line: u32, text: &str, at: usize, reason: String) -> FileError {
-    let column = u32::try_from(text[..at].chars().count() + 1).unwrap_or(0);
+    let column = saturating(text[..at].chars().count() + 1);
     FileError { line, column, ..FileError::for_file(file, reason) }
 }

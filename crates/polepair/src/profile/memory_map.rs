@@ -101,7 +101,7 @@ pub(crate) fn parse_entries(text: &str, strict: bool) -> Result<Vec<MapEntry<'_>
     let mut entries: Vec<MapEntry<'_>> = Vec::new();
     let mut names = HashSet::new();
     for (at, line) in text.lines().enumerate() {
-        let line = line.split('#').next().unwrap_or("").trim();
+        let line = line.split_once('#').map_or(line, |(text, _)| text).trim();
         if line.is_empty() {
             continue;
         }

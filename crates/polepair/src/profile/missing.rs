@@ -9,6 +9,7 @@
 use super::draft::{Draft, DraftParameter, DraftPlan, DraftStep, DraftWatchdog, ParameterName};
 use crate::spelling::fold;
 use polepair_core::axis::Verb;
+use polepair_core::convert::saturating;
 use polepair_core::plan::Operand;
 use polepair_core::profile::{Access, Encoding};
 use polepair_core::units::Unit;
@@ -140,7 +141,7 @@ impl AvailableParameters {
             {
                 let left =
                     skipped_steps(at, *count, &mut keep).iter().filter(|keep| **keep).count();
-                *count = u8::try_from(left).unwrap_or(u8::MAX);
+                *count = saturating(left);
                 keep[at] &= left > 0;
             }
         }

@@ -8,6 +8,7 @@ use super::{blocks, memory_map, signals};
 use crate::spelling;
 use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
 use polepair_core::axis::Verb;
+use polepair_core::convert::saturating;
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, Persistence, ScaleRule, Severity,
 };
@@ -232,7 +233,7 @@ fn read_head(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErro
         draft.axis = axis.try_map(|word| parse_choice(&word, &AXES))?;
     }
     if let Some(motors) = node.integer_between("motors", 1, 8)? {
-        draft.motors = u8::try_from(motors).unwrap_or(u8::MAX);
+        draft.motors = saturating(motors);
     }
     if let Some(function) = node.text("write")? {
         if draft.protocol != "modbus" {
@@ -242,7 +243,7 @@ fn read_head(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErro
             function.try_map(|word| parse_choice(&word, &[("06", false), ("16", true)]))?;
     }
     if let Some(ms) = node.integer_between("reply_timeout_ms", 1, 60_000)? {
-        draft.reply_timeout_ms = u32::try_from(ms).unwrap_or(u32::MAX);
+        draft.reply_timeout_ms = saturating(ms);
     }
     if let Some(watchdog) = read_watchdog(node)? {
         draft.watchdog = watchdog;
@@ -335,7 +336,7 @@ fn read_watchdog(node: &TomlTable<'_, '_>) -> Result<Option<DraftWatchdog>, File
         "fixed" => {
             let ms = table.integer_between("after_ms", 1, i64::from(u32::MAX))?;
             let ms = ms.ok_or_else(|| kind.location.error("`fixed` needs `after_ms`"))?;
-            DraftWatchdog::Fixed(u32::try_from(ms).unwrap_or(u32::MAX))
+            DraftWatchdog::Fixed(saturating(ms))
         }
         "configurable" => DraftWatchdog::Configurable {
             parameter: table.required_text("parameter")?,

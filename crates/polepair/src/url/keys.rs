@@ -138,7 +138,7 @@ impl Url {
                 registry::find_protocol(&self.protocol, medium).into_iter().collect()
             }
             (LinkTarget::Sim { what }, None) => {
-                let word = what.split(':').next().unwrap_or_default();
+                let word = what.split_once(':').map_or(&**what, |(word, _)| word);
                 match simulate::find_drive(word) {
                     Ok((_, protocol)) => vec![protocol],
                     // A rack file may have drives of any protocol.

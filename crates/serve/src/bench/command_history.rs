@@ -40,7 +40,7 @@ pub(super) struct CommandKey {
 impl CommandKey {
     /// Key of a command of a session.
     pub fn new(session: &SessionName, axis: u16, content: &serde_json::Value) -> Self {
-        let client = session.split(' ').next().unwrap_or_default().to_owned();
+        let client = session.split_once(' ').map_or(&**session, |(client, _)| client).to_owned();
         Self { client, axis, content: content.to_string() }
     }
 }

@@ -24,7 +24,7 @@ pub(super) fn frame_item(n: u64, link: u16, event: &DecodedFrame<'_>) -> FrameIt
         }),
         raw: raw(event),
         text,
-        protocol: event.protocol.unwrap_or("").to_owned(),
+        protocol: event.protocol_name().to_owned(),
         axis: event.explanation.axis,
         ok: event.defect.is_none() && !event.stray,
     }

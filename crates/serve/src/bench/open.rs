@@ -324,10 +324,11 @@ impl BenchLink {
         let several = axes.filter(|_| protocols.len() > 1);
         let stated = several.map(|axis| format!("{}@{}", axis.protocol(), axis.number()));
         let all = protocols.iter().map(|word| (*word).to_owned());
-        let rules = stated.chain(all).collect::<Vec<_>>().join(",");
+        let rules: Vec<String> = stated.chain(all).collect();
+        let rules = Rules::for_protocols(rules.iter().map(String::as_str));
         let axes = self.wire.axes.iter().map(|(_, axis)| axis);
         let drives = axes.map(|axis| (drive_address(axis.number()), axis.profile())).collect();
-        CaptureDecoder::new(Rules::parse(&rules).unwrap_or_default()).with_drive_profiles(drives)
+        CaptureDecoder::new(rules).with_drive_profiles(drives)
     }
 
     /// The share of the time so far in which it was busy, where that is known.

@@ -11,6 +11,7 @@ use polepair::Connector;
 use polepair::axis::summarize_details;
 use polepair::search::{FoundLink, SearchReport, SearchStep, SilentPort, search};
 use polepair::url::{AxisNumber, LinkTarget, Url};
+use polepair_core::convert::saturating;
 use polepair_core::time::Instant;
 use polepair_link::{clock, ports};
 use serde_json::json;
@@ -202,8 +203,8 @@ impl BenchInner {
 
 fn note_step(view: &mut SearchView, step: &SearchStep<'_>) {
     view.step = format!("{}: {}", step.port, step.attempt);
-    view.done = u32::try_from(step.done).unwrap_or(u32::MAX);
-    view.of = u32::try_from(step.of.max(step.done)).unwrap_or(u32::MAX);
+    view.done = saturating(step.done);
+    view.of = saturating(step.of.max(step.done));
 }
 
 fn note_report(view: &mut SearchView, report: SearchReport) {

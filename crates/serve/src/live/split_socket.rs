@@ -6,6 +6,7 @@
 //!
 //! Why: GW-20.
 
+use polepair_core::convert::saturating;
 use std::io;
 use std::pin::Pin;
 use std::task::{Context, Poll, ready};
@@ -94,7 +95,7 @@ impl FrameCounter {
         }
         let long = head[2..2 + wide].iter().fold(0, |long, byte| long << 8 | u64::from(*byte));
         let length = if wide == 0 { u64::from(short) } else { long };
-        Some(usize::try_from(length).unwrap_or(usize::MAX))
+        Some(saturating(length))
     }
 }
 

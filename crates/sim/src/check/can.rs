@@ -9,6 +9,7 @@
 #[cfg(test)]
 mod tests;
 
+use polepair_core::medium::bits::bit_time_ns;
 use std::collections::BTreeMap;
 
 use polepair_core::station::Counters;
@@ -243,7 +244,7 @@ impl CanChecker {
 
     fn soonest_reply(&self, open: &OpenRequest, reply_bits_min: u32) -> Instant {
         let bits = u64::from(open.label.bits_min + reply_bits_min - INTERFRAME_BITS);
-        let ns = (bits * 1_000_000_000).checked_div(self.bit_rate.into()).unwrap_or(0);
+        let ns = bit_time_ns(bits, self.bit_rate);
         open.sent_at.plus_ns(ns - ns / 20)
     }
 

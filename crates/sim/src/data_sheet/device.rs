@@ -1,6 +1,7 @@
 //! The device: its end of the bus, its objects, and the drive, if any.
 
 use super::{AXIS_TAGS, DataSheet, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
+use polepair_core::convert::tail;
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::proto::canopen::device::{CanEndpoint, Firmware, Quirks, SettingsGroup};
 use polepair_core::proto::canopen::emcy::Emergency;
@@ -198,7 +199,7 @@ impl Firmware for DataSheetNode {
 
     fn read(&mut self, tag: u16, offset: u32, out: &mut [u8]) {
         let Some(cell) = self.value_mut(tag) else { return };
-        let rest = cell.bytes().get(offset as usize..).unwrap_or_default();
+        let rest = tail(cell.bytes(), offset as usize);
         out.iter_mut().zip(rest).for_each(|(index, byte)| *index = *byte);
     }
 

@@ -177,7 +177,7 @@ impl ValueText {
 
     /// Bytes of the longest that is kept.
     fn longest_suffix(&self) -> usize {
-        self.suffixes.iter().map(|(_, words)| words.len()).max().unwrap_or(0)
+        self.suffixes.iter().map(|(_, words)| words.len()).fold(0, usize::max)
     }
 
     #[inline]

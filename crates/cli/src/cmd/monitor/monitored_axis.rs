@@ -273,13 +273,15 @@ impl MonitoredAxis {
             _ if !faults.is_empty() => AxisActivity::Warning,
             Some(true) => AxisActivity::Holding,
             Some(false) => AxisActivity::Off,
+            // Nothing was measured that shows standstill.
+            None if self.axis.is_turning().is_none() => AxisActivity::Unknown,
             None => AxisActivity::Standing,
         }
     }
 
     /// Returns whether it turned when its velocity was last read.
     pub fn is_turning(&self) -> bool {
-        self.axis.is_turning().unwrap_or(false)
+        self.axis.is_turning() == Some(true)
     }
 
     /// The current, or the torque in its place.

@@ -184,7 +184,7 @@ fn stop_error_text(stopped_error: &Option<GatewayError>) -> String {
 }
 
 fn first_word(text: &str) -> &str {
-    text.split_whitespace().next().unwrap_or_default()
+    text.split_once(char::is_whitespace).map_or(text, |(word, _)| word)
 }
 
 fn own_wall_ns() -> u64 {

@@ -1,5 +1,6 @@
 //! The trait of the screen's data sources: a link, or a server.
 
+use polepair::url::without_axes;
 use std::time::Duration;
 
 use polepair::axis::{StopProgress, StopSupervisor};
@@ -186,7 +187,7 @@ impl MonitorSource for Monitor {
     }
 
     fn stop_problem(&self) -> Option<String> {
-        let link = shell_word(self.url.split('#').next().unwrap_or_default());
+        let link = shell_word(without_axes(&self.url));
         let output = format!("NOT STOPPED: this view only listens; polepair stop {link}");
         self.is_listening().then_some(output)
     }

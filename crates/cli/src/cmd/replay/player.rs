@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use polepair::frame_bits;
 use polepair::wire::AnyLink;
+use polepair_core::convert::saturating;
 use polepair_core::explain::{Direction, Dissector, FrameBoundary, Impact, RawFrame};
 use polepair_core::medium::{Frame, Medium, SerialLine};
 use polepair_core::stream::cyclic::DurationHistogram;
@@ -100,7 +101,7 @@ impl ReplayMedium for polepair_core::medium::Stream {
     }
 
     fn duration_ns(unit: &[u8], rate: u32) -> u64 {
-        SerialLine::new_8n1(rate).characters_ns(u32::try_from(unit.len()).unwrap_or(u32::MAX))
+        SerialLine::new_8n1(rate).characters_ns(saturating(unit.len()))
     }
 
     fn completes_answer(

@@ -2,6 +2,7 @@
 
 use polepair::url::{LinkTarget, shell_word};
 use polepair::{Connector, LocalAxis};
+use polepair_core::convert::saturating;
 use polepair_core::profile::{AddressRole, ParameterId};
 
 use crate::outcome;
@@ -60,7 +61,7 @@ impl AddressChange {
             ));
             return Ok(());
         }
-        let address = u32::try_from(raw).unwrap_or(u32::MAX);
+        let address = saturating(raw);
         let new = old.readdressed(number, what, address).to_string();
         let connector = drive.connector()?;
         let session = match what {

@@ -20,6 +20,7 @@ use super::sdo::AbortCode;
 use super::sync::SyncMessage;
 use super::{NODE_MAX, lss};
 use crate::error::Failure;
+use crate::medium::bits::bit_time_ns;
 use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
 use crate::proto::early_bytes::with_clock_tolerance;
@@ -133,7 +134,6 @@ impl CanHost {
     pub fn new(options: &HostOptions) -> Self {
         let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let id = options.host_address.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID);
-        let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
         let bit_rate = if options.bit_rate == 0 { ASSUMED_BIT_RATE } else { options.bit_rate };
         Self {
             channels: [NodeChannel::IDLE; NODES],
@@ -150,9 +150,7 @@ impl CanHost {
             events: EventRing::new(),
             counters: Counters::default(),
             timeout_ns: u64::from(timeout) * 1_000_000,
-            min_exchange_ns: with_clock_tolerance(
-                exchange_ns.checked_div(options.bit_rate.into()).unwrap_or(0),
-            ),
+            min_exchange_ns: with_clock_tolerance(bit_time_ns(EXCHANGE_BITS, options.bit_rate)),
             stop_deadline: None,
             bit_rate: options.bit_rate,
         }

@@ -1,5 +1,6 @@
 //! Encodings of parameter values in registers.
 
+use crate::convert::tail;
 use crate::profile::Encoding;
 
 /// Registers that a number takes at most.
@@ -62,7 +63,7 @@ pub fn encode(encoding: Encoding, raw: i64) -> Option<[u16; REGISTERS_MAX]> {
 pub fn words_from(data: &[u8], at: usize) -> [u16; REGISTERS_MAX] {
     let (pairs, _) = data.as_chunks::<2>();
     let mut words = [0; REGISTERS_MAX];
-    let its = pairs.get(at..).unwrap_or_default();
+    let its = tail(pairs, at);
     words.iter_mut().zip(its).for_each(|(word, pair)| *word = u16::from_be_bytes(*pair));
     words
 }

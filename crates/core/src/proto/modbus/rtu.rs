@@ -5,6 +5,7 @@
 //! pseudo-terminals and TCP. Drives that use silence do this at their own end (see `device`).
 
 use super::wire::{self, AnnouncedLength, RequestPdu};
+use crate::convert::tail;
 use crate::error::WireError;
 use crate::medium::SerialLine;
 
@@ -141,7 +142,7 @@ pub const fn character_silence_ns(line: &SerialLine) -> u64 {
 }
 
 fn frame_span(head: &[u8], span: fn(&[u8]) -> AnnouncedLength) -> AnnouncedLength {
-    match span(head.get(1..).unwrap_or_default()) {
+    match span(tail(head, 1)) {
         AnnouncedLength::Bytes(pdu) if pdu > wire::PDU_MAX => AnnouncedLength::Never,
         AnnouncedLength::Bytes(pdu) => AnnouncedLength::Bytes(pdu + 3),
         other => other,

@@ -130,7 +130,7 @@ impl CanEndpoint {
         firmware.note_request(now, &request);
         let response = self.execute_request(now, &request, firmware);
         let data = match response {
-            Response::Done => request.data.unwrap_or(0),
+            Response::Done => request.value(),
             Response::Value(data) => self.widen_data(request.command, data),
             Response::Refused => REFUSED,
         };
@@ -199,7 +199,7 @@ impl CanEndpoint {
             (_, None) => Response::Refused,
             (_, Some((CommandKind::Set, _))) if request.data.is_none() => Response::Refused,
             (CommandWord::VM, _) => {
-                let value = request.data.unwrap_or(0);
+                let value = request.value();
                 if value > 0xFFFF {
                     return Response::Refused;
                 }

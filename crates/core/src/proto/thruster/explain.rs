@@ -158,7 +158,7 @@ impl Dissector for ThrusterDissector {
         let Ok(requested) = Request::parse(request.bytes) else { return };
         let data = match requested.command.definition() {
             Some((CommandKind::Query, _)) | None => return,
-            _ => requested.data.unwrap_or(0),
+            _ => requested.value(),
         };
         let Some(Ok(id)) = request.id.and_then(node_of_id) else { return };
         let Request { command, sub, .. } = requested;

@@ -2,6 +2,7 @@
 
 use super::session::{Answer, HostRequest, MinExchangeTime, Session};
 use super::wire::{DriveMessage, node_of_id};
+use crate::medium::bits::bit_time_ns;
 use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
 use crate::proto::early_bytes::with_clock_tolerance;
@@ -29,11 +30,9 @@ impl CanHost {
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
-        let ns =
-            |bits| u64::checked_div(bits * 1_000_000_000, options.bit_rate.into()).unwrap_or(0);
         let soonest = MinExchangeTime {
-            base_ns: with_clock_tolerance(ns(EXCHANGE_BITS)),
-            value_extra_ns: with_clock_tolerance(ns(VALUE_BITS)),
+            base_ns: with_clock_tolerance(bit_time_ns(EXCHANGE_BITS, options.bit_rate)),
+            value_extra_ns: with_clock_tolerance(bit_time_ns(VALUE_BITS, options.bit_rate)),
         };
         Self { session: Session::new(timeout, soonest), bit_rate: options.bit_rate }
     }

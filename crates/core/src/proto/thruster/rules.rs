@@ -9,7 +9,7 @@ use crate::station::RequestClass;
 /// The class that a request has by itself.
 #[must_use]
 pub fn class_of(request: &Request) -> RequestClass {
-    let value = request.data.unwrap_or(0);
+    let value = request.value();
     match (request.command, request.command.definition()) {
         (CommandWord::TC | CommandWord::VC, _) if value == 0 => RequestClass::Stop,
         (CommandWord::LS, _) => RequestClass::Stop,

@@ -498,7 +498,7 @@ impl Session {
     /// VM and ST change how the host must talk to the drive.
     fn note_setting(&mut self, now: Instant, n: usize, out: &Request) {
         let Some(PendingExchange { host_request, .. }) = self.pending[n] else { return };
-        let value = out.data.unwrap_or(0) as u16;
+        let value = out.value() as u16;
         match out.command {
             CommandWord::VM => {
                 self.nodes.get_mut(host_request.id).reply_format =
@@ -631,9 +631,7 @@ fn is_echo(out: &Request, data: u32) -> bool {
         _ if data == REFUSED => false,
         (CommandWord::VM, _) => data <= 0xFFFF,
         (CommandWord::SP, _) => out.data == Some(data),
-        (_, Some((CommandKind::Set, _))) => {
-            width.decode(out.data.unwrap_or(0)) == width.decode(data)
-        }
+        (_, Some((CommandKind::Set, _))) => width.decode(out.value()) == width.decode(data),
         _ => true,
     }
 }

@@ -426,7 +426,7 @@ fn parse_ending(mut request: Request, words: &mut Tokenizer<'_>) -> Result<State
         let none = CountUnit::in_units("");
         match words.read_number("a length, 4 or 8", none, 4, 8)? {
             4 => request.data = None,
-            _ => request.data = Some(request.data.unwrap_or(0)),
+            _ => request.data = Some(request.value()),
         }
     }
     Ok(Statement::Request(request))

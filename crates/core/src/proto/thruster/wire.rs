@@ -226,11 +226,21 @@ impl Request {
         Self { command, sub: 0, data: Some(value as u32) }
     }
 
+    /// The last four bytes as a number; zero for a request of four bytes, which the drive takes as such (`[I]`: the
+    /// manual prints both lengths for the same commands).
+    #[must_use]
+    pub const fn value(&self) -> u32 {
+        match self.data {
+            Some(value) => value,
+            None => 0,
+        }
+    }
+
     /// The frame to the drive of that id.
     #[must_use]
     pub fn frame(&self, id: u8) -> Frame {
         let head = (u64::from(self.command.0) << 48) | (u64::from(self.sub) << 32);
-        let data = (head | u64::from(self.data.unwrap_or(0))).to_be_bytes();
+        let data = (head | u64::from(self.value())).to_be_bytes();
         let len = if self.data.is_some() { 8 } else { 4 };
         Frame::standard(TO_DRIVE + u16::from(id & ID_MAX), &data[..len])
     }

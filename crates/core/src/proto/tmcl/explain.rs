@@ -8,6 +8,7 @@ use super::instructions::TmclInstructions;
 use super::opcode::{Opcode, Status};
 use super::text::{self, Decimal};
 use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionText, checksum};
+use crate::convert::ascii_text;
 use crate::error::WireError;
 use crate::explain::{
     Context, ConversationContext, DeviceFact, Direction, Dissector, Effect, EncodeError,
@@ -139,7 +140,7 @@ impl Dissector for TmclDissector {
         if !ascii::write_request(&mut line, &request) {
             return false;
         }
-        let text = core::str::from_utf8(line.bytes()).unwrap_or("").trim_end();
+        let text = ascii_text(line.bytes()).trim_end();
         query(text);
         exit(text.get(..1).unwrap_or(""));
         exit("BIN");
@@ -549,7 +550,7 @@ fn write_version(reply: &Reply, request: Option<&Request>, sink: &mut dyn Explai
 }
 
 fn explain_version(version: &VersionText, at: u16, sink: &mut dyn ExplainSink) {
-    let text = core::str::from_utf8(&version.text).unwrap_or("");
+    let text = ascii_text(&version.text);
     let value = FieldValue::Text(text);
     let meaning = "module and version; no checksum";
     sink.field(Field { name: "version", start: at, end: at + 8, value, meaning });

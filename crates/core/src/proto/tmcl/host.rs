@@ -9,6 +9,7 @@ use super::ascii;
 use super::opcode::Opcode;
 use super::session::{Answer, Burst, HostRequest, Session};
 use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
+use crate::medium::bits::bit_time_ns;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::HostOptions;
 use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
@@ -68,7 +69,7 @@ impl SerialHost {
         let noise_gap_ns = line.characters_ns(QUIET_CHARACTERS);
         let gap_ns = match options.gap_us {
             Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
-            gap => u64::from(gap.unwrap_or(0)) * 1_000,
+            _ => options.stated_gap_ns(),
         };
         Self {
             session: Session::new(host_address.into(), timeout, options).with_byte_counting(),
@@ -368,9 +369,7 @@ impl CanHost {
         let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let session = Session::new(reply_id, timeout, options);
         let bit_rate = options.bit_rate;
-        let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
-        let min_exchange_ns =
-            with_clock_tolerance(exchange_ns.checked_div(bit_rate.into()).unwrap_or(0));
+        let min_exchange_ns = with_clock_tolerance(bit_time_ns(EXCHANGE_BITS, bit_rate));
         let can_ids = [None; 256];
         Self { session, reply_id, bit_rate, min_exchange_ns, eight_bytes: false, can_ids }
     }

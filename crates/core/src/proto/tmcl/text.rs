@@ -7,6 +7,7 @@
 
 use super::opcode::Opcode;
 use super::wire::Request;
+use crate::convert::ascii_text;
 use crate::explain::TextError;
 
 /// Which fields a command's line has.
@@ -236,7 +237,7 @@ impl Decimal {
     /// The characters.
     #[must_use]
     pub fn as_str(&self) -> &str {
-        core::str::from_utf8(&self.digits[self.start..]).unwrap_or("")
+        ascii_text(&self.digits[self.start..])
     }
 
     fn push(&mut self, digit: u8) {

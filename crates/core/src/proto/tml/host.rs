@@ -85,7 +85,7 @@ impl SerialHost {
             deframer: Deframer::new(RecoveryPolicy::Search),
             gap_ns: match options.gap_us {
                 Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
-                gap => u64::from(gap.unwrap_or(0)) * 1_000,
+                _ => options.stated_gap_ns(),
             },
             stale_ns: waits.ack_ns + line.characters_ns(2),
             last_byte: Instant::ZERO,

@@ -182,7 +182,7 @@ fn visit_statements<'t>(
     show: &mut dyn FnMut(SourceStatement<'t>) -> Result<(), SourceError>,
 ) -> Result<(), SourceError> {
     for (line, text) in (1..).zip(text.lines()) {
-        let code = text.split("//").next().unwrap_or("");
+        let code = text.split_once("//").map_or(text, |(code, _)| code);
         let mut at = 0;
         while at < code.len() {
             let len = statement_len(&code[at..]);

@@ -1,5 +1,6 @@
 //! A motion under the lease of this program: whether it still is, its state as the gateway sent it, its stop.
 
+use crate::url::without_axes;
 use std::time::Duration;
 
 use polepair_client::message::{AxisState, SignalValue};
@@ -157,7 +158,7 @@ impl RemoteAxis {
         let (link, number) = (self.info().link, self.info().number);
         let link = self.bench().links.iter().find(|its| its.id == link && !its.simulated);
         link.map_or_else(String::new, |link| {
-            let url = link.url.split('#').next().unwrap_or_default();
+            let url = without_axes(&link.url);
             let url = format!("{url}#{}", AxisNumber(number));
             format!(
                 "`polepair stop {}` stops it without the server, as soon as the server has \

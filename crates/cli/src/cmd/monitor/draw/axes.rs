@@ -26,7 +26,7 @@ struct AxisColumn {
 impl AxisColumn {
     fn width(&self) -> usize {
         let cells = self.cells.iter().map(|(text, _)| text.chars().count());
-        cells.chain([self.head.len()]).max().unwrap_or(0)
+        cells.chain([self.head.len()]).fold(0, usize::max)
     }
 
     fn pad(&self, text: &str) -> String {

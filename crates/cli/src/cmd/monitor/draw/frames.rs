@@ -85,7 +85,7 @@ impl Grid {
     fn new(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Self {
         let wires: Vec<String> =
             monitor.traffic().wires().map(|(name, _)| name.to_owned()).collect();
-        let longest = wires.iter().map(|name| name.chars().count()).max().unwrap_or(0).min(8);
+        let longest = wires.iter().map(|name| name.chars().count()).fold(0, usize::max).min(8);
         let (mut id, mut bytes) = (0, 0);
         let mut protocols: Vec<&str> = Vec::new();
         for kind in monitor.traffic().kinds() {

@@ -57,6 +57,14 @@ pub(super) struct SdoServer {
 }
 
 impl SdoServer {
+    /// Length of the transfer, bytes; 0 where none was stated.
+    const fn stated_size(&self) -> u32 {
+        match self.size {
+            Some(size) => size,
+            None => 0,
+        }
+    }
+
     /// Nothing is under way.
     pub(super) const fn end(&mut self) {
         self.state = ServerState::Idle;
@@ -412,7 +420,7 @@ impl<const N: usize> CanEndpoint<N> {
         if toggle != self.sdo_server.toggle {
             return Err(AbortCode::TOGGLE);
         }
-        let (at, size) = (self.sdo_server.bytes_done, self.sdo_server.size.unwrap_or(0));
+        let (at, size) = (self.sdo_server.bytes_done, self.sdo_server.stated_size());
         let len = (size - at).min(SEGMENT as u32);
         let mut data = [0; SEGMENT];
         self.fetch_bytes(at, &mut data[..len as usize], firmware);
@@ -451,10 +459,10 @@ impl<const N: usize> CanEndpoint<N> {
     /// The next segment of a block, as fast as the bus takes them.
     #[inline]
     pub(super) fn next_segment(&mut self, firmware: &mut impl Firmware) -> Option<[u8; 8]> {
-        let SdoServer { state, bytes_done, size, count, segments, .. } = self.sdo_server;
+        let SdoServer { state, bytes_done, count, segments, .. } = self.sdo_server;
         self.send_slots.set_segments(state == ServerState::Sending);
         let at = bytes_done + u32::from(count) * SEGMENT as u32;
-        let size = size.unwrap_or(0);
+        let size = self.sdo_server.stated_size();
         if state != ServerState::Sending || count == segments || (count > 0 && at >= size) {
             return None;
         }
@@ -479,7 +487,7 @@ impl<const N: usize> CanEndpoint<N> {
         if !(1..=BLOCK_MAX).contains(&segments) {
             return Err(AbortCode::BLOCK_SIZE);
         }
-        let size = self.sdo_server.size.unwrap_or(0);
+        let size = self.sdo_server.stated_size();
         for _ in 0..arrived {
             let len = (size - self.sdo_server.bytes_done).min(SEGMENT as u32);
             let mut data = [0; SEGMENT];

@@ -2,6 +2,7 @@
 
 use super::number_text::write_scaled;
 use super::{ModbusDissector, NAMED_MAX, collect_ascii, is_reply};
+use crate::convert::tail;
 use crate::explain::{
     Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue, RawFrame,
     ReplyExpectation, ShortText, ValueSource,
@@ -263,7 +264,7 @@ impl ValueReporter<'_> {
     fn find_parameter(&mut self, space: Space, address: u16) -> Option<&'static Parameter> {
         let parameters = self.profile?.parameters;
         let is_it = |p: &&Parameter| p.space == space.number() && p.index == address;
-        let near = parameters.get(self.next_parameter..).unwrap_or_default();
+        let near = tail(parameters, self.next_parameter);
         let at = match near.first().filter(is_it) {
             Some(_) => self.next_parameter,
             None => parameters.iter().position(|p| is_it(&p))?,

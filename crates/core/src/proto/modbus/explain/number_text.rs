@@ -1,5 +1,6 @@
 //! Numbers as text without `core::fmt`, for speed.
 
+use crate::convert::ascii_text;
 use crate::explain::{ExplainSink, ShortText};
 use crate::profile::{Encoding, Parameter};
 
@@ -92,5 +93,5 @@ fn write_real(value: f64, sink: &mut dyn ExplainSink) {
 }
 
 fn write_ascii(characters: &[u8], sink: &mut dyn ExplainSink) {
-    sink.text(core::str::from_utf8(characters).unwrap_or(""));
+    sink.text(ascii_text(characters));
 }

@@ -67,7 +67,7 @@ impl Interrupts {
     /// bank 3.
     pub fn tick(&mut self, levels: u64, settings: &[i32; 256]) {
         for (number, passed) in self.timers.iter_mut().enumerate() {
-            let period = u32::try_from(settings[number]).unwrap_or(0);
+            let period = settings[number].max(0).cast_unsigned();
             *passed = if period == 0 { 0 } else { *passed + 1 };
             if period > 0 && *passed >= period {
                 *passed = 0;

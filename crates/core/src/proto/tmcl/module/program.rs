@@ -396,7 +396,7 @@ impl Interpreter {
     /// WAIT: time in units of 10 ms; for what comes by itself 0 is without limit.
     fn wait_for(&mut self, kind: u8, motor: u8, value: i32) {
         self.timed_out = false;
-        let ms = u32::try_from(value).unwrap_or(0).saturating_mul(10);
+        let ms = value.max(0).cast_unsigned().saturating_mul(10);
         let limit = (ms > 0).then_some(ms);
         self.wait = match kind {
             0 => Some((WaitCondition::Ticks, Some(ms.saturating_sub(1)))),

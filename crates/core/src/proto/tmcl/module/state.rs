@@ -110,7 +110,7 @@ impl ModuleState {
 }
 
 fn is_late(limit: i32, received_at: Option<Instant>, now: Instant) -> bool {
-    let limit = u32::try_from(limit).unwrap_or(0);
+    let limit = limit.max(0).cast_unsigned();
     limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
 }
 

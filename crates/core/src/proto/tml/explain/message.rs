@@ -4,6 +4,7 @@ use core::fmt::{self, Write as _};
 
 use super::layout::{ByteRange, ParsedFrame};
 use super::{names, register};
+use crate::convert::ascii_text;
 use crate::explain::{Direction, ExplainSink, Field, FieldValue};
 use crate::profile::{Encoding, Parameter, Profile};
 use crate::proto::tml::online::{Cell, MemorySpace, OnlineMessage, PvtPoint};
@@ -134,7 +135,7 @@ impl BoundedText {
     }
 
     pub fn as_str(&self) -> &str {
-        core::str::from_utf8(&self.bytes[..self.len]).unwrap_or("")
+        ascii_text(&self.bytes[..self.len])
     }
 }
 

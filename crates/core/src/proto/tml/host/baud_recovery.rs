@@ -73,8 +73,8 @@ impl BaudRecovery {
 
     /// Notes a sent message.
     pub fn note_sent(&mut self, message: &Message) {
-        let to = IdCode::axis(self.drive.unwrap_or(0));
-        if self.drive.is_some() && message.instruction.opcode == RESET_OPCODE && message.to == to {
+        let reset = message.instruction.opcode == RESET_OPCODE;
+        if reset && self.drive.is_some_and(|drive| message.to == IdCode::axis(drive)) {
             self.stage = RecoveryStage::Resetting;
         }
     }
