@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 use vocabulary::Vocabulary;
 
-/// Lines of a file that people write.
+/// Lines of a file that people write. Comments with reasons do not count, so that none is left out for its room.
 const LINES_MAX: usize = 700;
 /// Characters of a line of code; rustfmt holds code to 100, and leaves texts and comments alone.
 const COLUMNS_MAX: usize = 120;
@@ -109,7 +109,8 @@ pub(crate) fn check_file(
 }
 
 fn check_size(path: &str, text: &str, broken: &mut Vec<String>) {
-    let lines = text.lines().count();
+    let is_reason = |line: &&str| line.trim_start().starts_with("// ");
+    let lines = text.lines().filter(|line| !is_reason(line)).count();
     if lines > LINES_MAX {
         broken.push(format!("{path}: {lines} lines; at most {LINES_MAX}"));
     }

@@ -61,6 +61,7 @@ impl Connection {
         &self,
         request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<PendingRequest, Unsupported> {
+        // Called once; the erased signature cannot state it.
         let mut request = Some(request);
         let mut once = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
             request.take().map_or(Err(Unsupported::Busy), |request| request(axes, now, ticket))
@@ -315,6 +316,7 @@ impl<M: Medium> ConnectionInner<M> {
 
     /// Panics after a lane panicked: its state can no longer be trusted with a motor.
     fn lock(&self) -> MutexGuard<'_, ConnectionState<M>> {
+        // Its jobs are half changed then, and nothing that it reports could be believed.
         self.state.lock().expect("a lane panicked on another thread")
     }
 }

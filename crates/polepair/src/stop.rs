@@ -48,12 +48,15 @@ const QUERY_TIMEOUT: Duration = Duration::from_millis(30);
 /// Bits of the longest question and reply of an identification, on a serial line.
 const QUERY_BITS: u64 = 400;
 /// Time limit for trying addresses; the rest is reported as not tried.
+// Long enough for all addresses of a quick protocol; a person who stops cannot wait for all 247 of a slow
+// one.
 const SEARCH_MAX: Duration = Duration::from_secs(6);
 /// Time limit for identifying a named drive before the protocol's common stop is sent.
 const NAMED_QUERY_MAX: Duration = Duration::from_millis(250);
 /// Pause between two attempts to identify a drive after its stop.
 const REIDENTIFY_PAUSE: Duration = Duration::from_millis(50);
 /// Longest delay of the other drives by a found one.
+// For each axis in turn while the next is still turning, so not for long.
 const STOP_WAIT_MAX: Duration = Duration::from_millis(150);
 /// Time that a named silent drive may delay the others, after all stops were sent.
 const SILENT_STOP_WAIT_MAX: Duration = Duration::from_secs(1);
@@ -62,6 +65,7 @@ const BROADCAST_PAUSE_MS: u32 = 30;
 /// Motors behind one address at most: a TMCL parameter number shares its byte with four bits of them.
 const MOTORS_MAX: u8 = 16;
 /// Silent motors in a row after which the drive counts as gone.
+// Modules refuse numbers beyond their motors; one that is silent at four in a row is not there.
 const SILENT_MOTORS_MAX: u8 = 4;
 /// Maximum number of units received in such a silence.
 const UNITS_MAX: usize = 1_000;
@@ -161,6 +165,7 @@ pub fn stop(
     if group || rack || matches!(parsed.target, LinkTarget::Sim { .. }) {
         // The drives are known, or cannot be asked. A rack defines each: there is no wait for a silent one.
         let link = connector.connect_with(url, !rack)?;
+        // Every drive gets a first stop before any standstill is waited for.
         stopped.send_first_stops(link.axes(), how);
         stopped.add_axes(link.axes(), how, on_event);
         return Ok(stopped);
@@ -200,6 +205,7 @@ fn stop_on_lines(
 ) -> Result<(), Error> {
     for line in lines {
         if url.axes.is_empty() {
+            // Before the search: it reaches in one frame all drives that obey it, and costs no reply.
             stopped.broadcast |= broadcast_stop(connector, url, line, how.command())?;
         }
         let found = LineSearch::new(connector, url, line, how)?.run(stopped, on_event)?;
@@ -329,6 +335,7 @@ impl<'a> LineSearch<'a> {
         let end = clock::now() + SEARCH_MAX * clock::timeout_scale();
         let wanted = std::mem::take(&mut self.wanted);
         for (done, &number) in wanted.iter().enumerate() {
+            debug_assert!(done < wanted.len());
             if !self.named && clock::now() > end {
                 stopped.not_queried = wanted.last().map(|last| (number, *last));
                 break;
@@ -351,6 +358,7 @@ impl<'a> LineSearch<'a> {
         stopped: &mut LinkStopReport,
         on_event: StopObserver<'_>,
     ) -> Result<(), Error> {
+        // Decided before the stop is sent: a device that is known to be no drive gets nothing (STOP-6).
         let is_other_device = unidentified::is_other_device(self.line, &probe);
         let (identified, error) = match probe {
             ProbeResult::Found { profile, identified, doubtful: false, .. } => {
@@ -393,6 +401,7 @@ impl<'a> LineSearch<'a> {
         };
         self.stop_found(&one, self.how, stopped, on_event)?;
         if let Some(error) = error {
+            // It got its stop, and gets another at the end, after all others were.
             self.deaf.push((one, error));
             return Ok(());
         }
@@ -443,6 +452,7 @@ impl<'a> LineSearch<'a> {
                 if one.is_some() || is_interrupted || self.line.link.now() > end {
                     break one;
                 }
+                // A drive that just got its supply answers within a second or two.
                 clock::sleep_until(clock::now() + REIDENTIFY_PAUSE);
             };
             if let Some(one) = one {
@@ -521,6 +531,7 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
         for number in (1..MOTORS_MAX).filter(|number| !is_axis_number(*number, axis, axes)) {
             let sent =
                 |axis: &LocalAxis| axis.connection().with_axes(|axes, _| axes.counters().sent);
+            // Nothing left means a lost link, which the stop of the axis itself reports.
             let before = sent(axis);
             match axis.stop_motor(number) {
                 Ok(()) => received.push(number),

@@ -14,14 +14,19 @@ use super::state::{BackgroundState, ConnectionState, Leader};
 
 /// Interval at which the background thread checks whether it is needed; also the pause before it leads in a caller's
 /// place.
+// Callers that ask again and again lead for themselves; the thread only looks whether one has left
+// (REQ-14).
 const CHECK_INTERVAL: Duration = Duration::from_millis(5);
 /// Interval of these checks while the link is lost.
 const LINK_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// Checks without need before it sleeps.
+// Half a second of them. A thread that slept at once would be woken for each of a slow program's
+// requests.
 const IDLE_CHECKS_MAX: u32 = 100;
 /// Time that it goes on leading for wakers (asyncio), so that their next request finds it reading.
 const LINGER_NS: u64 = 500_000_000;
 /// Attempts to open a lost link, four a second; later ones only at a request.
+// Two minutes: a cable that is out for longer is reopened by the next request.
 const REOPEN_ATTEMPTS_MAX: u32 = 480;
 
 #[derive(Default)]
@@ -69,6 +74,7 @@ pub(super) fn request_lead<M: Medium>(shared: &ConnectionInner<M>, state: &mut C
 /// Ends it, and waits for that unless it is connecting somewhere, which may take seconds.
 pub(super) fn shut_down<M: Medium>(shared: &ConnectionInner<M>) {
     let Ok(mut state) = shared.state.lock() else { return };
+    // Set before the wake-up, so that the thread sees it whenever it looks.
     state.background = BackgroundState::Stopped;
     state.link.waker().wake();
     shared.background.wake.notify_all();
@@ -138,6 +144,7 @@ fn run_wakers<'a, M: Medium>(
     if state.to_wake.is_empty() {
         return state;
     }
+    // Without the lock: a waker may ask this connection at once.
     let wakers = std::mem::take(&mut state.to_wake);
     drop(state);
     wakers.into_iter().for_each(task::Waker::wake);
@@ -153,6 +160,7 @@ fn may_lead<M: Medium>(
     if state.leader != Leader::Nobody || state.link_error.is_some() {
         return false;
     }
+    // A caller has read since then: it is at work, and is left to it.
     let quiet = state.read_count == rounds_seen;
     state.slots.has_wakers() || quiet && (is_needed(state) || state.link.now() < linger_until)
 }

@@ -39,6 +39,7 @@ impl<M: Medium> BorrowedLink<M> {
 
 impl<M: Medium> Drop for BorrowedLink<M> {
     fn drop(&mut self) {
+        // First of all: a thread that still holds the proxy must not read what belongs to the connection.
         self.0.ended.store(true, Ordering::SeqCst);
         let shared = &self.0.shared;
         // Dropped while unwinding, too.
@@ -52,6 +53,11 @@ impl<M: Medium> Drop for BorrowedLink<M> {
             // is sent before all of it is read.
             read_stale(&mut state, STALE_READS_MAX);
         }
+        debug_assert_eq!(
+            state.leader,
+            Leader::Borrower,
+            "a link is returned by the one who has it"
+        );
         state.leader = Leader::Nobody;
         if state.link_error.is_none() {
             let now = state.link.now();
@@ -86,6 +92,7 @@ impl<M: Medium> BorrowState<M> {
     /// The connection, while this link is still its own: it may have been opened again meanwhile.
     fn lock_owner(&self) -> Option<StateGuard<'_, M>> {
         let state = self.shared.lock();
+        // The connection may have opened another link since.
         let its = state.leader == Leader::Borrower && Arc::ptr_eq(&self.link, &state.link);
         (its && !self.ended.load(Ordering::SeqCst)).then_some(state)
     }
@@ -175,6 +182,7 @@ pub(super) fn borrow_link<M: Medium>(
 ) -> Result<Option<Box<dyn Any + Send>>, LinkError> {
     let Some(me) = shared.weak_self.upgrade() else { return Ok(None) };
     let mut state = shared.lock();
+    // A place of its own, to be woken when the leader leaves.
     let Some(own) = state.slots.open_slot() else { return Ok(None) };
     let mut buffer = M::buffer();
     let aside = loop {
@@ -208,6 +216,7 @@ fn start_borrow<M: Medium>(
     state: &mut StateGuard<'_, M>,
 ) -> Box<dyn Any + Send> {
     // No thread's sleep is to be cut short.
+    debug_assert_eq!(state.leader, Leader::Nobody, "one thread reads a link");
     (state.leader, state.sleeps_until) = (Leader::Borrower, Instant::ZERO);
     let (over, set) = (AtomicBool::new(false), AtomicBool::new(false));
     Box::new(BorrowedLink(Arc::new(BorrowState {

@@ -117,6 +117,7 @@ impl<M: Medium> ErasedConnection for ConnectionInner<M> {
 
     fn interrupt(&self) {
         let mut state = self.lock();
+        // A number and not a flag: each waiter notices it, however many there are.
         state.interrupts += 1;
         for n in 0..state.listeners.len() {
             let waker = state.listeners[n].mailbox.set_interrupted();

@@ -22,10 +22,13 @@ pub(super) const STALE_READS_MAX: usize = 64;
 const CATCH_UP_READS_MAX: usize = 1 << 17;
 /// Age of received bytes below which they need no read before a request: they cannot be distinguished from bytes that
 /// arrive that much later, and the host checks them as replies. Back-to-back exchanges save a system call.
+// A read costs a system call; data that arrived within that time cannot be late for anything.
 const FRESH_NS: u64 = 200_000;
 /// With fewer requests pending, a busy lane means something else.
+// A lane that is busy with fewer requests is busy for another reason than their number.
 const BUSY_PENDING_MIN: usize = 16;
 /// A follower looks again after this long, whatever happens to its leader.
+// A lost wake-up costs half a second then, and no request for ever.
 const PARK_MAX: Duration = Duration::from_millis(500);
 /// Pause between two attempts to open a lost link.
 pub(super) const REOPEN_INTERVAL_NS: u64 = 250_000_000;
@@ -64,6 +67,7 @@ fn try_submit<'a, M: Medium>(
     let Some(ticket) = state.slots.open_slot() else { return (state, Err(Unsupported::Busy)) };
     let interrupts = state.interrupts;
     let mut now = state.link.now();
+    // Replies that wait in the system are read before the request is judged: they may free its place.
     let unread = state.leader == Leader::Nobody && now >= state.read_at.plus_ns(FRESH_NS);
     if unread && state.link_error.is_none() {
         read_stale(&mut state, STALE_READS_MAX);
@@ -145,12 +149,14 @@ pub(super) fn lead_round<'a, M: Medium>(
     until: Instant,
     buffer: &mut M::Buffer,
 ) -> StateGuard<'a, M> {
+    debug_assert_eq!(state.leader, Leader::Nobody, "one thread reads a link");
     let until = until.min(state.sleep_until());
     (state.leader, state.sleeps_until) = (leader, until);
     let link = Arc::clone(&state.link);
     let wakers = std::mem::take(&mut state.to_wake);
     drop(state);
     wakers.into_iter().for_each(task::Waker::wake);
+    // The lock is free meanwhile: stops are sent while a thread waits for replies.
     let received = link.receive(buffer.borrow_mut(), until);
     let mut state = shared.lock();
     state.leader = Leader::Nobody;
@@ -173,6 +179,7 @@ pub(super) fn follow_leader<'a, M: Medium>(
     deadline: Instant,
 ) -> StateGuard<'a, M> {
     if state.leader == Leader::Background && !state.lead_wanted {
+        // A caller wakes up faster from its own read than from another thread's.
         state.lead_wanted = true;
         state.link.waker().wake();
     }
@@ -215,6 +222,7 @@ pub(super) fn release_lock<M: Medium>(shared: &ConnectionInner<M>, mut state: St
             background::ensure_watching(shared, &mut state);
         }
     } else if state.due().is_some_and(|due| due < state.sleeps_until) {
+        // The leader sleeps longer than the new request allows; once woken it computes its time anew.
         state.sleeps_until = Instant::ZERO;
         state.link.waker().wake();
     }
@@ -231,9 +239,11 @@ pub(super) fn reopen_link<'a, M: Medium>(
     if state.reopening.under_way || state.link.now() < state.reopening.next_attempt {
         return state;
     }
+    debug_assert!(!state.reopening.under_way);
     state.reopening.under_way = true;
     let lost = Arc::clone(&state.link);
     drop(state);
+    // To open an adapter may take seconds, so others can see the lost link meanwhile.
     let link = lost.reopen();
     let mut state = shared.lock();
     state.reopening.under_way = false;
@@ -252,6 +262,7 @@ pub(super) fn reopen_link<'a, M: Medium>(
 pub(super) fn add_listener<M: Medium>(shared: &ConnectionInner<M>, listener: MailboxListener) {
     let mut state = shared.lock();
     if state.listeners.is_empty() {
+        // Nothing is recorded while there is no listener: a poll costs nothing for it.
         state.lane.enable_events(true);
     }
     state.listeners.push(listener);

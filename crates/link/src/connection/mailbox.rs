@@ -124,10 +124,12 @@ impl Mailbox {
     /// Puts a notice in. Gives the waker to be woken once the connection's lock is released.
     pub(super) fn push(&self, source: usize, notice: ConnectionEvent) -> Option<task::Waker> {
         let mut queue = self.lock();
+        // A listener wants its present state, so the oldest go first (REQ-14).
         if queue.events.len() == queue.capacity {
             queue.events.pop_front();
             queue.missed += 1;
         }
+        debug_assert!(queue.events.len() < queue.capacity);
         queue.events.push_back((source, notice));
         self.0.arrived.notify_one();
         queue.waker.take()

@@ -37,6 +37,10 @@ enum SlotPhase {
 impl RequestSlots {
     pub(super) fn open_slot(&mut self) -> Option<Ticket> {
         let index = self.free.pop().or_else(|| self.grow())?;
+        debug_assert!(
+            matches!(self.slots[index as usize].phase, SlotPhase::Free),
+            "a free place is free"
+        );
         let slot = &mut self.slots[index as usize];
         slot.phase = SlotPhase::Pending;
         Some(slot.ticket)
@@ -80,9 +84,11 @@ impl RequestSlots {
     /// Takes back a ticket that the lane refused.
     pub(super) fn free_slot(&mut self, ticket: Ticket) {
         let Some(slot) = self.slot(ticket) else { return };
+        // Another number each time, so that an old ticket finds nothing of the new request.
         let reuse = Ticket(slot.ticket.0.wrapping_add(1 << INDEX_BITS));
         *slot =
             RequestSlot { ticket: reuse, phase: SlotPhase::Free, parked_thread: None, waker: None };
+        debug_assert!(self.free.len() < self.slots.len(), "no place is free twice");
         self.free.push(index(ticket));
     }
 

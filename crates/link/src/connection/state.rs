@@ -19,10 +19,12 @@ use crate::link::{LinkIo, Received};
 use crate::waker::LinkWaker;
 
 /// Units sent and outcomes delivered in one pump; the rest waits for the next.
+// A bound for a lane that would never come to an end; a block of service data has 127 segments.
 const PUMP_MAX: usize = 4096;
 /// Changes that are delivered at once.
 const EVENTS_MAX: usize = 4096;
 /// Pause after an expiry that left the lane wanting time at once, lest it eats a core.
+// Timers that are due one after the other must not make a system call each.
 const TICK_MIN_NS: u64 = 20_000;
 
 pub(super) struct ConnectionState<M: Medium> {
@@ -205,6 +207,7 @@ impl<M: Medium> ConnectionState<M> {
                 break;
             }
         }
+        // Only after everything was sent: a TML drive takes its new rate behind the acknowledgement.
         let line = self.lane.line();
         if line != self.line {
             self.line = line;
@@ -257,6 +260,8 @@ impl<M: Medium> ConnectionState<M> {
             self.link.waker().wake();
             self.lane.handle_line(now, LineEvent::Down);
         }
+        // What the lane still wants to send is lost with the link; left in place, it would go out after its
+        // return.
         while self.lane.poll_transmit(now, self.out_buffer.borrow_mut()).is_some() {}
         while self.deliver_outcome() {}
         let left: Vec<Ticket> = self.slots.pending().collect();
@@ -293,6 +298,7 @@ impl<M: Medium> ConnectionState<M> {
     pub(super) fn resume_with(&mut self, link: Box<dyn LinkIo<M>>) {
         self.link = Arc::from(link);
         self.link_error = None;
+        debug_assert!(self.link_error.is_none());
         self.line = self.lane.line();
         let now = self.link.now();
         if let Err(error) = self.link.set_line(self.line) {

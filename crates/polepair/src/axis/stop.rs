@@ -46,13 +46,16 @@ pub const STOP_RETRY_MAX: Duration = Duration::from_secs(10);
 /// A motor that is not slower after this time gets a quick stop.
 const SLOWING_MAX: Duration = Duration::from_millis(300);
 /// Speed after some braking, as a share of the speed before.
+// More than the noise of a speed reading, less than any ramp takes off within 300 ms (STOP-20).
 const SLOWER_SHARE: f64 = 0.998;
 /// Pause before a stop is repeated to a motor that turns on: the first, and the others.
+// A braking motor has time to become slower, and one that was not reached gets another stop soon.
 const TURNING_PAUSE: Duration = Duration::from_secs(1);
 const TURNING_PAUSE_MAX: Duration = Duration::from_secs(2);
 /// Pause between a stop without a reply and the next.
 const SILENT_PAUSE: Duration = Duration::from_millis(100);
 /// The longest such pause: on a wire without other users, and on a shared one.
+// Two seconds on a shared wire keep a silent drive at 5 % of its time (STOP-9).
 const OWN_PAUSE_MAX: Duration = Duration::from_millis(250);
 const SHARED_PAUSE_MAX: Duration = Duration::from_secs(2);
 /// Interval at which the other axes are looked at while one is waited for.
@@ -234,6 +237,7 @@ impl StopSupervisor {
     /// read first.
     pub fn send_again(&mut self, is_new: bool) {
         let now = self.axis.connection.now();
+        // A person asked for it, so all pauses begin anew.
         (self.silent_pause, self.turning_pause) = (SILENT_PAUSE, TURNING_PAUSE);
         (self.brakes_since, self.slowest) = (now, (f64::MAX, now));
         self.begin_attempt(!is_new);
@@ -276,12 +280,14 @@ impl StopSupervisor {
             StopPersistence::Within(_) => attempt.with_retries(),
             StopPersistence::UntilStandstill => attempt,
         });
+        debug_assert!(self.result.is_none(), "a stop that has ended is not sent again");
         self.attempts += 1;
         (self.sent_at, self.ended_at) = (now, None);
     }
 
     fn command(&self) -> Command {
         let quick = self.options.quick || self.escalated;
+        // A drive without a quick stop gets its stop: a refusal would leave the motor turning.
         let quick = quick && self.axis.profile.plan(Verb::QuickStop).is_some();
         StopOptions { quick, ..self.options }.command()
     }
@@ -374,6 +380,8 @@ impl StopSupervisor {
             return None;
         }
         let now = self.axis.connection.now();
+        // Looked at in every poll, so that the first reply after a silence is noticed whatever state the stop
+        // is in.
         let replied = self.replied_after_silence();
         let is_identified = self.is_identified();
         let error = match &mut self.attempt {
@@ -421,6 +429,7 @@ impl StopSupervisor {
         airtime: &mut WireAirtime,
     ) -> Option<StopNotice> {
         let shares_wire = self.persistence == StopPersistence::UntilStandstill;
+        // Once one of the attempts may have arrived, no later one can end as "not executed".
         self.may_be_executed |= error.executed() != Some(false);
         if matches!(failure_of(&error), Some(Failure::Refused { .. })) && self.escalate() {
             return Some(StopNotice::QuickStop);
@@ -446,6 +455,7 @@ impl StopSupervisor {
         }
         let Some(ended_at) = self.ended_at else {
             self.ended_at = Some(now);
+            debug_assert!(self.ended_at.is_some(), "an attempt that failed has ended");
             airtime.reserve(now, now.since(self.sent_at));
             self.failure = Some(error.clone());
             return Some(StopNotice::Unconfirmed(error));
@@ -499,6 +509,7 @@ impl StopSupervisor {
             self.slowest = (rate, at);
         }
         let connection = &self.axis.connection;
+        // Since the motor was last seen to become slower: a long ramp is no failure as long as it works.
         let unslowed = now.since(self.slowest.1);
         let may_be_turning = attempt.may_be_turning();
         let is_braking = unslowed < connection.scale_timeout(STANDSTILL_WAIT_MAX)
@@ -534,9 +545,12 @@ impl StopSupervisor {
         let has_other = self
             .sending_plan(Verb::QuickStop)
             .is_some_and(|quick| Some(quick) != self.sending_plan(Verb::Stop));
+        // Once: a drive that ignores its quick stop gets another one, and its operator is asked to cut the
+        // power.
         if self.options.quick || self.escalated || !has_other {
             return false;
         }
+        debug_assert!(self.axis.profile.plan(Verb::QuickStop).is_some());
         (self.escalated, self.may_be_executed) = (true, true);
         let now = self.axis.connection.now();
         self.slowest = (f64::MAX, now);
@@ -554,12 +568,14 @@ impl StopSupervisor {
         let signals = self.axis.profile.signals.iter();
         let newest = signals.filter_map(|source| state.reading(source.signal).at).max();
         match (std::mem::replace(&mut self.last_reading, newest), newest) {
+            // A drive that answers again may just have got its supply back, with its motor still turning.
             (Some(before), Some(newest)) => newest.since(before) >= SILENCE_MIN,
             (before, newest) => before.is_none() && newest.is_some(),
         }
     }
 
     fn end(&mut self, standstill: Result<Standstill, Error>) {
+        debug_assert!(self.standstill.is_none(), "standstill is decided once");
         self.standstill = Some(standstill);
         self.poll_power();
     }
@@ -571,6 +587,7 @@ impl StopSupervisor {
                 Ok(None) => return,
                 ended => Some(ended.map(drop)),
             }
+        // Only after standstill: a motor without power coasts, and a load may fall.
         } else if self.options.power_off && self.axis.profile.plan(Verb::Disable).is_some() {
             match self.axis.start(Command::new(Verb::Disable)) {
                 Ok(running) => {
@@ -639,6 +656,7 @@ pub fn await_stops(
     mut on_notice: impl FnMut(&LocalAxis, &StopNotice) -> bool,
 ) -> Vec<StopResult> {
     let mut airtime = WireAirtime::default();
+    // All were sent before the first is waited for; here each gets its turn, however long another takes.
     while stops.iter().any(|stop| stop.result.is_none()) {
         for stop in &mut stops {
             if stop.result.is_some() {

@@ -45,6 +45,7 @@ const STOP_PATIENCE_MS: u32 = 10;
 /// Long transfers at once.
 pub const LONG_TRANSFERS_MAX: usize = 4;
 /// Frames without answer that wait to be sent.
+// Orders are not answered, so a caller who sends more than these at once waits for the bus.
 const FRAMES_MAX: usize = 16;
 /// Room for the end of every request, and as much again for unsolicited messages.
 const EVENTS_MAX: usize = 512;
@@ -54,6 +55,8 @@ const NODES: usize = NODE_MAX as usize + 1;
 /// Segments of blocks that are sent ahead of the wire: whatever comes after them waits for no more.
 const SEGMENTS_AHEAD_MAX: u64 = 8;
 /// Assumed bit rate of a wire that reports none.
+// The fastest, so that a bus of unknown rate is never flooded less than it can take: segments keep
+// their pace.
 const ASSUMED_BIT_RATE: u32 = 1_000_000;
 /// Bits of a segment without a single stuff bit, with the pause behind it: fewer than it takes, so that
 /// the wire is never left idle.
@@ -116,6 +119,7 @@ impl UnansweredFrames {
     }
 
     fn push(&mut self, ticket: Option<Ticket>, frame: Frame) {
+        debug_assert!(!self.is_full(), "a frame that is taken has room");
         self.ring[self.pushed % FRAMES_MAX] = (ticket, frame);
         self.pushed += 1;
     }
@@ -168,6 +172,7 @@ impl CanHost {
 
     /// Queues a message that a node sent by itself. A full queue only counts it.
     fn push_unsolicited(&mut self, node: u8, answer: Answer) {
+        // Reports never take the places of ends: a flood of PDOs must not lose an outcome.
         if self.events.room() > END_EVENTS_MAX {
             self.events.push(EventSubject::Unsolicited(node.into()), Ok(answer));
         } else {
@@ -187,6 +192,7 @@ impl CanHost {
             }
             ChannelStep::End(result) => self.finish_transfer(node, result),
             ChannelStep::Abort(abort, result) => {
+                // A node that waits for the rest of a transfer takes no other until an abort ends this one.
                 self.channels[usize::from(node)].abort = abort;
                 self.aborts.insert(node);
                 self.finish_transfer(node, result);
@@ -201,6 +207,7 @@ impl CanHost {
         self.block_senders.remove(node);
         self.waiting.remove(node);
         if let Some(long) = channel.finish().and_then(|at| self.buffers.get_mut(at)) {
+            debug_assert!(!long.is_free(), "a transfer ends once");
             long.end();
         }
         let ticket = channel.ticket;
@@ -214,6 +221,8 @@ impl CanHost {
     fn handle_sdo_reply(&mut self, now: Instant, node: u8, frame: &Frame) {
         // What comes before the question is out answers an older one.
         let channel = &mut self.channels[usize::from(node)];
+        // The deadline was set when the request left. Nothing can answer within less than both frames take
+        // (REQ-5).
         let sent = channel.deadline.0.saturating_sub(self.timeout_ns);
         let soon = now.0 < sent + self.min_exchange_ns && channel.buffer.is_none();
         if !self.waiting.contains(node) || soon {
@@ -226,6 +235,7 @@ impl CanHost {
             self.waiting.remove(node);
             self.counters.answered += 1;
             self.network.learn_heartbeat_time(node, &answer);
+            debug_assert!(self.events.room() > 0, "ends have places of their own");
             self.events.push(EventSubject::Request(ticket), Ok(answer));
             return;
         }
@@ -253,6 +263,8 @@ impl CanHost {
         let channel = &mut self.channels[usize::from(node)];
         if channel.awaits_guard() {
             self.counters.answered += 1;
+            // A toggle bit that does not change is an old frame, or another node of that number (CiA 301,
+            // 7.2.8.3.2.1).
             let result = if self.network.note_guarding(node, beat) {
                 Ok(Answer::State(beat.state))
             } else {
@@ -278,6 +290,7 @@ impl CanHost {
         for node in self.unsent.union(self.waiting).iter() {
             self.finish_transfer(node, Err(failure));
         }
+        // They reach no node, and after the cable is back they would end other transfers.
         self.aborts = NodeSet::EMPTY;
         while let Some((ticket, _)) = self.unanswered_frames.pop() {
             if let Some(ticket) = ticket {
@@ -395,6 +408,7 @@ impl CanHost {
     /// otherwise after a moment that is nearly always long enough for its reply.
     fn preempt_for_stop(&mut self, now: Instant, node: u8, request: &HostRequest) -> bool {
         let channel = &mut self.channels[usize::from(node)];
+        // Axes of one node share its channel; the stop of one does not cut short the stop of another.
         let other_axis = channel.host_request.is_of_other_axis(request);
         if !request.is_stop() || channel.is_stop() || other_axis {
             return false;
@@ -410,6 +424,7 @@ impl CanHost {
             self.stop_deadline = earliest(self.stop_deadline, Some(patience));
             return false;
         }
+        debug_assert!(request.is_stop(), "only a stop cuts a transfer short");
         let failure = channel.preempt();
         self.apply_step(node, ChannelStep::Abort(AbortCode::TIMEOUT, Err(failure)));
         true
@@ -503,6 +518,7 @@ impl Station<Can> for CanHost {
     fn handle_line(&mut self, _now: Instant, event: LineEvent) {
         match event {
             LineEvent::Down | LineEvent::BusOff => self.fail_all(Failure::LinkDown),
+            // Whatever was plugged in since: states are learnt anew.
             LineEvent::Up => self.network.reset(),
             LineEvent::Break => {}
         }
@@ -510,6 +526,7 @@ impl Station<Can> for CanHost {
 
     #[inline]
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        // NMT, SYNC and set-points first: they are due now, and cost no turn-around.
         if let Some((ticket, frame)) = self.unanswered_frames.pop() {
             *out = frame;
             self.counters.sent += 1;
@@ -518,6 +535,7 @@ impl Station<Can> for CanHost {
             }
             return Some(1);
         }
+        // Before new requests: one that meets an unfinished transfer is refused.
         if let Some(node) = self.aborts.first() {
             self.aborts.remove(node);
             *out = self.channels[usize::from(node)].abort_frame().emit(node);
@@ -539,6 +557,8 @@ impl Station<Can> for CanHost {
             return Some(1);
         }
         let node = self.block_senders.first()?;
+        // Segments come last and keep pace with the wire, so that a stop never waits behind a block
+        // (CANOPEN-13).
         let free = self.sent_until < now.plus_ns(SEGMENTS_AHEAD_MAX * self.segment_ns);
         if free { self.transmit_slow_path(now, node, out) } else { None }
     }
@@ -585,6 +605,7 @@ impl CanHost {
 
     /// Time of the next block segments: half of the pending ones together, to avoid a wake-up for each.
     fn blocks_due(&self) -> Option<Instant> {
+        // Woken at half of what is ahead, so that the wire never runs empty in between.
         let half = SEGMENTS_AHEAD_MAX / 2 * self.segment_ns;
         self.block_senders.first().map(|_| Instant(self.sent_until.0.saturating_sub(half)))
     }

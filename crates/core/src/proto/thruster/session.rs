@@ -238,6 +238,7 @@ impl Session {
         match message {
             DriveMessage::Reply(reply) => self.handle_reply(now, id, reply),
             DriveMessage::Report(report) => {
+                // The first word of part 2 is the fault word (thruster manual, report frames).
                 let status = if report.part == 2 { report.words[0] } else { 0 };
                 let last = match self.nodes.get_mut(id).reply_format {
                     ReplyFormat::Frames(mask) => mask >> report.part == 0,
@@ -279,6 +280,7 @@ impl Session {
                 interpretation: readings,
             };
             let busy = self.pending.iter().flatten().any(|p| p.host_request.id == id);
+            // Counted as sent even where a request is under way: that one feeds the stop time as well.
             self.nodes.get_mut(id).last_sent = now;
             if !busy {
                 self.start_request(now, None, host_request);
@@ -321,6 +323,7 @@ impl Session {
             if pending.host_request.id != id || pending.host_request.class == RequestClass::Stop {
                 continue;
             }
+            // On the wire already; its reply still belongs to it, but it is not sent again behind the stop.
             pending.no_retry = true;
             if pending.sent {
                 continue;
@@ -341,10 +344,12 @@ impl Session {
         ticket: Option<Ticket>,
         request: HostRequest,
     ) -> bool {
+        // Readers never take the last places, so a stop has one in any case.
         let stored = if request.class == RequestClass::Stop { 0 } else { STOP_SLOTS };
         let free = self.pending.iter().filter(|p| p.is_none()).count();
         let index = self.pending.iter().position(Option::is_none).filter(|_| free > stored);
         let Some(n) = index else { return false };
+        debug_assert!(self.pending[n].is_none(), "the place is free");
         let ambiguous = self.nodes.get_mut(request.id).outstanding_count(request.request.command);
         self.pending[n] = Some(PendingExchange {
             ticket,
@@ -390,6 +395,7 @@ impl Session {
         let out = out.filter_map(|(n, p)| p.as_ref().map(|p| (n, p)));
         let out = out.filter(|(_, p)| p.host_request.id == id && p.sent && fits(p));
         let out = out.filter(|(_, p)| {
+            // What comes before both frames were on the wire answers an older request (REQ-5).
             now >= p.sent_at.plus_ns(self.min_exchange.for_request(&p.outgoing_request()))
         });
         out.min_by_key(|(_, p)| p.sent_at).map(|(n, _)| n)
@@ -434,6 +440,7 @@ impl Session {
             }
             RequestStage::Request if !query && !echo => {
                 self.counters.answered += 1;
+                // EE EE has no reason; the fault word has it (THRUSTER-1).
                 pending.enter_stage(RequestStage::RefusalReason);
                 pending.sent_at = now;
             }
@@ -456,6 +463,7 @@ impl Session {
         let failure = Failure::Faulted { code: faults.into() };
         let blocked = faults & (OUTPUT_OFF | ENCODER) != 0;
         let result = match pending.stage {
+            // Refused, and still what the stop was for: there is no output.
             _ if stop && faults & OUTPUT_OFF != 0 => Ok(Answer::OutputOff { faults }),
             // A request that the bus doubled is answered twice: the damaged reply may have confirmed the first.
             RequestStage::RefusalReason
@@ -527,6 +535,7 @@ impl Session {
 
     /// Completes the request at `n`, and updates the state of the drive.
     fn finish_with_answer(&mut self, now: Instant, n: usize, result: Result<Answer, Failure>) {
+        debug_assert!(self.pending[n].is_some(), "a request ends once");
         let Some(pending) = self.pending[n].take() else { return };
         self.counters.answered += 1;
         let node = self.nodes.get_mut(pending.host_request.id);
@@ -558,6 +567,7 @@ impl Session {
         let again = pending.stage != RequestStage::Request
             || matches!(pending.host_request.class, RequestClass::Idempotent | RequestClass::Stop);
         let received = self.nodes.get_mut(pending.host_request.id).has_answered;
+        // A drive that never answered is asked less, so that a scan of 127 addresses stays short.
         let attempts = if received { ATTEMPTS_MAX } else { 2 };
         let user = pending.ticket.is_some();
         if user && again && pending.attempts < attempts && !pending.no_retry {

@@ -19,10 +19,13 @@ use crate::time::Instant;
 /// Default time-out of a reply, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// Silence of the line, in characters, after bytes that were no reply and before the next request.
+// The rest of a damaged datagram follows without a pause; two characters separate its end from a hiccup of
+// an adapter.
 const QUIET_CHARACTERS: u32 = 2;
 /// The byte that is sent alone, to make a module that lost count of bytes count on.
 const FILLER_BYTE: u8 = 0;
 /// Silence after a filler byte, so long that a module with a time limit between bytes drops it.
+// A module that drops parts after a pause must not keep the byte as the first of nine.
 const FILLER_PAUSE_MS: u32 = 35;
 /// Bytes of a request that goes out at each place of a module's count, without those before and after.
 const BURST_LEN: usize = DATAGRAM * (DATAGRAM + 1);
@@ -64,6 +67,7 @@ impl SerialHost {
         let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let line = SerialLine::new_8n1(options.baud);
         let paced = SerialLine::new_8n1(options.timed_baud());
+        // By the rate that holds for bytes; behind USB or TCP there is none, and nothing comes too soon.
         let soonest_ns = with_clock_tolerance(paced.characters_ns(2 * DATAGRAM as u32));
         let on_wire_ns = line.characters_ns(2 * DATAGRAM as u32);
         let noise_gap_ns = line.characters_ns(QUIET_CHARACTERS);
@@ -103,6 +107,7 @@ impl SerialHost {
 
     /// Judges nine bytes and returns how many of them are done with: all, or one.
     fn process_window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
+        // A module in ASCII mode and some adapters send back what they receive.
         if self.echo_pending && *window == self.sent {
             self.echo_pending = false;
             self.session.counters.echoed += 1;
@@ -118,6 +123,7 @@ impl SerialHost {
                 return self.finish_frame();
             }
             if reply.status.is_named() {
+                debug_assert_eq!(checksum(window), window[DATAGRAM - 1]);
                 self.session.note_other_host(reply.host.into(), &reply);
                 return self.finish_frame();
             }
@@ -140,6 +146,7 @@ impl SerialHost {
             self.corrupt_bytes_left = DATAGRAM;
         }
         self.skip_byte(window[0]);
+        // A request into the middle of noise would be counted together with it.
         self.silent_until = self.silent_until.max(now.plus_ns(self.noise_gap_ns));
         1
     }
@@ -156,6 +163,7 @@ impl SerialHost {
             self.corrupt_bytes_left -= 1;
             return self.discarded_text.push(byte);
         }
+        // Our own bytes between requests come back as well; they are no sign of a wrong baud rate.
         if byte == FILLER_BYTE && self.filler_echoes_pending > 0 {
             self.filler_echoes_pending -= 1;
             self.session.counters.echoed += 1;
@@ -189,6 +197,7 @@ impl SerialHost {
     #[cold]
     fn buffer_bytes(&mut self, now: Instant, bytes: &[u8]) {
         for &byte in bytes {
+            debug_assert!(self.buffer_len < DATAGRAM, "a whole window is processed at once");
             self.buffer[self.buffer_len] = byte;
             self.buffer_len += 1;
             if self.buffer_len == DATAGRAM {
@@ -251,6 +260,7 @@ impl Station<Stream> for SerialHost {
         let shift = self.session.take_filler_bytes(now);
         if shift > 0 {
             self.session.delay_sending(now.plus_ms(FILLER_PAUSE_MS));
+            // Before the request, and a pause between them: see `alignment`.
             self.filler_echoes_pending = shift;
             out.get_mut(..shift.into())?.fill(FILLER_BYTE);
             return Some(shift.into());
@@ -258,6 +268,8 @@ impl Station<Stream> for SerialHost {
         if now < self.silent_until {
             self.session.delay_sending(self.silent_until);
         }
+        // A caller with a shorter buffer gets the plain request; a part of a block would shift the module's
+        // count.
         let burst = self.session.burst().filter(|_| out.len() >= BURST_LEN_MAX);
         let on_wire_ns = match burst {
             // Their own answers may be as many, and belong to no request.
@@ -270,12 +282,17 @@ impl Station<Stream> for SerialHost {
         if self.buffer_len > 0 {
             self.skip_buffered();
         }
+        // Half of the exchange is the request, of as many bytes as the reply.
         self.early_bytes.note_sent(now, self.on_wire_ns.0 / 2);
         let bytes = request.emit();
         self.sent = bytes;
         self.echo_pending = true;
         *out.first_chunk_mut()? = bytes;
         if let Some(burst) = burst {
+            debug_assert!(
+                on_wire_ns.1 >= self.on_wire_ns.1,
+                "a block takes longer than one datagram"
+            );
             self.silent_until = self.silent_until.max(now.plus_ns(on_wire_ns.1));
             return Some(write_burst(bytes, out, burst));
         }
@@ -394,6 +411,7 @@ impl Timed for CanHost {
 
 impl Station<Can> for CanHost {
     fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        // TMCL has standard data frames only; a frame of another protocol on the bus is no damage of ours.
         if frame.extended || frame.remote {
             return;
         }
@@ -446,6 +464,7 @@ impl Host<Can> for CanHost {
         ticket: Ticket,
         request: HostRequest,
     ) -> Result<(), HostRequest> {
+        // Only for identifiers above FFh; a module below that has the same number in both.
         let slot = &mut self.can_ids[usize::from(request.request.address)];
         if *slot.get_or_insert(request.can_id) != request.can_id {
             const RULE: &str = "replies have the low byte of the CAN id alone: two modules on one bus need \

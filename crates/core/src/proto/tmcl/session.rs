@@ -229,7 +229,9 @@ impl Session {
         ticket: Ticket,
         request: HostRequest,
     ) -> Result<(), HostRequest> {
+        // A module that answered in the host's own number would look like an echo.
         let own = u16::from(request.request.address) == self.host_address;
+        // One look at all that needs care. A poll passes here thousands of times a second with none of it.
         if self.pending.is_some()
             || self.suspicious
             || self.unproven_request.is_some()
@@ -248,6 +250,7 @@ impl Session {
     pub(super) fn recall(&mut self) -> Option<Ticket> {
         if let Some(waiting) = self
             .unproven_request
+            // Only its probes have left: the request itself has not, so to give it back is no repetition (STOP-3).
             .take_if(|waiting| waiting.host_request.class != RequestClass::Stop)
         {
             return Some(waiting.ticket);
@@ -325,6 +328,8 @@ impl Session {
         pending.burst = burst;
         let request = pending.host_request.request;
         pending.sent = true;
+        // Replies to stops of several motors differ in nothing, so from here on another stop's may be taken
+        // for it.
         if request.opcode == Opcode::Mst {
             if pending.attempts == 0 {
                 pending.flags.other_motors_reply = self.motor_stops.is_reply_ambiguous(&request)
@@ -336,6 +341,7 @@ impl Session {
         self.recent[self.next_recent % RECENT_MAX] =
             (request.address, request.opcode.number(), now);
         self.next_recent = self.next_recent.wrapping_add(1);
+        debug_assert!(pending.attempts < ATTEMPTS_MAX, "a request leaves as often as it may");
         pending.earliest_reply = now.plus_ns(soonest_ns);
         pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
         self.alignment.note_sent(burst, pending.deadline);
@@ -344,6 +350,7 @@ impl Session {
             self.counters.resent += 1;
         }
         pending.attempts += 1;
+        // A module that restarts into its boot loader does not answer (TMCL firmware manual, "Boot").
         if matches!(request.opcode, Opcode::Boot | Opcode::BootStart) {
             let ticket = pending.ticket;
             self.pending = None;
@@ -370,6 +377,8 @@ impl Session {
     pub(super) fn delay_sending(&mut self, until: Instant) {
         let timeout = self.timeout_ns;
         if let Some(pending) = &mut self.pending
+            // A stop goes out into a noisy line at once. Delayed, it could be delayed again by each new byte of
+            // noise.
             && pending.host_request.class != RequestClass::Stop
         {
             let until = until.min(pending.ready_at.plus_ns(timeout));
@@ -383,6 +392,8 @@ impl Session {
     pub(super) fn try_fast_reply(&mut self, now: Instant, reply: Reply) -> bool {
         let Some(pending) = &self.pending else { return false };
         let request = &pending.host_request.request;
+        // Everything that a late, foreign or doubled reply could differ in is compared here; the rest is for
+        // `match_reply`.
         let ours = reply.module == request.address
             && reply.opcode == request.opcode
             && reply.status == Status::Ok
@@ -463,6 +474,8 @@ impl Session {
             self.mark_suspect(now, &pending, false);
             self.finish_ticket(pending.ticket, Err(Failure::LinkDown));
         }
+        // Their replies may come once the cable is back. The suspects keep them from being taken for new ones
+        // (REQ-8).
         let waiting = self.unproven_request.take().map(|waiting| waiting.ticket);
         let stop = self.pending_stop.take().map(|(ticket, _)| ticket);
         let repeated = self.take_repeated_stops();
@@ -490,6 +503,7 @@ impl Session {
         if !self.link_up {
             return Some(Failure::LinkDown);
         }
+        // On CAN that identifier is the one of replies: the module could not distinguish its requests from them.
         let is_own = request.can_id == self.host_address;
         is_own.then_some(Failure::Impossible(Unsupported::Forbidden(RULE)))
     }
@@ -509,6 +523,7 @@ impl Session {
         match (pending.ticket, pending.sent) {
             // It is recalled, not overtaken.
             (Some(_), false) if pending.attempts == 0 => return Err(request),
+            // Between two attempts of a repeated request: the first may still be answered.
             (Some(waiting), false) => {
                 let pending = *pending;
                 self.pending = None;
@@ -520,6 +535,7 @@ impl Session {
                 pending.flags.no_retry = true;
                 self.pending_stop = Some((ticket, request));
             }
+            // A probe has no caller; the stop takes its place.
             (None, _) => {
                 let probe = *pending;
                 self.pending = None;
@@ -539,6 +555,8 @@ impl Session {
                 self.suspects.iter().flatten().find(|s| s.module == request.request.address)
             {
                 ambiguous =
+                    // A module answers in order, so replies to earlier requests of the same opcode come first and are
+                    // skipped.
                     suspect.outstanding_opcodes(now).filter(|tag| *tag == opcode).count() as u8;
             }
         }
@@ -560,6 +578,7 @@ impl Session {
         let doubtful =
             pending.attempts > 1 || pending.flags.checksum_error || pending.burst.is_some();
         self.answered_modules.insert(module);
+        // The measured rate counts for more than a single reply that came too soon (TMCL-1).
         if self.early_streak < EARLY_STREAK_MAX || self.timely_streak >= TIMELY_STREAK_MIN {
             self.early_streak = 0;
         }
@@ -569,6 +588,7 @@ impl Session {
         } else if doubtful {
             self.mark_suspect(now, &pending, true);
         }
+        debug_assert!(self.pending.is_none(), "a proof goes on when its probe has ended");
         if probe && self.unproven_request.is_some() {
             return self.handle_proof(now);
         }
@@ -664,6 +684,7 @@ impl Session {
 
     fn next_probe(&mut self, now: Instant) -> Option<HostRequest> {
         let suspect = self.suspects.iter_mut().flatten().find(|suspect| suspect.probe_due)?;
+        debug_assert!(self.pending.is_none(), "probes do not overtake requests");
         suspect.probe_due = false;
         let is_free =
             |opcode: Opcode| suspect.outstanding_opcodes(now).all(|tag| tag != opcode.number());

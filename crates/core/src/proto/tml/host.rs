@@ -25,6 +25,7 @@ use baud_recovery::BaudRecovery;
 pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// Reply time-out on a serial port during a scan: a relay acknowledges for each address behind it, so there only a
 /// missing reply shows an empty address. Includes a relay, its bus, and twice an adapter's latency.
+// Two frames at 9,600 baud take 30 ms; most addresses of a scan belong to no drive (TML-5).
 const SCAN_ANSWER_MS: u32 = 40;
 /// Time allowed for an acknowledgement, and for each SYNC byte, on a serial port, ms. The manual's
 /// typical value is 2 (chapter 3); adapters need more.
@@ -35,6 +36,7 @@ pub const ACK_NETWORK_MS: u32 = 100;
 pub const ACK_MIN_MS: u32 = 2;
 /// Between messages to axes behind a relay, where the line itself does not pace them, µs: longer
 /// than a CAN frame takes at 250 kbit/s.
+// The time of a message on the relay's CAN bus at 500 kbit/s, so that its queue does not grow.
 const RELAY_GAP_US: u32 = 600;
 /// The host's axis ID on RS-485 and CAN, unless an axis has it; 255 is what drives have from the
 /// factory.
@@ -65,9 +67,11 @@ impl SerialHost {
             Some(proto::SerialStandard::Rs485) => TmlWire::Rs485,
             _ => TmlWire::Rs232,
         };
+        // Two stop bits (communication manual, chapter 3).
         let line = SerialLine { stop_bits: 2, ..SerialLine::new_8n1(options.baud) };
         let waits = Timeouts::new(options, line.characters_ns(1));
         let topology = topology_of(wire, options, axes);
+        // Only one drive is ever set to another rate: the others of a line would receive garbage (TML-8).
         let alone = (wire == TmlWire::Rs232 || topology.single_drive) && !topology.scanning;
         let baud_recovery = BaudRecovery::new(
             options.baud,
@@ -87,6 +91,7 @@ impl SerialHost {
                 Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
                 _ => options.stated_gap_ns(),
             },
+            // A frame never pauses for longer than a drive takes to answer.
             stale_ns: waits.ack_ns + line.characters_ns(2),
             last_byte: Instant::ZERO,
             sent: None,
@@ -111,6 +116,7 @@ impl SerialHost {
     #[inline]
     fn handle_piece(&mut self, now: Instant, piece: SerialPiece, early: bool) {
         match piece {
+            // Adapters for RS-485 return what the host sends.
             SerialPiece::Message(message) if self.sent == Some(message) => {
                 self.sent = None;
                 self.session.counters.echoed += 1;
@@ -178,6 +184,7 @@ impl SerialHost {
     /// Handles the head of a frame whose end never came: the bytes after the first one are scanned again.
     fn rescan_pending(&mut self, now: Instant) {
         let mut bytes = [0; FRAME_MAX];
+        // Each round gives up one byte, so a wrong length costs no more than the bytes that it claims.
         for _ in 0..FRAME_MAX {
             let held = self.deframer.pending();
             let len = held.len();
@@ -202,6 +209,7 @@ const fn early_bytes_of(untimed: bool, line: &SerialLine) -> EarlyBytes {
 
 impl Timeouts {
     fn new(options: &HostOptions, character_ns: u64) -> Self {
+        // Without a baud rate the line is a network or a pseudo-terminal, and those pause.
         let usual = if options.baud == 0 { ACK_NETWORK_MS } else { ACK_SERIAL_MS };
         let quick = options.scanning && options.baud != 0;
         let usual_answer = if quick { SCAN_ANSWER_MS } else { REPLY_TIMEOUT_MS };
@@ -262,6 +270,7 @@ fn wire_number(id: u8, wire: &TmlWire) -> u8 {
 
 impl Timed for SerialHost {
     fn handle_timeout(&mut self, now: Instant) {
+        // Noise before the acknowledgement may have looked like the beginning of a frame.
         if self.session.is_ack_overdue(now) {
             self.rescan_pending(now);
         }

@@ -51,6 +51,8 @@ const FICTION_MIN: u8 = 2;
 const AAR: u16 = 0x030C;
 /// Silence after which several drives on RS-485 are taken to have dropped what they had of a frame.
 /// SYNC bytes would reach them all. From the field, in no manual.
+// Longer than the longest reply at 9,600 baud, so that no drive is sending when the next message
+// leaves [I].
 const DRAIN_NS: u64 = 50_000_000;
 
 /// Time-outs.
@@ -227,6 +229,7 @@ impl Session {
 
     /// Returns whether a drive of that address can be asked: not with the host's own.
     pub(super) fn can_add_drive(&self, address: u32) -> bool {
+        // On RS-232 the host has the number of its drive by definition (communication manual, chapter 2).
         let on_bus = self.topology.wire != TmlWire::Rs232;
         !on_bus || address & GROUP != 0 || !self.same_axis(address as u8, self.topology.own_code.id)
     }
@@ -242,6 +245,7 @@ impl Session {
         ticket: Ticket,
         request: HostRequest,
     ) -> Result<(), HostRequest> {
+        // Every request that is taken must be able to end, also the one that a stop cuts short.
         if self.events_len > EVENTS_MAX - EVENT_ROOM_MIN || self.group_answers.is_draining() {
             return Err(request);
         }
@@ -263,6 +267,7 @@ impl Session {
     pub(super) fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         if self.events_len > 0 {
             let event = &self.events[self.events_first];
+            debug_assert!(self.events_first < EVENTS_MAX);
             self.events_first = (self.events_first + 1) % EVENTS_MAX;
             self.events_len -= 1;
             return Some(event);
@@ -283,6 +288,7 @@ impl Session {
         let (request, stage) = (pending.host_request, pending.stage);
         self.counters.sent += 1;
         self.counters.resent += u64::from(pending.attempts > 0);
+        debug_assert!(pending.attempts < u8::MAX, "attempts are few");
         (pending.attempts, pending.early_ack) = (pending.attempts + 1, false);
         let message = self.stage_message(&request, stage);
         let left = now.plus_ns(self.timeouts.frame_ns(&message));
@@ -298,6 +304,7 @@ impl Session {
 
     /// Puts the sending off, but no stop.
     pub(super) fn delay_sending(&mut self, until: Instant) {
+        // A stop is not delayed: each byte of a noisy line would delay it again.
         if let Some(pending) = &mut self.pending
             && pending.host_request.class != RequestClass::Stop
             && let RequestPhase::Ready(at) = pending.phase
@@ -347,6 +354,7 @@ impl Session {
         to: Option<IdCode>,
         instruction: &Instruction,
     ) {
+        // Group messages are for drives. A host that took them would answer for its own number.
         let own = |code: IdCode| !code.group && self.same_axis(code.id, self.topology.own_code.id);
         if !to.is_none_or(own) {
             self.counters.foreign += 1;
@@ -391,6 +399,7 @@ impl Session {
         if self.link_up {
             return;
         }
+        // What drives of a group have answered so far is dropped: the caller could not know which are missing.
         self.group_answers.clear();
         let requests = [self.pending.take(), self.overtaken.take()];
         let queried = requests.map(|pending| pending.and_then(|pending| pending.ticket));
@@ -443,8 +452,10 @@ impl Session {
             self.topology;
         let Message { to, instruction } = &request.message;
         let many = to.group || to.id == 0;
+        debug_assert!(self.link_up, "a lost link is refused before");
         let question = host_request::query_of(instruction);
         let speaks = request.confirmation == Confirmation::MasterFirst;
+        // Behind a relay onto TechnoCAN, a message that makes a drive send by itself has no way back [I].
         let beyond = wire == TmlWire::Rs232 && (to.group || relay_axis != Some(to.id));
         let may_speak = if speaks { wire.check_unsolicited() } else { Ok(()) };
         let second =
@@ -494,6 +505,7 @@ impl Session {
     fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, request: HostRequest) {
         let stage = RequestStage::first_for(&request);
         let at =
+            // A stop passes the relay's queue; what it could displace there is older and less urgent.
             if request.class == RequestClass::Stop { now } else { now.max(self.relay_free_at) };
         let phase = RequestPhase::Ready(at);
         let (attempts, early, first) = (0, false, false);
@@ -526,6 +538,7 @@ impl Session {
     fn handle_accepted(&mut self, now: Instant) {
         let Some(pending) = self.pending else { return };
         if let Some(question) = self.query_of(&pending) {
+            // On RS-485 the answer comes in any case, and would collide with the stop.
             if self.pending_stop.is_some() && self.topology.wire != TmlWire::Rs485 {
                 return self.start_pending_stop(now);
             }
@@ -537,6 +550,7 @@ impl Session {
         let instruction = &pending.host_request.message.instruction;
         match pending.stage {
             RequestStage::SetMaster => self.enter_stage(now, RequestStage::Request),
+            // Points of a path prove themselves by their counter, groups have no drive to ask (TML-3).
             _ if !self.needs_proof(&pending.host_request) => {
                 self.relay_free_at = now.plus_ns(self.relay_gap_ns(&pending.host_request.message));
                 let value = assigned_variable(instruction).map_or(0, |(_, value, _)| value);
@@ -584,6 +598,7 @@ impl Session {
         if let Some((ticket, request)) = self.pending_stop.take() {
             return self.start_request(now, Some(ticket), request);
         }
+        debug_assert!(self.pending_stop.is_none(), "a stop goes before what it overtook");
         if let Some(pending) = self.overtaken.take() {
             self.pending = Some(PendingExchange { phase: RequestPhase::Ready(now), ..pending });
             return;
@@ -597,6 +612,7 @@ impl Session {
 
     fn push_unsolicited(&mut self, from: u8, message: &OnlineMessage) {
         match host_request::answer_of(message) {
+            // Reports of drives never take the places that ends of requests need.
             Some(answer) if self.events_len < EVENTS_MAX - EVENT_ROOM_MIN => {
                 self.note_answered(from);
                 self.push_event(EventSubject::Unsolicited(from.into()), Ok(answer));

@@ -10,8 +10,10 @@ use polepair_core::time::Instant;
 /// A silence that ends with a reply is at least this long.
 pub(super) const SILENCE_MIN: Duration = Duration::from_millis(300);
 /// After a stop without a reply, a shared wire is left to others for this multiple of its time (5 % remain).
+// An attempt and nineteen times as long for the others: 5 % of the wire (STOP-9).
 const AIRTIME_DIVISOR: u32 = 19;
 /// The time of one stop without a reply counts as this at most: a drive has that long to reply.
+// A reply timeout is no use of the wire.
 const ATTEMPT_TIME_MAX: Duration = Duration::from_millis(100);
 
 /// State shared by all pending stops of a wire.

@@ -66,6 +66,8 @@ impl StopAttempt {
     pub fn resend(axis: &LocalAxis, command: Command) -> Self {
         let mut attempt = Self::new(axis, command);
         match axis.stop_ram_mode(command.verb) {
+            // A drive that lost its supply writes to flash what a stop writes. It is asked before each repetition
+            // (STOP-10).
             Some(ram) => match axis.start_ram_mode_read(ram.parameter) {
                 Ok(running) => attempt.stage = StopStage::CheckingRamMode(running, ram),
                 Err(error) => attempt.fail(error),
@@ -202,6 +204,7 @@ impl StopAttempt {
                 Ok(Some(_)) => {
                     // Without a reply, the stop may have been lost.
                     let index = axis.index;
+                    // TML on CAN confirms no command, so only the motor can (STOP-8).
                     if axis.connection().with_axes(|axes, _| axes.is_confirmed(index)) {
                         self.set_progress(StopProgress::Acknowledged, now);
                     }
@@ -216,6 +219,7 @@ impl StopAttempt {
                 Ok(Some(class)) => self.start_release(axis, class, now),
                 Err(error) => self.trouble = Some(error),
             },
+            // The rest of the stop, for a motor at standstill: it lets the drive be moved again.
             StopStage::Releasing(mut running, class) => match running.poll() {
                 Ok(None) => self.stage = StopStage::Releasing(running, class),
                 Ok(Some(_)) => self.set_progress(class, now),
@@ -232,6 +236,7 @@ impl StopAttempt {
     /// Sends the final requests at standstill.
     fn start_release(&mut self, axis: &LocalAxis, class: StopProgress, now: Instant) {
         let plan = axis.profile.plan(self.command.verb);
+        debug_assert!(matches!(class, StopProgress::Standstill | StopProgress::Unobservable));
         if plan.is_none_or(|plan| plan.after_wait().is_empty()) {
             return self.set_progress(class, now);
         }

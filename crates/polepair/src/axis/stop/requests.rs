@@ -13,6 +13,7 @@ use polepair_core::time::Instant;
 impl LocalAxis {
     /// The setting that keeps the writes of a stop out of permanent memory, if there is one.
     pub(super) fn stop_ram_mode(&self, verb: Verb) -> Option<RamMode> {
+        // Drives without such a mode keep nothing that a stop writes.
         let ram = self.profile.ram?;
         let steps = self.profile.plan(verb)?.steps;
         steps
@@ -35,6 +36,7 @@ impl LocalAxis {
     ) -> Result<RunningRequest, Error> {
         let kind = RequestKind::Verb(command.verb);
         self.submit_now(command.verb.name().to_owned(), kind, |axes, now, ticket| {
+            // Submitted and marked under one lock, so that no attempt leaves in between.
             axes.stop(now, ticket, self.index, command, part)?;
             if once {
                 axes.disable_retries(ticket);

@@ -27,6 +27,7 @@ const POLL_INTERVAL_MAX: Duration = Duration::from_secs(2);
 /// For so long a motor that brakes is read without a pause.
 const BRAKING_TIME: Duration = Duration::from_secs(2);
 /// After that the pause is this multiple of the time of a reading: a motor that turns on takes 5 % of its wire.
+// After two seconds of braking the readings take 5 % of the wire, as repetitions do.
 const PAUSE_FACTOR: u32 = 19;
 /// Two positions at this distance in time are compared: a difference that these speeds give is none. A servo
 /// that holds its position is never quite still.
@@ -35,6 +36,7 @@ const HOLDING_SPEED_RAD: f64 = 0.05;
 const HOLDING_SPEED_M: f64 = 0.001;
 /// With a speed that means standstill, two positions may differ by this number of raw steps, or by this
 /// multiple of the speed limit of standstill.
+// Either reading may be one step off.
 const POSITION_DITHER: u64 = 2;
 const SLOW_FACTOR: f64 = 2.0;
 /// Time limit for the standstill after an executed stop.
@@ -144,6 +146,7 @@ impl StandstillMonitor {
 
     /// The next source to read: speed and position in turn, factors of their units before.
     fn next_source(&self, axis: &LocalAxis) -> Option<StandstillSource> {
+        // Factors first: without them neither a speed nor a position has a unit to be judged by.
         let sources = [self.speed_source, self.position_source];
         if self.judge.is_none() {
             let sources = sources.into_iter().flatten();
@@ -155,6 +158,7 @@ impl StandstillMonitor {
         let speed = self.speed_source.map(StandstillSource::Speed);
         let position = self.position_source.map(StandstillSource::Position);
         match self.last_source {
+            // In turns, because both have to show standstill where a drive reports both.
             Some(StandstillSource::Speed(_)) => position.or(speed),
             _ => speed.or(position),
         }
@@ -191,6 +195,7 @@ impl StandstillMonitor {
             Ok(Some(raw)) => Ok(raw),
             Err(error) => Err(error),
         };
+        debug_assert!(self.in_flight.is_some(), "an answer belongs to a reading");
         self.in_flight = None;
         let rest = now.since(requested_at) * PAUSE_FACTOR;
         self.next_poll = now
@@ -224,6 +229,7 @@ impl StandstillMonitor {
         error: Error,
         now: Instant,
     ) {
+        // "Not now" keeps the reading; only "no such object" drops it (STOP-21).
         let is_missing = match failure_of(&error) {
             // The drives of a group differ.
             Some(Failure::NotReady { .. }) => now.since(self.since) >= GROUP_WAIT_MAX,
@@ -330,6 +336,7 @@ impl StandstillMonitor {
         reported_at: Instant,
     ) {
         let (since, first) = *self.position.get_or_insert((requested_at, raw));
+        // A pair that is nearer in time agrees even where the motor turns slowly.
         if requested_at.since(since) < POSITION_SPAN {
             return;
         }
@@ -340,6 +347,7 @@ impl StandstillMonitor {
         let moved =
             raw.abs_diff(first) > POSITION_DITHER && axis.has_drifted(id, first, raw, over, slow);
         match self.speed {
+            // A tachometer that hangs reports 0 rpm while its position runs (STOP-7).
             Some((speed, false)) => {
                 self.mismatch =
                     moved.then(|| axis.speed_mismatch_error(speed, id, first, raw, over));
@@ -481,6 +489,7 @@ impl LocalAxis {
             .raw_to_si(id, from)
             .zip(self.raw_to_si(id, to))
             .map(|(from, to)| (to - from).abs());
+        // Without a scale nothing shows that the steps are small ones, so the motor counts as turning.
         execution.is_none_or(|went| went > holds.max(speed) * over.as_secs_f64())
     }
 

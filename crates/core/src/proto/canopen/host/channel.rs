@@ -305,6 +305,7 @@ impl NodeChannel {
     /// Notes an unexpected reply: after an answered request it may be a second reply to it.
     #[cold]
     pub fn note_repeated_reply(&mut self, data: [u8; 8]) {
+        // Late copies after silence are usual; without silence a second answer is a second node (CANOPEN-4).
         let again = self.stale_answers == StaleAnswers::None
             && SdoReply::of(data).object() == Some(self.last_object);
         if again && !core::mem::replace(&mut self.repeated, true) {
@@ -324,6 +325,7 @@ impl NodeChannel {
         if self.stage != ChannelStage::Request || self.buffer.is_some() {
             return None;
         }
+        debug_assert_eq!(self.stage, ChannelStage::Request);
         let (object, ExpeditedData { bits, len }) = read_answer(self.first_frame, reply)?;
         self.stale_answers = StaleAnswers::None;
         self.record_end(object);
@@ -424,6 +426,7 @@ impl NodeChannel {
         let OutgoingSegment { data, last, .. } = long.segment(sent).unwrap_or_default();
         let number = sent + 1;
         self.stage = ChannelStage::BlockWriting(number);
+        debug_assert!(number <= self.segments, "a block is as long as the node wants it");
         let more = !last && number < self.segments && long.segment(number).is_some();
         self.stalled = !last && number < self.segments && !more;
         (BlockSegment { number, last, data }.bytes(), more)
@@ -442,6 +445,7 @@ impl NodeChannel {
                 self.attempts += 1;
                 (ChannelStep::Send, true)
             }
+            // A read changes nothing. Its answers are distinguished by a probe of another object (CANOPEN-2).
             (ChannelStage::Request, None) if again && self.may_repeat() => {
                 self.attempts += 1;
                 self.stale_answers.insert(self.object());
@@ -460,6 +464,7 @@ impl NodeChannel {
                 (ChannelStep::Send, true)
             }
             (ChannelStage::Guard, _) => (ChannelStep::End(over), false),
+            // The node is through; only the caller takes no bytes, so there is nothing to abort.
             (ChannelStage::Drain, _) => (ChannelStep::End(over), false),
             (stage, _) => {
                 if stage != ChannelStage::Probe {
@@ -475,6 +480,7 @@ impl NodeChannel {
     pub fn preempt(&mut self) -> Failure {
         self.stale_answers.insert(self.object());
         match self.host_request {
+            // A write that was cut short may be in effect; a read is simply cancelled.
             HostRequest::Write { .. } | HostRequest::Download { .. } => Failure::Silent,
             _ => Failure::Cancelled,
         }

@@ -11,6 +11,7 @@ use crate::station::Ticket;
 use crate::time::{Instant, earliest};
 
 /// Silence that is a device's "no", ms.
+// CiA 305 states no time. Most questions of a scan end in silence, so each of them is short.
 const SILENCE_MS: u32 = 25;
 
 const NOTHING_SCANNED: &str = "no fast scan found a device before";
@@ -138,6 +139,7 @@ impl LssMaster {
             LssRequest::SwitchGlobal(_)
             | LssRequest::ActivateBitTiming(_)
             | LssRequest::Other(_) => true,
+            // Only the last of the four numbers selects a device, and is answered (CiA 305).
             LssRequest::SwitchSelective(number, _) => number != IdentityNumber::Serial,
             LssRequest::Identify(bound, _) => bound != IdentifyBound::SerialHigh,
             _ => false,
@@ -214,6 +216,7 @@ impl FastScan {
             (ScanQuestion::Begin, false) => return Some(Err(Failure::Silent)),
             (ScanQuestion::Bit(bit), answered) => {
                 if !answered {
+                    debug_assert!(bit < 32, "a number has 32 bits");
                     self.found[self.number_index] |= 1 << bit;
                 }
                 bit.checked_sub(1).map_or(ScanQuestion::Confirm, ScanQuestion::Bit)
@@ -223,6 +226,7 @@ impl FastScan {
                 return Some(Ok(Answer::Identity(self.found)));
             }
             (ScanQuestion::Next, true) => {
+                debug_assert!(self.number_index < 3, "an identity has four numbers");
                 self.number_index += 1;
                 ScanQuestion::Bit(31)
             }

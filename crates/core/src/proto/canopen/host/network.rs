@@ -17,6 +17,7 @@ const HEARTBEAT_TIME: ObjectIndex = ObjectIndex::new(0x1017, 0);
 /// Consumer heartbeat time: the first place.
 const CONSUMER_HEARTBEAT: ObjectIndex = ObjectIndex::new(0x1016, 1);
 /// Heartbeats of the host within the time after which it is missed: one may be late, or lost.
+// One late heartbeat is no death, and a bus loses one now and then (CANOPEN-7).
 const BEATS_PER_TIMEOUT: u32 = 3;
 /// Periods after which a heartbeat counts as missed.
 const TIMEOUT_PERIODS: u32 = 2;
@@ -97,6 +98,7 @@ impl Network {
     /// Takes a boot-up or heartbeat; true for a change.
     pub fn note_state(&mut self, now: Instant, node: u8, state: NmtState) -> bool {
         let node = &mut self.nodes[usize::from(node & NODE_MAX)];
+        // Two restarts in a row are two events.
         let new = node.state.replace(state) != Some(state) || state == NmtState::BootUp;
         if state == NmtState::BootUp {
             // The object has its unknown power-on value again.
@@ -161,6 +163,7 @@ impl Network {
 
     /// The request that makes a node monitor the host's heartbeat.
     pub const fn watch_request(&self, node: u8, ms: u16) -> HostRequest {
+        // CiA 301, 7.5.2.19: reserved byte, node-ID, milliseconds.
         let bits = if ms == 0 { 0 } else { (self.own_heartbeat.id as u64) << 16 | ms as u64 };
         HostRequest::Write {
             node,
@@ -206,10 +209,12 @@ impl Network {
         {
             // Those that are overdue are left out: SYNC keeps its beat.
             let missed = (now.0 - next.0) / *period;
+            debug_assert!(*period > 0, "no SYNC is no period");
             *next = next.plus_ns((missed + 1) * *period);
             return Some(SyncMessage::default().emit());
         }
         let next = self.own_heartbeat.next.filter(|next| *next <= now)?;
+        // The application went silent, so drives that watch this host shall notice (CANOPEN-8).
         if now > self.own_heartbeat.lease_until {
             self.own_heartbeat.next = None;
             return None;

@@ -15,6 +15,7 @@ impl NodeSet {
 
     #[inline]
     pub const fn insert(&mut self, node: u8) {
+        debug_assert!(node <= NODE_MAX);
         self.0[(node >> 6 & 1) as usize] |= 1 << (node & 63);
     }
 

@@ -20,6 +20,7 @@ impl NodeChannel {
         data: [u8; 8],
         long: Option<&mut TransferBuffer>,
     ) -> (ChannelStep, ReplyKind) {
+        // In a block every frame is a segment, whatever its first byte, except an abort (CiA 301).
         if let ChannelStage::BlockReading(arrived) = self.stage
             && data[0] != 0x80
         {
@@ -162,6 +163,7 @@ impl NodeChannel {
         let bytes = segment.bytes();
         for byte in bytes {
             if self.bytes_done < VALUE_BYTES_MAX {
+                debug_assert!(self.bytes_done < VALUE_BYTES_MAX);
                 self.bits |= u64::from(*byte) << (8 * self.bytes_done);
             }
             self.bytes_done += 1;
@@ -223,6 +225,7 @@ impl NodeChannel {
 
     /// A segment with the other's toggle: once it may be a copy of the one before.
     fn handle_duplicate(&mut self, deadline: Instant) -> ChannelStep {
+        // Once it may be the copy that a bus error makes; twice it is another transfer.
         if core::mem::replace(&mut self.duplicate_seen, true) {
             return self.abort_broken(AbortCode::TOGGLE);
         }
@@ -252,6 +255,7 @@ impl NodeChannel {
     fn handle_block_end(&mut self, unused: u8, crc: u16, long: &mut TransferBuffer) -> ChannelStep {
         let computed = long.finish_blocks(unused);
         self.bytes_done = self.bytes_done.saturating_sub(unused.into());
+        // The node keeps what it has: nothing is lost by reading it again, so it is the caller who decides.
         if self.uses_crc && computed != crc {
             return self.abort_broken(AbortCode::CRC);
         }
@@ -274,6 +278,7 @@ impl NodeChannel {
         if !(1..=TransferBuffer::SEGMENTS).contains(&segments) {
             return self.abort_broken(AbortCode::BLOCK_SIZE);
         }
+        // A node that takes nothing of a block several times in a row will not take it at all.
         self.attempts = if arrived == 0 { self.attempts + 1 } else { 0 };
         if self.attempts > Self::BLOCKS_LOST_MAX {
             return self.abort_broken(AbortCode::SEQUENCE);

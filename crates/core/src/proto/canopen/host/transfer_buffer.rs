@@ -66,6 +66,7 @@ impl TransferBuffer {
             HostRequest::Download { size, .. } => (true, size),
             _ => (false, 0),
         };
+        // Nine hundred bytes that need no clearing: `len` states how many of them count.
         let ring = self.ring;
         *self = Self { ticket: Some(ticket), node, writes, bytes_left: left, ring, ..Self::FREE };
     }
@@ -96,6 +97,7 @@ impl TransferBuffer {
 
     /// Takes the oldest bytes away.
     fn discard(&mut self, count: usize) {
+        debug_assert!(count <= self.len, "no more leaves than is there");
         self.first = (self.first + count) % BYTES_MAX;
         self.len -= count;
     }
@@ -123,6 +125,8 @@ impl TransferBuffer {
 
     /// Takes a segment of a block.
     pub fn push_block_segment(&mut self, data: [u8; SEGMENT], last: bool) {
+        // Only the end of a transfer states how many bytes of its last segment count, so one segment is held
+        // back.
         if let Some(before) = self.held_segment.replace(data) {
             self.crc = crc(self.crc, &before);
             self.push(&before);
@@ -168,6 +172,7 @@ impl TransferBuffer {
             let len = usize::from(len);
             self.crc = crc(self.crc, &data[..len]);
             self.unused = (SEGMENT - len) as u8;
+            debug_assert!(len as u32 <= self.bytes_left, "no more is acknowledged than was left");
             self.bytes_left -= len as u32;
             self.discard(len);
         }

@@ -39,11 +39,14 @@ impl SerialHost {
     pub(super) fn retry_as_multiple_write(&mut self, now: Instant, exception: Exception) -> bool {
         let Some(current) = &mut self.current else { return false };
         let single = matches!(current.request.body, RequestBody::WriteRegister { .. });
+        // The exception proves that nothing was written, so another function for the same register is no
+        // repetition.
         if !single || exception != Exception::IllegalFunction || self.outstanding_len > 0 {
             return false;
         }
         self.multiple_writers.insert(current.request.unit);
         current.request = self.multiple_writers.adapt(current.request);
+        // Counted anew: the attempts belonged to the other function.
         (current.attempts, current.since) = (1, now);
         self.counters.answered += 1;
         self.sending = Some(PendingSend::Request);

@@ -14,6 +14,7 @@ const PROOFS_NEEDED: u8 = 2;
 const UNANSWERED_MAX: u8 = 4;
 /// Registers or bits of a probe: neither one nor two, for most that is read is as long. A drive that has
 /// fewer refuses it, which is an answer.
+// Not 1 or 2, which most programs read: their late replies would pass.
 const COUNT_MIN: u16 = 3;
 const COUNT_MAX: u16 = 5;
 /// Other function codes than most reads have.
@@ -41,9 +42,11 @@ impl SerialHost {
     fn draw_probe(&mut self, left: u8, silent: u8) {
         let last = self.proof.map(|proof| proof.space);
         let mut others = SPACES.into_iter().filter(|space| last != Some(*space));
+        // Another one each time, so that a reply to the probe before does not answer this one.
         let nth = self.proven_addresses.random_below(SPACES.len() - usize::from(last.is_some()));
         let space = match silent {
             0 => others.nth(nth).unwrap_or(Space::Input),
+            // A drive that ignores unknown function codes still answers a read of its registers.
             _ => Space::Holding,
         };
         let before = self.proof.map_or(0, |proof| proof.count);
@@ -51,6 +54,7 @@ impl SerialHost {
         let nth = self.proven_addresses.random_below(usize::from(COUNT_MAX - COUNT_MIN));
         let count = others.nth(nth).unwrap_or(COUNT_MAX);
         self.proof = Some(StationProof { probes_left: left, unanswered: silent, space, count });
+        // Nothing but the probe and a stop is sent until the order of replies is proven (REQ-7).
         self.quarantine = true;
         self.deadline = None;
         self.sending = Some(PendingSend::Probe);
@@ -63,6 +67,7 @@ impl SerialHost {
             return self.quarantine_probe();
         };
         let start = match current.request.body {
+            // Registers that the caller is about to read exist; number 0 may not.
             RequestBody::Read { space: Space::Holding, start, .. } if space == Space::Holding => {
                 start
             }
@@ -82,6 +87,7 @@ impl SerialHost {
         if proof.probes_left > 1 {
             return self.draw_probe(proof.probes_left - 1, proof.unanswered);
         }
+        debug_assert_eq!(proof.probes_left, 1, "every probe was answered");
         self.proven_addresses.insert(current.request.unit);
         current.since = now;
         self.proof = None;
@@ -94,6 +100,7 @@ impl SerialHost {
     pub(super) fn handle_proof_timeout(&mut self) {
         let Some(proof) = self.proof else { return };
         let silent = proof.unanswered + 1;
+        // Bytes were received, so a drive is there: it may refuse this kind of probe. Without a byte two are enough.
         let max = if self.received_any { UNANSWERED_MAX } else { 1 };
         if silent <= max && self.outstanding_len < OUTSTANDING_MAX {
             self.outstanding[..self.outstanding_len]
@@ -110,6 +117,7 @@ impl SerialHost {
     pub(super) fn deadline_timeouts(&self) -> u64 {
         match self.proof {
             Some(StationProof { unanswered: 0, .. }) => 1,
+            // A late reply may take as long as the request that is waited for, and its own probe's behind it.
             _ if self.quarantine => QUARANTINE_TIMEOUTS,
             _ => 1,
         }

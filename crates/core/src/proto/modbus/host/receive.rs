@@ -23,6 +23,7 @@ impl SerialHost {
     }
 
     fn drop_front(&mut self, count: usize) {
+        debug_assert!(count <= self.received_len, "no more is dropped than was received");
         self.received.copy_within(count..self.received_len, 0);
         self.received_len -= count;
         self.early_bytes.consume(count);
@@ -32,6 +33,7 @@ impl SerialHost {
     /// first and in place.
     #[inline]
     pub(super) fn expected_read_data<'a>(&self, adu: &'a [u8]) -> Option<&'a [u8]> {
+        // The usual reply: one request, nothing in doubt, and the whole frame in one piece.
         let [awaited] = self.outstanding() else { return None };
         let [unit, function, count, data @ .., _, _] = adu else { return None };
         let plain =
@@ -54,6 +56,7 @@ impl SerialHost {
         self.early_bytes.note_received(now, adu_len);
         self.frame_is_early = self.early_bytes.count() > 0;
         self.early_bytes.consume(adu_len);
+        debug_assert_eq!(self.outstanding_len, 1, "the only awaited reply");
         if self.is_too_early(now, adu_len) {
             self.counters.late += 1;
             self.counters.early += 1;
@@ -71,6 +74,7 @@ impl SerialHost {
     pub(super) fn buffer_bytes(&mut self, now: Instant, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
+            // Twice the longest frame: what fills it without one is noise, and the newest bytes matter.
             if self.received_len == RECEIVE_MAX {
                 self.skip_bytes(1);
             }
@@ -118,6 +122,7 @@ impl SerialHost {
             {
                 return ReplyScan::Frame(len);
             }
+            // The head fits an awaited reply, so its rest is waited for before any byte of it is skipped.
             AnnouncedLength::Bytes(len) if len > bytes.len() && self.is_expected_head(bytes) => {
                 return ReplyScan::More;
             }
@@ -127,6 +132,7 @@ impl SerialHost {
             || span == AnnouncedLength::More
             || matches!(span, AnnouncedLength::Bytes(len) if len > bytes.len());
         if perhaps {
+            // Noise may announce a long frame. A whole awaited reply behind it must not wait for that.
             return self.find_expected_reply(bytes).map_or(ReplyScan::More, ReplyScan::Skip);
         }
         if self.is_expected_head(bytes) && !sent.starts_with(&bytes[..3]) {
@@ -206,6 +212,9 @@ impl SerialHost {
             return self.handle_idle_identical();
         };
         let known = self.echo != EchoState::NotDetected && !self.echo_seen;
+        // An echo is back before a drive could have answered. It has the bytes of the reply to functions 05
+        // and 06, so time alone distinguishes them; where time is fiction, the first is taken for the echo
+        // (MODBUS-1).
         let early = self.is_timed && now < self.earliest_reply(self.sent_len) && !self.echo_seen;
         if early || known {
             self.counters.echoed += 1;
@@ -262,6 +271,7 @@ impl SerialHost {
             .iter()
             .position(|awaited| awaited.unit == unit && matches_outstanding(awaited, &reply))
         else {
+            // Without a request under way it can only be late; with one it may be another station's.
             let idle = self.outstanding_len == 0;
             if idle {
                 self.counters.late += 1
@@ -279,6 +289,7 @@ impl SerialHost {
             return;
         }
         let role = self.outstanding[at].role;
+        debug_assert!(at < self.outstanding_len, "the reply belongs to an awaited one");
         let lost = self.remove_outstanding(at);
         match role {
             ReplyRole::Request => self.handle_reply(now, &reply),
@@ -305,6 +316,7 @@ impl SerialHost {
         let mut lost = false;
         for n in 0..self.outstanding_len {
             let awaited = self.outstanding[n];
+            // A drive replies in order: what was asked of it before this one will not be answered.
             if n > at || awaited.unit != unit {
                 self.outstanding[stored] = awaited;
                 stored += 1;
@@ -321,6 +333,7 @@ impl SerialHost {
     /// nothing else arrives.
     fn is_too_early(&mut self, now: Instant, len: usize) -> bool {
         let soon = self.frame_is_early || now < self.earliest_reply(len);
+        // A virtual port reports a baud rate too. Sixteen replies that took their time show a real line.
         if self.line.baud != 0 && !self.untimed {
             self.timely_streak = if soon { 0 } else { self.timely_streak.saturating_add(1) };
             self.is_timed |= self.timely_streak >= TIMELY_STREAK_MIN;
@@ -392,6 +405,7 @@ impl SerialHost {
         self.note_missing_echo();
         if self.held_since.take().is_some() {
             self.counters.late += 1;
+            // Two replies to one read: which of them is the old one cannot be known afterwards.
             self.last_read = None;
         }
         let suspect = self.is_suspected_duplicate(now, data);

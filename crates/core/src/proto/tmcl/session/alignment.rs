@@ -20,10 +20,13 @@ const UNANSWERED_MIN: u8 = 2;
 /// Number of unanswered requests that must be exceeded if all were stops: a stop that is sent for every byte position
 /// reaches a module at any position, so that no reply to one proves little. A motor may be silent, and its module
 /// replies for another.
+// A block with a stop reaches a module whatever it has counted, so that a lost stop shows little
+// (TMCL-4).
 const UNANSWERED_STOPS_MIN: u8 = 6;
 
 /// Length of the cycle of attempts: to a module that is searched for, one of them goes without a filler byte; to a
 /// silent one, one goes for every position and one without a filler byte.
+// In step, by a block, at the next place: a module of either kind takes one of three.
 const ATTEMPT_CYCLE: u8 = 3;
 
 /// Places of a module's count.
@@ -77,6 +80,10 @@ impl SilentModule {
     /// Next byte position to try during silence.
     const fn next_search_offset(&mut self) -> u8 {
         self.last_offset = self.last_offset % (OFFSETS - 1) + 1;
+        debug_assert!(
+            self.last_offset >= 1 && self.last_offset < OFFSETS,
+            "0 is the place of a block"
+        );
         self.last_offset
     }
 
@@ -154,6 +161,8 @@ impl Session {
     pub(super) fn note_unanswered(&mut self, now: Instant, pending: &PendingExchange) {
         let module = pending.host_request.request.address;
         let same = |quiet: &Option<SilentModule>| quiet.is_some_and(|quiet| quiet.module == module);
+        // Full tables give up their last place: the module that fell silent now matters more than one long
+        // gone.
         let index =
             self.silent_modules.iter().position(same).or_else(|| free_slot(&self.silent_modules));
         let quiet = &mut self.silent_modules[index.unwrap_or(SUSPECTS_MAX - 1)];
@@ -161,6 +170,7 @@ impl Session {
             *quiet = Some(SilentModule::new(module, now));
         }
         if let Some(quiet) = quiet {
+            // A search that is under way keeps its start: the pause counts from the first silence.
             if quiet.unanswered == 0 && quiet.offsets_tried == 0 {
                 quiet.since = now;
             }
@@ -175,6 +185,7 @@ impl Session {
 
     /// Records a frame of a module: its byte position agrees with this host's, unless it replied to a burst.
     pub(super) fn note_received(&mut self, module: u8) {
+        // Any nine of a block's bytes may have been the request, so its answer shows no place of the count.
         let newest = self.next_recent.wrapping_sub(1) % RECENT_MAX;
         if self.alignment.last_was_burst
             && self.recent[newest].0 == module
@@ -213,6 +224,7 @@ impl Session {
         }
         let Some(pending) = self.pending.filter(|pending| !pending.sent) else { return 0 };
         let mut plan = pending.send_plan.unwrap_or_else(|| self.plan_send(now, &pending));
+        debug_assert!(plan.filler_bytes < OFFSETS, "more bytes than a datagram change nothing");
         let shift = core::mem::take(&mut plan.filler_bytes);
         self.alignment.advance(shift);
         if let Some(pending) = &mut self.pending {
@@ -291,6 +303,7 @@ impl Session {
     /// left the modules of the line in the middle of a datagram. Without any reply, a byte goes before each of nine
     /// requests, so that a module that was aligned is aligned again at the end.
     pub(super) fn may_start_misaligned(&self, module: u8) -> bool {
+        // Nine bytes have tried every place. After that, silence has another cause than a count.
         let shifts = self.silent_module(module).map_or(0, |quiet| quiet.fillers);
         self.alignment.counts_bytes && self.answered_modules.is_empty() && shifts < OFFSETS
     }
@@ -304,6 +317,7 @@ impl Session {
     fn is_misaligned(&self, now: Instant, module: u8) -> bool {
         // Others hear the byte too: it is for none that was never there, and puts out of step who counts.
         let worth = self.has_answered(module) || self.answered_modules.is_empty();
+        // All modules of a line count a byte, also those that were in step.
         let alone = !self.recent.iter().any(|(to, ..)| *to != module && self.is_aligned(*to));
         let quiet = self.silent_module(module).filter(|_| worth && alone);
         quiet.is_some_and(|quiet| {
@@ -343,6 +357,8 @@ fn is_safe_to_burst(pending: &PendingExchange) -> bool {
     {
         return false;
     }
+    // Two in a row, with and without the zero between them: no nine bytes across the seam may be a
+    // request.
     let datagram = pending.host_request.request.emit();
     let mut bytes = [0; 2 * DATAGRAM + 1];
     bytes[..DATAGRAM].copy_from_slice(&datagram);

@@ -19,6 +19,8 @@ impl Session {
     /// Takes a reply to another host than this one.
     #[cold]
     pub(in crate::proto::tmcl) fn note_other_host(&mut self, host: u32, reply: &Reply) {
+        // It belongs to another program on the bus; that it fits our request as well is worth a hint in the
+        // error.
         self.counters.foreign += 1;
         if self.answers_pending(reply) {
             self.counters.other_host = Some(host);
@@ -40,12 +42,14 @@ impl Session {
             self.counters.corrupt += 1;
             pending.flags.checksum_error = true;
             pending.flags.checksum_error_by_module = reply.module == request.address;
+            // The module has answered, so nothing else is to come but a reply that crossed on the wire.
             pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
             return;
         }
         let ours = reply.module == request.address && reply.opcode == request.opcode;
         let refusal = ours && reply.status.ends_request();
         let refused = refusal && !reply.status.is_good();
+        // Its reply is an instruction: any byte may be in the place of the status.
         let stored = request.opcode == Opcode::ReadMemory && !refused;
         if !refusal && !stored {
             let misaddressed = reply.opcode == request.opcode && reply.module != request.address;
@@ -83,8 +87,11 @@ impl Session {
         if let Some(waiting) = self.unproven_request.as_mut().filter(|_| proof) {
             waiting.all_early &= soon;
         }
+        debug_assert!(pending.sent, "a reply belongs to a request that has left");
         self.timely_streak = if soon { 0 } else { self.timely_streak + 1 };
         if pending.flags.other_motors_reply && (refused || pending.host_request.request.motor > 0) {
+            // It may be the reply to the stop of another motor, so it does not count, and the stop is sent again
+            // (idempotent).
             return self.repeat_after_probe(now);
         }
         if pending.flags.stale_replies > 0 {

@@ -77,6 +77,8 @@ impl Session {
     fn queue_stop(&mut self, ticket: Ticket, stop: HostRequest) {
         match self.repeated_stops.iter_mut().find(|place| place.is_none()) {
             Some(place) => *place = Some((ticket, stop)),
+            // More stops than motors of a module: what does not fit is reported as silent, and its caller repeats
+            // it.
             None => {
                 self.counters.silent += 1;
                 self.finish_ticket(Some(ticket), Err(Failure::Silent));
@@ -96,6 +98,7 @@ impl Session {
             return;
         }
         let Some((ticket, stop)) = self.repeated_stops[0].take() else { return };
+        debug_assert!(self.unproven_request.is_none(), "one request waits for its proof at a time");
         self.repeated_stops.rotate_left(1);
         let proven = self.proven_addresses.contains(stop.request.address);
         self.unproven_request = Some(UnprovenRequest::new(ticket, stop, proven));

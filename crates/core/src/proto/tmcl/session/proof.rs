@@ -26,6 +26,7 @@ const KNOWN_PROBES_MAX: u8 = 2 * PROOFS_NEEDED;
 /// Probes to a module that never replied.
 const UNKNOWN_PROBES_MAX: u8 = 2;
 /// Probes to a module that may have lost its byte position.
+// Nine places, each tried with the two kinds of module in mind, and some for damaged bytes.
 const MISALIGNED_PROBES_MAX: u8 = 40;
 
 /// Answered probes among older replies, after which those are taken for another host's.
@@ -112,6 +113,8 @@ impl Session {
         let is_eligible = |probe: &(Opcode, u8)| fresh(probe) && (!strict || unasked(probe));
         let eligible = PROBES.map(|probe| is_eligible(&probe));
         let count = eligible.iter().filter(|eligible| **eligible).count();
+        debug_assert!(count <= PROBES.len());
+        // Drawn at random, so that two programs that were started together do not ask the same (REQ-7).
         let nth = self.proven_addresses.random_below(count);
         let mut candidates = PROBES.iter().zip(eligible).filter(|(_, eligible)| *eligible);
         let probe = candidates.nth(nth).map_or(&PROBES[0], |(probe, _)| probe);
@@ -127,12 +130,15 @@ impl Session {
     /// A probe for the request that waits was answered.
     pub(super) fn handle_proof(&mut self, now: Instant) {
         let Some(waiting) = &mut self.unproven_request else { return };
+        debug_assert!(waiting.last_probe.is_some(), "a proof follows a probe");
         waiting.proofs_left = waiting.proofs_left.saturating_sub(1);
         waiting.answered_probe = waiting.last_probe;
         if core::mem::take(&mut waiting.stale_reply_seen) && waiting.stale_proofs < STALE_PROOFS_MAX
         {
             // What answered it may be one of them.
             waiting.stale_proofs += 1;
+            // Programs that were killed one after the other leave replies that pass two proofs; three in a row
+            // prove it.
             (waiting.proofs_left, waiting.probes_sent) = (PROOFS_NEEDED, 0);
         }
         let module = waiting.host_request.request.address;
@@ -140,6 +146,8 @@ impl Session {
         // A stop is no value that could be another module's.
         let listens = !self.urgent && waiting.host_request.class != RequestClass::Stop;
         if listens && (last || waiting.listens_always) {
+            // A second module of the kind answers within milliseconds of the first. Only silence shows that there
+            // is none.
             (waiting.second_reply, waiting.listen_until) =
                 (false, Some(now.plus_ns(SECOND_REPLY_NS)));
             return;
@@ -153,6 +161,7 @@ impl Session {
         let Some(waiting) = &mut self.unproven_request else { return };
         waiting.listen_until = None;
         if waiting.second_reply {
+            // An older program's reply has the opcode of a probe by chance, but not three times in a row (TMCL-5).
             waiting.second_replies += 1;
             waiting.proofs_left = waiting.proofs_left.max(1);
         } else {
@@ -175,6 +184,7 @@ impl Session {
         let module = host_request.request.address;
         self.unproven_request = None;
         self.proven_addresses.insert(module);
+        // Probes answered in order: every reply to an older stop has come, or will not.
         self.forget_stops(module);
         if all_early {
             // No other request could own these replies: the line has no baud rate.
@@ -197,6 +207,7 @@ impl Session {
             }
             _ => {
                 let newest = self.recent[self.next_recent.wrapping_sub(1) % RECENT_MAX];
+                // Once a second at most: on a noisy bus the proofs would otherwise take all of its time.
                 let again = (newest.0, newest.1) == (module, opcode) && self.pending.is_none();
                 if again && !self.suspicious && now >= self.recheck_at {
                     self.recheck_at = now.plus_ns(RECHECK_NS);

@@ -33,6 +33,7 @@ impl Session {
     #[cold]
     pub(in crate::proto::tmcl) fn quarantine_module(&mut self, now: Instant, address: u32) {
         let address = drive_address(address) as u8;
+        // As if a read had stayed unanswered: probes then settle the order of replies.
         let request = Request { address, opcode: Opcode::Gap, kind: 0, motor: 0, value: 0 };
         let pending_exchange = PendingExchange {
             attempts: 1,
@@ -44,6 +45,7 @@ impl Session {
 
     /// Notes that replies of `pending` may still come.
     pub(super) fn mark_suspect(&mut self, now: Instant, pending: &PendingExchange, probe: bool) {
+        // What never left has no reply.
         if pending.attempts == 0 {
             return;
         }
@@ -68,6 +70,7 @@ impl Session {
         let suspect = self.suspects[index].get_or_insert(fresh);
         suspect.drop_expired(now);
         for _ in 0..pending.attempts {
+            // One reply for each attempt; those beyond the table are covered by the module's own time.
             if let Some(tag) = suspect.outstanding.get_mut(usize::from(suspect.outstanding_len)) {
                 *tag = (pending.host_request.request.opcode.number(), until);
                 suspect.outstanding_len += 1;

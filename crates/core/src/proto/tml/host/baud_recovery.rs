@@ -89,6 +89,7 @@ impl BaudRecovery {
 
     /// The drive is silent: it may have been switched off and on.
     pub fn fall_back(&mut self, now: Instant) {
+        // Once: a drive that is not there at 9600 baud either is not there.
         (self.stage, self.attempts_left) = (RecoveryStage::SendBaud(now.plus_ms(SETTLE_MS)), 1);
     }
 
@@ -100,6 +101,7 @@ impl BaudRecovery {
             return None;
         }
         self.stage = RecoveryStage::AwaitAck(left);
+        debug_assert!(self.attempts_left > 0, "a rate is set as often as it may");
         self.attempts_left -= 1;
         let instruction = Instruction::of(0x0820, [code as u16]);
         Some(Message { to: IdCode::axis(self.drive?), instruction })
@@ -130,6 +132,8 @@ impl BaudRecovery {
             RecoveryStage::AwaitAck(at) if now >= at && self.attempts_left > 0 => {
                 self.stage = RecoveryStage::SendBaud(now)
             }
+            // Without an acknowledgement the line goes back all the same: the drive may have been at its rate
+            // before.
             RecoveryStage::AwaitAck(at) if now >= at => {
                 self.stage = RecoveryStage::Settle(now.plus_ms(SETTLE_MS))
             }

@@ -26,10 +26,12 @@ impl Session {
             self.counters.late_acknowledged += 1;
             return;
         };
+        // The byte 4F names nothing. What comes before the drive can have the message belongs to an older one.
         if early && self.fiction_score < FICTION_MIN {
             let latest = LATEST_TIMEOUTS * self.timeouts.answer_ns;
             pending.early_ack_is_first =
                 !pending.early_ack && before.is_none_or(|at| now > at.plus_ns(latest));
+            debug_assert!(matches!(pending.phase, RequestPhase::AwaitAck(_)));
             pending.early_ack = true;
             self.counters.late += 1;
             self.counters.early += 1;
@@ -67,6 +69,7 @@ impl Session {
     /// A byte was lost somewhere: the boundary between frames is to be found again.
     pub(super) fn handle_ack_timeout(&mut self, now: Instant, pending: &PendingExchange) {
         if pending.early_ack {
+            // Nothing else came: either that was the acknowledgement and the baud rate is fiction, or it was lost.
             self.raise_fiction_score(1);
             match self.query_of(pending) {
                 Some(_) => return self.handle_accepted(now),
@@ -91,6 +94,7 @@ impl Session {
         }
         // What delays an answer (a serial server, a busy adapter) delays the byte 4F as long.
         self.stale_replies.add_ack(self.topology.relay_axis.unwrap_or(axis), until);
+        // SYNC bytes would reach every drive of the line in the middle of what it counts (TML-4).
         self.set_phase(match self.topology {
             Topology { wire: TmlWire::Rs485, single_drive: false, .. } => {
                 RequestPhase::Drain(now.plus_ns(DRAIN_NS))
@@ -111,6 +115,7 @@ impl Session {
     /// that came in time; with no such between two of these, both were true.
     const fn raise_fiction_score(&mut self, weight: u8) {
         self.fiction_score = match self.fiction_score + weight {
+            // Twice as high, so that two acknowledgements in time do not make the rate real at once.
             FICTION_MIN.. => 2 * FICTION_MIN,
             once => once,
         };

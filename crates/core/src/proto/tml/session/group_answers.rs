@@ -54,6 +54,7 @@ impl GroupAnswers {
     /// Takes an axis' answer, or not if it has given one.
     pub const fn add(&mut self, axis: u8, answer: Answer) -> bool {
         let (word, bit) = ((axis >> 6) as usize, 1 << (axis & 63));
+        debug_assert!(self.is_open(), "answers are collected while the group is asked");
         if self.present[word] & bit != 0 {
             return false;
         }
@@ -86,6 +87,7 @@ impl GroupAnswers {
         };
         let axis = (word as u32) << 6 | self.present[word].trailing_zeros();
         self.present[word] &= self.present[word] - 1;
+        debug_assert!(axis < 256, "an axis is a byte");
         Some((EventSubject::GroupMember(ticket, axis), Ok(self.answers[axis as usize])))
     }
 }

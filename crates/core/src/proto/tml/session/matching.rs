@@ -25,6 +25,7 @@ impl Session {
         if self.group_answers.is_open() {
             return self.collect_answer(now, from, answer);
         }
+        // Another drive's answer to the same question is a copy, or a second program's.
         if from.is_some_and(|from| to.id != 0 && !self.same_axis(from, to.id)) {
             return self.note_duplicate(message);
         }
@@ -41,6 +42,7 @@ impl Session {
         let fits = message.answers(&question, ANYBODY)
             && message.answered_by().is_none_or(|from| to.id == 0 || self.same_axis(from, to.id));
         if let Some(aside) = self.overtaken.as_mut().filter(|_| fits) {
+            debug_assert!(aside.attempts > 0, "an answer belongs to an attempt");
             aside.attempts -= 1;
         }
         fits
@@ -57,6 +59,7 @@ impl Session {
         if !self.group_answers.add(from, answer) {
             self.stale_replies.count_duplicate(from);
         }
+        // The time counts anew with each drive: on a CAN bus 255 answers take a while.
         self.set_phase(RequestPhase::AwaitAnswer(now.plus_ns(self.timeouts.answer_ns)));
         true
     }
@@ -78,6 +81,7 @@ impl Session {
             self.topology.wire == TmlWire::Rs232,
             pending.attempts == 1,
         );
+        // Each attempt may still be answered: until then the question is asked for no other request.
         if pending.attempts > 1 {
             let until = now.plus_ns(LATEST_TIMEOUTS * self.timeouts.answer_ns);
             self.stale_replies.add_answer(axis, host_request::answer_tag(&question), until, true);

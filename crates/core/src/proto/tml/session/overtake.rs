@@ -25,12 +25,15 @@ impl Session {
         if self.pending_stop.is_some() {
             return Err(request);
         }
+        debug_assert!(self.pending.is_some(), "there is something to overtake");
         self.pending_stop = Some((ticket, request));
         match pending.phase {
             RequestPhase::Ready(_) => self.start_pending_stop(now),
+            // On a half-duplex line the answer that is being sent would destroy the stop.
             RequestPhase::AwaitAnswer(_) if self.topology.wire != TmlWire::Rs485 => {
                 self.start_pending_stop(now)
             }
+            // The other SYNC bytes at once: the stop does not wait for a sign of life.
             RequestPhase::AwaitSync(sent, _) => self.set_phase(RequestPhase::SendSync(sent)),
             _ => {}
         }
@@ -62,8 +65,10 @@ impl Session {
         self.group_answers.clear();
         match (pending.ticket, self.query_of(&pending)) {
             (None, _) => self.stale_replies.repeat_probe(pending.host_request.message.to.id),
+            // A question is asked again after the stop: its answer proves nothing about the stop (TML-10).
             (Some(_), Some(_)) => self.overtaken = Some(pending),
             (Some(waiting), None) => {
+                debug_assert!(self.pending.is_none(), "the stop takes its place");
                 let sent = pending.attempts > 0 || pending.stage != RequestStage::Request;
                 let failure = if sent { Failure::Silent } else { Failure::Cancelled };
                 self.push_event(EventSubject::Request(waiting), Err(failure));

@@ -20,6 +20,7 @@ impl Session {
         match pending.phase {
             RequestPhase::AwaitAck(at) if now >= at => self.handle_ack_timeout(now, &pending),
             RequestPhase::AwaitAnswer(at) if now >= at => self.handle_answer_timeout(now, &pending),
+            // Fifteen bytes complete any frame that a drive may be in (communication manual, chapter 3).
             RequestPhase::AwaitSync(sent, at) if now >= at && sent >= self.syncs_max() => {
                 self.finish_silent(now)
             }
@@ -37,10 +38,12 @@ impl Session {
             .map_or(SYNC, |p| safe_sync_byte(&self.stage_message(&p.host_request, p.stage)));
         // A stop does not wait for a sign that the drive receives again.
         let blind = self.topology.wire == TmlWire::Rs485 || self.pending_stop.is_some();
+        debug_assert!(sent < SYNCS_MAX, "SYNC bytes are counted");
         let count = if blind { SYNCS_MAX - sent } else { 1 };
         let left = now.plus_ns(u64::from(count + 1) * self.timeouts.character_ns);
         let until = left.plus_ns(self.timeouts.sync_pause_ns);
         self.set_phase(match self.pending_stop {
+            // Only until the bytes have left: nothing is waited for.
             Some(_) => RequestPhase::Drain(left),
             None if blind => RequestPhase::Drain(until),
             None => RequestPhase::AwaitSync(sent + 1, until),
@@ -97,6 +100,8 @@ impl Session {
         let harmless = question || pending.host_request.class == RequestClass::Stop;
         let axis = pending.host_request.message.to.id;
         let max = match (self.has_answered(axis), self.topology.scanning) {
+            // A drive that answered before is there; one that never did is asked less, or a scan takes minutes
+            // (TML-5).
             (true, _) => ATTEMPTS_MAX,
             (false, true) => 1,
             (false, false) => ATTEMPTS_MAX - 1,
@@ -115,6 +120,7 @@ impl Session {
             && let Some(pending) = self.pending
             && self.query_of(&pending).is_some()
         {
+            debug_assert!(self.pending.is_some(), "the question is asked again at the other rate");
             self.fallback = BaudFallback::Requested;
             self.enter_stage(now, pending.stage);
             return self.set_phase(RequestPhase::Drain(Instant::FAR_FUTURE));
@@ -131,6 +137,8 @@ fn safe_sync_byte(message: &Message) -> u8 {
     let mut frame = [0; FRAME_MAX];
     let len = serial::encode(message, &mut frame);
     let frame = &frame[..len];
+    // "Larger values are accepted too" (communication manual, chapter 3). 4Fh would look like an
+    // acknowledgement.
     let candidates = (SYNC..=u8::MAX).filter(|byte| is_sync(*byte) && *byte != serial::ACK);
     candidates.into_iter().find(|byte| !completes_frame(frame, *byte)).unwrap_or(SYNC)
 }

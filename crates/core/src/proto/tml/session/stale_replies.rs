@@ -85,6 +85,7 @@ impl StaleReplies {
     /// Returns whether a reply about this variable could be an older one.
     pub fn may_answer_be_stale(&self, axis: u8, tag: u16) -> bool {
         let full = self.axes.iter().all(Option::is_some);
+        // More drives in doubt than places: every answer may be an old one until a place is free.
         full || self.axes.iter().flatten().any(|doubt| {
             let tags = &doubt.variables[..usize::from(doubt.variables_len)];
             doubt.axis == axis && (tags.len() == VARIABLES_MAX || tags.contains(&tag))
@@ -114,6 +115,8 @@ impl StaleReplies {
     ) {
         for stale_axis in &mut self.axes {
             let Some(doubt) = stale_axis else { continue };
+            // On RS-232 one drive answers for all, so its answer comes after every acknowledgement that is still to
+            // come.
             doubt.ack_outstanding &= !one_voice;
             if doubt.axis == axis || !doubt.ack_outstanding && doubt.variables_len == 0 {
                 *stale_axis = None;
@@ -122,6 +125,7 @@ impl StaleReplies {
         if let Some((before, _)) = self.last_answer.take() {
             self.duplicates[usize::from(before)] = 0;
         }
+        // What was asked twice may be answered twice by one drive.
         self.last_answer = asked_once.then_some((axis, question));
     }
 
@@ -152,6 +156,7 @@ impl StaleReplies {
     /// A question that would end a doubt: axis and variable.
     pub fn next_probe(&mut self) -> Option<(u8, u16)> {
         let doubt = self.axes.iter_mut().flatten().find(|doubt| doubt.probe_due)?;
+        debug_assert!(doubt.probes < PROBES_MAX, "a probe is due while some are left");
         doubt.probe_due = false;
         let tags = &doubt.variables[..usize::from(doubt.variables_len)];
         let address = PROBES.into_iter().find(|address| !tags.contains(address))?;
