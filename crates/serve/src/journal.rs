@@ -77,10 +77,12 @@ impl JournalFile {
     pub fn open(path: &Path) -> Result<(Self, u64), SetupError> {
         let failed = |error: std::io::Error| SetupError::file(path, "write", &error);
         let mut options = OpenOptions::new();
+        // Appending, so that a second writer could never overwrite a record.
         options.read(true).append(true).create(true);
         #[cfg(unix)]
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         let file = options.open(path).map_err(failed)?;
+        // Two servers would each continue the chain of hashes, and both would break it.
         if file.try_lock().is_err() {
             let what = format!("another server writes {}", path.display());
             return Err(
@@ -100,6 +102,7 @@ impl JournalFile {
                 .hint("keep the file for an investigation, and start a new one")
         })?;
         if verified.truncated_bytes > 0 {
+            // Half a record at the end is a server that was cut off while it wrote. The chain before it is whole.
             file.set_len(verified.length).map_err(failed)?;
         }
         let VerifiedJournal { records, length, hash, truncated_bytes } = verified;
@@ -120,6 +123,7 @@ impl JournalFile {
         detail: &Value,
     ) -> Result<u64, GatewayError> {
         let mut tail = self.tail.lock().unwrap_or_else(PoisonError::into_inner);
+        // Records into a file that was removed would be lost, and the server would not notice.
         self.check_place(&tail.file)?;
         let (n, length) = {
             let written = self.lock_index();
@@ -147,6 +151,7 @@ impl JournalFile {
             written.offsets.push(length);
         }
         written.length += line.len() as u64;
+        debug_assert_eq!(n, written.records, "records are numbered without gaps");
         written.records += 1;
         Ok(n)
     }
@@ -183,6 +188,7 @@ impl JournalFile {
         let Some(index) = index else { return Ok(Vec::new()) };
         let mut file = File::open(&self.path).map_err(|error| journal_error(&error))?;
         file.seek(SeekFrom::Start(index)).map_err(|error| journal_error(&error))?;
+        debug_assert!(index <= length, "an index points into the written part");
         let whole = std::io::Read::take(file, length - index);
         let mut records = Vec::new();
         for line in BufReader::new(whole).lines() {

@@ -95,6 +95,7 @@ impl Drive {
     pub fn new(profile: &'static Profile, options: Options) -> Self {
         let mut registers = Registers::factory(profile);
         registers.preset(fn_registers::ADDRESS, u16::from(options.address));
+        // One number for both ends: a drive is found at the same address on Modbus and on CANopen.
         registers.preset(fn_registers::NODE, u16::from(options.address));
         registers.preset(fn_registers::MODE, options.mode);
         registers.preset(fn_registers::FORMAT, if options.ascii { 2 } else { 1 });
@@ -138,6 +139,7 @@ impl Drive {
     /// Time of the next call to [`advance`](Self::advance), without a request.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
+        // A resting drive wakes up for requests alone, so that a rack of them costs nothing.
         let moving = (!self.core.shaft.is_resting()).then(|| self.core.now.plus_ms(WAKE_MS));
         polepair_core::time::earliest(self.panel.next_due(), moving)
     }
@@ -249,6 +251,7 @@ impl Drive {
         for (number, value) in register_numbers(start).zip(values) {
             self.check_write(number, *value)?;
         }
+        // Every check comes before the first write: a frame is executed as a whole or not at all.
         self.core.check_s_times(start, values)?;
         for (number, value) in register_numbers(start).zip(values) {
             let before = self.core.registers.value(number);
@@ -354,6 +357,7 @@ impl DriveCore {
     fn boot(&mut self) {
         self.shaft.power_off();
         self.shaft.reset_protections();
+        // The count of the motion that ends here, before a new one starts at zero.
         self.unrepeatable += self.motion.unrepeatable();
         self.motion = Motion::new(self.shaft.position());
         self.alarm = Alarm::NONE;
@@ -363,6 +367,8 @@ impl DriveCore {
         if has_duplicates(self.lines.purposes()) {
             self.raise_alarm(Alarm::ID);
         }
+        // Fn_38 in flash powers the motor when the supply comes (§2.5): the most dangerous setting of this
+        // drive.
         if self.registers.value(fn_registers::ENABLE) == 1 {
             self.power_on();
         }
@@ -384,6 +390,7 @@ impl DriveCore {
 
     fn run_ticks(&mut self, from: Instant, ticks: u64) {
         self.disturbed = false;
+        // Hours of rest take one step.
         if self.shaft.is_resting() && !self.have_inputs_changed() {
             self.shaft.pass_rest(ticks);
             self.check_protections();
@@ -395,6 +402,7 @@ impl DriveCore {
     }
 
     fn tick(&mut self, now: Instant) {
+        // Inputs first: what they switch off does not run for another tick.
         self.handle_inputs(now);
         match self.mode() {
             _ if !self.shaft.is_powered() => {}
@@ -469,6 +477,7 @@ impl DriveCore {
     fn handle_inputs(&mut self, now: Instant) {
         let wired = self.wired_inputs();
         let was = core::mem::replace(&mut self.previous_inputs, wired);
+        // Cleared before the motor is powered, so that both inputs together start the drive.
         if rises_at(1, &wired, &was) {
             self.clear_alarm();
         }
@@ -522,6 +531,7 @@ impl DriveCore {
             MODE_POSITION => self.with_motion(self.now, Motion::handle_powered),
             _ => self.external.drop_pulses(),
         }
+        // Pulses that came without power must not make it jump.
         self.pulse_target = self.shaft.position();
     }
 
@@ -532,6 +542,7 @@ impl DriveCore {
 
     /// An alarm takes the power off, and Fn_38 with it, so that clearing it starts nothing `[I]`.
     fn raise_alarm(&mut self, alarm: Alarm) {
+        // The first alarm stays: the others follow from it.
         if self.alarm.is_some() || !alarm.is_some() {
             return;
         }
@@ -670,6 +681,7 @@ impl DriveCore {
 }
 
 fn rounded_word(value: f64) -> u16 {
+    // A register that ran over would show a high speed as one in reverse.
     nearest(value).clamp(-0x8000, 0x7FFF) as u16
 }
 

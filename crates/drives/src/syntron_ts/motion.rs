@@ -14,6 +14,7 @@ use polepair_core::plant::Limits;
 use polepair_core::time::Instant;
 
 /// Ticks of the torque signal that count as a stop `[I]`.
+// Longer than the peak of current at a start, which must not be taken for the stop.
 const TORQUE_TICKS: u16 = 50;
 /// Ramp of homing, of jogging and of internal speed mode: from rest to 3000 rpm in 200 ms `[I]`.
 pub const RAMP: f64 = 3000.0 / 60.0 * TAU / 0.2;
@@ -46,6 +47,7 @@ impl TickContext<'_> {
     fn index_pulse(&self) -> Option<f64> {
         let (was, is) =
             (whole_turns(self.shaft.previous_position()), whole_turns(self.shaft.position()));
+        // The turn that was entered last, whichever way the shaft turns.
         (was != is).then(|| was.max(is) * TAU)
     }
 }
@@ -146,6 +148,7 @@ impl Motion {
         self.task = MotionTask::Idle;
         self.commanded = scene.shaft.position();
         let way = HomingMethod::decode(scene.register(fn_registers::HOMING_WAY));
+        // Once: a zero that was found stays valid until the supply is gone.
         if let Some(way) = way.filter(|way| way.start == HomingStart::AtEnable && !self.homed) {
             self.start_search(way, scene);
         }
@@ -195,6 +198,8 @@ impl Motion {
 
     /// Advances the motion. Called before each tick of the shaft.
     pub fn tick(&mut self, scene: &mut TickContext<'_>) {
+        // By the set-point: a shaft that rolls back into a switch by its load must not be stopped from leaving
+        // it.
         let speed = scene.shaft.setpoint().velocity;
         if (speed > 0.0 && scene.forward_limit) || (speed < 0.0 && scene.reverse_limit) {
             self.handle_limit(scene);
@@ -231,8 +236,10 @@ impl Motion {
             Some(turns) => turns,
             None => return self.refuse_path(Alarm::PA),
         };
+        // Before the goal is set, so that not a tick of it runs with the limits of the path before.
         scene.shaft.set_limits(path_limits(&path));
         if positioning {
+            // Relative paths count from here on, even if this one is interrupted (§2.6.1).
             self.commanded = turns * TAU + self.coordinate_base(path.end, scene);
             scene.shaft.move_to(self.commanded);
         } else {
@@ -287,6 +294,7 @@ impl Motion {
             // It would never arrive `[I]`.
             return self.refuse_path(Alarm::SL);
         }
+        // While it searches, the old zero is no reference any more.
         self.homed = false;
         let toward = way.direction;
         self.task = MotionTask::Search { way, home: None, toward, turned: false, torque: 0 };
@@ -327,6 +335,7 @@ impl Motion {
         let here = scene.shaft.position();
         match way.mark {
             HomingMark::HomeSwitch => {
+                // An edge needs two looks: a switch that is closed from the start is no edge.
                 let was = home.replace(scene.home)?;
                 (was != scene.home).then(|| scene.home_at.unwrap_or(here))
             }
@@ -386,6 +395,7 @@ impl Motion {
             MotionTask::Search { toward, turned, .. } if !*turned => {
                 *turned = true;
                 *toward = -*toward;
+                debug_assert!(*toward == 1.0 || *toward == -1.0, "a direction is a sign");
                 let back = *toward * scene.shaft.top_speed();
                 scene.shaft.set_velocity(back);
             }
@@ -438,6 +448,7 @@ fn path_limits(path: &DecodedPath) -> Limits {
 }
 
 fn ramp_slope(ms: u16, speed: f64, path_s_ms: u16) -> f64 {
+    // Ta/2 must be greater than Ts (§2.6.1); what was written before a limit existed is cut here.
     let rounded = path_s_ms.min(ms / 2);
     let seconds = f64::from(ms - rounded) / 1000.0;
     if seconds > 0.0 { speed / seconds } else { 0.0 }
@@ -465,5 +476,6 @@ fn zero_coordinate(registers: &Registers) -> f64 {
     let high = i32::from(registers.signed(fn_registers::ZERO_HIGH)) << 16;
     let units = f64::from(high | i32::from(registers.value(fn_registers::ZERO_LOW))) / 1000.0;
     let ratio = f64::from(registers.value(fn_registers::MOTOR_TURNS));
+    // A travel of zero would divide by zero; the drive has no such value from the factory.
     units * ratio / f64::from(registers.value(fn_registers::TRAVEL).max(1)) * TAU
 }

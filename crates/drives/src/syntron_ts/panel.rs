@@ -113,6 +113,7 @@ impl FrontPanel {
         down: bool,
         view: &impl DriveView,
     ) -> Option<PanelAction> {
+        // A key that bounces is pressed once.
         if core::mem::replace(&mut self.keys_down[key as usize], down) == down {
             return None;
         }
@@ -130,6 +131,7 @@ impl FrontPanel {
     /// To be called at or after [`next_due`](Self::next_due): a held SET has become a long press.
     #[inline]
     pub fn tick(&mut self, now: Instant, view: &impl DriveView) -> Option<PanelAction> {
+        // Taken, so that its release is not a short press as well.
         self.set_pressed_at.take_if(|since| now >= since.plus_ms(LONG_PRESS_MS))?;
         self.handle_long_press(view)
     }
@@ -195,6 +197,7 @@ impl FrontPanel {
                 if let Some(number) = self.edited_parameter() {
                     let (min, max) = view.limits(number);
                     let to = shown + step * 10_i32.pow(u32::from(digit));
+                    debug_assert!(min <= max, "limits are in order");
                     self.layer = PanelLayer::Value { shown: to.clamp(min, max), digit };
                 }
             }

@@ -54,6 +54,8 @@ impl Default for Shaft {
     fn default() -> Self {
         let motor = Motor::new(MotorParameters::SERVO_48V);
         let mut servo = Servo::new(motor.parameters());
+        // Stiffer than the plant's default, and a deadband below a count, so that the motor rests within three
+        // counts.
         servo.gains.position_p = 40.0;
         servo.gains.deadband = 2e-4;
         Self {
@@ -101,6 +103,7 @@ impl Shaft {
     /// Speed, rpm.
     #[must_use]
     pub fn rpm(&self) -> f64 {
+        // A dead encoder reports standstill while the motor turns: the fault that a stop must not believe.
         if self.frozen_position.is_some() { 0.0 } else { self.motor.velocity() * 60.0 / TAU }
     }
 
@@ -146,6 +149,7 @@ impl Shaft {
 
     /// Current at most, A.
     pub fn limit_current(&mut self, ampere: f64) {
+        // No setting makes the motor stronger than it is.
         self.servo.max_current = ampere.min(self.motor.parameters().max_current);
     }
 
@@ -226,6 +230,7 @@ impl Shaft {
     /// Comes to rest without a ramp.
     pub fn halt(&mut self) {
         let ramp = *self.servo.limits();
+        // No ramp is the steepest one.
         self.servo.set_limits(Limits { acceleration: 0.0, deceleration: 0.0, ..ramp });
         self.servo.hold(&self.motor);
     }
@@ -233,6 +238,7 @@ impl Shaft {
     /// Once at rest after turning or braking: holds that position rather than speed zero.
     pub fn settle_position(&mut self) {
         if self.servo.goal() == Goal::Velocity(0.0) && self.servo.arrived() {
+            // Speed zero lets a load turn the shaft slowly; a position holds it.
             self.servo.set_goal_from(&self.motor, Goal::Position(self.motor.position()));
         }
     }
@@ -282,6 +288,7 @@ impl Shaft {
         self.winding.step(self.motor.copper_w(), TICK_S);
         self.stage.step(3.0 + 0.02 * current * current, TICK_S);
         let share = self.load_share();
+        // I²t: what is above the rated current heats, what is below cools.
         self.overload = (self.overload + (share * share - 1.0) * TICK_S).max(0.0);
     }
 
@@ -293,6 +300,7 @@ impl Shaft {
         if self.temperature() > HOT_C {
             return Some(Alarm::OT);
         }
+        // The others are about current and motion, which a motor without power has none of.
         if !self.is_powered() {
             return None;
         }
@@ -301,6 +309,8 @@ impl Shaft {
         let stalled = self.stall.step(velocity, current, limit);
         let lag = (self.setpoint().position - self.motor.position()).abs();
         let follows = matches!(self.servo.goal(), Goal::Position(_));
+        // In the order in which they are reported where several are true: sensors first, because the others
+        // follow from them.
         let signs = [
             (self.frozen_position.is_some(), Alarm::EC),
             (self.hall_broken, Alarm::EH),

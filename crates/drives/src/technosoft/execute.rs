@@ -63,6 +63,8 @@ impl Drive {
         if instruction::data_word_count(i.opcode) != Some(i.data().len()) {
             return Err(ExecuteError::Unknown);
         }
+        // Variables that live outside of memory are brought there first, so that every instruction reads their
+        // real values.
         self.publish();
         match i.opcode & 0xFC00 {
             0x0000 | 0x0400 | 0x6400 => self.execute_control(i),
@@ -181,6 +183,7 @@ impl Drive {
                 let value = i32::from(self.memory.int(target));
                 self.set_variable(
                     target,
+                    // A shift by more than the width empties the variable, and is no error.
                     (if left { value << by.min(16) } else { value >> by }) as u16,
                 )
             }
@@ -204,6 +207,7 @@ impl Drive {
             _ => self.memory.int(i.word(1)),
         };
         let (product, by) = (first * i64::from(second), i.opcode & 0x1F);
+        // In 64 bits: the shift comes before PROD cuts the product.
         let shifted = if i.opcode & 0x20 == 0 { product >> by } else { product << by };
         self.set_long_variable(addresses::PROD, shifted as i32)
     }
@@ -247,6 +251,7 @@ impl Drive {
         long: bool,
         onward: bool,
     ) -> Result<u16, ExecuteError> {
+        // The old address is the one that is used; the pointer moves behind it.
         let address = self.memory.word(pointer);
         if onward {
             self.set_variable(pointer, address.wrapping_add(1 + u16::from(long)))?;
@@ -286,6 +291,7 @@ impl Drive {
         let mut at = (address..=u16::MAX).zip(words);
         at.try_for_each(|(at, word)| self.memory.write(space, at, *word))?;
         if self.memory.writes != before {
+            // Writes queue up: each takes its time after the one before.
             let free = self.busy_until.max(self.clock.now());
             self.busy_until = free.plus_ms(self.options.eeprom_ms);
         }
@@ -301,6 +307,7 @@ impl Drive {
 
     /// Writes a 32-bit variable.
     pub fn set_long_variable(&mut self, address: u16, value: i32) -> ExecuteResult {
+        // Low word first, as the firmware stores it (TML communication manual, chapter 2).
         self.memory.write(Space::Data, address, value as u16)?;
         self.memory.write(Space::Data, address.wrapping_add(1), (value >> 16) as u16)?;
         self.handle_written(address);
@@ -322,9 +329,11 @@ impl Drive {
             addresses::ISR => self.status.isr &= self.memory.word(addresses::ISR),
             addresses::AAR => {
                 let [groups, axis] = self.memory.word(addresses::AAR).to_be_bytes();
+                // Axis 0 is the broadcast, so no drive has it.
                 (self.axis, self.groups) = (axis.max(1), groups);
             }
             addresses::KPP | 0x025F => {
+                // The gain is a mantissa and a shift, in two words behind each other.
                 let shift = i32::from(self.memory.int(addresses::KPP + 1)).clamp(0, 15);
                 let gain = f64::from(self.memory.word(addresses::KPP)) * f64::from(1 << shift);
                 self.shaft.set_gain(gain);
@@ -338,6 +347,8 @@ impl Drive {
             _ if address == self.options.srl_mask => self.read_masks(),
             _ => {}
         }
+        // Any variable may be a limit. They are worked out anew at the next tick, once for all writes of a
+        // message.
         self.protections.limits_stale = true;
         self.mark_stale();
     }

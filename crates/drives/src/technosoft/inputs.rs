@@ -73,6 +73,7 @@ impl Drive {
         let levels = self.input_levels();
         let changed = levels ^ self.surroundings.previous_levels;
         if changed != 0 {
+            // Before the edges are handled: what they switch must not see them again.
             self.surroundings.previous_levels = levels;
             self.handle_edges(levels, changed);
         }
@@ -86,6 +87,7 @@ impl Drive {
 
     /// Returns whether a limit switch blocks this direction.
     pub fn is_direction_blocked(&self, way: f64) -> bool {
+        // A motor may always leave a switch.
         let bar = if way > 0.0 { mer::LSP } else { mer::LSN };
         way != 0.0 && self.status.mer & bar != 0
     }
@@ -99,6 +101,7 @@ impl Drive {
             line::LSN => srh::LSN,
             _ => srh::CAPTURE,
         };
+        // The bit of an earlier edge would end the new wait at once.
         set_bits(&mut self.status.srh, shown, false);
     }
 
@@ -114,12 +117,14 @@ impl Drive {
     fn handle_edges(&mut self, levels: u16, changed: u16) {
         set_bits(&mut self.status.mer, mer::LSP, is_level_on(line::LSP, levels));
         set_bits(&mut self.status.mer, mer::LSN, is_level_on(line::LSN, levels));
+        // Either line takes the power off, and both have to be there for it to come back.
         let enabled = is_level_on(line::ENABLE, levels) && is_level_on(line::STO, levels);
         set_bits(&mut self.status.mer, mer::DISABLED, !enabled);
         if changed & (line::ENABLE | line::STO) != 0 {
             self.handle_enable_change(enabled);
         }
         let around = &mut self.surroundings;
+        // An edge counts where the line has come to the awaited level.
         let hit = changed & around.awaited_edges & !(levels ^ around.awaited_levels);
         around.awaited_edges &= !hit;
         for (bit, shown, flag) in [
@@ -171,6 +176,7 @@ impl Drive {
         set_bits(&mut self.status.der, der::SOFTWARE_LSP, above);
         set_bits(&mut self.status.der, der::SOFTWARE_LSN, below);
         let speed = self.shaft.servo.setpoint().velocity;
+        // Beyond the limit the axis may still come back.
         let outward = above && speed > 0.0 || below && speed < 0.0;
         if outward && !self.is_stopping() {
             self.notice = Some("software limit: motor stopped");
@@ -181,6 +187,7 @@ impl Drive {
     /// Handles a write to POSTRIGGn: from now on bit n of SRH shows whether the position has reached it.
     /// \[I\] A bit whose position was never written stays 0.
     pub fn set_trigger(&mut self, address: u16) {
+        debug_assert!(address >= addresses::POSTRIGG1, "the address of a trigger");
         let n = (address - addresses::POSTRIGG1) / 2;
         self.triggers[usize::from(n)] = Some(self.memory.long(addresses::POSTRIGG1 + 2 * n));
     }

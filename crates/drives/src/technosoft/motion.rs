@@ -123,6 +123,7 @@ impl Drive {
     pub fn update(&mut self) -> Result<(), ExecuteError> {
         let word = self.memory.word(addresses::MCR);
         let mode = MotionMode::of(word).ok_or(ExecuteError::NotPossible)?;
+        // The power stage needs a moment; a motion that began within it would start with a jump.
         if self.axis_on_ticks > 0 {
             return Err(ExecuteError::DerBits(der::UPDATE_DURING_AXISON));
         }
@@ -130,6 +131,7 @@ impl Drive {
         if is_on {
             self.check_mode(mode, word)?;
         }
+        // The bit is used up, so that a second UPD without MODE goes on in the same mode.
         self.memory.set(addresses::MCR, word & !mcr::NEW_MODE);
         self.mark_stale();
         if !is_on {
@@ -138,6 +140,7 @@ impl Drive {
         if word & mcr::NEW_MODE != 0 && word & mcr::KEEP_REFERENCE == 0 {
             self.start_from_motor();
         }
+        // Before the motion begins: relative targets count from here.
         self.memory.set_long(addresses::POS0, self.shaft.count());
         self.begin_mode(mode, word);
         self.starts += 1;
@@ -209,12 +212,15 @@ impl Drive {
             return;
         }
         if matches!(servo.goal(), Goal::Current(_) | Goal::Voltage(_)) {
+            // Torque and voltage keep no reference speed, so the ramp begins at the motor's own.
             servo.set_goal_from(&self.shaft.motor, Goal::Velocity(0.0));
         }
         let limits = *servo.limits();
+        // A limit below the present speed would make the ramp begin with a jump.
         let speed = limits.velocity.max(servo.setpoint().velocity.abs());
         servo.set_goal(Goal::Velocity(0.0));
         servo.set_limits(Limits { velocity: speed, deceleration: rate, ..limits });
+        debug_assert!(self.shaft.servo.is_enabled(), "only a powered motor brakes on a ramp");
         self.motion.mode = MotionMode::Stopping;
         self.note_motion_begun();
     }
@@ -272,6 +278,7 @@ impl Drive {
         let additive = self.memory.word(addresses::ACR) & ADDITIVE != 0;
         self.motion.target_counts = match (absolute, additive) {
             (true, _) => by,
+            // From the last target, whatever the motor has reached of it (ACR.11).
             (false, true) => self.motion.target_counts.wrapping_add(by),
             (false, false) => self.shaft.target().wrapping_add(by),
         };
@@ -302,10 +309,12 @@ impl Drive {
     fn finish_reference(&mut self, mode: MotionMode) {
         match mode {
             MotionMode::Stopping => {
+                // The place that the ramp ended at, not the motor's: the loop takes away what is left between them.
                 let index = self.shaft.servo.setpoint().position;
                 self.shaft.servo.set_goal(Goal::Position(index));
                 self.motion.mode = MotionMode::Hold;
             }
+            // The reference is there; the motion is complete when the motor is, too.
             MotionMode::Position if !self.has_settled() => return,
             _ => {}
         }
@@ -331,6 +340,7 @@ impl Drive {
         match outer {
             ControlLoop::Position => {
                 let index = shaft.position_of_count(self.memory.long(addresses::EREF));
+                // Without a ramp: EREF is followed as it is written, and its speed is fed forward.
                 let velocity = (index - shaft.servo.setpoint().position) / TICK_S;
                 shaft.servo.follow(Setpoint { position: index, velocity, acceleration: 0.0 });
             }
@@ -371,6 +381,7 @@ impl Drive {
         let master = self.memory.long(addresses::MREF);
         let by = f64::from(master.wrapping_sub(self.motion.master_position))
             * self.memory.fixed(addresses::GEAR);
+        // Only steps since the last tick count: a master that was moved before gives no jump.
         self.motion.master_position = master;
         let way = by / self.shaft.scale.per_rad;
         let position = self.shaft.servo.setpoint().position + way;

@@ -120,6 +120,7 @@ impl PathBuffer {
     };
 
     fn push(&mut self, point: PathPoint) {
+        debug_assert!(self.len < POINTS_MAX, "a point is taken only where there is room");
         self.buffer[(self.first + self.len) % POINTS_MAX] = point;
         self.len += 1;
     }
@@ -205,10 +206,12 @@ impl Drive {
         let start = self.shaft.servo.setpoint();
         let points = &mut self.points;
         (points.linear, points.absolute, points.running) = (linear, absolute, true);
+        // A new path may begin after one that ran out of points.
         points.error_bits &= !sts::QUICK_STOP;
         points.end = self.shaft.whole_counts(start.position);
         points.segment = None;
         self.memory.set_long(addresses::PVTPOS0, self.shaft.target());
+        // A relative path that is begun twice ends twice as far.
         self.unrepeatable += u64::from(!absolute);
     }
 
@@ -223,6 +226,7 @@ impl Drive {
             None if self.points.len == 0 => return self.complete_motion(),
             None => TICK_S,
         };
+        // Segments may be shorter than a tick: what is left of the tick belongs to the next one.
         while self.points.segment.is_none_or(|segment| at > segment.duration + 1e-9) {
             at -= self.points.segment.map_or(0.0, |segment| segment.duration);
             if !self.next_segment(at) {
@@ -238,6 +242,8 @@ impl Drive {
         let capacity = self.points_capacity();
         self.mark_stale();
         let points = &mut self.points;
+        // The counter is all that shows a lost point; a wrong one is refused and leaves the counter where it
+        // was.
         if points.checked && counter != points.counter {
             points.error_bits |= sts::COUNTER_ERROR;
             return Ok(());
@@ -251,6 +257,7 @@ impl Drive {
         points.error_bits &= !sts::COUNTER_ERROR;
         points.counter = counter.wrapping_add(1) & PvtPoint::COUNTER_MAX;
         points.push(point);
+        // A path that had come to its end goes on when a point arrives.
         if points.running && points.segment.is_none() && self.motion.mode == MotionMode::Points {
             self.note_motion_begun();
         }
@@ -284,6 +291,7 @@ impl Drive {
         };
         self.points.end += by;
         let (scale, end) = (&self.shaft.scale, self.points.end);
+        // The middle of a count, so that the axis rests where its counter does not flicker.
         let to = (end as f64 + 0.5) / scale.per_rad;
         let span = f64::from(point.time) * scale.slow_s;
         let segment = match point.velocity {
@@ -292,6 +300,7 @@ impl Drive {
             }
             None => PathSegment::linear(from, to, span),
         };
+        debug_assert!(span > 0.0, "a point without time is refused");
         self.points.segment = Some(PathSegment { elapsed: done, ..segment });
         true
     }

@@ -94,6 +94,7 @@ type ExecuteResult = Result<(), ExecuteError>;
 impl Drive {
     /// The program in the EEPROM runs by itself if it begins with BEGIN. \[I\]
     pub fn autorun(&mut self) {
+        // Whatever ran before the power-up is gone; only the EEPROM decides what runs now.
         self.program = ProgramExecution::IDLE;
         if self.memory.read(Space::Program, AUTORUN) == BEGIN_OPCODE {
             self.program.next_address = Some(AUTORUN);
@@ -105,10 +106,12 @@ impl Drive {
     pub fn hold_message(&mut self, instruction: &Instruction) {
         match self.program.held_messages.get_mut(self.program.held_messages_len) {
             Some(slot) => {
+                debug_assert!(self.program.held_messages_len < HELD_MAX);
                 *slot = *instruction;
                 self.program.held_messages_len += 1;
             }
             None => {
+                // The message is lost, as on a drive whose receive buffer is full; the host can see it in CER and MER.
                 self.status.cer |= cer::SERIAL_RECEIVE;
                 self.status.mer |= mer::COMMUNICATION;
             }
@@ -122,6 +125,7 @@ impl Drive {
             return;
         }
         if self.program.interrupts {
+            // Between two instructions, as the help page on interrupts describes it.
             self.serve_interrupt();
         }
         if !self.program.is_active() || !self.wait_is_over() {
@@ -137,6 +141,7 @@ impl Drive {
     /// END: no program runs, nothing is called, nothing waits.
     pub fn end_program(&mut self) {
         self.program =
+            // END stops the program; EINT stays as it was set.
             ProgramExecution { interrupts: self.program.interrupts, ..ProgramExecution::IDLE };
         set_bits(&mut self.status.srl, srl::CALL_ACTIVE, false);
         set_bits(&mut self.status.srh, srh::AUTORUN, false);
@@ -168,6 +173,7 @@ impl Drive {
             self.status.srl |= srl::CALL_WARNING;
             return Err(ExecuteError::DerBits(der::CALL_IGNORED));
         }
+        // Noted before the call, because ABORT returns to this depth, however deep the called function went.
         let depth = self.program.depth;
         self.call_at(label)?;
         self.program.cancelable = Some(depth);
@@ -208,12 +214,14 @@ impl Drive {
         if self.program.depth == 0 {
             return Err(ExecuteError::DerBits(der::STACK_UNDERFLOW));
         }
+        debug_assert!(self.program.depth <= STACK_MAX);
         self.program.depth -= 1;
         self.program.next_address = self.program.stack[self.program.depth];
         if self.program.cancelable == Some(self.program.depth) {
             self.program.cancelable = None;
             set_bits(&mut self.status.srl, srl::CALL_ACTIVE, false);
         }
+        // RETI allows interrupts again; a plain RET leaves them as they are.
         self.program.interrupts |= from_interrupt;
         Ok(())
     }
@@ -232,6 +240,7 @@ impl Drive {
     pub fn accept_answer(&mut self, value: u32) {
         let Some(ProgramWait::Answer { address, long, .. }) = self.program.wait else { return };
         self.program.wait = None;
+        debug_assert!(self.program.wait.is_none(), "one answer ends the wait");
         let done = if long {
             self.set_long_variable(address, value.cast_signed())
         } else {
@@ -254,6 +263,7 @@ impl Drive {
         if self.program.depth == STACK_MAX {
             return Err(ExecuteError::DerBits(der::STACK_OVERFLOW));
         }
+        // From a message there is no program to return to, and the call ends with its RET.
         let back = self.program.next_address;
         self.jump_to(label)?;
         self.program.stack[self.program.depth] = back;
@@ -277,6 +287,7 @@ impl Drive {
         for (n, slot) in words[..count].iter_mut().enumerate() {
             *slot = self.program_word(n + 1, at);
         }
+        // Before the instruction runs: a jump in it replaces the address.
         self.program.next_address = Some(at.wrapping_add(1 + count as u16));
         if opcode & 0xFFF8 == 0x9400 {
             return self.send_instruction(&words[..count]);
@@ -319,6 +330,7 @@ impl Drive {
             consumed += 1;
             self.execute(&instruction);
         }
+        debug_assert!(consumed <= self.program.held_messages_len);
         let left = self.program.held_messages_len.saturating_sub(consumed);
         self.program.held_messages.copy_within(consumed..consumed + left, 0);
         self.program.held_messages_len = left;
@@ -333,8 +345,10 @@ impl Drive {
             return;
         }
         let routine = self.memory.read(Space::Program, table.wrapping_add(number as u16));
+        // Cleared before the routine is called, so that an event during it is noticed again.
         self.status.isr &= !(1 << number);
         if routine != 0xFFFF && self.call_at(routine).is_ok() {
+            // Until RETI: a routine is not interrupted by itself.
             self.program.interrupts = false;
             self.program.wait = None;
         }

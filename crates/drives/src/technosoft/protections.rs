@@ -96,6 +96,7 @@ impl Drive {
             self.check_current();
             self.check_control_errors();
         } else {
+            // An axis that is off follows nothing, so no error may add up meanwhile.
             (self.protections.over_error_s, self.protections.over_speed_s) = (0.0, 0.0);
         }
         self.check_i2t();
@@ -103,6 +104,7 @@ impl Drive {
 
     /// A fault: the motor goes off until FAULTR and AXISON.
     pub fn trip(&mut self, bit: u16, why: &'static str) {
+        // A fault that lasts is reported once, so that FAULTR has something to clear.
         if self.status.mer & bit != 0 {
             return;
         }
@@ -116,6 +118,7 @@ impl Drive {
         if self.shaft.servo.is_enabled() {
             self.notice = Some(why);
         }
+        debug_assert!(self.status.mer != 0, "a trip leaves its bit");
         self.axis_off();
     }
 
@@ -146,6 +149,7 @@ impl Drive {
         let Protections { masks, supply_limits: (min, max), temperature_limit, .. } =
             self.protections;
         let supply = self.shaft.supply;
+        // By the masks of PCR: a set-up may switch each protection off, and some do.
         if supply < min && masks & pcr::UNDER_VOLTAGE != 0 {
             self.trip(mer::UNDER_VOLTAGE, "under-voltage: motor off");
         } else if supply > max && masks & pcr::OVER_VOLTAGE != 0 {
@@ -182,6 +186,7 @@ impl Drive {
         let guard = &mut self.protections;
         let (current, nominal) = (self.shaft.motor.current(), guard.nominal);
         let grown = guard.i2t_integral + (current * current - nominal * nominal) * TICK_S;
+        // It cools below the nominal current, but never below cold.
         guard.i2t_integral = grown.max(0.0);
         if guard.i2t_limit <= 0.0 || guard.masks & pcr::I2T == 0 {
             return;

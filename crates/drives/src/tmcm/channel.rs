@@ -54,8 +54,10 @@ pub const STALL_ERROR: i32 = 1;
 /// Speeds of the TMC428 and TMC429.
 pub const DIVIDED_SPEED_MAX: i32 = 2047;
 /// Ticks in which a motor is computed after a change.
+// A second: longer than any oscillation of the rotor in its field lasts.
 const SETTLING_TICKS: u32 = 1000;
 /// Part of the load that a tick's reading moves.
+// stallGuard2 measures once in a full step, so its reading lags behind the load.
 const LOAD_FILTER: f64 = 0.2;
 /// stallGuard2 reading of an unloaded motor, and its increase by a step of the threshold.
 const STALL_UNLOADED: f64 = 500.0;
@@ -147,6 +149,7 @@ impl Channel {
     /// Sets the full steps of the motor per turn. Its position stays the same.
     pub fn set_full_steps(&mut self, full_steps: u32, settings: &Settings) {
         self.motor = Stepper::new(StepperParameters { full_steps, ..*self.motor.parameters() });
+        // The field of another motor has another period, so the counter starts anew with it.
         self.power_up(settings);
     }
 
@@ -154,6 +157,7 @@ impl Channel {
     pub fn power_up(&mut self, settings: &Settings) {
         let at = self.motor.position() + self.period_lag();
         self.ramp.restart_at(at, 0.0);
+        // The rotor stays where it is; only what counts as zero changes.
         self.zero = at;
         (self.mode, self.target, self.target_speed) = (RampMode::Position, 0, 0);
         (self.search, self.errors, self.standing_ticks) = (None, 0, 0);
@@ -164,6 +168,8 @@ impl Channel {
     fn period_lag(&self) -> f64 {
         let period = TAU / (f64::from(self.motor.parameters().full_steps) / 4.0);
         let lag = self.motor.lag();
+        // A stepper that was turned by hand snaps to the nearest period, and not back to where it was switched
+        // off.
         lag - libm::round(lag / period) * period
     }
 
@@ -175,6 +181,7 @@ impl Channel {
 
     /// Makes the counter read `count`; the motor stays.
     pub fn set_counter(&mut self, count: i32) {
+        // A search ends at a place that it found in the old count.
         self.cancel_search();
         self.zero = self.ramp.setpoint().position - f64::from(count) * self.microstep;
         if self.mode == RampMode::Position {
@@ -185,6 +192,7 @@ impl Channel {
 
     /// Microstep resolution was written: the counter keeps its number.
     pub fn apply_resolution(&mut self, settings: &Settings) {
+        // Taken before the step changes, because the counter depends on it.
         let count = f64::from(self.counter());
         let exponent = settings[usize::from(units::MICROSTEPS.0)].clamp(0, 8).unsigned_abs();
         let steps = f64::from(self.motor.parameters().full_steps);
@@ -251,6 +259,7 @@ impl Channel {
     /// Speed of the field, in the module's unit.
     #[must_use]
     pub fn actual_speed(&self, settings: &Settings) -> i32 {
+        debug_assert!(self.speed_unit(settings) > 0.0, "a unit of the ramp generator is a speed");
         libm::round(self.ramp.setpoint().velocity / self.speed_unit(settings)) as i32
     }
 
@@ -300,6 +309,7 @@ impl Channel {
         ServoBounds {
             velocity: self.speed_of(speed, settings).abs(),
             acceleration: self.acceleration_of(settings),
+            // A stepper has no current loop that its motion could overrun.
             current: f64::INFINITY,
         }
     }
@@ -318,6 +328,7 @@ impl Channel {
     /// Returns whether nothing but temperatures changes without an action.
     #[must_use]
     pub fn is_idle(&self, settings: &Settings) -> bool {
+        // Until both delays are over, the current of a motor at rest still changes.
         let standby = Self::ticks_of(settings[number::POWER_DOWN_DELAY]);
         let freewheel = Self::ticks_of(settings[number::FREEWHEELING]);
         self.search.is_none()
@@ -349,7 +360,9 @@ impl Channel {
             bus: supply,
             load: self.around.load,
         });
+        // Two phases of 1.6 Ω each.
         self.winding.step(2.0 * 1.6 * self.current * self.current, TICK_S);
+        // A motor without current slips in its field all the time; only under current does it lose steps.
         let lost = self.lost_periods() != lost_before && self.is_powered();
         let share = if lost { 1.0 } else { self.motor.load_share() };
         self.load_share += LOAD_FILTER * (share - self.load_share);
@@ -386,6 +399,7 @@ impl Channel {
             || velocity < 0.0
                 && is_switch_watched(number::LEFT_STOP_DISABLE, settings)
                 && self.is_closed(SwitchKind::Left);
+        // A search runs into the switches on purpose.
         if !stops || self.search.is_some() {
             return;
         }
@@ -435,6 +449,7 @@ impl Channel {
     }
 
     fn finish_search(&mut self, search: &Search, settings: &mut Settings) {
+        // Before the zero moves: it is the distance between the old zero and the new one.
         settings[number::LAST_REFERENCE] = self.counter();
         if let Some(right) = search.right_edge {
             settings[number::SWITCH_DISTANCE] =
@@ -484,6 +499,7 @@ impl Channel {
             return 0.0;
         }
         let stands = self.standing_ticks > Self::ticks_of(settings[number::POWER_DOWN_DELAY]);
+        debug_assert!(supply >= super::module::UNDERVOLTAGE_V);
         let which = if stands { number::STANDBY_CURRENT } else { number::RUN_CURRENT };
         self.full_current * f64::from(settings[which].clamp(0, 255)) / 255.0
     }

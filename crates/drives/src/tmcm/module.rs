@@ -76,6 +76,7 @@ impl Module {
             coordinates: [[0; COORDINATES]; MOTORS_MAX],
             ticks: Ticks::new(Instant::ZERO),
         };
+        // From the factory's EEPROM, as the first power-up of a real module.
         new.power_up(Instant::ZERO);
         new
     }
@@ -130,6 +131,7 @@ impl Module {
             self.run_program(now);
         }
         // A driver with a fault gives no current.
+        // The ramp goes on without current: the counter runs while the motor of a shorted driver is at rest.
         let is_off = self.state.is_unpowered || self.raised_faults & DRIVER_FAULTS != 0;
         let supply = if is_off { 0.0 } else { self.supply };
         let motors = self.channels.iter_mut().zip(&mut self.state.memory.axis).take(self.motors);
@@ -144,6 +146,7 @@ impl Module {
     fn move_to_coordinate(&mut self, request: &Request) -> Result<i32, Status> {
         let number = usize::try_from(request.value).ok().filter(|number| *number < COORDINATES);
         let number = number.ok_or(Status::InvalidValue)?;
+        // All targets are checked before the first motor starts, so that a wrong mask moves none of them.
         let mask = match request.motor {
             motor if usize::from(motor) < self.motors => 1 << motor,
             several if several & !0x3F == SEVERAL_MOTORS => several & 0x3F,
@@ -194,6 +197,7 @@ impl Module {
             _ => return Err(Status::WrongType),
         };
         self.channels[motor].move_to(target, &self.state.memory.axis[motor]);
+        // A relative move that is sent twice goes twice as far; an absolute one does not.
         self.state.unrepeatable += u64::from(kind == 1);
         Ok(target)
     }
@@ -259,6 +263,7 @@ impl Module {
             138 if channel.mode == RampMode::Velocity => 2,
             180 => libm::round(31.0 * channel.current() / channel.full_current) as i32,
             206 => channel.load_value(settings),
+            // Reading the errors clears them (TMCL reference, parameter 207).
             207 => core::mem::take(&mut channel.errors),
             208 => self.driver_flags(motor),
             209 => channel.counter(),
@@ -301,6 +306,7 @@ impl TmclModule for Module {
         let count = self.ticks.advance_to(now);
         for n in 0..count {
             if self.is_idle() {
+                debug_assert!(n < count);
                 return self.pass_time((count - n) as f64 * TICK_S);
             }
             self.tick(before.plus_ns((n + 1) * TICK_NS));
@@ -329,6 +335,7 @@ impl TmclModule for Module {
         let motor = self.motor_of(request)?;
         match request.opcode {
             Opcode::Ror => self.rotate(motor, value)?,
+            // The most negative number has no counterpart: it would turn in the wrong direction.
             Opcode::Rol => self.rotate(motor, value.checked_neg().ok_or(Status::InvalidValue)?)?,
             Opcode::Mst => self.channels[motor].stop(&self.state.memory.axis[motor]),
             Opcode::Mvp => return self.execute_move(motor, kind, value),
@@ -338,6 +345,7 @@ impl TmclModule for Module {
             Opcode::Stap => self.state.memory.store_axis(motor, kind)?,
             Opcode::Rsap => {
                 let stored = self.state.memory.stored_axis(motor, kind)?;
+                // A restored value takes effect as a written one does.
                 self.set_axis(motor, kind, stored)?;
                 return Ok(stored);
             }

@@ -73,6 +73,7 @@ impl Search {
             Leave { switch: stop(true), forward: mirrored },
         ];
         let home = |forward, turns_round| {
+            // Always left to the same side, so that the zero does not depend on where the search began.
             let opened = Leave { switch: SwitchKind::Home, forward: false };
             [find_step(SwitchKind::Home, forward, turns_round), opened, Finish, Finish, Finish]
         };
@@ -104,6 +105,7 @@ impl Search {
 
     /// Goes on to the next step.
     pub const fn advance(&mut self) {
+        debug_assert!(self.at < STEPS_MAX, "a search ends with its last step");
         self.at += 1;
         self.is_braking = false;
         self.turned = false;

@@ -10,6 +10,7 @@ use polepair_core::proto::tmcl::module::{ModuleState, TmclModule as _};
 use polepair_core::time::Instant;
 
 /// Ticks at the current limit without turning after which the motor is switched off. \[I\]
+// A second at the limit: a motor that starts against a load may need several tenths of it.
 const STALL_TICKS: u32 = 1000;
 
 /// Heat of the power stage per A², Ω.
@@ -122,6 +123,7 @@ impl Module {
         self.mode = ControlMode::Velocity;
         self.outputs = 0;
         self.stopped = false;
+        // The counter is in RAM, so that a power-up makes any place zero.
         self.encoder.preset(self.motor.position(), 0);
         (self.target, self.target_rpm) = (0, 0);
         self.apply_settings();
@@ -131,6 +133,7 @@ impl Module {
                 self.axis(245) != 0,
                 self.stage.temperature(),
             );
+            // A module that may not start now (a fault lasts) simply stays at rest.
             let _ = self.rotate(self.axis(157));
         }
     }
@@ -215,6 +218,7 @@ impl Module {
             self.run_stand_alone();
             self.run_program(now);
         }
+        // Protections, switches and programs act on the state before the tick, the motor moves in it.
         let before = self.motor.position();
         self.tick_motor();
         self.clear_at_index(before);
@@ -299,6 +303,7 @@ impl Module {
         if rising && self.axis(128) == 3 && !self.state.is_unpowered {
             let by = self.axis(157);
             let by = if self.surroundings.backward { by.wrapping_neg() } else { by };
+            // While it positions, pulses add up on the target and not on where the motor happens to be.
             let from =
                 if self.mode == ControlMode::Position { self.target } else { self.counter() };
             let _ = self.move_to(from.wrapping_add(by));
@@ -307,6 +312,7 @@ impl Module {
 
     fn tick_motor(&mut self) {
         let (mut position, mut velocity) = (self.motor.position(), self.motor.velocity());
+        // The loops see what the encoder reports, and the motor runs away from it, as a real one does.
         if self.encoder.is_broken() {
             (position, velocity) = (self.surroundings.encoder_broke_at, 0.0);
         }
@@ -315,6 +321,7 @@ impl Module {
         self.servo.step_measured(&mut self.motor, conditions, position, velocity);
         let limit = self.servo.max_current;
         let regulated = self.servo.is_enabled() && self.mode != ControlMode::Torque;
+        // A motor that drives a torque against a stop does what it was asked for.
         let limit = if regulated { limit } else { 0.0 };
         if self.stall.step(velocity, self.motor.current(), limit) {
             self.stall.reset();
@@ -330,6 +337,7 @@ impl Module {
         }
         let ahead = (self.servo.setpoint().position - self.motor.position()).abs();
         if ahead * self.encoder.counts_per_rad().abs() > f64::from(distance) * 256.0 {
+            // The target stays; only the ramp towards it starts again.
             let goal = self.servo.goal();
             self.servo.set_goal_from(&self.motor, goal);
         }
@@ -371,6 +379,7 @@ impl Module {
     pub(super) fn goal_of(&self, count: i32) -> Goal {
         let now = self.encoder.count(self.motor.position());
         let way = i64::from(count.wrapping_sub(now as i32));
+        // The middle of the count: at its edge the reading would flicker between two counts.
         let half = 0.5 / self.encoder.counts_per_rad();
         Goal::Position(self.encoder.position_of(now.wrapping_add(way)) + half)
     }

@@ -26,6 +26,7 @@ impl Module {
             self.set_limits();
             self.reset_stall();
             self.servo.enable(&self.motor);
+            // Powered at rest first: the command that powers the motor sets its goal afterwards.
             self.servo.set_goal(Goal::Velocity(0.0));
             self.target = self.counter();
         }
@@ -64,6 +65,7 @@ impl Module {
         self.target_rpm = 0;
         self.flags.set(flags::POS_END, false);
         if self.servo.is_enabled() {
+            // Regulated, because a motor without current would coast, and a load would fall.
             self.begin_mode(ControlMode::Velocity, Goal::Velocity(0.0));
             self.stopped = true;
         }
@@ -90,6 +92,7 @@ impl Module {
 
     /// Makes the counter read `count` without moving the motor.
     pub(super) fn set_counter(&mut self, count: i32) {
+        // Target and counter move together, so that the motor does not start.
         let shift = count.wrapping_sub(self.counter());
         self.encoder.preset(self.motor.position(), count.into());
         self.target = self.target.wrapping_add(shift);
@@ -106,6 +109,7 @@ impl Module {
             15 | 160 => {}
             155 => {
                 self.apply_current(value)?;
+                // Kept only once it is in effect: a refused current must not be read back as the present one.
                 self.state.memory.axis[0][155] = value;
             }
             255 => return self.set_driver(value),
@@ -126,6 +130,7 @@ impl Module {
         }
         let powered = self.power_on();
         if powered.is_err() {
+            // A driver that cannot be switched on reads as off.
             self.state.memory.axis[0][255] = before;
         }
         powered
@@ -167,6 +172,7 @@ impl Module {
 
     fn read_flags(&mut self) -> i32 {
         let status = self.current_flags();
+        // Latched flags are cleared by the reading (TMCL reference, parameter 156).
         self.flags.read_and_clear();
         status as i32
     }
@@ -182,6 +188,7 @@ impl Module {
     /// Sets the loops by the parameters.
     pub(super) fn apply_settings(&mut self) {
         let (counts, inverted) = (self.axis(250).unsigned_abs(), self.axis(251) != 0);
+        // Only where it changes: a new configuration makes the present position its zero.
         let turned = inverted != (self.encoder.counts_per_rad() < 0.0);
         if counts != self.encoder.counts_per_turn() || turned {
             self.encoder.reconfigure(self.motor.position(), counts, inverted);
@@ -191,6 +198,7 @@ impl Module {
         let tuned = Gains::tuned(self.motor.parameters());
         self.servo.gains = Gains {
             position_p: tuned.position_p * self.axis_share(130, 500.0),
+            // Cut, because a gain far above the tuned one makes a sampled loop oscillate.
             velocity_p: (tuned.velocity_p * self.axis_share(140, 1000.0))
                 .min(4.0 * tuned.velocity_p),
             velocity_i: (tuned.velocity_i * self.axis_share(141, 1000.0))
@@ -222,6 +230,7 @@ impl Module {
     }
 
     fn set_limits(&mut self) {
+        // The speed limit of parameter 4 is one of positioning alone.
         let top = match self.mode {
             ControlMode::Position => self.axis(4),
             _ => RPM_MAX,

@@ -13,6 +13,8 @@ use super::reply::ReplySender;
 use crate::message::{CommandOutcome, GatewayError};
 
 /// Ids that are remembered.
+// Five minutes at the most commands that clients may send; an id must outlive its command's time to
+// live.
 const IDS_MAX: usize = 16_384;
 /// Characters of an id.
 const ID_MAX: usize = 64;
@@ -91,8 +93,15 @@ impl CommandHistory {
             let record = CommandRecord { key, progress: CommandProgress::Active(Vec::new()) };
             self.records.insert(id.to_owned(), record);
             self.order.push_back((id.to_owned(), stale));
+            debug_assert_eq!(
+                self.records.len(),
+                self.order.len(),
+                "each id has its place in the order"
+            );
             return Ok(CommandLookup::New);
         };
+        // The same id for something else is a client's mistake: either answer would be about the wrong
+        // command.
         if record.key != key {
             let what = format!("id {id:?} was used for another command; nothing was sent");
             return Err(
@@ -132,6 +141,7 @@ impl CommandHistory {
             return Ok(());
         }
         match self.order.front() {
+            // It may still be repeated, and then must not run twice.
             Some((_, stale)) if *stale > now => {
                 Err(GatewayError::new("gateway.busy", "too many commands at once")
                     .hint("ask less often"))

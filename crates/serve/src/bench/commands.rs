@@ -45,6 +45,7 @@ impl Bench {
     ) -> PendingReply<CommandOutcome> {
         let id = order.id.clone();
         let ends_motion = action.as_ref().is_ok_and(CommandAction::ends_motion);
+        // A stop is never answered from the history: sent twice does no harm, not sent at all does.
         let key = (!ends_motion).then(|| CommandKey::new(session, axis, &detail));
         let (wire, index, sequence) = match self.register_command(axis, &order, key) {
             Ok((CommandLookup::New, wire, index, sequence)) => (Arc::clone(wire), index, sequence),
@@ -86,6 +87,7 @@ impl Bench {
             }
         };
         let what = ActionSubject::new(&session, JournalAction::Command, Some(axis));
+        // What ends a motion does not wait for a disk.
         if ends_motion {
             shared.journal.record(what, detail, now, None);
             go(Ok(()));
@@ -109,6 +111,8 @@ impl Bench {
             let what = format!("a command is valid for 0 to {TTL_MAX_MS} ms");
             return Err(GatewayError::new("gateway.request", what));
         }
+        // Before the journal is written: a stop that is asked meanwhile has a higher number and voids this
+        // command.
         let sequence = link.wire.reserve_number()?;
         let now = self.0.context.now();
         // With any advance of its clock, within the limit.

@@ -28,8 +28,11 @@ use crate::message::{GatewayError, JournalAction};
 const ENTRIES_MAX: usize = 4096;
 const BYTES_MAX: usize = 4 << 20;
 /// A disk that has taken nothing for so long stalls: nothing more is announced.
+// A disk that takes longer is not merely slow; commands are refused while people still watch the
+// motor.
 const STALLED_AFTER: Duration = Duration::from_secs(1);
 /// Age of an announced action after which it is not executed any more.
+// A command that waits longer for its record would surprise the person who gave it.
 const WRITE_AHEAD_MAX: Duration = Duration::from_secs(2);
 /// Interval of attempts to record the number of missing entries.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
@@ -152,6 +155,7 @@ impl JournalQueue {
             _ => None,
         });
         let stalls = oldest.is_some_and(|oldest| now.since(oldest) >= STALLED_AFTER);
+        // The other half is for stops and outcomes, which are recorded without being asked.
         let full = queue.entries.len() >= ENTRIES_MAX / 2 || queue.bytes >= BYTES_MAX / 2;
         if stalls || full || queue.closed { Err(stalled_error()) } else { Ok(()) }
     }
@@ -167,6 +171,7 @@ impl JournalQueue {
             return;
         }
         match queue.entries.back_mut() {
+            // One entry for all that is missing: the gap itself never fills the queue.
             Some(QueueItem::Gap(count)) => *count += 1,
             _ => queue.entries.push_back(QueueItem::Gap(1)),
         }
@@ -184,6 +189,10 @@ impl JournalQueue {
         let mut queue = lock_unpoisoned(&self.queue);
         let entry = queue.entries.pop_front();
         if let Some(QueueItem::Entry(waiting)) = &entry {
+            debug_assert!(
+                queue.bytes >= entry_bytes(&waiting.detail),
+                "bytes are counted in and out alike"
+            );
             queue.bytes -= entry_bytes(&waiting.detail);
         }
         queue.writing = entry.is_some().then_some(now);
@@ -239,6 +248,7 @@ impl JournalWriter {
 
     fn write(&mut self, mut waiting: QueuedEntry) {
         let then = waiting.then.take();
+        // Its client has given it up by now, so it is neither recorded nor run.
         if waiting.write_ahead && self.is_late(&waiting) {
             return then.into_iter().for_each(|then| then(Err(stalled_error())));
         }

@@ -74,6 +74,7 @@ impl LeaseSlot {
                 .hint("wait until it is released, or take it over on the server's page"));
         }
         let lost = self.end();
+        debug_assert!(self.holder.is_none(), "a lease has one holder");
         self.epoch += 1;
         let holder =
             LeaseHolder { session: session.clone(), epoch: self.epoch, until: now + lasts };
@@ -108,6 +109,7 @@ impl LeaseSlot {
 
     /// Ends the lease. The caller stops what it set in motion.
     pub fn end(&mut self) -> Option<EndedLease> {
+        // The next holder has moved nothing yet.
         let moved = std::mem::take(&mut self.moved);
         self.holder.take().map(|holder| EndedLease { holder, moved })
     }

@@ -25,6 +25,7 @@ use crate::message::{
 };
 
 /// For so long what is commanded behind a stop waits for the motor to be seen standing.
+// A motor that brakes on a ramp obeys; an alarm for each usual stop would be ignored (STOP-7).
 const BRAKING_GRACE: Duration = Duration::from_secs(2);
 /// Time limit of the reply to a stop.
 pub(super) const REPLY_MAX: Duration = Duration::from_secs(10);
@@ -99,6 +100,7 @@ impl PendingStop {
 
     /// Adds a further requester: it is no longer the holder's alone.
     pub fn add_requester(&mut self, why: StopCause, by: &SessionName) {
+        // From now on another client waits for it too, so its holder cannot end it by moving the axis again.
         if self.holder_epoch.take().is_some() {
             (self.why, self.by) = (why, by.clone());
         }
@@ -106,6 +108,7 @@ impl PendingStop {
 
     /// Sends the stop for a requester, although one may be on its way: earlier requesters get the result of this one.
     pub fn send(&mut self, since: Instant, report: Option<Arc<StopCollector>>) {
+        debug_assert!(self.stop.result().is_none(), "a stop that has ended is not pending");
         self.waiters.extend(report.map(|report| StopWaiter { collector: report, since }));
         self.last_report = None;
         self.stop.send_again(true);
@@ -224,6 +227,7 @@ impl PendingStop {
         self.waiters.retain(|StopWaiter { collector, since }| {
             let waited = now.since(*since);
             let over = ended || lost || waited >= REPLY_MAX;
+            // The reply is given up, the stop is not: it goes on, and the class states that.
             let class = if over && !ended { StopClass::Owed } else { class };
             let ms = waited.as_secs_f64() * 1e3;
             let error = error.clone();
@@ -265,6 +269,7 @@ impl StopCollector {
         let axes = axes.iter().map(|id| (*id, None)).collect();
         let (axes, reply) = (Mutex::new(axes), Mutex::new(Some(reply_sender)));
         let report = Self { unreached, refused, axes, reply };
+        // A stop of no axis has its answer at once.
         report.reply_if_complete();
         (Arc::new(report), receiver)
     }

@@ -23,12 +23,15 @@ use crate::message::{GatewayError, JournalAction};
 /// Interval of reads of an axis' state.
 const STATE_EVERY: Duration = Duration::from_millis(100);
 /// Pause after an axis did not answer.
+// A silent drive costs a timeout each time, which the others of its wire wait for.
 const SILENT_BACKOFF: Duration = Duration::from_secs(1);
 /// Time ahead by which a turning axis is kept from leaving its limits.
+// Two readings of the state and the time of a stop: the axis is stopped before it reaches its limit.
 const LIMIT_LOOKAHEAD: Duration = Duration::from_millis(200);
 /// Between two looks whether there is anything to do.
 const IDLE: Duration = Duration::from_millis(20);
 /// Watched values that are asked for between two addresses of a look for drives.
+// Watched values may be more than a slow wire carries; then the scan still goes on.
 const DUE_AT_ONCE_MAX: usize = 16;
 
 /// Poller of a wire.
@@ -117,6 +120,7 @@ impl AxisPoller {
             if now < self.rest_until {
                 self.request_worker.wait(self.rest_until.since(now).min(self.idle()));
             } else if self.poll_state() {
+                // As long a rest as the request took, so that states take half of a wire at most.
                 self.rest_until = self.context.now() + self.context.now().since(now);
             } else if !watched {
                 self.request_worker.wait(self.idle());
@@ -151,6 +155,7 @@ impl AxisPoller {
             (due <= now).then_some((due, polled, source))
         });
         let Some((_, polled, source)) = due.min_by_key(|(due, ..)| *due) else { return false };
+        // Before the reading: one that fails is not asked for again at once.
         source.mark_polled(now);
         if let Some((at, value)) = polled.read_target(source.target) {
             let t_us = at.since(zero).as_micros() as u64;
@@ -217,6 +222,7 @@ impl AxisPoller {
     /// Stops an axis that is about to leave the limits that a file sets it.
     fn enforce_limits(&self) {
         let axis = &self.axes[self.current].axis;
+        // Only motions under this server are its own to end.
         if !axis.has_position_limits() || !axis.state().armed || axis.is_turning() != Some(true) {
             return;
         }
@@ -246,6 +252,7 @@ fn polled_parameters(axis: &LocalAxis) -> Vec<ParameterId> {
             ids.push(source.parameter);
         }
     }
+    // Taken from the end, so that the profile's first signals are read first.
     ids.reverse();
     ids
 }
@@ -320,6 +327,7 @@ impl PolledAxis {
                 self.signal_parameters.retain(|other| *other != id);
             }
             _ if matches!(outcome.failure(), Some(Failure::Silent | Failure::LinkDown)) => {
+                // The rest of its signals would take a timeout each.
                 self.reads_left.clear();
                 self.next = now + SILENT_BACKOFF;
             }

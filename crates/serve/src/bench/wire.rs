@@ -25,6 +25,7 @@ use crate::message::{
 /// Orders that wait for one wire; stops have places of their own.
 const REQUESTS_MAX: usize = 1024;
 /// Stops that wait for one wire; the axes of more are added to the last.
+// More batches than viewers that can ask at once; beyond them stops are merged, not dropped.
 const STOPS_MAX: usize = 64;
 
 /// Sends the pending stops of a wire on the calling thread, if its worker is not at work.
@@ -246,6 +247,7 @@ impl BenchWire {
             if motions.len() >= REQUESTS_MAX {
                 return Err(queue_full_error());
             }
+            // Numbered under the lock, so that the order of numbers is that of the queue.
             motions.push_back((self.next_number(), request));
         }
         self.wake_worker();
@@ -287,6 +289,7 @@ impl BenchWire {
             // Numbered where it is queued: no later stop comes before an earlier one.
             let sequence = self.next_number();
             stop.axes.iter_mut().for_each(|(_, its)| *its = sequence);
+            debug_assert!(stops.len() <= STOPS_MAX);
             let stops_full = stops.len() == STOPS_MAX;
             match stops.back_mut().filter(|_| stops_full) {
                 // The stop itself is not lost, only the word of how far it came.
@@ -318,6 +321,7 @@ impl BenchWire {
                  standstill",
                 );
             }
+            // A scan takes the wire for a request at a time, and the stop of a turning motor would wait for it.
             if state.armed || state.moving == Some(true) {
                 return refused_scan(
                     format!("{label} is armed or turns"),
@@ -340,6 +344,7 @@ impl BenchWire {
 
     /// Wakes the command worker.
     pub fn wake_worker(&self) {
+        // Before the thread is woken, which may look at it at once.
         self.wakeup.store(true, Ordering::SeqCst);
         if let Some((thread, _)) = self.worker.get() {
             thread.unpark();
@@ -394,6 +399,8 @@ impl BenchWire {
     /// Ends the watch of this host by drives that the server set to it, except those with a pending stop.
     pub fn end_host_watch(&self) {
         let own = std::mem::take(&mut *lock_unpoisoned(&self.host_watched));
+        // A motor whose standstill was not confirmed keeps its watchdog: it is the last thing that can stop
+        // it.
         for axis in own.into_iter().filter(|axis| self.pending_stop(*axis).is_none()) {
             let (id, axis) = &self.axes[axis];
             let ended = match axis.connection().link_error() {

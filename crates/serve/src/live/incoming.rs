@@ -18,8 +18,10 @@ const MESSAGES_MAX: u32 = 200;
 /// A tenth of a second.
 const WINDOW: Duration = Duration::from_millis(100);
 /// Stops among them that go first; more are a flood like any other.
+// More than a person can press, and fewer than a flood needs (STOP-16).
 const STOPS_MAX: u32 = 20;
 /// Messages that wait; what is more waits in the viewer's socket.
+// A client that does not read its replies waits; it does not fill the server's memory.
 const WAITING_MAX: usize = 256;
 
 /// A queued message.
@@ -85,7 +87,9 @@ impl IncomingQueue {
 
     /// Takes the next message, and its size in bytes.
     pub fn pop(&mut self) -> Option<(QueuedMessage, usize)> {
+        // Commands first: a client that does not take its values can still move and stop (STOP-16).
         let (queued, bytes) = self.motion.pop_front().or_else(|| self.other.pop_front())?;
+        debug_assert!(self.bytes >= bytes, "bytes are counted in and out alike");
         self.bytes -= bytes;
         Some((queued, bytes))
     }

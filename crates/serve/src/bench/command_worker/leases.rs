@@ -46,6 +46,8 @@ impl CommandWorker {
         reply_sender: ReplySender<Option<LeaseGrant>>,
     ) {
         let (now, lasts) = (self.context.now(), self.context.lease_duration);
+        // A lease is a promise that a stop reaches the axis, so none is given for a link that is lost or
+        // closing.
         let closes = self.context.is_closing() || self.lost;
         let may = if closes {
             Err(unavailable_error(self.lost))
@@ -53,6 +55,7 @@ impl CommandWorker {
             let what = "a scan of this link is running";
             Err(scan_error(what).hint("wait for the end of the scan, or cancel it"))
         } else {
+            // Who moved a motor has to be on record before it moves.
             self.context.journal.check_writable(now)
         };
         let slot = &mut self.axes[axis].lease;
@@ -61,10 +64,15 @@ impl CommandWorker {
             Ok(taken) => taken,
             Err(refused) => return drop(reply_sender.send(Err(refused))),
         };
+        debug_assert!(
+            self.axes[axis].lease.holder().is_some(),
+            "a lease that was given has a holder"
+        );
         self.axes[axis].link_loss = None;
         let over = lost.is_some();
         lost.into_iter().for_each(|lost| self.end_lease(axis, lost, "taken over"));
         self.publish_lease(axis);
+        // The same client asked again: nothing has changed that belongs into the journal.
         if before == Some(held.epoch) {
             return drop(reply_sender.send(Ok(Some(lease_grant(&held, now)))));
         }
@@ -79,6 +87,7 @@ impl CommandWorker {
             now,
             Box::new(move |recorded: Result<(), GatewayError>| {
                 if recorded.is_err() {
+                    // Before all commands that wait: none of them may run under a lease that has no record.
                     wire.submit_first(0, WireRequest::LeaseNotRecorded { axis, epoch });
                 }
                 let _ = reply_sender.send(recorded.map(|()| Some(lease_grant(&held, now))));
@@ -89,6 +98,7 @@ impl CommandWorker {
     /// Revokes a lease that was granted and not reported.
     pub(super) fn revoke_unrecorded_lease(&mut self, axis: usize, epoch: u64) {
         let slot = &mut self.axes[axis].lease;
+        // Another client may have taken the axis over since.
         let its = slot.holder().is_some_and(|holder| holder.epoch == epoch);
         if let Some(lost) = its.then(|| slot.end()).flatten() {
             self.end_lease(axis, lost, "the journal could not record it");

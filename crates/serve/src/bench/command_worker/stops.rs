@@ -24,11 +24,13 @@ impl CommandWorker {
             self.wire.next_stop()
         {
             self.add_joined_axes();
+            // A scan has the wire; it ends after the address that it is asking.
             self.wire.scan_flag.cancel();
             let began = self.context.now();
             let mut ended = Vec::with_capacity(axes.len());
             for (axis, sequence) in axes {
                 self.axes[axis].last_stop_number = sequence.max(self.axes[axis].last_stop_number);
+                // The holder may not move it after another client stopped it.
                 let lost = self.axes[axis].lease.end();
                 let is_new = self.stop_axis(
                     axis,
@@ -37,8 +39,10 @@ impl CommandWorker {
                     &session,
                     collector.clone(),
                 );
+                // All axes are stopped before the first entry of the journal, which may take a disk's time (STOP-16).
                 ended.push((axis, lost, is_new));
             }
+            // A wire that took long is left to its own thread, so that it keeps no other wire waiting (STOP-14).
             self.fast_send = self.context.now().since(began) <= FAST_SEND_MAX;
             for (axis, lost, is_new) in ended {
                 if let Some(EndedLease { holder, .. }) = lost {
@@ -61,6 +65,7 @@ impl CommandWorker {
         report: Option<Arc<StopCollector>>,
     ) -> bool {
         let watched = &mut self.axes[axis];
+        // First of all: from here on no motion command passes, even if the stop is lost.
         watched.axis.arm(false);
         let is_new = watched.pending_stop.is_none();
         let pending = watched
@@ -115,6 +120,7 @@ impl CommandWorker {
                 Err(refused) => Some(refused),
             };
             if error.is_none() {
+                debug_assert!(error.is_none(), "only a stop that was seen through ends the motion");
                 self.axes[commanded.axis].lease.mark_stopped();
             }
             // The result of its stop is known; whether the motor is at standstill is not.
@@ -132,6 +138,7 @@ impl CommandWorker {
             return;
         };
         let what = "it was moved again before its standstill was confirmed";
+        // The holder moved it again: the stop is not wanted any more, by the one who asked for it.
         outstanding.abandon(id, now, &GatewayError::new("gateway.owed", what));
         self.clear_pending_stop(axis, session, json!({ "how": "moved again" }), None);
     }
@@ -182,6 +189,7 @@ impl CommandWorker {
         detail["number"] = json!(watched.axis.number());
         let (id, now) = (watched.id, self.context.now());
         // Shown before anybody is answered, which the journal's thread does as soon as it is written.
+        debug_assert!(self.axes[axis].pending_stop.is_none());
         self.wire.set_pending_stop(axis, None);
         self.context.publish(BenchEvent::PendingStop(id));
         self.context.journal.record(
@@ -198,6 +206,7 @@ impl CommandWorker {
         let Some(first) = self.axes.iter().find(|watched| watched.pending_stop.is_some()) else {
             return;
         };
+        // All axes of a wire share its counters, so one of them is enough.
         self.airtime.update(&first.axis);
         for axis in 0..self.axes.len() {
             let watched = &mut self.axes[axis];
@@ -248,11 +257,14 @@ impl CommandWorker {
     ) {
         let now = self.context.now();
         let held = match dismiss.reason {
+            // The only reason that needs the lease: with the others no program can stop the motor any more
+            // (STOP-12).
             DismissReason::TakenOver => {
                 self.axes[axis].lease.check_holder(&session, dismiss.epoch, now).map(drop)
             }
             _ => Ok(()),
         };
+        // A dismissal without a record would be a motor for which no person answers.
         let may = held.and_then(|()| self.context.journal.check_writable(now));
         if may.is_err() || self.axes[axis].pending_stop.is_none() {
             // Who has gone does not want to know, here and below.
