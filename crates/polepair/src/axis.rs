@@ -241,14 +241,17 @@ impl LocalAxis {
         let mut running = self.start_read(id)?;
         let ticket = running.pending.ticket();
         let ended = running.finish();
+        // Taken after the request ended: drives of a group may still answer until then.
         let parts = self.connection.with_axes(|axes, _| {
             let parts = std::iter::from_fn(|| axes.poll_group_answer(ticket));
             parts.map(|part| (part.address, part.raw)).collect::<Vec<_>>()
         });
         match ended {
+            // A single axis replies once and leaves no list of members.
             Ok(raw) if parts.is_empty() => Ok(vec![(self.number, raw)]),
             Err(error @ Error::Interrupted { .. }) => Err(error),
             Err(error) if parts.is_empty() => Err(error),
+            // One silent member does not hide the values of the others; the caller sees who is missing.
             Ok(_) | Err(_) => Ok(parts),
         }
     }
@@ -290,11 +293,13 @@ impl LocalAxis {
     pub fn value(&self, id: ParameterId, raw: i64) -> Result<Value, Error> {
         let parameter = self.required_parameter(id)?;
         let convert = || self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw));
+        // First with what is known: a read costs a request, and scales seldom change.
         let mut si = convert();
         if si.is_none() {
             self.read_factors(parameter)?;
             si = convert();
         }
+        // The step between two raw values, so that a value is shown with no more digits than it has.
         let neighbour = raw.wrapping_add(1);
         let next = self.connection.with_axes(|axes, _| axes.to_si(self.index, id, neighbour));
         let (unit, factor) = (self.unit(id), self.factor(id));
@@ -352,6 +357,7 @@ impl LocalAxis {
     /// [`Error::Unsupported`] `E220` if it is already armed.
     pub fn arm_exclusively(&self) -> Result<(), Error> {
         let armed = self.connection.with_axes(|axes, _| {
+            // Read and set under one lock: two callers cannot both find it unarmed.
             let before = axes.state(self.index).is_some_and(|state| state.armed);
             axes.set_armed(self.index, true);
             before
@@ -521,6 +527,7 @@ impl LocalAxis {
     /// [`Error::Usage`] `E223` for what a file's limits do not let through; what reading the position
     /// brings.
     pub fn prepare(&self, command: Command) -> Result<PreparedCommand, Error> {
+        // Limits before scales: a command that a file forbids costs no request.
         let mounted = self.apply_mounting(command)?;
         self.check_scales(&command)?;
         Ok(PreparedCommand { axis: self.clone(), command: mounted })
@@ -567,6 +574,8 @@ impl LocalAxis {
     /// # Errors
     /// [`Error::Unsupported`] as the command itself would give.
     pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
+        // The bytes depend on the drive's own units; without them the rehearsal would show other bytes than
+        // the command sends.
         self.read_factors_of(command.verb)?;
         let command = self.apply_mounting(command)?;
         let rehearsed = self.collect_rehearsal(command);
@@ -612,6 +621,7 @@ impl LocalAxis {
                 if let Some(parameter) = self.parameter(source.parameter) {
                     self.read_unread_factors(parameter)?;
                 }
+                // "Not implemented" is an answer: a value of zero would be a claim.
                 if self.read_optional(source.parameter)?.is_none() {
                     let what = format!("{} has no object for its {}", self.label(), signal.name());
                     return Err(Error::usage("E213", what, "the maker did not implement it"));
@@ -654,10 +664,12 @@ impl LocalAxis {
         mut show: impl FnMut(&[Reading]) -> ControlFlow<()>,
     ) -> Result<(), Error> {
         loop {
+            debug_assert!(!signals.is_empty(), "a watch without signals would spin");
             let began = self.connection.now();
             if show(&self.signals(signals)?).is_break() {
                 return Ok(());
             }
+            // On the link's clock, which in virtual time is not the computer's.
             let spent = self.connection.now().since(began);
             crate::simulate::sleep_on_clock(self.simulation.as_ref(), period.saturating_sub(spent));
         }

@@ -50,6 +50,7 @@ impl ProtocolInfo {
     /// The host's address on a bus with `others`: the default, or the last free one.
     pub(crate) fn host_among(&self, drives: &[u32], others: &[BusAddress]) -> Option<u32> {
         let usual = self.host?;
+        // The host must not answer to an identifier that a drive of another protocol listens to.
         let free = |address: &u32| {
             !drives.contains(address)
                 && !others
@@ -166,6 +167,7 @@ pub struct BusLoadRange {
 impl BusLoadRange {
     /// Adds frames of these lengths in bytes, `rate` times a second; without lengths a full frame in each direction.
     pub(crate) fn add(&mut self, bit_rate: u32, extended: bool, rate: f64, lengths: &[u32]) {
+        debug_assert!(rate >= 0.0);
         let lengths = if lengths.is_empty() { &EXCHANGE_LENGTHS } else { lengths };
         self.least += load_share(
             lengths.iter().map(|bytes| bits::unstuffed_bits(extended, *bytes)).sum(),
@@ -189,6 +191,7 @@ impl BusLoadRange {
 }
 
 fn load_share(bits: u32, rate: f64, bit_rate: u32) -> f64 {
+    debug_assert!(bit_rate > 0, "a bus without a bit rate has no load");
     rate * f64::from(bits) / f64::from(bit_rate.max(1))
 }
 

@@ -128,6 +128,7 @@ impl Connector {
         urls: &[Url],
     ) -> Result<(Vec<ProtocolLine>, Option<Simulation>), Error> {
         let [first, others @ ..] = urls else { return Ok((Vec::new(), None)) };
+        // The link is opened once; the protocols after the first share it.
         let (mut lines, simulation) = self.open_lines(first)?;
         for url in others {
             let link = lines[0].link.clone();
@@ -181,8 +182,10 @@ impl Connector {
             axes.extend(its);
             wires.extend(ProtocolLine::open_wire(lines));
         }
+        // After all are open: an axis of a later wire would otherwise miss its heartbeat during these reads.
         axes.iter().try_for_each(LocalAxis::read_optional_scales)?;
         let link = LocalLink { url, axes, wires, line_configs: stored, simulation };
+        // A misspelt name is found here, before any command.
         link.url.names.iter().try_for_each(|name| link.axis_named(name).map(drop))?;
         Ok(link)
     }
@@ -206,15 +209,18 @@ impl Connector {
         let info = url.protocol_info()?;
         url.axes.iter().try_for_each(|axis| info.check_address(*axis))?;
         let mut options = wire_options(url, &info)?;
+        // The host's usual address may be that of a named drive.
         options.host_address = options.host_address.or_else(|| info.alternative_host(&url.axes));
         let link = match opened {
             Some(link) => link,
             None => self.wrap_and_tap(0, open(url, &info, &options)?, None),
         };
         let numbers =
+            // Without a number the first address, where a drive from the factory answers.
             if url.axes.is_empty() { vec![*info.addresses.start()] } else { url.axes.clone() };
         let seats = vec![RackEntry::default(); numbers.len()];
         let first = url.axes.iter().find(|axis| !AxisNumber(**axis).is_group());
+        // On a serial line the first named drive is taken for the one at the cable.
         options.relay_axis = options.relay_axis.or(first.copied());
         let all = Arc::default();
         Ok(ProtocolLine {
@@ -236,6 +242,7 @@ impl Connector {
         simulation: Option<&Simulation>,
         must_ask: bool,
     ) -> Result<Vec<LocalAxis>, Error> {
+        // All are identified before the connection is built, because a lane takes its profiles once.
         let found: Vec<Vec<(&'static Profile, Identification)>> = lines
             .iter()
             .map(|line| self.identify_axes(url, line, must_ask))
@@ -248,6 +255,7 @@ impl Connector {
             })
             .map(Iterator::collect)
             .collect();
+        debug_assert_eq!(lines.len(), profiles.len());
         let connection = ProtocolLine::open_shared_connection(lines, &profiles)?;
         let mut axes = Vec::new();
         for (line, found) in lines.iter().zip(found) {
@@ -363,6 +371,7 @@ fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Er
     let count = url.number("axes")?.unwrap_or(1);
     let axes = url.axes.iter().filter(|axis| !AxisNumber(**axis).is_group());
     let max = axes.map(|axis| u64::from(drive_address(*axis))).fold(0, u64::max);
+    // `sim:x#3` without a count has three drives.
     let count = count.max(max);
     if count == 0 || count > 32 {
         let what = format!("`axes={count}` is not 1 to 32");
@@ -459,6 +468,7 @@ impl ProtocolLine {
         scanning: bool,
         urgent: bool,
     ) -> Result<Connection, Error> {
+        // A new seed for each session: late replies of the last one must not fit the next.
         let options = self.session_options();
         // A scan accepts any frame as a sign of a drive.
         let doubt = options.probe_seed.filter(|_| !scanning);
@@ -472,6 +482,7 @@ impl ProtocolLine {
     pub(crate) fn read_details(&self, number: u32, profile: &'static Profile) -> Vec<DeviceDetail> {
         let Ok(axes) = self.probe_axes(&[(profile, number)], true) else { return Vec::new() };
         let Some(axis) = axes.first() else { return Vec::new() };
+        // Another host may have used the wire since the last exchange of this one.
         axis.connection.with_axes(|axes, now| axes.handle_resume(now));
         // A lost link is reported by the scan.
         axis.device_details().unwrap_or_default()
@@ -544,6 +555,7 @@ impl ProtocolLine {
                 registry::build_lane::<Can>(line.protocol.name, line.session_options(), axes)
             })
             .collect();
+        debug_assert!(lines.iter().all(|line| line.wire == lines[0].wire));
         let mux = Mux::new(lanes.ok_or_else(|| parse_failure("the protocol has no host"))?);
         let mux =
             mux.ok_or_else(|| parse_failure("these drives cannot share a bus: too many axes"))?;
@@ -658,6 +670,7 @@ impl LocalLink {
     /// # Errors
     /// The first error, after every axis was tried.
     pub fn stop_all(&self) -> Result<(), Error> {
+        // No retry: a program that ends must not hang on a drive that has gone.
         let stops = stop_axes(&self.axes, StopOptions::default(), Duration::ZERO, |_, _| true);
         stops.into_iter().try_for_each(|stop| stop.standstill.map(drop))
     }

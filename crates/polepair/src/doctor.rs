@@ -149,6 +149,7 @@ pub fn check_link(
             on_event(CheckResult::error("line", &error));
         }
     }
+    // The port has to be free for the other rates.
     drop(lines);
     if silent && matches!(url.target, LinkTarget::Serial { .. }) {
         on_event(serial::check_other_rates(connector, &url, options)?);
@@ -168,6 +169,7 @@ fn check_line(
 ) -> Result<(), Error> {
     let echo = match line.link.clone() {
         SharedLink::Serial(link) => {
+            // Before the first request: afterwards noise and replies cannot be separated.
             serial::check_noise(&link, line, on_event)?;
             Some(serial::EchoDetector::attach(line))
         }
@@ -189,6 +191,7 @@ fn check_line(
         on_event(echo.check_result(line));
         if found.is_empty() && echo.differs_from_options(line) {
             // The host took its own bytes for answers, or answers for its own bytes.
+            // So that the rest of the check works although the connection string is wrong; the finding stays.
             line.options.echo = !line.options.echo;
             return check_found(
                 line,

@@ -174,6 +174,7 @@ impl<'a> Prober<'a> {
                 }
                 _ => None,
             });
+        // After the built-in profiles, which have more than a catalogue entry.
         let mut known =
             answers.filter_map(|raw| Some((find_answered(self.line.protocol.profile, raw)?, raw)));
         let (module, raw) = known.next()?;
@@ -266,6 +267,7 @@ impl<'a> Prober<'a> {
     fn answers_twice(&self, number: u32) -> Result<bool, Error> {
         let generic = self.line.protocol.generic;
         let connection = self.line.probe_connection(&[(generic, number)], false, false)?;
+        // A whole exchange with retries, which sees a second reply to one request.
         let question = IdentityQuery::Parameter(ParameterId(0));
         let outcome = self.query(&connection, 0, question, Instant::FAR_FUTURE);
         Ok(outcome.and_then(Outcome::failure) == Some(Failure::AnsweredTwice))
@@ -275,6 +277,7 @@ impl<'a> Prober<'a> {
         let generic = self.line.protocol.generic;
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
+        // With a limit there is no room for the pauses that a quiet start of a session takes.
         let urgent = self.reply_timeout.is_some() || self.time_limit.is_some();
         let connection = self.line.probe_connection(&axes, self.single_attempt, urgent)?;
         // Another host may have sent just now, which this one has not received.
@@ -282,6 +285,7 @@ impl<'a> Prober<'a> {
         let until = self.time_limit.map_or(Instant::FAR_FUTURE, |limit| {
             connection.now() + connection.scale_timeout(limit)
         });
+        // The most specific identity wins: a mask of more bits fits fewer products.
         let (mut received, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
         let (mut lacks_identity, mut is_refused, mut has_value) = (false, false, false);
         let mut requests: Vec<(Identity, Option<Outcome>)> = Vec::new();
@@ -292,6 +296,7 @@ impl<'a> Prober<'a> {
             if is_time_over(&connection, until) {
                 break;
             }
+            // One reply distinguishes products that share a question; sixty questions would take seconds.
             let outcome = match requests.iter().find(|(q, _)| is_same_query(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
                 None => self.query(&connection, n, identity.query, until),
@@ -304,6 +309,7 @@ impl<'a> Prober<'a> {
                 lacks_identity |= refusal == Refusal::Missing;
             }
             if outcome.and_then(Outcome::failure) == Some(Failure::LinkDown) {
+                // Not "silent": at a lost link no address can be called free.
                 return Err(self.link_lost_error(&connection));
             }
             requests.push((*identity, outcome));
@@ -330,6 +336,7 @@ impl<'a> Prober<'a> {
                 }
                 None => {}
             }
+            // The first question without any reply decides; the others would each cost their full time.
             if is_silent(outcome) && !received {
                 let counted = connection.with_axes(|axes, _| axes.counters());
                 // The bytes that are held are those of the question that ended last.
@@ -353,6 +360,7 @@ impl<'a> Prober<'a> {
             if answer.and_then(Outcome::failure) == Some(Failure::AnsweredTwice) {
                 return Ok(ProbeResult::AnsweredTwice);
             }
+            // Only once: the flag is set by the end of a download mode that really was there.
             if self.store_ended.take() {
                 return self.probe_once(number);
             }
@@ -455,6 +463,7 @@ impl<'a> Prober<'a> {
         until: Instant,
     ) -> bool {
         let Some(Failure::Refused { code }) = outcome.failure() else { return false };
+        // No other refusal permits a write during identification.
         if connection.with_axes(|axes, _| axes.refusal(axis, code)) != Refusal::Stored {
             return false;
         }
@@ -502,6 +511,7 @@ fn format_firmware(raw: i64, mask: i64) -> Option<String> {
     }
     let bits = ((raw & mask).cast_unsigned()) >> mask.trailing_zeros();
     let bytes: Vec<u8> = bits.to_be_bytes().into_iter().skip_while(|b| *b == 0).collect();
+    // Letters and digits are a name such as `F514L`; shorter ones are numbers by chance.
     if bytes.len() >= 3 && bytes.iter().all(u8::is_ascii_graphic) {
         return Some(bytes.iter().map(|b| char::from(*b)).collect());
     }

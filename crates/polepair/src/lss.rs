@@ -211,10 +211,12 @@ impl LssMaster {
     /// [`Error::Link`].
     pub fn select(&self, identity: LssIdentity) -> Result<bool, Error> {
         let LssIdentity { vendor, product, revision, serial } = identity;
+        // These three have no reply (CiA 305).
         for (name, number) in [("vendor", vendor), ("product", product), ("revision", revision)] {
             self.request(&format!("lss select {name} {number}"), "LSS selection")?;
         }
         self.configures.store(true, Ordering::Relaxed);
+        // The fourth number selects (CiA 305, switch mode selective): only then a device replies.
         if self.is_answered(&format!("lss select serial {serial}"))? {
             return Ok(true);
         }
@@ -232,6 +234,8 @@ impl LssMaster {
     /// [`Error::Failed`] `E401` where no device answers, [`Error::Usage`] `E220` where several do:
     /// they leave LSS configuration at once.
     pub fn select_only_device(&self) -> Result<LssIdentity, Error> {
+        // Two devices of one product send the same reply at once, which on CAN is one frame; a late one
+        // betrays the second.
         let before = self.session_counters();
         self.configures.store(true, Ordering::Relaxed);
         self.request("lss configuration", "LSS configuration")?;

@@ -86,6 +86,7 @@ impl ProtocolLine {
             return Ok(Vec::new());
         }
         let known = one.profile.motors;
+        debug_assert!(first <= last);
         let last = if known > 0 { first + known - 1 } else { last + 1 };
         let numbers = (first + 1..=last).map(|sub| with_sub_axis(one.number, sub));
         let found = |number: u32| DetectedDrive {
@@ -107,7 +108,9 @@ impl ProtocolLine {
             axis.connection().with_axes(|axes, now| axes.handle_resume(now));
         }
         let answers: Vec<&LocalAxis> =
+            // The axes of a module are numbered without gaps.
             axes.iter().take_while(|axis| axis.read(state).is_ok()).collect();
+        // A module that accepts a number beyond its axes ignores it: its replies are no further axes.
         let looks_at_axis = answers.len() < axes.len();
         Ok(answers.iter().filter(|_| looks_at_axis).map(|axis| found(axis.number())).collect())
     }
@@ -157,6 +160,7 @@ pub fn scan(
         .into_iter()
         .map(|url| if rack { Url { axes: Vec::new(), names: Vec::new(), ..url } } else { url });
     let (mut lines, _simulation) = connector.open_shared_lines(&whole.collect::<Vec<_>>())?;
+    // Protocols whose requests another one's drives would obey come last, when those drives are known.
     bus::sort_guests_last(&mut lines, |line| &line.protocol);
     let mut scanner = DriveScanner::on_lines(connector, lines, axes, numbers.into());
     loop {
@@ -207,6 +211,8 @@ fn exclude_clashing(
             })
             .collect();
         let (Some((first, id)), Some((last, _))) = (left.first(), left.last()) else { continue };
+        // Left out before a byte is sent: the read of one protocol is a motion command of the other (thruster
+        // on PDO2).
         wanted.retain(|number| left.iter().all(|(other, _)| other != number));
         let (name, other) = (line.protocol.name, bus_address.label());
         let addresses = if first == last {
@@ -252,6 +258,7 @@ pub(crate) fn default_addresses(line: &ProtocolLine) -> Result<Vec<u32>, Error> 
     let every = line.protocol.addresses.clone().take(ADDRESSES_MAX).collect();
     let mut wanted = addresses_to_query(line, every, true, &mut Vec::new(), &|| false)?;
     if let Some(last) = wanted.pop() {
+        // The last address is where several makers' drives are before they are set up, so it comes early.
         wanted.insert(wanted.len().min(1), last);
     }
     Ok(wanted)
@@ -279,6 +286,7 @@ fn addresses_to_query(
     let mut text = format!("addresses {first} to {last}");
     if let SharedLink::Can(link) = &line.link {
         let listener = SenderDetector::new(protocol, line.options);
+        // Listening first costs nothing and finds drives that send by themselves.
         let mut received = listen_for_senders(link, &listener, LISTEN_MS, broken)?;
         if let Some(question) = listener.question.as_ref().filter(|_| !broken()) {
             link.send(question)?;
@@ -287,6 +295,7 @@ fn addresses_to_query(
             wanted.retain(|number| received.contains(number));
             text.push_str(", all with one request");
         }
+        // Only a search of all addresses takes in what it did not ask for.
         received.retain(|number| every && !wanted.contains(number));
         wanted.extend(received);
         wanted.sort_unstable();
@@ -315,6 +324,7 @@ fn listen_for_senders(
             Received::Bytes { at, .. } => {
                 if let Some(number) = listener.sender(&frame).filter(|n| !received.contains(n)) {
                     received.push(number);
+                    // A node that answers late in the window is followed by others.
                     until = until.max(at.plus_ms(ms));
                 }
             }

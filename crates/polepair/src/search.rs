@@ -127,9 +127,11 @@ pub fn search(
     };
     let of = PASSES.len() * searches.iter().map(|search| search.attempts.len()).sum::<usize>();
     let mut done = 0;
+    // Low addresses at every rate before high ones at any: most drives have address 1 or 2.
     for addresses in PASSES {
         for search in &mut searches {
             let attempts = search.attempts.len();
+            // A line has one rate; what it is, the first drive has shown.
             if search.found.is_empty() {
                 let mut each = |port: &str, attempt: &str, at: usize| {
                     progress(&SearchStep { port, attempt, done: done + at, of })
@@ -254,6 +256,7 @@ impl PortSearch {
         addresses: Range<usize>,
         each: AttemptCallback<'_>,
     ) -> Result<ControlFlow<()>, Error> {
+        // A port that cannot be opened is not tried forty times.
         if self.error.is_some() {
             return Ok(ControlFlow::Continue(()));
         }
@@ -296,8 +299,10 @@ impl PortSearch {
         let SearchAttempt { url, protocol, label, baud } = &self.attempts[at];
         let (mut lines, _) = connector.open_lines(url)?;
         let Some(line) = lines.first_mut() else { return Ok(ControlFlow::Continue(())) };
+        debug_assert!(!addresses.is_empty());
         let numbers = protocol.addresses.clone().skip(addresses.start).take(addresses.len());
         let on_wire = Duration::from_secs(1) * EXCHANGE_BITS / *baud;
+        debug_assert!(*baud > 0, "every attempt states its rate");
         let patience = on_wire + if addresses.start == 0 { FIRST_PATIENCE } else { PATIENCE };
         // Without a rate of the port (USB CDC, pseudo-terminals) the host would wait as long as on a network.
         line.options.reply_timeout_ms = u32::try_from(patience.as_millis()).ok();
@@ -316,6 +321,7 @@ impl PortSearch {
             match prober.with_timeout(Some(clock::scale_timeout(limit))).probe(number)? {
                 ProbeResult::Found { doubtful: false, .. } => {
                     let url = url.clone();
+                    // The port is exclusive: the scan opens it anew.
                     drop(lines);
                     return self.scan_link(connector, &url, at, each);
                 }

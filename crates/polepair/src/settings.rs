@@ -134,6 +134,7 @@ impl Settings {
             let Some(value) = entry.value.as_ref().filter(|_| entry.access.is_writable()) else {
                 continue;
             };
+            // Writing an entry that no mapping uses is refused by many drives.
             if process_data::is_unused_entry(eds, object.index, entry.sub) {
                 continue;
             }
@@ -186,6 +187,7 @@ impl Settings {
     /// [`Error::Usage`] `E212`.
     pub fn for_axis(&self, axis: &LocalAxis, axes: usize) -> Result<&AxisSettings, Error> {
         let same = self.axes.iter().find(|settings| settings.number == axis.number());
+        // One axis and one set: a drive with another address takes the settings of its predecessor.
         let only = self.axes.first().filter(|_| axes == 1 && self.axes.len() == 1);
         same.or(only).ok_or_else(|| {
             let known: Vec<String> = self.axes.iter().map(|axis| axis.number.to_string()).collect();
@@ -430,6 +432,7 @@ impl AxisSettings {
             .filter(|setting| !self.is_sheet || setting.unfit_reason(axis).is_none());
         let named = named.map(|setting| Ok((setting.find_parameter(axis)?, setting)));
         let mut named = named.collect::<Result<Vec<_>, Error>>()?;
+        // Parameters that scale others come first: the others' texts are read in the new scale.
         named.sort_by_key(|(id, _)| !axis.scales(*id));
         let (mut wanted, mut pending) = (Vec::new(), PendingWrites::default());
         for (id, setting) in named {
@@ -486,6 +489,7 @@ impl Setting {
         let Some(parameter) = axis.parameter(id) else {
             return Err(self.name.location.error("no such parameter").into());
         };
+        // A file of settings must not start a motor.
         let moves = parameter.moves && !is_undescribed(axis, id);
         if parameter.access != Access::ReadWrite || moves {
             return self.name_error(format!("`{}` is no setting", parameter.name));
@@ -516,6 +520,7 @@ fn is_undescribed_motion(p: &Parameter) -> bool {
 fn profile_settings(profile: &'static Profile) -> Vec<(ParameterId, &'static Parameter)> {
     let ids = (0..).map(ParameterId).zip(profile.parameters);
     let mut settings: Vec<_> = ids.filter(|(_, parameter)| is_setting(parameter)).collect();
+    // By name, so that two files differ only where the drives do.
     settings.sort_by_key(|(_, parameter)| parameter.name);
     settings
 }
@@ -531,6 +536,7 @@ fn exact_value(axis: &LocalAxis, id: ParameterId, raw: i64) -> Result<SettingVal
             Ok(number) if unit.is_empty() && value.word.is_none() => Amount::Number(number),
             _ => Amount::Text(text),
         };
+        // The text has to lead back to the very raw value, otherwise the raw value is written.
         if axis.raw_of(id, &amount).is_ok_and(|back| back == raw) {
             return Ok(SettingValue::Amount(amount));
         }

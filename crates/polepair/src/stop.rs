@@ -244,6 +244,8 @@ fn broadcast_stop(
         SharedLink::Serial(link) => {
             for run in &runs {
                 link.send(run)?;
+                // A broadcast has no reply to wait for; a request right behind it would be lost in drives that are
+                // busy with it.
                 wait_silence::<Stream>(link, &mut [0; 64])?;
             }
         }
@@ -405,6 +407,7 @@ impl<'a> LineSearch<'a> {
             self.deaf.push((one, error));
             return Ok(());
         }
+        // After its first axis is stopped: finding the others takes requests.
         let further = self.line.further_axes(&one)?;
         self.found.push(one);
         for axis in further {
@@ -427,6 +430,7 @@ impl<'a> LineSearch<'a> {
     fn finish_deaf(&mut self, stopped: &mut LinkStopReport) -> Result<(), Error> {
         for (one, error) in std::mem::take(&mut self.deaf) {
             match self.stop_unanswered(&one, self.how)? {
+                // It was asked twice; the error of its identification has more of the cause.
                 Err(ref reported) if reported.exit() == Exit::NoReply => {
                     stopped.axes.push((format!("axis {}", one.number), Err(error)));
                 }
@@ -527,6 +531,7 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
     let of = |axis: &LocalAxis| {
         let mut received = Vec::new();
         let mut silent: Vec<(u8, Error)> = Vec::new();
+        // Motors behind one address are numbered without gaps, but one of them can be silent for a moment.
         let mut in_a_row = 0;
         for number in (1..MOTORS_MAX).filter(|number| !is_axis_number(*number, axis, axes)) {
             let sent =
@@ -546,6 +551,7 @@ fn stop_more_motors(axes: &[LocalAxis]) -> Vec<DriveMotors> {
                 break;
             }
         }
+        // Once more at the end: while the first round runs, a module may be busy with its stop.
         silent.retain_mut(|(number, why)| match axis.stop_motor(*number) {
             Ok(()) => {
                 received.push(*number);
@@ -587,6 +593,8 @@ fn is_no_such_motor(error: &Error) -> bool {
 impl LinkStopReport {
     /// Sends a first stop to all of these axes.
     fn send_first_stops(&mut self, axes: &[LocalAxis], how: StopOptions) {
+        // All are sent before the first reply is awaited: the last of ten axes must not turn ten times as
+        // long.
         let stops: Vec<_> = axes.iter().map(|axis| begin_stop(axis, how)).collect();
         let end = clock::now() + clock::scale_timeout(STOP_WAIT_MAX);
         for (axis, mut stop) in axes.iter().zip(stops) {
@@ -614,6 +622,7 @@ impl LinkStopReport {
     /// Stops the further motors of these axes and then the axes, waits until all of them are at rest, and notes how.
     /// The stop of a further motor replaces that of its axis, which goes last for that reason.
     fn add_axes(&mut self, axes: &[LocalAxis], how: StopOptions, on_event: StopObserver<'_>) {
+        // Before standstill is awaited, which takes seconds.
         self.motors.extend(stop_more_motors(axes));
         let stops = axes.iter().map(|axis| begin_stop(axis, how)).collect();
         let ended = await_stops(stops, |axis, notice| match notice {
@@ -637,6 +646,7 @@ impl LinkStopReport {
         let is_noted = |(name, found): &(String, DrivePrograms)| {
             *name == label && *found == DrivePrograms::Incomplete
         };
+        // A stop that had to end a download leaves half a program in the module: worth a line of its own.
         if state.store_ended && !self.programs.iter().any(is_noted) {
             self.programs.push((label.clone(), DrivePrograms::Incomplete));
         }

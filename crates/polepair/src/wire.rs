@@ -184,6 +184,7 @@ impl<M: Medium> LinkIo<M> for CountedLink<M> {
     }
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
         self.link.send(unit)?;
+        // After the link took it: a frame that was refused has not left.
         self.sent_counter.0.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }

@@ -176,6 +176,7 @@ impl Drive {
 
     fn run_ticks(&mut self, ticks: u64) {
         if self.shaft.is_resting() {
+            // Nothing moves and nothing pushes: hours of simulated rest are one step, not millions.
             self.shaft.pass_rest(ticks);
             return self.check_protections();
         }
@@ -187,6 +188,7 @@ impl Drive {
     /// Time of the next call to [`advance`](Self::advance), without a request.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
+        // A resting drive asks for no wake-up, so that a bench of a thousand idle drives costs nothing.
         (!self.shaft.is_resting()).then(|| self.ticks.at().plus_ns(TICK_NS))
     }
 
@@ -234,14 +236,19 @@ impl Drive {
         if self.fault != FaultCode::NONE {
             return;
         }
+        debug_assert!(fault != FaultCode::NONE);
         self.fault = fault;
         self.notice = Some(fault.name());
+        // The first fault stays the reported one: what it causes afterwards (a following error behind an
+        // undervoltage) would hide the cause from the technician.
         self.with_axis(MotionAxis::handle_fault);
     }
 
     /// Power off and on.
     pub fn power_cycle(&mut self) {
+        // An id that LSS set without storing it lasts until here (CiA 305, switch and store are two services).
         (self.node, self.bit_rate) = (self.stored_node, self.stored_bit_rate);
+        // No battery: the time of day has to be sent again.
         self.clock = None;
         self.restart();
     }
@@ -259,6 +266,7 @@ impl Drive {
         &mut self,
         act: impl FnOnce(&mut MotionAxis<QUEUED_POINTS>, &mut MotionContext<'_, Shaft, Objects>) -> R,
     ) -> R {
+        // The switches see the real shaft, not the encoder: a broken encoder does not move a switch.
         let position = self.shaft.motor().position();
         let mut scene = MotionContext {
             negative: self.lines.is_negative_closed(position),
@@ -272,6 +280,7 @@ impl Drive {
     }
 
     fn tick(&mut self) {
+        // Following a streamed setpoint is the common case of a busy bus and needs no mode switch per tick.
         let event = if self.axis.is_following() {
             self.with_axis(MotionAxis::tick_following)
         } else {
@@ -280,6 +289,7 @@ impl Drive {
         if event == Some(MotionEvent::FollowingError) {
             self.raise_fault(FaultCode::FOLLOWING);
         }
+        // After the axis, so that the setpoint of this millisecond acts in this millisecond.
         self.shaft.tick();
         self.check_protections();
     }
@@ -292,24 +302,29 @@ impl Drive {
     }
 
     fn write_controlword(&mut self, word: u16) {
+        // A fault whose cause is still there cannot be acknowledged; the state machine stays in FAULT.
         let starved = self.fault == FaultCode::UNDERVOLTAGE && !self.shaft.has_voltage();
         let clear = !starved && self.shaft.lasting_fault().is_none();
         let before = self.axis.state();
         if self.with_axis(|axis, scene| axis.handle_controlword(word, clear, scene)) {
+            // A new set-point bit with a relative target: a repeated telegram would move the axis twice.
             self.unrepeatable += 1;
             self.starts += 1;
         }
         let after = self.axis.state();
+        // Power alone counts as a start: a vertical axis or a cyclic target moves at once.
         if !before.has_power() && after.has_power() {
             self.starts += 1;
         }
         if before == Power::Fault && after != Power::Fault {
+            // The motor model keeps its heat: acknowledging a fault cools nothing.
             self.fault = FaultCode::NONE;
             self.shaft.reset_protections();
         }
     }
 
     fn set_slow_path(&mut self, tag: u16, value: u64) -> Result<(), AbortCode> {
+        // Refused before it is stored, so that a read-back never shows a mode which the drive does not have.
         if !is_allowed(tag, value.cast_signed()) {
             return Err(AbortCode::VALUE);
         }
@@ -320,6 +335,7 @@ impl Drive {
             stored::TARGET_POSITION if self.axis.mode() == modes::PROFILE_POSITION => {}
             _ => self.with_axis(MotionAxis::handle_object_change),
         }
+        // These act without an edge of the controlword (CiA 402-2, profile velocity and torque mode).
         let turns = matches!(tag, stored::TARGET_VELOCITY | stored::TARGET_TORQUE | stored::MODE);
         if turns && self.axis.state().has_power() {
             self.starts += 1;
@@ -379,6 +395,7 @@ impl Drive {
     }
 
     fn clock_value(&self) -> i64 {
+        // Zero is "not set" for a TIME_OF_DAY: no drive has a date before 1984 (CiA 301, TIME_OF_DAY).
         let Some((given, at)) = self.clock else { return 0 };
         let ms = given.unix_ms() + self.now.since(at).as_millis() as u64;
         let [a, b, c, d, e, f] = TimeOfDay::from_unix_ms(ms).unwrap_or_default().bytes();
@@ -437,7 +454,9 @@ impl Firmware for Drive {
     #[inline]
     fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
         match tag {
+            // A process data object repeats the same word each cycle; without an edge there is nothing to do.
             stored::CONTROL if value as u16 == self.axis.control_word() => {}
+            // The path of every SYNC of every axis, kept out of the long match below.
             stored::TARGET_POSITION if self.axis.mode() == modes::CYCLIC_POSITION => {
                 self.objects.set(tag, value as i32);
                 self.starts += u64::from(self.axis.state().has_power());
@@ -472,6 +491,7 @@ impl Firmware for Drive {
     }
 
     fn handle_nmt_state(&mut self, now: Instant, state: NmtState) {
+        // In STOPPED no process data arrives any more: to the axis that is a lost link (CiA 402, 6007h).
         if state == NmtState::Stopped {
             self.handle_link_loss(now);
         }
@@ -497,6 +517,7 @@ impl Firmware for Drive {
 
     #[inline]
     fn poll_emergency(&mut self) -> Option<Emergency> {
+        // One emergency object for each change, also for the change to "no error" (CiA 301, emergency object).
         if self.reported_fault == self.fault {
             return None;
         }
@@ -507,6 +528,7 @@ impl Firmware for Drive {
     fn store(&mut self, group: SettingsGroup) {
         self.flash_writes += 1;
         if group != SettingsGroup::Communication {
+            // Settings only: targets and the controlword must not act again after the next power-up.
             self.stored_objects = Some(self.objects.settings());
         }
     }
@@ -517,6 +539,10 @@ impl Firmware for Drive {
     }
 
     fn set_node_id(&mut self, node: u8) {
+        debug_assert!(
+            (1..=127).contains(&node) || node == 255,
+            "255 is the unconfigured node of CiA 305"
+        );
         self.node = node;
     }
 

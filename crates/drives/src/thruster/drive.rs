@@ -79,9 +79,13 @@ impl Drive {
     pub fn power_up(&mut self, now: Instant) {
         self.shaft.disable_output();
         self.active_link = (self.memory.id, self.memory.bit_rate());
+        // Neither faults nor the zero check nor the timeout survive a power-up: a host that does not set the
+        // timeout again has none.
+        debug_assert!(self.memory.id != 0, "0 addresses every device");
         (self.faults, self.fault_history, self.expiring_timeout_ms) = (0, 0, 0);
         (self.zero_seen, self.stop_latched, self.timeout_ms) = (false, false, 0);
         (self.last_command, self.relative_target) = (now, None);
+        // The time without power does not count as silence of the host.
         self.stall.reset();
     }
 
@@ -90,11 +94,13 @@ impl Drive {
         let before = self.ticks.at();
         let count = self.ticks.advance_to(now);
         for n in 0..count {
+            // The rest of the span passes at once: a motor without power cools and does nothing else.
             if self.is_idle() {
                 self.shaft.pass_time((count - n) as f64 * TICK_S);
                 return self.check_faults(now);
             }
             self.shaft.tick();
+            // At its own instant, so that a timeout of 100 ms trips after 100 ms however long the step was.
             self.check_faults(before.plus_ns((n + 1) * TICK_NS));
         }
     }
@@ -107,6 +113,7 @@ impl Drive {
     /// The supply's new value; the logic dies below a few volts and starts anew above. Returns
     /// whether it started.
     pub fn set_supply(&mut self, now: Instant, volts: f64) -> bool {
+        // Between "no supply" and "supply" lies a power-up; a dip above this voltage is an undervoltage fault.
         let was_dead = self.is_unpowered();
         self.shaft.supply = volts.clamp(0.0, 1000.0);
         if self.is_unpowered() {
@@ -154,6 +161,7 @@ impl Drive {
         self.fault_history |= bit;
         if bit & fault::OUTPUT_OFF != 0 {
             if self.shaft.servo.is_enabled() {
+                // Only a fault that takes the output away is news; the same bit again is not.
                 self.notice = Some(why);
             }
             self.shaft.disable_output();

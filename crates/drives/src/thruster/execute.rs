@@ -25,6 +25,7 @@ impl Firmware for Drive {
 
     /// Any command ends a timeout stop; the one that does can still ask for it (section 2.3).
     fn note_request(&mut self, now: Instant, _request: &Request) {
+        // Any command feeds the timeout, also a query (section 2.3).
         self.last_command = now;
         self.expiring_timeout_ms = self.faults & fault::TIMEOUT;
         self.faults &= !fault::TIMEOUT;
@@ -35,6 +36,7 @@ impl Firmware for Drive {
         if command.is_position() && !self.options.encoder && command != CommandWord::LS {
             return Response::Refused;
         }
+        // A query carries no data field.
         let data = data.unwrap_or(0);
         let value = command.width().decode(data);
         match command {
@@ -88,12 +90,15 @@ impl Drive {
     /// the signal was zero once (zero-point protection).
     fn execute_output(&mut self, command: CommandWord, value: i64) -> Response {
         if value == 0 {
+            // Zero is what the start-up check waits for (zero-point protection: no output before the signal was
+            // zero once).
             self.zero_seen = true;
             self.faults &= !fault::ZERO_POINT;
             self.relative_target = None;
             self.rest_output(command);
             return Response::Done;
         }
+        // A closed output and a latched stop end by CF or a power-up, not by the next speed of a running host.
         if self.faults & fault::OUTPUT_CLOSED != 0 || self.stop_latched {
             return Response::Refused;
         }
@@ -108,6 +113,8 @@ impl Drive {
             _ if slow && !self.options.runs_slowly => return Response::Refused,
             _ if value.abs() > i64::from(i16::MAX) => return Response::Refused,
             _ => {
+                // The manual leaves VC 1 to 29 open: one kind of device refuses it, the other runs at its lowest
+                // speed.
                 let size = value.abs().max(RPM_MIN.into());
                 self.shaft.set_velocity(rad_per_s((size * value.signum()) as f64));
             }
@@ -120,6 +127,7 @@ impl Drive {
     /// \[I\] Without an encoder, and by signal, zero is no output; a servo brakes to speed zero.
     fn rest_output(&mut self, command: CommandWord) {
         if command == CommandWord::VC && self.options.encoder && self.shaft.servo.is_enabled() {
+            // A geared actuator holds its position with speed 0; a propeller runs free.
             self.shaft.set_velocity(0.0)
         } else {
             self.shaft.disable_output()
@@ -133,6 +141,7 @@ impl Drive {
             return Response::Refused;
         }
         if rpm > 0 {
+            // From the shown position, which wraps on some devices, to the shaft's, which does not.
             let way = radians(target - self.absolute_position());
             self.shaft.move_to(self.shaft.position() + way, rad_per_s(rpm.into()));
             self.relative_target = None;
@@ -151,9 +160,11 @@ impl Drive {
             return Response::Done;
         }
         let here = self.shaft.position_tenths(self.memory.relative_zero);
+        // Relative to the last target, not to the shaft: otherwise repeated steps add up the rounding.
         let target = self.relative_target.unwrap_or(here) + by;
         let goal = self.absolute_position() + target - here;
         let (reverse, forward) = self.memory.range;
+        // The factory range is none: a relative move may then turn on without end.
         let narrowed = self.memory.range != (-(POSITION_MAX as i16), POSITION_MAX as i16);
         let bounded = narrowed || self.options.ends.is_some();
         if bounded && !(i64::from(reverse)..=i64::from(forward)).contains(&goal) {
@@ -162,6 +173,7 @@ impl Drive {
         self.relative_target = Some(target);
         let position = self.memory.relative_zero + radians(target);
         self.shaft.move_to(position, rad_per_s(rpm.into()));
+        // Sent twice, this would move twice: the witness of a test bench counts it apart.
         (self.starts, self.unrepeatable) = (self.starts + 1, self.unrepeatable + 1);
         Response::Done
     }
@@ -181,17 +193,20 @@ impl Drive {
     /// [I\] RZ makes this position the relative zero; RC clears the counter and the rest of a move. Both make QR
     /// read 0.
     fn set_zero(&mut self, command: CommandWord) -> Response {
+        debug_assert!(self.shaft.position().is_finite());
         let here = self.shaft.position();
         match command {
             CommandWord::AZ => self.memory.absolute_zero = here,
             CommandWord::RC => {
                 if self.relative_target.take().is_some() {
+                    // Without this the axis would go on to a target that lost its meaning with the old zero.
                     self.shaft.set_velocity(0.0);
                 }
                 self.memory.relative_zero = here;
                 return Response::Done;
             }
             _ => {
+                // The target keeps its place on the shaft: only its number changes with the zero.
                 self.relative_target = self
                     .relative_target
                     .map(|way| way - self.shaft.position_tenths(self.memory.relative_zero));

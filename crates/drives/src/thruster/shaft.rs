@@ -89,6 +89,7 @@ impl Shaft {
     /// A share of the supply, open loop.
     pub fn drive_signal(&mut self, share: f64) {
         self.enable();
+        // First enabled, then driven: enabling sets the goal to the present position.
         self.signal = Some(share);
     }
 
@@ -100,6 +101,7 @@ impl Shaft {
 
     /// A shaft position, rad, at most so fast, rad/s.
     pub fn move_to(&mut self, position: f64, velocity: f64) {
+        debug_assert!(velocity >= 0.0);
         self.limit_speed(velocity.min(self.speed_limit));
         self.regulate(Goal::Position(position));
     }
@@ -124,6 +126,7 @@ impl Shaft {
         if let Some(share) = self.signal {
             self.servo.set_goal(Goal::Voltage(share * self.supply));
         }
+        // Each tick, because overheating lowers the limit while the motor runs.
         self.servo.pwm = self.output_limit;
         let load = self.load + self.water.drag_torque(self.motor.velocity());
         let conditions = Conditions { bus: self.supply, load };
@@ -159,6 +162,7 @@ impl Shaft {
     }
 
     fn regulate(&mut self, goal: Goal) {
+        // Out of an open-loop signal the regulator starts from the motor's real speed, else it jerks.
         let open = self.signal.take().is_some() || !self.servo.is_enabled();
         self.enable();
         if open { self.servo.set_goal_from(&self.motor, goal) } else { self.servo.set_goal(goal) }

@@ -93,23 +93,27 @@ impl CyclicAxes {
         setpoint: SetpointKind,
         period: Duration,
     ) -> Result<Self, Error> {
+        debug_assert!(!axes.is_empty(), "checked by the caller's own list");
         let verb = follow_verb(setpoint);
         check_one_wire(axes.iter())?;
         axes.iter().try_for_each(LocalAxis::check_unmounted)?;
         axes.iter().try_for_each(|axis| require_plan(axis, verb))?;
         axes.iter().try_for_each(|axis| check_period(axis, verb, period))?;
+        // From the drives, not from the file: their own limits are what they will enforce.
         let bounds = axes.iter().map(read_bounds).collect::<Result<_, _>>()?;
         // There is nothing to take back yet.
         Ok(Self { axes: axes.to_vec(), setpoint, period, bounds, released: true })
     }
 
     fn power_up(mut self) -> Result<Self, Error> {
+        // Remembered, so that a failure leaves the axes as they were found.
         let enabled = self.axes.iter().map(is_enabled).collect::<Result<Vec<bool>, Error>>()?;
         self.axes.iter().for_each(|axis| axis.arm(true));
         self.released = false;
         let period = Some(self.period.as_secs_f64());
         let command = Command { period, ..Command::new(follow_verb(self.setpoint)) };
         let prepared =
+            // The load is known only now: it depends on which objects each drive could map.
             run_all(&self.command_for_each(command)).and_then(|()| self.check_bus_load());
         match prepared {
             Ok(()) => Ok(self),
@@ -126,6 +130,7 @@ impl CyclicAxes {
         let powered = self.axes.iter().zip(enabled).filter(|(_, enabled)| !**enabled);
         let disable = Command::new(Verb::Disable);
         // The error of the preparation is the one that is returned.
+        // Power first: an axis that still follows and loses its mapping would hold its last set-point.
         let _ = run_all(&powered.map(|(axis, _)| (axis, disable)).collect::<Vec<_>>());
         let _ = run_all(&self.command_for_each(Command::new(Verb::Unfollow)));
         self.axes.iter().for_each(|axis| axis.arm(false));
@@ -152,6 +157,7 @@ impl CyclicAxes {
         let indices: Vec<_> = self.axes.iter().map(|axis| axis.index).collect();
         let ns = self.axes[0].connection.with_axes(|axes, _| axes.cycle_ns(&indices))?;
         let load = Duration::from_nanos(ns).as_secs_f64() / self.period.as_secs_f64();
+        // Zero on links without a bit rate of their own, such as a simulated wire.
         (ns > 0).then_some(load)
     }
 
@@ -244,6 +250,7 @@ impl CyclicAxes {
             what: WHAT.to_owned(),
             kind: RequestKind::Command,
         };
+        // Whole cycles only: an axis without its set-point in a cycle would follow an old one.
         let (mut rest, chunk_len) = (setpoints.into_iter().fuse(), CYCLES_MAX * self.axes.len());
         let mut chunk: Vec<f64> = Vec::with_capacity(chunk_len);
         let mut fed = false;
@@ -254,6 +261,7 @@ impl CyclicAxes {
                 match first.connection.with_axes(|axes, _| feed_chunk(axes, &ticket, &chunk, last))
                 {
                     Some(cycles) => drop(chunk.drain(..cycles * self.axes.len())),
+                    // The lane has given the stream up; its own error is the reason.
                     None => break running.finish(),
                 }
                 fed = last && chunk.len() < self.axes.len();
@@ -275,6 +283,7 @@ impl CyclicAxes {
         match arrived {
             Ok(()) => Ok(self.cycle_statistics().unwrap_or_default()),
             Err(error) => {
+                // Also after an error of one axis alone: the others must not go on without it.
                 let _ = run_all(&self.command_for_each(Command::new(Verb::Stop)));
                 Err(error)
             }
@@ -299,8 +308,11 @@ impl CyclicAxes {
     fn stop_and_disarm(&mut self) -> Result<(), Error> {
         self.released = true;
         let options = StopOptions { power_off: true, ..StopOptions::default() };
+        // The stop is watched to standstill before the mapping goes, because without it the axes hear no set-
+        // point.
         let stopped = stop_axes(&self.axes, options, STOP_RETRY_MAX, |_, _| true);
         let stopped = stopped.into_iter().try_for_each(StopResult::into_result);
+        // Though a stop failed: the drives keep no mapping of a host that has gone.
         let ended = run_all(&self.command_for_each(Command::new(Verb::Unfollow)));
         self.axes.iter().for_each(|axis| axis.arm(false));
         stopped.and(ended)
@@ -383,6 +395,7 @@ impl LocalAxis {
     fn format_signal(&self, signal: Signal, si: f64) -> String {
         let Some(source) = self.profile.signal(signal) else { return format!("{si}") };
         let unit = self.unit(source.parameter);
+        // Adding zero turns -0 into 0.
         let shown = (si / unit.si_factor() * 1e3).round() / 1e3 + 0.0;
         format!("{shown} {}", unit.symbol()).trim_end().to_owned()
     }
@@ -399,6 +412,7 @@ fn check_period(axis: &LocalAxis, verb: Verb, period: Duration) -> Result<(), Er
             (raw.and_then(|raw| axes.to_si(axis.index, id, raw)), axis.parameter(id))
         });
         let (Some(back), Some(parameter)) = (back, parameter) else { continue };
+        debug_assert!(parameter.scale.factor != 0.0, "profiles are checked when they are built");
         let raw = back / parameter.unit.si_factor() / parameter.scale.factor;
         let allowed = (parameter.min.max(1) as f64..=parameter.max as f64).contains(&raw.round());
         if (back - seconds).abs() > 1e-9 || !allowed {
@@ -427,6 +441,7 @@ fn read_bounds(axis: &LocalAxis) -> Result<SetpointBounds, Error> {
     Ok(SetpointBounds {
         position: range.filter(|(min_value, max_value)| min_value < max_value),
         velocity,
+        // Without any limit a wrong column of a file would be followed with full current.
         acceleration: acceleration.or(velocity.map(|velocity| velocity / FULL_SPEED_S)),
         torque: positive(limit_of("max torque", axis)?),
     })

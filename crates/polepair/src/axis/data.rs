@@ -35,6 +35,8 @@ impl LocalAxis {
         block: bool,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Vec<u8>, Error> {
+        // A drive without block transfer refuses its first frame: nothing was transferred, and segments are
+        // safe.
         let mut data = match self.read_data_once(id, block, progress) {
             Err(error) if block && self.has_no_blocks(&error) => {
                 self.read_data_once(id, false, progress)?
@@ -176,6 +178,7 @@ impl LocalAxis {
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), Error> {
         let what = format!("setting `{}`", self.required_parameter(id)?.name);
+        // The size of an SDO download has 32 bits (CiA 301).
         let size = u32::try_from(data.len()).map_err(|_| too_long_error())?;
         let mut running: RunningRequest =
             self.submit(what, RequestKind::Command, |axes, now, ticket| {

@@ -51,6 +51,7 @@ impl LocalAxis {
             ) => Outcome::Unknown(failure),
             _ => outcome,
         };
+        // Nothing was sent, so this is the caller's error and not the drive's.
         if let (Failure::Impossible(why), Outcome::NotDone(_)) = (failure, outcome) {
             return self.unsupported_error(what, why);
         }
@@ -62,6 +63,7 @@ impl LocalAxis {
         {
             return Error::Link(closed);
         }
+        // Before anything else is asked: the next request resets the counters.
         let details = self.no_reply_details(failure);
         let (reason, mut hint) = match failure {
             Failure::Silent => {
@@ -77,6 +79,7 @@ impl LocalAxis {
             (kind, outcome)
             && self.refused_mode(verb, extent)
         {
+            // Seen on CiA 402 drives, which change 6060h only in SWITCH ON DISABLED.
             hint = MODE_HINT.to_owned();
         }
         let reason = match failure {
@@ -88,6 +91,7 @@ impl LocalAxis {
             }
             _ => reason,
         };
+        // Not simply "it was moving": where the link lives, the caller can still stop it.
         let may_turn = self.is_out_of_reach(kind, failure);
         if let (true, Watchdog::Fixed { after_ms }) = (may_turn, self.profile.watchdog) {
             hint = format!("the drive should stop {after_ms} ms after the link died; {hint}");
@@ -175,8 +179,10 @@ impl LocalAxis {
     }
 
     fn bit_names(&self, word: &str, mask: u64, steps: &[Step]) -> Option<String> {
+        debug_assert!(steps.len() <= 64, "an extent has a bit for each step");
         let its = (0..64).filter(|n| mask >> n & 1 == 1);
         let names: Vec<String> = its.map(|n| self.step_name(n, steps.get(n))).collect();
+        // The last steps are the ones that a technician looks for; a plan has up to sixty.
         let left = names.len().saturating_sub(NAMED_STEPS_MAX);
         let first = names[left..].join(", ");
         match (names.len(), left) {
@@ -276,6 +282,7 @@ impl LocalAxis {
 
     /// End and target of the last motion: of a group, those of each drive that is elsewhere.
     fn motion_text(&self) -> Option<String> {
+        // Of a group the drives that arrived are not listed, so that the others are not overlooked.
         let away = self.motion_reports().into_iter().filter(|report| !report.arrived);
         let texts: Vec<String> = away.filter_map(|report| self.place_text(&report)).collect();
         (!texts.is_empty()).then(|| texts.join("; "))
@@ -321,8 +328,10 @@ impl LocalAxis {
             Some((at, target)) => (format!(" at {at}"), format!("; the target is {target}")),
             None => (String::new(), String::new()),
         };
+        // The drive's bit and the measured place disagree: both are shown, and whose word is which.
         let flagged = report.is_some_and(|report| report.flag == Some(true));
         let start = report.and_then(|report| self.position_text(report.start?));
+        // An axis that never started is where it was; the start would be the same number twice.
         let start = start.filter(|_| !matches!(reason, EndReason::NotStarted));
         let from = start.map_or_else(String::new, |start| format!("; it started at {start}"));
         let claim = match (flagged, &places) {
@@ -464,6 +473,7 @@ impl LocalAxis {
     }
 
     fn fault_reason(&self, code: u32) -> (String, String) {
+        // One code may stand for several causes, as the alarm words of TS drives do; all are named.
         let known: Vec<&Fault> = self.profile.faults_for_code(code).collect();
         let Some(first) = known.first() else {
             return (format!("the drive reports fault {code:#x}"), String::new());
@@ -471,6 +481,7 @@ impl LocalAxis {
         let texts: Vec<String> =
             known.iter().map(|fault| format!("{} ({})", fault.text, fault.name)).collect();
         let hint = [first.cause, first.remedy].map(|s| s.trim_end_matches('.'));
+        // Of the first only: three remedies in one line are read by no one.
         let hint: Vec<&str> = hint.into_iter().filter(|s| !s.is_empty()).collect();
         (format!("the drive reports: {}", texts.join(", ")), hint.join(". "))
     }
@@ -478,6 +489,7 @@ impl LocalAxis {
     /// The error for what cannot be; nothing was sent.
     pub(crate) fn unsupported_error(&self, what: &str, why: Unsupported) -> Error {
         let (mut reason, hint) = self.unsupported_reason(why);
+        // A verb without a plan is best explained by the objects that the drive lacks for it.
         let verb = Verb::ALL.into_iter().find(|verb| verb.name() == what);
         let missing = verb.filter(|_| why == Unsupported::NoPlan);
         let missing = missing.map_or_else(String::new, |verb| self.missing_for(verb, None));

@@ -66,6 +66,7 @@ impl LocalAxis {
         program: &InstructionProgram,
         mut show: impl FnMut(TransferProgress),
     ) -> Result<TransferProgress, Error> {
+        // Download mode ends a running program, whose outputs then stay as they are.
         self.check_idle()?;
         let total = program.instructions().len();
         let (mut stored, mut repeated) = (0, 0);
@@ -86,6 +87,8 @@ impl LocalAxis {
                 Err(_) => {
                     closed?;
                     resumed += 1;
+                    // The instruction without a reply is read back, not sent again: in download mode the address counts
+                    // up by itself.
                     let same = self.count_same(program, stored)?;
                     repeated += usize::from(same == stored);
                     stored = same;
@@ -105,6 +108,8 @@ impl LocalAxis {
         from: usize,
         show: &mut dyn FnMut(usize),
     ) -> Result<(), Error> {
+        // The module answers a stored instruction with status 101, which is no "done" (TMCL firmware manual,
+        // status codes).
         let stored = Failure::Refused { code: language.stored_code() };
         self.run_order("beginning a download", ProgramCommand::BeginStore(from as u16))?;
         for (at, instruction) in program.instructions().iter().enumerate().skip(from) {
@@ -175,6 +180,7 @@ impl LocalAxis {
                 Err(error) => return Err(error),
             }
             show(TransferProgress { done: read.len(), total: count.unwrap_or(0), repeated: 0 });
+            // Some makers' memories end in a refusal, others are full of empty instructions.
             let tail = &read[read.len().saturating_sub(EMPTY_RUN)..];
             if count.is_none() && tail.len() == EMPTY_RUN && tail.iter().all(&is_empty) {
                 break;
@@ -197,6 +203,7 @@ impl LocalAxis {
     /// [`Error`] by blame.
     pub fn program_status(&self) -> Result<ProgramStatus, Error> {
         let raw = self.run_order("reading the program", ProgramCommand::QueryProgram)?;
+        // Asked after the state: a program that ends in between has a counter, but none that moves.
         let counter =
             self.run_order("reading the program counter", ProgramCommand::QueryCounter)?;
         let running = self.instruction_language()?.is_running(raw);
@@ -242,6 +249,7 @@ impl LocalAxis {
     fn read_instruction(&self, at: u16) -> Result<InstructionBytes, Error> {
         let what = format!("reading instruction {at}");
         let packed = self.run_order(&what, ProgramCommand::ReadInstruction(at))?;
+        debug_assert!(packed >> 56 == 0, "an instruction has seven bytes");
         let [_, bytes @ ..] = packed.to_be_bytes();
         Ok(bytes)
     }
@@ -265,6 +273,7 @@ impl LocalAxis {
             );
             return Err(self.unsupported_error("loading a program", why));
         }
+        // A stepper counts its own steps; a brushless motor measures, and its reading flickers at rest.
         let noise = if is_stepper(self.profile) { 0 } else { NOISE_RPM };
         for motor in 0..self.profile.motors.max(1) {
             if self.motor_speed(motor)?.abs() > noise {
@@ -316,6 +325,7 @@ fn failure(error: &Error) -> Option<Failure> {
 
 /// Returns whether the module may have done it and its reply was lost.
 fn is_lost(error: &Error) -> bool {
+    // A lost reply leaves two cases, stored or not; only reading it back decides.
     matches!(error, Error::Failed { outcome: Outcome::Unknown(_), .. })
         || matches!(failure(error), Some(Failure::Silent | Failure::Misbehaved))
 }

@@ -78,6 +78,7 @@ impl LocalAxis {
         for factor in optional.collect::<BTreeSet<ParameterId>>() {
             match self.read_optional(factor) {
                 Err(error @ Error::Link(_)) => return Err(error),
+                // One refusal of many is normal here, and a drive that is busy would refuse them all.
                 Err(_) => return Ok(()),
                 Ok(_) => {}
             }
@@ -109,13 +110,16 @@ impl LocalAxis {
         let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(None) };
         let position = self.read_position()?;
+        // Without a speed only the position itself can be held against the limits.
         let velocity = if self.provides_signal(Signal::Velocity)? {
             self.signals(&[Signal::Velocity])?[0].value
         } else {
             0.0
         };
         let (low, high) = ends.value;
+        // Straight on: within a poll's time a motor changes its speed by less than the margin of its ramp.
         let then = position + velocity * ahead.as_secs_f64();
+        // Outside but on its way back in is permitted, otherwise an axis could never be brought back.
         let out = (then > high && velocity >= 0.0) || (then < low && velocity <= 0.0);
         Ok(out.then(|| {
             format!(
@@ -193,7 +197,9 @@ impl LocalAxis {
             return if moves { Err(self.group_error(&all.mounting.location)) } else { Ok(command) };
         };
         if moves {
+            debug_assert!(command.verb.needs_arming());
             self.check_position_limits(&command)?;
+            // Still in the machine's units; the conversion below comes after every check.
             command.velocity = self.limited_speed(&command)?;
             if let (Some(most), Some(torque)) = (&mounted.mounting.torque, command.torque) {
                 self.check_magnitude(MotionRole::Torque, torque, most)?;
@@ -228,10 +234,12 @@ impl LocalAxis {
     fn check_position_limits(&self, command: &Command) -> Result<(), Error> {
         let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(()) };
+        // NaN lies within no limits, so a missing target is refused and never passes as zero.
         let target = command.target.unwrap_or(f64::NAN);
         match command.verb {
             Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo => self.check_position(target, ends),
             Verb::MoveBy | Verb::CurveBy | Verb::PrepareBy => {
+                // Read now: the position of the last reading may be seconds old.
                 self.check_position(self.read_position()? + target, ends)
             }
             Verb::MoveOn => {
@@ -243,6 +251,7 @@ impl LocalAxis {
                 ))
             }
             Verb::Velocity | Verb::Torque => {
+                // As above: refused below.
                 let way = command.velocity.or(command.torque).unwrap_or(f64::NAN);
                 let (low, high) = ends.value;
                 let position = self.read_position()?;
@@ -271,6 +280,8 @@ impl LocalAxis {
         }
         match command.verb {
             verb if verb.is_move() || matches!(verb, Verb::PrepareTo | Verb::PrepareBy) => {
+                // A drive moves at a speed of its own where the caller gives none, and that one may be above the
+                // limit.
                 self.limited_move_speed(verb, most)
             }
             _ => Ok(None),
@@ -368,6 +379,7 @@ impl LocalAxis {
         if mounting.position.is_none() && mounting.velocity.is_none() {
             return Ok(Box::new(points.map(of_drive)));
         }
+        // One more than allowed, so that an endless iterator ends here as well.
         let path: Vec<Point> = points.take(PATH_POINTS_MAX + 1).collect();
         if path.len() > PATH_POINTS_MAX {
             let what = format!(
@@ -375,8 +387,10 @@ impl LocalAxis {
             );
             return Err(self.limit_error(&what, &mounting.location, "send it in parts"));
         }
+        // The first piece begins where the axis is, not where the file assumes it.
         let mut before = Point { position: self.read_position()?, velocity: 0.0, time: 0.0 };
         for point in &path {
+            // Between two points a cubic may leave the limits though both ends are within them.
             let piece = PathSegment::new(kind, &before, point);
             if let Some(ends) = &mounting.position {
                 piece
@@ -410,6 +424,7 @@ impl LocalAxis {
 
     fn check_position(&self, position: f64, ends: &Located<(f64, f64)>) -> Result<(), Error> {
         let (low, high) = ends.value;
+        debug_assert!(low <= high, "checked when the file was read");
         let slack = ROUNDING * (high - low);
         if (low - slack..=high + slack).contains(&position) {
             return Ok(());
@@ -511,6 +526,7 @@ impl PathSegment {
     /// Positions of its ends and of its turning points.
     fn extreme_positions(&self) -> impl Iterator<Item = f64> {
         let [a, b, c] = self.slope;
+        // NaN without a turning point; the range below lets no NaN through.
         let root = (b * b - 4.0 * a * c).sqrt();
         let turns = if a == 0.0 {
             [-c / b, f64::NAN]

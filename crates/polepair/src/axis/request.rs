@@ -76,6 +76,7 @@ impl LocalAxis {
         keep: bool,
     ) -> Result<RunningRequest, Error> {
         let what = format!("setting `{}`", self.required_parameter(id)?.name);
+        // Before it is submitted, so that a value outside of a file's limits costs no byte.
         self.check_write(id, raw)?;
         self.submit(what, RequestKind::Write(id, raw, keep), |axes: &mut dyn Axes, now, ticket| {
             axes.write_parameter(now, ticket, self.index, id, raw, keep)
@@ -88,6 +89,7 @@ impl LocalAxis {
         request_kind: RequestKind,
         request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<RunningRequest, Error> {
+        // Waits for its turn: reads of several threads on one axis queue up and are not refused as busy.
         let pending = self.connection.submit_when_ready(Instant::FAR_FUTURE, request);
         let pending = pending.map_err(|why| self.unsupported_error(&what, why))?;
         Ok(RunningRequest { axis: self.clone(), pending, what, kind: request_kind })

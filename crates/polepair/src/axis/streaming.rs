@@ -29,12 +29,15 @@ impl LocalAxis {
     /// [`Error::Usage`] `E223` for a limit of a file, [`Error::Unsupported`] `E222` if the way to the first
     /// point would be over ten times as fast as the path. Others by source.
     pub fn check_path(&self, kind: PathKind, points: &[Point]) -> Result<(), Error> {
+        // For its errors: the converted points are made again when the path is sent.
         drop(self.apply_mounting_to_path(kind, points.iter().copied())?);
         let Some((first, rest)) = points.split_first() else { return Ok(()) };
         let lines = rest.iter().chain([first]).map(|point| point.velocity.abs());
         let ways =
             points.windows(2).map(|two| (two[1].position - two[0].position).abs() / two[1].time);
         let fastest = lines.chain(ways).fold(0.0, f64::max);
+        debug_assert!(!fastest.is_nan(), "f64::max leaves NaN out");
+        // A path at rest has no speed to compare its start with.
         if fastest <= 0.0 {
             return Ok(());
         }
@@ -87,6 +90,7 @@ impl LocalAxis {
             let fed = match consumed {
                 Some(count) => {
                     chunk.drain(..count);
+                    debug_assert!(count <= CHUNK_POINTS);
                     last && chunk.is_empty()
                 }
                 None => true,

@@ -191,6 +191,7 @@ impl LocalAxis {
                 let node = u8::try_from(watched >> TIME_BITS & 0x7F).unwrap_or(0);
                 Ok(match (node, ms) {
                     (0, _) | (_, 0) => WatchdogState::Off,
+                    // A heartbeat of another node is no sign of this program; the drive would turn on without it.
                     (node, _) if self.host != Some(node.into()) => {
                         WatchdogState::OtherNode { node }
                     }
@@ -252,6 +253,7 @@ impl LocalAxis {
                     )
                 })?;
                 let ms = if after.is_some_and(|after| !after.is_zero()) { ms.max(1) } else { ms };
+                // Before the first write: a drive that watches for less than a period stops at once.
                 self.check_longer_than_heartbeat(ms)?;
                 // The reaction goes first: a watch without one is none.
                 if ms > 0 && self.read(reaction)? == 0 {
@@ -310,6 +312,7 @@ impl LocalAxis {
     /// [`Error`] by source.
     pub fn provides_signal(&self, signal: Signal) -> Result<bool, Error> {
         let Some(source) = self.profile.signal(signal) else { return Ok(false) };
+        // What every drive of the product has is not asked for.
         let sure = !self.profile.optional.contains(&source.parameter);
         if sure || self.state().reading(signal).at.is_some() {
             return Ok(!self.lacks(source.parameter));
@@ -330,6 +333,7 @@ impl LocalAxis {
         let reported = |id: &ParameterId| {
             self.parameter(*id).is_some_and(|found| found.access != Access::Write)
         };
+        // Half a setting cannot be put back.
         if !ids.iter().all(reported) {
             return Ok(None);
         }
@@ -342,6 +346,7 @@ impl LocalAxis {
     }
 
     fn write_if_different(&self, id: ParameterId, raw: i64) -> Result<(), Error> {
+        // Some drives keep every write in their EEPROM, which a few hundred thousand writes wear out.
         if self.read(id)? == raw { Ok(()) } else { self.write(id, raw, false) }
     }
 

@@ -43,6 +43,7 @@ pub(super) fn check_traffic(
         0 => CheckResult::ok("bit rate", "this bus has no bit timing"),
         rate => CheckResult::ok("bit rate", format!("{rate} bit/s")),
     });
+    // The counters of the interface are as old as its last start.
     let before = link.losses();
     let bus_sample = record_frames(link)?;
     let losses = link.losses();
@@ -64,6 +65,7 @@ pub(super) fn check_traffic(
     });
     if rate > 0 && !bus_sample.frames.is_empty() {
         let bits: u32 = bus_sample.frames.iter().map(bits::wire_bits).sum();
+        debug_assert!(bits > 0);
         let busy = f64::from(bits) * 1000.0 / f64::from(LISTEN_MS) / f64::from(rate);
         let text = format!("{:.1} % of the bus", busy * 100.0);
         on_event(if busy > LOAD_MAX {
@@ -111,6 +113,7 @@ fn record_frames(link: &CountedLink<Can>) -> Result<BusSample, Error> {
 fn count_senders(line: &ProtocolLine, frames: &[Frame]) -> Vec<(String, usize)> {
     let on_can = registry::protocols().into_iter().filter(|p| p.medium == MediumKind::Can);
     let mut names: Vec<&str> = on_can.map(|protocol| protocol.name).collect();
+    // Several protocols share identifiers; the one of the connection string is taken first.
     names.sort_by_key(|name| *name != line.protocol.name);
     let listeners: Vec<_> =
         names.iter().map(|name| (*name, SenderDetector::new(name, line.options))).collect();

@@ -104,6 +104,7 @@ pub fn prove_watchdog(
     if read_watchdog(axis)? == WatchdogState::None {
         return run_proof(axis, WatchdogState::None, witness);
     }
+    // Read before it is changed, because it is put back at the end.
     let before = axis.watchdog_setting()?;
     check_cancelled(axis, witness)?;
     let proven = match axis.set_watchdog(Some(after)) {
@@ -203,10 +204,12 @@ fn run_proof(
         + clock::scale_timeout(BRAKING_MAX)
         + if beats { HEARTBEAT_LEASE } else { Duration::ZERO };
     check_cancelled(axis, witness)?;
+    // The end of another caller's block must not stop the motor: that would pass for the watchdog's work.
     axis.arm_exclusively()?;
     let mut motor = ArmedMotor { axis, moved: false, released: false };
     let seen = motor.power_up().and_then(|()| motor.observe_silence(silence, witness));
     let moved = motor.moved;
+    // Noted before the release, whose own stop would bring any motor to rest.
     let stands = matches!(seen, Ok(MotorObservation::StandingStill));
     let released = motor.release(stands, witness);
     let may_turn = moved && !(stands || released.at_standstill);
@@ -338,8 +341,10 @@ impl ArmedMotor<'_> {
             poll_turning(axis)?;
             sleep_unless_cancelled(axis, POLL_INTERVAL, witness)?;
         }
+        // Not a byte is sent here: any request would feed the watchdog.
         sleep_unless_cancelled(axis, silence, witness)?;
         poll_turning(axis)?;
+        // Only a measured standstill counts; an unknown speed is not one.
         Ok(if axis.is_turning() == Some(false) {
             MotorObservation::StandingStill
         } else {
@@ -364,6 +369,7 @@ impl ArmedMotor<'_> {
         });
         axis.arm(false);
         let is_off = stopped.iter().all(|stop| stop.power_off == Some(Ok(())));
+        // A drive whose watchdog tripped may refuse the stop and stand all the same.
         let coasted =
             || axis.signals(&[Signal::Velocity]).is_ok() && axis.is_turning() == Some(false);
         let stands = stopped.iter().all(|stop| stop.standstill.is_ok()) || is_off && coasted();

@@ -257,6 +257,7 @@ impl DriveScanner {
         if every && line.protocol.name == lss::PROTOCOL && !broken() {
             self.report.has_unconfigured |= LssMaster::on_line(&line, 1..=1)?.has_unconfigured()?;
         }
+        // The link goes back before the caller is asked, who may wait for a person.
         drop((line, borrowed));
         (self.queue, self.done, self.started) = (wanted.into(), 0, true);
         self.found_before = self.report.found.len();
@@ -276,6 +277,7 @@ impl DriveScanner {
             Some(known) => self.report.axes.extend(known.check_answer()),
             None => self.probe_address(number, broken)?,
         }
+        // Not before: a failure above leaves the address in the queue, and in the count of those not asked.
         if self.queue.pop_front().is_some() {
             self.done += 1;
         }
@@ -297,6 +299,7 @@ impl DriveScanner {
                 ..DetectedDrive::with_known_profile(&line, number, profile)
             })?;
         }
+        // Given back before the connection is asked about its link.
         drop(borrowed);
         if let ScanTarget::OpenLink(_, connection) = scan_target
             && let Some(trouble) = connection.link_error()
@@ -355,6 +358,7 @@ impl DriveScanner {
         let found = self.report.found.get_mut(self.found_before..).unwrap_or_default();
         match found {
             [only] if misaddressed >= MISADDRESSED_MIN && misaddressed == unanswered => {
+                // One drive at one address and its reply to every other request: its address is not looked at.
                 only.ignores_address = true;
                 true
             }
@@ -402,6 +406,7 @@ impl DriveScanner {
 
     /// Ends it here: what was found is kept.
     pub fn cancel(&mut self) {
+        // What was not asked is reported as such, and never as free.
         self.report.not_queried = self.queue.len();
         self.queue.clear();
         self.targets.truncate(self.current + usize::from(self.started));
@@ -417,6 +422,7 @@ impl DriveScanner {
             },
         );
         let rest: usize = rest.sum();
+        // The rest is counted before the queue is emptied.
         self.cancel();
         self.report.not_queried += rest;
         self.report.link_error = Some(error);
@@ -443,6 +449,7 @@ impl KnownAxis {
         let id = signal_parameters.chain(all).find(|id| {
             profile.parameter(*id).is_some_and(|parameter| parameter.access != Access::Write)
         })?;
+        // Frames that belong to no request during this one read: a second drive with the address.
         let before = self.session_counters();
         let answers = match self.axis.read(id) {
             Ok(_) => true,

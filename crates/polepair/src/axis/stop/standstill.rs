@@ -197,6 +197,7 @@ impl StandstillMonitor {
         };
         debug_assert!(self.in_flight.is_some(), "an answer belongs to a reading");
         self.in_flight = None;
+        // By the time that this reading took: a slow wire gets longer pauses by itself.
         let rest = now.since(requested_at) * PAUSE_FACTOR;
         self.next_poll = now
             + if now.since(self.since) < BRAKING_TIME {
@@ -213,6 +214,7 @@ impl StandstillMonitor {
                 }
                 Ok(stands.then_some(StopProgress::Standstill))
             }
+            // Silence is no evidence of rest; the caller decides whether to ask again.
             Err(error) if is_communication_error(&error) => Err(error),
             Err(error) => {
                 self.handle_unreadable(axis, source, error, now);
@@ -253,6 +255,7 @@ impl StandstillMonitor {
         if failure_of(&error).is_some_and(|failure| matches!(failure, Failure::NotReady { .. })) {
             return;
         }
+        // The first reason stays: what follows it is often a consequence.
         let (_, since) = self.unreadable.get_or_insert((axis.unreadable_error(error), now));
         // The other one is enough, if the drive reports it.
         let tells_other = match source {
@@ -269,8 +272,10 @@ impl StandstillMonitor {
         match axis.start_standstill_read(source.parameter(), self.single_attempt) {
             Ok(running) => self.in_flight = Some((running, now, source)),
             Err(Error::Unsupported { why: Unsupported::Busy, .. }) => {
+                // Another caller's command is under way on this axis; its reply comes first.
                 self.next_poll = now + POLL_INTERVAL;
             }
+            // The profile does not let it be read at all, and will not later.
             Err(_) => self.drop_source(source),
         }
     }
@@ -322,6 +327,7 @@ impl StandstillMonitor {
             }
         }
         let Some(judge) = self.judge(axis) else { return false };
+        debug_assert!(reported_at >= requested_at, "a reply comes after its request");
         judge.observe(reported_at, &seen);
         judge.verdict(reported_at) == MotionVerdict::Arrived
     }
@@ -354,6 +360,7 @@ impl StandstillMonitor {
             }
             Some(_) => self.mismatch = None,
             None => {
+                // Without a tachometer the position is the only evidence of the speed.
                 self.is_turning = moved;
                 let rate = raw.abs_diff(first) as f64 / over.as_secs_f64();
                 self.rate = moved.then_some((rate, reported_at));
@@ -380,6 +387,7 @@ impl LocalAxis {
         let id = self.profile.signal(Signal::Velocity)?.parameter;
         let speed = self.parameter(id)?.encoding.number(reading.raw).abs();
         let slow = self.tolerance().and_then(|tolerance| tolerance.standstill);
+        // Without a known limit of standstill every speed but zero counts as turning.
         Some(speed > slow.unwrap_or(0.0))
     }
 
@@ -402,6 +410,7 @@ impl LocalAxis {
             }
             _ => None,
         });
+        // A profile whose own plan waits longer knows its motor's ramp better.
         waits.fold(self.connection.scale_timeout(STANDSTILL_WAIT_MAX), Duration::max)
     }
 
