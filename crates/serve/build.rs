@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 const FILES_MAX: usize = 256;
 
 fn main() {
-    let here = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from).unwrap_or_default();
+    let here = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").expect("Cargo sets it"));
     let page = here.join("page");
     // A path that does not exist counts as changed at every build: then the crate's folder is watched.
     let watched = if page.exists() { &page } else { &here };
@@ -24,7 +24,7 @@ fn main() {
         let _ = writeln!(text, "({name:?}, {:?}, include_bytes!({path:?})),", kind(path));
     }
     text.push_str("];\n");
-    let out = std::env::var_os("OUT_DIR").map(PathBuf::from).unwrap_or_default();
+    let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("Cargo sets it"));
     std::fs::write(out.join("page.rs"), text).expect("the build's own folder can be written");
 }
 

@@ -59,7 +59,11 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
             let page = root.join("docs/drives").join(profile.name).with_extension("md");
             let part = root.join("profiles").join(profile.name).with_extension("md");
             // Facts that no table can express are written by hand, beside the profile.
-            let part = std::fs::read_to_string(part).unwrap_or_default();
+            let part = match std::fs::read_to_string(&part) {
+                Ok(text) => text,
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+                Err(error) => return Err(format!("{}: {error}", part.display())),
+            };
             files.insert(page, crate::pages::drive_page(profile, &part));
         }
         let in_core = path.starts_with(root.join("crates/core"));

@@ -106,7 +106,7 @@ fn read_modules(folder: &Path) -> Result<Vec<Module>, String> {
     let entries = entries.map_err(|error| format!("{}: {error}", folder.display()))?;
     let mut modules = Vec::new();
     for path in entries.flatten().map(|entry| entry.path()) {
-        let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+        let Some(stem) = path.file_stem().and_then(|stem| stem.to_str()) else { continue };
         // Others are chips, boards, and modules that were not sold.
         let Some(number) = stem.strip_prefix("TMCM").and_then(|n| n.parse().ok()) else { continue };
         let text = std::fs::read_to_string(&path);

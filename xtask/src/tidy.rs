@@ -450,10 +450,9 @@ impl<'ast> Visit<'ast> for RuleVisitor<'_> {
     }
 
     fn visit_macro(&mut self, invoked: &'ast syn::Macro) {
-        let name = invoked.path.segments.last().map(|s| s.ident.to_string()).unwrap_or_default();
-        if name == "todo" || name == "unimplemented" {
-            let span = syn::spanned::Spanned::span(&invoked.path);
-            self.report_at(span, format!("{name}! is not done"));
+        let name = invoked.path.segments.last().map(|segment| &segment.ident);
+        if let Some(name) = name.filter(|name| *name == "todo" || *name == "unimplemented") {
+            self.report_at(name.span(), format!("{name}! is not done"));
         }
         visit::visit_macro(self, invoked);
     }

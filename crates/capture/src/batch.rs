@@ -236,8 +236,10 @@ impl FrameBatch {
             self.stored.push(StoredFrame::default());
         }
         let stored_frame = &mut self.stored[used];
+        // Into the buffers of an earlier frame: a batch that is used again allocates nothing.
         stored_frame.store(event);
         self.stored_bytes += stored_frame.size();
+        // The order of both kinds is kept by the number of compact frames before each stored one.
         self.compact_before.push(self.compact.len());
     }
 
@@ -261,10 +263,12 @@ impl FrameBatch {
                 && (known.id, known.len, known.direction) == (frame.id, frame.len, direction)
                 && Arc::ptr_eq(&known.link, link)
         };
+        // By address and not by content: equal templates are rare, comparing them is not cheap.
         if !self.templates.get(usize::from(*voice)).is_some_and(same) {
             if self.templates.len() == TEMPLATES_MAX {
                 return false;
             }
+            debug_assert!(self.templates.len() < TEMPLATES_MAX);
             *voice = self.templates.len() as u16;
             let (template_content, link) = (says.to_content(), Arc::clone(link));
             let Frame { id, len, .. } = *frame;

@@ -251,6 +251,8 @@ impl CaptureDecoder {
             .iter()
             .all(|(_, profile)| first.is_some_and(|first| core::ptr::eq(first, *profile)));
         let drives = if differ { drives } else { Vec::new() };
+        // The routes hold profiles; throwing them away for the same drives would cost every frame its short
+        // cut.
         if self.profiles.drives.len() == drives.len() && self.profiles.any.is_some() {
             return;
         }
@@ -305,6 +307,7 @@ impl CaptureDecoder {
         let link = &mut self.links[at];
         match record.direction {
             Some(Direction::ToDrive) => {
+                // A logger that only listens marks every frame as received.
                 link.has_sent = true;
                 true
             }
@@ -498,6 +501,7 @@ impl CaptureDecoder {
             &mut self.links[at];
         self.explanation.clear();
         self.notices.clear();
+        // Most frames of a bus are of identifiers that were explained before, which need no rules.
         let known = routes.get(frame);
         let raw = raw_frame(frame);
         let stated_by =
@@ -536,6 +540,7 @@ impl CaptureDecoder {
                 deferred_axis: left,
                 template: 0,
             };
+            // What a frame is by its bytes holds for this one frame only.
             let by_id = reported.is_some() && !teller.rejected_by_content;
             if left.is_some() && by_id {
                 routes.insert(frame, lane);
@@ -554,6 +559,7 @@ impl CaptureDecoder {
         }
         if let Some(lane) = lane.filter(|_| self.tracks_sessions) {
             let observed = lane.observe(self.frame_count, record, frame, self.explanation.error);
+            debug_assert!(self.notices.is_empty());
             session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
         }
         let protocol = lane.map(|lane| lane.dissector.name());

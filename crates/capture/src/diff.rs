@@ -132,6 +132,7 @@ impl<'s> SummaryComparison<'s> {
             }
         };
         let rates = (rate(a, self.a), rate(b, self.b));
+        // The rate of a few frames depends on where the capture was cut.
         let enough = a.count.max(b.count) >= COUNT_MIN;
         if enough && relative_gap(rates.0, rates.1) > self.tolerance {
             self.push("rate", of, rate_text(rates.0), rate_text(rates.1));
@@ -186,6 +187,7 @@ impl<'s> SummaryComparison<'s> {
         self.compare_maps(maps, |all, (kind, who), a, b| {
             let counts = [a, b].map(|count| count.copied().unwrap_or(0));
             let [one, other] = [0, 1].map(|n| counts[n] as f64 / lengths[n]);
+            // By time, because captures have different lengths.
             if counts.contains(&0) || one.max(other) > one.min(other) * ANOMALY_FACTOR {
                 let of = format!("{}  {}", axis_label(*who), kind.as_str());
                 all.push("odd", of, times_text(counts[0]), times_text(counts[1]));
@@ -238,6 +240,7 @@ impl<'s> SummaryComparison<'s> {
             for (share, word, more) in [(0.5, "median", MEDIAN_TIMES), (0.99, "p99", TAIL_TIMES)] {
                 let (one, other) = (a.latency.quantile(share), b.latency.quantile(share));
                 let far = relative_gap(one as f64, other as f64) > all.tolerance * more;
+                // Half a millisecond is the noise of an operating system, however large its share.
                 if far && one.abs_diff(other) >= LATENCY_MIN_NS {
                     let of = format!("{}  {op} {word}", axis_label(*who));
                     all.push(

@@ -157,6 +157,7 @@ impl LineBuffer {
         const { assert!(N <= COPY_BYTES) };
         // A position is within the page: the mask saves the check.
         let at = self.position & (BUFFER_BYTES - 1);
+        debug_assert!(len <= N);
         self.bytes[at..at + N].copy_from_slice(bytes);
         self.position += len;
     }
@@ -189,6 +190,7 @@ impl LineBuffer {
         let at = self.position;
         digits.iter().for_each(|word| self.push_word(*word, 8));
         self.position = at + columns;
+        // The bytes after the digits are cleared, and overwritten by what comes next.
         self.push_fixed(&[b' '; COPY_BYTES], 0);
         self.position = at + width;
     }
@@ -197,6 +199,7 @@ impl LineBuffer {
     #[inline]
     pub fn push_time(&mut self, ns: u64) {
         const SECOND: u64 = 1_000_000_000;
+        // The digits of the second are kept: most frames are within the same one.
         if ns.wrapping_sub(self.last_second.0) >= SECOND {
             let second = ns / SECOND;
             let digits = eight_digits(second as u32) | ZEROS;

@@ -57,6 +57,7 @@ pub fn decode<M: BatchConsumer, E: Send>(
         hall.run_worker(first);
     });
     let DecodePool { decoder, output: put, first_error: failed, .. } = hall;
+    // A poisoned lock still holds the first error, which is the reason of the panic's neighbours.
     let mut failed = failed.into_inner().unwrap_or_else(PoisonError::into_inner);
     let (decoder, put) = (decoder.into_inner(), put.into_inner());
     if failed.is_none() {
@@ -108,9 +109,12 @@ impl<E> ChunkSource<'_, E> {
         while piece.len() < max && !self.ended {
             let before = piece.len();
             (self.fill)(piece, max - before)?;
+            // Nothing more is the end, as with `Read`.
             self.ended = piece.len() == before;
         }
         if let Some(newline) = memchr::memrchr(b'\n', piece).filter(|_| !self.ended) {
+            debug_assert!(self.rest.is_empty());
+            // Pieces end with a line, so that their lines can be found by several threads.
             self.rest.extend_from_slice(&piece[newline + 1..]);
             piece.truncate(newline + 1);
         }
@@ -136,6 +140,7 @@ impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
     ) -> Option<()> {
         let read = self.source.lock().ok()?.next_chunk(piece, M::CHUNK_BYTES);
         let number = self.check_result(read)??;
+        // Outside of the lock: finding the lines is half of the work.
         scan.scan(piece);
         let mut decoder = self.decoder.wait_turn(number, &self.cancelled)?;
         let mut full = |batch: &mut FrameBatch| {
@@ -147,6 +152,7 @@ impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
             }
         };
         decoder.1.decode_scanned(piece, scan, batch, &mut full);
+        // Before the text is made, which other threads can do at the same time.
         self.decoder.end_turn(decoder);
         maker.consume(batch);
         let mut put = self.output.wait_turn(number, &self.cancelled)?;
@@ -161,6 +167,7 @@ impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
             Ok(value) => return Some(value),
             Err(error) => error,
         };
+        // The first one: later errors come from the cancelling itself.
         self.first_error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         self.cancelled.store(true, Ordering::SeqCst);
         None
@@ -215,6 +222,7 @@ impl<T> Sequencer<T> {
 
     /// Wakes all who wait.
     fn wake_all(&self) {
+        // Taken and given back: a thread between its test and its wait would otherwise miss the call.
         drop(self.turn.lock());
         self.turn_changed.notify_all();
     }

@@ -242,6 +242,7 @@ impl ReadStatistics {
     /// Takes note of a damaged place.
     pub(crate) fn add_damage(&mut self, damage: Damage) {
         self.damaged += 1;
+        // All are counted, the first are kept: a file of noise has millions.
         if self.damage.len() < DAMAGE_MAX {
             self.damage.push(damage);
         }
@@ -338,6 +339,7 @@ impl PlainReader {
         let Self { options, source, pending, statistics, .. } = self;
         let ReadOptions { format: stated_format, times } = *options;
         let mut taker = CountingSink { statistics, out };
+        // The common case: a whole piece without a rest before it needs no copy.
         if let (Some((_, source)), true) = (&mut *source, pending.is_empty()) {
             let used = source.read(piece, ended, &mut taker);
             pending.extend_from_slice(&piece[used..]);
@@ -347,12 +349,14 @@ impl PlainReader {
         if source.is_none() {
             let head = &pending[..pending.len().min(HEAD_MAX)];
             if stated_format.is_none() && taker.statistics.unsupported.is_none() {
+                // Before the formats, whose loose text forms would take parts of a foreign file.
                 taker.statistics.unsupported = UnsupportedFile::detect(head);
             }
             if taker.statistics.unsupported.is_some() {
                 pending.clear();
                 return;
             }
+            // Not decided by the first bytes alone: more may come in the next piece.
             let Some(format) = stated_format.or_else(|| CaptureFormat::detect(head, ended)) else {
                 return;
             };

@@ -353,6 +353,7 @@ impl LinkSession {
         notices: &mut Vec<SessionNotice>,
     ) {
         if let Some(now) = observed.time {
+            // All of the link, so that a node that fell silent is noticed at the frames of the others.
             self.trackers.iter_mut().for_each(|(_, follower)| follower.advance_time(now, notices));
         }
         let protocol = observed.dissector.name();

@@ -67,6 +67,8 @@ impl SerialFlow {
         if self.pending().is_empty() || time.since(last) < SILENCE_NS {
             return false;
         }
+        // A pause within a frame is possible on a busy computer: only bytes that give no frame together are
+        // cut here.
         let joined = [self.pending(), chunk].concat();
         !matches!(cut_frame(rules, &joined, direction, false).0, FrameBoundary::Frame(_))
     }
@@ -76,9 +78,11 @@ impl SerialFlow {
             self.bytes.clear();
             self.origins.clear();
             self.head = 0;
+        // Moved seldom, so that a long line costs no copy per frame.
         } else if self.head > PENDING_MAX {
             self.drop_consumed();
         }
+        debug_assert!(self.head <= self.bytes.len());
         self.origins.push_back((self.bytes.len(), origin));
         self.bytes.extend_from_slice(chunk);
         self.last_time = origin.time;
@@ -115,6 +119,7 @@ impl SerialFlow {
                 FrameBoundary::Frame(len) => (len.clamp(1, rest.len()), PieceKind::Frame),
                 FrameBoundary::Corrupt(len) => (len.clamp(1, rest.len()), PieceKind::BadCheck),
             };
+            // The stray bytes go out first and the frame with the next call: both keep their own times.
             if stray > 0 {
                 break;
             }
@@ -134,6 +139,7 @@ impl SerialFlow {
     /// Takes `len` bytes off the head.
     pub(crate) fn consume(&mut self, len: usize) -> &[u8] {
         let from = self.head;
+        debug_assert!(len > 0, "a piece of no bytes would be found again for ever");
         self.head = (from + len).min(self.bytes.len());
         &self.bytes[from..self.head]
     }

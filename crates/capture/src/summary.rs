@@ -235,7 +235,8 @@ impl Summary {
     fn place_frame(&mut self, event: &DecodedFrame<'_>) -> FramePlace {
         if self.current_link.0 != event.link || self.links.is_empty() {
             let name = intern(event.link);
-            self.current_link = (name, self.links.number(name, usize::MAX).unwrap_or_default());
+            self.current_link =
+                (name, self.links.number(name, usize::MAX).expect("room for every link"));
         }
         let (link, number) = self.current_link;
         // The address in a damaged serial frame belongs to no axis.

@@ -308,6 +308,7 @@ impl CaptureSource {
                 FollowEvent::Timeout => break false,
                 FollowEvent::End(error) => break end_of_input(error)?,
             }
+            // A stream without a pause would be held back for ever.
             if gathered.len() > GATHER_MAX {
                 break false;
             }
@@ -318,6 +319,7 @@ impl CaptureSource {
         if !ended {
             print_note("detected from the frames so far; --as PROTO states the protocol");
         }
+        // What was held back for the detection is decoded first.
         decoder.feed(&gathered, &mut |event| sink.handle_event(event));
         Ok((decoder, ended))
     }
@@ -372,6 +374,7 @@ impl<'a> CaptureFileReader<'a> {
     fn open(path: &'a Path, progress: bool) -> Result<Self> {
         let opened = File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
         let (size, file) = opened.map_err(|error| problem::file_problem(path, "read", &error))?;
+        // Some files of the system have no size.
         let shown = progress && size > 0;
         let progress = if shown { Progress::of_file(size) } else { Progress::hidden() };
         Ok(Self { path, file, progress })

@@ -71,6 +71,7 @@ pub fn parse_argument(
         return local.and_then(|axis| axis.raw_argument(verb, which, number)).map_err(to_problem);
     }
     let measure = polepair::quantity::parse(text).map_err(to_problem)?;
+    // Zero is the same in every unit, so it needs none.
     let is_bare = measure.quantity.is_none() && measure.si != 0.0;
     let mut written = None;
     if let Some(axis) = axis.local() {
@@ -89,9 +90,11 @@ pub fn parse_argument(
         return Err(unitless_position(axis, text, unit));
     }
     // The parameter's description explains best why a unit is not the drive's.
-    measure.in_unit(unit).map_err(|wrong| {
-        let about = written.map(|into| format!("It is written to {:?}: {}", into.name, into.about));
-        to_problem(wrong).why(about.unwrap_or_default())
+    measure.in_unit(unit).map_err(|wrong| match written {
+        Some(into) => {
+            to_problem(wrong).why(format!("It is written to {:?}: {}", into.name, into.about))
+        }
+        None => to_problem(wrong),
     })
 }
 
@@ -200,6 +203,7 @@ fn execute_motion(
     let deadline = session.now() + within;
     let mut measured = report::MeasuredMotion::default();
     // What is refused is refused before anything has power.
+    debug_assert!(!commands.is_empty());
     let ended = check(commands)
         .and_then(|()| started_motion.power_all(commands))
         .and_then(|()| {
@@ -230,6 +234,7 @@ fn execute_motion(
     let arrived = matches!(then, MotionMode::Arrive(_)) && ended.is_ok();
     let quiet = started_motion.stopped_text();
     let stopped = started_motion.finish(arrived);
+    // After the stop: a full pipe must not hold it up.
     measured.print()?;
     conclude(ended, stopped, quiet)
 }
@@ -331,6 +336,7 @@ impl StartedMotion {
         commands.iter().try_for_each(|(axis, _)| self.arm(axis))?;
         for (one, (axis, command)) in self.started.iter_mut().zip(commands) {
             if !session::is_enabled(axis)? {
+                // Noted before the request: whether or not it is answered, the power is this program's to take away.
                 one.enabled_here = true;
                 axis.interface().prepare_mode(command.verb).map_err(to_problem)?;
                 run_optional_verb(axis, Verb::Enable)?;
@@ -374,6 +380,7 @@ impl Drop for StartedMotion {
 
 /// Starts all of them back to back, and waits until each verb has ended.
 fn start_commands(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
+    // All are started before the first is waited for.
     let started = start_each(commands).map_err(to_problem)?;
     let mut started = started.into_iter().zip(commands);
     started.try_for_each(|(mut request, (axis, command))| {
@@ -396,9 +403,11 @@ fn wait_request(
         if request.wait(left.min(POLL_INTERVAL)).map_err(to_problem)?.is_some() {
             return Ok(());
         }
+        // After the poll: what ended in the last moment has ended.
         if axis.now() >= deadline {
             return Err(late_problem(axis.label(), verb).hint("increase --timeout"));
         }
+        // Control of a server's axis may be lost while it moves; another client then decides.
         axis.interface().check_control().map_err(to_problem)?;
     }
 }
@@ -456,6 +465,7 @@ pub fn hold_while(
     (now, pause): ClockFns<'_>,
     mut query: impl FnMut(Instant) -> Result<()>,
 ) -> Result<()> {
+    debug_assert!(seconds.is_none_or(|seconds| seconds >= 0.0));
     let end = seconds.map(|seconds| now().plus_ns((seconds * 1e9) as u64));
     if seconds.is_none() {
         print_note("running; Ctrl-C stops it");
@@ -619,6 +629,7 @@ impl StopPrinter {
             ));
             self.reported.push(label.to_owned());
         }
+        // The first interrupt began the stop, and does not end it.
         interrupt::count() < self.interrupt_limit
     }
 

@@ -82,6 +82,7 @@ pub fn rewrite_gateway_url(mut words: Vec<OsString>) -> Vec<OsString> {
     if verb.as_deref() == Some("serve") || words.iter().any(is_server) {
         return words;
     }
+    // Names of the configuration may mean servers.
     let expanded = |word: &OsString| {
         let word = word_text(word)?;
         let url = if word.starts_with('@') {
@@ -95,6 +96,7 @@ pub fn rewrite_gateway_url(mut words: Vec<OsString>) -> Vec<OsString> {
     let Some((at, url)) = found else { return words };
     let (address, axes) = url.split_once('#').unwrap_or((&url, ALL));
     let (address, query) = address.split_once('?').unwrap_or((address, ""));
+    debug_assert!(at > 0, "the program's own name is no address");
     words[at] = axes.into();
     let keys = query.split('&').filter(|pair| !pair.is_empty()).map(|pair| format!("--{pair}"));
     let options = ["--server".to_owned(), address.to_owned()].into_iter().chain(keys);
@@ -277,6 +279,7 @@ pub fn label_with_link(axis: &mut AxisInfo) {
 pub fn link_troubles(link: &LinkView) -> Vec<String> {
     let LinkView { id, url, state, error, since_ms, absent, owed, .. } = link;
     let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
+    // The server's clock may be ahead of this one.
     let seconds = since_ms.map_or(0.0, |since_ms| ((now_ms - since_ms) / 1e3).max(0.0));
     let word = match state {
         LinkState::Open => None,

@@ -109,6 +109,7 @@ impl Drop for LocalSession {
     /// Prints a write to a drive's permanent memory in any case.
     fn drop(&mut self) {
         for axis in self.link.axes() {
+            // Printed at the end whatever happened: a script in a loop wears the memory out within a day.
             let writes = axis.state().flash_writes;
             let profile = axis.profile();
             let ram = profile.ram.and_then(|ram| profile.parameter(ram.parameter));

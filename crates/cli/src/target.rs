@@ -223,6 +223,7 @@ impl DriveArgs {
 
 /// Prints the wrong files that were ignored, except those of the configuration, which were printed.
 pub fn warn_ignored_files(connector: &Connector) {
+    // Those were printed when the configuration was read.
     let known = connector.config.broken.len();
     connector.ignored_files().iter().skip(known).for_each(warn_ignored_file);
     connector.config.take_notices().iter().for_each(|notice| print_warning(notice));
@@ -380,6 +381,7 @@ impl FramePrinter {
     fn print(&mut self, at: Instant, direction: TapDirection, unit: UnitRef<'_>) {
         let Self { decoder, text, name, naming } = self;
         if let Some(drives) = naming.get() {
+            // The drives are identified while frames are already shown; names are used from then on.
             decoder.set_drive_profiles(drives.clone());
         }
         let mut lines = Vec::new();

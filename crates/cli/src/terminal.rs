@@ -286,10 +286,12 @@ impl TextTable {
     /// The lines.
     pub fn render(&self, colour: bool) -> String {
         let columns = self.rows.iter().map(Vec::len).fold(0, usize::max);
-        let width = |at: usize| {
-            self.rows.iter().filter_map(|row| row.get(at)).map(|cell| cell.chars().count()).max()
-        };
-        let widths: Vec<usize> = (0..columns).map(|at| width(at).unwrap_or(0)).collect();
+        let mut widths = vec![0; columns];
+        for row in &self.rows {
+            for (width, cell) in widths.iter_mut().zip(row) {
+                *width = cell.chars().count().max(*width);
+            }
+        }
         let mut text = String::new();
         for (at, row) in self.rows.iter().enumerate() {
             let mut line = String::new();

@@ -69,8 +69,8 @@ impl DecodeRecord {
     /// Returns whether the data set has this capture, decoded so.
     #[must_use]
     pub fn exists(&self, site: &DatasetSite) -> bool {
-        let note = std::fs::read_to_string(self.path(site)).unwrap_or_default();
-        note.lines().next() == Some(self.inputs.as_str())
+        let note = std::fs::read_to_string(self.path(site));
+        note.is_ok_and(|note| note.lines().next() == Some(self.inputs.as_str()))
     }
 }
 

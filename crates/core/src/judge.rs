@@ -408,6 +408,7 @@ impl MotionJudge {
 
     fn observe_position(&mut self, now: Instant, position: i64) {
         let start = *self.start.get_or_insert(position);
+        // More than noise: an encoder at rest flickers by a step.
         self.started |= self.tolerance.distance(start, position).abs() > self.tolerance.noise;
         let stays = self.anchor.is_some_and(|(anchor, _)| {
             self.tolerance.distance(anchor, position).abs() <= self.tolerance.noise
@@ -453,6 +454,7 @@ impl MotionJudge {
             return false;
         };
         let window = self.tolerance.window + self.slack;
+        debug_assert!(window >= 0.0);
         targets.into_iter().flatten().any(|target| self.distance_to(position, target) <= window)
     }
 
@@ -524,12 +526,15 @@ impl MotionJudge {
             return if over { MotionVerdict::Unconfirmed } else { MotionVerdict::Pending };
         };
         let at_target = self.is_at_target();
+        // A flag from before this position was read belongs to it; one from after it may be of the next
+        // motion.
         if at_target
             && self.flag == Some(true)
             && self.flag_since.is_some_and(|at| at <= position_at)
         {
             return MotionVerdict::Arrived;
         }
+        // Without a flag that agrees, rest decides.
         let rest = self.tolerance.motion_rest();
         if !self.rests(rest) {
             return MotionVerdict::Pending;
@@ -618,6 +623,7 @@ impl MotionJudge {
     }
 
     fn end_reason(&self) -> EndReason {
+        // A homing runs into its limit switch on purpose.
         if let Some(end) = self.limit().filter(|_| self.goal != MotionGoal::Reference) {
             return EndReason::Limit(end);
         }

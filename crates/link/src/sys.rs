@@ -58,7 +58,7 @@ pub(crate) fn set_option<T: PlainData + ?Sized>(
     name: c_int,
     value: &T,
 ) -> io::Result<()> {
-    let len = socklen_t::try_from(size_of_val(value)).unwrap_or(0);
+    let len = size_of_val(value) as socklen_t;
     // SAFETY: the pointer is to `len` initialised bytes that live through the call (`PlainData`).
     let done = unsafe {
         libc::setsockopt(fd.as_raw_fd(), level, name, std::ptr::from_ref(value).cast(), len)

@@ -71,6 +71,7 @@ impl ResolvedAmount {
             Self::Raw(raw) => Ok(raw),
             Self::Si(si) => convert(si).ok_or_else(unknown_scale),
             Self::Either { si, own } => match (convert(si), own) {
+                // Where both readings give the same bytes there is nothing to ask.
                 (Some(raw), Some(own)) if raw == own => Ok(raw),
                 _ => Err(two_meanings(si / unit.si_factor(), parameter, unit)),
             },
@@ -186,6 +187,7 @@ fn own_raw(parameter: &Parameter, text: &str) -> Result<i64, Error> {
         let number = quantity::parse(text)?.si * parts;
         return encoding.raw(number).ok_or_else(|| out_of_bits(text));
     }
+    // Half a raw step cannot be written, and rounding it would be a guess.
     let whole = parse_whole(text).ok_or_else(|| {
         let what = format!("`{}` is a whole number in the drive, {text} is not", parameter.symbol);
         let hint = match parameter.unit.symbol() {
@@ -283,6 +285,7 @@ impl Value {
             // The last of five digits is less than half a part.
             Some(parts) if self.encoding == Encoding::Fixed => {
                 let hundred_thousandths = self.encoding.number(self.raw) / parts * 1e5;
+                debug_assert!(parts > 0.0);
                 (hundred_thousandths.round() / 1e5).to_string()
             }
             Some(parts) => (self.encoding.number(self.raw) / parts).to_string(),

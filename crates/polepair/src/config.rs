@@ -100,8 +100,8 @@ impl Config {
             }
             config.file = Some(file);
         }
-        for file in folder.map(|folder| profile_files(&folder.join("profiles"))).unwrap_or_default()
-        {
+        let own = folder.map(|folder| profile_files(&folder.join("profiles")));
+        for file in own.into_iter().flatten() {
             match profile::load(&file) {
                 Ok(profile) => config.profiles.push(profile),
                 Err(error) => config.broken.push(error),

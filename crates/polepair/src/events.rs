@@ -127,6 +127,7 @@ impl LocalLink {
     /// As [`events`](Self::events).
     pub fn events_from(&self, first: usize) -> Result<Events, Error> {
         let axes = || self.axes().iter().enumerate().skip(first);
+        // Before listening: the reads would otherwise be the first events.
         axes().try_for_each(|(_, axis)| axis.read_event_layout())?;
         let mut events = Events::new(self.simulation());
         axes().for_each(|(index, axis)| events.add_axis(index, axis));
@@ -235,6 +236,7 @@ impl Events {
             if left.is_zero() || self.mailbox.take_interrupt() {
                 return None;
             }
+            // In small steps, so that an event is seen at its own time and not at the end of the wait.
             simulation.advance(left.min(VIRTUAL_STEP));
         }
     }
@@ -243,6 +245,7 @@ impl Events {
     #[must_use]
     pub fn poll(&self) -> Option<Event> {
         if self.simulation.is_some() {
+            // In virtual time no thread of the connection runs by itself.
             self.listeners.iter().for_each(ListenerGuard::catch_up);
         }
         self.first_event(|| self.mailbox.pop())

@@ -369,39 +369,23 @@ impl<'a> Prober<'a> {
         }
         let counters = connection.with_axes(|axes, _| axes.counters());
         let (stray, corrupt) = (counters.unaccounted(), counters.corrupt);
-        Ok(match best {
+        let queried = match best {
             Some((_, n, raw)) => {
                 let (profile, identity) = self.candidates[n];
-                let firmware = format_firmware(raw, identity.firmware);
-                ProbeResult::Found {
-                    profile,
-                    identified: Identification::Queried { firmware },
-                    stray,
-                    corrupt,
-                    doubtful: false,
-                    lacks_identity,
-                }
+                Some((profile, format_firmware(raw, identity.firmware)))
             }
-            None if let Some((module, firmware)) = self.find_in_catalogue(&requests) => {
-                ProbeResult::Found {
-                    profile: module.profile(),
-                    identified: Identification::Queried { firmware },
-                    stray,
-                    corrupt,
-                    doubtful: false,
-                    lacks_identity,
-                }
-            }
-            None if received => ProbeResult::Found {
-                profile: generic,
-                identified: Identification::Generic,
-                stray,
-                corrupt,
-                doubtful,
-                lacks_identity,
-            },
-            None => ProbeResult::Silent(NoReplyDetails::from_counters(&counters)),
-        })
+            None => self
+                .find_in_catalogue(&requests)
+                .map(|(module, firmware)| (module.profile(), firmware)),
+        };
+        let (profile, identified) = match queried {
+            Some((profile, firmware)) => (profile, Identification::Queried { firmware }),
+            None if received => (generic, Identification::Generic),
+            None => return Ok(ProbeResult::Silent(NoReplyDetails::from_counters(&counters))),
+        };
+        // An identity that was read is certain, whatever else came.
+        let doubtful = doubtful && identified == Identification::Generic;
+        Ok(ProbeResult::Found { profile, identified, stray, corrupt, doubtful, lacks_identity })
     }
 
     /// The reply to the generic profile's first readable parameter; `None` without such a parameter.
@@ -472,9 +456,12 @@ impl<'a> Prober<'a> {
         });
         let is_ended = matches!(ended, Ok(Some(Outcome::Done(_))));
         if is_ended {
-            let number = connection.with_axes(|axes, _| axes.address(axis)).unwrap_or_default();
             self.store_ended.set(true);
-            self.config.add_notice(format!("axis {}: {STORE_ENDED}", AxisNumber(number)));
+            let number = connection.with_axes(|axes, _| axes.address(axis));
+            debug_assert!(number.is_some(), "the axis has just replied");
+            if let Some(number) = number {
+                self.config.add_notice(format!("axis {}: {STORE_ENDED}", AxisNumber(number)));
+            }
         }
         is_ended
     }

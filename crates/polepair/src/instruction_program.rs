@@ -201,7 +201,10 @@ impl InstructionProgram {
             for (name, _) in named.labels.iter().filter(|(_, at)| *at == address) {
                 let _ = writeln!(text, "{name}:");
             }
-            let line = format!("    {}", named.instruction_text(address).unwrap_or_default());
+            let line = format!(
+                "    {}",
+                named.instruction_text(address).expect("an address of the program")
+            );
             let [opcode, kind, motor, value @ ..] = *instruction;
             let value = u32::from_be_bytes(value);
             let _ = writeln!(

@@ -101,6 +101,7 @@ impl Mounting {
             };
             let place = low.location.clone();
             let value = (parse_amount(low.clone(), way)?, parse_amount(high.clone(), way)?);
+            // Swapped ends would forbid every position.
             if value.0 >= value.1 {
                 return Err(place.error("the first end of `position` is the lower one"));
             }
@@ -188,6 +189,7 @@ fn symmetric_limit(
 fn parse_amount(found: Located<String>, unit: Unit) -> Result<f64, FileError> {
     found.try_map(|text| {
         let measure = quantity::parse(&text).map_err(|error| error.to_string())?;
+        // A bare number could be millimetres, turns or counts: in a limit that is not left to chance.
         if measure.quantity.is_none() && unit != Unit::None {
             return Err(format!("`{text}`: add a unit, such as {}", unit.symbol()));
         }
@@ -384,11 +386,13 @@ impl ResolvedMounting {
         const TURN: f64 = core::f64::consts::TAU;
         let Mounting { lead, gear, counts, inverted, .. } = &*self.mounting;
         let (lead, gear, counts, inverted) = (*lead, *gear, *counts, *inverted);
+        // A magnitude has no direction that could be inverted.
         let sign = if inverted && role.is_signed() { -1.0 } else { 1.0 };
         if !self.scales(role, unit) {
             return sign;
         }
         let counts = counts.filter(|_| unit == Unit::None);
+        debug_assert!(gear > 0.0 && lead.is_none_or(|lead| lead > 0.0));
         sign * gear * lead.map_or(1.0, |lead| TURN / lead) * counts.map_or(1.0, |c| c / TURN)
     }
 }

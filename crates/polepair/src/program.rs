@@ -94,6 +94,7 @@ impl Program {
         let made = language
             .assemble(text, origin, profile, &mut words, &mut labels)
             .map_err(|error| source_error(file, text, &error))?;
+        // A file of comments alone is a mistake, and loading it would report success.
         if made.words == 0 {
             return Err(FileError::for_file(file, "there is no instruction in it"));
         }
@@ -130,6 +131,7 @@ impl Program {
                 return Err(line_error(format!("more than {WORDS_MAX} words"), line, file));
             }
         }
+        // The whole file, before a word of it is sent.
         check_layout(file, &pieces)?;
         Ok(Self { pieces, labels: Vec::new() })
     }

@@ -149,6 +149,12 @@ impl Settings {
                 left_out.push((address, reason.to_owned()));
                 continue;
             }
+            // With a node-ID of zero such a value would be that of another object.
+            if node.is_none() && value.integer(0) != value.integer(1) {
+                let reason = "it depends on the node-ID, which the file does not state";
+                left_out.push((address, reason.to_owned()));
+                continue;
+            }
             let encoding = crate::eds::encoding(entry.data_type);
             let raw = encoding
                 .and_then(|encoding| crate::eds::raw_value(encoding, value, node.unwrap_or(0)));

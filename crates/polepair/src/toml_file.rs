@@ -47,11 +47,13 @@ impl std::error::Error for FileError {}
 /// devices never end.
 pub(crate) fn read_limited(path: &Path, max: u64) -> Result<Vec<u8>, String> {
     let meta = std::fs::metadata(path).map_err(|error| error.to_string())?;
+    // A pipe would block, and a device such as /dev/zero never ends.
     if !meta.is_file() {
         return Err("not a file, but a folder, a pipe or a device".to_owned());
     }
     let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
     let mut bytes = Vec::new();
+    // The size that the system reports may be outdated by the time of reading.
     file.take(max + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.len() as u64 > max { Err(format!("larger than {max} bytes")) } else { Ok(bytes) }
 }

@@ -202,16 +202,17 @@ impl Url {
         repeated: bool,
     ) -> Result<Self, Error> {
         let mut url = Self::parse_unchecked(text, repeated)?;
+        // A key of one protocol is none of the others, but all share the string.
         url.drop_keys_of(protocols);
         url.check_keys()?;
         Ok(url)
     }
 
     fn parse_unchecked(text: &str, repeated: bool) -> Result<Self, Error> {
-        let (rest, fragment) = split_at_mark(text, '#');
-        let (head, query) = split_at_mark(rest, '?');
-        let keys = parse_keys(query.unwrap_or_default())?;
-        let fragment = fragment.unwrap_or_default();
+        // From the end to the front: a query may hold a `+` or `://`, the address may not.
+        let (rest, fragment) = text.split_once('#').unwrap_or((text, ""));
+        let (head, query) = rest.split_once('?').unwrap_or((rest, ""));
+        let keys = parse_keys(query)?;
         Ok(match (head.strip_prefix("sim:"), head.strip_prefix("rack:")) {
             (None, None) => parse_wire(head, keys, parse_axes(fragment, repeated)?)?,
             (what, file) => {
@@ -301,6 +302,7 @@ fn guess_link(protocol: &str, address: &str) -> &'static str {
 /// Returns whether it names a serial port.
 fn is_port(address: &str) -> bool {
     let windows = address.get(..3).is_some_and(|word| word.eq_ignore_ascii_case("com"));
+    // A host name with a dot is none, even if it begins with `com`.
     address.starts_with('/') || windows && address.len() > 3 && !address.contains('.')
 }
 
@@ -338,8 +340,9 @@ fn parse_socketcand(address: &str) -> Result<LinkTarget, Error> {
 pub(crate) fn parse_keys(query: &str) -> Result<Vec<(String, String)>, Error> {
     let mut keys: Vec<(String, String)> = Vec::new();
     for pair in query.split('&').filter(|pair| !pair.is_empty()) {
-        let (key, value) = split_at_mark(pair, '=');
-        let (key, value) = (decode(key)?, decode(value.unwrap_or_default())?);
+        let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
+        let (key, value) = (decode(key)?, decode(value)?);
+        // The first or the last would win by chance; with a baud rate that is no small matter.
         if keys.iter().any(|(other, _)| *other == key) {
             return Err(url_error(format!("`{key}` is given twice"), ""));
         }
@@ -374,6 +377,7 @@ fn parse_axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
             Some(groups) => (parse_group(fragment, groups)?, parse_group(fragment, groups)?, 1),
             None => parse_range(fragment, piece)?,
         };
+        // Before the loop: `#1-4000000000` must not be counted up.
         if first > last || (last - first) as usize / step >= AXES_MAX - axes.len() {
             return Err(url_error(format!("`#{fragment}`: at most {AXES_MAX} axes, upwards"), ""));
         }

@@ -242,7 +242,7 @@ impl PyAxis {
             let before = match axis.local() {
                 Some(local) => {
                     let name = |id| local.parameter(id).map(|its| its.name.to_owned());
-                    let setting = local.watchdog_setting()?.unwrap_or_default().into_iter();
+                    let setting = local.watchdog_setting()?.into_iter().flatten();
                     setting.filter_map(|(id, raw)| Some((name(id)?, raw))).collect()
                 }
                 None => match axis.watchdog()?.parameter {

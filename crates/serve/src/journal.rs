@@ -249,7 +249,9 @@ fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
 
 /// A sentence that names them, for a user whose server cannot continue that journal; empty if there are none.
 fn pending_stops_hint(path: &Path) -> String {
-    let pending = read_pending_stops(path).unwrap_or_default();
+    let Ok(pending) = read_pending_stops(path) else {
+        return " Whether a stop of it was left unconfirmed cannot be read.".to_owned();
+    };
     let stops: Vec<String> = pending
         .into_iter()
         .map(|(link, number)| {

@@ -577,8 +577,7 @@ const fn any_of(scopes: &'static [Scope]) -> AccessRule {
 }
 
 fn to_json(message: &ServerMessage) -> Utf8Bytes {
-    // Made of strings and finite numbers, it can always be written down.
-    serde_json::to_string(message).unwrap_or_default().into()
+    serde_json::to_string(message).expect("a message is of strings and finite numbers").into()
 }
 
 fn error_message(error: GatewayError, about: Option<&str>, subject: Option<u16>) -> ServerMessage {

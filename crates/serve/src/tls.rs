@@ -63,7 +63,8 @@ pub fn load(options: &ServerOptions) -> Result<ServerTls, SetupError> {
     let file = File::open(&key).map_err(|error| SetupError::file(&key, "read", &error))?;
     require_private(&key, &file)?;
     let chain = certificates(&certificate).map_err(with_renewal_hint)?;
-    let fingerprint = chain.first().map(|own| certificate_fingerprint(own)).unwrap_or_default();
+    debug_assert!(!chain.is_empty(), "a file without a certificate is refused");
+    let fingerprint = certificate_fingerprint(&chain[0]);
     let secret = PrivateKeyDer::from_pem_file(&key)
         .map_err(|error| with_renewal_hint(invalid_file(&key, &error)))?;
     let provider = Arc::new(ring::default_provider());

@@ -144,9 +144,11 @@ pub(crate) fn check_document(text: &str) -> Vec<String> {
 
 /// A line of a document without the targets of its links.
 pub(super) fn without_targets(line: &str) -> String {
-    let mut parts = line.split("](");
-    let first = parts.next().unwrap_or_default().to_owned();
-    parts.fold(first, |text, part| text + part.split_once(')').map_or("", |(_, rest)| rest))
+    let Some((first, rest)) = line.split_once("](") else { return line.to_owned() };
+    let parts = rest.split("](");
+    parts.fold(first.to_owned(), |text, part| {
+        text + part.split_once(')').map_or("", |(_, rest)| rest)
+    })
 }
 
 /// Faults of a text for users.

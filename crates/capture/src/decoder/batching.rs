@@ -38,6 +38,7 @@ impl CaptureDecoder {
         }
         batch.begin_chunk(self.layout);
         let mut reader = core::mem::take(&mut self.reader);
+        debug_assert!(scan.lines().windows(2).all(|pair| pair[0].end <= pair[1].start));
         let before = reader.received_bytes();
         // Lines do not depend on the lines before: the reader gets their number later.
         let (mut from, mut at, mut lines) = (0, 0, 0);
@@ -139,6 +140,7 @@ impl CaptureDecoder {
         let whose = (ContentRef::ProcessData(process), &*name, lane.dissector.name());
         let added =
             batch.push_compact(record, self.frame_count + 1, frame, &mut lane.template, whose);
+        // A frame that does not fit the batch is decoded, and counted, on the slow path.
         self.frame_count += u64::from(added);
         added
     }
@@ -162,9 +164,11 @@ impl CaptureDecoder {
         self.explanation.copy_from(&known.explanation);
         self.notices.clear();
         if known.is_request {
+            // Its reply may need it, although the request itself changed nothing.
             conversation.push_request(&super::raw_frame(frame));
         }
         let observed = known.route.observe(self.frame_count, record, frame, None);
+        // The conversation takes every frame: whether the explanation stays the same is decided after it.
         session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
         if self.notices.is_empty() && self.explanation.is_same_as(&known.explanation) {
             let whose = (ContentRef::Constant(&known.explanation), &*name, protocol);

@@ -76,6 +76,7 @@ impl CaptureDecoder {
         }
         let name = std::sync::Arc::clone(&self.links[at].name);
         self.detect_for(&name, Some(frame));
+        // Also when reading ahead failed: the error would come again with every frame.
         self.links[at].covered.insert(frame);
     }
 
@@ -88,6 +89,7 @@ impl CaptureDecoder {
         // An error in reading ahead occurs again in decoding, and is reported there.
         let Ok(verdict) = look_ahead.read(Some((link, frame))) else { return };
         (self.detections, self.echo_links) = (verdict.links, verdict.echo_links);
+        // Routes are thrown away for new rules alone: they are what makes decoding fast.
         if self.rules == verdict.rules {
             return;
         }

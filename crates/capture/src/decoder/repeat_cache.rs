@@ -63,6 +63,7 @@ impl RepeatCache {
         let key = repeat_key(frame, direction);
         match &mut self.0[slot_index(&key)] {
             Some((known, Some(_))) if *known == key => {}
+            // Stored at the second sight: a frame that never comes again would only displace one that does.
             Some((known, repeated)) if *known == key => {
                 let raw = super::raw_frame(frame);
                 let (asks, said_now) = (lane.dissector.is_request(&raw), Arc::new(it.duplicate()));

@@ -100,6 +100,7 @@ impl StatedProfiles {
         frame: &RawFrame<'_>,
         direction: Option<Direction>,
     ) -> Option<&'static Profile> {
+        // With one profile for all drives the frame need not be explained to find its axis.
         let own = (!self.drives.is_empty()).then(|| self.of_drive(dissector, frame, direction));
         let profile = own.flatten().or(self.any);
         profile.filter(|profile| profile_speaks(profile, dissector))

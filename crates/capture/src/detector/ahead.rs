@@ -36,12 +36,14 @@ impl LookAhead {
         while !self.ended {
             let sampler = &self.detector.weighing.sampler;
             let has_met = met.is_none_or(|(link, frame)| sampler.has_seen(link, frame));
+            // A frame of an identifier that the look-ahead has not met could be of another protocol.
             if has_met && sampler.is_certain() {
                 break;
             }
             piece.clear();
             (&mut self.source).take(PIECE_BYTES).read_to_end(&mut piece)?;
             if piece.is_empty() {
+                // Waiting bytes of serial flows are decided at the end of the file.
                 self.detector.finish();
                 self.ended = true;
             } else {

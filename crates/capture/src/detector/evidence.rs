@@ -29,6 +29,7 @@ impl Evidence {
         let mut data = [0; 8];
         data[..len].copy_from_slice(frame.bytes);
         let key = (id | u32::from(frame.extended) << 31, u64::from_le_bytes(data));
+        // A frame that is sent every 10 ms proves no more than one of it.
         if self.seen.len() >= FRAMES_MAX || !self.seen.insert(key) {
             return;
         }

@@ -61,7 +61,9 @@ impl Pairs {
             answers_in_time(pair_candidate, event.time)
                 && dissector.is_answer_to(&raw, &pair_candidate.raw())
         };
+        debug_assert!(self.requests.len() <= REQUESTS_MAX);
         let Some(at) = self.requests.iter().position(fits) else { return };
+        // One reply counts for one request, else a beacon would prove many.
         self.requests.remove(at);
         self.found += 1;
         if let Some(axis) = event.explanation.axis

@@ -86,6 +86,7 @@ impl RecordSampler {
         if frames_before == Some(0) {
             self.note_new();
         }
+        // The first frames of each identifier are always weighed, however late they come.
         let fresh = frames_before.is_some_and(|count| count < FRAMES_PER_ID);
         let accepted = self.links[at].select(fresh, self.certain);
         self.links[at].skipped += u64::from(!accepted);
@@ -95,6 +96,7 @@ impl RecordSampler {
     /// An identifier or a link comes for the first time.
     fn note_new(&mut self) {
         self.window.last_new = self.records;
+        // Something new reopens the question.
         if self.certain {
             self.certain = false;
             self.window.start = self.records;

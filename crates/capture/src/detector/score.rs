@@ -37,6 +37,7 @@ impl CandidateProtocol {
         if let RecordData::Frame(frame) = &record.data
             && !claims_frame(*dissector, frame)
         {
+            // Not decoded at all: most frames of a mixed bus are not of this protocol.
             return score_of_link(scores, record.link).add_unclaimed_frame(frame);
         }
         decoder.decode_record(record, &mut |event| score_frame(*dissector, scores, event));
@@ -132,6 +133,7 @@ impl LinkScore {
     fn add_unclaimed_frame(&mut self, frame: &Frame) {
         let bytes = if frame.remote { 0 } else { frame.len };
         self.is_can = true;
+        // A frame without data is evidence as well.
         self.stray_bytes += u64::from(bytes.max(1));
     }
 
@@ -158,6 +160,7 @@ impl LinkScore {
         }
         let supporting = (self.evidence.supporting + self.pairs.found) as f64;
         let against = (self.evidence.contradicting + self.broken_frames) as f64;
+        debug_assert!(supporting >= 0.0 && against >= 0.0);
         supporting > 0.0 && supporting >= SUPPORT_MIN * (supporting + against)
     }
 
@@ -182,6 +185,8 @@ impl LinkScore {
     }
 
     pub fn is_more_than_chance(&self) -> bool {
+        // A single short frame by chance fits some protocol; a person who captured it wants it explained all
+        // the same.
         let enough_to_doubt = self.total_bytes() > 256;
         self.explained_share() > if enough_to_doubt { CHANCE_SHARE } else { 0.0 }
     }

@@ -43,6 +43,8 @@ pub(super) fn judge(
 ) -> Verdict {
     let mut scored: Vec<CandidateScores> =
         candidates.iter().map(CandidateProtocol::snapshot).collect();
+    // First the replies that prove an axis: without them two protocols would share the same frames
+    // equally.
     assign_proven(&mut scored);
     scored.iter_mut().flat_map(|each| &mut each.scores).for_each(LinkScore::count_shared);
     let names = scored.first().into_iter().flat_map(|each| &each.scores).map(|score| &score.link);
@@ -76,6 +78,7 @@ fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) 
         scored.iter().filter_map(|each| Some((each.dissector, each.score_of(link)?))).collect();
     let unknown =
         LinkDetection { shared_axes: unresolved_axes(&ranked), ..LinkDetection::unknown(link) };
+    // After the shared axes were noted: they are shown although their protocol is not accepted.
     ranked.retain(|(_, score)| score.has_support());
     // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
     ranked.sort_by(|(_, a), (_, b)| {
@@ -100,6 +103,7 @@ fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) 
     };
     let frames = sum(&|score| score.frames);
     let share: f64 = protocols.iter().map(|(_, score)| score.explained_share()).sum();
+    debug_assert!(!protocols.is_empty());
     let accident = 0.5f64.powi(sum(&LinkScore::evidence_bits).min(999) as i32);
     // What explains only a part of a link may be an accident of the rest.
     let whole = (share / EXPLAINED_MIN).min(1.0);
@@ -191,6 +195,7 @@ fn resolve_tie(ranked: &mut [ScoredCandidate<'_>]) -> Vec<&'static str> {
         meets && !apart && score.good_bytes > 0 && share - score.explained_share() < TIE_MARGIN
     };
     let tied = ranked.iter().take_while(|read| equal(read)).count();
+    // One protocol cannot tie with itself.
     if tied < 2 {
         return Vec::new();
     }

@@ -134,6 +134,7 @@ impl FormatReader for BlfReader {
 impl BlfReader {
     /// Reads the file's header. Without a start time, times count from 0.
     fn read_file_header(&mut self, bytes: &[u8]) -> Option<usize> {
+        // The stated size, within reason: a damaged one must not swallow the file.
         let size = (u32_at(bytes, 4)? as usize).clamp(BEGIN_AT + 16, 4096);
         let header = bytes.get(..size)?;
         let (date, time) = (
@@ -142,6 +143,7 @@ impl BlfReader {
         );
         let begin =
             date::from_calendar(date, time, u32::from(header_word(7, header).min(999)) * 1_000_000);
+        // Without a date the times count from zero; the differences between them stay right.
         self.start_time = Some(begin.unwrap_or(Timestamp(0)));
         Some(size)
     }
@@ -173,10 +175,13 @@ impl BlfReader {
     /// Passes over padding, or over what is no object, to where the next may begin.
     fn skip_damage(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) -> usize {
         let next = memchr::memmem::find(&bytes[1..], SIGNATURE).map(|at| at + 1);
+        // Objects are padded to four bytes, which some writers count in the size and others do not.
         let padding = next.is_some_and(|at| at < PADDING_MAX) && !bytes.starts_with(SIGNATURE);
         if !padding && !core::mem::replace(&mut self.resyncing, true) {
             self.report_damage("the object's header is damaged", taker);
         }
+        debug_assert!(bytes.len() >= SIGNATURE.len());
+        // The last bytes may be the begin of a signature that the next piece completes.
         next.unwrap_or(bytes.len() - SIGNATURE.len() + 1)
     }
 
@@ -187,6 +192,7 @@ impl BlfReader {
         // What is shorter than a signature may be padding.
         if !self.resyncing && bytes.len() >= SIGNATURE.len() {
             self.report_damage("the last object is cut off", taker);
+            // A program that crashed leaves its last container open; what it has packed so far is whole.
             self.salvage_container(bytes, taker);
         }
         Some(bytes.len())
@@ -212,6 +218,7 @@ impl BlfReader {
     fn unpack_container(&mut self, body: &[u8], taker: &mut dyn RecordSink) -> bool {
         let (Some(method), Some(size)) = (u16_at(body, 0), u32_at(body, 8)) else { return false };
         let packed = tail(body, CONTAINER_HEAD);
+        // An object may begin in one container and end in the next.
         let mut plain = core::mem::take(&mut self.tail);
         let whole = match method {
             0 => {
@@ -254,6 +261,7 @@ impl BlfReader {
 
     fn read_frame(&self, object: &[u8], head: ObjectHeader, taker: &mut dyn RecordSink) {
         let Some(shape) = body_parser(head.kind) else {
+            // Statistics of the writer are no content; anything else that is left out is reported.
             if !kind::BOOKKEEPING.contains(&head.kind) {
                 taker.handle_skipped(kind_name(head.kind));
             }
@@ -305,7 +313,8 @@ impl BlfReader {
 }
 
 fn header_word(n: usize, header: &[u8]) -> u16 {
-    u16_at(header, BEGIN_AT + 2 * n).unwrap_or(0)
+    let at = BEGIN_AT + 2 * n;
+    u16::from_le_bytes([header[at], header[at + 1]])
 }
 
 /// Fields of an object.
@@ -430,6 +439,7 @@ fn link_name(channel: u16, name: &mut [u8; 16]) -> &str {
 /// Announced unpacked size of a container, if it is possible and permitted.
 fn checked_size(packed: &[u8], size: u32) -> Option<usize> {
     let size = size as usize;
+    // Deflate packs no better than 1,032 to 1: a larger stated size is a bomb.
     (size <= CONTAINER_MAX && size <= packed.len() * RATIO_MAX).then_some(size)
 }
 
@@ -439,6 +449,7 @@ fn inflate(packed: &[u8], size: u32, plain: &mut Vec<u8>) -> bool {
     let mut inflater = Decompress::new(true);
     let before = plain.len();
     // Whatever is in it, no more than that comes out.
+    debug_assert!(size <= CONTAINER_MAX);
     plain.resize(before + size, 0);
     let status = inflater.decompress(packed, &mut plain[before..], FlushDecompress::Finish);
     let came = inflater.total_out() as usize;

@@ -28,6 +28,7 @@ pub fn unpack_bounded(bytes: Vec<u8>, max: usize) -> Option<Vec<u8>> {
     };
     let mut plain = Vec::new();
     unpack_into(&mut plain, packing, &bytes, max);
+    // Packed twice is a bomb until shown otherwise.
     if Compression::detect(&plain).is_some() {
         plain.clear();
     }
@@ -46,6 +47,7 @@ fn nested_size(plain: &[u8]) -> u64 {
 fn unpack_into(plain: &mut Vec<u8>, packing: Compression, bytes: &[u8], max: usize) {
     let mut unpack = Decompressor::new(packing);
     let mut keep = |part: &[u8]| {
+        // One byte more than allowed is kept, as the sign that it is too much.
         let capacity = max.saturating_add(1).saturating_sub(plain.len());
         plain.extend_from_slice(&part[..part.len().min(capacity)]);
         capacity > part.len()
@@ -102,6 +104,7 @@ impl Decompressor {
             _ => PIECE_ZSTD,
         };
         for part in piece.chunks(size) {
+            // After damage nothing further is decoded: what follows cannot be aligned again.
             if self.error.is_none()
                 && let Err(error) = self.engine.decompress(part)
             {

@@ -92,6 +92,7 @@ impl PcapReader {
             if !core::mem::replace(&mut self.resyncing, true) {
                 self.report_damage("the packet's length or time is damaged", taker);
             }
+            // Byte by byte: a record has no signature that could be searched for.
             return Some(1);
         }
         let size = HEAD + head.captured_len as usize;
@@ -100,6 +101,7 @@ impl PcapReader {
         };
         let scale = if header.is_nanosecond_precision() { 1 } else { 1000 };
         let time = u64::from(head.seconds) * 1_000_000_000 + u64::from(head.fraction) * scale;
+        // The upper bits have other meanings (length of the frame check).
         let kind = header.network.0.cast_unsigned() & 0x03FF_FFFF;
         if tcp::is_network(kind, packet) {
             let origin = PacketOrigin { time: Some(Timestamp(time)), offset: self.offset };

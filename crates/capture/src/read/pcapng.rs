@@ -100,6 +100,7 @@ impl PcapngReader {
         }
         match bytes.get(size - 4..size) {
             None => BlockStatus::Incomplete,
+            // The length is at both ends of a block, which shows the begin of the next one after damage.
             Some(last) if last == length => BlockStatus::Block(size),
             Some(_) => BlockStatus::Damaged,
         }
@@ -108,6 +109,7 @@ impl PcapngReader {
     fn read_block(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) {
         if let Some(order) = bytes.get(8..12).filter(|_| bytes.starts_with(&SECTION)) {
             self.big_endian = order == ORDER_BIG;
+            // Interfaces are numbered anew in each section (pcapng, section header block).
             self.interfaces.clear();
             return;
         }
@@ -137,6 +139,7 @@ impl PcapngReader {
         let name = name.filter(|name| !name.is_empty()).unwrap_or(format!("{other}{number}"));
         let ticks = match block.if_tsresol {
             power @ 0..=18 => 10u64.pow(u32::from(power)),
+            // The high bit makes it a power of two; an impossible one counts as the default, microseconds.
             power => 1u64.checked_shl(u32::from(power & 0x7F)).unwrap_or(1_000_000),
         };
         self.interfaces.push(PcapngInterface {
@@ -156,11 +159,12 @@ impl PcapngReader {
         let flags = flags.and_then(|option| option.value.first_chunk::<4>());
         let flags = flags
             .map(|b| if self.big_endian { u32::from_be_bytes(*b) } else { u32::from_le_bytes(*b) });
-        let direction = match flags.unwrap_or(0) & 3 {
-            1 => Some(Direction::ToHost),
-            2 => Some(Direction::ToDrive),
+        let direction = match flags.map(|flags| flags & 3) {
+            Some(1) => Some(Direction::ToHost),
+            Some(2) => Some(Direction::ToDrive),
             _ => None,
         };
+        // Blocks are padded to four bytes, and the padding is no data.
         let data = block.data.get(..block.caplen as usize).unwrap_or(block.data);
         let time = interface.timestamp(ticks);
         if tcp::is_network(interface.link_type, data) {

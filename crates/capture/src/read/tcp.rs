@@ -111,8 +111,11 @@ impl TcpStreams {
         } else {
             let client = match (tcp.syn(), tcp.ack()) {
                 (true, acknowledges) => !acknowledges,
+                // In the middle of a connection the lower port is taken for the server's: clients get theirs from
+                // above 1024.
                 (false, _) => source.port() > destination.port(),
             };
+            // Bare acknowledgements of a connection that carries nothing.
             if tcp.payload().is_empty() && !tcp.syn() {
                 return;
             }
@@ -180,10 +183,12 @@ impl SegmentQueue {
         let ahead = sequence.wrapping_sub(next).cast_signed();
         let mut gap = false;
         if ahead > 0 {
+            // The first of two segments with one number stays: TCP repeats, it does not change.
             self.waiting.entry(sequence).or_insert_with(|| (time, bytes.to_vec()));
             if self.waiting.len() <= WAITING_MAX {
                 return false;
             }
+            // More waiting segments than a network reorders: the missing one was not captured.
             gap = true;
             let first = self.waiting.keys().copied().min_by_key(|at| at.wrapping_sub(next));
             self.next = first.or(self.next);
@@ -213,6 +218,7 @@ impl SegmentQueue {
         emit: &mut dyn FnMut(Option<Timestamp>, &[u8]),
     ) {
         let next = self.next.unwrap_or(sequence);
+        // Bytes that were sent again count once.
         let known = next.wrapping_sub(sequence) as usize;
         if let Some(fresh) = bytes.get(known..) {
             emit(time, fresh);

@@ -54,6 +54,7 @@ impl LineFormat for TextReader {
         } else {
             line
         };
+        // Prose between frames is damage in a capture, and normal in a program's log or above the first frame.
         let may_be_text = self.is_tool_log || !self.has_records;
         match parse_any_line(line, &mut self.scratch) {
             Ok(None) => Ok(ParsedLine::Nothing),
@@ -99,6 +100,7 @@ pub(super) fn detect_deltas(head: &[u8], enough: bool) -> Option<bool> {
         };
         let Some(time) = Timestamp::parse(line[1..end].trim_ascii()) else { continue };
         match last {
+            // Times that begin with zero may be differences (`candump -td`) or count from the start (`-tz`).
             None if time.0 > 0 => return Some(false),
             None => {}
             Some(last) if time < last => return Some(true),
@@ -168,6 +170,7 @@ fn parse_any_line<'a>(
     if line.len() > LINE_MAX {
         return Err(super::lines::TOO_LONG);
     }
+    // The byte order mark that Windows editors write.
     let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
     let parsed = match line.first() {
         None | Some(b'#' | b';') => return Ok(None),
@@ -176,6 +179,7 @@ fn parse_any_line<'a>(
     };
     match parsed {
         Ok(parsed) => Ok(Some(LogLine::Record(parsed.with_bytes(scratch), false))),
+        // Last, because the forms of programs are loose and would take a damaged line of the exact forms.
         Err(error) => match parse_tool_line(line, scratch) {
             Some(ToolLine::Record(record)) => Ok(Some(LogLine::Record(record, true))),
             Some(ToolLine::Repeated) => Ok(Some(LogLine::Repeated)),
@@ -253,6 +257,7 @@ impl LineContext {
 pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option<UsualLine> {
     let (stamp, rest) = bytes.split_first_chunk::<20>()?;
     let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
+    // The name is compared as one word: a capture of one bus has the same name on a million lines.
     if before.after_link(rest).is_none() {
         let name = rest.get(..LINK_MAX)?.split(|c| *c == b' ').next()?;
         before.set_link(std::str::from_utf8(name).ok().filter(|name| !name.contains(is_blank))?);
@@ -270,6 +275,7 @@ pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option
     if id > limit {
         return None;
     }
+    debug_assert!(count <= 16, "a classic frame has at most eight bytes");
     let frame = Frame { id, extended, remote: false, len: (count / 2) as u8, data };
     Some(UsualLine { time, frame, bytes: bytes.len() - text.len() + count + 1 })
 }

@@ -73,6 +73,7 @@ pub(super) fn parse_tool_line<'a>(
             offset: 0,
         }));
     }
+    // Programs disagree about capital letters, also between their own versions.
     let lower = text.to_ascii_lowercase();
     if let Some(at) = REPEATED.iter().find_map(|marker| find_marker(&lower, marker)) {
         let bytes = parse_bytes(&text[at..], scratch).is_some() && scratch.len() >= BYTES_MIN;
@@ -172,6 +173,7 @@ fn parse_python_can(text: &str) -> Option<Record<'_>> {
     }
     let link = text.rsplit_once("Channel:").map_or("-", |(_, name)| name.trim());
     let link = if link.is_empty() { "-" } else { link };
+    // A longer number in that column is not an identifier.
     if id > if extended { ID_MASK } else { STANDARD_MAX } {
         return None;
     }
@@ -204,6 +206,7 @@ fn find_marker(lower: &str, marker: &str) -> Option<usize> {
     let mut from = 0;
     while let Some(at) = lower[from..].find(marker).map(|at| at + from) {
         let before = lower[..at].bytes().next_back();
+        // `tx:` inside `ctx:` is none.
         if !before.is_some_and(|c| c.is_ascii_alphanumeric()) {
             return Some(at + marker.len());
         }

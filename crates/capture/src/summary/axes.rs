@@ -110,8 +110,11 @@ pub struct RequestSummary {
 
 impl RequestSummary {
     pub(super) fn add(&mut self, exchange: &ExchangeNotice, number: u64) {
-        let at = OUTCOMES.iter().position(|outcome| *outcome == exchange.outcome).unwrap_or(0);
-        self.outcomes[at] += 1;
+        let at = OUTCOMES.iter().position(|outcome| *outcome == exchange.outcome);
+        debug_assert!(at.is_some(), "every outcome has a count");
+        if let Some(at) = at {
+            self.outcomes[at] += 1;
+        }
         self.retries += u64::from(exchange.retries);
         if let Some(ns) = exchange.latency() {
             if ns >= self.latency.max() {

@@ -104,7 +104,7 @@ fn date_text(stamp: Timestamp) -> String {
 }
 
 fn name_at(names: &[&'static str], at: u16) -> &'static str {
-    names.get(usize::from(at)).copied().unwrap_or("")
+    names[usize::from(at)]
 }
 
 fn identifier(id: u32, extended: bool) -> String {

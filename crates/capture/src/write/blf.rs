@@ -88,9 +88,8 @@ impl BlfWriter {
             return;
         }
         let mut packer = ZlibEncoder::new(Vec::new(), Compression::default());
-        // Writing into a Vec cannot fail.
         let packed = packer.write_all(&self.objects).and_then(|()| packer.finish());
-        let packed = packed.unwrap_or_default();
+        let packed = packed.expect("writing into a Vec cannot fail");
         let size = OBJECT_HEAD + CONTAINER_HEAD + packed.len();
         append_object_header(OBJECT_HEAD as u16, size as u32, kind::CONTAINER, out);
         out.extend_from_slice(&DEFLATE.to_le_bytes());

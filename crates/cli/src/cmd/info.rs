@@ -83,7 +83,10 @@ impl Info {
             };
             let details = match silent {
                 Some(_) => Vec::new(),
-                None => axis.device_details().unwrap_or_default(),
+                None => axis.device_details().unwrap_or_else(|error| {
+                    print_note(&format!("its details cannot be read: {error}"));
+                    Vec::new()
+                }),
             };
             let text = remote_text(axis.info(), &state, &details, watchdog);
             out.buffer().extend_from_slice(text.as_bytes());

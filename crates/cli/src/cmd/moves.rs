@@ -297,6 +297,7 @@ fn run_arriving(
     }
     let then = if how.detach { MotionMode::Detach } else { MotionMode::Arrive(how.timeout) };
     let exit = run(&session, &commands, then)?;
+    // Measured after the end, because a target is no position.
     if then != MotionMode::Detach {
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
@@ -315,6 +316,7 @@ fn commands_for_each(
     command: impl Fn(&Axis) -> Result<Command>,
 ) -> Result<Vec<(Axis, Command)>> {
     let one = |axis: &Axis| match axes.len() {
+        // With one axis its name in front of each error is noise.
         1 => command(axis),
         _ => command(axis).map_err(|problem| problem.about(axis.label())),
     };

@@ -82,6 +82,7 @@ impl RecordOptions {
             rotation: self.rotate,
             existing: output_file::existing_file(self.force, self.append),
         };
+        // Before the link is opened: hours of recording must not end at a folder without rights.
         place.check()?;
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
@@ -113,6 +114,7 @@ impl RecordOptions {
         let started_at = clock::now();
         let ended = recorder
             .record_until(self.seconds.map(|seconds| started_at + seconds_to_duration(seconds)));
+        // Also after an error: what was received so far is written.
         let result = recorder.finish_recording(clock::now().since(started_at));
         ended.and(result)
     }
@@ -166,6 +168,7 @@ impl Recorder {
         let dropped = self.sum_losses(overrun_count, MediumKind::Can)
             + self.sum_losses(overrun_count, MediumKind::Serial);
         self.lost += lost;
+        // Counters of the system never fall; a link that was opened again begins at zero.
         let fresh = (dropped + self.lost).saturating_sub(self.overrun);
         if fresh > 0 {
             print_warning(&format!("{fresh} dropped: the system could not read them fast enough"));

@@ -142,6 +142,7 @@ impl ReplayOptions {
             print_note("dry run: none of this was sent");
             return Ok(Exit::Ok);
         }
+        // Before the links are opened, so that what is refused has touched no wire.
         survey.check_allowed(&choice.routes, self.arm, self.store)?;
         let stage = ReplayLinks::open(&connector, &urls)?;
         self.play_capture(stage, source, rules, choice, &survey, trace)
@@ -254,11 +255,14 @@ impl ReplayOptions {
         let (played, read) = stage.play(capture_feed, pace, &mut keeping);
         let took = clock::now().since(started_at);
         print_result(&played, took);
+        // After all players have ended, so that no later frame starts the motor again.
         let stopped = if self.detach { Ok(()) } else { stage.stop(&played) };
+        // Replies to the last frames, and to the stops.
         keeping.process_received()?;
         let TrafficRecorder { files, printer, .. } = keeping;
         files.map_or(Ok((0, 0)), CaptureFiles::finish)?;
         printer.map_or(Ok(0), LivePrinter::finish)?;
+        // After the stop: a capture that cannot be read to its end must not leave a motor running.
         read?;
         final_result(&played, survey.unfit_count(), stopped)
     }
@@ -337,6 +341,7 @@ impl ReplayLinks {
         let (mut played, mut ended) = (played.iter(), Ok(()));
         for (url, opened) in &self.opened {
             for (wire, played) in (0..opened.wires().len()).zip(&mut played) {
+                // A wire on which nothing was moved gets no stop, which is a command, too.
                 if played.moved_axes.is_empty() && !played.moved_unknown {
                     continue;
                 }

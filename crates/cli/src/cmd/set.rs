@@ -93,6 +93,7 @@ impl Set {
                 continue;
             }
             let has = server.gateway.parameters(axis.id).map_err(remote::refusal_problem)?;
+            // After everything was read: other clients wait while it is held.
             let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
             let write = WriteParameters { epoch: lease.epoch(), ..write };
             for change in
@@ -196,8 +197,11 @@ impl Set {
                 out.write_line(&format!("{}{written}", session.axis_prefix(axis)));
                 out.flush()?;
             }
+            // Also where nothing moved: the next program must not find it armed.
             axis.arm(false);
         }
+        debug_assert!(changes.len() <= 1, "checked with the first axis");
+        // Last, because afterwards the drive no longer answers at this address.
         if let Some(change) = changes.pop() {
             change.apply(&self.target, session, self.store, &mut out)?;
         }

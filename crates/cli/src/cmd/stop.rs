@@ -61,7 +61,9 @@ impl StopCommand {
         }
         let live = std::io::stderr().is_terminal();
         let clear = if live { "\r\x1b[K" } else { "" };
+        debug_assert!(!self.dry_run);
         let connector = target.connector()?;
+        // From here on Ctrl-C waits for the stop: it must not be cut off between two frames.
         let interrupts = StopInterrupts::listen(&target.url);
         let mut is_sent = false;
         let mut on_event = |event: StopEvent<'_>| {
@@ -122,6 +124,7 @@ impl StopInterrupts {
 
     /// The result of the command: a stop that was interrupted and is not confirmed has exit code 130.
     fn conclude(self, is_sent: Option<bool>, result: Result) -> Result {
+        // So that Ctrl-C ends the program while it prints.
         drop(self.0);
         let Err(problem) = result else { return result };
         if !interrupt::was_interrupted() {
@@ -277,6 +280,7 @@ impl StopTally {
         if of == 1 {
             return Err(self.failed.remove(0));
         }
+        // Every axis by itself: one line "3 stops failed" does not show which supply to cut.
         self.failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
         let what = match failed {
             1 => format!("one stop of {of} is not confirmed."),

@@ -119,6 +119,7 @@ impl WatchCommand {
         interrupt::listen(|| {});
         let end = clock::now() + clock::scale_timeout(FIRST_MAX);
         for column in &columns {
+            // Without it the first row of a server would be empty.
             while (column.read)()?.is_nan() && clock::now() < end && !interrupt::was_interrupted() {
                 clock::sleep_until(clock::now().plus_ms(FIRST_POLL_MS));
             }
@@ -182,6 +183,7 @@ impl WatchCommand {
             self.print_row(columns, next.since(started_at).as_secs_f64(), &mut out)?;
             out.flush()?;
             // Readings that the drive was too slow for are left out, not caught up with.
+            debug_assert!(self.rate > 0.0);
             next = next.plus_ns(period).max(clock::now());
             if end.is_some_and(|end| next > end) {
                 return Ok(Exit::Ok);
@@ -284,6 +286,7 @@ fn write_json(columns: &[WatchColumn], cells: &[f64], time: f64, out: &mut Vec<u
         }
         out.push(b',');
         jsonl::write_string(out, &column.name);
+        // JSON has no NaN.
         let value = if value.is_finite() { value.to_string() } else { "null".to_owned() };
         out.extend_from_slice(format!(":{value}").as_bytes());
     }

@@ -96,6 +96,11 @@ fn a_dcf_is_compared_and_applied() {
     for value in [0x202, 1, 2, 0x60FF_0020_u32] {
         assert!(shown.contains(&format!(",{value},")), "{value} in {shown}");
     }
+    // Without the node-ID the identifier would be another one.
+    std::fs::write(&dcf, text.concat().replace("NodeID=2", "NodeName=x")).expect("written");
+    let other = polepair(&["config", "diff", &served.url, file]);
+    assert!(other.err.contains("1400h:1 is skipped: it depends on the node-ID"), "{}", other.err);
+    assert!(!other.out.contains("identifier"), "{}", other.out);
     // What no table describes needs --arm.
     let more = object("2F01", 5, "ParameterValue=33");
     std::fs::write(&dcf, text.concat() + &more).expect("written");

@@ -135,7 +135,7 @@ impl LiveCache {
 
     /// Axes from index `first` on.
     pub fn axes_from(&self, first: usize) -> Vec<AxisInfo> {
-        self.lock_state().bench.1.get(first..).unwrap_or_default().to_vec()
+        self.lock_state().bench.1.iter().skip(first).cloned().collect()
     }
 
     pub fn set_lock(&self, lock: Option<MotionLock>) {

@@ -105,7 +105,8 @@ impl CyclicMotion {
         }
         let members = axes.iter().enumerate().map(|(n, axis)| {
             let slot = slots.get(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)?;
-            let bounds = following.bounds.get(n).copied().unwrap_or_default();
+            // An axis without bounds would follow any set-point.
+            let bounds = *following.bounds.get(n).ok_or(Unsupported::BadArgument)?;
             CyclicAxis::new(now, *axis, slot, following.setpoint, bounds)
         });
         let members: Box<[CyclicAxis]> = members.collect::<Result<_, _>>()?;

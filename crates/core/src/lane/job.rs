@@ -255,6 +255,7 @@ impl WriteSteps {
         reads: bool,
     ) -> Self {
         let spares = parameter.persistence == Persistence::UnlessRam;
+        // Drives that keep every write get their RAM mode first, unless the value is to be kept.
         let ram = profile.ram.filter(|ram| spares && ram.parameter != id);
         let storable = parameter.persistence == Persistence::Storable;
         Self { id, raw, store, ram, storable, reads }
@@ -434,6 +435,7 @@ impl PlanRun {
     pub fn record_proof(&mut self, executed: bool) {
         let bit = self.extent_bit();
         let extent = &mut self.extent;
+        debug_assert!(bit != 0);
         extent.unknown &= !bit;
         extent.refused &= !bit;
         extent.done = if executed { extent.done | bit } else { extent.done & !bit };

@@ -73,6 +73,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
     pub fn own_window(&self, id: ParameterId, raw: i64) -> Option<f64> {
         let parameter = self.parameter(id)?;
         let (_, most) = parameter.encoding.raw_range();
+        // The greatest value switches the window off (CiA 402-2, 6067h), and with zero hardly a motor would
+        // arrive.
         if raw <= 0 || raw == most {
             return None;
         }
@@ -81,6 +83,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
             (Some(si), Some(unit)) if parameter.unit != Unit::None => (si / unit).abs(),
             _ => parameter.encoding.number(raw),
         };
+        debug_assert!(counts.is_finite());
         Some(counts.max(OWN_WINDOW_COUNTS_MIN))
     }
 

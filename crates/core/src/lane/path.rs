@@ -83,6 +83,7 @@ impl PathStream {
         let capacity = POINTS_MAX - self.points.len();
         let consumed = points.len().min(capacity);
         self.points.extend(&points[..consumed]);
+        // "The last" holds once the last one is in the queue.
         self.complete |= complete && consumed == points.len();
         consumed
     }
@@ -239,6 +240,7 @@ impl PathStream {
         if matches!(outcome, Outcome::NotDone(_)) {
             return JobState::Ended(outcome);
         }
+        // A drive with points in its buffer moves on without its host: it gets a stop first.
         (self.failure_outcome, self.stage) = (Some(outcome), PathStage::Stop);
         JobState::Ready
     }
@@ -388,6 +390,7 @@ impl PathStream {
         let offset = status.offset(sent);
         // The counter starts wherever the last path left it; from then on it must keep step with the points.
         let known = *self.counter_offset.get_or_insert(offset);
+        debug_assert!(self.stage != PathStage::Stop);
         self.next_status = now + STATUS_INTERVAL;
         if status.underrun {
             return self.fail(Failure::NotReady { hint: UNDERRUN });

@@ -154,8 +154,9 @@ impl MemoryTransfer {
             TransferStage::SetPointer => TransferStep::SetPointer(self.address()),
             TransferStage::ConfirmPointer | TransferStage::Verify => TransferStep::ReadPointer,
             TransferStage::Write => {
-                let mut words = piece.words[self.offset + self.sent..].iter().copied();
-                TransferStep::Write(memory, words.next().unwrap_or(0), words.next())
+                let words = &piece.words[self.offset + self.sent..];
+                debug_assert!(!words.is_empty(), "the stage ends with the last word");
+                TransferStep::Write(memory, words[0], words.get(1).copied())
             }
             TransferStage::Read => TransferStep::Read(memory, self.address()),
             TransferStage::Checksum => TransferStep::Checksum(memory, piece.start, piece.end()),
@@ -178,6 +179,7 @@ impl MemoryTransfer {
     pub fn abort_outcome(&self, failure: Failure) -> Outcome {
         let written =
             self.kind == TransferKind::Write && !matches!(self.stage, TransferStage::CheckIdle(_));
+        // From the first write on the memory holds half a program.
         if written { Outcome::Unknown(failure) } else { Outcome::NotDone(failure) }
     }
 
@@ -246,6 +248,7 @@ impl MemoryTransfer {
             slot.state.flash_writes += count as u32;
         }
         self.sent += count;
+        // A few writes, then the pointer is read: a lost one is found while it is cheap to repeat.
         if self.sent >= max || count == left || raw.is_err() {
             self.stage = TransferStage::Verify;
         }
@@ -253,6 +256,7 @@ impl MemoryTransfer {
     }
 
     fn handle_pointer(&mut self, pointer: u16) -> JobState {
+        // The drive's own pointer shows what it took, whatever was acknowledged.
         let moved = usize::from(pointer.wrapping_sub(self.address()));
         if self.offset + moved > self.current_block().0.words.len() {
             // Something was taken twice, and words behind the piece are spoiled.
@@ -287,6 +291,7 @@ impl MemoryTransfer {
         let at = self.offset;
         let words = &mut self.blocks[self.block].words;
         let halves = [value as u16, (value >> 16) as u16];
+        debug_assert!(at < words.len());
         let count = (words.len() - at).min(2);
         words[at..at + count].copy_from_slice(&halves[..count]);
         self.offset += count;
@@ -349,6 +354,8 @@ fn guard_autorun(pieces: Vec<MemoryBlock>, rules: &MemoryRules) -> Vec<MemoryBlo
         }
     }
     let Some(first) = first else { return parts };
+    // The word that starts the program at power-up goes first as a harmless one, and is written last: a
+    // download that breaks off leaves no program that starts by itself.
     parts.insert(0, autorun_block(harmless, autorun));
     if first != harmless {
         parts.push(autorun_block(first, autorun));

@@ -108,7 +108,9 @@ impl LocalAxis {
         loop {
             let ended = running.wait(PUMP_INTERVAL);
             let count = self.connection.with_axes(|axes, _| axes.poll_bytes(ticket, &mut buffer));
-            data.extend_from_slice(&buffer[..count.unwrap_or(0)]);
+            if let Some(count) = count {
+                data.extend_from_slice(&buffer[..count]);
+            }
             progress(data.len());
             match ended? {
                 // The announced and the received length have to agree.
@@ -155,7 +157,9 @@ impl LocalAxis {
         loop {
             let ended = running.wait(PUMP_INTERVAL);
             let count = self.connection.with_axes(|axes, _| axes.poll_bytes(ticket, &mut buffer));
-            data.extend_from_slice(&buffer[..count.unwrap_or(0)]);
+            if let Some(count) = count {
+                data.extend_from_slice(&buffer[..count]);
+            }
             match ended {
                 Ok(Some(_)) => return Ok(Some(String::from_utf8_lossy(&data).into_owned())),
                 Ok(None) if self.connection.now() < end => {}
@@ -188,8 +192,10 @@ impl LocalAxis {
         let mut sent = 0;
         loop {
             let fed = self.connection.with_axes(|axes, _| axes.feed_bytes(ticket, &data[sent..]));
-            sent += fed.unwrap_or(0);
-            progress(sent);
+            if let Some(count) = fed {
+                sent += count;
+                progress(sent);
+            }
             if running.wait(PUMP_INTERVAL)?.is_some() {
                 return Ok(());
             }

@@ -4,7 +4,7 @@ use super::failure::RequestKind;
 use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use crate::program::{AssemblyContext, Program};
-use polepair_core::error::Unsupported;
+use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::lane::{MemoryBlock, TransferKind};
 use polepair_core::program::{
     MemoryKind, MemoryRules, ProgramCommand, ProgramLanguage, TransferProgress,
@@ -99,18 +99,18 @@ impl LocalAxis {
         count: usize,
         show: impl FnMut(TransferProgress),
     ) -> Result<Program, Error> {
+        const WHAT: &str = "reading memory";
         let words = vec![0; count];
-        self.run_transfer(
-            "reading memory",
-            TransferKind::Read,
-            &[MemoryBlock { start, words }],
-            show,
-        )?;
+        self.run_transfer(WHAT, TransferKind::Read, &[MemoryBlock { start, words }], show)?;
         let read = self.connection.with_axes(|axes, _| {
             let pieces = axes.last_transfer(self.index)?.blocks();
             pieces.first().map(|piece| piece.words.clone())
         });
-        Ok(Program::from_words(start, read.unwrap_or_default()))
+        let read = read.ok_or_else(|| {
+            let outcome = Outcome::NotDone(Failure::Misbehaved);
+            self.outcome_error(WHAT, RequestKind::Query, outcome)
+        })?;
+        Ok(Program::from_words(start, read))
     }
 
     /// Has the drive go on at an address, whatever runs there now. The axis must be armed: a program
@@ -148,6 +148,7 @@ impl LocalAxis {
     /// [`Error`] by blame: the first; the stop, which ends the program, is sent in any case.
     pub fn abort(&self) -> Result<(), Error> {
         let called = self.run_order("ending the routine", ProgramCommand::Abort);
+        // ABORT ends the routine and leaves the motor in its motion.
         called.map(drop).and(self.stop())
     }
 
@@ -201,6 +202,8 @@ impl LocalAxis {
                 return Ok(progress);
             }
             let TransferProgress { done, total, .. } = progress;
+            debug_assert!(done <= total);
+            // The error of a broken transfer names how far it came.
             running.what = format!("{what}, at {done} of {total} words");
         }
     }

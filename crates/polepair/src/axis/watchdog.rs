@@ -178,8 +178,9 @@ impl LocalAxis {
                 }
                 let value = self.value(id, raw)?;
                 let seconds = value.value * value.unit.si_factor();
-                let after = Duration::try_from_secs_f64(seconds).unwrap_or_default();
-                Ok(WatchdogState::On(after))
+                // A value that is no time is not one of zero.
+                let after = Duration::try_from_secs_f64(seconds);
+                Ok(after.map_or(WatchdogState::Unknown, WatchdogState::On))
             }
             Watchdog::Heartbeat { consumer, reaction } => {
                 let watched = self.read_optional(consumer)?;
@@ -188,7 +189,7 @@ impl LocalAxis {
                     return Ok(WatchdogState::None);
                 };
                 let ms = watched & ((1 << TIME_BITS) - 1);
-                let node = u8::try_from(watched >> TIME_BITS & 0x7F).unwrap_or(0);
+                let node = (watched >> TIME_BITS & 0x7F) as u8;
                 Ok(match (node, ms) {
                     (0, _) | (_, 0) => WatchdogState::Off,
                     // A heartbeat of another node is no sign of this program; the drive would turn on without it.

@@ -52,10 +52,9 @@ impl Connector {
         let error = match self.read_chosen_profile(url, protocol) {
             Err(Error::File(error)) if self.is_for_stop => error,
             Err(Error::Usage { what, .. }) if self.is_for_stop => {
-                let key =
-                    ["setup", "eds", "profile"].into_iter().find(|key| url.key(key).is_some());
-                let key = key.unwrap_or_default();
-                FileError::for_file(format!("{key}={}", url.key(key).unwrap_or_default()), what)
+                let keys = ["setup", "eds", "profile"].into_iter();
+                let stated = keys.filter_map(|key| Some(format!("{key}={}", url.key(key)?)));
+                FileError::for_file(stated.collect::<Vec<_>>().join("&"), what)
             }
             chosen => return chosen,
         };

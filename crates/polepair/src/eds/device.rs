@@ -89,6 +89,8 @@ fn list_entries(eds: &Eds) -> Vec<DataSheetEntry> {
         }
     }
     all.sort_by_key(|one| (one.index, one.sub));
+    debug_assert!(all.is_sorted_by_key(|one| (one.index, one.sub)));
+    // Some sheets list an object in two sections; the first one counts.
     all.dedup_by_key(|one| (one.index, one.sub));
     all
 }
@@ -104,6 +106,7 @@ fn mapped_entries(eds: &Eds, base: u16) -> HashSet<(u16, u8)> {
 /// Types of the file's own, and those of a length that no number has, are bytes.
 fn type_code(data_type: DataType) -> u8 {
     match u8::try_from(data_type.0) {
+        // A maker's own type is a number of bytes to everybody else.
         Ok(code) if data_type.name().is_some() => code,
         _ => DataType::BYTES.0 as u8,
     }
@@ -159,6 +162,7 @@ fn lacks_node(at: (u16, u8), value: i64) -> bool {
 /// Default of sub-index 0 without a value: the number of mapped objects of a PDO, or the highest sub-index.
 fn highest_sub_index(object: &EdsObject) -> FactoryValue {
     let is_mapping = matches!(object.index, 0x1600..=0x17FF | 0x1A00..=0x1BFF);
+    // Its sub-index 0 counts the errors so far, of which there are none (CiA 301, 1003h).
     let is_history = object.index == 0x1003;
     let last = object
         .entries

@@ -55,6 +55,7 @@ pub(super) fn parse_sections(
             continue;
         }
         if let Some(name) = line.strip_prefix('[') {
+            // Editors of old left out the bracket; the section is clear all the same.
             let name = name.split(']').next().unwrap_or(name).trim().to_owned();
             sections.push(IniSection { name, location: position, lines: Vec::new() });
             continue;

@@ -36,6 +36,7 @@ pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
             Some(parameter) => DraftParameter { location: position.clone(), ..parameter.clone() },
             None => sheet_parameter(object, entry, &position),
         };
+        // Vendors use one name for many entries, such as "Reserved".
         if !names.insert(fold(&parameter.name)) {
             parameter.name = format!("{} ({})", parameter.name, symbol(object.index, entry.sub));
         }
@@ -55,6 +56,7 @@ pub(crate) fn accepts_sheet(profile: &Profile) -> bool {
 
 /// The base profile of the device type in the sheet.
 fn base_profile(eds: &Eds) -> Option<&'static Profile> {
+    // Without a device type the controlword shows a drive.
     let kind = eds.entry(0x1000, 0).and_then(|entry| entry.default_at(1)).unwrap_or(0);
     let is_drive = kind & 0xFFFF == 402 || (kind == 0 && eds.object(0x6040).is_some());
     let name = if is_drive { BASE_PROFILES.1 } else { BASE_PROFILES.0 };
@@ -167,6 +169,7 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
     // What process data are is as this node is configured, where the sheet is one node's.
     let process = (0x1400..0x1C00).contains(&parameter.index);
     let default = if process { entry.effective_value() } else { entry.default.as_ref() };
+    // A value that depends on the node-ID is none of the product.
     let default = default.filter(|it| it.integer(0) == it.integer(1));
     parameter.default = default.and_then(|it| raw_value(encoding, it, 0));
     parameter.default = parameter
@@ -198,6 +201,7 @@ fn identity(eds: &Eds, draft: &Draft, position: &FileLocation) -> Option<DraftId
     let number = super::value::parse_integer(eds.device_info("ProductNumber")?)?.value;
     let known = draft.parameters.iter().any(|p| p.name == PRODUCT_CODE);
     let parameter = Located { value: PRODUCT_CODE.to_owned(), location: position.clone() };
+    // Zero means "not filled in" in many sheets, and would fit any such device.
     (known && number != 0).then(|| DraftIdentity {
         parameter: Some(parameter),
         text: String::new(),

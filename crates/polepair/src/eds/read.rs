@@ -74,6 +74,7 @@ pub(super) fn parse_eds(file: &str, text: &str) -> Result<Eds, FileError> {
             }
         }
     }
+    // Last, since building the objects adds to them.
     eds.warnings = reader.warnings(file);
     Ok(eds)
 }
@@ -108,6 +109,7 @@ impl SectionKind {
             list if LIST_SECTIONS.contains(&list) => return Self::List,
             _ => {}
         }
+        // Four at most: names of other sections may begin with more such letters.
         let digits = name.bytes().take_while(u8::is_ascii_hexdigit).count().min(4);
         let Ok(index) = u16::from_str_radix(&name[..digits], 16) else { return Self::Other };
         match &name[digits..] {
@@ -200,6 +202,7 @@ impl EdsReader {
         }
         let lost: HashSet<u16> = sections.keys().copied().collect();
         let mut listed: Vec<_> = std::mem::take(&mut self.listed).into_iter().collect();
+        // A map has no order, and the warnings of two runs must be the same.
         listed.sort_by_key(|(index, _)| *index);
         for (index, location) in listed.iter().filter(|(index, _)| !lost.contains(index)) {
             self.warn(location.error(format!("object 0x{index:04X} is listed and has no section")));
@@ -209,6 +212,7 @@ impl EdsReader {
 
     fn build_object(&mut self, index: u16, section: &IniSection) -> Option<EdsObject> {
         let subs = self.subs.remove(&index).unwrap_or_default();
+        // The entries of an array may be stated once (CiA 306, CompactSubObj).
         let compact = self.read_u8(section, "CompactSubObj").filter(|count| *count > 0);
         let kind = self.object_type(section, !subs.is_empty() || compact.is_some());
         let name = section.get("ParameterName").map(|line| line.value.clone());
@@ -231,6 +235,7 @@ impl EdsReader {
             }
             (true, _) => self.read_subs(&mut object, section, &subs),
         }
+        debug_assert!(object.index == index);
         self.entries += object.entries.len();
         if self.entries > ENTRIES_MAX {
             let reason = format!("more than {ENTRIES_MAX} entries: left out");
@@ -353,6 +358,7 @@ impl EdsReader {
 
     fn read_literal(&mut self, line: &IniLine, kind: DataType) -> Option<Literal> {
         let mut text = None;
+        // A semicolon in a text belongs to it.
         let given = if kind.is_integer() { without_remark(&line.value) } else { &line.value };
         match value::parse_literal(given, kind, &mut |reason| text = Some(reason)) {
             Ok(literal) => {

@@ -67,6 +67,8 @@ pub(super) fn parse_integer(text: &str) -> Option<ParsedInteger> {
         None => (false, text.strip_prefix('+').unwrap_or(text)),
     };
     let hex = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X"));
+    // CiA 306 reads a leading zero as octal, which most authors of such files did not mean: a warning
+    // shows it.
     let octal = hex.is_none() && digits.len() > 1 && digits.starts_with('0');
     let magnitude = match hex {
         Some(digits) if !digits.starts_with('+') => u64::from_str_radix(digits, 16).ok()?,
@@ -148,6 +150,8 @@ fn fit_to_type(value: i64, kind: DataType) -> Option<i64> {
     if bits == 64 {
         return Some(value);
     }
+    debug_assert!(bits < 64);
+    // Many sheets write a negative number by its bits, such as 0xFFFF for -1.
     let as_bits = kind.is_signed() && (0..1 << bits).contains(&value);
     as_bits.then(|| value << (64 - bits) >> (64 - bits))
 }

@@ -70,6 +70,7 @@ fn write_pairs(f: &mut fmt::Formatter<'_>, lines: &[(String, String)]) -> fmt::R
 
 fn write_object(f: &mut fmt::Formatter<'_>, object: &EdsObject) -> fmt::Result {
     let EdsObject { index, name, kind, .. } = object;
+    // With the line ends of Windows, as the tools of vendors write and expect them.
     write!(f, "[{index:04X}]\r\nParameterName={name}\r\nObjectType=0x{:X}\r\n", kind.code())?;
     if object.flags != 0 {
         write!(f, "ObjFlags=0x{:X}\r\n", object.flags)?;

@@ -58,6 +58,7 @@ pub(crate) fn apply_entries(
             None => undescribed(&entry, location),
         });
     }
+    // Before the others are removed, which are found by name.
     rename_clashing(&mut parameters);
     draft.parameters = parameters;
     remove_missing(draft);
@@ -72,6 +73,7 @@ fn rename_clashing(parameters: &mut Vec<DraftParameter>) {
     parameters.retain_mut(|p| {
         let clash = words.get(&fold(&p.name)).filter(|_| !is_described_parameter(p));
         let Some(index) = clash else { return true };
+        // The same variable under its readable name.
         if *index == p.index {
             return false;
         }
@@ -110,6 +112,7 @@ pub(crate) fn parse_entries(text: &str, strict: bool) -> Result<Vec<MapEntry<'_>
                 entries.extend(entry.filter(|entry| strict || names.insert(fold(entry.name))));
             }
             Err(reason) if strict => return Err(format!("map, line {}: {reason}", at + 1)),
+            // A firmware of a later year may have types that are unknown here; the rest of its map is good.
             Err(_) => {}
         }
         if entries.len() > ENTRIES_MAX {

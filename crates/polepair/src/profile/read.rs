@@ -170,12 +170,14 @@ pub(crate) fn read_draft(
             Some(name) => base(&name)?,
             None => new_draft(&node)?,
         };
+        // Before anything of this file is read: it clears what was inherited, not what the file adds.
         for table in node.texts("replace")? {
             clear_table(&mut draft, &table)?;
         }
         shift_registers(&mut draft, &node)?;
         read_head(&mut draft, &node)?;
         let file = ProfileReader { dialect: find_dialect(&node, &draft.protocol)? };
+        // The map first, because the parameters of the file are laid over it.
         if let Some(map) = node.text("map")? {
             memory_map::apply_map(&mut draft, &map)?;
         }
@@ -279,6 +281,7 @@ fn read_identity(node: &TomlTable<'_, '_>) -> Result<Option<DraftIdentity>, File
         number_or_zero("equals", &table)?,
         number_or_zero("firmware", &table)?,
     );
+    // Such a pattern fits no value: the drive would never be identified, without a sign of why.
     if equals & !mask != 0 {
         return Err(table.location().error("`equals` has bits that `mask` takes away"));
     }
@@ -399,9 +402,9 @@ fn shift_registers(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), Fi
     let mut moves = Vec::new();
     for range in &ranges {
         moves.push((
-            word_or_zero("from", range)?,
-            word_or_zero("to", range)?,
-            word_or_zero("count", range)?,
+            required_word("from", range)?,
+            required_word("to", range)?,
+            required_word("count", range)?,
         ));
     }
     draft.parameters.retain_mut(|p| {
@@ -409,17 +412,21 @@ fn shift_registers(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), Fi
         let single = matches!(p.encoding, Encoding::U16 | Encoding::I16) && p.space == 0;
         let range = moves.iter().find(|(from, _, count)| (*from..from + count).contains(&at));
         let to = range.and_then(|(from, to, _)| u16::try_from(at - from + to).ok());
+        // A register outside of all ranges is dropped below.
         p.index = to.unwrap_or(p.index);
         single && to.is_some()
     });
+    // They name registers by their old places; a plan that writes a shifted one would write another
+    // parameter.
     (draft.signals, draft.plans, draft.identity) = (Vec::new(), Vec::new(), None);
     draft.motion = DraftMotion::new();
     draft.optional = Vec::new();
     Ok(())
 }
 
-fn word_or_zero(key: &str, range: &TomlTable<'_, '_>) -> Result<i64, FileError> {
-    range.integer_between(key, 0, 65_535).map(|n| n.unwrap_or(0))
+fn required_word(key: &str, range: &TomlTable<'_, '_>) -> Result<i64, FileError> {
+    let word = range.integer_between(key, 0, 65_535)?;
+    word.ok_or_else(|| range.location().error(format!("`shift` needs `{key}`")))
 }
 
 struct ProfileReader {
@@ -458,6 +465,7 @@ impl ProfileReader {
 
     /// Returns whether two entries are one: their names are, or in a memory the names that the map gives them.
     fn is_same(&self, one: &(String, String), other: &(String, String)) -> bool {
+        // A variable of TML is known by its symbol in the map; its readable name is ours.
         let memory = self.dialect.protocol == MEMORY_PROTOCOL;
         one.0 == other.0 || (memory && !one.1.is_empty() && one.1 == other.1)
     }
@@ -526,6 +534,7 @@ impl ProfileReader {
     }
 
     fn read_faults(&self, draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
+        // Only inherited faults are replaced: two of one code in the same file are an error.
         let inherited = draft.faults.len();
         for table in node.tables("fault", &FAULT_KEYS)? {
             let fault = read_fault(&table)?;
@@ -649,6 +658,7 @@ pub(super) fn read_values(table: &TomlTable<'_, '_>) -> Result<Vec<(i64, String)
         })?;
         values.push((raw, word));
     }
+    // TOML tables have no order, and two runs must make the same file.
     values.sort();
     Ok(values)
 }

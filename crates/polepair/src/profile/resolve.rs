@@ -29,10 +29,12 @@ pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileErr
     let parameters = draft.parameters.iter().map(|p| names.parameter(p));
     let signals = draft.signals.iter().map(|s| names.signal(s));
     let mut plans: Vec<&DraftPlan> = draft.plans.iter().collect();
+    // In the order of the verbs, so that the same profile gives the same bytes whatever its file's order.
     plans.sort_by_key(|plan| plan.verb);
     let plans = plans.into_iter().map(|plan| names.plan(plan));
     let mut signals = signals.collect::<Result<Vec<_>, _>>()?;
     signals.sort_by_key(|source| source.signal);
+    // A profile lives as long as the program: axes of all threads refer to it.
     Ok(Box::leak(Box::new(Profile {
         name: leak_text(&draft.name),
         family: leak_text(&draft.family),
@@ -145,6 +147,8 @@ impl<'a> NameResolver<'a> {
         let mut wires = HashMap::new();
         for (at, p) in draft.parameters.iter().enumerate() {
             let id = u16::try_from(at).map_err(|_| p.location.error("too many parameters"))?;
+            // One register under two names would have two limits. Memory is excepted: bits and words overlap
+            // there.
             let other = wires.insert((p.space, p.index), &p.name);
             if let Some(other) = other.filter(|_| draft.protocol != MEMORY_PROTOCOL) {
                 let reason = format!("`{}` has the space and index of `{other}`", p.name);
@@ -183,6 +187,7 @@ impl<'a> NameResolver<'a> {
     ) -> Result<ParameterId, FileError> {
         let id = self.id(name)?;
         let access = self.draft_parameter(id).access;
+        // Found when the file is read, not when the motor is to stop.
         if uses.contains(&RequiredAccess::Write) && access == Access::Read {
             return Err(name.location.error(format!("`{}` can only be read", name.value)));
         }
@@ -299,6 +304,10 @@ impl<'a> NameResolver<'a> {
                 return Err(plan.location.error(format!("`{verb}` is never given a `{{{word}}}`")));
             }
         }
+        debug_assert!(
+            plan.steps.len() + plan.undo.len() <= 64,
+            "an outcome has a bit for each step"
+        );
         let steps = |drafts: &[DraftStep]| -> Result<&'static [Step], FileError> {
             Ok(drafts.iter().map(|step| self.step(step)).collect::<Result<Vec<_>, _>>()?.leak())
         };
@@ -438,6 +447,7 @@ fn judged_arrival(steps: &[DraftStep]) -> Vec<DraftStep> {
         })
         .collect();
     if !steps.iter().any(|step| matches!(step, DraftStep::Arrival { .. })) {
+        // A plan may not end with a drive's bit alone: where the motor is, only its position shows.
         steps.push(DraftStep::Arrival { flag: None, within_ms: ARRIVAL_MAX_MS });
     }
     steps

@@ -60,6 +60,7 @@ fn read_variables(path: &Path) -> Result<String, String> {
     }
     let file = Cursor::new(read_limited(path, ARCHIVE_MAX)?);
     let mut archive = ZipArchive::new(file).map_err(|e| format!("no archive: {e}"))?;
+    // EasyMotion Studio writes a handful.
     if archive.len() > FILES_MAX {
         return Err(format!("more than {FILES_MAX} files in it"));
     }
@@ -68,6 +69,7 @@ fn read_variables(path: &Path) -> Result<String, String> {
     let known = known.ok_or_else(|| format!("no {VARIABLES} in it"))?;
     let packed = archive.by_name(&known).map_err(|e| format!("{known}: {e}"))?;
     let mut bytes = Vec::new();
+    // The archive's own statement of the size is not trusted.
     let read = packed.take(VARIABLES_MAX + 1).read_to_end(&mut bytes);
     read.map_err(|e| format!("{known}: {e}"))?;
     if bytes.len() as u64 > VARIABLES_MAX {
@@ -126,6 +128,7 @@ fn pack_archive(profile: &Profile, path: &Path) -> zip::result::ZipResult<()> {
     for p in profile.parameters {
         writeln!(archive, "{} {} @0x{:04X}", memory_map::type_word(p.encoding), p.symbol, p.index)?;
     }
+    // Made in memory first: an archive that is cut off would hide the older one.
     Ok(polepair_files::write_atomic(path, archive.finish()?.get_ref())?)
 }
 

@@ -141,6 +141,7 @@ pub(crate) fn parse_block_start(step: &Located<String>) -> Result<DraftStep, Fil
     }
     let (read, mut test) = parse_condition(&rest)?;
     if verb.text == "if" {
+        // The steps are skipped when the opposite holds.
         test.compare = match test.compare {
             Compare::Equal => Compare::NotEqual,
             Compare::NotEqual => Compare::Equal,
@@ -218,6 +219,7 @@ impl<'a> StepText<'a> {
     }
 
     fn require_last_split(&self, mark: &str, form: &str) -> Result<(Self, Self), FileError> {
+        // The last one, because a parameter's name may hold the same word.
         let at = self.text.rfind(mark).ok_or_else(|| self.error(format!("expected {form}")))?;
         Ok(self.split(at, mark.len()))
     }
@@ -247,6 +249,7 @@ impl<'a> StepText<'a> {
         };
         if let Some((word, speed)) = inner.split_once("? as time to ") {
             let argument = self.find_argument(word)?;
+            // TS drives count a ramp as the time to a speed.
             if !matches!(argument, Argument::Acceleration | Argument::Deceleration) {
                 return Err(self.error(format!("`{word}` has no time in which it reaches a speed")));
             }
@@ -290,6 +293,7 @@ impl<'a> StepText<'a> {
         if !(0.0..=f64::from(WAIT_MS_MAX)).contains(&ms) {
             return Err(self.error(format!("a step waits 0 to {WAIT_MS_MAX} ms")));
         }
+        debug_assert!(ms.is_finite());
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked")]
         Ok(ms.round() as u32)
     }

@@ -260,6 +260,9 @@ fn a_file_extends_another_file_of_its_folder() {
 
     let path = write("ouroboros.toml", "name = \"ouroboros\"\nextends = \"ouroboros\"\n");
     assert!(load(&path).unwrap_err().reason.contains("extend one another"));
+    let shift = "[[shift]]\nfrom = 0\nto = 0x2000\n";
+    let path = write("pump-12.toml", &format!("name = \"pump-12\"\nextends = \"pump-9\"\n{shift}"));
+    assert!(load(&path).unwrap_err().reason.contains("`shift` needs `count`"));
     let error = load(&folder.join("absent.toml")).unwrap_err();
     assert_eq!(error.line, 0);
     std::fs::remove_dir_all(&folder).unwrap();

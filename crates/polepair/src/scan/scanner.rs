@@ -355,7 +355,7 @@ impl DriveScanner {
     fn note_ignored_address(&mut self) -> bool {
         let (unanswered, misaddressed) =
             (std::mem::take(&mut self.unanswered), std::mem::take(&mut self.misaddressed));
-        let found = self.report.found.get_mut(self.found_before..).unwrap_or_default();
+        let found = &mut self.report.found[self.found_before..];
         match found {
             [only] if misaddressed >= MISADDRESSED_MIN && misaddressed == unanswered => {
                 // One drive at one address and its reply to every other request: its address is not looked at.

@@ -286,6 +286,7 @@ fn parse_value(key: &OptionKey, text: &str) -> Result<Option<u32>, Error> {
     let name = key.name;
     match key.kind {
         OptionKind::Text => Ok(None),
+        // Upwards: a limit that is rounded down to zero would be none.
         OptionKind::Milliseconds => Ok(Some(parse_seconds(name, text, |s| (s * 1e3).ceil())?)),
         OptionKind::Gap if text == "3.5c" => Ok(Some(HostOptions::GAP_CHARACTERS)),
         OptionKind::Gap => Ok(Some(parse_seconds(name, text, |s| (s * 1e6).round())?)),
@@ -328,6 +329,7 @@ pub(super) fn seconds(name: &str, text: &str) -> Result<f64, Error> {
     if !(0.0..=SECONDS_MAX).contains(&seconds) {
         return Err(url_error(format!("`{name}={text}` is not between 0 and an hour"), ""));
     }
+    // Every request would fail before its reply, also a stop.
     if name == "timeout" && seconds <= 0.0 {
         let what = format!("`{name}={text}` leaves drives no time to answer");
         return Err(url_error(what, "without it each drive has the time limit of its profile"));

@@ -370,7 +370,8 @@ impl Bench {
 /// The drives that are meant, and may be taken in.
 fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive>, GatewayError> {
     let found = lock_unpoisoned(&link.scan.found).clone();
-    let last_found = link.scan.last_view().map(|view| view.found).unwrap_or_default();
+    let last_found: Vec<_> =
+        link.scan.last_view().into_iter().flat_map(|view| view.found).collect();
     let axis = |one: &DetectedDrive| {
         last_found
             .iter()

@@ -181,7 +181,7 @@ impl SwarmAxis {
     pub fn truth(&self, world: &mut World) -> GroundTruth {
         world
             .inspect(self.drive, |n, now| n.bench().map(|b| b.ground_truth(now)))
-            .unwrap_or_default()
+            .expect("the drive is in its world")
     }
 
     /// Nothing that was known of the drive holds any more.

@@ -332,7 +332,7 @@ impl HostUser {
         let now = world.now();
         let counters: Option<Counters> =
             world.inspect(self.host, |n, _| n.axes().map(|a| a.counters()));
-        report.requests += counters.unwrap_or_default().sent;
+        report.requests += counters.expect("the host is in its world").sent;
         report.copies_taken += match &self.checker {
             InvariantChecker::Serial(watch) => watch.copies_taken,
             InvariantChecker::Can(watch) => watch.copies_taken,

@@ -113,6 +113,7 @@ impl NodeTracker {
             self.unanswered_count = self.unanswered_count.saturating_add(1);
             self.unanswered_reported = true;
         }
+        // A host that searches for nodes asks each number; silence there is normal.
         if self.seen { first } else { given_up && self.unanswered_count == UNHEARD_MAX }
     }
 
@@ -160,6 +161,7 @@ impl NodeTracker {
         now: Option<Timestamp>,
         notices: &mut Vec<SessionNotice>,
     ) {
+        // After an order a change of state is expected, and proves no second device.
         (self.flips, self.forbidden_data, self.forbidden_reported) = (0, None, false);
         let state = match command {
             NmtCommand::Start => NmtState::Operational,
@@ -260,10 +262,13 @@ impl NodeTracker {
         notices: &mut Vec<SessionNotice>,
     ) {
         self.mark_present(true, notices);
+        // Any state proves that the start is over, also where its boot-up message was lost.
         self.reset_pending = false;
+        // Makers use spare numbers for states of their own.
         if matches!(state, NmtState::Other(_)) {
             return;
         }
+        // A state right after two boot-ups: the node runs, so both were real.
         self.confirm_suspicion(None, notices);
         if let (Some((ordered, when)), true) = (self.commanded, self.state != Some(state)) {
             // A state that is sent at once may be the previous one.

@@ -102,6 +102,7 @@ impl Pdo {
             .filter(|laid| (self.length_matched || laid.unmapped) && !self.length_reported)?;
         let process = laid.process_data.as_ref()?;
         let need = process.mapping().bytes();
+        // A receiver takes the bytes that it has mapped and ignores the rest (CiA 301).
         let right = len == need || (!self.from_node && len > need) || laid.unmapped;
         (right && laid.inferred_len.is_none_or(|by| by == len)).then_some(process)
     }
@@ -173,6 +174,7 @@ impl Pdo {
         }
         let usual = || default_mapping(self.default_cob().filter(|_| beside.is_drive)?, len);
         let known = self.count.is_some() || self.entries.iter().any(Option::is_some);
+        // Half a captured mapping is worth more than a usual one that contradicts it.
         let usual = if known { None } else { usual() };
         let entries: Vec<MappingEntry> =
             usual.iter().flat_map(|map| map.fields()).map(|(e, _)| e).collect();
@@ -191,6 +193,7 @@ impl Pdo {
         &self,
         profile: Option<&'static Profile>,
     ) -> Option<(Vec<MappingEntry>, Quality)> {
+        debug_assert!(self.number > 0, "PDOs are counted from 1");
         let index = if self.from_node { 0x1A00 } else { 0x1600 } + (self.number - 1);
         let mut captured = self.is_captured();
         let count = self.count.or_else(|| u8::try_from(default_of_sub(0, profile, index)?).ok())?;
@@ -203,6 +206,7 @@ impl Pdo {
             });
             entries.push(known?);
         }
+        // A data sheet describes this very device; a product's profile only its factory setting.
         let sheet = profile.is_some_and(|profile| !is_built_in(profile)) && !self.stale;
         Some((entries, if captured || sheet { Quality::Good } else { Quality::Inferred }))
     }

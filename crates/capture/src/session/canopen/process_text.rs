@@ -107,7 +107,8 @@ impl ProcessText {
         }
         self.end.append_to(&mut text);
         // Names are text, and so is all between them.
-        explanation.text = String::from_utf8(text).unwrap_or_default();
+        explanation.text =
+            String::from_utf8(text).expect("names are text, and so is all between them");
     }
 
     /// Bytes that a line takes of them at most.

@@ -298,6 +298,7 @@ impl SdoChannel {
     fn abandon_transfer(&mut self, notices: &mut Vec<SessionNotice>) {
         self.release_held(notices);
         let t = &self.transfer;
+        // In the middle of a transfer a late frame would be one of its segments, which no new transfer takes.
         let moved = t.last_progress.filter(|_| t.phase == TransferPhase::First);
         let until = moved.map(|moved| moved.plus(LATE_FACTOR * t.timeout_ns()));
         let (op, object, request) = (t.op, t.object, t.requested);
@@ -378,6 +379,7 @@ impl SdoChannel {
     ) {
         let t = &self.transfer;
         self.state = ChannelState::Idle;
+        // Each repetition may still get its own reply.
         self.extra_replies = t.retries;
         notices.push(SessionNotice::Exchange(ExchangeNotice {
             axis: Some(self.node.into()),
@@ -469,6 +471,7 @@ impl SdoTransfer {
     fn append_bytes(&mut self, bytes: &[u8]) {
         self.received = self.received.saturating_add(bytes.len() as u32);
         self.crc = crc(self.crc, bytes);
+        // The check goes on over all bytes; only the head is kept.
         let capacity = HEAD_MAX.saturating_sub(self.value_head.len());
         self.value_head.extend_from_slice(&bytes[..bytes.len().min(capacity)]);
     }
@@ -478,6 +481,7 @@ impl SdoTransfer {
         let len = u8::try_from(self.received)
             .ok()
             .filter(|len| *len <= 8 && !self.value_head.is_empty())?;
+        debug_assert!(self.value_head.len() <= 8);
         let bits = super::bytes_to_word(&self.value_head);
         let len = if self.size_unknown { 0 } else { len };
         Some(TransferredValue {
@@ -491,6 +495,7 @@ impl SdoTransfer {
 
     fn timeout_ns(&self) -> u64 {
         match self.object.index {
+            // Store, restore, program data and program control (CiA 301, CiA 302-3).
             0x1010 | 0x1011 | 0x1F50 | 0x1F51 => FLASH_TIMEOUT_NS,
             _ => TIMEOUT_NS,
         }

@@ -184,6 +184,7 @@ impl Pairing {
     ) {
         self.note_start(observed.time);
         self.request_count = self.request_count.saturating_add(1);
+        // Before anything else: a repetition belongs to the request that it repeats.
         if self.match_retry(observed, explanation.axis, notices) {
             return;
         }
@@ -191,6 +192,7 @@ impl Pairing {
             self.requests.iter().rfind(|request| request.exchange.axis == explanation.axis);
         self.overlapping += u64::from(before.is_some_and(TrackedRequest::awaits_answer));
         self.expire_overtaken(awaits, observed, explanation.axis, notices);
+        // Buffers of settled requests are used again: a busy serial line has thousands of exchanges a second.
         let mut request = self.recycle_request(notices);
         let op = self.intern_operation(&explanation.kind);
         request.exchange = ExchangeNotice {
@@ -214,6 +216,7 @@ impl Pairing {
             RequestState::Open
         };
         self.schedule(&request);
+        debug_assert!(self.requests.len() < REQUESTS_MAX);
         self.requests.push_back(request);
     }
 
@@ -267,6 +270,7 @@ impl Pairing {
         for at in (0..self.requests.len()).rev() {
             let request = &self.requests[at];
             let same_axis = request.exchange.axis == axis;
+            // Only where the capture has acknowledgements at all: a tap on one wire sees none.
             let unacked = turns && acked && request.acks == 0 && self.acks > 0;
             match request.state {
                 RequestState::Open if unacked && request.awaits.acks == ReplyCount::Exactly(1) => {
@@ -306,6 +310,7 @@ impl Pairing {
     ) -> Quality {
         self.note_start(observed.time);
         self.acks += 1;
+        // The oldest: an acknowledgement carries no address, and a line keeps its order (TML on RS-232).
         let Some(request) = self.requests.iter_mut().find(waits_for_ack) else {
             if let Some(request) = self.last_acknowledged(observed.time) {
                 let text = format!("{}: acknowledged twice", request.description());
@@ -351,6 +356,7 @@ impl Pairing {
         let open = self.find_candidate(observed);
         if let Some(at) = open {
             self.answers += 1;
+            // Before it is settled, because afterwards it would count as answered itself.
             self.expire_earlier(at, observed, notices);
             let quality = self.settle_request(at, observed, notices);
             return AnswerMatch { requested: true, quality };
@@ -430,14 +436,15 @@ impl Pairing {
         request.exchange.answered = Some((observed.number, observed.time));
         request.answer.clear();
         request.answer.extend_from_slice(observed.raw.bytes);
+        // A read of several registers has one reply for each of them.
         if matches!(request.awaits.answers, ReplyCount::Exactly(count) if request.answers < count) {
             return Quality::Good;
         }
         request.state = RequestState::Settled;
         let refused = observed.dissector.refusal_reason(&observed.raw, &request.frame.raw());
         let late = request.is_late(observed.time);
-        if !late {
-            let took = request.exchange.latency().unwrap_or(0);
+        // A capture without times has no usual delay to compare with.
+        if !late && let Some(took) = request.exchange.latency() {
             self.slowest = self.slowest.max(took);
             self.fastest = Some(self.fastest.map_or(took, |fastest| fastest.min(took)));
             self.recent_mean =
@@ -454,15 +461,18 @@ impl Pairing {
         }
         if late {
             let limit = request.limit_ns / 1_000_000;
-            let took = request.exchange.latency().unwrap_or(0) / 1_000_000;
-            let text =
-                format!("{}: answered after {took} ms, {limit} allowed", request.description());
+            let took = match request.exchange.latency() {
+                Some(ns) => format!("after {} ms", ns / 1_000_000),
+                None => "late".to_owned(),
+            };
+            let text = format!("{}: answered {took}, {limit} allowed", request.description());
             notices.push(anomaly(AnomalyKind::LateReply, request.exchange.axis, text));
         }
         notices.push(SessionNotice::Exchange(request.exchange));
         if refused.is_none() && observed.dissector.sets_reply_format(&request.frame.raw()) {
             self.learn_format(at);
         }
+        // A late value is kept, but a diagram can leave it out: it may belong to an earlier request.
         if late { Quality::Stale } else { Quality::Good }
     }
 
@@ -486,6 +496,7 @@ impl Pairing {
                 request.description()
             );
             notices.push(anomaly(AnomalyKind::Restart, axis, text));
+            // A drive that has started again has forgotten how it was to reply.
             self.format_requests.retain(|(of, _)| Some(*of) != axis);
             return Quality::Good;
         }
@@ -547,6 +558,7 @@ impl Pairing {
         if self.requests.len() == REQUESTS_MAX {
             let settled =
                 self.requests.iter().position(|request| request.state != RequestState::Open);
+            // With none settled the oldest is given up: memory stays bounded in a capture of requests alone.
             let at = settled.unwrap_or(0);
             if settled.is_none() {
                 let now = self.requests[at].last_sent;
@@ -596,6 +608,7 @@ impl Pairing {
             return known;
         }
         let op = intern(kind);
+        // A capture with more names than a protocol has is hostile; those are looked up each time.
         if self.operations.len() < OPERATIONS_MAX {
             self.operations.push(op);
         }

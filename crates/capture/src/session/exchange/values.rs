@@ -108,6 +108,7 @@ impl ValueTracker {
             let key = (found.axis, found.frame_value.motor, object_key(profile, id));
             replace_known(&mut self.factor_values, key, found.frame_value.raw);
         }
+        // After the factor was noted: a parameter may scale itself.
         let (value, unit, quality) = self.scale_value(profile, parameter, &found);
         let mut named = false;
         for source in profile
@@ -121,6 +122,7 @@ impl ValueTracker {
                     let word = motor_name(word, found.frame_value.motor);
                     notices.push(found.signal_notice(word, value, unit, quality));
                 }
+                // A written value is an order, and no state of the drive.
                 None if found.quality != Quality::BadCheck && !found.frame_value.written => {
                     self.report_state(profile, parameter, source, &found, notices);
                 }
@@ -149,11 +151,13 @@ impl ValueTracker {
             if let Some((_, raw)) = known {
                 return Some(*raw);
             }
+            // A default from a data sheet is no reading.
             quality.set(quality.get().max(Quality::Inferred));
             profile.parameter(id)?.default
         };
         match scale.compute(profile, parameter.encoding.is_signed(), &read) {
             Ok(scale) => (raw * scale.factor, parameter.unit.symbol(), quality.get()),
+            // Without its scale the raw value has no unit; a wrong one would be worse.
             Err(_) => (raw, "", found.quality),
         }
     }
@@ -230,6 +234,7 @@ impl ValueTracker {
     ) {
         let (axis, raw) = (found.axis, found.frame_value.raw);
         let word = raw as u32;
+        // Some drives report one code, others a word with a bit for each fault.
         let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
         let now: Vec<&'static Known> = profile
             .faults

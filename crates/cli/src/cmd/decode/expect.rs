@@ -99,7 +99,7 @@ impl EventSink for ExpectationTest {
         let (mut object, mut line) = (Vec::new(), Vec::new());
         jsonl::write_frame(event, &mut object);
         self.text.write(event, &mut line);
-        let value = serde_json::from_slice(&object).unwrap_or_default();
+        let value = serde_json::from_slice(&object).expect("a frame is one JSON object");
         let line = String::from_utf8_lossy(&line).trim_end().to_owned();
         self.frames.push_back(UnmatchedFrame { value, line, number: event.number });
         self.match_pending(LOOKAHEAD);

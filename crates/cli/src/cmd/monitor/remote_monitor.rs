@@ -111,6 +111,7 @@ impl RemoteMonitor {
     fn add_frame(&mut self, item: FrameItem) {
         let (theirs, own_wall_ns) =
             *self.first_frame.get_or_insert_with(|| (item.t_us, own_wall_ns()));
+        // The server's times differ from this computer's by an unknown amount: only differences are used.
         let since = ((item.t_us - theirs).max(0.0) * 1e3) as u64;
         self.flaw_count += u64::from(!item.ok);
         let wire = self.links.iter().position(|link| *link == item.link).unwrap_or(0);
@@ -295,6 +296,7 @@ impl MonitorSource for RemoteMonitor {
         if self.lost.is_none()
             && let Err(gone) = self.process_updates()
         {
+            // Values stay on the screen, marked as outdated: a glance shows where the axes were.
             self.lost = Some((now, gone));
         }
         self.traffic.update_rates(now);
@@ -311,6 +313,7 @@ impl MonitorSource for RemoteMonitor {
         let axes = (!self.all_axes).then_some(ids);
         let request =
             StopRequest { axes, reason: "polepair monitor".to_owned(), ..StopRequest::default() };
+        // In a thread: the key that stops must not wait for the drawing, nor the drawing for the reply.
         let pending = self.gateway.spawn(move |gateway| gateway.stop(&request));
         self.stop = Some(RequestedStop { at: clock::now(), pending, refused: None });
     }

@@ -180,7 +180,7 @@ impl Listing {
             }
             None => {
                 let read = axis.instruction_at(at).map_err(outcome::to_problem)?;
-                (read.instruction_text(0).unwrap_or_default(), String::new())
+                (read.instruction_text(0).expect("one instruction was read"), String::new())
             }
         };
         Ok(format!("{at:4}  {text:<28}{place}").trim_end().to_owned())

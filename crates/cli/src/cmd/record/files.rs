@@ -137,6 +137,7 @@ impl CaptureFiles {
     fn start_next(&mut self) -> Result<()> {
         let (number, next) = OpenCapture::create_numbered(&self.place, self.number + 1)?;
         (self.number, self.files) = (number, self.files + 1);
+        // The next file is open before the last one ends: without room for it the last one goes on.
         std::mem::replace(&mut self.current, next).finish()
     }
 }
@@ -150,6 +151,7 @@ impl OpenCapture {
             if output_file::check_recording(&path, place.existing).is_ok() {
                 return Ok((number, Self::create(path, place.existing, place.format)?));
             }
+            debug_assert!(number < u32::MAX);
             number += 1;
         }
     }
@@ -172,6 +174,7 @@ impl OpenCapture {
 /// `bus-0002.log.zst` for `bus.log.zst`.
 fn numbered_path(path: &Path, number: u32) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
+    // At the first dot, so that `a.pcapng.zst` keeps both of its endings.
     let (stem, ends) = name.split_at(name.find('.').unwrap_or(name.len()));
     path.with_file_name(format!("{stem}-{number:04}{ends}"))
 }

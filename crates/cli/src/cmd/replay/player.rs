@@ -178,6 +178,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
         match self.play_all(items) {
             Ok(()) | Err(PlayEnd::Halted) => {}
             Err(PlayEnd::LinkGone(error)) => {
+                // The other wires end as well: half of a replay is another sequence of commands.
                 self.control.halt.store(true, Ordering::Relaxed);
                 self.result.ended_by = Some(error);
             }
@@ -197,6 +198,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
                     self.wait_through(sent, &last, item.at)?
                 }
             };
+            // Received while it waits: a full buffer of the adapter would lose replies.
             self.receive_until(due)?;
             let Some(unit) = M::from_unit(&item.unit) else { continue };
             self.send(unit)?;
@@ -204,6 +206,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
             if let ReplayPace::Recorded(_) = self.control.pace {
                 self.result.lateness.record(now.since(due).as_nanos() as u64);
             }
+            // Counted when it was sent, not when it was read: what was not sent moved nothing.
             self.count_moved(&item);
             before = Some((now, item));
         }
@@ -229,6 +232,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
         next: u64,
     ) -> Result<Instant, PlayEnd> {
         let Some(unit) = M::from_unit(&last.unit) else { return Ok(sent) };
+        // The link takes a frame sooner than the wire has carried it.
         let through = sent.plus_ns(self.rate.map_or(0, |rate| M::duration_ns(unit, rate)));
         let latest = sent.plus_ns(next.saturating_sub(last.at)).max(through);
         let Some(by) = last.answer_dissector else { return Ok(through) };

@@ -84,15 +84,16 @@ fn read_file(name: &str) -> Result<Vec<u8>> {
 /// Bytes in hexadecimal: `0F 00` or `0F00`.
 fn parse_bytes(text: &str) -> Result<Vec<u8>> {
     let digits: String = text.chars().filter(|c| !c.is_whitespace()).collect();
-    let hex = digits.bytes().all(|c| c.is_ascii_hexdigit());
-    if digits.is_empty() || digits.len() % 2 == 1 || !hex {
-        let what = format!("{text:?} is not a sequence of bytes.");
-        return Err(Problem::usage("E217", what)
+    let bytes: Option<Vec<u8>> = digits.as_bytes().chunks(2).map(parse_byte).collect();
+    bytes.filter(|bytes| !bytes.is_empty()).ok_or_else(|| {
+        Problem::usage("E217", format!("{text:?} is not a sequence of bytes."))
             .why(outcome::sent_so_far())
-            .hint("two hexadecimal digits a byte, as in \"0F 00\", or @FILE"));
-    }
-    Ok((0..digits.len())
-        .step_by(2)
-        .map(|at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap_or(0))
-        .collect())
+            .hint("two hexadecimal digits a byte, as in \"0F 00\", or @FILE")
+    })
+}
+
+/// A byte of two hexadecimal digits.
+fn parse_byte(digits: &[u8]) -> Option<u8> {
+    let hex = digits.len() == 2 && digits.iter().all(u8::is_ascii_hexdigit);
+    u8::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok().filter(|_| hex)
 }

@@ -21,9 +21,12 @@ impl WatchCommand {
         let interval = interval.map(Duration::from_secs_f64);
         let mut started = Vec::new();
         let mut shown = Ok(Exit::Ok);
-        for axis in interval.map_or(&[][..], |_| session.axes()) {
+        let wanted = interval
+            .into_iter()
+            .flat_map(|interval| session.axes().iter().map(move |axis| (axis, interval)));
+        for (axis, interval) in wanted {
             started.push(axis);
-            let set = axis.set_reports(&signals, interval.unwrap_or_default());
+            let set = axis.set_reports(&signals, interval);
             shown = shown.and_then(|exit| set.map(|()| exit).map_err(outcome::to_problem));
             if shown.is_err() {
                 break;

@@ -316,7 +316,7 @@ fn is_word(word: &str, name: &str) -> bool {
 /// eight, and the identifier that of the node's default channel.
 pub fn explain_block_segment(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
     let Some(frame) = to_frame(bytes, context) else { return };
-    let node = Cob::of(frame.id as u16).node().unwrap_or(0);
+    let Some(node) = Cob::of(frame.id as u16).node() else { return };
     sink.axis(node.into());
     if let Ok(statement) = Statement::of(&frame, true) {
         explain_message(&statement, &frame, node, context, sink);

@@ -662,9 +662,9 @@ impl station::Host<Can> for CanHost {
             (None, HostRequest::FastScan) => Some(lss_master::BEGIN_REQUEST.emit()),
             (None, host_request) => Self::encode_frame(&host_request),
         };
-        let count = usize::from(frame.is_some());
-        *out = frame.unwrap_or_default();
-        count
+        let Some(frame) = frame else { return 0 };
+        *out = frame;
+        1
     }
 
     fn sends_keepalive(&self) -> bool {

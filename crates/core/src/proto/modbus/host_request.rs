@@ -218,7 +218,7 @@ impl Answer {
                 }
             }
             RequestBody::Read { count: 1, .. } => {
-                self.words[0] = words(data).next().unwrap_or_default();
+                self.words.iter_mut().zip(words(data)).take(1).for_each(|(to, word)| *to = word);
             }
             RequestBody::Read { .. } => {
                 self.words.iter_mut().zip(words(data)).for_each(|(index, word)| *index = word);

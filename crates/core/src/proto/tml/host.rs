@@ -550,10 +550,11 @@ impl<E: Encapsulation> Host<Can> for CanHost<E> {
     }
 
     fn encode_request(&self, request: &HostRequest, out: &mut Frame) -> usize {
-        let frame = E::encode(&self.session.with_own_sender(&request.message));
-        let count = usize::from(frame.is_ok());
-        *out = frame.unwrap_or_default();
-        count
+        let Ok(frame) = E::encode(&self.session.with_own_sender(&request.message)) else {
+            return 0;
+        };
+        *out = frame;
+        1
     }
 
     fn can_add_drive(&self, address: u32) -> bool {

@@ -97,7 +97,7 @@ impl SampleRows {
     /// Samples that were lost on the way so far, of the signal that lost most.
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.lost.iter().copied().max().unwrap_or_default()
+        self.lost.iter().copied().fold(0, u64::max)
     }
 }
 

@@ -28,6 +28,7 @@ impl BlockBuffer {
         if segment.number != self.count + 1 || segment.number > BLOCK_MAX || self.last {
             return false;
         }
+        debug_assert!(self.count < BLOCK_MAX);
         self.bytes.extend_from_slice(&segment.data);
         (self.count, self.last) = (segment.number, segment.last);
         true
@@ -43,6 +44,7 @@ impl BlockBuffer {
     pub fn acknowledge(&mut self, arrived: u8, capacity: u8, mut each: impl FnMut(&[u8])) {
         let all = arrived >= self.count && self.last;
         let len = usize::from(arrived.min(self.count)) * SEGMENT;
+        debug_assert!(len <= self.bytes.len(), "as many segments as were counted");
         let (whole, _) = self.bytes.split_at(len);
         match whole.split_last_chunk::<SEGMENT>() {
             Some((before, tail)) if all => {

@@ -45,6 +45,7 @@ impl SdoChannel {
     ) -> TransferPart {
         let waited = at.1.zip(self.unsynced_since).map_or(0, |(now, since)| now.since(since));
         if waited <= TIMEOUT_NS || !followed {
+            // A transfer that began before the capture goes on as long as its frames come in time.
             self.unsynced_since = at.1;
         } else {
             self.report_foreign(bytes, "nobody asked for", notices);
@@ -87,6 +88,7 @@ impl SdoChannel {
         let differs = bytes != before && matches!(object, Some(0x1000 | 0x1008..=0x100A | 0x1018));
         self.last_doubled = true;
         self.double_answers =
+            // Two values of an identity are proof at once; the same reply twice may be a tap that doubles frames.
             if differs { DOUBLE_ANSWERS_MAX } else { self.double_answers.saturating_add(1) };
         if self.double_answers == 1 {
             let how = if bytes == before { "" } else { ", with two values" };
@@ -306,6 +308,7 @@ impl SdoChannel {
         }
         if self.extra_replies > 0 {
             self.extra_replies -= 1;
+        // Segments carry no index, so that two in a row may well begin alike.
         } else if bytes[..4] == before[..4] && bytes[0] >> 5 != 0 {
             self.report_double(bytes, before, notices);
         } else if !self.handle_late_reply(bytes, at, notices) {
@@ -357,6 +360,7 @@ impl SdoChannel {
     ) -> TransferPart {
         let t = &mut self.transfer;
         let sent = t.block.count;
+        // Taken out, because its bytes go into the same transfer.
         let mut block = core::mem::take(&mut t.block);
         block.acknowledge(arrived, capacity, |bytes| t.append_bytes(bytes));
         (t.segments, t.block) = (t.segments + u32::from(arrived.min(sent)), block);

@@ -18,6 +18,7 @@ impl SdoChannel {
         at: FrameRef,
         notices: &mut Vec<SessionNotice>,
     ) -> TransferPart {
+        // The capture began in the middle of a block download, whose segments may look like any command.
         if self.is_earlier_block(bytes) {
             return self.lose_sync(at);
         }
@@ -29,6 +30,7 @@ impl SdoChannel {
             SdoRequest::Abort(object, abort) => {
                 self.handle_client_abort(object, abort, at, notices)
             }
+            // Ahead of a new beginning: the same bytes without a reply in between are a repetition.
             _ if open && self.is_retry(bytes) => self.count_retry(at, notices),
             SdoRequest::Read(object) => {
                 self.begin_transfer(SdoOperation::Read, object, bytes, at, notices)
@@ -113,6 +115,7 @@ impl SdoChannel {
         if !core::mem::take(&mut self.last_doubled) && self.double_answers < DOUBLE_ANSWERS_MAX {
             self.double_answers = 0;
         }
+        // Before the state is set: the first transfer of a capture may be the middle of an earlier one.
         let doubtful = self.state == ChannelState::Unsynced;
         self.transfer.begin(op, object, bytes, at);
         self.transfer.doubtful = doubtful;

@@ -102,9 +102,8 @@ fn write_remarks(
         Statement::Request(SdoRequest::Abort(_, abort), _)
         | Statement::Reply(SdoReply::Abort(_, abort), _) => {
             out.write_str(meanings::abort_text(abort))?;
-            let object = statement.object().unwrap_or_default();
-            let name = meanings::object_name(object, profile);
-            if !name.is_empty() {
+            let name = statement.object().map(|object| meanings::object_name(object, profile));
+            if let Some(name) = name.filter(|name| !name.is_empty()) {
                 write!(out, ": {name}")?;
             }
         }

@@ -101,6 +101,7 @@ impl<M: TmclModule> Firmware for M {
         if value == 0 {
             return None;
         }
+        // Each request for an event is answered once (opcode 138).
         self.state_mut().armed_events &= !value;
         Some(DeferredEvent { opcode: Opcode::PositionReached, value })
     }
@@ -179,12 +180,15 @@ fn set_global<M: TmclModule + ?Sized>(
         (73, _) => return Err(Status::InvalidValue),
         (132, _) => {
             let ms = u64::try_from(value).map_err(|_| Status::InvalidValue)?;
+            // The timer counts on from the written value.
             state.timer_zero = Instant(now.0.saturating_sub(ms * 1_000_000));
         }
         (81, _) => {
             let before = memory.global[81];
             memory.store_global(kind, value)?;
             if before & 1 == 1 && value & 1 == 0 {
+                // Taking the protection away erases the program: it cannot be read out afterwards (global parameter
+                // 81).
                 memory.program = ProgramMemory::EMPTY;
             }
         }

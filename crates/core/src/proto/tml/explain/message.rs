@@ -432,21 +432,21 @@ impl MessageExplainer<'_> {
                 let _ =
                     write!(SinkWriter(self.sink), "checksum of {} = 0x{sum:04X}", memory.word());
             }
-            Some(online) if requested_cell(online).is_some() => {
-                let request = requested_cell(online).unwrap_or_default();
-                let _ = write!(
-                    SinkWriter(self.sink),
-                    "{} {}",
-                    message_name(online),
-                    cell_name(request, self.profile)
-                );
-            }
-            _ => {
-                let sink = &mut *self.sink;
-                let profile = self.profile;
-                names::disassemble(&self.frame.instruction, profile, &mut |piece| sink.text(piece));
-            }
+            Some(online) => match requested_cell(online) {
+                Some(cell) => {
+                    let (name, cell) = (message_name(online), cell_name(cell, self.profile));
+                    let _ = write!(SinkWriter(self.sink), "{name} {cell}");
+                }
+                None => self.write_instruction(),
+            },
+            None => self.write_instruction(),
         }
+    }
+
+    /// Writes the instruction as source text.
+    fn write_instruction(&mut self) {
+        let (sink, profile) = (&mut *self.sink, self.profile);
+        names::disassemble(&self.frame.instruction, profile, &mut |piece| sink.text(piece));
     }
 
     /// Writes a value, and the meaning of its bits.

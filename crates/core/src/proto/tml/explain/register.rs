@@ -58,7 +58,7 @@ fn shown_faults(
         let same = parameter.symbol == register.name;
         same.then_some(profile.faults)
     });
-    source.unwrap_or_default().iter().filter(move |fault| fault.code & value != 0)
+    source.into_iter().flatten().filter(move |fault| fault.code & value != 0)
 }
 
 fn explain_fault(fault: &Fault, sink: &mut dyn ExplainSink) {
