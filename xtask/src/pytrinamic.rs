@@ -271,11 +271,10 @@ fn stepper(module: &Module, base: &Profile, pps: Option<&Module>, source: &str) 
 /// The word for an axis parameter of a stepper module: the hand-written profile's where it is that.
 fn own_name(at: u16, name: &str, base: &BTreeMap<u16, &Parameter>) -> String {
     let common = COMMON.iter().any(|range| range.contains(&at));
-    let same = |p: &&&Parameter| {
+    if let Some(known) = base.get(&at).filter(|p| {
         let (own, known) = (words_of(name), p.name);
         common || own == known || alike(at, name)
-    };
-    if let Some(known) = base.get(&at).filter(same) {
+    }) {
         return known.name.to_owned();
     }
     let words = words_of(name);

@@ -261,11 +261,10 @@ impl RuleVisitor<'_> {
                 self.report_at(span, "rule 4: one protocol knows another");
             }
         }
-        if let Some(family) = family {
-            let is_other = |word: &String| *word != family && self.names.families.contains(word);
-            if path.get(1).is_some_and(is_other) {
-                self.report_at(span, "rule 4: one family knows another");
-            }
+        if let Some(family) = family
+            && path.get(1).is_some_and(|word| *word != family && self.names.families.contains(word))
+        {
+            self.report_at(span, "rule 4: one family knows another");
         }
     }
 

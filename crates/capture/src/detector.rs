@@ -215,8 +215,7 @@ impl Weighing {
     }
 
     fn verdict(&self) -> Verdict {
-        let has_skipped = |link: &str| self.sampler.has_skipped(link);
-        let mut verdict = verdict::judge(&self.candidates, &has_skipped);
+        let mut verdict = verdict::judge(&self.candidates, &|link| self.sampler.has_skipped(link));
         verdict.has_unclaimed = verdict
             .links
             .iter()

@@ -143,15 +143,14 @@ impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
         // Outside of the lock: finding the lines is half of the work.
         scan.scan(piece);
         let mut decoder = self.decoder.wait_turn(number, &self.cancelled)?;
-        let mut full = |batch: &mut FrameBatch| {
+        decoder.1.decode_scanned(piece, scan, batch, &mut |batch| {
             maker.consume(batch);
             // No later piece is decoded yet, and earlier ones do not need it.
             let put = self.output.wait_turn(number, &self.cancelled);
             if put.and_then(|mut put| self.check_result((put.1)(maker))).is_none() {
                 batch.stop();
             }
-        };
-        decoder.1.decode_scanned(piece, scan, batch, &mut full);
+        });
         // Before the text is made, which other threads can do at the same time.
         self.decoder.end_turn(decoder);
         maker.consume(batch);

@@ -75,11 +75,12 @@ reads only, if no client controls an axis there. Ctrl-C ends the scan.";
 /// Rewrites a gateway's address in the place of URL as `--server`: `spin ws://HOST#1` is
 /// `spin --server ws://HOST 1`. A name in `polepair.toml` may stand for such an address.
 pub fn rewrite_gateway_url(mut words: Vec<OsString>) -> Vec<OsString> {
-    let is_server = |word: &OsString| {
-        word_text(word).is_some_and(|word| word == "--server" || word.starts_with("--server="))
-    };
     let verb = words.iter().skip(1).filter_map(word_text).find(|word| !word.starts_with('-'));
-    if verb.as_deref() == Some("serve") || words.iter().any(is_server) {
+    if verb.as_deref() == Some("serve")
+        || words.iter().any(|word| {
+            word_text(word).is_some_and(|word| word == "--server" || word.starts_with("--server="))
+        })
+    {
         return words;
     }
     // Names of the configuration may mean servers.

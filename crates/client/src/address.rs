@@ -29,12 +29,14 @@ impl Address {
             _ => return Err(url_problem("it begins with http, https, ws or wss", url)),
         };
         let location = rest.split_once(['/', '?', '#']).map_or(rest, |(location, _)| location);
+        // Addresses appear in logs and in lists of processes.
         if location.contains('@') {
             return Err(url_problem("a secret does not belong there", url));
         }
         let (host, port) =
             split(location).ok_or_else(|| url_problem("that is no HOST:PORT", url))?;
         let address = Self { tls, host, port };
+        // The token would cross the network in clear text.
         if !tls && !address.is_loopback() {
             let what =
                 format!("{} is another machine, and nothing would be encrypted", address.host);

@@ -74,6 +74,7 @@ impl Dialer {
         there: SocketAddr,
         token: &[u8; PROOF_BYTES],
     ) -> Result<Box<dyn ServerStream>, GatewayError> {
+        // New for each connection: an answer that was overheard proves nothing later.
         let mut challenge = [0; PROOF_BYTES];
         getrandom::fill(&mut challenge).map_err(|error| {
             GatewayError::new("E318", format!("there is no randomness: {error}"))
@@ -90,6 +91,7 @@ impl Dialer {
             sender.send_request(request).await.map_err(|error| unsent(connection_error(&error)))?;
         let body = Limited::new(answer.into_body(), PROOF_MAX).collect().await;
         let body = body.map_err(|error| unsent(server_lost(&error.to_string())))?.to_bytes();
+        // The connection hands its stream back once its sender is gone; the session goes on in the same one.
         drop(sender);
         let result = serde_json::from_slice::<Proof>(&body).map(|report| report.proof);
         if !result.is_ok_and(|output| output == token_proof(token, &challenge, there)) {

@@ -72,6 +72,7 @@ impl Wake for DetachedWaker {
 impl Drop for GatewayInner {
     fn drop(&mut self) {
         if let Some(runtime) = self.runtime.take() {
+            // Dropped within another runtime, waiting for its threads would panic.
             runtime.shutdown_background();
         }
     }
@@ -86,6 +87,7 @@ impl Gateway {
         let address = Arc::new(Address::parse(&options.url)?);
         let tls = address.tls.then(|| tls::load_tls(options)).transpose()?;
         let secret = secret::find_token(options.token_file.as_deref(), &address)?;
+        // A thread of its own: leases are renewed while the caller computes.
         let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build();
         let runtime = runtime.map_err(|error| {
             GatewayError::new("E318", format!("no thread can be started: {error}"))

@@ -143,6 +143,7 @@ impl Lease {
 
 impl Drop for Lease {
     fn drop(&mut self) {
+        // The server stops an axis whose lease ends.
         self.live.release_lease(self.axis, self.epoch);
     }
 }
@@ -224,6 +225,7 @@ fn new_command_id() -> Result<String, GatewayError> {
     getrandom::fill(&mut bytes).map_err(|error| {
         GatewayError::new("E318", format!("there are no random numbers: {error}"))
     })?;
+    // Version 4, variant 2 (RFC 9562, 5.4): the server accepts no other form.
     let bits = u128::from_be_bytes(bytes) & !(0xF << 76) & !(0x3 << 62) | 0x4 << 76 | 0x2 << 62;
     let text = format!("{bits:032x}");
     let [a, b, c, d, e] = [0..8, 8..12, 12..16, 16..20, 20..32].map(|part| &text[part]);

@@ -113,6 +113,7 @@ impl RestClient {
         let body = Limited::new(answer.into_body(), BODY_MAX).collect().await;
         let body = body.map_err(|error| server_lost(&error.to_string()))?.to_bytes();
         if good {
+            // After an error the connection may hold the rest of a reply.
             self.store_sender(sender);
             return Ok(body);
         }
@@ -123,6 +124,7 @@ impl RestClient {
     async fn open_sender(&self) -> Result<HttpSender, GatewayError> {
         let stored = self.idle_sender.lock().ok().and_then(|mut stored| stored.take());
         let fresh =
+            // The server closes idle connections, and a request on a closing one is lost without a trace.
             stored.filter(|(_, at)| clock::now().since(*at) < clock::scale_timeout(QUIET_MAX));
         if let Some((mut sender, _)) = fresh
             && sender.ready().await.is_ok()

@@ -95,15 +95,14 @@ fn find_axis(
     link: Option<&LinkView>,
     word: &str,
 ) -> Result<AxisInfo, GatewayError> {
-    let named = |axis: &&AxisInfo| {
-        let number = AxisNumber::parse(word).map(|number| number.0);
-        (!axis.name.is_empty() && axis.name == word) || number == Some(axis.number)
-    };
     let found: Vec<_> = bench
         .axes
         .iter()
         .filter(|axis| link.is_none_or(|link| axis.link == link.id))
-        .filter(named)
+        .filter(|axis| {
+            let number = AxisNumber::parse(word).map(|number| number.0);
+            (!axis.name.is_empty() && axis.name == word) || number == Some(axis.number)
+        })
         .collect();
     match found[..] {
         [one] => Ok(one.clone()),

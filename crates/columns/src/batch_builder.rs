@@ -35,6 +35,7 @@ impl BatchBuilder {
             batches.push((table, batch));
             Ok(())
         });
+        // The first error: later ones follow from it.
         *error = error.take().or(flushed.err());
     }
 

@@ -68,6 +68,7 @@ impl ContentHasher {
         if self.size == 0 && bytes.starts_with(BLF_MAGIC) {
             self.header = BLF_HEADER;
         }
+        // The header of a BLF file counts its objects, and changes while the file grows.
         let skipped = self.header.saturating_sub(saturating(self.size));
         self.all.update(bytes);
         self.body.update(&bytes[skipped.min(bytes.len())..]);
@@ -172,6 +173,7 @@ impl CaptureFile {
         }
         let mut shorter: Vec<&CaptureContent> = earlier.iter().filter(is_other).collect();
         shorter.retain(|other| other.size > 0 && other.size <= self.content.size);
+        // By length, so that one pass over the file checks them all.
         shorter.sort_by_key(|other| other.size);
         let (mut grown, mut hasher) = (Vec::new(), ContentHasher::default());
         let mut file = io::BufReader::with_capacity(READ_SIZE, File::open(&self.path)?);

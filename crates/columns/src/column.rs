@@ -106,6 +106,7 @@ impl<T: ArrowPrimitiveType> NumberColumn<T> {
 
     /// The last rows.
     pub fn last_mut(&mut self, rows: usize) -> &mut [T::Native] {
+        debug_assert!(rows <= self.values.len());
         let before = self.values.len() - rows;
         &mut self.values[before..]
     }
@@ -181,6 +182,7 @@ impl Dictionary {
         if let Some(number) = self.numbers.get(word) {
             return *number;
         }
+        debug_assert!(self.words.len() <= WORDS_MAX);
         let number = self.words.len() as i32;
         self.words.push(word.into());
         self.numbers.insert(word.into(), number);
@@ -318,6 +320,7 @@ impl BytesColumn {
     #[inline]
     pub fn extend(&mut self, rows: impl ExactSizeIterator<Item = ([u8; 8], u8)>) {
         let mut end = self.bytes.len();
+        // Eight bytes for each row, so that each is copied as one word whatever its length.
         self.bytes.resize(end + 8 * rows.len(), 0);
         let bytes = &mut self.bytes[..];
         self.ends.extend(rows.map(|(row, len)| {
@@ -327,6 +330,7 @@ impl BytesColumn {
             end += usize::from(len);
             end as i32
         }));
+        debug_assert!(end <= self.bytes.len());
         self.bytes.truncate(end);
     }
 

@@ -107,6 +107,7 @@ impl DatasetWriter {
             .join(format!("date={date}"))
             .join(format!("bus={}", escape_name(bus)));
         self.writes += 1;
+        // Many buses and days would otherwise hold more files open than the system permits.
         if self.open.insert(folder.clone(), self.writes).is_none() {
             self.make_room()?;
         }
@@ -148,26 +149,29 @@ impl DatasetWriter {
         parts: &BTreeSet<PathBuf>,
     ) -> Result<(), TableFileError> {
         let notes = DatasetNotes::lock(&self.site.root)?;
+        // Under the lock, right before the files appear: a capture that grew meanwhile is decoded again.
         if !self.capture.is_unchanged() {
             return Err(TableFileError::Changed);
         }
         let (name, content) = (self.capture.name(), self.capture.content());
-        let mut contents = notes.contents(name);
+        let mut contents = notes.contents(name)?;
         let grown_from = self.capture.grown_from(&contents)?;
         contents.retain(|other| other.blake3 != content.blake3);
         contents.push(content.clone());
         // From here on a program that goes on after this one was killed knows what to remove.
         notes.write_contents(name, &contents)?;
-        let earlier = notes.parts(&content.blake3);
+        let earlier = notes.parts(&content.blake3)?;
         notes.begin(&content.blake3, parts)?;
+        // After all are complete: a reader sees the data set with the whole capture, or without it.
         sealed.into_iter().try_for_each(SealedFile::publish)?;
         notes.remove_parts(&earlier, parts)?;
         for old in &grown_from {
             if !notes.is_shared(&old.blake3, name)? {
-                notes.remove_parts(&notes.parts(&old.blake3), parts)?;
+                notes.remove_parts(&notes.parts(&old.blake3)?, parts)?;
                 notes.forget(&old.blake3)?;
             }
         }
+        // Last: only a capture with this note counts as decoded.
         notes.finish(&content.blake3, &self.record.inputs, parts)?;
         contents.retain(|other| !grown_from.contains(other));
         Ok(notes.write_contents(name, &contents)?)
@@ -200,7 +204,7 @@ impl BatchSink for DatasetWriter {
 /// Those of the operating system.
 pub fn note_copy(site: &DatasetSite, capture: &CaptureFile) -> std::io::Result<()> {
     let notes = DatasetNotes::lock(&site.root)?;
-    let (mut contents, content) = (notes.contents(capture.name()), capture.content());
+    let (mut contents, content) = (notes.contents(capture.name())?, capture.content());
     if contents.iter().any(|known| known.blake3 == content.blake3) {
         return Ok(());
     }
@@ -236,6 +240,7 @@ fn split_by_bus(batch: &RecordBatch) -> Result<Vec<(String, RecordBatch)>, Arrow
     let mut there: Vec<i32> = keys.values().to_vec();
     there.sort_unstable();
     there.dedup();
+    // Most batches are of one bus, and need no copy.
     if let [only] = there[..] {
         return Ok(vec![(key_name(only, names), batch.clone())]);
     }

@@ -54,6 +54,7 @@ impl Mux {
         let line = lanes.first()?.line();
         let axes: usize = lanes.iter().map(|lane| lane.axis_count()).sum();
         let agreed = lanes.iter().all(|lane| lane.line() == line);
+        // An axis has a number of eight bits on its connection.
         if !agreed || axes > 256 {
             return None;
         }
@@ -110,6 +111,7 @@ impl Timed for Mux {
 
 impl Station<Can> for Mux {
     fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        // All of them: identifiers of several protocols overlap, and each lane decides for itself.
         self.lanes.iter_mut().for_each(|lane| lane.handle_input(now, frame));
     }
 
@@ -121,6 +123,7 @@ impl Station<Can> for Mux {
         for step in 0..self.lanes.len() {
             let n = (self.next_lane + step) % self.lanes.len();
             if let Some(len) = self.lanes[n].poll_transmit(now, out) {
+                // In turns: a busy lane must not keep the others from the bus.
                 self.next_lane = n + 1;
                 return Some(len);
             }

@@ -387,8 +387,7 @@ impl Scale {
         };
         let plain = self.factor * part(self.times)? / part(self.over)?;
         let Some(rule) = self.rule else { return Ok(ScaleRuleValue { factor: plain, from: &[] }) };
-        let object = |key: ObjectKey| profile.find_object(key).and_then(read);
-        let by_rule = (rule.compute)(&object, signed)?;
+        let by_rule = (rule.compute)(&|key| profile.find_object(key).and_then(read), signed)?;
         Ok(ScaleRuleValue { factor: plain * by_rule.factor, ..by_rule })
     }
 }

@@ -63,10 +63,12 @@ impl Connection {
     ) -> Result<PendingRequest, Unsupported> {
         // Called once; the erased signature cannot state it.
         let mut request = Some(request);
-        let mut once = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
-            request.take().map_or(Err(Unsupported::Busy), |request| request(axes, now, ticket))
-        };
-        let (ticket, interrupts) = self.0.0.submit(&mut once, None)?;
+        let (ticket, interrupts) = self.0.0.submit(
+            &mut |axes, now, ticket| {
+                request.take().map_or(Err(Unsupported::Busy), |request| request(axes, now, ticket))
+            },
+            None,
+        )?;
         Ok(PendingRequest { connection: self.clone(), ticket, interrupts, outcome: None })
     }
 

@@ -58,7 +58,7 @@ use crate::mounting::ResolvedMounting;
 use crate::simulate::Simulation;
 use crate::url::AxisNumber;
 use failure::RequestKind;
-use polepair_core::axis::{AxisStatus, Command, Reading, RehearsalAction, RehearsalStep, Verb};
+use polepair_core::axis::{AxisStatus, Command, Reading, RehearsalAction, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Frame, MediumKind};
 use polepair_core::plan::{Argument, Step};
@@ -584,11 +584,12 @@ impl LocalAxis {
 
     fn collect_rehearsal(&self, command: Command) -> Result<Vec<Rehearsal>, Unsupported> {
         let mut steps = Vec::new();
-        let mut show = |r: RehearsalStep<'_>| {
-            let (bytes, frame) = (r.bytes.to_vec(), r.frame.copied());
-            steps.push(Rehearsal { step: r.action, bytes, frame });
-        };
-        self.connection.with_axes(|axes, _| axes.rehearse(self.index, command, &mut show))?;
+        self.connection.with_axes(|axes, _| {
+            axes.rehearse(self.index, command, &mut |r| {
+                let (bytes, frame) = (r.bytes.to_vec(), r.frame.copied());
+                steps.push(Rehearsal { step: r.action, bytes, frame });
+            })
+        })?;
         Ok(steps)
     }
 

@@ -268,10 +268,9 @@ fn check_layout(file: &str, pieces: &[MemoryBlock]) -> Result<(), FileError> {
         if block_end(piece) > WORDS_MAX {
             return Err(file_error(file, format!("the block at {start:04X} goes beyond FFFF")));
         }
-        let overlaps = |other: &&MemoryBlock| {
+        if let Some(other) = pieces[..n].iter().find(|other| {
             usize::from(other.start) < block_end(piece) && usize::from(start) < block_end(other)
-        };
-        if let Some(other) = pieces[..n].iter().find(overlaps) {
+        }) {
             let other = other.start;
             return Err(file_error(
                 file,

@@ -198,10 +198,9 @@ fn exclude_clashing(
     wanted: &mut Vec<u32>,
     tried: &mut Vec<String>,
 ) {
-    let others = |(wire, bus_address): &&(usize, BusAddress)| {
+    for (_, bus_address) in seats.iter().filter(|(wire, bus_address)| {
         *wire == line.wire && bus_address.protocol.name != line.protocol.name
-    };
-    for (_, bus_address) in seats.iter().filter(others) {
+    }) {
         let left: Vec<(u32, u32)> = wanted
             .iter()
             .filter_map(|number| {

@@ -643,11 +643,13 @@ impl LinkStopReport {
     /// Notes what the last stop of an axis found of its drive's program.
     fn note_program(&mut self, axis: &LocalAxis) {
         let (state, label) = (axis.state(), axis.label());
-        let is_noted = |(name, found): &(String, DrivePrograms)| {
-            *name == label && *found == DrivePrograms::Incomplete
-        };
         // A stop that had to end a download leaves half a program in the module: worth a line of its own.
-        if state.store_ended && !self.programs.iter().any(is_noted) {
+        if state.store_ended
+            && !self
+                .programs
+                .iter()
+                .any(|(name, found)| *name == label && *found == DrivePrograms::Incomplete)
+        {
             self.programs.push((label.clone(), DrivePrograms::Incomplete));
         }
         let Some(found) = state.program_end else { return };

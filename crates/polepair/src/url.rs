@@ -357,10 +357,9 @@ pub(crate) fn parse_keys(query: &str) -> Result<Vec<(String, String)>, Error> {
 /// The names of a fragment, and what else it has: `x,y,3` are two names and a number. A word that
 /// begins like a group is one.
 pub(crate) fn split_names(fragment: &str) -> (Vec<String>, String) {
-    let is_name = |piece: &&str| {
+    let (names, numbers): (Vec<&str>, Vec<&str>) = fragment.split(',').partition(|piece| {
         piece.trim().starts_with(char::is_alphabetic) && !is_group_piece(piece.trim())
-    };
-    let (names, numbers): (Vec<&str>, Vec<&str>) = fragment.split(',').partition(is_name);
+    });
     (names.iter().map(|name| name.trim().to_owned()).collect(), numbers.join(","))
 }
 

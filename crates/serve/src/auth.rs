@@ -178,8 +178,11 @@ impl Authenticator {
         let given = AccessToken::parse(text);
         let access_token = {
             let mut inside = self.lock();
-            let is = |once: &AccessToken| given.as_ref().is_some_and(|given| given.matches(once));
-            if inside.one_time_token.as_ref().is_some_and(is) {
+            if inside
+                .one_time_token
+                .as_ref()
+                .is_some_and(|once| given.as_ref().is_some_and(|given| given.matches(once)))
+            {
                 inside.one_time_token.take()
             } else {
                 None

@@ -384,8 +384,8 @@ impl Bench {
             let lock = MotionLock { by, at_ms, reason: reason.clone() };
             self.0.context.lock_motion(lock);
         }
-        let every = || (0..self.0.axes.len() as u16).collect();
-        let mut axes: Vec<u16> = request.axes.clone().unwrap_or_else(every);
+        let mut axes: Vec<u16> =
+            request.axes.clone().unwrap_or_else(|| (0..self.0.axes.len() as u16).collect());
         // One that is not there keeps no other from being stopped.
         axes.retain(|id| usize::from(*id) < self.0.axes.len());
         // Named twice, it is stopped once.

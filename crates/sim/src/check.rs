@@ -110,6 +110,7 @@ impl SerialChecker {
         if known.last_sent.tag != transmission_label.tag {
             let old = (self.open_requests.len() + 1).saturating_sub(OPEN_MAX);
             self.open_requests.drain(..old);
+            debug_assert!(self.open_requests.len() < OPEN_MAX);
             self.open_requests.push(known.last_sent.content_hash);
         }
         let later = known.last_received.answers != transmission_label.tag

@@ -137,6 +137,7 @@ impl SerialFaults {
         const HAIR_NS: i64 = 2_000_000;
         let at = i64::from(self.host_timeout_ms) * 1_000_000;
         let latest = u64::from(self.late_max_ms) * 1_000_000;
+        // Half of the replies come within a hair of the host's limit, where its decisions are hardest.
         let late = if random.chance(Ppm(500_000)) {
             at.saturating_add(random.between(-HAIR_NS, HAIR_NS)).max(0) as u64
         } else {
@@ -170,6 +171,7 @@ impl SerialFaults {
         }
         if draw < self.flip.0 + self.burst.0 {
             let end = at + 1 + random.below(u64::from(self.burst_max)) as usize;
+            debug_assert!(at < bytes.len());
             let end = end.min(bytes.len());
             bytes[at..end].fill_with(|| random.next_byte());
             return end;
@@ -179,6 +181,7 @@ impl SerialFaults {
             return at;
         }
         let noise = random.next_byte();
+        // Noise on a line is often a break or an idle level.
         bytes.insert(at, random.pick(&[noise, noise, 0x00, 0xFF]));
         at + 2
     }

@@ -77,6 +77,7 @@ impl ScheduledActs {
     /// Creates a node with these scheduled acts.
     #[must_use]
     pub fn new(node: Box<dyn SimNode>, mut acts: Vec<ScheduledAct>) -> Self {
+        // Backwards, because the earliest is taken from the end.
         acts.sort_by_key(|act| std::cmp::Reverse(act.at));
         Self { node, acts }
     }

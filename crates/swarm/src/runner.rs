@@ -443,8 +443,8 @@ impl WorldRunner {
         bench: &Bench,
     ) {
         self.report.count("stops said");
-        let all = || (0..self.observers.len() as u16).collect();
-        let named: Vec<u16> = axes.clone().unwrap_or_else(all);
+        let named: Vec<u16> =
+            axes.clone().unwrap_or_else(|| (0..self.observers.len() as u16).collect());
         for axis in named {
             let watch = &mut self.observers[usize::from(axis)];
             watch.stop_pending_since = None;

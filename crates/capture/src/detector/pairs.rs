@@ -57,12 +57,13 @@ impl Pairs {
             self.requests.push_back(PairCandidate { data, len: len as u8, id, extended, time });
             return;
         }
-        let fits = |pair_candidate: &PairCandidate| {
+        debug_assert!(self.requests.len() <= REQUESTS_MAX);
+        let Some(at) = self.requests.iter().position(|pair_candidate| {
             answers_in_time(pair_candidate, event.time)
                 && dissector.is_answer_to(&raw, &pair_candidate.raw())
+        }) else {
+            return;
         };
-        debug_assert!(self.requests.len() <= REQUESTS_MAX);
-        let Some(at) = self.requests.iter().position(fits) else { return };
         // One reply counts for one request, else a beacon would prove many.
         self.requests.remove(at);
         self.found += 1;

@@ -73,8 +73,9 @@ impl PcapngWriter {
         link: &str,
         out: &mut Vec<u8>,
     ) -> Result<u32, &'static str> {
-        let same = |(other, name): &(u32, String)| *other == kind && name == link;
-        if let Some(at) = self.interfaces.iter().position(same) {
+        if let Some(at) =
+            self.interfaces.iter().position(|(other, name)| *other == kind && name == link)
+        {
             return Ok(at as u32);
         }
         if self.interfaces.len() >= INTERFACES_MAX {

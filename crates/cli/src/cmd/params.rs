@@ -2,7 +2,6 @@
 
 use clap::Args;
 use polepair_capture::Explanation;
-use polepair_core::explain::Dissector;
 use polepair_core::profile::{
     Access, Certainty, Encoding, Parameter, ParameterId, Persistence, Profile,
 };
@@ -65,11 +64,10 @@ impl Params {
 /// A drive by the word users type: its name, its family, or a protocol's word for what all its drives have.
 pub fn find_drive(known: &[&'static Profile], word: &str) -> Result<&'static Profile> {
     let named = known.iter().find(|profile| profile.name.eq_ignore_ascii_case(word));
-    let of_protocol = || polepair::profile::generic_profile(&word.to_ascii_lowercase());
     named
         .or_else(|| known.iter().find(|profile| profile.family.eq_ignore_ascii_case(word)))
         .copied()
-        .or_else(of_protocol)
+        .or_else(|| polepair::profile::generic_profile(&word.to_ascii_lowercase()))
         .ok_or_else(|| {
             let names: Vec<&str> = known.iter().map(|profile| profile.name).collect();
             let nearest = polepair_capture::nearest_word(word, names.iter().copied());
@@ -192,8 +190,10 @@ fn raw_text(raw: i64, parameter_encoding: Encoding) -> String {
 /// Access to the parameter on the wire, by its protocol.
 fn wire_access(profile: &Profile, parameter: &Parameter) -> Explanation {
     let mut found = Explanation::default();
-    let speaks = |dissector: &&&dyn Dissector| dissector.language() == profile.protocol;
-    if let Some(dissector) = polepair_core::proto::dissectors().iter().find(speaks) {
+    if let Some(dissector) = polepair_core::proto::dissectors()
+        .iter()
+        .find(|dissector| dissector.language() == profile.protocol)
+    {
         dissector.explain_parameter(parameter, &mut found);
     }
     found

@@ -8,7 +8,7 @@ use std::ops::{ControlFlow, RangeInclusive};
 use clap::Args;
 use polepair::axis::summarize_details;
 use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause};
-use polepair::scan::{DetectedDrive, ScanAddresses, ScanProgress};
+use polepair::scan::{DetectedDrive, ScanAddresses};
 use polepair::search::is_port_name;
 use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
@@ -80,16 +80,15 @@ impl ScanCommand {
         }
         let numbers = self.ids.clone().map_or(ScanAddresses::ALL, ScanAddresses::from);
         let bar = Progress::of_count(0, "addresses");
-        let mut progress = |at: ScanProgress| {
+        interrupt::listen(|| {});
+        let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut |at| {
             bar.set_of(at.done, at.of);
             if interrupt::was_interrupted() {
                 ControlFlow::Break(())
             } else {
                 ControlFlow::Continue(())
             }
-        };
-        interrupt::listen(|| {});
-        let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut progress);
+        });
         drop(bar);
         let scan = scan.map_err(outcome::to_problem)?;
         let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);

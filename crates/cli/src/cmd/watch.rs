@@ -164,12 +164,17 @@ impl WatchCommand {
         let periods =
             Duration::try_from_secs_f64(FRESH_PERIODS / self.rate).unwrap_or(Duration::MAX);
         let fresh = clock::scale_timeout(FRESH_MIN).max(periods);
-        let read = move || {
-            let last = watched.last(fresh).map_err(remote::refusal_problem)?;
-            Ok(last.map_or(f64::NAN, |sample| sample.value / one))
-        };
         let (number, link, name) = (axis.number, Some(axis.link), format!("{who}{name}"));
-        Ok(WatchColumn { number, link, name, unit, read: Box::new(read) })
+        Ok(WatchColumn {
+            number,
+            link,
+            name,
+            unit,
+            read: Box::new(move || {
+                let last = watched.last(fresh).map_err(remote::refusal_problem)?;
+                Ok(last.map_or(f64::NAN, |sample| sample.value / one))
+            }),
+        })
     }
 
     fn print_rows(&self, columns: &[WatchColumn], sleep_until: impl Fn(Instant)) -> Result {

@@ -88,6 +88,7 @@ impl LiveCache {
     /// Ends a lease, if it is ours; true if it was.
     pub fn end_lease(&self, axis: u16, epoch: u64) -> bool {
         let mut cached = self.lock_state();
+        // A newer lease of the same axis is left alone.
         let ours = cached.leases.get(&axis).is_some_and(|lease| *lease == Ok(epoch));
         if ours {
             cached.leases.remove(&axis);
@@ -99,6 +100,7 @@ impl LiveCache {
         let mut cached = self.lock_state();
         if let Some(lease) = &state.lease {
             let newest = cached.newest_epochs.entry(state.id).or_default();
+            // Messages may overtake one another on the way through the server.
             *newest = lease.epoch.max(*newest);
         }
         cached.states.insert(state.id, (state, clock::now()));
@@ -237,6 +239,7 @@ impl FrameBuffer {
         passed.waiting.extend(items);
         let over = passed.waiting.len().saturating_sub(FRAMES_MAX);
         passed.waiting.drain(..over);
+        debug_assert!(passed.waiting.len() <= FRAMES_MAX);
         passed.lost += over as u64;
     }
 
@@ -284,6 +287,7 @@ impl SampleBuffer {
             buffered.waiting.push_back(*sample);
             buffered.last = Some((*sample, at));
         }
+        // Before the waiter is woken, who takes the same lock.
         drop(buffered);
         self.wake();
     }

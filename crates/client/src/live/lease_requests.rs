@@ -48,6 +48,7 @@ impl PendingLeaseRequests {
 
     /// Takes the refused requests, once there are as many refusals as requests.
     pub fn drain_settled(&mut self) -> Vec<(PendingLeaseRequest, GatewayError)> {
+        // A refusal names no request: which one it was is certain once each has one.
         if self.refusals.len() < self.waiting.len() {
             Vec::new()
         } else {

@@ -109,9 +109,11 @@ struct SocketTask {
 impl SocketTask {
     async fn run(mut self, mut requests: mpsc::Receiver<LiveRequest>) {
         let mut renew = interval(RENEW);
+        // After a sleep of the computer one renewal is enough.
         renew.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let ended = loop {
             let went_on = tokio::select! {
+                // Renewals first: a flood of samples must not let a lease end.
                 biased;
                 _ = renew.tick() => self.renew_leases().await,
                 request = requests.recv() => match request {
@@ -147,6 +149,7 @@ impl SocketTask {
 
     /// Keeps what is ours, and looks whether the server is there.
     async fn renew_leases(&mut self) -> Result<(), GatewayError> {
+        // A connection whose cable was pulled reports no error for minutes.
         if clock::now().since(self.last_received) >= clock::scale_timeout(SILENT_MAX) {
             return Err(server_lost("it says nothing"));
         }
@@ -186,6 +189,7 @@ impl SocketTask {
     async fn handle_request(&mut self, live_request: LiveRequest) -> Result<(), GatewayError> {
         let message = match live_request {
             LiveRequest::Command { axis, request, reply: reply_sender } => {
+                // Before it is sent: the outcome may come at once.
                 self.commands.insert(request.id.clone(), reply_sender);
                 ClientMessage::Command { axis, command: request }
             }

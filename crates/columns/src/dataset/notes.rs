@@ -70,20 +70,23 @@ impl<'a> DatasetNotes<'a> {
     }
 
     /// The parts of a capture, also of one whose decoding was cut off.
-    pub fn parts(&self, blake3: &str) -> BTreeSet<PathBuf> {
-        let done = read_lines(&self.root.join(DONE).join(blake3)).into_iter().skip(1);
-        let begun = read_lines(&self.root.join(BEGUN).join(blake3));
+    ///
+    /// # Errors
+    /// A note that cannot be read.
+    pub fn parts(&self, blake3: &str) -> io::Result<BTreeSet<PathBuf>> {
+        let done = read_lines(&self.root.join(DONE).join(blake3))?.into_iter().skip(1);
+        let begun = read_lines(&self.root.join(BEGUN).join(blake3))?;
         // A note that was tampered with reaches nothing outside.
         let is_inside =
             |part: &PathBuf| part.components().all(|it| matches!(it, Component::Normal(_)));
-        done.chain(begun).map(PathBuf::from).filter(is_inside).collect()
+        Ok(done.chain(begun).map(PathBuf::from).filter(is_inside).collect())
     }
 
     /// Notes that these parts are about to take their places.
     pub fn begin(&self, blake3: &str, parts: &BTreeSet<PathBuf>) -> io::Result<()> {
         std::fs::create_dir_all(self.root.join(BEGUN))?;
         // What an earlier program began is still to be found.
-        let all: BTreeSet<_> = parts.union(&self.parts(blake3)).cloned().collect();
+        let all: BTreeSet<_> = parts.union(&self.parts(blake3)?).cloned().collect();
         write_atomic(&self.root.join(BEGUN).join(blake3), part_lines(&all).as_bytes())
     }
 
@@ -110,9 +113,12 @@ impl<'a> DatasetNotes<'a> {
     }
 
     /// The contents that the capture of that name had.
-    pub fn contents(&self, name: &str) -> Vec<CaptureContent> {
-        let lines = read_lines(&self.source_path(name));
-        lines.iter().filter_map(|line| CaptureContent::from_line(line)).collect()
+    ///
+    /// # Errors
+    /// A note that cannot be read.
+    pub fn contents(&self, name: &str) -> io::Result<Vec<CaptureContent>> {
+        let lines = read_lines(&self.source_path(name))?;
+        Ok(lines.iter().filter_map(|line| CaptureContent::from_line(line)).collect())
     }
 
     /// Returns whether another capture has this content too.
@@ -120,7 +126,7 @@ impl<'a> DatasetNotes<'a> {
         let own = self.source_path(name);
         for entry in std::fs::read_dir(self.root.join(SOURCES))? {
             let path = entry?.path();
-            let mut lines = read_lines(&path).into_iter();
+            let mut lines = read_lines(&path)?.into_iter();
             if path != own && lines.any(|line| line.starts_with(blake3)) {
                 return Ok(true);
             }
@@ -150,9 +156,14 @@ fn part_lines(parts: &BTreeSet<PathBuf>) -> String {
     parts.iter().map(|part| format!("{}\n", part.display())).collect()
 }
 
-fn read_lines(path: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(path).unwrap_or_default();
-    text.lines().map(str::to_owned).collect()
+/// Lines of a note; none where it was never written.
+fn read_lines(path: &Path) -> io::Result<Vec<String>> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(text.lines().map(str::to_owned).collect()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        // Taken for empty, it would have parts removed that another capture needs.
+        Err(error) => Err(error),
+    }
 }
 
 /// Removes a file that may be gone already.

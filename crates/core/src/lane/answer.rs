@@ -46,6 +46,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
         return handle_program_answer(run, slot, raw);
     }
     if run.stage == StepStage::EndStore {
+        // The stop begins again: its first step was stored instead of executed.
         slot.state.store_ended |= raw.is_ok();
         run.stage = StepStage::First;
         return JobState::Ready;
@@ -165,6 +166,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
                 count_flash_write(slot, id, run);
             }
             if let InFlight::Read(id) = in_flight {
+                // The readings of the plan itself count as well: they cost no further request.
                 run.guard.note(slot, id, raw);
                 if run.is_homing_under_way() && !group {
                     let value = WatchValue { before: false, flag: None };
@@ -363,5 +365,6 @@ fn count_flash_write<R: Request, A: Copy + 'static>(
     let always = slot.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
     let stored = matches!(run.current_step(), Some(Step::Ensure(..)))
         && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
+    debug_assert!(run.current_step().is_some());
     slot.state.flash_writes += u32::from(always || stored);
 }

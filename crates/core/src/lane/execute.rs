@@ -122,6 +122,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
         if let Some(id) = slot.unread_goal_factor(run) {
             return read_request(slot, InFlight::Factor(id)).map_err(end_impossible);
         }
+        // Once for each plan: the loop below passes here with every request.
         run.checked = true;
         slot.begin_motion(run);
     }
@@ -338,7 +339,6 @@ fn step_request<R: Request, A: Copy + 'static>(
 pub fn abort_outcome<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
     match job.task {
         JobTask::Run(mut run) => {
-            // What is out may be executed.
             // A request that has left counts as possibly executed, until something is read back.
             if job.in_flight.may_have_changed() {
                 run.record_result(job.in_flight, Err(Failure::Silent));
@@ -589,6 +589,7 @@ pub fn note_end<R: Request, A: Copy + 'static>(
     let at_rest = matches!(outcome, Outcome::Done(_))
         || matches!(outcome.failure(), Some(Failure::Elsewhere(_)));
     if at_rest && job.ends_motion() {
+        // A stop that failed and a move whose end is unknown leave it set: the motor may still turn.
         slot.state.motion_active = false;
     }
     if let JobTask::Run(run) = &job.task {

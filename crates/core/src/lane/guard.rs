@@ -87,6 +87,7 @@ impl WaitGuard {
         if self.was_ready && rule.is_some_and(|(_, test)| test.passes(raw)) {
             return read_fault(slot);
         }
+        // The first one a period after the beginning: most waits are over by then.
         let due = *self.due.get_or_insert(now.plus_ms(PERIOD_MS));
         if now < due {
             return GuardVerdict::WaitOn;
@@ -190,6 +191,7 @@ fn next_read<R: Request, A: Copy + 'static>(
         exact.map(|test| (GuardRead::Mode(test.value), mode.parameter))
     });
     let fault = slot.profile.signal(Signal::Fault);
+    // Where the power can be read, a fault from before the motion is no reason to end it.
     let fault = fault.filter(|source| power.is_none() || is_source_ruled_out(source, steps));
     let reads = [
         power.map(|power| (GuardRead::Power, power.parameter)),

@@ -366,8 +366,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         if unread && !direct.into_iter().flatten().any(lacks) {
             return ScaleState::Unread;
         }
-        let read = |id: ParameterId| factors().find(|f| f.parameter == id)?.raw;
-        match parameter.scale.compute(self.profile, parameter.encoding.is_signed(), &read) {
+        match parameter.scale.compute(self.profile, parameter.encoding.is_signed(), &|id| {
+            factors().find(|f| f.parameter == id)?.raw
+        }) {
             Ok(scale) => ScaleState::Known(scale.factor * parameter.unit.si_factor()),
             Err(why) => ScaleState::None(why),
         }
@@ -606,8 +607,7 @@ pub fn record_group_answer<R: crate::station::Request, A: Copy + 'static>(
     profile: &'static Profile,
     id: ParameterId,
 ) {
-    let of_drive = |slot: &&mut AxisSlot<R, A>| slot.driver.address() == part.address;
-    for slot in slots.iter_mut().filter(of_drive) {
+    for slot in slots.iter_mut().filter(|slot| slot.driver.address() == part.address) {
         // Parameters that were added to one axis are not those of another.
         if core::ptr::eq(slot.profile, profile) && profile.parameter(id).is_some() {
             slot.record_value(now, id, part.raw);

@@ -94,11 +94,10 @@ impl MemoryTransfer {
         pieces: Vec<MemoryBlock>,
     ) -> Result<Self, Unsupported> {
         let total: usize = pieces.iter().map(|piece| piece.words.len()).sum();
-        let lies = |piece: &MemoryBlock| rules.memory_at(piece.start, piece.words.len()).is_some();
         if total == 0 || total > WORDS_MAX || pieces.iter().any(|piece| piece.words.is_empty()) {
             return Err(Unsupported::BadArgument);
         }
-        if !pieces.iter().all(lies) {
+        if !pieces.iter().all(|piece| rules.memory_at(piece.start, piece.words.len()).is_some()) {
             return Err(Unsupported::Forbidden(NO_MEMORY));
         }
         let (pieces, stage) = match kind {

@@ -132,6 +132,7 @@ impl SetpointTracker {
         next: f64,
         period: f64,
     ) -> Result<(), BoundsViolation> {
+        debug_assert!(period > 0.0);
         let rate = (next - self.last) / period;
         if !rate.is_finite() {
             return Err(BoundsViolation::NotANumber);
@@ -167,6 +168,7 @@ impl SetpointTracker {
     /// Returns whether a motion may end here: the commanded speed or torque is zero. A position always may.
     #[must_use]
     pub fn may_end(&self, setpoint: SetpointKind) -> bool {
+        // A held position is rest; a speed or torque that is not zero would go on after the last cycle.
         setpoint == SetpointKind::Position || self.last == 0.0
     }
 }
@@ -244,6 +246,7 @@ impl DurationHistogram {
     pub fn record(&mut self, ns: u64) {
         self.min_ns = self.min_ns.min(ns);
         self.max_ns = self.max_ns.max(ns);
+        debug_assert!(self.min_ns <= self.max_ns);
         self.count += 1;
         let class = &mut self.buckets[Self::bucket_of(ns)];
         *class = class.saturating_add(1);
@@ -263,6 +266,7 @@ impl DurationHistogram {
     /// Least, middle and greatest; `None` before the first. The middle one is known to an eighth.
     #[must_use]
     pub fn summary(&self) -> Option<(Duration, Duration, Duration)> {
+        // The middle one of an odd number, the lower of two middle ones otherwise.
         let mut left = self.count.div_ceil(2);
         let middle = self.buckets.iter().position(|class| {
             left = left.saturating_sub((*class).into());

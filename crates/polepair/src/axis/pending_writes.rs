@@ -92,9 +92,10 @@ impl LocalAxis {
             };
             inputs.push((id, raw));
         }
-        let read = |id| inputs.iter().find(|(input, _)| *input == id)?.1;
         let signed = parameter.encoding.is_signed();
-        let scale = parameter.scale.compute(self.profile, signed, &read);
+        let scale = parameter
+            .scale
+            .compute(self.profile, signed, &|id| inputs.iter().find(|(input, _)| *input == id)?.1);
         let scale = scale.map_err(|NoScale(why)| {
             let what = format!("`{}` would have no unit: {why}", parameter.name);
             Error::usage("E217", what, "write what it is scaled by with another value")

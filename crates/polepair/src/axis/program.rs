@@ -68,10 +68,12 @@ impl LocalAxis {
     ) -> Result<TransferProgress, Error> {
         const WHAT: &str = "loading a program";
         let rules = self.memory_rules(WHAT)?;
-        let is_stored = |p: &MemoryBlock| {
-            rules.memory_at(p.start, p.words.len()) == Some(MemoryKind::Permanent)
-        };
-        if !permanent && program.pieces().iter().any(is_stored) {
+        if !permanent
+            && program
+                .pieces()
+                .iter()
+                .any(|p| rules.memory_at(p.start, p.words.len()) == Some(MemoryKind::Permanent))
+        {
             return Err(
                 self.unsupported_error(WHAT, Unsupported::Forbidden(PERMANENT_MEMORY_REASON))
             );

@@ -4,7 +4,7 @@ use super::failure::RequestKind;
 use super::{LocalAxis, Rehearsal, RunningRequest};
 use crate::error::Error;
 use crate::url::AxisNumber;
-use polepair_core::axis::{Axes, RehearsalStep};
+use polepair_core::axis::Axes;
 use polepair_core::convert::text_from;
 use polepair_core::error::Unsupported;
 use polepair_core::explain::{EncodeError, EncodeOptions, Impact};
@@ -51,13 +51,14 @@ impl LocalAxis {
     /// `E221` for text that is not of that language, with the place.
     pub fn rehearse_raw(&self, text: &str) -> Result<RawRehearsal, Error> {
         let mut frames = Vec::new();
-        let mut show = |step: RehearsalStep<'_>| {
-            let (bytes, frame) = (step.bytes.to_vec(), step.frame.copied());
-            frames.push(Rehearsal { step: step.action, bytes, frame });
-        };
         let rehearsal = self
             .connection
-            .with_axes(|axes, _| axes.rehearse_text(self.index, text, &mut show))
+            .with_axes(|axes, _| {
+                axes.rehearse_text(self.index, text, &mut |step| {
+                    let (bytes, frame) = (step.bytes.to_vec(), step.frame.copied());
+                    frames.push(Rehearsal { step: step.action, bytes, frame });
+                })
+            })
             .map_err(|why| self.unsupported_error(&format!("`{text}`"), why))
             .map_err(|error| self.locate_in_text(text, error))?;
         if rehearsal.moves_bytes {

@@ -45,9 +45,13 @@ impl LocalAxis {
     pub fn scale_source(&self, id: ParameterId) -> Option<String> {
         let parameter = self.parameter(id)?;
         parameter.scale.rule?;
-        let read = |id| self.connection.with_axes(|axes, _| axes.scale_input(self.index, id));
         let signed = parameter.encoding.is_signed();
-        let scale = parameter.scale.compute(self.profile, signed, &read).ok()?;
+        let scale = parameter
+            .scale
+            .compute(self.profile, signed, &|id| {
+                self.connection.with_axes(|axes, _| axes.scale_input(self.index, id))
+            })
+            .ok()?;
         let objects = scale.from.iter().filter_map(|object| self.profile.find_object(*object));
         Some(self.format_inputs(parameter.scale, objects))
     }

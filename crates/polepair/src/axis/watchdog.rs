@@ -331,11 +331,11 @@ impl LocalAxis {
             Watchdog::Heartbeat { consumer, reaction } => vec![consumer, reaction],
             _ => self.watchdog_parameter().into_iter().collect(),
         };
-        let reported = |id: &ParameterId| {
-            self.parameter(*id).is_some_and(|found| found.access != Access::Write)
-        };
         // Half a setting cannot be put back.
-        if !ids.iter().all(reported) {
+        if !ids
+            .iter()
+            .all(|id| self.parameter(*id).is_some_and(|found| found.access != Access::Write))
+        {
             return Ok(None);
         }
         ids.into_iter().map(|id| Ok((id, self.read(id)?))).collect::<Result<_, _>>().map(Some)

@@ -131,8 +131,9 @@ impl LocalLink {
     /// The number of an axis' wire, among [all of them](Self::wires).
     #[must_use]
     pub fn wire_index(&self, axis: &LocalAxis) -> Option<usize> {
-        let its = |connection: &Connection| connection.is_same(&axis.connection);
-        self.line_configs.iter().position(|(connection, _)| connection.as_ref().is_some_and(its))
+        self.line_configs.iter().position(|(connection, _)| {
+            connection.as_ref().is_some_and(|connection| connection.is_same(&axis.connection))
+        })
     }
 
     /// Protocols on a wire.

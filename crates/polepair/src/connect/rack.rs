@@ -77,8 +77,9 @@ impl Connector {
             let opened = locate(first)?;
             let link = open(&opened, first, &wire_options(&opened, first)?)?;
             let link = self.wrap_and_tap(at, link, None);
-            let options = |protocol: &ProtocolInfo, _| wire_options(&locate(protocol)?, protocol);
-            lines.extend(self.open_rack_lines(url, &description, n, &link, &options)?);
+            lines.extend(self.open_rack_lines(url, &description, n, &link, &|protocol, _| {
+                wire_options(&locate(protocol)?, protocol)
+            })?);
         }
         Ok((lines, None))
     }

@@ -31,8 +31,10 @@ pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     let known = std::mem::take(&mut draft.parameters);
     let mut names = HashSet::new();
     for (object, entry, encoding) in typed_entries(&eds) {
-        let at = |p: &&DraftParameter| (p.index, p.space) == (object.index, entry.sub);
-        let mut parameter = match known.iter().find(at) {
+        let mut parameter = match known
+            .iter()
+            .find(|p| (p.index, p.space) == (object.index, entry.sub))
+        {
             Some(parameter) => DraftParameter { location: position.clone(), ..parameter.clone() },
             None => sheet_parameter(object, entry, &position),
         };

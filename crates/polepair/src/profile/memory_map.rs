@@ -158,7 +158,6 @@ fn relocated(mut p: DraftParameter, entry: &MapEntry<'_>) -> DraftParameter {
 fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter {
     let (min, max) = entry.encoding.raw_range();
     let (unit, factor, per_turn) = unit_and_factor(entry);
-    let over = || Located { value: COUNTS_PER_TURN.to_owned(), location: position.clone() };
     DraftParameter {
         location: position.clone(),
         name: entry.name.into(),
@@ -170,7 +169,8 @@ fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter 
         unit,
         factor,
         times: None,
-        over: per_turn.then(over),
+        over: per_turn
+            .then(|| Located { value: COUNTS_PER_TURN.to_owned(), location: position.clone() }),
         rule: None,
         min,
         max,

@@ -538,8 +538,10 @@ impl ProfileReader {
         let inherited = draft.faults.len();
         for table in node.tables("fault", &FAULT_KEYS)? {
             let fault = read_fault(&table)?;
-            let same = |f: &DraftFault| f.code == fault.code || f.name == fault.name;
-            match draft.faults[..inherited].iter().position(same) {
+            match draft.faults[..inherited]
+                .iter()
+                .position(|f| f.code == fault.code || f.name == fault.name)
+            {
                 Some(at) => draft.faults[at] = fault,
                 None => draft.faults.push(fault),
             }

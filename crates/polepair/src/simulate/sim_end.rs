@@ -249,12 +249,14 @@ impl LinkIo<Can> for SimEnd {
     }
 
     fn receive(&self, out: &mut Frame, until: Instant) -> Result<Received, LinkError> {
-        let mut take = |world: &mut World, end| {
-            let (at, frame) = world.receive_frame(end)?;
-            *out = frame;
-            Some((at, 1))
-        };
-        Ok(self.receive(&mut take, until))
+        Ok(self.receive(
+            &mut |world, end| {
+                let (at, frame) = world.receive_frame(end)?;
+                *out = frame;
+                Some((at, 1))
+            },
+            until,
+        ))
     }
 
     /// A simulated bus has the bit rate of its rack.

@@ -36,12 +36,16 @@ pub(super) fn shared_stop(
 
 /// Writes of a plan before it waits; `None` if it does anything else first.
 fn plan_writes(profile: &'static Profile, verb: Verb) -> Option<Vec<WireWrite>> {
-    let write = |step: &Step| {
-        let Step::Write(id, Operand::Constant(raw)) = step else { return None };
-        let found = profile.parameter(*id)?;
-        Some((found.space, found.index, found.encoding, *raw))
-    };
-    profile.plan(verb)?.before_wait().iter().map(write).collect()
+    profile
+        .plan(verb)?
+        .before_wait()
+        .iter()
+        .map(|step| {
+            let Step::Write(id, Operand::Constant(raw)) = step else { return None };
+            let found = profile.parameter(*id)?;
+            Some((found.space, found.index, found.encoding, *raw))
+        })
+        .collect()
 }
 
 /// Identifies the address again.

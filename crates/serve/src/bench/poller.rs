@@ -181,8 +181,9 @@ impl AxisPoller {
             let its = self.axes.iter_mut().filter(|polled| polled.id == id);
             its.for_each(|polled| polled.needs_host_watch = true);
         }
-        let unwatched = |polled: &&mut PolledAxis| polled.needs_host_watch && now >= polled.next;
-        for polled in self.axes.iter_mut().filter(unwatched) {
+        for polled in
+            self.axes.iter_mut().filter(|polled| polled.needs_host_watch && now >= polled.next)
+        {
             if polled.enable_host_watch(now, &self.wire, &self.context) {
                 return true;
             }
@@ -212,8 +213,10 @@ impl AxisPoller {
     /// Reports other hosts on the wire.
     fn check_clashes(&mut self, now: Instant) {
         let Some(first) = self.axes.first() else { return };
-        let counters = || first.axis.connection().with_axes(|axes, _| axes.counters());
-        if let Some(news) = self.clash_detector.check(counters, now) {
+        if let Some(news) = self
+            .clash_detector
+            .check(|| first.axis.connection().with_axes(|axes, _| axes.counters()), now)
+        {
             self.wire.set_clash(news);
             self.context.publish(BenchEvent::BenchChanged);
         }

@@ -10,14 +10,18 @@ use crate::message::{ActiveFault, AxisState, SignalValue};
 /// All but lease and panel.
 pub(super) fn axis_state(id: u16, axis: &LocalAxis) -> AxisState {
     let (state, now) = (axis.state(), axis.connection().now());
-    let known = |source: &SignalSource| signal_value(axis, &state, source, now);
     AxisState {
         id,
         mode: axis.mode(&state),
         enabled: known_flag(Signal::Enabled, &state, axis),
         armed: state.armed,
         moving: axis.moving(&state),
-        signals: axis.profile().signals.iter().filter_map(known).collect(),
+        signals: axis
+            .profile()
+            .signals
+            .iter()
+            .filter_map(|source| signal_value(axis, &state, source, now))
+            .collect(),
         faults: faults(axis, &state),
         lease: None,
         owed: None,

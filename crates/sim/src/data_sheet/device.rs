@@ -216,6 +216,7 @@ impl Firmware for DataSheetNode {
         if end > BYTES_MAX as usize {
             return Err(AbortCode::MEMORY);
         }
+        // A block that is sent again begins where it began before.
         self.write_buffer.truncate(offset as usize);
         self.write_buffer.extend_from_slice(data);
         Ok(())
@@ -224,6 +225,7 @@ impl Firmware for DataSheetNode {
     fn finish_write(&mut self, _now: Instant, tag: u16, _size: u32) -> Result<(), AbortCode> {
         let written = std::mem::take(&mut self.write_buffer);
         if let Some(cell) = self.value_mut(tag) {
+            // At the end only: a download that breaks off leaves the old value.
             *cell = ObjectValue::Bytes(written);
         }
         Ok(())

@@ -218,10 +218,15 @@ impl SetpointTable {
         let steps = (self.times.len() - 1) as f64;
         let begin = self.times[0];
         let period = (self.times[self.times.len() - 1] - begin) / steps;
-        let is_even = |(k, time): (usize, &f64)| (time - begin - k as f64 * period).abs() < SAME_S;
         // Decimal times leave a rest that no drive counts.
         let whole = (period / SAME_S).round() * SAME_S;
-        if self.times.iter().enumerate().all(is_even) && (whole - period).abs() * steps < SAME_S {
+        if self
+            .times
+            .iter()
+            .enumerate()
+            .all(|(k, time)| (time - begin - k as f64 * period).abs() < SAME_S)
+            && (whole - period).abs() * steps < SAME_S
+        {
             return Ok(whole);
         }
         Err(Problem::usage("E217", format!("the times of {file} are not evenly spaced."))

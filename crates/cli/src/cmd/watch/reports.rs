@@ -156,13 +156,18 @@ fn reported_column(
     let unit = (!is_code).then(|| axis.unit(source.parameter));
     let (number, its) = (axis.number(), axis.clone());
     let si_factor = unit.map_or(1.0, |unit| unit.si_factor());
-    let read = move || {
-        let reading = its.state().reading(signal);
-        let now = its.connection().now();
-        let value = reading.at.filter(|at| now.since(*at) <= fresh).map(|_| reading.value);
-        Ok(value.map_or(f64::NAN, |value| value / si_factor))
-    };
     let name = format!("{}{}", session.axis_prefix(axis), signal.name());
     let unit = unit.map_or("", |unit| unit.symbol()).to_owned();
-    Some(WatchColumn { number, link: None, name, unit, read: Box::new(read) })
+    Some(WatchColumn {
+        number,
+        link: None,
+        name,
+        unit,
+        read: Box::new(move || {
+            let reading = its.state().reading(signal);
+            let now = its.connection().now();
+            let value = reading.at.filter(|at| now.since(*at) <= fresh).map(|_| reading.value);
+            Ok(value.map_or(f64::NAN, |value| value / si_factor))
+        }),
+    })
 }

@@ -49,10 +49,10 @@ impl KnownPdo {
             if at + bits > BITS_MAX {
                 return;
             }
-            let is = |p: &crate::profile::Parameter| {
-                (axis_index(p.index, offset), p.space) == (object.index, object.sub)
-            };
-            if let Some(id) = profile.parameters.iter().position(is)
+            if let Some(id) = profile
+                .parameters
+                .iter()
+                .position(|p| (axis_index(p.index, offset), p.space) == (object.index, object.sub))
                 && let Some(position) = places.next()
             {
                 let (_, signed) = super::axis::encoding_width(profile.parameters[id].encoding);

@@ -189,6 +189,7 @@ impl SerialEndpoint {
             WireFormat::Ascii => self.buffer_bytes(bytes),
             WireFormat::Rtu => {
                 let first = firmware.serial_settings().line.characters_ns(bytes.len() as u32);
+                // The bytes are handed over when the last one has come: the silence was before the first.
                 let silence = now.0.saturating_sub(first).saturating_sub(self.last_byte.0);
                 if self.len > 0 && silence > self.frame_end_ns() {
                     self.handle_silence(now, firmware);
@@ -278,11 +279,13 @@ impl SerialEndpoint {
         let stored = bytes.len().min(capacity);
         self.buffer[self.len..self.len + stored].copy_from_slice(&bytes[..stored]);
         self.len += stored;
+        // A frame that has lost bytes must fail its check, and not be cut elsewhere.
         self.overrun |= stored < bytes.len();
         self.counters.skipped += (bytes.len() - stored) as u64;
     }
 
     fn drop_front(&mut self, count: usize) {
+        debug_assert!(count <= self.len);
         self.buffer.copy_within(count..self.len, 0);
         self.len -= count;
     }
@@ -355,6 +358,7 @@ impl SerialEndpoint {
     }
 
     fn handle_rtu_frame<F: Firmware>(&mut self, now: Instant, len: usize, firmware: &mut F) {
+        debug_assert!((ADU_MIN..=ADU_MAX).contains(&len));
         let mut adu = [0; ADU_MAX];
         adu[..len].copy_from_slice(&self.buffer[..len]);
         self.handle_pdu(now, adu[0], &adu[1..len - 2], firmware);
@@ -383,6 +387,7 @@ impl SerialEndpoint {
             Ok(_) => self.counters.executed += 1,
             Err(_) => self.counters.refused += 1,
         }
+        // Executed, but never answered (Modbus serial line, 2.1).
         if unit == BROADCAST {
             return;
         }
@@ -524,6 +529,7 @@ fn read_bits<F: Firmware>(
     reply: &mut [u8],
 ) -> Result<usize, Exception> {
     check_range(start, count)?;
+    // Some drives fill the whole byte even where one bit was asked for.
     let requested = if count == 1 && firmware.reads_whole_bytes() { 8 } else { count };
     let mut bits = [0; PDU_MAX - 2];
     let bits = &mut bits[..usize::from(requested).div_ceil(8)];
@@ -573,6 +579,7 @@ fn write_words<F: Firmware>(
 ) -> Result<(), Exception> {
     let mut values = [0; WRITE_WORDS_MAX as usize];
     let count = data.len() / 2;
+    // The whole range before the first register: a refused write has changed nothing.
     check_range(start, count as u16)?;
     for (value, word) in values.iter_mut().zip(words(data)) {
         *value = word;

@@ -479,8 +479,10 @@ impl Session {
         let waiting = self.unproven_request.take().map(|waiting| waiting.ticket);
         let stop = self.pending_stop.take().map(|(ticket, _)| ticket);
         let repeated = self.take_repeated_stops();
-        let down = |ticket| self.finish_ticket(Some(ticket), Err(Failure::LinkDown));
-        stop.into_iter().chain(waiting).chain(repeated).for_each(down);
+        stop.into_iter()
+            .chain(waiting)
+            .chain(repeated)
+            .for_each(|ticket| self.finish_ticket(Some(ticket), Err(Failure::LinkDown)));
     }
 
     /// Ends a request that is not sent.

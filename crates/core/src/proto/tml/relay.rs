@@ -44,6 +44,8 @@ impl Relay {
         for &byte in bytes {
             if let Some(message) = self.serial.handle_byte(now, byte) {
                 if !is_answer(&message) {
+                    // The drive at the cable acknowledges for all axes behind it, before it forwards the message
+                    // (RS-232).
                     self.serial.acknowledge(message.to, firmware.axis());
                 }
                 self.handle_serial_message(now, &message, firmware);
@@ -99,6 +101,7 @@ impl Relay {
 
     /// Forwards the drive's messages to their wires. To be called whenever it may have a new one.
     pub fn forward_messages(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        // Bounded: a program in the drive may send without end.
         for _ in 0..MESSAGES_MAX {
             let Some(message) = firmware.poll_message(now) else { return };
             let for_host = message.to.host && message.to.id == firmware.axis();

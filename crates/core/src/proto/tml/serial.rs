@@ -25,6 +25,7 @@ pub fn encode(message: &Message, out: &mut [u8; FRAME_MAX]) -> usize {
     let Message { to, instruction } = message;
     let words = instruction.data().len();
     let head = [to.word(), instruction.opcode];
+    debug_assert!(words <= DATA_WORDS_MAX);
     out[0] = 4 + 2 * words as u8;
     for (pair, word) in out[1..].chunks_exact_mut(2).zip(head.iter().chain(instruction.data())) {
         pair.copy_from_slice(&word.to_be_bytes());
@@ -161,6 +162,7 @@ impl Deframer {
         if usize::from(self.len) == FRAME_MAX {
             self.consume(1);
         }
+        debug_assert!(usize::from(self.len) < FRAME_MAX);
         self.bytes[usize::from(self.len)] = byte;
         self.len += 1;
     }
@@ -169,6 +171,7 @@ impl Deframer {
     #[inline]
     pub fn next_piece(&mut self) -> Option<SerialPiece> {
         let &first = self.pending().first()?;
+        // The length is the only mark of a beginning: any other byte belongs to no message.
         let Some(whole) = frame_len(first) else {
             self.consume(1);
             return Some(match first {
@@ -204,6 +207,7 @@ impl Deframer {
         if count < usize::from(self.len) {
             self.bytes.copy_within(count..usize::from(self.len), 0);
         }
+        debug_assert!(count <= usize::from(self.len));
         self.len -= count as u8;
     }
 }

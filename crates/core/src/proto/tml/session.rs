@@ -355,8 +355,8 @@ impl Session {
         instruction: &Instruction,
     ) {
         // Group messages are for drives. A host that took them would answer for its own number.
-        let own = |code: IdCode| !code.group && self.same_axis(code.id, self.topology.own_code.id);
-        if !to.is_none_or(own) {
+        if !to.is_none_or(|code| !code.group && self.same_axis(code.id, self.topology.own_code.id))
+        {
             self.counters.foreign += 1;
             return;
         }

@@ -164,6 +164,7 @@ pub fn class_of(message: &Message) -> Result<MessageClass, WireRule> {
         TAKE_DATA_2 if opcode & 0x200 == 0 => return Ok(MessageClass::TakeData2),
         TAKE_DATA_2 if opcode & 0xFF00 == PONG && opcode != PONG => return Ok(MessageClass::Pong),
         _ if to.host => MessageClass::Host,
+        // Before the count of words: a point has four, and its own way of packing them.
         _ if is_point(instruction) => return Ok(MessageClass::Pvt),
         _ => MessageClass::Normal,
     };
@@ -200,6 +201,7 @@ pub fn encode(message: &Message) -> Result<Frame, WireRule> {
             (sender, (pack_take_data_2(instruction)?, 2 * count + 1))
         }
     };
+    debug_assert!(number <= GROUP_MASK);
     let id = u32::from(class.base() | u16::from(number));
     Ok(Frame { id, extended: false, remote: false, len, data: data.to_le_bytes() })
 }
@@ -327,6 +329,7 @@ const fn pack_take_data_2(instruction: &Instruction) -> Result<u64, WireRule> {
 fn unpack_take_data_2(data: u64, len: u8, number: u8) -> Result<FrameContent, WireError> {
     check_len(len, 1, 7)?;
     let flags = data as u8;
+    // Six bits are reserved; with one of them set it is another protocol's frame.
     if flags & 0x3F != 0 {
         return Err(WireError::Unexpected { at: 0, found: flags });
     }

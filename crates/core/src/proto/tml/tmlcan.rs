@@ -24,6 +24,7 @@ pub fn encode(message: &Message) -> Frame {
         | u32::from(to.id) << 13
         | u32::from(to.host) << 9
         | opcode & 0x1FF;
+    debug_assert_eq!(id & ZEROS, 0);
     let data = instruction.packed().to_le_bytes();
     Frame { id, extended: true, remote: false, len: 2 * instruction.word_count() as u8, data }
 }

@@ -3,7 +3,7 @@
 use crate::url::without_axes;
 use std::time::Duration;
 
-use polepair_client::message::{AxisState, SignalValue};
+use polepair_client::message::AxisState;
 use polepair_client::{GatewayError, Lease, PendingOperation};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
@@ -42,9 +42,11 @@ impl RemoteAxis {
         loop {
             let state = self.gateway().axis_state(self.info().id)?;
             let waited = clock::now().since(started);
-            let is_new = |read: &SignalValue| read.age_ms <= waited.as_secs_f64() * 1e3;
             let has_all = state.signals.len() >= self.info().signals.len();
-            if waited >= FRESH_MAX || has_all && state.signals.iter().all(is_new) {
+            if waited >= FRESH_MAX
+                || has_all
+                    && state.signals.iter().all(|read| read.age_ms <= waited.as_secs_f64() * 1e3)
+            {
                 return Ok(state);
             }
             clock::sleep_until(clock::now() + POLL_INTERVAL);
@@ -230,6 +232,7 @@ fn newest_value(state: &AxisState, signal: Signal, age: Duration) -> Option<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use polepair_client::message::SignalValue;
 
     #[test]
     fn what_was_read_before_the_motion_does_not_end_it() {

@@ -198,6 +198,7 @@ impl<const N: usize> SettingsStore<N> {
         comm: &CommunicationObjects<N>,
     ) -> Instant {
         let done = now.plus_ms(STORE_MS);
+        // A copy: what is written meanwhile is not part of what is being stored.
         self.writing = Some((group, done, StoredSettings { node, comm: *comm }));
         done
     }
@@ -234,6 +235,7 @@ impl<const N: usize> SettingsStore<N> {
     /// ones stay.
     pub(super) fn load(&self, dictionary: &Dictionary, node: u8) -> CommunicationObjects<N> {
         match self.stored {
+            // Identifiers that were stored with another node-ID belong to that one.
             Some(stored_settings) if stored_settings.node == node => stored_settings.comm,
             _ => CommunicationObjects::factory(dictionary, node),
         }

@@ -41,10 +41,12 @@ pub(super) struct EmergencyQueue {
 impl EmergencyQueue {
     fn push(&mut self, emergency: Emergency) {
         if emergency.code != 0 {
+            // The newest comes first (CiA 301, 1003h).
             self.history.rotate_right(1);
             self.history[0] = emergency.code.into();
             self.history_len = (self.history_len + 1).min(HISTORY_MAX as u8);
         }
+        // With a full queue the later ones are lost on the bus; the history has them.
         if let Some(position) = self.queue.get_mut(self.queue_len) {
             *position = emergency;
             self.queue_len += 1;
@@ -133,10 +135,12 @@ impl<const N: usize> CanEndpoint<N> {
         }
         let first = self.emergencies.queue[0];
         self.emergencies.queue.rotate_left(1);
+        debug_assert!(self.emergencies.queue_len > 0);
         self.emergencies.queue_len -= 1;
         if !cob.is_valid() || (self.quirks.short_emcy && first.code == 0) {
             return self.next_emergency(now);
         }
+        // In tenths of a millisecond (CiA 301, 1015h).
         let inhibit = u64::from(self.communication.emcy_inhibit) * 100_000;
         self.emergencies.free_at = now.plus_ns(inhibit);
         if inhibit > 0 {

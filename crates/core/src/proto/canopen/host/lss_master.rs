@@ -95,6 +95,7 @@ impl LssMaster {
             answered: false,
         };
         if request.is_none() {
+            // An identity of the scan before must not be read as that of this one.
             self.scanned = None;
         }
         self.pending = Some((ticket, request.map_or(LssTask::Scan(scan), LssTask::Request)));
@@ -124,6 +125,7 @@ impl LssMaster {
         let (request, wait) = match task {
             LssTask::Request(request) => (*request, timeout_ns),
             LssTask::Scan(scan) => {
+                debug_assert!(scan.number_index < 4);
                 scan.answered = false;
                 (scan.next_request(), self.silence_ns)
             }

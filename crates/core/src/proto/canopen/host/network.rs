@@ -147,6 +147,7 @@ impl Network {
             self.nodes.iter().position(|node| node.heartbeat_due.is_some_and(|due| due <= now));
         match at {
             Some(at) => (self.nodes[at].heartbeat_due, self.nodes[at].state) = (None, None),
+            // Worked out anew only when the noted one has passed: it is asked for with every frame.
             None => self.due = self.nodes.iter().filter_map(|node| node.heartbeat_due).min(),
         }
         at.map(|at| at as u8)
@@ -185,6 +186,7 @@ impl Network {
         if period_ms > 0
             && (self.own_heartbeat.period_ms == 0 || period_ms < self.own_heartbeat.period_ms)
         {
+            // The shortest one that any node asks for; the others are served by it as well.
             self.own_heartbeat.period_ms = period_ms;
             self.renew_lease(now);
         }

@@ -114,6 +114,7 @@ impl TransferBuffer {
 
     /// Bytes to be written come.
     pub fn write_bytes(&mut self, bytes: &[u8]) -> usize {
+        // No more than was announced: a node refuses a longer value at its end.
         let wanted = (self.bytes_left as usize).saturating_sub(self.len);
         self.push(&bytes[..bytes.len().min(wanted)])
     }

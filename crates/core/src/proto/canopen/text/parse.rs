@@ -582,8 +582,9 @@ impl<'a> Tokenizer<'a> {
     }
 
     fn known_object(&self, object: ObjectIndex) -> Option<&'static Parameter> {
-        let same = |p: &&Parameter| (p.index, p.space) == (object.index, object.sub);
-        self.canopen_profile().and_then(|profile| profile.parameters.iter().find(same))
+        self.canopen_profile().and_then(|profile| {
+            profile.parameters.iter().find(|p| (p.index, p.space) == (object.index, object.sub))
+        })
     }
 
     fn canopen_profile(&self) -> Option<&'static Profile> {

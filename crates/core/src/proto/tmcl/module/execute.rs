@@ -250,6 +250,7 @@ fn restore_factory<M: TmclModule + ?Sized>(
     }
     module.state_mut().memory.write_factory_settings();
     module.power_up(now);
+    // Writing the whole EEPROM takes the module seconds, in which it answers nothing.
     module.state_mut().silent_until = now.plus_ms(FACTORY_SILENCE_MS);
     Ok(value)
 }
@@ -270,6 +271,7 @@ fn execute_program<M: TmclModule + ?Sized>(
         (Opcode::ProgramRun, _) => return Err(Status::WrongType),
         (Opcode::ProgramStep, _) => state.program.state = ProgramState::Step,
         (Opcode::ProgramReset, _) => {
+            // A reset forgets the stack and the registers as well as the address.
             state.program = Interpreter::NEW;
             state.program.state = ProgramState::Reset;
         }
@@ -307,6 +309,7 @@ fn handle_download(module: &mut impl TmclModule, request: &Request) -> Option<Re
     }
     Some(match state.memory.program.write(at, request) {
         Ok(()) => {
+            debug_assert!(at >= 0);
             state.download = Some(at + 1);
             state.memory.writes += 1;
             Response::Reply { status: Status::Loaded, value: request.value }

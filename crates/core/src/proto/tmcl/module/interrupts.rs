@@ -74,6 +74,7 @@ impl Interrupts {
                 self.pending |= self.enabled & 1 << number;
             }
         }
+        debug_assert!(levels >> NUMBERS == 0, "a level for each interrupt");
         let (rose, fell) = (levels & !self.levels, !levels & self.levels);
         self.levels = levels;
         for number in REACHED..=NUMBER_MAX {
@@ -102,6 +103,7 @@ impl Interrupts {
         if !self.is_pending() {
             return None;
         }
+        // The lowest number first; the firmware manual states no other priority.
         let number = self.pending.trailing_zeros();
         self.pending &= !(1 << number);
         self.vectors.get(number as usize).copied()

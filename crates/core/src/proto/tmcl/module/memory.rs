@@ -122,6 +122,7 @@ impl Memory {
 
     /// Power-up: RAM from EEPROM, which is made anew if its magic is not there.
     pub fn load(&mut self) {
+        // The mark of a written EEPROM; any other value means a new one (global parameter 64).
         if self.eeprom.global[64] != MAGIC {
             self.write_factory_settings();
         }
@@ -137,6 +138,7 @@ impl Memory {
     pub fn store_axis(&mut self, motor: usize, number: u8) -> Result<(), Status> {
         self.check_storable(number)?;
         self.check_unlocked()?;
+        debug_assert!(motor < MOTORS_MAX);
         self.eeprom.axis[motor][usize::from(number)] = self.axis[motor][usize::from(number)];
         self.writes += 1;
         Ok(())

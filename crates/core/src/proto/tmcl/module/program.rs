@@ -176,6 +176,7 @@ impl Interpreter {
         if self.interrupted.is_none()
             && let Some(vector) = self.interrupts.take_pending()
         {
+            // An interrupt leaves the wait of the main program under way; RETI returns to it.
             self.interrupted = Some((self.registers, self.counter, self.wait.take()));
             self.counter = vector;
         }
@@ -186,6 +187,7 @@ impl Interpreter {
             self.state = ProgramState::Stop;
             return InterpreterStep::Nothing;
         };
+        // Counted up before the instruction, so that a jump replaces the address.
         self.counter += 1;
         self.execute_instruction(&instruction, variables)
     }
@@ -378,6 +380,7 @@ impl Interpreter {
             self.state = ProgramState::Stop;
             return;
         };
+        debug_assert!(self.depth < CALLS_MAX);
         *slot = self.counter;
         self.depth += 1;
         self.counter = address;

@@ -98,6 +98,7 @@ impl ModuleState {
     /// 82). \[I\]
     pub fn check_heartbeats(&mut self, now: Instant) -> Option<&'static str> {
         if is_late(self.memory.global[68], self.last_requests.serial, now) {
+            // Once for each silence: the next request begins a new watch.
             self.last_requests.serial = None;
             return Some("no serial request: motor stopped");
         }
@@ -159,6 +160,7 @@ pub trait TmclModule {
             return;
         }
         let levels = self.interrupt_levels();
+        // Taken out, because its command runs on the module that holds it.
         let mut program = core::mem::replace(&mut self.state_mut().program, Interpreter::NEW);
         let ready = program.is_ready(|what| self.is_met(what));
         let memory = &mut self.state_mut().memory;
