@@ -206,7 +206,7 @@ fn stepper(module: &Module, base: &Profile, pps: Option<&Module>, source: &str) 
     let of_base: BTreeMap<u16, &Parameter> =
         base.parameters.iter().filter(|p| p.space == 0).map(|p| (p.index, p)).collect();
     let spelled: BTreeMap<u16, String> = match pps.filter(|_| !is_first) {
-        // What the first of them has, with the words that it has for it.
+        // The parameters of the first module, with its words.
         Some(first) => {
             first.parameters.iter().map(|(at, name)| (*at, own_name(*at, name, &of_base))).collect()
         }
@@ -228,7 +228,7 @@ fn stepper(module: &Module, base: &Profile, pps: Option<&Module>, source: &str) 
     };
     let mut text = head(module, extends, "tmcm", source, unit);
     let _ = writeln!(text, "remove = {}", list(&removed));
-    // What scales positions and speeds: other firmware may lack it.
+    // The scales of positions and speeds: other firmware may lack them.
     let scaling = wanted.iter().filter(|(at, _)| SCALING.contains(at));
     let scaling: Vec<&str> = scaling.map(|(_, name)| name.as_str()).collect();
     let _ = writeln!(text, "optional = {}", list(&scaling));

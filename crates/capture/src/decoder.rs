@@ -540,7 +540,7 @@ impl CaptureDecoder {
                 deferred_axis: left,
                 template: 0,
             };
-            // What a frame is by its bytes holds for this one frame only.
+            // The protocol that its bytes show holds for this one frame only.
             let by_id = reported.is_some() && !teller.rejected_by_content;
             if left.is_some() && by_id {
                 routes.insert(frame, lane);

@@ -22,7 +22,7 @@ pub(crate) fn append_padded(mut value: u64, width: usize, fill: u8, out: &mut Ve
         digits[at] = PAIRS[pair];
         digits[at + 1] = PAIRS[pair + 1];
     }
-    // Of a number of even length nothing is left.
+    // A number of even length has no digit left.
     if value > 0 || at == DIGITS_MAX {
         at -= 1;
         digits[at] = b'0' + value as u8;

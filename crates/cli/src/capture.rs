@@ -319,7 +319,7 @@ impl CaptureSource {
         if !ended {
             print_note("detected from the frames so far; --as PROTO states the protocol");
         }
-        // What was held back for the detection is decoded first.
+        // The bytes that the detection held back are decoded first.
         decoder.feed(&gathered, &mut |event| sink.handle_event(event));
         Ok((decoder, ended))
     }

@@ -202,7 +202,7 @@ fn execute_motion(
     // One span for all of it: homing is part of the command, the way to a target is not.
     let deadline = session.now() + within;
     let mut measured = report::MeasuredMotion::default();
-    // What is refused is refused before anything has power.
+    // Refusals come before anything has power.
     debug_assert!(!commands.is_empty());
     let ended = check(commands)
         .and_then(|()| started_motion.power_all(commands))

@@ -83,7 +83,7 @@ fn reason_text(error: &Error) -> String {
     let output = match (error.exit(), error.executed()) {
         // The sentence names the missing reply.
         (Exit::NoReply, _) if error.may_turn() => "",
-        // Of several requests some may have been answered.
+        // Some of several requests may have been answered.
         (Exit::NoReply, _) if partly => "Some requests had no reply, even after repeats.",
         (Exit::NoReply, _) => "No reply within the time limit, even after repeats.",
         (Exit::Corrupt, _) if error.code() == "E502" => "",

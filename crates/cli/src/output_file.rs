@@ -198,7 +198,7 @@ fn existing_problem(path: &Path) -> Problem {
 fn write_problem(path: &Path, error: &io::Error) -> Problem {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     match folder {
-        // What is missing is not the file that is to be made.
+        // A missing directory is another fault than a missing file, which is about to be made.
         Some(folder) if error.kind() == io::ErrorKind::NotFound && !folder.exists() => {
             Problem::new(
                 problem::Exit::Adapter,

@@ -72,7 +72,7 @@ pub(crate) enum LiveRequest {
 impl LiveRequest {
     /// Reports to the caller that it was not sent.
     fn fail(self, why: GatewayError) {
-        // Who waited may have gone.
+        // The receiver may have been dropped.
         match self {
             Self::Command { reply, .. } => drop(reply.send(Err(why))),
             Self::Lease { reply, .. } => drop(reply.send(Err(why))),
@@ -344,7 +344,7 @@ impl SampleStream {
                     if self.is_ready(context.waker()) { Poll::Ready(()) } else { Poll::Pending }
                 },
             );
-        // Who waited in vain drains nothing.
+        // After a timeout there is nothing to drain.
         let _ = self.live.gateway().block_on(async { timeout(within, ready).await });
     }
 

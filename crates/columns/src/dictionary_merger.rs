@@ -56,7 +56,7 @@ fn renumber_column(
     if same {
         return Ok(Arc::new(column.with_values(words.values())));
     }
-    // What is missing has a number that need not be one.
+    // The key of a missing value is arbitrary, and may be outside the dictionary.
     let keys = column.keys().unary(|key| numbers.get(key as usize).copied().unwrap_or(0));
     Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, words.values())?))
 }

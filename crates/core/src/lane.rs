@@ -165,7 +165,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     /// Submits the next ready request to the host, if the host is free.
     #[inline]
     fn submit_ready_jobs(&mut self, now: Instant) {
-        // Where a host asks many drives at once, those that have one to answer are passed by.
+        // A host that asks many drives at once skips those that have not answered yet.
         let mut open = u64::MAX;
         while let Some((n, job)) = self.jobs.next_ready(open) {
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
@@ -212,7 +212,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return false };
         match execute::next_request(now, job, slot) {
             Ok((request, in_flight)) => {
-                // What still waits for the line to be silent comes after a stop, not before it.
+                // Requests that wait for a silent line go after a stop, not before it.
                 if request.is_stop()
                     && let Some(Ticket(other)) = self.host.recall(&request)
                 {

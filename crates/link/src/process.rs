@@ -28,7 +28,7 @@ pub fn lower_priority() {
     #[cfg(target_os = "linux")]
     {
         const NICE: i32 = 10;
-        // Where that is not let, it is as important as any other.
+        // Without permission it keeps the ordinary priority.
         let _ = rustix::process::nice(NICE);
     }
 }

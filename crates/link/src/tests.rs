@@ -340,7 +340,7 @@ fn a_late_answer_is_read_before_the_next_request_goes_out() {
         connect_with_timeout(Box::new(serial::open(pty.path(), LINE).unwrap()), SOON_MS);
     assert_eq!(submit_write(&connection, 1).wait(long_deadline()), SILENT);
     pty.send(&toy::frame(1, 2)).unwrap();
-    // What came less long ago counts as if it came later.
+    // A frame with a later time stamp counts as the later one.
     thread::sleep(Duration::from_millis(1));
     let late = connection.submit(|axes, now, ticket| {
         assert_eq!(axes.counters().late, 1);

@@ -278,7 +278,7 @@ fn copy_parallel<T: Sync>(
     };
     thread::scope(|scope| {
         for _ in 1..threads {
-            // Where there are no more threads, those that there are do it.
+            // If no more threads can be started, the running ones do the work.
             let _ = Builder::new().spawn_scoped(scope, work);
         }
         work();

@@ -113,7 +113,7 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult
 
 /// Stops axes, and takes their power off.
 fn stop_and_disable(axes: &[LocalAxis]) -> Vec<StopResult> {
-    // What other threads still ask for is refused.
+    // Motion commands of other threads are refused from here on.
     axes.iter().for_each(|axis| axis.arm(false));
     let options = StopOptions { power_off: true, ..StopOptions::default() };
     stop_axes(axes, options, STOP_RETRY_MAX, |_, _| true)
@@ -202,14 +202,14 @@ mod system {
         // that arrived between the two would be lost.
         let Ok(mut signals) = Signals::new(&unheard) else { return };
         for signal in &unheard {
-            // Where nothing is armed this ends the process at once.
+            // If nothing is armed, this ends the process at once.
             let _ = signal_hook::flag::register_conditional_default(*signal, Arc::clone(&IDLE));
         }
         let on_event = move || {
             for signal in &mut signals {
                 let _one = super::lock_shutdown();
-                // Who goes on behind this one had nothing armed and was suspended at once. All others
-                // end the process, though a block that was armed may have ended since.
+                // With nothing armed the process was suspended at once, and goes on here. Every other
+                // signal ends it, even if the armed block has ended since.
                 if signal == SIGTSTP && IDLE.load(Ordering::SeqCst) {
                     continue;
                 }

@@ -365,7 +365,7 @@ impl Bench {
     /// Ends every lease of a session: its client is gone.
     pub fn end_session(&self, session: &SessionName) {
         for link in &self.0.links {
-            // Where so much waits, the lease ends by itself before its turn comes.
+            // With such a queue the lease ends by itself before its turn comes.
             let _ = link.wire.submit(WireRequest::SessionEnded(session.clone()));
         }
     }

@@ -181,11 +181,11 @@ impl Viewer {
             _ = &mut write_task => false,
             () = viewer.read(reader) => true,
         };
-        // What it set in motion stops before anything else is tidied up.
+        // Its motion stops before anything else is cleaned up.
         viewer.state.bench.end_session(&viewer.session);
         if told_to_end {
             write_task.abort();
-            // What was watched is free once that has ended.
+            // The slots of its watches are free once that has ended.
             let _ = write_task.await;
         }
     }

@@ -21,7 +21,7 @@ pub(crate) fn file(path: &str) -> Option<Response> {
     let path = if path == "/" { "/index.html" } else { path };
     let found = FILES.iter().find(|(name, ..)| *name == path);
     if let Some((name, kind, bytes)) = found {
-        // What the build has put into `assets` has a hash in its name.
+        // Files in `assets` have a hash in their name, so they never change.
         let keep =
             if name.starts_with("/assets/") { "private, max-age=31536000" } else { "no-cache" };
         let heads = [(header::CONTENT_TYPE, *kind), (header::CACHE_CONTROL, keep)];

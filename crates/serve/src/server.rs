@@ -238,7 +238,7 @@ impl GatewayServer {
             return Vec::new();
         };
         self.end.send_replace(true);
-        // What moves is stopped before anything is waited for that only shows.
+        // Motors are stopped before anything that only displays is waited for.
         let left = self.state.bench.shutdown();
         if let Some((thread, end)) = self.broadcaster.take() {
             // One that panicked is over as well.

@@ -136,12 +136,14 @@ impl ReceiveHistory {
     /// Records received bytes; `begins` is the content of a transmission that begins with them.
     fn record(&mut self, received: &[u8], begins: Option<u64>) {
         if self.bytes.len() + received.len() > MEMORY_MAX {
+            // Half is dropped at once, so that the bytes behind are not moved with each reception.
             let old = self.bytes.len().saturating_sub(MEMORY_MAX / 2);
             self.bytes.drain(..old);
             self.sent_offsets = self.sent_offsets.map(|at| at.saturating_sub(old));
             self.intended.retain(|(at, _)| *at >= old);
             self.intended.iter_mut().for_each(|(at, _)| *at -= old);
         }
+        debug_assert!(self.intended.is_sorted_by_key(|(at, _)| *at));
         self.intended.extend(begins.map(|content| (self.bytes.len(), content)));
         self.bytes.extend_from_slice(received);
     }
@@ -344,16 +346,19 @@ impl SerialWire {
             if self.config.timing.has_byte_timing() { line.characters_ns(1) } else { 0 };
         let reply = !self.plugs[from].is_host;
         // Late replies wait side by side: none is later than the latest, but for the others' bytes.
+        // A reply crosses the network when it is handed over, see `arrival_time`.
         let late = self.lateness_ns(reply) + if reply { 0 } else { self.network_ns() };
         let begin = now.plus_ns(late).max(self.plugs[from].busy_until);
         let mut chunk =
             WireChunk { wire, from, start: begin, character_ns, line, label, bytes: Vec::new() };
+        // Copied: the sender's bytes stay as they are, for the label is made from them.
         let mut intended = std::mem::take(&mut self.scratch);
         intended.clear();
         intended.extend_from_slice(bytes);
         chunk.label.tainted |= self.corrupt(&mut intended);
         let lost = self.draw_loss(reply);
         let until = begin.plus_ns(bytes.len() as u64 * character_ns);
+        // Also when the transmission is lost: its driver was busy all the same.
         self.record_driving(from, begin, until, line);
         // A host sees no more of its bytes than that the network took them.
         self.plugs[from].last_sent.left_at = match self.config.timing {
@@ -365,6 +370,7 @@ impl SerialWire {
             if reply && self.random.chance(self.faults.duplicate) {
                 self.injected.duplicated += 1;
                 chunk.label.is_copy = true;
+                // Up to three characters later, so that a receiver sees it with and without a gap.
                 chunk.start = chunk.start.plus_ns(self.random.below(3 * character_ns + 1));
                 self.send_pieces(air, &mut chunk, &intended, &mut schedule);
             }
@@ -399,6 +405,7 @@ impl SerialWire {
         received.clear();
         let plug = &self.plugs[to];
         let line = SerialLine { baud: self.config.baud.unwrap_or(line.baud), ..line };
+        // A host that was opened at another rate than the drives talk at.
         let line = match self.faults.host_baud {
             0 => line,
             baud if plug.is_host => SerialLine { baud, ..line },
@@ -409,6 +416,7 @@ impl SerialWire {
         } else {
             0..0
         };
+        // Without byte timing there is no rate that could be wrong: a virtual port carries whole bytes.
         let broken =
             if !self.config.timing.has_byte_timing() || uart::is_compatible(chunk.line, line) {
                 received.extend_from_slice(&chunk.bytes[..deaf.start]);
@@ -422,6 +430,7 @@ impl SerialWire {
         let before = plug.last_received;
         let goes_on = before.tag == chunk.label.tag && before.is_copy == chunk.label.is_copy;
         plug.history.record(received, (!goes_on).then_some(chunk.label.content_hash));
+        // It stays until the plug sends: a reply to damaged bytes is not proof of anything.
         plug.tainted |= changed || chunk.label.tainted;
         let bytes = received.len() + if goes_on { before.byte_count } else { 0 };
         let took = match self.config.timing {
@@ -436,6 +445,7 @@ impl SerialWire {
             byte_count: bytes,
             ..chunk.label
         };
+        // An echo is the host's own transmission and answers nothing.
         if to != chunk.from {
             plug.last_from_others = plug.last_received;
         }
@@ -503,6 +513,7 @@ impl SerialWire {
     }
 
     fn record_driving(&mut self, from: usize, begin: Instant, until: Instant, line: SerialLine) {
+        debug_assert!(line.bits_per_character() > 0);
         let bit_ns = line.characters_ns(1) / u64::from(line.bits_per_character());
         let plug = &mut self.plugs[from];
         let late = if plug.is_host { u64::from(self.faults.release_late_bits) * bit_ns } else { 0 };
@@ -546,6 +557,7 @@ impl SerialWire {
         schedule: &mut impl FnMut(Instant, usize, Receivers),
     ) {
         let at = air.insert(template, bytes);
+        // Each pair is looked at once, when the later of the two begins.
         for other in 0..self.in_flight.len() {
             self.collide(air, at, self.in_flight[other]);
         }
@@ -553,6 +565,7 @@ impl SerialWire {
         let end = air.chunks[at].end();
         match self.arrival_time(end, template.from) {
             later if later > end && self.config.duplex == Duplex::Half => {
+                // Drives sit on the line itself; only the host waits for its adapter's latency timer.
                 schedule(end, at, Receivers::Drives);
                 schedule(later, at, Receivers::Host);
             }
@@ -570,7 +583,9 @@ impl SerialWire {
         let own = if self.config.timing == Timing::Ftdi { FTDI_NS } else { 0 };
         let period = own.max(u64::from(self.faults.latency_ms) * 1_000_000);
         let end = end.plus_ns(self.network_ns());
+        // The timer runs by itself: bytes wait for its next tick, not for a full period.
         let looks = if period == 0 { end } else { Instant(end.0.div_ceil(period) * period) };
+        // Bytes of a stream do not overtake each other, whatever the network draws.
         self.host_handover = self.host_handover.max(looks);
         self.host_handover
     }
@@ -578,6 +593,7 @@ impl SerialWire {
     /// Garbles what two chunks have in common, if they share a pair of wires at the same time.
     fn collide(&mut self, air: &mut ChunkPool, a: usize, b: usize) {
         let (one, two) = (&air.chunks[a], &air.chunks[b]);
+        // With two pairs of wires a host and a drive may talk at the same time.
         let same_pair = self.config.duplex == Duplex::Half
             || self.plugs[one.from].is_host == self.plugs[two.from].is_host;
         let overlap = (one.start.max(two.start), one.end().min(two.end()));
@@ -588,6 +604,7 @@ impl SerialWire {
         for at in [a, b] {
             let chunk = &mut air.chunks[at];
             let range = chunk.range_during(overlap.0, overlap.1);
+            // Which of two drivers wins a bit is not defined: some bits fall to zero.
             chunk.bytes[range].iter_mut().for_each(|byte| *byte &= self.random.next_byte());
             chunk.label.tainted = true;
         }

@@ -202,6 +202,8 @@ impl World {
 
     /// Adds a serial wire.
     pub fn add_serial(&mut self, set: SerialWireConfig) -> WireId {
+        // A source of its own: what one wire draws does not change what the next one draws, so a seed keeps
+        // its meaning when a wire is added behind it.
         let random = self.random.fork();
         self.wires.push(WorldWire {
             plugs: Vec::new(),
@@ -321,6 +323,7 @@ impl World {
         node: NodeId,
         f: impl FnOnce(&mut dyn SimNode, Instant) -> R,
     ) -> R {
+        // The node is polled afterwards: the caller may have given it something to send.
         let result = f(&mut *self.nodes[node.0].node, self.now);
         self.poll_node(node.0);
         result
@@ -459,6 +462,7 @@ impl World {
     }
 
     fn advance_to(&mut self, at: Instant) {
+        debug_assert!(at >= self.now, "time runs backwards");
         self.same_instant = if at > self.now { 0 } else { self.same_instant + 1 };
         self.now = self.now.max(at);
         self.events += 1;
@@ -478,6 +482,7 @@ impl World {
 
     fn handle_timeout(&mut self, node: usize) -> StepResult {
         let slot = &mut self.nodes[node];
+        // The queue has no removal: a timer that was set anew leaves its old entry behind.
         if slot.timer_at != self.now {
             return StepResult::Nothing;
         }
@@ -497,6 +502,7 @@ impl World {
         for to in 0..self.wires[chunk.wire].plugs.len() {
             let party = self.wires[chunk.wire].plugs[to];
             let WireMedium::Serial(serial) = &mut self.wires[chunk.wire].medium else { continue };
+            // Out of flight first: later bytes cannot collide with it any more.
             serial.remove_in_flight(at);
             let concerned =
                 serial.can_hear(to, chunk.from) && receivers.includes(serial.plugs[to].is_host);
@@ -507,6 +513,7 @@ impl World {
                 PlugOwner::Outside(end) => self.ends[end].line,
                 PlugOwner::Node(node, port) => match self.nodes[node].node.stream(port) {
                     Some(station) => station.line(),
+                    // A node without this port is deaf on it.
                     None => continue,
                 },
             };
@@ -541,6 +548,7 @@ impl World {
             PlugOwner::Node(node, port) => (node, port),
         };
         if let Some(station) = self.nodes[node].node.stream(port) {
+            // The break comes first: it spoils what a receiver had collected of the frame before.
             if broken {
                 station.handle_line(self.now, LineEvent::Break);
             }
@@ -584,6 +592,7 @@ impl World {
     }
 
     fn poll_serial(&mut self, node: usize, port: u8, position: (usize, usize)) {
+        // Taken out of `self` for the time of the loop, to spare an allocation for each transmission.
         let mut buffer = std::mem::take(&mut self.send_buffer);
         for _ in 0..TRANSMISSIONS_MAX {
             let Some(station) = self.nodes[node].node.stream(port) else { break };
@@ -607,13 +616,16 @@ impl World {
         let Some(wanted) = self.nodes[node].node.poll_timeout() else { return };
         let mut at = wanted.max(self.now);
         if at == self.now && self.same_instant > 0 && self.has_full_controller(node) {
+            // It wants to send and cannot: asked again at this instant it would give the same answer.
             at = self.now.plus_ns(CONTROLLER_FULL_NS);
         }
         let slot = &mut self.nodes[node];
         if self.same_instant >= SAME_INSTANT_MAX && at == self.now {
+            // A node that asks for the same instant for ever would stop the time of the whole world.
             at = self.now.plus_ns(BUSY_LOOP_PAUSE_NS);
             self.busy_loops += 1;
         }
+        // A later wish needs no entry: the earlier one asks the node again.
         if at < slot.timer_at {
             slot.timer_at = at;
             self.queue.push(at, ScheduledEvent::NodeTimeout(node));

@@ -208,7 +208,7 @@ impl WorldRunner {
                 if bench.simulation(0).is_some_and(|simulation| simulation.act(wire, drive, act)) {
                     self.log(|| format!("axis {axis}: {act:?}"));
                     self.report.count("acts on drives");
-                    // What it counts positions from is another place then.
+                    // Its positions count from another place then.
                     let loses_steps =
                         act == Act::Jam(true) && !self.observers[axis].kind.measures_position;
                     self.observers[axis].counts_anew |= act == Act::PowerCycle || loses_steps;
@@ -403,7 +403,7 @@ impl WorldRunner {
             watch.target = None;
         }
         if matches!(verb, "velocity" | "move-to") {
-            // Who has lost his lease and does not know it moves nothing.
+            // A client that lost its lease without notice moves nothing.
             watch.moved_epoch = watch.moved_epoch.max(Some(epoch));
             watch.record_motion_order(epoch, self.now);
         }
@@ -572,7 +572,7 @@ impl WorldRunner {
     fn check_start(&mut self, n: usize, well: Option<Instant>) {
         let settled =
             |since: Instant| well.is_some_and(|well| self.now.since(well.max(since)) > SETTLE_TIME);
-        // What a stop writes may look like motion.
+        // The values that a stop writes may look like motion.
         let stopped = self.observers[n].stopped_at;
         if let Some(locked) = self.locked_since
             && settled(locked.max(stopped))

@@ -109,7 +109,7 @@ fn run_until(
     step: u64,
 ) {
     while simulation.now() < end {
-        // What is asked here waits, and lets time pass: others have their turn by the tick.
+        // A request here waits and lets time pass: others have their turn by the tick.
         bench.advance_time(Duration::ZERO);
         live.borrow_mut().step(bench, false);
         simulation.advance(Duration::from_millis(step));

@@ -285,7 +285,7 @@ impl<M: OwnedMedium> AnyPort for FaultyWire<M> {
             if let Some((_, unit)) = inside.to_drives.pop_front() {
                 // A simulated wire takes all.
                 let _ = self.inner.send(unit.borrow());
-                // What comes behind the last that was slow is well from then on.
+                // Frames behind the last slow one arrive in time again.
                 inside.condition_since = inside.condition_since.max(now);
             }
         }
@@ -358,7 +358,7 @@ impl<M: OwnedMedium> LinkIo<M> for FaultyLink<M> {
                     return Ok(Received::Bytes { len: M::write_unit(unit.borrow(), buffer), at });
                 }
             }
-            // Who waits lets time pass in slices, so that others have their turn.
+            // Waiting lets time pass in slices, so that others have their turn.
             let slice = if until <= now { until } else { until.min(now.plus_ns(SLICE_NS)) };
             match self.port.inner.receive(buffer, slice)? {
                 Received::Bytes { len, at } => {

@@ -160,8 +160,8 @@ impl RuleExplainer {
             } else {
                 rule.dissector.claims_id(frame.id, frame.extended)
             };
-            // What was detected of an axis holds for identifiers that several protocols use; what was
-            // detected of a link, for the others.
+            // The protocol detected for an axis decides identifiers that several protocols use; the
+            // one detected for the link decides the others.
             let shared = || rule.dissector.shares_id(frame.id, frame.extended);
             claims
                 && match rule.scope {

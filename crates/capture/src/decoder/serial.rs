@@ -110,7 +110,8 @@ impl CaptureDecoder {
         let (mut direction, mut foreign) = (direction, false);
         if let Some(rule) = rule {
             rule.dissector.explain(bytes, &context, &mut self.explanation);
-            // What is valid only as a request is one, though it was received: of another host.
+            // A frame that is valid only as a request is one, though it was received: another host
+            // sent it.
             let invalid = whole && reply && !echo && self.explanation.error.is_some();
             if invalid && is_valid_request(rule.dissector, bytes) {
                 direction = Some(Direction::ToDrive);

@@ -80,7 +80,7 @@ fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) 
         LinkDetection { shared_axes: unresolved_axes(&ranked), ..LinkDetection::unknown(link) };
     // After the shared axes were noted: they are shown although their protocol is not accepted.
     ranked.retain(|(_, score)| score.has_support());
-    // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
+    // If two protocols find no whole frame, the one with fewer pieces explains more of the bytes.
     ranked.sort_by(|(_, a), (_, b)| {
         b.explained_share()
             .total_cmp(&a.explained_share())
@@ -105,7 +105,7 @@ fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) 
     let share: f64 = protocols.iter().map(|(_, score)| score.explained_share()).sum();
     debug_assert!(!protocols.is_empty());
     let accident = 0.5f64.powi(sum(&LinkScore::evidence_bits).min(999) as i32);
-    // What explains only a part of a link may be an accident of the rest.
+    // A protocol that explains only a part of a link may match the rest by accident.
     let whole = (share / EXPLAINED_MIN).min(1.0);
     let proven_axes = protocols.iter().flat_map(|(dissector, score)| {
         score.proven_shared_axes().map(|axis| (*dissector, axis)).collect::<Vec<_>>()

@@ -132,7 +132,7 @@ fn index_and_space(other: &ParameterAddress) -> (u16, u8) {
 fn defect_matches(event: &DecodedFrame<'_>, words: &WordPattern) -> bool {
     let Some(wrong) = event.defect else { return false };
     let mut fixed_text = FixedText { bytes: [0; ERROR_MAX], len: 0 };
-    // What is longer is looked through as far as it goes.
+    // A longer text is searched as far as it goes.
     let _ = write!(fixed_text, "{wrong}");
     let output = ascii_text(&fixed_text.bytes[..fixed_text.len]);
     words.matches(output)

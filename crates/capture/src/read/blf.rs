@@ -189,7 +189,7 @@ impl BlfReader {
         if !ended || bytes.is_empty() {
             return None;
         }
-        // What is shorter than a signature may be padding.
+        // A rest that is shorter than a signature may be padding.
         if !self.resyncing && bytes.len() >= SIGNATURE.len() {
             self.report_damage("the last object is cut off", taker);
             // A program that crashed leaves its last container open; what it has packed so far is whole.

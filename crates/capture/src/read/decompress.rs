@@ -59,7 +59,7 @@ fn unpack_into(plain: &mut Vec<u8>, packing: Compression, bytes: &[u8], max: usi
             return;
         }
     }
-    // What is cut off ends there.
+    // A file that is cut off ends there.
     let _ = unpack.finish(&mut |part| {
         keep(part);
     });

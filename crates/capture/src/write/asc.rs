@@ -65,7 +65,7 @@ impl FormatWriter for AscWriter {
                 let flags = FDF | u32::from(brs) << 13 | u32::from(esi) << 14;
                 let _ = write!(out, "        0    0 {flags:>8X}        0        0        0");
             }
-            // Whether bytes there are or not, this is a line of its own kind.
+            // This kind of line stays its own, with bytes or without.
             RecordData::Error(_) | RecordData::Bytes(_) => {
                 let _ = write!(out, "{channel}  ErrorFrame");
             }

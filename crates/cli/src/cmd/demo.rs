@@ -283,7 +283,7 @@ impl DemoRun {
     ) -> std::result::Result<(), polepair::Error> {
         axis.arm(true);
         for (name, raw) in settings {
-            // What is to outlast the power must be kept.
+            // Only kept settings outlast the power cycle that follows.
             axis.write(axis.find(name)?, *raw, self.demo_drive.cycle_power)?;
         }
         if self.demo_drive.cycle_power && !settings.is_empty() {

@@ -78,7 +78,7 @@ impl DiffOptions {
         Ok(if !found.is_empty() {
             Exit::Negative
         } else if read_a == Exit::Ok {
-            // What was left out may differ.
+            // The parts that were left out may differ.
             read_b
         } else {
             read_a

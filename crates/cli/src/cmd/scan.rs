@@ -80,6 +80,7 @@ impl ScanCommand {
         }
         let numbers = self.ids.clone().map_or(ScanAddresses::ALL, ScanAddresses::from);
         let bar = Progress::of_count(0, "addresses");
+        // Ctrl-C ends the scan, not the program: the drives that were found so far are still printed.
         interrupt::listen(|| {});
         let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut |at| {
             bar.set_of(at.done, at.of);
@@ -89,6 +90,7 @@ impl ScanCommand {
                 ControlFlow::Continue(())
             }
         });
+        // Before the table: the bar would be drawn into its first line.
         drop(bar);
         let scan = scan.map_err(outcome::to_problem)?;
         let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);
@@ -106,6 +108,7 @@ impl ScanCommand {
             }
         }
         out.flush()?;
+        // To standard error, so that a table in a file stays a table.
         scan.tried.iter().for_each(|tried| print_note(&format!("tried {tried}")));
         if let Some(lost) = &scan.link_error {
             let (found, unasked) = (scan.found.len(), scan.not_queried);

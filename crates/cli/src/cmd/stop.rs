@@ -124,7 +124,7 @@ impl StopInterrupts {
 
     /// The result of the command: a stop that was interrupted and is not confirmed has exit code 130.
     fn conclude(self, is_sent: Option<bool>, result: Result) -> Result {
-        // So that Ctrl-C ends the program while it prints.
+        // From here on Ctrl-C ends the program while it prints.
         drop(self.0);
         let Err(problem) = result else { return result };
         if !interrupt::was_interrupted() {
@@ -399,7 +399,8 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     }
     if tally.failed.is_empty() {
         return match unasked {
-            // Whether a drive is at an address that was not asked is not known, so it is not counted as a stop.
+            // No one knows if a drive is at an address that was not asked, so it does not count as
+            // a stop.
             Some(unasked) => Err(unasked),
             None if tally.confirmed == 0 => {
                 Err(nobody_problem(stopped.broadcast, &stopped.received))

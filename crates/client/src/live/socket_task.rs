@@ -305,7 +305,7 @@ impl SocketTask {
             if one.is_acquire() && one.reply.as_ref().is_some_and(|tell| !tell.is_closed()) {
                 self.cache.set_lease(axis, Ok(epoch));
             }
-            // Who asked may have gone; here and below.
+            // The receiver may have been dropped; here and below.
             one.reply.map(|tell| tell.send(Ok(epoch)));
         }
         self.settle_leases(axis);

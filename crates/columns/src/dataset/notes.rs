@@ -85,7 +85,7 @@ impl<'a> DatasetNotes<'a> {
     /// Notes that these parts are about to take their places.
     pub fn begin(&self, blake3: &str, parts: &BTreeSet<PathBuf>) -> io::Result<()> {
         std::fs::create_dir_all(self.root.join(BEGUN))?;
-        // What an earlier program began is still to be found.
+        // Parts that an earlier program began stay listed, so that they are found and removed.
         let all: BTreeSet<_> = parts.union(&self.parts(blake3)?).cloned().collect();
         write_atomic(&self.root.join(BEGUN).join(blake3), part_lines(&all).as_bytes())
     }

@@ -72,7 +72,7 @@ fn a_request_and_its_answer_are_a_transaction() {
     let find = |table| all.iter().find(|(found, _)| *found == table).map(|(_, batch)| batch);
     let transactions = find(TableKind::Transactions).expect("transactions");
     let outcomes: Vec<_> = words(transactions, "outcome").into_iter().flatten().collect();
-    // What was asked last may have been answered after the capture's end.
+    // The last request may have been answered after the capture's end.
     assert_eq!(outcomes, ["done", "timeout", "unknown"]);
     let column = transactions.column_by_name("rtt_us").expect("rtt").as_primitive::<Int64Type>();
     assert_eq!((column.value(0), column.is_null(1)), (3000, true));

@@ -131,7 +131,7 @@ impl ShortText {
     #[must_use]
     pub fn from_display(text: impl core::fmt::Display) -> Self {
         let mut label = Self { bytes: [0; Self::MAX], len: 0 };
-        // What does not fit is cut.
+        // Text that does not fit is cut.
         let _ = core::fmt::Write::write_fmt(&mut label, format_args!("{text}"));
         label
     }

@@ -89,7 +89,7 @@ impl SpeedJudge {
         if self.fastest.is_some_and(|fastest| fastest >= much.max(NOISE_SHARE * slow)) {
             return true;
         }
-        // Where both are measured, both have to show it.
+        // If both are measured, both have to show it.
         fast.or(far) == Some(true) && far.or(fast) == Some(true)
     }
 

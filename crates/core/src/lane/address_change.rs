@@ -26,7 +26,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let driver = &self.slot(axis)?.driver;
         let Some(readdress) = driver.address_role(parameter) else { return Ok(None) };
         let Ok(address) = u32::try_from(raw) else { return Ok(Some(readdress)) };
-        // Of the drive: all axes behind it change together.
+        // The address belongs to the drive: all of its axes change together.
         let own = drive_address(driver.address());
         let drives = || self.slots.iter().map(|slot| drive_address(slot.driver.address()));
         let has = |address: u32| drives().any(|other| other == address);

@@ -101,7 +101,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
             }
             fail_step(run, raw.err().unwrap_or(Failure::Silent))
         }
-        // Where no drive of a group may be asked, a stop that went out is all there is to do.
+        // No drive of a group may be asked: a stop that was sent is all that can be done.
         (InFlight::Read(_), Err(Failure::NotReady { .. } | Failure::Impossible(_)))
             if run.is_stop() && group =>
         {

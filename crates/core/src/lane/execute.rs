@@ -614,7 +614,7 @@ pub fn fail_step(run: &mut PlanRun, failure: Failure) -> JobState {
     if run.undo_reason.is_some() {
         run.advance(0);
     } else if run.is_stop() {
-        // What is left of a stop is still worth trying.
+        // The later steps of a stop may still reach the motor.
         run.undo_reason = Some(failure);
         run.advance(0);
     } else if run.index > 0 && wrote && !run.undo.is_empty() {

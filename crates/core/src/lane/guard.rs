@@ -191,7 +191,7 @@ fn next_read<R: Request, A: Copy + 'static>(
         exact.map(|test| (GuardRead::Mode(test.value), mode.parameter))
     });
     let fault = slot.profile.signal(Signal::Fault);
-    // Where the power can be read, a fault from before the motion is no reason to end it.
+    // If the power can be read, a fault from before the motion is no reason to end it.
     let fault = fault.filter(|source| power.is_none() || is_source_ruled_out(source, steps));
     let reads = [
         power.map(|power| (GuardRead::Power, power.parameter)),

@@ -211,7 +211,8 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         let before = self.motion.before;
         self.begin_watch(goal, Some(&run.command));
         self.motion.before = before;
-        // What is read before the start is then the end of another motion, and proves nothing of this one.
+        // A reading from before the start belongs to another motion, and proves nothing of this
+        // one.
         if self.state.motion_active {
             self.motion.members.iter_mut().for_each(|(_, judge)| judge.mark_follows_motion());
         }

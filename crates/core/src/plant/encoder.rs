@@ -35,6 +35,7 @@ impl Encoder {
 
     /// Changes resolution and direction; the count at shaft `position` (rad) stays the same.
     pub fn reconfigure(&mut self, position: f64, counts_per_turn: u32, inverted: bool) {
+        // The drive's position register does not jump when its resolution is set anew.
         let reading = self.count(position);
         self.counts_per_turn = counts_per_turn.max(1);
         self.inverted = inverted;
@@ -50,6 +51,7 @@ impl Encoder {
     /// Makes it read `count` at shaft `position` (rad).
     pub fn preset(&mut self, position: f64, count: i64) {
         self.offset = count.wrapping_sub(self.true_count(position));
+        // A broken encoder reads what it was preset to, and stays there.
         if self.frozen.is_some() {
             self.frozen = Some(count);
         }
@@ -67,6 +69,7 @@ impl Encoder {
             (None, true) => self.frozen = Some(self.count(position)),
             (Some(count), false) => {
                 self.frozen = None;
+                // Movement while it was broken is lost: counting goes on from the frozen value.
                 self.preset(position, count);
             }
             _ => {}

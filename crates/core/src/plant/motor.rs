@@ -141,8 +141,14 @@ impl Motor {
     #[must_use]
     pub fn new(parameters: MotorParameters) -> Self {
         let mut p = parameters;
+        // A shorter electrical time constant would need more sub-steps than a tick may take.
         p.inductance = p.inductance.max(p.resistance * 60e-6);
+        // A motor that starts more easily than it turns would never come to rest.
         p.stiction = p.stiction.max(p.coulomb);
+        debug_assert!(
+            p.inertia > 0.0 && p.resistance > 0.0,
+            "a motor needs inertia and resistance"
+        );
         let parts = libm::ceil(TICK_S / (0.5 * p.electrical_s())).clamp(1.0, SUB_STEPS_MAX);
         Self {
             parameters: p,
@@ -243,6 +249,7 @@ impl Motor {
         let outward = self.position > high && self.velocity > 0.0
             || self.position < low && self.velocity < 0.0;
         if outward {
+            // A stop takes the kinetic energy as friction does, so that the balance stays closed.
             self.energy.friction += 0.5 * self.parameters.inertia * self.velocity * self.velocity;
             self.velocity = 0.0;
             self.position = self.position.clamp(low, high);
@@ -254,6 +261,7 @@ impl Motor {
     pub fn step(&mut self, inputs: Inputs) {
         self.copper_before = self.energy.copper;
         let winding = self.sanitized(inputs.winding);
+        // Written so that a bus that is not a number counts as none.
         let bus = if inputs.bus > 0.0 { inputs.bus } else { 0.0 };
         let inputs = Inputs { winding, bus, ..inputs };
         for _ in 0..self.sub_steps {
@@ -275,6 +283,7 @@ impl Motor {
 
     #[inline]
     fn run_sub_step(&mut self, inputs: &Inputs) {
+        // In each sub-step: the energy that is left in the winding must not be counted twice.
         if inputs.winding == Winding::Open {
             self.release();
         }
@@ -287,10 +296,13 @@ impl Motor {
         let execution = self.velocity;
         let friction = with_sign(self.parameters.coulomb, execution);
         let solved = self.solve(&self.sub_step, inputs, inputs.load - friction);
+        // The mean of a sub-step is solved for; its end lies as far beyond it as its beginning before.
         let next = 2.0 * solved.speed - execution;
         if next * execution >= 0.0 {
             return self.apply(self.sub_step.h, inputs, friction, solved);
         }
+        // Friction changes its sign at rest: the sub-step is cut there, or the rotor would be driven backwards
+        // by its own friction.
         self.come_to_rest(execution / (execution - next), inputs, friction);
     }
 
@@ -308,6 +320,7 @@ impl Motor {
 
     /// From standstill: it stays there unless the torque breaks it loose.
     fn leave_rest(&mut self, part: SubStep, inputs: &Inputs) {
+        // The current of a rotor that is held decides whether it breaks loose.
         let held = self.solve_held(&part, inputs);
         let torque = self.parameters.torque_constant * held.current + inputs.load;
         if self.jammed || torque.abs() <= self.parameters.stiction {
@@ -315,6 +328,7 @@ impl Motor {
         }
         let friction = with_sign(self.parameters.coulomb, torque);
         let solved = self.solve(&part, inputs, inputs.load - friction);
+        // Its own inertia or back-EMF would turn it against the torque: it stays.
         if solved.speed * torque <= 0.0 {
             return self.apply(part.h, inputs, 0.0, held);
         }
@@ -373,6 +387,7 @@ impl Motor {
                 let solved = with_voltage(clamp_abs(v, inputs.bus));
                 let end = 2.0 * solved.current - self.current;
                 let max = self.parameters.max_current;
+                // The power stage limits current first; only within its limit does the voltage hold.
                 if end.abs() <= max {
                     return solved;
                 }
@@ -382,6 +397,7 @@ impl Motor {
         if solved.voltage.abs() <= inputs.bus {
             return solved;
         }
+        // The stage cannot give more than its supply: the current is then what this voltage drives.
         with_voltage(clamp_abs(solved.voltage, inputs.bus))
     }
 

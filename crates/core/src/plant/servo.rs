@@ -27,6 +27,7 @@ impl Gains {
     /// position loop at a fifth of it.
     #[must_use]
     pub fn tuned(motor: &MotorParameters) -> Self {
+        // The inner loop is five times as fast as the outer one, so that they do not excite each other.
         let (bandwidth, per_accel) = (120.0, motor.inertia / motor.torque_constant);
         Self {
             position_p: bandwidth / 5.0,
@@ -141,6 +142,7 @@ impl Servo {
         self.trajectory.restart_at(motor.position(), motor.velocity());
         self.goal = Goal::Position(motor.position());
         if motor.velocity() != 0.0 {
+            // A turning motor brakes along its ramp; to hold a position it would have to jump back.
             self.goal = Goal::Velocity(0.0);
             self.trajectory.stop();
         }
@@ -149,6 +151,7 @@ impl Servo {
     /// Heads for a goal from where the set-point is, as fast as it is.
     pub fn set_goal(&mut self, goal: Goal) {
         if let Goal::Follow(last) = self.goal {
+            // The ramp begins at the last set-point that was followed: a step would be felt as a jerk.
             self.trajectory.restart_at(last.position, last.velocity);
         }
         self.head_for(goal);
@@ -222,7 +225,7 @@ impl Servo {
             Goal::Position(_) => ramp.velocity,
             _ => return ServoBounds { current, ..ServoBounds::NONE },
         };
-        // What an S-curve still smooths was asked for before, and the limits of then held it.
+        // The S-curve still holds earlier set-points, which kept the limits of their time.
         let smoothed = self.trajectory.smoothed_velocity();
         let velocity = if smoothed > velocity + ROUNDING { smoothed } else { velocity };
         ServoBounds { velocity, acceleration: ramp.acceleration, current }
@@ -261,6 +264,7 @@ impl Servo {
     ) {
         let bus = conditions.bus * self.pwm.clamp(0.0, 1.0);
         let max = self.max_current.abs();
+        // Measured before the step: this is the voltage of the tick before.
         let short_of_voltage = motor.voltage().abs() > 0.999 * bus;
         let winding = match self.goal {
             _ if !self.enabled => Winding::Open,
@@ -300,6 +304,7 @@ impl Servo {
     #[inline]
     fn position_control(&self, wanted: &Setpoint, position: f64) -> f64 {
         let error = wanted.position - position;
+        // Without a dead band the integral and stiction hunt each other around the target.
         let rest = wanted.velocity == 0.0 && error.abs() <= self.gains.deadband;
         let correction = if rest { 0.0 } else { self.gains.position_p * error };
         wanted.velocity + correction
@@ -346,6 +351,7 @@ impl StallDetector {
     #[inline]
     pub fn step(&mut self, velocity: f64, current: f64, limit: f64) -> bool {
         let stalled =
+            // With a limit of zero every motor would be at its limit.
             limit > 0.0 && velocity.abs() < self.velocity && current.abs() >= self.share * limit;
         self.stalled_ticks = if stalled { self.stalled_ticks.saturating_add(1) } else { 0 };
         self.stalled_ticks >= self.ticks

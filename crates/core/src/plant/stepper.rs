@@ -130,10 +130,13 @@ impl Stepper {
     /// Advances by one tick.
     pub fn step(&mut self, inputs: StepperInputs) {
         let p = self.parameters;
+        // The field moves evenly within a tick: a leap would throw the rotor into the next step.
         let field_step = (inputs.field - self.field) / f64::from(PARTS);
         let field_speed = (inputs.field - self.field) / TICK_S;
         let dt = TICK_S / f64::from(PARTS);
+        // Four full steps are one electrical period.
         let periods = f64::from(p.full_steps) / 4.0;
+        // The torque falls where back-EMF uses up the supply, so the corner moves with it.
         let corner = p.corner * inputs.bus.max(0.0) / 24.0;
         let share = inputs.current / p.rated_current;
         for _ in 0..PARTS {
@@ -141,12 +144,14 @@ impl Stepper {
             let fast = self.velocity / corner.max(1e-6);
             self.torque_max = p.torque * share / libm::sqrt(1.0 + fast * fast);
             self.torque = self.torque_max * libm::sin(periods * (self.field - self.position));
+            // A winding without current damps nothing.
             let damping = p.damping * share.min(1.0) * (field_speed - self.velocity);
             let driving = self.torque + damping + inputs.load;
             if self.jammed || self.velocity.abs() < SLOW && driving.abs() <= p.friction {
                 self.velocity = 0.0;
                 continue;
             }
+            // At rest friction opposes what drives the rotor, in motion its speed.
             let direction = if self.velocity == 0.0 { driving } else { self.velocity };
             let net = driving - libm::copysign(p.friction, direction);
             let before = self.velocity;
@@ -157,6 +162,7 @@ impl Stepper {
             }
             self.position += self.velocity * dt;
         }
+        // Exactly: the sum of the parts is off by rounding, which would add up over hours.
         self.field = inputs.field;
     }
 }

@@ -32,6 +32,8 @@ impl ThermalModel {
 
     /// Advances by `dt` seconds with `loss` watts going in. Stable at any `dt`.
     pub fn step(&mut self, loss: f64, dt: f64) {
+        debug_assert!(dt >= 0.0 && self.resistance * self.capacity + dt > 0.0);
+        // Implicit: stable for any step, also one that is longer than the time constant.
         let share = dt / (self.resistance * self.capacity + dt);
         let goal = self.ambient + loss * self.resistance;
         self.temperature += share * (goal - self.temperature);

@@ -92,6 +92,7 @@ impl Trajectory {
     pub fn restart_at(&mut self, position: f64, velocity: f64) {
         self.base = Setpoint { position, velocity, acceleration: 0.0 };
         self.output = self.base;
+        // An empty window would begin at rest and make a moving set-point leap.
         self.smoother = Smoother::filled(self.limits.smoothing_s, velocity * TICK_S);
         self.goal = if velocity == 0.0 {
             TrajectoryGoal::Position(position)
@@ -142,6 +143,7 @@ impl Trajectory {
     pub fn step(&mut self) -> Setpoint {
         let before = self.base;
         let changed = self.smoother.smoothing_s != self.limits.smoothing_s;
+        // At rest only: another window in motion would lose the distance that the old one holds.
         if changed && before.velocity == 0.0 && self.smoother.is_steady() {
             self.smoother = Smoother::filled(self.limits.smoothing_s, 0.0);
         }
@@ -199,15 +201,18 @@ impl Trajectory {
             if left == 0.0 { -super::with_sign(1.0, self.base.velocity) } else { left.signum() };
         let (left, speed) = (left.abs(), self.base.velocity * way);
         let Limits { velocity: top, acceleration, deceleration, .. } = self.limits;
+        // It moves away from the target: it turns round through rest.
         if speed < 0.0 {
             return self.advance_at(self.ramp_toward(self.base.velocity, 0.0));
         }
-        // What is left after this tick must still suffice to brake: v²/2d ≤ left - (speed+v)T/2.
+        // The distance after this tick must still suffice to brake: v²/2d ≤ left - (speed+v)T/2.
         let capacity = left - 0.5 * speed * TICK_S;
         if capacity <= 0.0 || (capacity <= POSITION_TOLERANCE && speed <= deceleration * TICK_S) {
             return self.last_tick(goal, way, speed);
         }
+        debug_assert!(deceleration > 0.0, "limited_acceleration leaves no zero");
         let half = 0.5 * TICK_S;
+        // No speed is allowed: it brakes and stays short of the target.
         if top == 0.0 {
             return self.advance_at(way * self.ramp_toward(speed, 0.0));
         }
@@ -225,6 +230,7 @@ impl Trajectory {
     /// The tick that ends at the goal, if it can be braked within one; else one of braking.
     fn last_tick(&self, goal: f64, way: f64, speed: f64) -> Setpoint {
         let change = self.limits.deceleration * TICK_S;
+        // Too fast to end in this tick, by more than rounding: it brakes and comes back.
         if speed > change * 1.000_001 {
             return self.advance_at(way * (speed - change));
         }
@@ -237,6 +243,7 @@ impl Trajectory {
         let acceleration = (velocity - self.output.velocity) / TICK_S;
         let position = self.output.position + velocity * TICK_S;
         self.output = Setpoint { position, velocity, acceleration };
+        // At the very end the exact position replaces the sum of smoothed steps, which is off by rounding.
         let resting = self.base.velocity == 0.0 && moved == 0.0;
         if resting && self.smoother.is_steady() {
             self.output = self.base;
@@ -296,6 +303,7 @@ impl Smoother {
         if ticks < 2 {
             return Self { smoothing_s, ..Self::new() };
         }
+        // Memory is fixed: a longer window has coarser slots instead of more of them.
         let per_slot = ticks.div_ceil(SLOTS as u32);
         let window = ticks.div_ceil(per_slot) * per_slot;
         Self {
@@ -341,6 +349,8 @@ impl Smoother {
             self.filled = 0;
             self.at = (self.at + 1) % (self.window / self.per_slot) as usize;
         }
+        debug_assert!(self.window > 0, "an empty window is not stepped");
+        // Each slot enters and leaves evenly, so that the mean has no steps at its borders.
         self.sum += (self.entering - self.leaving) / f64::from(self.per_slot);
         self.sum / f64::from(self.window)
     }

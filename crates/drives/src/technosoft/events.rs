@@ -60,7 +60,7 @@ impl Drive {
         };
         self.events = EventMonitor { condition: Some(condition), action: None };
         set_bits(&mut self.status.srl, srl::EVENT, false);
-        // Who reads SRL at once must not see the event before this one.
+        // A host that reads SRL at once must not see the event before this one.
         self.mark_stale();
         Ok(())
     }

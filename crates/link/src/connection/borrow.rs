@@ -49,8 +49,8 @@ impl<M: Medium> Drop for BorrowedLink<M> {
             state.restore_line();
         }
         if state.link_error.is_none() {
-            // What comes late is not for this connection, and must not pass for an answer: nothing
-            // is sent before all of it is read.
+            // Late bytes are not for this connection, and must not pass for an answer: nothing is
+            // sent before all of them are read.
             read_stale(&mut state, STALE_READS_MAX);
         }
         debug_assert_eq!(

@@ -260,7 +260,7 @@ impl<M: Medium> ConnectionState<M> {
             self.link.waker().wake();
             self.lane.handle_line(now, LineEvent::Down);
         }
-        // What the lane still wants to send is lost with the link; left in place, it would go out after its
+        // Unsent frames of the lane are lost with the link; left in place, they would go out after its
         // return.
         while self.lane.poll_transmit(now, self.out_buffer.borrow_mut()).is_some() {}
         while self.deliver_outcome() {}

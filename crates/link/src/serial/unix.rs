@@ -55,7 +55,7 @@ impl SerialPort {
             )
         ))]
         super::latency::request_low_latency(&fd);
-        // What an earlier program left unread answers nothing that we shall ask.
+        // Bytes that an earlier program left unread answer none of our requests.
         let _ = tcflush(&fd, QueueSelector::IOFlush);
         let counted = ErrorCounts::read_from(&fd);
         let descriptor = Descriptor::new(fd, path)?;

@@ -124,11 +124,11 @@ fn a_browser_is_still_let_in_by_the_server_that_is_started_again() {
     let before = authenticator.authenticate(None, &[&cookie], PEER).unwrap();
     let again = start_server(&file, &token, ALL);
     assert_eq!(again.authenticate(None, &[&cookie], PEER).unwrap(), before);
-    // What the token grants now is what holds, not what it did.
+    // The present rights of the token hold, not those at the login.
     let narrower = start_server(&file, &token, "read");
     let viewer = narrower.authenticate(None, &[&cookie], PEER).unwrap();
     assert!(viewer.by_cookie && !viewer.scopes.contains(Scope::Stop));
-    // Who was let in before stays so when another comes.
+    // A session stays valid when another one begins.
     let other = enter(&narrower, &token);
     let again = start_server(&file, &token, ALL);
     assert!([&cookie, &other].iter().all(|each| again.authenticate(None, &[each], PEER).is_ok()));
@@ -167,7 +167,7 @@ fn a_time_that_is_over_or_that_nobody_was_given_lets_nobody_in() {
         let again = start_server(&file, &token, ALL);
         assert_eq!(again.authenticate(None, &[&cookie], PEER).is_ok(), is_in, "{until}");
     }
-    // Whose time is over is not written again.
+    // A session that has expired is not written again.
     let again = start_server(&file, &token, ALL);
     enter(&again, &token);
     assert_eq!(file.read().lines().count(), 2, "{}", file.read());

@@ -84,7 +84,7 @@ impl Bench {
         }
         let added = self.add_found_drives(n, &found)?;
         link.remove_absent(number);
-        // Who stopped everything meant this one as well, and could not reach it.
+        // A stop of all axes meant this one as well, and could not reach it.
         self.stop_if_locked(n, link.wire.axes.len() - added.axes.len());
         let detail = json!({ "link": link.id, "drives": [number], "axes": added.axes });
         shared.record(&SERVER.into(), JournalAction::TakeIn, None, detail);

@@ -76,6 +76,7 @@ impl Bench {
         let (mut summary, mut links, mut total) = (Summary::default(), Vec::new(), 0);
         let mut decoder = detect_decoder(&bytes);
         let mut take = |event: &DecodedFrame<'_>| {
+            // A dozen at most, so a linear search; the order of their first frames is kept.
             if !links.iter().any(|link| link == event.link) {
                 links.push(event.link.to_owned());
             }
@@ -99,6 +100,7 @@ impl Bench {
         let format = decoder.format().map_or("", |format| format.name()).to_owned();
         let manner = SummaryStyle { colour: false, rates: Vec::new(), product: None };
         let id = self.0.captures.store(bytes, links.clone(), total);
+        // Stored before the first page, which is read from the store like any other.
         let page = self.capture_page(&id, 0, PAGE_MAX, None)?;
         let summary = render_text(&summary, &manner);
         Ok(OpenedCapture { id, name: name.to_owned(), format, links, summary, page })
@@ -153,6 +155,7 @@ impl Captures {
         let capture = Capture { id: id.clone(), bytes, links, total, cursor, recent_fields: shown };
         let mut all = lock_unpoisoned(&self.stored);
         if all.len() == CAPTURES_MAX {
+            // The oldest goes: a page that was left open asks for the file again, which is on its disk.
             all.pop_front();
         }
         all.push_back(Arc::new(capture));
@@ -169,6 +172,7 @@ impl Capture {
     ) -> Result<CapturePage, GatewayError> {
         let filter = filter.filter(|text| !text.trim().is_empty());
         let mut cursor = lock_unpoisoned(&self.cursor);
+        // Pages are read one after another: only a jump decodes the file from its beginning.
         let recorded = cursor
             .take()
             .filter(|cursor| {
@@ -185,6 +189,7 @@ impl Capture {
                     self.store_fields(item.n, fields);
                     items.push(item);
                 }
+                // One beyond the end means that the decoder was finished, and has given what it had left.
                 None if cursor.consumed > self.bytes.len() => break,
                 None => cursor.decode_chunk(&self.bytes, &self.links),
             }
@@ -243,6 +248,7 @@ impl Cursor {
             let n = *next;
             *next += 1;
             let ns = event.time.map(|time| time.0);
+            // Before the filter, so that times do not depend on what is shown.
             *first_ns = first_ns.or(ns);
             if !filter.as_mut().is_none_or(|(_, filter)| filter.matches(event)) {
                 return;

@@ -129,7 +129,7 @@ impl CommandHistory {
         let finished = CommandProgress::Finished(outcome.clone());
         if let CommandProgress::Active(waiting) = std::mem::replace(&mut seen.progress, finished) {
             for reply_sender in waiting {
-                // Who has gone does not want to know.
+                // The receiver may have been dropped.
                 let _ = reply_sender.send(Ok(CommandOutcome { replayed: true, ..outcome.clone() }));
             }
         }

@@ -351,14 +351,14 @@ impl CommandWorker {
         let late = |axis: usize| sequence < self.axes[axis].last_stop_number;
         match wire_request {
             WireRequest::Lease(request) if request.is_acquire() && late(request.axis) => {
-                // Who has gone does not want to know.
+                // The receiver may have been dropped.
                 let _ = request.reply.send(Err(overtaken_error()));
             }
             WireRequest::Scan(begin) if (0..self.axes.len()).any(late) => {
                 begin(Err(overtaken_error()))
             }
             WireRequest::Dismiss(dismiss) if late(dismiss.axis) => {
-                // Who has gone does not want to know.
+                // The receiver may have been dropped.
                 let _ = dismiss.reply.send(Err(overtaken_error()));
             }
             WireRequest::Command(commanded) if late(commanded.axis) => {

@@ -81,13 +81,13 @@ impl Bench {
                     // Nothing was sent, and nothing will be: a repetition gets the same reply.
                     let outcome = command_outcome(order.id, Some(error));
                     shared.lock_history().finish(&outcome);
-                    // Who has gone does not want to know.
+                    // The receiver may have been dropped.
                     let _ = reply_sender.send(Ok(outcome));
                 }
             }
         };
         let what = ActionSubject::new(&session, JournalAction::Command, Some(axis));
-        // What ends a motion does not wait for a disk.
+        // A command that ends a motion does not wait for a disk.
         if ends_motion {
             shared.journal.record(what, detail, now, None);
             go(Ok(()));
@@ -138,7 +138,7 @@ impl Bench {
             detail,
             self.0.context.now(),
             Box::new(move |recorded: Result<(), GatewayError>| {
-                // Who has gone does not want to know.
+                // The receiver may have been dropped.
                 let _ = reply_sender.send(recorded.and_then(|()| then()));
             }),
         );

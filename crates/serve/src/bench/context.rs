@@ -197,7 +197,7 @@ impl BenchContext {
             if !ends_motion {
                 lock_unpoisoned(&once).finish(&outcome);
             }
-            // Who has gone does not want to know.
+            // The receiver may have been dropped.
             let _ = reply_sender.send(Ok(outcome));
         };
         let then: Option<Continuation> = if ends_motion {

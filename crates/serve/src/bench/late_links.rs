@@ -160,7 +160,7 @@ impl Bench {
             base as u16
         };
         self.0.traffic.replace_decoder(n, link.decoder());
-        // Who stopped everything meant these as well, and could not reach them.
+        // A stop of all axes meant these as well, and could not reach them.
         self.stop_if_locked(n, 0);
         let axes: Vec<u16> = link.wire.axes.iter().map(|(id, _)| *id).collect();
         let detail = json!({ "link": link.id, "url": link.url, "open": true, "axes": axes });

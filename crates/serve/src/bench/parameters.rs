@@ -204,7 +204,7 @@ impl ParameterWriter {
 
     /// Changes of the request, and the writes for them.
     fn plan(&self) -> Result<(Vec<ParameterChange>, Vec<PlannedWrite>), GatewayError> {
-        // What scales others goes first, and they are what they mean by it.
+        // Parameters that scale others go first: the others are converted with the new scale.
         let named =
             self.values.iter().map(|(name, given)| Ok((self.axis.find(name)?, name, given)));
         let mut named = named.collect::<Result<Vec<_>, GatewayError>>()?;
@@ -293,7 +293,7 @@ impl ParameterWriter {
         may: Result<(), GatewayError>,
         reply_sender: ReplySender<Vec<ParameterChange>>,
     ) {
-        // Who has gone does not want to know, here and below.
+        // The receiver may have been dropped, here and below.
         if let Err(refused) = may {
             return drop(reply_sender.send(Err(refused)));
         }

@@ -111,7 +111,7 @@ impl AxisPoller {
                 continue;
             }
             let watched = self.poll_subscribed();
-            // Who watches more than the wire can carry does not keep states from being asked for; a
+            // Even if more is watched than the wire can carry, states are still read in between; a
             // command comes before either.
             if watched && (self.request_worker.run_next() || self.context.now() < self.rest_until) {
                 continue;

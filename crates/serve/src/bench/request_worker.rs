@@ -48,7 +48,7 @@ impl RequestWorker {
         request: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
     ) {
         self.submit(Box::new(move |may| {
-            // Who has gone does not want to know.
+            // The receiver may have been dropped.
             let _ = reply_sender.send(may.and_then(|()| request()));
         }));
     }

@@ -105,6 +105,7 @@ impl LinkScanner {
 
     fn report_progress(&mut self, at: ScanProgress) {
         let now = self.context.now();
+        // Addresses that do not answer pass within milliseconds, faster than a page can draw.
         if now.since(self.reported_at) < REPORT_INTERVAL {
             return;
         }
@@ -200,9 +201,10 @@ impl Bench {
             let begin = move |may: Result<(), GatewayError>| {
                 let started = may.map(|()| search.begin(&shared, &who, numbers));
                 if started.is_err() {
+                    // Not started: the next request must not wait for an end that never comes.
                     shared.scan_active.store(false, Ordering::SeqCst);
                 }
-                // Who has gone does not want to know.
+                // The receiver may have been dropped.
                 let _ = reply_sender.send(started);
             };
             let what = ActionSubject::new(session, JournalAction::Look, None);
@@ -212,6 +214,7 @@ impl Bench {
                 detail,
                 self.0.context.now(),
                 Box::new(move |recorded: Result<(), GatewayError>| match recorded {
+                    // Behind the journal's record: what moves bytes on a wire is on disk before.
                     Ok(()) => wire.submit_reserved(sequence, WireRequest::Scan(Box::new(begin))),
                     Err(refused) => begin(Err(refused)),
                 }),
@@ -294,7 +297,7 @@ impl Bench {
                     bench.0.context.record(&who, JournalAction::Outcome, None, detail);
                     taken
                 }),
-                // Who has gone does not want to know.
+                // The receiver may have been dropped.
                 Err(refused) => drop(reply_sender.send(Err(refused))),
             }),
         );
@@ -308,6 +311,7 @@ impl Bench {
         found: &[DetectedDrive],
     ) -> Result<AddedAxes, GatewayError> {
         let link = &self.0.links[n];
+        // Two clients that add drives at once would both be given the same next axis number.
         let _one_at_a_time = lock_unpoisoned(&self.0.join_lock);
         if link.wire.scan_flag.is_active() {
             return Err(scan_error("a new scan of it is running").hint("wait for its end"));
@@ -321,6 +325,7 @@ impl Bench {
             *root = root.add_drives(index, found)?;
             (root.clone(), before)
         };
+        debug_assert!(self.0.axes.len() < usize::from(u16::MAX));
         let base = self.0.axes.len() as u16;
         let mut ids = Vec::new();
         for axis in &all.axes()[before..] {
@@ -352,6 +357,7 @@ impl Bench {
         });
         let info = axis_info(entry, *id, axis, drive.as_ref());
         self.0.telemetry.add_axis();
+        // A stop that the server before could not confirm goes with the drive, not with its number.
         let pending_stop = self.0.context.inherited_stop(&link.url, axis);
         wire.add_axis(entry, axis.clone(), pending_stop.map(|stop| stop.view()))?;
         self.0.axes.push(AxisEntry { link: n, local_index: index, info, drive })?;

@@ -47,7 +47,7 @@ impl Bench {
             let (worker, shared) = (Arc::clone(&link.request_worker), Arc::clone(&self.0.context));
             let (its, who) = (wire.axes[index].1.clone(), session.clone());
             let go: Continuation = Box::new(move |may| {
-                // Who has gone does not want to know, here and below.
+                // The receiver may have been dropped, here and below.
                 if let Err(refused) = may {
                     return drop(reply_sender.send(Err(refused)));
                 }

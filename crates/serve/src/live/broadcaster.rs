@@ -153,10 +153,12 @@ impl Broadcaster {
     }
 
     fn poll_states(&self, app_state: &SharedAppState) {
+        // The first viewer must not wait for a change of the bench.
         if self.lock_cache().bench.is_none() {
             self.refresh_bench(app_state);
         }
         if self.states.receiver_count() == 0 {
+            // States are not read without viewers: each reading takes the locks that workers need.
             return self.lock_cache().axes.clear();
         }
         for id in 0..=u16::MAX {
@@ -176,7 +178,7 @@ impl Broadcaster {
     /// Waits until no viewer is left, at most `max`.
     pub async fn wait_until_empty(&self, max: Duration) {
         let all = self.viewer_slots.acquire_many(VIEWERS_MAX as u32);
-        // Who still watches then is left alone.
+        // Viewers that are still connected then are cut off.
         let _ = timeout(max, all).await;
     }
 
@@ -190,6 +192,7 @@ impl Broadcaster {
 
     /// Puts up a state that has changed, or was not put up for a while.
     fn publish_state(&self, state: AxisState) {
+        // Ages grow with every poll: a state that differs in nothing else is not sent again.
         let (axis_state, at) = (without_ages(&state), clock::now());
         let shown = PublishedState { published: axis_state, polls: 0, state: state.clone(), at };
         {

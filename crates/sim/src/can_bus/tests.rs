@@ -203,7 +203,7 @@ fn outside_ends_are_heard_and_hear() {
         world.send_frame(ends[0], Instant::ZERO, &data(id, 3));
     }
     world.run_until(Instant::ZERO.plus_ms(10));
-    // What an outside end sends goes out in its order.
+    // Bytes of an outside end keep their order.
     assert_eq!(seen.ids(), [0x500, 0x400]);
     let mut received = |end| {
         std::iter::from_fn(|| world.receive_frame(end)).map(|(_, f)| f.id).collect::<Vec<_>>()

@@ -220,7 +220,7 @@ impl SwarmAxis {
         let (own, drives) = standings;
 
         let truth = self.truth(world);
-        // What a controller holds cannot be called back.
+        // A frame in the controller cannot be recalled.
         let waits = own.is_some_and(|standing| standing.is_waiting);
         self.late_motion &= waits;
         let going = waits || self.open.iter().any(|open| starts_motion(open.action));
@@ -468,7 +468,7 @@ impl SwarmAxis {
             return Ok(());
         }
         let offset = reported - truth.position;
-        // What has no more than 16 bits for it begins again at the other end.
+        // A counter of 16 bits wraps around.
         let narrow = self.profile.parameter(id).is_some_and(|p| p.encoding == Encoding::I16);
         let next = world.inspect(host, |n, _| n.axes()?.to_si(self.index, id, raw + (1 << 16)));
         let turn = next.filter(|_| narrow).map(|next| next - reported);

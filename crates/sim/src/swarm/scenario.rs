@@ -387,7 +387,7 @@ impl Scenario {
         let latest = (LATE_MAX_TIMEOUTS * patience).saturating_sub(OWN_MS + network);
         let mut faults = SerialFaults::random(random, patience, latest);
         if timing == Timing::Tcp {
-            // What doubles bytes is an adapter, and a network's packets are numbered.
+            // Adapters double bytes; a network does not, for its packets are numbered.
             faults.duplicate = Ppm::NEVER;
         }
         if timing == Timing::Cdc {

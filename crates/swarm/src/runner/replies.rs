@@ -225,7 +225,7 @@ impl WorldRunner {
                 StopClass::Failed => "stops failed",
                 _ => "stops sent",
             });
-            // Where others were waited for, it may have been moved again meanwhile.
+            // While others were waited for, it may have been moved again.
             let certain = sent_at + Duration::from_secs_f64(one.ms.max(0.0) / 1e3);
             if self.now.since(certain) < CERTAIN_MAX_AGE {
                 self.check_stop(one.id, one.class);

@@ -475,7 +475,7 @@ fn planted_in_tml() {
     assert_eq!(planted(&|t| discard(t.reply(&take_data(9, APOS, 0)))), ["foreign-reply"]);
     assert_eq!(planted(&|t| discard(t.reply(&[0x4F]))), ["duplicate-reply"]);
     assert_eq!(planted(&|t| discard(t.after(2000).reply(&[0x4F]))), ["foreign-reply"]);
-    // What answers one variable does not answer the other, and the host asks on.
+    // The answer for one variable does not answer the other, and the host asks on.
     let lost = |t: &mut SerialLog| {
         t.request(&give_me_data(1, APOS)).reply(&[0x4F]);
         t.request(&give_me_data(1, 0x022C)).reply(&[0x4F]).reply(&take_data(1, 0x022C, 0));

@@ -59,7 +59,7 @@ impl LineSink {
             (0..if marks { 1 } else { jobs }).map(|_| pen()).collect();
         let out = &mut self.out;
         let mut decoder = source.decode_parallel(path, &mut pens, &mut |pen| {
-            // What is written leaves its room to the pen.
+            // The buffer that was written goes back to the pen, which spares an allocation.
             std::mem::swap(out.buffer(), &mut pen.lines);
             out.flush()
         })?;

@@ -96,7 +96,7 @@ impl RemotePrinter {
             let due = now >= next && all_there;
             self.print_links(&live.links());
             if due {
-                // What was too slow is not caught up with.
+                // Ticks that were missed are not caught up with.
                 next = (next + period).max(now);
                 self.print_axes(&states);
             }

@@ -325,7 +325,7 @@ impl Driver for Axis {
             SWITCH_RPDO => self.switch_pdo(false, index, value != 0)?,
             SWITCH_TPDO => self.switch_pdo(true, index, value != 0)?,
             WATCH_HEARTBEAT => HostRequest::WatchHeartbeat { node, ms: index },
-            // What was not set is not taken back, only asked.
+            // A consumer heartbeat that was not set is not cleared: it is only read.
             UNWATCH_HEARTBEAT if self.watches_host => HostRequest::WatchHeartbeat { node, ms: 0 },
             UNWATCH_HEARTBEAT => self.read_object(CONSUMER_HEARTBEAT),
             RESTORE_CONNECTION_OPTION => match self.original_option {
@@ -378,7 +378,7 @@ impl Driver for Axis {
                 if len > 8 {
                     return Err(Failure::NotReady { hint: NOT_WHOLE });
                 }
-                // Of what has no length the profile's counts: the TS pads with zeros.
+                // A reply without a length has the width of the profile: the TS pads with zeros.
                 let (width, signed) = encoding.unwrap_or((0, false));
                 match u8::try_from(len) {
                     Ok(found @ 1..) if found < width => {

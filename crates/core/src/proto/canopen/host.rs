@@ -219,7 +219,7 @@ impl CanHost {
 
     #[inline]
     fn handle_sdo_reply(&mut self, now: Instant, node: u8, frame: &Frame) {
-        // What comes before the question is out answers an older one.
+        // A frame that arrives before the request is sent answers an older one.
         let channel = &mut self.channels[usize::from(node)];
         // The deadline was set when the request left. Nothing can answer within less than both frames take
         // (REQ-5).
@@ -310,7 +310,7 @@ impl CanHost {
         if matches!(step, ChannelStep::End(_) | ChannelStep::Abort(..)) {
             self.counters.silent += 1;
         } else if channel.is_beginning() {
-            // What brought nothing is over for the node, too.
+            // A transfer that brought nothing is ended at the node as well.
             self.aborts.insert(node);
         }
         self.apply_step(node, step);
@@ -477,7 +477,7 @@ impl Station<Can> for CanHost {
         if frame.extended || frame.id > 0x7FF {
             return;
         }
-        // What happens most, ahead of everything else.
+        // The most frequent case is checked first.
         let node = frame.id as u8 & NODE_MAX;
         if frame.id as u16 & !u16::from(NODE_MAX) == cob::SDO_REPLY && !frame.remote && node != 0 {
             if frame.len < SDO_BYTES {
@@ -630,7 +630,7 @@ impl station::Host<Can> for CanHost {
         request: HostRequest,
     ) -> Result<(), HostRequest> {
         self.network.renew_lease(now);
-        // What is asked most goes ahead of everything else.
+        // The most frequent request is checked first.
         let HostRequest::Read { node: node @ 1..=NODE_MAX, object } = request else {
             return self.submit_slow_path(now, ticket, request);
         };

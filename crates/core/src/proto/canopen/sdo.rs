@@ -248,7 +248,7 @@ impl SdoRequest {
     }
 
     /// The eight bytes.
-    #[inline(always)] // Where it is known what it is, a shift or two are left of it.
+    #[inline(always)] // With a known variant only a shift or two remain.
     #[must_use]
     pub const fn bytes(self) -> [u8; 8] {
         let word = match self {
@@ -331,7 +331,7 @@ impl SdoReply {
     }
 
     /// The eight bytes.
-    #[inline(always)] // Where it is known what it is, a shift or two are left of it.
+    #[inline(always)] // With a known variant only a shift or two remain.
     #[must_use]
     pub const fn bytes(self) -> [u8; 8] {
         let word = match self {

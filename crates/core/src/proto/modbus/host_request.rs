@@ -146,7 +146,7 @@ impl HostRequest {
     /// Writes the frame and returns its length.
     #[inline]
     pub fn emit(&self, format: WireFormat, out: &mut [u8]) -> usize {
-        // What happens most, ahead of everything else: a read.
+        // Reads are the most frequent request, so they are checked first.
         if let (WireFormat::Rtu, RequestBody::Read { space, start, count }) = (format, self.body) {
             return rtu::emit_request(self.unit, &RequestPdu::Read { space, start, count }, out);
         }

@@ -239,7 +239,7 @@ fn parse_write(
 ) -> Result<ParsedRequest, TextError> {
     let coils = matches!(function, Some(Function::WriteCoil | Function::WriteCoils));
     let space = if coils { Space::Coil } else { Space::Holding };
-    // What is no number behind the address can only be the word of a coil's state.
+    // Text behind the address that is no number can only be the word of a coil's state.
     let states =
         tokens.iter().rev().take_while(|token| parse_coil_state(token.text).is_some()).count();
     let worded =

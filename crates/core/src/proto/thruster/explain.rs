@@ -112,7 +112,7 @@ impl Dissector for ThrusterDissector {
     }
 
     fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // Who gives no room for it has none.
+        // A caller that gives no room gets no text.
         let _ = address::write(address, out);
     }
 

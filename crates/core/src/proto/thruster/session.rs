@@ -395,7 +395,7 @@ impl Session {
         let out = out.filter_map(|(n, p)| p.as_ref().map(|p| (n, p)));
         let out = out.filter(|(_, p)| p.host_request.id == id && p.sent && fits(p));
         let out = out.filter(|(_, p)| {
-            // What comes before both frames were on the wire answers an older request (REQ-5).
+            // A frame that arrives before both frames are sent answers an older request (REQ-5).
             now >= p.sent_at.plus_ns(self.min_exchange.for_request(&p.outgoing_request()))
         });
         out.min_by_key(|(_, p)| p.sent_at).map(|(n, _)| n)
@@ -549,7 +549,7 @@ impl Session {
                     .get_mut(pending.host_request.id)
                     .clear_outstanding(pending.host_request.request.command);
             }
-            // What was sent twice may be answered twice.
+            // A request that was sent twice may be answered twice.
             Some(_) if pending.attempts > 1 => {
                 self.note_doubt(
                     now,

@@ -413,7 +413,7 @@ impl Session {
 
     /// Takes a reply that passed every check of the wire.
     pub(super) fn handle_reply(&mut self, now: Instant, reply: Reply, soon: bool) {
-        // Who complains of a checksum may have lost count.
+        // A module that reports a wrong checksum may be misaligned.
         if self.suspicious && reply.status != Status::WrongChecksum {
             self.note_received(reply.module);
         }

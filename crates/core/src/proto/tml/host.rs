@@ -282,7 +282,7 @@ impl Timed for SerialHost {
         if self.baud_recovery.is_at_wanted() {
             self.session.poll_timeout()
         } else {
-            // What waits in the session waits for the line.
+            // Messages that wait in the session wait for the line.
             self.baud_recovery.deadline()
         }
     }
@@ -403,7 +403,7 @@ impl Host<Stream> for SerialHost {
     }
 
     fn handle_resume(&mut self, now: Instant) {
-        // What lay here of a frame before is no beginning of the next.
+        // The rest of an earlier frame does not begin the next one.
         self.rescan_pending(now);
         self.last_byte = now;
     }
@@ -509,7 +509,7 @@ impl<E: Encapsulation> Station<Can> for CanHost<E> {
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
         let Outgoing::Message(message) = self.session.transmit(now)? else { return None };
-        // What the rules forbid never got here; so much the sooner is the rest refused.
+        // The session refused everything that the rules forbid, so this can only fail by mistake.
         *out = E::encode(&message).ok()?;
         Some(1)
     }

@@ -399,7 +399,7 @@ impl Session {
         if self.link_up {
             return;
         }
-        // What drives of a group have answered so far is dropped: the caller could not know which are missing.
+        // Answers of a group so far are dropped: the caller could not know which are missing.
         self.group_answers.clear();
         let requests = [self.pending.take(), self.overtaken.take()];
         let queried = requests.map(|pending| pending.and_then(|pending| pending.ticket));

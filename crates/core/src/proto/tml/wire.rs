@@ -144,7 +144,7 @@ impl Instruction {
     /// [`new`](Self::new) with words packed in a number as on CAN: the first lowest.
     #[inline]
     pub(super) const fn from_packed(opcode: u16, words: u64, count: usize) -> Self {
-        // What a driver left behind the length is no data.
+        // Bytes behind the length are remains of the driver's buffer, no data.
         let stored =
             if count < DATA_WORDS_MAX { words & !(u64::MAX << (16 * count)) } else { words };
         let data =

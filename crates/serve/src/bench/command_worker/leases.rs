@@ -19,7 +19,7 @@ impl CommandWorker {
                 })
             }
         };
-        // Who has gone does not want to know, here and below.
+        // The receiver may have been dropped, here and below.
         let _ = reply.send(granted);
     }
 
@@ -55,7 +55,7 @@ impl CommandWorker {
             let what = "a scan of this link is running";
             Err(scan_error(what).hint("wait for the end of the scan, or cancel it"))
         } else {
-            // Who moved a motor has to be on record before it moves.
+            // The journal must name the holder before a motor moves.
             self.context.journal.check_writable(now)
         };
         let slot = &mut self.axes[axis].lease;

@@ -267,7 +267,7 @@ impl CommandWorker {
         // A dismissal without a record would be a motor for which no person answers.
         let may = held.and_then(|()| self.context.journal.check_writable(now));
         if may.is_err() || self.axes[axis].pending_stop.is_none() {
-            // Who has gone does not want to know, here and below.
+            // The receiver may have been dropped, here and below.
             return drop(reply.send(may));
         }
         let detail = json!({ "how": "dismissed", "reason": dismiss.reason, "note": dismiss.note });

@@ -257,7 +257,7 @@ impl SdoChannel {
         };
         let text = format!("the client gave up {spelled} {what}: {why}");
         self.abandon_transfer(notices);
-        // Who wants no more of a value than a number's bytes lets the rest go.
+        // A reader of numbers drops the bytes behind them.
         if abort != AbortCode::MEMORY || first {
             self.report_once(kind, text, notices);
         }

@@ -44,7 +44,7 @@ fn a_request_that_meets_the_boot_up_is_answered_by_one_node() {
     bus.read(kind, 0x20192, 4).send(0x000, &[0x81, 0]).wait(300).request(SdoRequest::Read(kind));
     bus.now -= 1_000_000;
     bus.send(BEAT, &[0]).reply(reply()).read(kind, 0x20192, 4).report().assert_clean();
-    // What is asked long before is lost.
+    // A request from long before is lost.
     let mut bus = CanopenLog::default();
     bus.read(kind, 0x20192, 4).request(SdoRequest::Read(kind)).wait(300).send(BEAT, &[0]);
     assert_eq!(bus.report().anomalies(), [AnomalyKind::Restart, AnomalyKind::Unanswered]);
@@ -178,7 +178,7 @@ fn guarding_alternates() {
         bus.wait(100);
     }
     assert_eq!(bus.report().anomalies(), [AnomalyKind::Sequence, AnomalyKind::Unanswered]);
-    // Who looks who is there accuses none.
+    // A search for nodes accuses none of them.
     let mut bus = CanopenLog::default();
     guard(&mut bus);
     bus.wait(3000).send(0x80, &[]).report().assert_clean();

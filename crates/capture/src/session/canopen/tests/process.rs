@@ -107,7 +107,7 @@ fn sync_counts_on() {
     bus.report().assert_clean();
     bus.frames.remove(20);
     let report = bus.report();
-    // What lacks is seen in the counter and in the beat.
+    // The gap shows in the counter and in the period.
     assert_eq!(report.anomalies(), [AnomalyKind::Sequence, AnomalyKind::Jitter]);
 }
 

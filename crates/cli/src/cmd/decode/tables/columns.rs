@@ -78,7 +78,7 @@ pub fn decode_into(
         columns.finish()?;
         decoder
     };
-    // What is no capture is not called decoded.
+    // A file that is no capture must not be reported as decoded.
     check_readable(decoder.statistics())?;
     if wanted.capture.is_some_and(|capture| !capture.is_unchanged()) {
         return Err(write_problem(out, TableFileError::Changed));

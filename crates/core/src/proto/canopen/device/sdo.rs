@@ -242,7 +242,7 @@ impl<const N: usize> CanEndpoint<N> {
         let done = match self.find_entry(object, firmware) {
             Ok(entry) if !entry.access.is_writable() => Err(AbortCode::READ_ONLY),
             Ok(entry) => match entry.kind.bytes() {
-                // Who is lenient takes the width from the object.
+                // A lenient drive takes the width from the object.
                 Some(1..=4) if self.quirks.lenient || short.len == 0 => {
                     self.set_value(now, entry, short.bits.into(), firmware)
                 }
@@ -448,7 +448,7 @@ impl<const N: usize> CanEndpoint<N> {
         self.begin_read(object, entry, firmware)?;
         let size = self.sdo_server.size;
         if threshold > 0 && size.is_some_and(|size| size <= threshold.into()) {
-            // So few bytes go the ordinary way.
+            // A short value takes the ordinary transfer.
             return Ok(self.read_object_slow_path(object, firmware));
         }
         self.sdo_server.state = ServerState::Offering;

@@ -22,7 +22,7 @@ pub(super) fn write_meaning(
 ) {
     let signs = |object| meanings::is_signed(object, context.profile);
     let again = statement.frame(node);
-    // Who asks for a state asks for whatever length.
+    // A request for a state has any length.
     let same = frame.remote || again.bytes() == frame.bytes();
     let mut pieces = SinkWriter(sink);
     let written = same && text::write(statement, &signs, &mut pieces).unwrap_or(false);

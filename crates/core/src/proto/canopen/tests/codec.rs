@@ -113,7 +113,7 @@ fn every_identifier_has_one_meaning() {
 fn every_specifier_is_read_and_made_again() {
     for head in 0..=255 {
         let bytes = [head, 0x40, 0x60, 2, 0x78, 0x56, 0x34, 0x12];
-        // What is read is what is written of it, whatever reserved bits were.
+        // Reserved bits do not change the value that is read.
         let request = SdoRequest::of(bytes);
         assert_eq!(SdoRequest::of(request.bytes()), request, "{head:02X}");
         let reply = SdoReply::of(bytes);

@@ -231,7 +231,7 @@ fn an_echo_behind_other_bytes_is_not_the_reply() {
         let mut out = [0; 520];
         let len = world.host.poll_transmit(world.now, &mut out).unwrap();
         world.host.handle_input(world.now.plus_ms(1), other);
-        // So late that it could be the reply: an adapter kept it.
+        // Late enough to pass for the reply: an adapter kept it.
         world.host.handle_input(world.now.plus_ms(16), &out[..len]);
         assert_eq!(world.host.poll_event(), None, "{format:?}");
         assert_eq!(world.host.counters().echoed, 1);

@@ -102,7 +102,7 @@ impl<M: TmclModule> Station<Stream> for ModuleDevice<M> {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
         self.module.advance(now);
         if self.module.state().is_unresponsive(now) {
-            // What it missed is half a datagram at most: the next byte begins a new one.
+            // It missed half a datagram at most: the next byte begins a new one.
             return self.serial.handle_break();
         }
         self.module.state_mut().last_requests.serial = Some(now);

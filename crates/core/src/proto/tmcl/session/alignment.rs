@@ -250,7 +250,7 @@ impl Session {
         let lost = self.is_misaligned(now, module);
         let shiftable = !self.has_answered(module) && self.may_start_misaligned(module);
         let ByteAlignment { offset, answer_due, .. } = self.alignment;
-        // Who knows a pause is in step behind one.
+        // A module that resets its alignment in a pause is aligned after one.
         let paused = now >= answer_due.plus_ns(self.timeout_ns / 2);
         let Some(quiet) = self.silent_module_mut(module) else { return SendPlan::PLAIN };
         let back = if quiet.answered_burst { 0 } else { (OFFSETS - offset) % OFFSETS };

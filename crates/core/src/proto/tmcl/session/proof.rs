@@ -135,7 +135,7 @@ impl Session {
         waiting.answered_probe = waiting.last_probe;
         if core::mem::take(&mut waiting.stale_reply_seen) && waiting.stale_proofs < STALE_PROOFS_MAX
         {
-            // What answered it may be one of them.
+            // The reply may belong to one of them.
             waiting.stale_proofs += 1;
             // Programs that were killed one after the other leave replies that pass two proofs; three in a row
             // prove it.

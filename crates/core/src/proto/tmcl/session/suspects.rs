@@ -45,7 +45,7 @@ impl Session {
 
     /// Notes that replies of `pending` may still come.
     pub(super) fn mark_suspect(&mut self, now: Instant, pending: &PendingExchange, probe: bool) {
-        // What never left has no reply.
+        // A request that never left has no reply.
         if pending.attempts == 0 {
             return;
         }

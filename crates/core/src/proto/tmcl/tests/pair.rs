@@ -554,7 +554,7 @@ fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
         host.handle_input(now, &position(n));
         assert_eq!(answer(&mut host), Some(n.into()));
     }
-    // So long after that no earlier request could own it.
+    // Long enough after any earlier request that none of them could own it.
     now = now.plus_ms(2_000);
     ask_position(&mut host, now);
     host.handle_input(now.plus_ns(110 * 4_000), &position(200));

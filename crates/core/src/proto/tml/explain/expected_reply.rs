@@ -80,7 +80,7 @@ struct ReplyPattern {
 impl ReplyPattern {
     /// The frame that answers a request. `None` when no drive can answer so on this wire.
     fn of(request: &OnlineMessage, to: IdCode, wire: TmlWire) -> Option<Self> {
-        // What differs between two answers is not known beforehand.
+        // The bytes that differ between two answers are not known beforehand.
         let many = to.group || to.id == 0;
         let back = request.reply_to()?;
         let senders = if many { (1, 30) } else { (to.id, to.id) };

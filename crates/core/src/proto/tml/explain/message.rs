@@ -129,7 +129,7 @@ impl Default for BoundedText {
 impl BoundedText {
     pub fn of(text: impl fmt::Display) -> Self {
         let mut short = Self::default();
-        // What does not fit is cut.
+        // Text that does not fit is cut.
         let _ = write!(short, "{text}");
         short
     }
@@ -260,7 +260,7 @@ impl MessageExplainer<'_> {
         );
         let mut text = BoundedText::default();
         names::disassemble(&parsed.instruction, self.profile, &mut |piece| {
-            // What does not fit is cut.
+            // Text that does not fit is cut.
             let _ = text.write_str(piece);
         });
         self.emit_field("tml", (0, 0), FieldValue::Text(text.as_str()));

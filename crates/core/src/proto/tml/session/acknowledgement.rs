@@ -92,7 +92,7 @@ impl Session {
                 _ => self.finish_pending(now, Err(Failure::Silent)),
             };
         }
-        // What delays an answer (a serial server, a busy adapter) delays the byte 4F as long.
+        // A serial server or a busy adapter delays the byte 4F as long as an answer.
         self.stale_replies.add_ack(self.topology.relay_axis.unwrap_or(axis), until);
         // SYNC bytes would reach every drive of the line in the middle of what it counts (TML-4).
         self.set_phase(match self.topology {

@@ -125,7 +125,7 @@ impl StaleReplies {
         if let Some((before, _)) = self.last_answer.take() {
             self.duplicates[usize::from(before)] = 0;
         }
-        // What was asked twice may be answered twice by one drive.
+        // A request that was sent twice may be answered twice by one drive.
         self.last_answer = asked_once.then_some((axis, question));
     }
 

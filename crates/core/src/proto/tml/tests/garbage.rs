@@ -92,7 +92,7 @@ fn can_frames_that_are_read_are_written_the_same() {
                 to: content.to.unwrap_or(IdCode::host_at(1)),
                 instruction: content.instruction,
             };
-            // What no message says is refused: TakeData from axis 0, requests to groups.
+            // Impossible messages are refused: TakeData from axis 0, requests to groups.
             if let Ok(again) = technocan::encode(&message) {
                 // In PONG the VT bit has no meaning.
                 let other = content.misprinted() || content.class == MessageClass::Pong;

@@ -273,7 +273,7 @@ fn a_short_request_is_not_heard_unless_lenient() {
         NodeFixture::with(Quirks { lenient: true, echoes_writes: true, ..Quirks::STRICT });
     let echoed = frame(0x585, &[0x60, 0x00, 0x20, 0, 7, 0, 0, 0]);
     assert_eq!(lenient.answers(short), [echoed]);
-    // What was lost of a value is not zero.
+    // The lost part of a value is not zero.
     lenient.answers(frame(0x605, &[0x2B, 0x01, 0x20, 0, 0x0D, 0, 0, 0]));
     for cut in
         [&[0x2B, 0x01, 0x20][..], &[0x2B, 0x01, 0x20, 0], &[0x2F, 0x01, 0x20, 0, 1], &[0x40, 1]]
