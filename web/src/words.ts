@@ -114,7 +114,7 @@ export const WORDS = {
   locked_hint: ["Motion is locked: release it above first", "运动已锁定：请先在上方解除"],
   release: ["Release motion", "解除锁定"],
   stop_standing: ["all axes at standstill", "所有轴已静止"],
-  owed_title: [
+  pending_title: [
     "Standstill not confirmed: {count}. Cut the supply of:",
     "未确认静止：{count} 个轴。请切断以下轴的电源：",
   ],
@@ -122,28 +122,28 @@ export const WORDS = {
     "STOP ALL did not reach: all motors of links that are not open, and missing axes. Cut the supply of motors that turn.",
     "全部停止未送达：未打开链路上的所有电机，以及缺失的轴。请切断仍在转动的电机的电源。",
   ],
-  owed_list: ["Axes with a pending stop", "未确认静止的轴"],
-  owed_card: [
+  pending_list: ["Axes with a pending stop", "未确认静止的轴"],
+  pending_card: [
     "Stop pending for {age}, standstill not confirmed: cut its supply",
     "停止已等待 {age}，未确认静止：请切断其电源",
   ],
-  owed_since: ["stop pending for {age}, since {at}", "停止已等待 {age}，自 {at} 起"],
-  owed_why_stop: ["stopped by {by}", "由 {by} 停止"],
-  owed_why_lease_ended: ["the lease of its motion ended", "其运动所用的控制权已结束"],
-  owed_why_link_lost: ["its link was lost during motion", "运动中其链路断开"],
-  owed_why_server_ends: ["the server ends", "服务器正在结束"],
-  owed_why_server_before: [
+  pending_since: ["stop pending for {age}, since {at}", "停止已等待 {age}，自 {at} 起"],
+  pending_why_stop: ["stopped by {by}", "由 {by} 停止"],
+  pending_why_lease_ended: ["the lease of its motion ended", "其运动所用的控制权已结束"],
+  pending_why_link_lost: ["its link was lost during motion", "运动中其链路断开"],
+  pending_why_server_ends: ["the server ends", "服务器正在结束"],
+  pending_why_server_before: [
     "the previous server did not confirm its standstill",
     "上一次运行的服务器未确认其静止",
   ],
-  owed_unsent: ["the stop is not sent yet", "停止命令尚未送上总线"],
-  owed_sent: ["the stop was sent, the drive did not confirm it", "停止命令已发送，驱动器未确认"],
-  owed_acknowledged: [
+  pending_unsent: ["the stop is not sent yet", "停止命令尚未送上总线"],
+  pending_sent: ["the stop was sent, the drive did not confirm it", "停止命令已发送，驱动器未确认"],
+  pending_acknowledged: [
     "the drive acknowledged the stop, standstill is not confirmed",
     "驱动器已应答停止命令，未确认静止",
   ],
-  owed_said: ["sent {count}×", "已发送 {count} 次"],
-  owed_last: ["Stop pending at the last reading", "断开前应停止而未确认静止"],
+  pending_attempts: ["sent {count}×", "已发送 {count} 次"],
+  pending_last: ["Stop pending at the last reading", "断开前应停止而未确认静止"],
   dismiss: ["Dismiss…", "撤销…"],
   dismiss_of: ["Dismiss the stop of {axis}", "撤销 {axis} 的停止"],
   dismiss_how: [
@@ -160,7 +160,7 @@ export const WORDS = {
   dismiss_do: ["Dismiss the stop", "撤销停止"],
   may_turn_known: ["I know that {axis} may still turn", "我知道 {axis} 可能仍在转动"],
   may_turn_go_on: ["Continue to control it", "继续控制"],
-  class_owed: ["standstill not confirmed", "未确认静止"],
+  class_pending: ["standstill not confirmed", "未确认静止"],
   class_failed: ["not reached", "未到达"],
   class_sent: ["sent", "已发送"],
   class_acknowledged: ["acknowledged", "已应答"],

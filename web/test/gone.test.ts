@@ -59,7 +59,7 @@ describe("a server that is gone", () => {
     expect(await banner().innerText()).not.toContain("no reply yet");
   });
 
-  it("knows the page still when it is started again, and then does the stop that it is owed", async () => {
+  it("knows the page still when it is started again, and then sends the pending stop", async () => {
     await v.server.again();
     await says("Motion is locked", "all axes at standstill");
     expect(await banner().innerText()).not.toContain("NOT DELIVERED");

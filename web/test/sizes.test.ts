@@ -114,7 +114,7 @@ describe("the page with many axes", () => {
       (texts) => texts.length === 1 && (texts[0]?.includes("171 4") ?? false),
     );
     await v.button("Release motion").click();
-    // It is owed its stop until it is seen standing, whoever released motion.
+    // Its stop is pending until standstill is confirmed, also after motion was released.
     await v.until(
       () => banner.innerText(),
       (text) => text.includes("Standstill not confirmed: 1."),

@@ -278,7 +278,7 @@ pub fn label_with_link(axis: &mut AxisInfo) {
 
 /// Troubles of a link, a line each: why it is not open, and its absent axes.
 pub fn link_troubles(link: &LinkView) -> Vec<String> {
-    let LinkView { id, url, state, error, since_ms, absent, owed, .. } = link;
+    let LinkView { id, url, state, error, since_ms, absent, pending_stops, .. } = link;
     let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
     // The server's clock may be ahead of this one.
     let seconds = since_ms.map_or(0.0, |since_ms| ((now_ms - since_ms) / 1e3).max(0.0));
@@ -303,7 +303,7 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
         let why = message_with_hint(&axis.error);
         lines.push(format!("axis {} of link {id} is missing: {why}", AxisNumber(axis.number)));
     }
-    for number in owed {
+    for number in pending_stops {
         lines.push(format!(
             "AXIS {number} OF LINK {id} MAY BE TURNING, CUT ITS SUPPLY: its stop is pending since \
              the previous server, and the drive is missing"

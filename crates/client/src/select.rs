@@ -121,15 +121,15 @@ fn find_axis(
 
 /// Why an axis that the server's link should have is not there.
 fn absent_error(link: &LinkView, number: AxisNumber) -> Option<GatewayError> {
-    let LinkView { id, absent, owed, error, .. } = link;
+    let LinkView { id, absent, pending_stops, error, .. } = link;
     let absent = absent.iter().find(|axis| axis.number == number.0).map(|axis| &axis.error);
-    let is_owed = owed.contains(&number.0);
-    let why = absent.or(error.as_ref().filter(|_| is_owed))?;
+    let is_pending = pending_stops.contains(&number.0);
+    let why = absent.or(error.as_ref().filter(|_| is_pending))?;
     let what = format!(
         "axis {number} of link {id} is missing, and no stop was sent to it: {}",
         why.message
     );
-    let hint = if is_owed {
+    let hint = if is_pending {
         "cut its supply: its stop is pending since the previous server, and is sent as soon \
              as the drive replies"
     } else {

@@ -33,7 +33,7 @@ pub struct AxisState {
     /// The pending stop; `null` if there is none. User interfaces show it in red: standstill is not
     /// confirmed, and cutting the supply stops the motor.
     #[schema(required)]
-    pub owed: Option<PendingStopView>,
+    pub pending_stop: Option<PendingStopView>,
     /// Display of the drive's own panel, where it has one.
     #[schema(required)]
     pub panel: Option<PanelView>,
@@ -94,7 +94,7 @@ pub struct PendingStopView {
     /// Certain progress of the stop so far: `failed` (nothing left yet), `sent` or `acknowledged`.
     pub class: StopClass,
     /// Number of times that it was sent.
-    pub said: u32,
+    pub attempts: u32,
     /// Why the last one was not confirmed; `null` while nothing is known to be wrong with it.
     #[schema(required)]
     pub error: Option<GatewayError>,

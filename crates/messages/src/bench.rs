@@ -62,7 +62,7 @@ pub struct LinkView {
     /// Numbers of missing drives with a pending stop of the previous server: they may turn, and are stopped
     /// as soon as they reply.
     #[serde(default)]
-    pub owed: Vec<u32>,
+    pub pending_stops: Vec<u32>,
     /// Load of the wire, 0 to 1; `null` if unknown.
     #[schema(required)]
     pub load: Option<f64>,

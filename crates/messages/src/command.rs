@@ -232,8 +232,8 @@ pub enum StopClass {
     /// Nothing left. As an answer: and nothing will, because the drive has no stop.
     Failed,
     /// The time limit is over, or the link is lost: standstill is not confirmed. The stop is pending and
-    /// repeated, see [`AxisState::owed`](super::AxisState::owed).
-    Owed,
+    /// repeated, see [`AxisState::pending_stop`](super::AxisState::pending_stop).
+    Pending,
     /// The stop was sent.
     Sent,
     /// The drive answered all of it. As an answer: and it has nothing by which it could be seen

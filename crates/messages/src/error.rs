@@ -72,7 +72,7 @@ impl GatewayError {
             "gateway.scope" | "gateway.origin" => 403,
             "gateway.missing" | "E212" | "E205" | "E213" => 404,
             "gateway.method" => 405,
-            "gateway.lease" | "gateway.expired" | "gateway.owed" | "gateway.simulated"
+            "gateway.lease" | "gateway.expired" | "gateway.pending" | "gateway.simulated"
             | "gateway.look" => 409,
             "gateway.size" => 413,
             "gateway.host" => 421,

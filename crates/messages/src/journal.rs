@@ -51,7 +51,7 @@ pub enum JournalAction {
     /// A stop goes out.
     Stop,
     /// A stop became pending; the detail has the reason, link and number.
-    StopOwed,
+    StopPending,
     /// A pending stop ended; the detail has the confirmation, or the client and reason of the dismissal.
     StopEnded,
     /// Motion is allowed again.

@@ -83,7 +83,7 @@ fn is_axis_of_link(axis: &LocalAxis, link: &LocalLink) -> bool {
 /// Stops axes, and repeats the stop of those that did not confirm it. Returns the first error, after all were tried. A
 /// first Ctrl-C meanwhile asks for a stop that is running already: it is raised after that. A second one ends it.
 #[pyfunction]
-#[pyo3(name = "stop_owed")]
+#[pyo3(name = "stop_axes")]
 pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult<()> {
     let axes = axes.iter().map(|axis| {
         let local = axis.get().inner(py)?.require_local("stops of this program", "");

@@ -86,5 +86,5 @@ def can_be_armed(axis: polepair.Axis) -> bool:
         with axis.armed():
             return True
     except polepair.PolepairError as error:
-        assert error.code in ("gateway.busy", "gateway.lease", "gateway.owed"), error
+        assert error.code in ("gateway.busy", "gateway.lease", "gateway.pending"), error
         return False

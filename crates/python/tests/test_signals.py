@@ -215,7 +215,7 @@ def ends_on_a_silent_wire(program: str, wire: Wire) -> subprocess.Popen[str]:
     process.stdin.write("\n")
     process.stdin.flush()
     time.sleep(0.5)
-    assert process.poll() is None, "its stop is owed"
+    assert process.poll() is None, "its stop is pending"
     return process
 
 
@@ -224,7 +224,7 @@ def test_a_signal_while_a_block_ends_waits_for_its_stop(name: str, wire: Wire) -
     process = ends_on_a_silent_wire(ENDING, wire)
     process.send_signal(signal.Signals[name])
     time.sleep(1.0)
-    assert process.poll() is None, "its stop is owed"
+    assert process.poll() is None, "its stop is pending"
     wire.silent.clear()
     said, told = process.communicate(timeout=120)
     assert "polepair: " not in told, told
@@ -233,7 +233,7 @@ def test_a_signal_while_a_block_ends_waits_for_its_stop(name: str, wire: Wire) -
     stands(wire.url)
 
 
-def test_a_link_that_is_closed_while_its_stop_is_owed_ends_that(wire: Wire) -> None:
+def test_a_link_that_is_closed_while_its_stop_is_pending_ends_that(wire: Wire) -> None:
     process = ends_on_a_silent_wire(CLOSED, wire)
     _, told = process.communicate(timeout=120)
     assert process.returncode == 1 and "may still turn" in told, told

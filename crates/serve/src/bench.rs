@@ -338,7 +338,7 @@ impl Bench {
         let pending = link.wire.pending_stop(index);
         Ok(AxisState {
             lease,
-            owed: pending,
+            pending_stop: pending,
             panel,
             ..state::axis_state(id, &link.wire.axes[index].1)
         })

@@ -231,7 +231,7 @@ fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
         let line = line?;
         let line = String::from_utf8_lossy(&line);
         // Most lines are about something else, and there may be many.
-        let is_meant = ["\"stop_owed\"", "\"stop_ended\""].iter().any(|d| line.contains(d));
+        let is_meant = ["\"stop_pending\"", "\"stop_ended\""].iter().any(|d| line.contains(d));
         let Some(record) = is_meant.then(|| serde_json::from_str::<JournalRecord>(&line).ok())
         else {
             continue;
@@ -240,7 +240,7 @@ fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
         let number = detail["number"].as_u64().and_then(|number| u32::try_from(number).ok());
         let (Some(link), Some(number)) = (detail["link"].as_str(), number) else { continue };
         pending.retain(|axis: &(String, u32)| (&*axis.0, axis.1) != (link, number));
-        if deed == JournalAction::StopOwed {
+        if deed == JournalAction::StopPending {
             pending.push((link.to_owned(), number));
         }
     }

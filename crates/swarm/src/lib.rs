@@ -21,8 +21,11 @@ pub use polepair_sim::check::Violation;
 
 /// Invariants that must hold after every event: number and meaning.
 pub const INVARIANTS: [(&str, &str); 14] = [
-    ("G1", "3 s after its wire is well, and within its ramp, an axis that is owed a stop stands"),
-    ("G2", "the alarm stands while an axis turns that is owed a stop"),
+    (
+        "G1",
+        "3 s after its wire is well, and within its ramp, an axis with a pending stop is at standstill",
+    ),
+    ("G2", "the alarm is shown while an axis with a pending stop turns"),
     ("G3", "the alarm ends when the axis stands and its wire is well"),
     ("G4", "the alarm does not end while the motor turns, unless somebody dismissed it"),
     ("G5", "`standing` is told of a motor that stands"),
@@ -30,7 +33,7 @@ pub const INVARIANTS: [(&str, &str); 14] = [
     ("G7", "`not done` is told of nothing that was executed"),
     ("G8", "`failed`, nothing left, is told of no stop that was executed"),
     ("G9", "whoever says STOP is answered within 10 s"),
-    ("G10", "nothing moves anew while it is owed a stop or motion is locked"),
+    ("G10", "nothing starts to move while its stop is pending or motion is locked"),
     ("G11", "`done` is told of motion that the drive executed, where it answers"),
     ("G12", "nothing panics"),
     ("G13", "who is told that an axis arrived has its shaft at the target"),

@@ -542,13 +542,14 @@ impl WorldRunner {
             let Some(truth) = bench.truth(n as u16) else { continue };
             let well = self.ports[self.observers[n].wire].working_since();
             let turned = self.observers[n].is_turning();
-            let outstanding = bench.axis_state(n as u16).ok().map(|state| state.owed.is_some());
+            let outstanding =
+                bench.axis_state(n as u16).ok().map(|state| state.pending_stop.is_some());
             let found = self.observers[n].check(self.now, truth, well, outstanding, false);
             let watch = &self.observers[n];
             if watch.is_turning() != turned {
                 let (turns, speed, outstanding) =
                     (watch.is_turning(), truth.velocity, watch.stop_pending_since.is_some());
-                let pending = if outstanding { ", owed a stop" } else { "" };
+                let pending = if outstanding { ", its stop is pending" } else { "" };
                 self.log(|| {
                     if turns {
                         format!("truth: axis {n} turns{pending}, {speed:.1} rad/s")

@@ -215,7 +215,7 @@ impl StopObserver {
             found.push((
                 "G1",
                 format!(
-                    "owed a stop for {outstanding:.2} s, its wire well for {well:.2} s, \
+                    "its stop is pending for {outstanding:.2} s, its wire well for {well:.2} s, \
                      it turns at {speed:.2} rad/s"
                 ),
             ));
@@ -286,7 +286,7 @@ impl StopObserver {
         {
             let outstanding = now.since(pending).as_secs_f64();
             let what = format!(
-                "no alarm, owed a stop for {outstanding:.2} s, it turns at {speed:.2} rad/s"
+                "no alarm, its stop is pending for {outstanding:.2} s, it turns at {speed:.2} rad/s"
             );
             found.push(("G2", what));
         }

@@ -224,8 +224,8 @@ export class Bench {
     const outcome = await Promise.race([this.command(axis, "stop"), wait(HALT_MS)]);
     // Where the server has it, it says it until the motor stands, or was set in motion again.
     const taken = outcome
-      ? outcome.outcome === "done" || outcome.error?.code === "gateway.owed"
-      : this.states[axis]?.owed;
+      ? outcome.outcome === "done" || outcome.error?.code === "gateway.pending"
+      : this.states[axis]?.pending_stop;
     if (!taken) this.stop([axis], "stop was not confirmed");
   }
 
@@ -250,7 +250,7 @@ export class Bench {
   }
 
   /**
-   * Has an axis owed its stop no more, though nobody saw it stand; gives why not. It goes the way of
+   * Dismisses the pending stop of an axis without a confirmed standstill; returns the reason of a refusal. It goes the way of
    * stops: none that is said after it comes before it, and is dismissed with it.
    */
   async dismiss(axis: number, reason: DismissReason, note = ""): Promise<GatewayError | null> {
@@ -261,7 +261,7 @@ export class Bench {
     return refused;
   }
 
-  /** The same of a drive that the server before owed it, and that is not there. */
+  /** Dismisses a pending stop of the previous server for a missing drive. */
   async dismissAbsent(
     link: string,
     number: number,

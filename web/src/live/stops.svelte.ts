@@ -1,4 +1,4 @@
-// Stops that this page says, and what is certain of each. A stop that did not get through is owed: it
+// Stops that this page says, and what is certain of each. A stop that did not get through stays open: it
 // is said again when there is a connection, and whoever said it is told meanwhile that it did not.
 
 import type { AxisStopReport, GatewayError } from "./message";
@@ -9,7 +9,7 @@ const AGAIN_MS = 250;
 /** Without a word of the server by then, nobody may count on it. */
 const UNANSWERED_MS = 1500;
 /** For so long a stop that did not get through is said again by itself; then somebody has to. */
-const OWED_MS = 60_000;
+const RESEND_MS = 60_000;
 
 /**
  * What is certain: it was said just now; the server took it, and tells how far each axis came; it may
@@ -56,8 +56,8 @@ export class Stops {
   }
 
   /** Whether it will be said again by itself. */
-  owed(now: number): boolean {
-    return this.open && now - (this.said?.at ?? 0) < OWED_MS;
+  isResending(now: number): boolean {
+    return this.open && now - (this.said?.at ?? 0) < RESEND_MS;
   }
 
   /** Stops axes, or all: together with those whose stop has not got through yet. */
@@ -73,7 +73,7 @@ export class Stops {
   /** There is a connection: what did not get through is said again. */
   connected(): void {
     const { said } = this;
-    if (said && this.owed(Date.now())) this.out({ ...said, certain: "said", refused: null });
+    if (said && this.isResending(Date.now())) this.out({ ...said, certain: "said", refused: null });
   }
 
   /** There is none: nobody tells any more how far a stop came. */

@@ -131,14 +131,14 @@ describe("a stop of this page", () => {
     world.die();
     stops.say(null, "button");
     await pass(59_000);
-    expect(stops.owed(Date.now())).toBe(true);
+    expect(stops.isResending(Date.now())).toBe(true);
     world.connected = true;
     stops.connected();
     expect(world.lives).toEqual([null]);
     stops.locked();
     stops.connected();
     expect(world.lives).toEqual([null]);
-    expect(stops.owed(Date.now())).toBe(false);
+    expect(stops.isResending(Date.now())).toBe(false);
   });
 
   it("is not said by itself long after, nor when it was dismissed", async () => {

@@ -77,7 +77,7 @@ fn parse_absent(server: &RemoteSession, words: &str) -> Option<(String, u32)> {
     let (word, number) = words.rsplit_once('#')?;
     let number = number.parse().ok()?;
     match find_link(&server.bench, word) {
-        Some(link) => link.owed.contains(&number).then(|| (link.url.clone(), number)),
+        Some(link) => link.pending_stops.contains(&number).then(|| (link.url.clone(), number)),
         None => word.contains(':').then(|| (word.to_owned(), number)),
     }
 }

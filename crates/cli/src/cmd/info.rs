@@ -156,7 +156,7 @@ fn remote_text(
         row("faults", "none".to_owned() + &read.map_or_else(String::new, age_note));
     }
     let mut text = format!("{}: {}\n{}", axis.label, axis.drive, table.render(false));
-    if state.owed.is_some() {
+    if state.pending_stop.is_some() {
         text.push_str(
             "  MAY BE TURNING: it received a stop, but its standstill is not confirmed; cut its \
              supply\n",

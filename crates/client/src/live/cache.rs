@@ -369,7 +369,7 @@ mod tests {
             signals: Vec::new(),
             faults: Vec::new(),
             lease,
-            owed: None,
+            pending_stop: None,
             panel: None,
         };
         known.set_state(state(Some(lease(6))));

@@ -483,7 +483,7 @@ class AxisSteps:
         On a local link, a lost stop is repeated for ten seconds. A server repeats its stops itself.
         """
         if not self._native.is_remote:
-            yield Urgent(native.stop_owed, [self._native])
+            yield Urgent(native.stop_axes, [self._native])
             return True
         begun = yield from self._begin_own("stop")
         if begun is not None:

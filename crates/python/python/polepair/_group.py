@@ -121,7 +121,7 @@ class GroupSteps(Generic[A]):
         own = [axis._native for axis in ours if not axis._native.is_remote]
         try:
             if own:
-                yield Urgent(native.stop_owed, own)
+                yield Urgent(native.stop_axes, own)
             else:
                 yield from self._stop_each(ours, AxisSteps._begin_own)
         except PolepairError as error:

@@ -39,9 +39,10 @@ impl Bench {
         queue.retain(|number| absent.contains(number));
         if queue.is_empty() {
             let pending = self.0.context.inherited_stops_on(&link.url);
-            let is_owed = |number: &&u32| pending.contains(number);
-            let rest: Vec<u32> = absent.iter().filter(|number| !is_owed(number)).copied().collect();
-            queue.extend(absent.iter().filter(is_owed));
+            let has_pending_stop = |number: &&u32| pending.contains(number);
+            let rest: Vec<u32> =
+                absent.iter().filter(|number| !has_pending_stop(number)).copied().collect();
+            queue.extend(absent.iter().filter(has_pending_stop));
             *others += 1;
             queue.extend(rest.get(*others % rest.len().max(1)));
         }

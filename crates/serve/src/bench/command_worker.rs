@@ -628,7 +628,7 @@ fn check_age(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), GatewayErro
 fn stop_pending_error() -> GatewayError {
     let what = "the axis has a pending stop: its standstill is not confirmed, and it may be \
      turning";
-    GatewayError::new("gateway.owed", what).hint(
+    GatewayError::new("gateway.pending", what).hint(
         "wait until it is at standstill; if motion is safe, dismiss the stop, then arm the axis \
          again",
     )

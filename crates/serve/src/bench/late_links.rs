@@ -53,7 +53,7 @@ impl Bench {
     pub(super) fn link_view(&self, link: &BenchLink) -> LinkView {
         let mut pending = self.0.context.inherited_stops_on(&link.url);
         pending.retain(|number| !link.has_axis(*number));
-        LinkView { owed: pending, ..link.view() }
+        LinkView { pending_stops: pending, ..link.view() }
     }
 
     /// Clears the inherited pending stop of an absent drive. The journal keeps the session and the reason.
@@ -97,7 +97,7 @@ impl Bench {
 
     /// Records the absent drives of a link with an inherited pending stop, and ends the host watch of the others.
     pub(super) fn close_link(&self, link: &BenchLink) {
-        let pending = self.link_view(link).owed.into_iter();
+        let pending = self.link_view(link).pending_stops.into_iter();
         pending.for_each(|n| self.0.context.add_not_standing(format!("axis {n} of {}", link.url)));
         link.wire.end_host_watch();
     }

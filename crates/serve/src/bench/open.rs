@@ -357,7 +357,7 @@ impl BenchLink {
             since_ms: lost.as_ref().map(|(since, _)| BenchClock::wall_ms(*since)),
             error: lost.map(|(_, error)| error),
             absent: self.absent(),
-            owed: Vec::new(),
+            pending_stops: Vec::new(),
             load: self.load(),
             counters: self.counters(),
         }

@@ -139,7 +139,7 @@ impl PendingStop {
             why: self.why,
             by: self.by.to_string(),
             class,
-            said: self.stop.attempts(),
+            attempts: self.stop.attempts(),
             error,
         }
     }
@@ -228,7 +228,7 @@ impl PendingStop {
             let waited = now.since(*since);
             let over = ended || lost || waited >= REPLY_MAX;
             // The reply is given up, the stop is not: it goes on, and the class states that.
-            let class = if over && !ended { StopClass::Owed } else { class };
+            let class = if over && !ended { StopClass::Pending } else { class };
             let ms = waited.as_secs_f64() * 1e3;
             let error = error.clone();
             collector.record(id, AxisStopReport { id, class, ms, quick, error }, over);
@@ -240,7 +240,7 @@ impl PendingStop {
     pub fn abandon(&mut self, id: u16, now: Instant, why: &GatewayError) {
         for StopWaiter { collector, since } in self.waiters.drain(..) {
             let ms = now.since(since).as_secs_f64() * 1e3;
-            let (class, quick) = (StopClass::Owed, self.stop.sent_quick_stop());
+            let (class, quick) = (StopClass::Pending, self.stop.sent_quick_stop());
             let error = Some(why.clone());
             collector.record(id, AxisStopReport { id, class, ms, quick, error }, true);
         }

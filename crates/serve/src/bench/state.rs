@@ -24,7 +24,7 @@ pub(super) fn axis_state(id: u16, axis: &LocalAxis) -> AxisState {
             .collect(),
         faults: faults(axis, &state),
         lease: None,
-        owed: None,
+        pending_stop: None,
         panel: None,
     }
 }

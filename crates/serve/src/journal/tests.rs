@@ -107,8 +107,8 @@ fn a_broken_journal_names_whom_it_owes_a_stop() {
     let path = write_journal("owing", 2);
     let (journal, _) = JournalFile::open(&path).unwrap();
     let pending = |number: u32| json!({ "link": "tmcl:///dev/ttyUSB0#1,3", "number": number });
-    journal.write("server", JournalAction::StopOwed, Some(0), &pending(1)).unwrap();
-    journal.write("server", JournalAction::StopOwed, Some(1), &pending(3)).unwrap();
+    journal.write("server", JournalAction::StopPending, Some(0), &pending(1)).unwrap();
+    journal.write("server", JournalAction::StopPending, Some(1), &pending(3)).unwrap();
     journal.write("server", JournalAction::StopEnded, Some(0), &pending(1)).unwrap();
     drop(journal);
     let mut bytes = std::fs::read(&path).unwrap();

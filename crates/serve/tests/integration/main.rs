@@ -7,8 +7,8 @@ mod journal;
 mod live;
 mod look;
 mod openapi;
-mod owed;
 mod patience;
+mod pending_stops;
 #[cfg(unix)]
 mod search;
 mod site;

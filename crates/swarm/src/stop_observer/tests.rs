@@ -28,7 +28,7 @@ fn only_an_axis_that_was_told_of_may_turn_when_the_server_has_ended() {
 /// A stop that its lease's holder said is owed like any other, its alarm comes later, and what the holder has
 /// it do next ends it.
 #[test]
-fn a_stop_of_the_holder_is_owed_until_it_goes_on() {
+fn a_stop_of_the_holder_is_pending_until_it_continues() {
     let kind = &DRIVE_KINDS[0];
     let at = |ms: u32| Instant::ZERO.plus_ms(ms);
     let truth = GroundTruth { velocity: 20.0, enabled: true, ..GroundTruth::default() };

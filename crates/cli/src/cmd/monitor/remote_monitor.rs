@@ -167,7 +167,7 @@ impl RemoteMonitor {
             StopClass::Standing => StopState::Standstill,
             StopClass::Acknowledged => StopState::Acknowledged,
             StopClass::Sent if stopped.error.is_none() => StopState::Sent,
-            StopClass::Sent | StopClass::Owed | StopClass::Failed => {
+            StopClass::Sent | StopClass::Pending | StopClass::Failed => {
                 StopState::Failed(stop_error_text(&stopped.error))
             }
         };
@@ -238,7 +238,7 @@ impl MonitorSource for RemoteMonitor {
             fill_summary(&state, &mut seen);
         }
         if let Some(state) = self.aged_state(n).filter(|_| self.lost.is_none()) {
-            seen.stop = merge_stop(seen.stop, state.owed.as_ref());
+            seen.stop = merge_stop(seen.stop, state.pending_stop.as_ref());
         }
         if let (None, Err(gone)) = (&self.lost, self.live.check_link(axis.id)) {
             seen.activity = AxisActivity::Silent;
@@ -438,13 +438,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stop_is_an_alarm_for_exactly_as_long_as_it_is_owed() {
+    fn a_stop_is_an_alarm_exactly_as_long_as_it_is_pending() {
         let pending = PendingStopView {
             since_ms: clock::wall_ns(clock::now()) as f64 / 1e6 - 5000.0,
             why: StopCause::LinkLost,
             by: "server".into(),
             class: StopClass::Failed,
-            said: 0,
+            attempts: 0,
             error: None,
         };
         let own =

@@ -159,7 +159,7 @@ impl RemotePrinter {
         let did: Vec<_> = states
             .iter()
             .map(|(_, state)| {
-                (activity(state), state.faults.len() + usize::from(state.owed.is_some()))
+                (activity(state), state.faults.len() + usize::from(state.pending_stop.is_some()))
             })
             .collect();
         if did != self.last_activity {
@@ -235,7 +235,7 @@ pub fn exit_note(
     let speed = state.signals.iter().find(|value| value.signal == Signal::Velocity.name());
     let speed = speed.and_then(|value| Some(remote::format_value(value.value?, &value.unit)));
     let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
-    if state.owed.is_some() && url.is_some() {
+    if state.pending_stop.is_some() && url.is_some() {
         return Some(format!(
             "{label} received a stop, but its standstill is not confirmed: the server repeats the \
              stop; if it turns, cut its supply"
@@ -334,7 +334,7 @@ fn pending_stop_line(pending: &PendingStopView) -> String {
 
 pub fn trouble_lines(state: &AxisState) -> Vec<String> {
     let mut lines = Vec::new();
-    if let Some(stop) = &state.owed {
+    if let Some(stop) = &state.pending_stop {
         lines.push(pending_stop_line(stop));
         if let Some(error) = &stop.error {
             lines.push(format!("  why: {}", error.message));
@@ -437,7 +437,7 @@ mod tests {
             signals: vec![velocity],
             faults: Vec::new(),
             lease: None,
-            owed: None,
+            pending_stop: None,
             panel: None,
         };
         let reported =
@@ -465,12 +465,12 @@ mod tests {
             trouble_lines(state).iter().filter(|line| line.contains("CUT ITS SUPPLY")).count()
         };
         assert_eq!(alarm(&state), 0);
-        state.owed = Some(PendingStopView {
+        state.pending_stop = Some(PendingStopView {
             since_ms: 0.0,
             why: polepair_client::message::StopCause::Stop,
             by: "ann".into(),
             class: StopClass::Sent,
-            said: 3,
+            attempts: 3,
             error: None,
         });
         assert_eq!(alarm(&state), 1);

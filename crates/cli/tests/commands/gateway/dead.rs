@@ -62,7 +62,7 @@ fn a_dead_link_keeps_no_motor_of_the_others_from_being_stopped_and_joins_when_it
     assert_eq!(bench["links"][0]["error"], Value::Null);
     // Who stopped everything meant these as well.
     live.until("stopped", |value| value["axes"][0]["id"] == 1);
-    live.until("axis", |state| state["id"] == 1 && state["owed"].is_null());
+    live.until("axis", |state| state["id"] == 1 && state["pending_stop"].is_null());
     release(&mut live);
     live.spin(1, 20.0);
     let stopped = site.run(&["stop"]);
@@ -76,7 +76,7 @@ fn a_dead_link_keeps_no_motor_of_the_others_from_being_stopped_and_joins_when_it
 }
 
 #[test]
-fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it_opens() {
+fn a_pending_stop_of_the_previous_server_is_sent_when_its_dead_link_opens() {
     let folder = Folder::new();
     let end = TcpServer::bind("127.0.0.1:0").unwrap();
     let address = end.address().to_string();
@@ -88,7 +88,7 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     live.spin(1, 20.0);
     drive.unplug();
     live.until("bench", |bench| state_of(bench, 1) == "lost");
-    live.until("axis", |state| state["id"] == 1 && !state["owed"].is_null());
+    live.until("axis", |state| state["id"] == 1 && !state["pending_stop"].is_null());
     // What it has noted is in the system's hands before it is told.
     site.signal("KILL");
     drop(site);
@@ -97,7 +97,11 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     let mut site = Site::new(&folder, &urls);
     let mut live = site.live();
     let link = &live.bench["links"][1];
-    assert_eq!((state_of(&live.bench, 1), &link["owed"]), ("not_open", &json!([1])), "{link}");
+    assert_eq!(
+        (state_of(&live.bench, 1), &link["pending_stops"]),
+        ("not_open", &json!([1])),
+        "{link}"
+    );
     let seen = site.run(&["monitor", "--once"]);
     assert!(seen.out.contains("AXIS 1 OF LINK 1 MAY BE TURNING, CUT ITS SUPPLY"), "{seen:?}");
     // It ends before the link is back: the debt outlives that, too.
@@ -112,10 +116,10 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     let bench = live.until("bench", |bench| state_of(bench, 1) == "open");
     assert_eq!(bench["axes"][1]["link"], 1, "{bench}");
     drive.wait_standstill();
-    live.until("axis", |state| state["id"] == 1 && state["owed"].is_null());
+    live.until("axis", |state| state["id"] == 1 && state["pending_stop"].is_null());
     let ended = |record: &Value| record["deed"] == "stop_ended" && record["detail"]["link"] == url;
     wait_until("its end is written", || folder.journal().iter().any(ended));
-    assert_eq!(bench["links"][1]["owed"], json!([]), "{bench}");
+    assert_eq!(bench["links"][1]["pending_stops"], json!([]), "{bench}");
 }
 
 fn dismissing(words: &str) -> [&str; 6] {
@@ -124,7 +128,7 @@ fn dismissing(words: &str) -> [&str; 6] {
 
 /// A drive that was taken away for good would be told of for ever.
 #[test]
-fn a_stop_that_the_server_before_owed_a_drive_that_is_gone_can_be_dismissed() {
+fn a_pending_stop_of_the_previous_server_for_a_missing_drive_can_be_dismissed() {
     let folder = Folder::new();
     let end = TcpServer::bind("127.0.0.1:0").unwrap();
     let address = end.address().to_string();
@@ -134,14 +138,14 @@ fn a_stop_that_the_server_before_owed_a_drive_that_is_gone_can_be_dismissed() {
     let mut live = site.live();
     live.spin(1, 20.0);
     drive.unplug();
-    live.until("axis", |state| state["id"] == 1 && !state["owed"].is_null());
+    live.until("axis", |state| state["id"] == 1 && !state["pending_stop"].is_null());
     site.signal("KILL");
     drop(site);
 
     // Each server after it has it still: one that has the link, and one that has it not.
     let mut site = Site::new(&folder, &["sim:tmcl:1", &url]);
     live = site.live();
-    assert_eq!(live.bench["links"][1]["owed"], json!([1]), "{}", live.bench);
+    assert_eq!(live.bench["links"][1]["pending_stops"], json!([1]), "{}", live.bench);
     for wrong in ["1#2", "0#1,2", "1#1,2", "0#7", "tmcl+tcp://127.0.0.1:1#1"] {
         let ran = site.run(&dismissing(wrong));
         assert_ne!(ran.code, 0, "{wrong}: {ran:?}");
@@ -149,9 +153,9 @@ fn a_stop_that_the_server_before_owed_a_drive_that_is_gone_can_be_dismissed() {
     let ran = site.run(&dismissing("1#1"));
     assert_eq!(ran.code, 0, "{ran:?}");
     assert!(ran.err.contains(&format!("axis 1 of {url} has no pending stop any more")), "{ran:?}");
-    live.until("bench", |bench| bench["links"][1]["owed"] == json!([]));
+    live.until("bench", |bench| bench["links"][1]["pending_stops"] == json!([]));
     let ran = site.run(&dismissing(&format!("{url}#1")));
-    assert_eq!(ran.code, 2, "it is owed none now: {ran:?}");
+    assert_eq!(ran.code, 2, "no stop is pending now: {ran:?}");
     let records = folder.journal();
     let ended = records.iter().rfind(|record| record["deed"] == "stop_ended").expect("a record");
     assert_eq!(ended["detail"]["note"], "scrapped", "{ended}");

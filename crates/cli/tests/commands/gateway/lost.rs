@@ -40,7 +40,7 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
     other.until("bench", is_link("open"));
     // The drive has had no supply: it stands, and goes on standing.
     other.until("axis", |state| speed(state).is_some_and(|speed| speed.abs() < 0.1));
-    other.until("axis", |state| state["owed"].is_null());
+    other.until("axis", |state| state["pending_stop"].is_null());
     live.lease(0, "take");
     let refused = live.command(0, "velocity", Some(20.0));
     assert_eq!(refused["error"]["code"], "E219", "it has to be armed anew: {refused}");

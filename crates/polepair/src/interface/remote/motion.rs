@@ -179,8 +179,9 @@ impl RemoteAxis {
             let is_last =
                 waited >= clock::scale_timeout(STANDSTILL_MAX) || lease.live().check().is_err();
             let is_over = lease.state().is_some_and(|state| {
-                let stands =
-                    state.lease.is_none() && state.owed.is_none() && state.moving != Some(true);
+                let stands = state.lease.is_none()
+                    && state.pending_stop.is_none()
+                    && state.moving != Some(true);
                 let is_new = newest_ms(&state) < waited.as_secs_f64() * 1e3;
                 let of_another = state.lease.is_some_and(|other| other.epoch > lease.epoch());
                 of_another || stands && is_new
@@ -198,7 +199,7 @@ impl RemoteAxis {
 fn was_left_standing(lease: &Lease) -> bool {
     lease.has_current_state()
         && lease.state().is_some_and(|state| {
-            state.lease.is_none() && state.owed.is_none() && state.moving == Some(false)
+            state.lease.is_none() && state.pending_stop.is_none() && state.moving == Some(false)
         })
 }
 
@@ -251,7 +252,7 @@ mod tests {
             signals: vec![read(age_ms)],
             faults: Vec::new(),
             lease: None,
-            owed: None,
+            pending_stop: None,
             panel: None,
         };
         let fault = |ms| newest_value(&state(80.0), Signal::Fault, Duration::from_millis(ms));

@@ -112,9 +112,9 @@ impl CommandWorker {
             let (commanded, _) = self.holder_stops.swap_remove(at);
             let stopped = result.map(|mut stopped| stopped.axes.pop());
             let error = match stopped {
-                Ok(Some(AxisStopReport { class: StopClass::Owed, error, .. })) => {
+                Ok(Some(AxisStopReport { class: StopClass::Pending, error, .. })) => {
                     let what = "it received a stop, but its standstill is not confirmed";
-                    Some(error.unwrap_or_else(|| GatewayError::new("gateway.owed", what)))
+                    Some(error.unwrap_or_else(|| GatewayError::new("gateway.pending", what)))
                 }
                 Ok(_) => None,
                 Err(refused) => Some(refused),
@@ -139,7 +139,7 @@ impl CommandWorker {
         };
         let what = "it was moved again before its standstill was confirmed";
         // The holder moved it again: the stop is not wanted any more, by the one who asked for it.
-        outstanding.abandon(id, now, &GatewayError::new("gateway.owed", what));
+        outstanding.abandon(id, now, &GatewayError::new("gateway.pending", what));
         self.clear_pending_stop(axis, session, json!({ "how": "moved again" }), None);
     }
 
@@ -164,7 +164,7 @@ impl CommandWorker {
             let detail = json!({ "why": shown.why, "link": self.url, "number": number });
             self.context.record(
                 &shown.by.as_str().into(),
-                JournalAction::StopOwed,
+                JournalAction::StopPending,
                 Some(id),
                 detail,
             );
@@ -274,7 +274,7 @@ impl CommandWorker {
         let id = self.axes[axis].id;
         if let Some(mut pending) = self.axes[axis].pending_stop.take() {
             let what = "the stop was dismissed before standstill was confirmed";
-            pending.abandon(id, now, &GatewayError::new("gateway.owed", what));
+            pending.abandon(id, now, &GatewayError::new("gateway.pending", what));
         }
         self.clear_pending_stop(
             axis,
@@ -288,14 +288,14 @@ impl CommandWorker {
     pub(in crate::bench) fn abandon_pending_stops(&mut self) {
         let now = self.context.now();
         let why = GatewayError::new(
-            "gateway.owed",
+            "gateway.pending",
             "the server ends, and its standstill is not \
              confirmed",
         );
         for watched in &mut self.axes {
             let Some(pending) = &mut watched.pending_stop else { continue };
             pending.abandon(watched.id, now, &why);
-            let detail = json!({ "class": StopClass::Owed, "reason": "the server ends" });
+            let detail = json!({ "class": StopClass::Pending, "reason": "the server ends" });
             self.context.record_by_server(JournalAction::Outcome, watched.id, detail);
             self.context.add_not_standing(format!("{} of {}", watched.axis.label(), self.url));
         }

@@ -1,4 +1,4 @@
-//! Whoever is to stand is owed a stop until it was seen standing: wires that are refused, dropped,
+//! A stop stays pending until the axis was measured at standstill: wires that are refused, dropped,
 //! silent or half deaf while a motor turns.
 
 mod proxy;
@@ -70,7 +70,7 @@ impl Site {
         })
     }
 
-    /// The same where something was done to the drive before, and a stop is owed since then.
+    /// As above, with something done to the drive before, and a stop pending since then.
     fn with_pending_stop(
         (word, scheme, axes): (&str, &str, &str),
         before: impl FnOnce(&str, &DriveLine, &Proxy) -> Vec<(String, u32)>,
@@ -81,11 +81,11 @@ impl Site {
         let line = simulate::drive_lines(&description, 1).unwrap().remove(0);
         let served = line.clone().serve::<Stream>(Box::new(end));
         let url = format!("{scheme}+tcp://{}#{axes}", proxy.address);
-        let owed_before = before(&url, &line, &proxy);
+        let pending_before = before(&url, &line, &proxy);
         let stored = Arc::new(RecordedJournal::default());
         let options = BenchOptions {
             journal: stored.clone(),
-            inherited_stops: owed_before,
+            inherited_stops: pending_before,
             // Nobody renews here while something else is waited for.
             lease_duration: WAIT_MAX,
             ..BenchOptions::default()
@@ -151,7 +151,7 @@ impl Site {
         epoch
     }
 
-    /// Waits until it is owed a stop that is so.
+    /// Waits until it has such a pending stop.
     fn wait_pending_stop(
         &self,
         what: &str,
@@ -159,15 +159,15 @@ impl Site {
     ) -> PendingStopView {
         let mut seen = None;
         wait_until(what, || {
-            seen = self.state().owed.filter(&is_so);
+            seen = self.state().pending_stop.filter(&is_so);
             seen.is_some()
         });
         seen.unwrap()
     }
 
-    /// Waits until it is owed none, and tells whether it stood then: the alarm ends with the debt.
+    /// Waits until no stop is pending, and returns whether it was at standstill then: the alarm ends with it.
     fn wait_stop_resolved(&self) {
-        wait_until("the debt ends", || self.state().owed.is_none());
+        wait_until("the stop is no longer pending", || self.state().pending_stop.is_none());
         assert!(self.truth().velocity.abs() < STANDS, "{:?}", self.truth());
     }
 
@@ -179,7 +179,7 @@ impl Site {
     fn ended(&self, how: &str) {
         wait_until("the journal has it", || {
             self.journal.of(JournalAction::StopEnded).len()
-                == self.journal.of(JournalAction::StopOwed).len()
+                == self.journal.of(JournalAction::StopPending).len()
         });
         let ended = self.journal.of(JournalAction::StopEnded);
         assert_eq!(ended.last().map(|detail| &detail["how"]), Some(&Value::from(how)), "{ended:?}");
@@ -213,11 +213,11 @@ fn a_stop_that_is_said_while_the_port_is_refused_arrives_once_it_is_open() {
         site.spin();
         site.proxy.set(Mode::Refuse);
         wait_until("the link is lost", || site.is_lost());
-        site.wait_pending_stop("it is owed a stop", |pending| pending.why == StopCause::LinkLost);
+        site.wait_pending_stop("its stop is pending", |pending| pending.why == StopCause::LinkLost);
         let stopped = site.bench.stop(&"bob".into(), &StopRequest::default()).wait().unwrap();
-        assert_eq!(stopped.axes[0].class, StopClass::Owed, "{stopped:?}");
+        assert_eq!(stopped.axes[0].class, StopClass::Pending, "{stopped:?}");
         assert!(stopped.axes[0].error.is_some(), "why it did not arrive: {stopped:?}");
-        assert!(site.state().owed.is_some() && site.truth().velocity.abs() > 10.0);
+        assert!(site.state().pending_stop.is_some() && site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
         site.wait_stop_resolved();
         site.ended("standing");
@@ -234,7 +234,7 @@ fn a_stop_outlives_a_port_that_takes_connections_and_drops_them() {
         wait_until("it was dropped often", || site.proxy.taken() >= before + 4);
         drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
         wait_until("it was dropped again", || site.proxy.taken() >= before + 8);
-        site.wait_pending_stop("it is owed a stop", |_| true);
+        site.wait_pending_stop("its stop is pending", |_| true);
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
         site.wait_stop_resolved();
@@ -253,7 +253,7 @@ fn a_stop_into_silence_is_said_until_the_motor_stands_and_never_called_taken_bef
         // Its client is gone: nobody says STOP.
         site.bench.end_session(&site.ann);
         site.wait_pending_stop("it was said again", |pending| {
-            pending.said >= 3 && pending.error.is_some()
+            pending.attempts >= 3 && pending.error.is_some()
         });
         assert!(site.proxy.lost() > lost && site.truth().velocity.abs() > 10.0);
         while let Ok(event) = events.try_recv() {
@@ -273,13 +273,13 @@ fn is_first_of_a_stop(frame: &[u8]) -> bool {
 }
 
 #[test]
-fn a_stop_of_which_the_last_step_alone_was_answered_is_owed() {
+fn a_stop_with_only_its_last_step_answered_is_pending() {
     let mut site = Site::new("modbus-rtu:1", "modbus-rtu");
     site.spin();
     site.proxy.set(Mode::Lose(is_first_of_a_stop));
     drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
     site.wait_pending_stop("it was said again", |pending| {
-        pending.said >= 2 && pending.class <= StopClass::Sent
+        pending.attempts >= 2 && pending.class <= StopClass::Sent
     });
     assert!(site.truth().velocity.abs() > 10.0, "what stops it in speed mode was lost");
     site.proxy.set(Mode::Pass);
@@ -303,7 +303,7 @@ fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
         site.proxy.set(Mode::Silent);
         let stop = site.start(epoch, "stop", None);
         site.wait_pending_stop("it was said again", |pending| {
-            pending.said >= 2 && pending.error.is_some()
+            pending.attempts >= 2 && pending.error.is_some()
         });
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
@@ -315,45 +315,45 @@ fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
 }
 
 #[test]
-fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly() {
+fn an_axis_with_a_pending_stop_moves_only_when_its_holder_takes_it_over_knowingly() {
     let mut site = Site::new("tmcl:1", "tmcl");
     site.spin();
     site.proxy.set(Mode::Silent);
     drop(
         site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), ..StopRequest::default() }),
     );
-    site.wait_pending_stop("it is owed a stop", |pending| pending.error.is_some());
+    site.wait_pending_stop("its stop is pending", |pending| pending.error.is_some());
     let epoch = site.acquire_lease();
-    assert_eq!(site.say(epoch, "arm", None).unwrap_err().code, "gateway.owed");
+    assert_eq!(site.say(epoch, "arm", None).unwrap_err().code, "gateway.pending");
     let dismiss = |reason, epoch| DismissStop { reason, epoch, note: "seen".into() };
     let unheld = dismiss(DismissReason::TakenOver, epoch + 1);
     let refused = site.bench.dismiss(0, &site.ann, unheld).wait().unwrap_err();
     assert_eq!(refused.code, "gateway.lease");
-    assert!(site.state().owed.is_some());
+    assert!(site.state().pending_stop.is_some());
     site.bench.dismiss(0, &site.ann, dismiss(DismissReason::TakenOver, epoch)).wait().unwrap();
-    assert!(site.state().owed.is_none());
+    assert!(site.state().pending_stop.is_none());
     site.say(epoch, "arm", None).unwrap();
     site.ended("dismissed");
     // Anybody may know that the drive is gone.
     drop(
         site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), ..StopRequest::default() }),
     );
-    site.wait_pending_stop("it is owed a stop", |_| true);
+    site.wait_pending_stop("its stop is pending", |_| true);
     let gone = dismiss(DismissReason::DriveGone, 0);
     site.bench.dismiss(0, &"bob".into(), gone).wait().unwrap();
-    assert!(site.state().owed.is_none());
+    assert!(site.state().pending_stop.is_none());
     let ended = site.journal.of(JournalAction::StopEnded);
     assert_eq!(ended.last().unwrap()["reason"], "drive_gone", "{ended:?}");
 }
 
 #[test]
-fn what_the_server_before_owed_a_stop_is_stopped_by_the_next() {
+fn a_pending_stop_of_the_previous_server_is_sent_by_the_next() {
     let site = Site::with_pending_stop(("tmcl:1", "tmcl", "1"), |url, line, _| {
         turn_all(url, line);
         vec![(url.to_owned(), 1)]
     });
     site.wait_stop_resolved();
-    assert_eq!(site.journal.of(JournalAction::StopOwed).len(), 0, "it was written down already");
+    assert_eq!(site.journal.of(JournalAction::StopPending).len(), 0, "it was written down already");
     wait_until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
 }
 
@@ -366,24 +366,24 @@ fn an_axis_that_was_not_there_is_stopped_when_it_answers_though_the_others_turn(
         vec![(url.to_owned(), 3)]
     });
     let link = || site.bench.snapshot().links[0].clone();
-    assert_eq!((link().absent[0].number, &*link().owed), (3, &[3][..]));
+    assert_eq!((link().absent[0].number, &*link().pending_stops), (3, &[3][..]));
     let lost = site.proxy.lost();
     wait_until("it is asked for again", || site.proxy.lost() > lost);
     site.proxy.set(Mode::Pass);
     wait_until("it joins", || link().absent.is_empty());
     wait_until("its debt ends", || {
-        site.bench.axis_state(1).is_ok_and(|state| state.owed.is_none())
+        site.bench.axis_state(1).is_ok_and(|state| state.pending_stop.is_none())
     });
     let turns = |drive| truth_of(&site.line, drive).velocity.abs();
     assert!(turns(1) < STANDS, "{}", turns(1));
     assert!(turns(0) > 10.0, "nobody said that this one is to stop: {}", turns(0));
-    assert!(link().owed.is_empty());
+    assert!(link().pending_stops.is_empty());
     assert_eq!(site.journal.of(JournalAction::TakeIn).len(), 1);
     wait_until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
 }
 
 #[test]
-fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
+fn an_axis_without_a_pending_stop_joins_once_the_others_are_at_rest() {
     let is_for_3: fn(&[u8]) -> bool = |frame| frame.first() == Some(&3);
     let mut site = Site::with_pending_stop(("tmcl:1,3", "tmcl", "1,3"), |_, _, proxy| {
         proxy.set(Mode::Lose(is_for_3));
@@ -413,7 +413,7 @@ fn a_server_that_ends_names_who_was_not_seen_standing() {
     assert!(left.len() == 1 && left[0].contains("tmcl+tcp://"), "{left:?}");
     wait_until("the journal has it", || {
         let outcomes = site.journal.of(JournalAction::Outcome);
-        outcomes.iter().any(|detail| detail["class"] == "owed")
+        outcomes.iter().any(|detail| detail["class"] == "pending")
     });
     assert_eq!(site.journal.of(JournalAction::StopEnded).len(), 0, "the next server owes it");
 }

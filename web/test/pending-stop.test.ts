@@ -6,8 +6,8 @@ import { Visitor } from "./browser";
 import { Held, type Kept } from "./program";
 import { Drive } from "./server";
 
-interface Debt {
-  owed: { said: number; since_ms: number } | null;
+interface AxisReply {
+  pending_stop: { attempts: number; since_ms: number } | null;
 }
 
 const SIZES = [
@@ -30,7 +30,7 @@ const list = () => banner().getByRole("list", { name: "Axes with a pending stop"
 const panel = () => v.page.getByRole("complementary", { name: "Chosen axis" });
 const supply = (volts: number) =>
   v.server.program.post("/simulation/0/0", { act: "supply", value: volts });
-const debt = async () => (await v.server.program.get<Debt>("/axes/0")).owed;
+const pendingStop = async () => (await v.server.program.get<AxisReply>("/axes/0")).pending_stop;
 const says = (...words: (string | RegExp)[]) =>
   v.until(
     () => list().innerText(),
@@ -40,7 +40,7 @@ const says = (...words: (string | RegExp)[]) =>
 
 /** How the last pending stop ended. The page shows the end before the journal has written it. */
 async function ended(visitor: Visitor, isMeant: (record: Kept) => boolean): Promise<Kept> {
-  const isOfStop = ({ deed }: Kept) => deed === "stop_owed" || deed === "stop_ended";
+  const isOfStop = ({ deed }: Kept) => deed === "stop_pending" || deed === "stop_ended";
   const records = await visitor.until(
     () => visitor.server.program.get<Kept[]>("/journal"),
     (journal) => journal.filter(isMeant).findLast(isOfStop)?.deed === "stop_ended",
@@ -51,8 +51,8 @@ async function ended(visitor: Visitor, isMeant: (record: Kept) => boolean): Prom
 }
 const endedHere = () => ended(v, ({ axis }) => axis === 0);
 
-/** It is owed a stop: its supply went away, and somebody said STOP. */
-async function owe(): Promise<void> {
+/** Its stop is pending: its supply went away, and a user pressed STOP. */
+async function makeStopPending(): Promise<void> {
   await supply(0);
   await v.page.keyboard.press("Escape");
   await says("tmcm-171 1", "stopped by operator");
@@ -67,7 +67,7 @@ describe("a motor that is not seen standing", () => {
   it("is told in red: since when, why, how far its stop came, how often, and its supply", async () => {
     await v.card(0).getByRole("button").first().click();
     await v.spin("300");
-    await owe();
+    await makeStopPending();
     const title = banner().getByText("Standstill not confirmed: 1. Cut the supply of:");
     expect(await title.evaluate((it) => Number.parseFloat(getComputedStyle(it).fontSize))).toBe(17);
     const red = await title.evaluate((it) => {
@@ -82,7 +82,7 @@ describe("a motor that is not seen standing", () => {
       (text) =>
         count(text) > count(first) && /stop pending for (\d+ min|[2-9] s|\d\d s)/.test(text),
     );
-    const { since_ms } = (await debt()) ?? { since_ms: 0 };
+    const { since_ms } = (await pendingStop()) ?? { since_ms: 0 };
     const at = new Date(since_ms).toLocaleTimeString("en-GB", { timeZone: "UTC" });
     await says(`since ${at}`);
     // Nobody is listed twice, and the card and the panel of the axis say it too.
@@ -94,7 +94,7 @@ describe("a motor that is not seen standing", () => {
       "standstill not confirmed: cut its supply",
     );
     expect(await v.card(1).innerText()).not.toContain("standstill not confirmed");
-    await v.picture("owed");
+    await v.picture("pending-stop");
   });
 
   it("keeps the page in its place at each size, in both languages and themes", async () => {
@@ -109,16 +109,16 @@ describe("a motor that is not seen standing", () => {
       // Playwright's own scrolling also waits until the element does not move.
       await button.evaluate((it) => it.scrollIntoView({ block: "nearest" }));
       await v.until(() => button.isVisible(), Boolean);
-      await v.shot(`owed-${where}`);
+      await v.shot(`pending-stop-${where}`);
       expect(await v.serious(), where).toEqual([]);
     });
   });
 
-  it("is owed its stop no more once somebody says why, which the journal keeps", async () => {
+  it("has no pending stop once a user gives a reason, which the journal keeps", async () => {
     const form = list().getByRole("form", { name: "Dismiss the stop of tmcm-171 1" });
     const dismiss = form.getByRole("button", { name: "Dismiss the stop" });
     expect(await dismiss.isDisabled()).toBe(true);
-    expect(await debt()).not.toBeNull();
+    expect(await pendingStop()).not.toBeNull();
     await form.getByLabel("Reason").selectOption("The drive was removed, or has no supply");
     const note = form.getByLabel("Note");
     await note.fill("sent in for repair");
@@ -134,7 +134,7 @@ describe("a motor that is not seen standing", () => {
     expect(await note.inputValue()).toBe("sent in for repair");
     await dismiss.click();
     await list().waitFor({ state: "detached" });
-    expect(await debt()).toBeNull();
+    expect(await pendingStop()).toBeNull();
     const { who, detail } = await endedHere();
     expect(who).toMatch(/^operator \d+$/);
     expect(detail).toMatchObject({
@@ -149,7 +149,7 @@ describe("a motor that is not seen standing", () => {
   });
 
   it("is out of the list by itself when it is seen standing", async () => {
-    await owe();
+    await makeStopPending();
     await supply(24);
     await list().waitFor({ state: "detached" });
     await v.until(
@@ -162,7 +162,7 @@ describe("a motor that is not seen standing", () => {
   });
 
   it("is commanded on by who holds it and says that it may be turning", async () => {
-    await owe();
+    await makeStopPending();
     await release();
     expect(await panel().getByRole("form", { name: "Continue to control it" }).count()).toBe(0);
     await v.button("Take control").click();
@@ -171,12 +171,12 @@ describe("a motor that is not seen standing", () => {
     await v.button("Enable").click();
     await v.until(
       () => panel().innerText(),
-      (text) => text.includes("gateway.owed"),
+      (text) => text.includes("gateway.pending"),
     );
     const go = form.getByRole("button");
     expect(await go.isDisabled()).toBe(true);
     await form.getByLabel("I know that tmcm-171 1 may still turn").check();
-    await v.shot("owed-may-turn");
+    await v.shot("pending-stop-may-turn");
     expect(await v.serious()).toEqual([]);
     await go.click();
     await list().waitFor({ state: "detached" });
@@ -202,7 +202,7 @@ describe("a motor that is not seen standing", () => {
     await v.page.reload();
     await v.card(1).waitFor();
     await watchdog;
-    await owe();
+    await makeStopPending();
     await list().getByRole("button", { name: "Dismiss the stop of tmcm-171 1" }).click();
     const form = list().getByRole("form");
     await form.getByLabel("Reason").selectOption("drive_gone");
@@ -210,14 +210,14 @@ describe("a motor that is not seen standing", () => {
     const told = await form.getByRole("alert").innerText();
     expect(told).toContain("no client has the lease of this axis");
     expect(told).toContain("gateway.lease");
-    expect(await debt()).not.toBeNull();
+    expect(await pendingStop()).not.toBeNull();
     await supply(24);
     await list().waitFor({ state: "detached" });
     await release();
   });
 });
 
-describe("a drive that was taken away while a server owed it a stop", () => {
+describe("a drive that was removed while its stop was pending", () => {
   let drive: Drive;
   let late: Visitor;
   const region = () => late.page.getByRole("region", { name: "Stop" });
@@ -233,8 +233,8 @@ describe("a drive that was taken away while a server owed it a stop", () => {
     held.letGo();
     await drive.takeAway();
     await late.until(
-      async () => JSON.stringify(await late.server.program.get<Debt>("/axes/1")),
-      (text) => !text.includes('"owed":null'),
+      async () => JSON.stringify(await late.server.program.get<AxisReply>("/axes/1")),
+      (text) => !text.includes('"pending_stop":null'),
     );
     await late.server.crash();
     await late.server.again();
@@ -250,7 +250,7 @@ describe("a drive that was taken away while a server owed it a stop", () => {
       () => region().innerText(),
       (text) => text.includes(title) && text.includes("the previous server"),
     );
-    await late.shot("owed-missing");
+    await late.shot("pending-stop-missing");
     await region()
       .getByRole("button", { name: `Dismiss the stop of ${title}` })
       .click();
