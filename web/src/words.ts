@@ -94,17 +94,17 @@ export const WORDS = {
   stop: ["Stop", "停止"],
   stop_all: ["STOP ALL", "全部停止"],
   were_stopped: ["Axes were stopped", "已停止轴"],
-  said_all: ["STOP ALL", "全部停止"],
-  said_some: ["Stop of {axes}", "停止 {axes}"],
-  said_said: ["sent, no reply yet", "已发出，尚无应答"],
-  said_not_sent: ["NOT DELIVERED", "未送达"],
-  said_unanswered: ["NO REPLY, it may not have been delivered", "无应答，可能未送达"],
-  said_refused: ["NOT EXECUTED", "未执行"],
-  said_again: [
+  request_all: ["STOP ALL", "全部停止"],
+  request_some: ["Stop of {axes}", "停止 {axes}"],
+  request_sent: ["sent, no reply yet", "已发出，尚无应答"],
+  request_not_sent: ["NOT DELIVERED", "未送达"],
+  request_unanswered: ["NO REPLY, it may not have been delivered", "无应答，可能未送达"],
+  request_refused: ["NOT EXECUTED", "未执行"],
+  request_again: [
     "The stop is repeated as soon as the connection is back.",
     "一旦恢复连接将再次发送。",
   ],
-  said_no_more: [
+  request_given_up: [
     "The stop is not repeated: press STOP again when the connection is back.",
     "不会再自动发送：恢复连接后请再次按下停止。",
   ],

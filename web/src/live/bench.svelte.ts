@@ -26,7 +26,7 @@ import { preferences } from "../state.svelte";
 import { quantity } from "../units";
 import { Problem, read, send } from "./rest";
 import { Socket } from "./socket";
-import { type SaidStop, Stops } from "./stops.svelte";
+import { type RequestedStop, Stops } from "./stops.svelte";
 import type { Block } from "./telemetry";
 
 const TTL_MS = 500;
@@ -114,7 +114,7 @@ export class Bench {
       post: async (axes, reason) =>
         (await send<StopReport>("POST", "/stop", { axes, reason }, STOP_MS)).axes,
       reached: (axes) => this.reached(axes),
-      certain: (said) => this.stopEnded(said),
+      certain: (stop) => this.stopEnded(stop),
     });
   }
 
@@ -233,12 +233,12 @@ export class Bench {
   stop(axes: number[] | null, reason: string): void {
     if (axes === null) this.stopped = {};
     this.note(null, stopped(axes), "info");
-    this.stops.say(axes, reason);
+    this.stops.request(axes, reason);
     if (!this.socket.usable) this.socket.retry();
   }
 
-  private stopEnded({ axes, certain, refused }: SaidStop): void {
-    if (certain === "taken" || certain === "said") return;
+  private stopEnded({ axes, certain, refused }: RequestedStop): void {
+    if (certain === "accepted" || certain === "sent") return;
     const error = refused ?? unreachable(certain === "not_sent" ? false : null);
     this.note(null, stopped(axes), certain === "unanswered" ? "unknown" : "not_done", error);
   }

@@ -1,123 +1,124 @@
-// Stops that this page says, and what is certain of each. A stop that did not get through stays open: it
-// is said again when there is a connection, and whoever said it is told meanwhile that it did not.
+// Stops that this page requests, and the certain progress of each. A stop that was not delivered stays
+// open: it is sent again with the next connection, and until then the page shows that it was not.
 
 import type { AxisStopReport, GatewayError } from "./message";
 import { Problem, UNANSWERED } from "./rest";
 
-/** If a stop is not confirmed on the WebSocket by then, it is said over HTTP too. */
+/** If a stop is not confirmed on the WebSocket by then, it is sent over HTTP as well. */
 const AGAIN_MS = 250;
-/** Without a word of the server by then, nobody may count on it. */
+/** Without a reply of the server by then, the stop counts as unanswered. */
 const UNANSWERED_MS = 1500;
-/** For so long a stop that did not get through is said again by itself; then somebody has to. */
+/** A stop that was not delivered is sent again for this time; after it, only by the user. */
 const RESEND_MS = 60_000;
 
 /**
- * What is certain: it was said just now; the server took it, and tells how far each axis came; it may
- * have left, but nobody answered; it did not get through; the server does not do it.
+ * Certain progress of a stop: sent, without a reply yet; accepted by the server, which reports each axis;
+ * unanswered, though it may have been delivered; not sent; refused by the server.
  */
-export type Certain = "said" | "taken" | "unanswered" | "not_sent" | "refused";
+export type Certain = "sent" | "accepted" | "unanswered" | "not_sent" | "refused";
 
-export interface SaidStop {
-  /** Which; `null` for all. */
+export interface RequestedStop {
+  /** Axes to stop; `null` for all. */
   axes: number[] | null;
   reason: string;
-  /** By this page's clock, ms. */
+  /** Time of the request by this page's clock, ms. */
   at: number;
   certain: Certain;
-  /** Why the server does not do it. */
+  /** Reason of the server's refusal. */
   refused: GatewayError | null;
 }
 
-/** How a stop gets to the server. */
-export interface Ways {
-  /** By the WebSocket. False where there is none: then nothing was sent. */
+/** Paths of a stop to the server. */
+export interface StopTransport {
+  /** Sends by the WebSocket. False without a connection: then nothing was sent. */
   live(axes: number[] | null, reason: string): boolean;
-  /** By HTTP; gives how far each axis came, or a `Problem`. */
+  /** Sends by HTTP; returns the progress of each axis, or throws a `Problem`. */
   post(axes: number[] | null, reason: string): Promise<AxisStopReport[]>;
-  /** Tells how far axes came. */
+  /** Reports the progress of axes. */
   reached(axes: AxisStopReport[]): void;
-  /** Tells that it is certain by now what came of a stop. */
-  certain(said: SaidStop): void;
+  /** Reports new certainty about a stop. */
+  certain(stop: RequestedStop): void;
 }
 
 export class Stops {
-  /** The last stop; `null` when nobody need know of it any more. */
-  said = $state.raw<SaidStop | null>(null);
-  /** Goes up with each time that one is said: what came of an earlier time is not of this one. */
+  /** The last stop; `null` once it no longer has to be shown. */
+  last = $state.raw<RequestedStop | null>(null);
+  /** Counts requests, so that the result of an earlier one is not taken for this one. */
   private times = 0;
-  /** Axes that the server told of since. */
-  private heard = new Set<number>();
+  /** Axes that the server has reported since. */
+  private reported = new Set<number>();
 
-  constructor(private readonly ways: Ways) {}
+  constructor(private readonly transport: StopTransport) {}
 
-  /** Whether it is not known to have been taken. */
+  /** True until the server has accepted it. */
   get open(): boolean {
-    return this.said !== null && this.said.certain !== "taken";
+    return this.last !== null && this.last.certain !== "accepted";
   }
 
-  /** Whether it will be said again by itself. */
+  /** True while it is sent again without the user. */
   isResending(now: number): boolean {
-    return this.open && now - (this.said?.at ?? 0) < RESEND_MS;
+    return this.open && now - (this.last?.at ?? 0) < RESEND_MS;
   }
 
   /** Stops axes, or all: together with those whose stop has not got through yet. */
-  say(axes: number[] | null, reason: string): void {
-    const before = this.open ? this.said : null;
+  request(axes: number[] | null, reason: string): void {
+    const before = this.open ? this.last : null;
     const wanted =
       axes === null || before?.axes === null
         ? null
         : [...new Set([...(before?.axes ?? []), ...axes])];
-    this.out({ axes: wanted, reason, at: Date.now(), certain: "said", refused: null });
+    this.send({ axes: wanted, reason, at: Date.now(), certain: "sent", refused: null });
   }
 
-  /** There is a connection: what did not get through is said again. */
+  /** Handles a new connection: a stop that was not delivered is sent again. */
   connected(): void {
-    const { said } = this;
-    if (said && this.isResending(Date.now())) this.out({ ...said, certain: "said", refused: null });
+    const { last } = this;
+    if (last && this.isResending(Date.now()))
+      this.send({ ...last, certain: "sent", refused: null });
   }
 
-  /** There is none: nobody tells any more how far a stop came. */
+  /** Handles the loss of the connection: progress is no longer reported. */
   disconnected(): void {
-    if (!this.open) this.said = null;
+    if (!this.open) this.last = null;
   }
 
-  /** The server says that everything was stopped. */
+  /** Handles the report that all axes were stopped. */
   locked(): void {
-    if (this.said?.axes === null) this.end({ certain: "taken" });
+    if (this.last?.axes === null) this.end({ certain: "accepted" });
   }
 
-  /** The server says how far axes came. */
+  /** Handles the progress of axes. */
   reached(axes: AxisStopReport[]): void {
-    const wanted = this.said?.axes;
+    const wanted = this.last?.axes;
     if (!wanted) return;
-    for (const axis of axes) this.heard.add(axis.id);
-    if (wanted.every((id) => this.heard.has(id))) this.end({ certain: "taken" });
+    for (const axis of axes) this.reported.add(axis.id);
+    if (wanted.every((id) => this.reported.has(id))) this.end({ certain: "accepted" });
   }
 
-  /** Whoever said it needs no more. */
+  /** Removes the last stop at the user's request. */
   dismiss(): void {
-    this.said = null;
+    this.last = null;
   }
 
-  private out(said: SaidStop): void {
+  private send(stop: RequestedStop): void {
     const time = ++this.times;
-    const { axes, reason } = said;
-    this.said = said;
-    this.heard.clear();
-    const sent = this.ways.live(axes, reason);
+    const { axes, reason } = stop;
+    this.last = stop;
+    this.reported.clear();
+    const sent = this.transport.live(axes, reason);
     if (sent) setTimeout(() => this.waits(time) && this.post(time, true), AGAIN_MS);
     else this.post(time, false);
     setTimeout(() => this.waits(time) && this.end({ certain: "unanswered" }), UNANSWERED_MS);
   }
 
-  /** By HTTP, which the WebSocket may have been before. */
+  /** Sends by HTTP, after the WebSocket or in its place. */
   private post(time: number, sent: boolean): void {
-    const { said } = this;
-    if (!said) return;
-    this.ways.post(said.axes, said.reason).then(
+    const { last } = this;
+    if (!last) return;
+    this.transport.post(last.axes, last.reason).then(
       (axes) => {
-        if (time === this.times) this.end({ certain: "taken" });
-        this.ways.reached(axes);
+        if (time === this.times) this.end({ certain: "accepted" });
+        this.transport.reached(axes);
       },
       (problem: unknown) => {
         if (time !== this.times || !this.open) return;
@@ -131,12 +132,12 @@ export class Stops {
   }
 
   private waits(time: number): boolean {
-    return time === this.times && this.said?.certain === "said";
+    return time === this.times && this.last?.certain === "sent";
   }
 
-  private end(what: Partial<SaidStop>): void {
-    if (!this.said || this.said.certain === what.certain) return;
-    this.said = { ...this.said, ...what };
-    this.ways.certain(this.said);
+  private end(what: Partial<RequestedStop>): void {
+    if (!this.last || this.last.certain === what.certain) return;
+    this.last = { ...this.last, ...what };
+    this.transport.certain(this.last);
   }
 }

@@ -1,14 +1,14 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import type { AxisStopReport, GatewayError } from "./message";
 import { Problem, UNANSWERED } from "./rest";
-import { type SaidStop, Stops, type Ways } from "./stops.svelte";
+import { type RequestedStop, Stops, type StopTransport } from "./stops.svelte";
 
 const refusal = (code: string): GatewayError => ({ code, message: "", hint: "", executed: null });
 const unreachable = (): Problem => new Problem(0, refusal("page.unreachable"));
 const standing = (id: number): AxisStopReport => ({ id, class: "standing", ms: 1, error: null });
 
 /** A server and the ways to it. */
-class World implements Ways {
+class World implements StopTransport {
   connected = true;
   /** What HTTP comes to; null hangs. */
   http: (() => AxisStopReport[]) | null = () => [];
@@ -31,7 +31,7 @@ class World implements Ways {
     this.told.push(...axes);
   }
 
-  certain({ certain }: SaidStop): void {
+  certain({ certain }: RequestedStop): void {
     this.ends.push(certain);
   }
 
@@ -56,46 +56,46 @@ beforeEach(() => {
 afterEach(() => vi.useRealTimers());
 
 describe("a stop of this page", () => {
-  it("is taken when the server says so, and is not said twice then", async () => {
-    stops.say(null, "button");
-    expect(stops.said?.certain).toBe("said");
+  it("is accepted when the server confirms it, and is not sent twice", async () => {
+    stops.request(null, "button");
+    expect(stops.last?.certain).toBe("sent");
     stops.locked();
     await pass(100_000);
-    expect(stops.said?.certain).toBe("taken");
+    expect(stops.last?.certain).toBe("accepted");
     expect([world.lives, world.posts]).toEqual([[null], []]);
   });
 
-  it("is said over HTTP where the WebSocket does not confirm it, and taken by that", async () => {
+  it("is sent over HTTP if the WebSocket does not confirm it, and accepted there", async () => {
     world.http = () => [standing(3)];
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(249);
     expect(world.posts).toEqual([]);
     await pass(1);
     expect(world.posts).toEqual([null]);
-    expect(stops.said?.certain).toBe("taken");
+    expect(stops.last?.certain).toBe("accepted");
     expect(world.told).toEqual([standing(3)]);
   });
 
-  it("did not get through where there is no server, which is said at once", async () => {
+  it("is reported as not sent at once without a server", async () => {
     world.die();
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(0);
-    expect(stops.said?.certain).toBe("not_sent");
+    expect(stops.last?.certain).toBe("not_sent");
     await pass(100_000);
-    expect(stops.said?.certain).toBe("not_sent");
+    expect(stops.last?.certain).toBe("not_sent");
     expect(world.ends).toEqual(["not_sent"]);
   });
 
   it("is unanswered, and not on its way for ever, where the server hangs", async () => {
     world.http = null;
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(1499);
-    expect(stops.said?.certain).toBe("said");
+    expect(stops.last?.certain).toBe("sent");
     await pass(1);
-    expect(stops.said?.certain).toBe("unanswered");
+    expect(stops.last?.certain).toBe("unanswered");
     // It may still be taken.
     stops.locked();
-    expect(stops.said?.certain).toBe("taken");
+    expect(stops.last?.certain).toBe("accepted");
   });
 
   it("may have left where nobody answers it, by whichever way it went", async () => {
@@ -103,18 +103,18 @@ describe("a stop of this page", () => {
     world.http = () => {
       throw new Problem(0, refusal(UNANSWERED));
     };
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(0);
-    expect(stops.said?.certain).toBe("unanswered");
+    expect(stops.last?.certain).toBe("unanswered");
   });
 
   it("may have left where the connection ended behind it", async () => {
     world.http = () => {
       throw unreachable();
     };
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(250);
-    expect(stops.said?.certain).toBe("unanswered");
+    expect(stops.last?.certain).toBe("unanswered");
   });
 
   it("is refused where the page is not logged in", async () => {
@@ -122,14 +122,14 @@ describe("a stop of this page", () => {
     world.http = () => {
       throw new Problem(401, refusal("gateway.token"));
     };
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(0);
-    expect(stops.said).toMatchObject({ certain: "refused", refused: { code: "gateway.token" } });
+    expect(stops.last).toMatchObject({ certain: "refused", refused: { code: "gateway.token" } });
   });
 
-  it("is said again when there is a connection, while whoever said it still waits", async () => {
+  it("is sent again with a new connection while the user waits", async () => {
     world.die();
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(59_000);
     expect(stops.isResending(Date.now())).toBe(true);
     world.connected = true;
@@ -141,71 +141,71 @@ describe("a stop of this page", () => {
     expect(stops.isResending(Date.now())).toBe(false);
   });
 
-  it("is not said by itself long after, nor when it was dismissed", async () => {
+  it("is not sent again long after, nor after it was dismissed", async () => {
     world.die();
-    stops.say(null, "button");
+    stops.request(null, "button");
     await pass(60_000);
     world.connected = true;
     stops.connected();
     expect(world.lives).toEqual([]);
-    expect(stops.said?.certain).toBe("not_sent");
+    expect(stops.last?.certain).toBe("not_sent");
     world.die();
-    stops.say(null, "button");
+    stops.request(null, "button");
     stops.dismiss();
     world.connected = true;
     stops.connected();
     await pass(1000);
     expect(world.lives).toEqual([]);
-    expect(stops.said).toBeNull();
+    expect(stops.last).toBeNull();
   });
 
   it("of some axes is taken when each was told of", async () => {
     world.http = null;
-    stops.say([1, 2], "button");
+    stops.request([1, 2], "button");
     stops.reached([standing(1), standing(7)]);
-    expect(stops.said?.certain).toBe("said");
+    expect(stops.last?.certain).toBe("sent");
     stops.locked();
-    expect(stops.said?.certain).toBe("said");
+    expect(stops.last?.certain).toBe("sent");
     stops.reached([standing(2)]);
-    expect(stops.said?.certain).toBe("taken");
+    expect(stops.last?.certain).toBe("accepted");
   });
 
   it("takes along what has not got through, and nothing else", async () => {
     world.die();
-    stops.say([1], "button");
-    stops.say([2, 1], "button");
-    expect(stops.said?.axes).toEqual([1, 2]);
-    stops.say(null, "Esc");
-    stops.say([4], "button");
-    expect(stops.said?.axes).toBeNull();
+    stops.request([1], "button");
+    stops.request([2, 1], "button");
+    expect(stops.last?.axes).toEqual([1, 2]);
+    stops.request(null, "Esc");
+    stops.request([4], "button");
+    expect(stops.last?.axes).toBeNull();
     world.connected = true;
     stops.connected();
     stops.locked();
-    stops.say([4], "button");
-    expect(stops.said?.axes).toEqual([4]);
+    stops.request([4], "button");
+    expect(stops.last?.axes).toEqual([4]);
   });
 
   it("is not judged by what came of an earlier time", async () => {
     let fail: (problem: Problem) => void = () => {};
     world.connected = false;
     world.post = () => new Promise((_, reject) => (fail = reject));
-    stops.say(null, "button");
+    stops.request(null, "button");
     const first = fail;
     world.connected = true;
-    stops.say(null, "button");
+    stops.request(null, "button");
     first(unreachable());
     await pass(0);
-    expect(stops.said?.certain).toBe("said");
+    expect(stops.last?.certain).toBe("sent");
   });
 
   it("that was taken is forgotten with the connection: nobody tells of it any more", () => {
-    stops.say(null, "button");
+    stops.request(null, "button");
     stops.locked();
     stops.disconnected();
-    expect(stops.said).toBeNull();
+    expect(stops.last).toBeNull();
     world.die();
-    stops.say(null, "button");
+    stops.request(null, "button");
     stops.disconnected();
-    expect(stops.said).not.toBeNull();
+    expect(stops.last).not.toBeNull();
   });
 });
