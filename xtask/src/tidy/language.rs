@@ -26,9 +26,6 @@ const REFUSED: [(&str, &str); 10] = [
 /// Longest sentence of a help text or an error, in words.
 const WORDS_MAX: usize = 30;
 
-/// Documents that may contain such phrases: reasons of earlier decisions, and pages that are to be rewritten.
-const DOCUMENTS_LEFT: [&str; 1] = ["docs/decisions/"];
-
 /// Crates whose texts a user reads as errors and notes.
 const CRATES: [&str; 5] = ["cli", "polepair", "link", "client", "serve"];
 
@@ -51,9 +48,6 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
     }
     for page in super::docs::doc_pages(root) {
         let path = super::display_path(root, &page);
-        if DOCUMENTS_LEFT.iter().any(|left| path.starts_with(left)) {
-            continue;
-        }
         let text = read_text(&page);
         broken.extend(check_document(&text).into_iter().map(|what| format!("{path}:{what}")));
     }
