@@ -54,7 +54,7 @@ pub struct CompactFrame {
     pub data: u64,
     /// Number in the capture.
     pub number: u64,
-    /// When it came.
+    /// Time of arrival.
     pub time: Timestamp,
     /// Byte of the capture at which its record begins.
     pub offset: u64,

@@ -37,7 +37,7 @@ pub const LINKS_MAX: usize = 256;
 pub struct DecodedFrame<'a> {
     /// Number in the capture, from 1; 0 for results without a frame.
     pub number: u64,
-    /// When its first byte came.
+    /// Time at which its first byte arrived.
     pub time: Option<Timestamp>,
     /// On which link.
     pub link: &'a str,

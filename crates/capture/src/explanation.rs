@@ -49,7 +49,7 @@ pub(crate) struct StoredFrameValue {
     pub raw: i64,
     /// True if the host writes the value.
     pub written: bool,
-    /// Which motor of the axis' address.
+    /// Motor of the axis' address, from 0.
     pub motor: u8,
 }
 

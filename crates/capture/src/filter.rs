@@ -25,7 +25,7 @@ pub struct FrameFilter {
     first_time: Option<Timestamp>,
 }
 
-/// Why a text is no filter.
+/// Fault in the text of a filter.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FilterError {
     text: String,

@@ -8,7 +8,7 @@ use crate::session::{
 };
 use crate::{DecodedFrame, Explanation, Timestamp};
 
-/// When a made capture begins.
+/// Begin of generated captures, nanoseconds since 1970.
 pub(crate) const BEGIN_NS: u64 = 1_700_000_000_000_000_000;
 
 /// A capture that is made frame by frame.

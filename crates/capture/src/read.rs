@@ -51,7 +51,7 @@ pub const DAMAGE_MAX: usize = 100;
 /// Bytes that one record, or one compressed block of records, may have.
 pub(crate) const BLOCK_MAX: usize = 1 << 26;
 
-/// Why something could not be read.
+/// Reason why a part of a capture could not be read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ReadError(pub &'static str);
 

@@ -27,7 +27,7 @@ impl PartialEq for Rule {
 /// Scope of a rule.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RuleScope {
-    /// On every link.
+    /// The rule applies to every link.
     Anywhere,
     /// For frames of that axis, node or station.
     Axis(u32),
@@ -41,7 +41,7 @@ pub enum RuleScope {
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Rules(pub Vec<Rule>);
 
-/// Why rules could not be read.
+/// Fault in the text of rules.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RuleError {
     /// The word that names no protocol.

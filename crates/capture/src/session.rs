@@ -160,7 +160,7 @@ impl ExchangeOutcome {
 pub struct ChangeNotice {
     /// Axis; `None` for the bus.
     pub axis: Option<u32>,
-    /// Which: `nmt`, `power`, `mode`, `presence`, `bus`.
+    /// Kind of state: `nmt`, `power`, `mode`, `presence`, `bus`.
     pub what: InternedName,
     /// Previous state; empty at first.
     pub from: InternedName,
@@ -273,7 +273,7 @@ anomaly_kinds! {
 pub(crate) struct ObservedFrame<'a> {
     /// Number in the capture, from 1.
     pub number: u64,
-    /// When its first byte came.
+    /// Time at which its first byte arrived.
     pub time: Option<Timestamp>,
     /// Sender, if the capture names it.
     pub direction: Option<Direction>,

@@ -29,11 +29,11 @@ pub(crate) enum PieceKind {
 pub(crate) struct StreamPiece {
     pub len: usize,
     pub kind: PieceKind,
-    /// Which rule found it.
+    /// Index of the rule that found it.
     pub rule: usize,
 }
 
-/// When bytes came, and where in the capture they stand.
+/// Arrival and place of bytes in the capture.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct ChunkOrigin {
     pub time: Option<Timestamp>,

@@ -17,7 +17,7 @@ use crate::record::Record;
 /// Bytes that are gathered before they are passed on.
 const BUFFER_BYTES: usize = 1 << 16;
 
-/// Why a record cannot be written.
+/// Reason why a record cannot be written.
 #[derive(Debug)]
 pub enum WriteError {
     /// The file cannot be written.

@@ -420,7 +420,7 @@ pub fn written_format(capture_format: Option<CaptureFormat>, path: &Path) -> Res
     })
 }
 
-/// Why a capture cannot be written.
+/// Converts a failure to write a capture.
 pub fn write_problem(path: &Path, error: &WriteError) -> Problem {
     match error {
         WriteError::Io(error) => problem::file_problem(path, "write", error),

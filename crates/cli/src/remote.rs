@@ -47,7 +47,7 @@ const SERVER_VERBS: [(&str, AxesScope); 20] = [
     ("watchdog", AxesScope::AllUnlessNamed),
 ];
 
-/// Which axes of a server a verb is about.
+/// Axes of a server that a verb applies to.
 #[derive(Clone, Copy, PartialEq)]
 enum AxesScope {
     /// The named axes.

@@ -17,9 +17,9 @@ const WAITING_MAX: usize = 1 << 16;
 pub struct QueuedUnit {
     /// The wire's number.
     pub wire: usize,
-    /// When.
+    /// Time.
     pub at: Instant,
-    /// Which way, by whose end of the link it passed.
+    /// Direction, seen from this end of the link.
     pub direction: TapDirection,
     /// The unit.
     pub unit: UnitBuf,

@@ -21,7 +21,7 @@ use crate::live::LiveConnection;
 use crate::rest::RestClient;
 use crate::{GatewayError, secret, tls};
 
-/// Which server, and what lets us in.
+/// Address of a server, and the credentials for it.
 #[derive(Debug, Clone, Default)]
 pub struct GatewayOptions {
     /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
@@ -131,7 +131,7 @@ impl Gateway {
         self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/signals/{}", words.join(","))))
     }
 
-    /// Which parameters an axis has, without values.
+    /// Lists the parameters of an axis, without values.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).

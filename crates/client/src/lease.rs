@@ -17,7 +17,7 @@ use crate::live::{LiveConnection, LiveRequest};
 use crate::rest::{action_error, server_lost};
 use crate::{Gateway, GatewayError};
 
-/// Why something under way has no end.
+/// Message for a command whose end was not received.
 const NO_OUTCOME: &str = "a command had no result";
 
 /// The right to command an axis. It is renewed until it is released or dropped; its end stops the

@@ -22,7 +22,7 @@ pub(crate) struct NumberColumn<T: ArrowPrimitiveType> {
     validity: Validity,
 }
 
-/// Which rows have a number.
+/// Rows that have a number.
 #[derive(Debug)]
 enum Validity {
     AllValid,

@@ -73,7 +73,7 @@ impl core::fmt::Display for WireError {
     }
 }
 
-/// Why a request that was sent failed.
+/// Reason why a request that was sent failed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum Failure {

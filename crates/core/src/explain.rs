@@ -193,7 +193,7 @@ pub struct TextError {
     pub expected: &'static str,
 }
 
-/// Why a text became no bytes.
+/// Reason why a text could not be encoded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum EncodeError {
     /// The text is not of the language.
@@ -437,7 +437,7 @@ pub trait Dissector: Sync {
         let _ = (frame, profile);
         Effect::UNKNOWN
     }
-    /// Why an answer refuses its request; `None` where it does not.
+    /// Reason for which an answer refuses its request; `None` if it does not.
     fn refusal_reason(
         &self,
         answer: &RawFrame<'_>,

@@ -88,7 +88,7 @@ pub enum LimitEnd {
     Either,
 }
 
-/// Why a motion ended elsewhere than at its target.
+/// Reason why a motion ended elsewhere than at its target.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]
 pub enum EndReason {
@@ -134,7 +134,7 @@ pub struct MotionJudge {
     start: Option<i64>,
     /// The flag before the command.
     flag_before: Option<bool>,
-    /// When that was read.
+    /// Time at which that was read.
     start_at: Option<Instant>,
     /// True if the axis was at standstill before the command.
     stood_before: bool,

@@ -205,7 +205,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
     }
 
-    /// Lets job `n` have its turn. Returns false when the host will not have its request.
+    /// Submits the next request of job `n`. Returns false if the host does not accept it.
     #[inline(never)]
     fn submit_job(&mut self, now: Instant, n: usize) -> bool {
         let Some(job) = self.jobs.get_mut(n) else { return false };

@@ -6,7 +6,7 @@ use core::borrow::BorrowMut;
 
 /// A kind of wire, with the types that a [`Station`](crate::station::Station) receives and sends.
 pub trait Medium: 'static {
-    /// Which of them it is.
+    /// Kind of this medium.
     const KIND: MediumKind;
     /// Type of received data: a run of bytes, or one frame.
     type Unit: ?Sized;

@@ -435,7 +435,7 @@ pub struct ScaleRuleValue {
     pub from: &'static [ObjectKey],
 }
 
-/// Why a value has no unit, in words.
+/// Reason why a value has no unit, in words.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct NoScale(pub &'static str);
 
@@ -496,7 +496,7 @@ pub struct Fault {
     pub name: &'static str,
     /// Description of the fault.
     pub text: &'static str,
-    /// Why it usually happens.
+    /// Usual cause.
     pub cause: &'static str,
     /// Remedy.
     pub remedy: &'static str,

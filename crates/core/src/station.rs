@@ -11,7 +11,7 @@ pub trait Timed {
     /// To be called at or after the instant that [`poll_timeout`](Self::poll_timeout) gave.
     /// Calling it early or twice does no harm.
     fn handle_timeout(&mut self, now: Instant);
-    /// When this object next wants [`handle_timeout`](Self::handle_timeout), if ever.
+    /// Time of the next call of [`handle_timeout`](Self::handle_timeout), if any.
     fn poll_timeout(&self) -> Option<Instant>;
 }
 

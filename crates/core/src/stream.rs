@@ -41,7 +41,7 @@ pub struct RawPoint {
     pub distance: i64,
     /// Speed in the counts of its parameter.
     pub velocity: i64,
-    /// Since the point before.
+    /// Time since the point before.
     pub time: i64,
     /// Number of the point, from 0.
     pub number: u32,
@@ -50,10 +50,10 @@ pub struct RawPoint {
 /// A request that a path needs.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum PathStep {
-    /// The preparation of that number, from 0: buffer cleared, `few` points count as few, points
+    /// Preparation of a path: buffer cleared, `few` points count as few, points
     /// counted from the end of the one before.
     Prepare {
-        /// Which.
+        /// Number of the preparation, from 0.
         number: u8,
         /// Kind of interpolation.
         kind: PathKind,
@@ -177,7 +177,7 @@ impl BufferModel {
         self.sent + 1 >= self.capacity
     }
 
-    /// When all that was sent is used up.
+    /// Time at which all points that were sent are used up.
     #[must_use]
     pub fn ends_at(&self) -> Instant {
         self.started_at

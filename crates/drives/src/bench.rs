@@ -58,7 +58,7 @@ pub enum Act {
     Pulses(i32),
     /// A reference switch at a shaft position: closed from there on in positive direction.
     Switch {
-        /// Which: 0 home, 1 positive limit, 2 negative limit.
+        /// Switch: 0 home, 1 positive limit, 2 negative limit.
         which: u8,
         /// Position, rad; NaN removes it.
         at: f64,

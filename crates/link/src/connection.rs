@@ -163,7 +163,7 @@ impl Connection {
             .map(|borrowed_link| *borrowed_link))
     }
 
-    /// Why the link is down, if it is.
+    /// Cause of the link's failure; `None` while it works.
     #[must_use]
     pub fn link_error(&self) -> Option<LinkError> {
         self.0.0.link_error()

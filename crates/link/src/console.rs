@@ -4,7 +4,7 @@ use windows_sys::Win32::System::Console::{
     CTRL_BREAK_EVENT, CTRL_C_EVENT, CTRL_CLOSE_EVENT, CTRL_LOGOFF_EVENT, CTRL_SHUTDOWN_EVENT,
 };
 
-/// Why a console program is asked to end.
+/// Event by which a console program is asked to end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ConsoleEvent {
     /// Ctrl-C.

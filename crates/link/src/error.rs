@@ -66,7 +66,7 @@ impl LinkError {
         self
     }
 
-    /// Why.
+    /// Cause by which programs decide what to do.
     #[must_use]
     pub const fn cause(&self) -> Cause {
         self.cause

@@ -10,7 +10,7 @@ pub(crate) struct Inbox {
     bytes: <Stream as Medium>::Buffer,
     start: usize,
     end: usize,
-    /// When the last of them arrived.
+    /// Arrival of the last of them.
     pub(crate) received_at: Instant,
 }
 

@@ -78,14 +78,14 @@ pub enum Received {
     Bytes {
         /// Number of bytes; 1 for a frame.
         len: usize,
-        /// When the last of them arrived.
+        /// Arrival of the last of them.
         at: Instant,
     },
     /// Something happened to the wire itself, such as bus-off.
     Line {
         /// The event.
         event: LineEvent,
-        /// When.
+        /// Time.
         at: Instant,
     },
     /// The time passed without data.

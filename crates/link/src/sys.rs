@@ -16,7 +16,7 @@ const CONTROL_MAX: usize = 192;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Message {
     pub(crate) len: usize,
-    /// When it arrived, nanoseconds since 1970.
+    /// Time of arrival, nanoseconds since 1970.
     pub(crate) stamp_ns: Option<u64>,
     /// When it arrived by the clock of the hardware, nanoseconds since whatever that counts from.
     pub(crate) hardware_ns: Option<u64>,

@@ -12,7 +12,7 @@ use crate::error::LinkError;
 use crate::link::{LinkIo, Losses, Received};
 use crate::waker::LinkWaker;
 
-/// Which way a unit went.
+/// Direction of a unit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TapDirection {
     /// Host to drive.

@@ -40,7 +40,7 @@ pub const PORT: u16 = 43113;
 /// Size of the receive buffer that the kernel is asked for; it gives at most its limit.
 const RECEIVE_BUFFER: usize = 1 << 20;
 
-/// Which bus.
+/// Multicast group and port that form a bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct MulticastGroup {
     /// The multicast group.

@@ -127,7 +127,7 @@ pub(crate) fn uses_claimed(
     (0..STANDARD_IDS).zip(claimed).any(|(id, claimed)| *claimed && uses(address, id, false))
 }
 
-/// Why these cannot be on one bus, if they cannot.
+/// Describes why these addresses cannot be on one bus, if they cannot.
 pub(crate) fn find_clash(seats: &[BusAddress]) -> Option<String> {
     seats.iter().enumerate().find_map(|(n, bus_address)| {
         if let Err(why) = bus_address.protocol.check_address(bus_address.address) {

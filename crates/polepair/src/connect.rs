@@ -391,7 +391,7 @@ fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Er
 /// One protocol on an opened wire, and what is to be found there.
 #[derive(Clone)]
 pub(crate) struct ProtocolLine {
-    /// Which wire: lines of one share it.
+    /// Index of the wire, which its lines share.
     pub(crate) wire: usize,
     pub(crate) link: SharedLink,
     pub(crate) protocol: ProtocolInfo,

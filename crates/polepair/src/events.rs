@@ -53,14 +53,14 @@ pub struct Event {
 pub enum EventKind {
     /// The drive sent a signal's value: of a flag or a code, when it changed.
     Signal {
-        /// Which signal.
+        /// Signal of the axis.
         signal: Signal,
         /// Value in SI, in the machine's scale.
         reading: Reading,
     },
     /// The drive sent the value of a parameter that is not a signal.
     Parameter {
-        /// Which parameter of the axis' profile.
+        /// Parameter of the axis' profile.
         parameter: ParameterId,
         /// Raw value of the drive.
         raw: i64,
@@ -91,7 +91,7 @@ pub enum EventKind {
     Disarmed,
     /// The link was lost. It is tried again.
     LinkLost {
-        /// Why, in the system's words, and what to try.
+        /// Cause in the system's words, and what to try.
         error: Box<LinkError>,
     },
     /// The link is there again.
@@ -102,7 +102,7 @@ pub enum EventKind {
 #[derive(Debug)]
 pub struct Events {
     mailbox: Mailbox,
-    /// One for each wire.
+    /// Listeners, one for each wire.
     listeners: Vec<ListenerGuard>,
     /// The axes of each wire, in the order of its connection, with their places in the link.
     axes: Vec<Vec<(usize, LocalAxis)>>,

@@ -48,7 +48,7 @@ pub(crate) struct ProtocolInfo {
     pub(crate) generic: &'static Profile,
     /// On CAN, whether what has that address has this identifier, of 29 bits or not.
     pub(crate) uses_identifier: fn(u32, u32, bool) -> bool,
-    /// Why no drive may have that address.
+    /// Returns the reason why no drive may have an address.
     forbidden_reason: fn(u32) -> Option<&'static str>,
 }
 

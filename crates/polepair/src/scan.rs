@@ -333,7 +333,7 @@ fn listen_for_senders(
     Ok(received)
 }
 
-/// Which addresses a scan asks.
+/// Addresses that a scan asks.
 #[derive(Clone, Debug, Default)]
 pub struct ScanAddresses(Option<RangeInclusive<u32>>);
 

@@ -66,7 +66,7 @@ pub struct FoundLink {
 pub struct SilentPort {
     /// The port.
     pub port: String,
-    /// Why it could not be asked, if it could not.
+    /// Reason why it could not be asked, if so.
     pub error: Option<String>,
     /// Attempts: `tmcl and modbus-rtu at 9600 and 115200 baud, addresses 1 to 32`.
     pub tried: String,

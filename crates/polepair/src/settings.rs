@@ -84,7 +84,7 @@ enum SettingValue {
 /// A setting that is not as the file has it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct SettingChange {
-    /// Which.
+    /// Parameter of the drive.
     pub id: ParameterId,
     /// Present value.
     pub now: Value,

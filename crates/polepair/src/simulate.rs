@@ -248,7 +248,7 @@ impl RackDescription {
         found.or_else(|| exists.then_some(SimulatedMotor { link, drive: index, motor: 0 }))
     }
 
-    /// Which motor of a drive an axis is, from 0.
+    /// Returns the motor of a drive that an axis is, from 0.
     pub(crate) fn motor_number(&self, motor: (usize, usize), sub_axis: u8) -> u8 {
         let (link, _) = motor;
 

@@ -129,7 +129,7 @@ pub struct DriveMotors {
     pub confirmed: Vec<u8>,
     /// Motors that did not, and may exist.
     pub unconfirmed: Vec<u8>,
-    /// Why the first of those did not.
+    /// Failure of the first of those.
     pub result: Result<(), Error>,
 }
 
@@ -292,7 +292,7 @@ struct UnknownDrive {
     number: u32,
     /// The stop that it got, if its protocol has a common one.
     shared: Option<(DetectedDrive, StopOptions)>,
-    /// Why it is not known.
+    /// Reason why it is not known.
     error: Error,
     is_other_device: bool,
 }

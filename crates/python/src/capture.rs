@@ -214,7 +214,7 @@ pub fn thread_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from).min(JOBS_MAX)
 }
 
-/// Tables on their way.
+/// Collects the tables of a decode in progress.
 struct TableCollector {
     /// One for each thread.
     builders: Vec<BatchBuilder>,

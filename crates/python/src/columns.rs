@@ -337,7 +337,7 @@ fn numpy_type(of: &DataType) -> Option<&'static str> {
     })
 }
 
-/// Which values are there, a byte each.
+/// Mask of present values, a byte each.
 fn validity_mask(pieces: &[ArrayData]) -> Lent {
     let mut there = Vec::with_capacity(pieces.iter().map(ArrayData::len).sum());
     for piece in pieces {

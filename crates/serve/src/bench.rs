@@ -270,7 +270,7 @@ impl Bench {
         Ok(bench)
     }
 
-    /// When `…_us` began, in milliseconds since 1970.
+    /// Zero of `…_us`, milliseconds since 1970.
     #[must_use]
     pub fn t0_ms(&self) -> f64 {
         BenchClock::wall_ms(self.0.opened_at)

@@ -16,7 +16,7 @@ pub struct SetupError {
     pub code: &'static str,
     /// Description of the error, in a sentence without full stop.
     pub what: String,
-    /// Why, in a sentence; empty when there is nothing to add.
+    /// Reason in a sentence; empty if there is nothing to add.
     pub why: String,
     /// Remedy to try; may be empty.
     pub hint: String,

@@ -101,7 +101,7 @@ impl AllowedHosts {
         own || self.origins.iter().any(|stated| stated.eq_ignore_ascii_case(origin))
     }
 
-    /// Why a request is refused, with the host that it names.
+    /// Describes why a request is refused, with the host that it names.
     fn host_error(&self, headers: &HeaderMap) -> GatewayError {
         let called = header_text(headers, header::HOST);
         let called = called.filter(|host| HostName::parse(host).is_some());

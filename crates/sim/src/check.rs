@@ -27,7 +27,7 @@ const OPEN_MAX: usize = 16;
 pub struct Violation {
     /// Number of the invariant: `I1`.
     pub invariant: &'static str,
-    /// When.
+    /// Time.
     pub at: Instant,
     /// Description of the violation, with the axis and the values.
     pub what: String,

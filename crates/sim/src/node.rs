@@ -58,7 +58,7 @@ pub struct CanStationNode<S>(pub S);
 /// Something that is done to a drive at a certain time.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct ScheduledAct {
-    /// When.
+    /// Time.
     pub at: Instant,
     /// To which of its motors, from 0.
     pub motor: u8,

@@ -85,7 +85,7 @@ impl RackWire {
 /// One simulated drive.
 #[derive(Clone, Debug)]
 pub struct RackDrive {
-    /// Which product.
+    /// Product of the drive.
     pub profile: &'static Profile,
     /// The protocol words of its wires, that of the link it is listed on first: `tmcl`,
     /// `modbus-rtu`.
@@ -116,7 +116,7 @@ pub struct BuiltRack {
     pub links: Vec<(WireId, Vec<NodeId>)>,
 }
 
-/// Why a rack cannot be built.
+/// Reason why a rack cannot be built.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RackError {
     /// No family in the registry simulates this profile.

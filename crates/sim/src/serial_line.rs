@@ -61,7 +61,7 @@ impl Timing {
 pub struct SerialWireConfig {
     /// Duplex of the line, which decides the receivers of each sender.
     pub duplex: Duplex,
-    /// When bytes are handed on.
+    /// Time at which bytes are handed on.
     pub timing: Timing,
     /// True if the host's adapter returns its own bytes (half duplex).
     pub echo: bool,
@@ -111,7 +111,7 @@ pub(crate) struct SerialPlug {
     pub(crate) is_host: bool,
     /// End of its own transmissions, which queue behind each other.
     busy_until: Instant,
-    /// When it drove the wire last.
+    /// Begin and end of its last transmission, during which it drove the wire.
     drove_from_until: (Instant, Instant),
     /// Label of the last sent transmission.
     pub(crate) last_sent: TransmissionLabel,
@@ -290,7 +290,7 @@ pub(crate) struct SerialWire {
     pub(crate) faults: SerialFaults,
     pub(crate) injected: InjectedSerialFaults,
     pub(crate) down: bool,
-    /// When the host's adapter hands on what it has so far.
+    /// Time at which the host's adapter hands on the bytes it has.
     host_handover: Instant,
     random: Random,
     in_flight: Vec<usize>,

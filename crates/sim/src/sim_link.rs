@@ -52,7 +52,7 @@ impl SimLink {
         self.world.receive(self.end, buffer)
     }
 
-    /// When something happens next in the world.
+    /// Time of the next event in the world.
     #[must_use]
     pub fn next_event(&self) -> Option<Instant> {
         self.world.next_event()

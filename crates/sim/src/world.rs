@@ -79,7 +79,7 @@ pub struct SerialPlugStatus {
 /// A reception of a station.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Reception {
-    /// When it had arrived.
+    /// Time of arrival.
     pub at: Instant,
     /// On which wire.
     pub wire: WireId,
@@ -171,7 +171,7 @@ impl World {
         self.now
     }
 
-    /// Events so far.
+    /// Number of events so far.
     #[must_use]
     pub const fn events(&self) -> u64 {
         self.events
@@ -338,7 +338,7 @@ impl World {
         f(&mut *self.nodes[node.0].node, self.now)
     }
 
-    /// When something happens next.
+    /// Time of the next event.
     #[must_use]
     pub fn next_event(&self) -> Option<Instant> {
         self.queue.next_time()

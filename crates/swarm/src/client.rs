@@ -26,7 +26,7 @@ pub enum LeaseProgress {
 pub struct HeldLease {
     /// Epoch of the lease.
     pub epoch: u64,
-    /// When it is renewed next.
+    /// Time of the next renewal.
     pub renew_at: Instant,
     /// Progress of the client.
     pub progress: LeaseProgress,
@@ -54,7 +54,7 @@ pub struct GatewayClient {
     pub reconnects: u32,
     /// Presence of the client.
     pub presence: ClientPresence,
-    /// When it does something next.
+    /// Time of its next action.
     pub next_at: Instant,
     /// Leases of the client.
     pub leases: BTreeMap<u16, HeldLease>,

@@ -9,7 +9,7 @@ use crate::wire::WireCondition;
 /// Something that happens to a wire.
 #[derive(Clone, Copy, Debug)]
 pub struct WireDisturbance {
-    /// When.
+    /// Time.
     pub at: Instant,
     /// To which wire.
     pub wire: usize,
@@ -20,7 +20,7 @@ pub struct WireDisturbance {
 /// Something that happens to a drive, and ends what its motor does.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveEvent {
-    /// When.
+    /// Time.
     pub at: Instant,
     /// To which axis.
     pub axis: usize,

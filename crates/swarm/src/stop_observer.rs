@@ -61,7 +61,7 @@ pub struct StopObserver {
     pub counts_anew: bool,
     /// Commanded target, rad, and the time at which that was done; `None` once anything else may have moved it.
     pub target: Option<(f64, Instant)>,
-    /// Until when something may still be executed whose outcome is unknown.
+    /// Time until which a command of unknown outcome may still be executed.
     pub unknown_until: Instant,
     /// The alarm as the bench shows it, since when; `None` where benches have none.
     alarm: Option<Option<Instant>>,

@@ -72,7 +72,7 @@ pub enum UnitOutcome {
 /// A unit that a host sent, or was to hear.
 #[derive(Clone, Debug)]
 pub struct ObservedUnit {
-    /// When.
+    /// Time.
     pub at: Instant,
     /// From the host to drives, or the other way.
     pub to_drives: bool,

@@ -8,7 +8,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use crate::{Bool, Text};
 
-/// Why a function failed, in words, with what to try.
+/// Reason why a function failed, in words, with what to try.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct TmlError(String);
 

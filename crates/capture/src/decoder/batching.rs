@@ -77,7 +77,7 @@ impl CaptureDecoder {
         self.layout = head;
     }
 
-    /// Which link a record is of, where one before was.
+    /// Index of a record's link, if an earlier record was of that link.
     #[inline]
     fn known_link(&self, record: &Record<'_>) -> Option<usize> {
         let is_link = |wire: &LinkDecoder| *wire.name == *record.link;

@@ -18,7 +18,7 @@ const ERROR_MAX: usize = 256;
 /// Input of a test.
 pub(super) struct TestInput<'a> {
     pub frame: &'a DecodedFrame<'a>,
-    /// When the capture begins.
+    /// Time of the capture's first record.
     pub first_time: Option<Timestamp>,
 }
 

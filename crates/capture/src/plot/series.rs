@@ -91,7 +91,7 @@ impl Series {
         self.buckets[at] = self.buckets[at].merge(one);
     }
 
-    /// When the first value came, and the last.
+    /// Times of the first value and of the last, ns.
     #[must_use]
     pub fn span(&self) -> Option<(u64, u64)> {
         (!self.buckets.is_empty()).then_some((self.begin, self.last_time))

@@ -68,7 +68,7 @@ fn unpack_into(plain: &mut Vec<u8>, packing: Compression, bytes: &[u8], max: usi
 /// An unpacker, and whether it has met its end.
 pub(super) struct Decompressor {
     engine: DecompressionEngine,
-    /// Why nothing more can be unpacked.
+    /// Reason why nothing more can be unpacked.
     error: Option<ReadError>,
 }
 

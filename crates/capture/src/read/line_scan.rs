@@ -80,7 +80,7 @@ impl LineScan {
     }
 }
 
-/// Which of the links it is.
+/// Index of the link with this name, which is added if it is new.
 fn link_index(links: &mut Vec<String>, link: &str) -> Option<usize> {
     let known = links.iter().position(|known| known == link);
     known.or_else(|| {

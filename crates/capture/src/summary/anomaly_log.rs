@@ -22,9 +22,9 @@ pub struct AnomalyBurst {
     pub who: AxisKey,
     /// Number and time of its first frame; 0 at the end of the capture.
     pub number: u64,
-    /// When.
+    /// Time.
     pub time: Option<Timestamp>,
-    /// When it came last.
+    /// Time of the last arrival.
     pub last: Option<Timestamp>,
     /// Count.
     pub count: u64,

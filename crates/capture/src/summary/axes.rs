@@ -18,7 +18,7 @@ const KINDS_MAX: usize = 16;
 pub struct AxisSummary {
     /// Number of its frames, and of the host's to it.
     pub frames: u64,
-    /// When the first came, and the last.
+    /// Times of the first and of the last.
     pub span: Option<(Timestamp, Timestamp)>,
     /// States, by kind.
     pub states: Vec<(InternedName, StateHistory)>,
@@ -184,7 +184,7 @@ pub struct FaultSummary {
     pub count: u64,
     /// Number and time of its first frame.
     pub first: Option<(u64, Option<Timestamp>)>,
-    /// When it came last.
+    /// Time of the last arrival.
     pub last: Option<Timestamp>,
     /// True if it is gone.
     pub gone: bool,

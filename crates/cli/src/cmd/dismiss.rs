@@ -30,7 +30,7 @@ pub struct DismissCommand {
     note: String,
 }
 
-/// Why standstill can no longer be confirmed.
+/// Reason why standstill can no longer be confirmed.
 #[derive(ValueEnum, Clone, Copy, Debug)]
 enum DismissCause {
     /// The drive was removed or has no supply

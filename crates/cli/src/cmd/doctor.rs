@@ -195,7 +195,7 @@ impl ProofObserver for ProofPrinter<'_> {
 }
 
 impl ProofPrinter<'_> {
-    /// Why nothing was proven, and what became of the motor.
+    /// Describes why nothing was proven, and the state of the motor.
     fn proof_problem(
         &mut self,
         axis: &LocalAxis,

@@ -161,7 +161,7 @@ impl Encode {
         }
     }
 
-    /// Why a piece became no bytes.
+    /// Describes why a piece could not be encoded.
     fn encode_problem(&self, at: usize, piece: &str, error: EncodeError) -> Problem {
         match error {
             EncodeError::Text(error) => {

@@ -46,7 +46,7 @@ struct CachedState {
     stops: HashMap<u16, (AxisStopReport, Instant)>,
     /// The lock of motion.
     motion_lock: Option<MotionLock>,
-    /// Why the server is gone.
+    /// Cause of the lost connection.
     connection_error: Option<GatewayError>,
 }
 
@@ -203,7 +203,7 @@ impl LiveCache {
         self.lock_state().connection_error.clone().map_or(Ok(()), |why| Err(query_error(why)))
     }
 
-    /// Why it is not.
+    /// Returns the reason why the connection is lost.
     pub fn disconnect_reason(&self) -> GatewayError {
         self.lock_state()
             .connection_error
@@ -228,7 +228,7 @@ pub(crate) struct FrameBuffer(Mutex<BufferedFrames>);
 struct BufferedFrames {
     waiting: VecDeque<FrameItem>,
     lost: u64,
-    /// Why there are none.
+    /// Reason why there are none.
     error: Option<GatewayError>,
 }
 

@@ -354,7 +354,7 @@ async fn send_text(socket: &mut ClientSocket, text: String) -> Result<(), Gatewa
         .map_err(|error| server_lost(&error.to_string()))
 }
 
-/// Why a lease ended that was not given back.
+/// Describes why a lease ended without being released.
 fn lease_end_error(error: &GatewayError) -> GatewayError {
     if error.code == "E313" {
         return error.clone();

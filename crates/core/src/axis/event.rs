@@ -56,7 +56,7 @@ impl Presence {
 /// An event of an axis; see [`Axes::enable_events`](super::Axes::enable_events).
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AxisEvent {
-    /// When it arrived, or was found out.
+    /// Time of arrival or of detection.
     pub at: Instant,
     /// The axis.
     pub axis: AxisIndex,

@@ -11,7 +11,7 @@ pub struct Reading {
     pub value: f64,
     /// Raw value.
     pub raw: i64,
-    /// When its reply arrived; `None` before the first.
+    /// Time at which its reply arrived; `None` before the first.
     pub at: Option<Instant>,
 }
 

@@ -84,7 +84,7 @@ pub struct FrameValue<'a> {
     pub raw: i64,
     /// True for a write by the host, false for a report by the drive.
     pub written: bool,
-    /// Which motor of the axis' address, where one address has several.
+    /// Motor of the axis' address, if one address has several.
     pub motor: u8,
 }
 

@@ -20,7 +20,7 @@ pub struct WaitGuard {
     was_enabled: bool,
     /// The drive was ready to power its motor.
     was_ready: bool,
-    /// When the other parameters are read next.
+    /// Time at which the other parameters are read next.
     due: Option<Instant>,
 }
 
@@ -33,7 +33,7 @@ pub enum GuardRead {
     Mode(i64),
     /// Fault state, for a drive that does not report its power state, and for a plan that has ruled out faults.
     Fault,
-    /// Which fault took the power.
+    /// Reads the fault that took the power.
     FaultWithoutPower,
 }
 

@@ -30,7 +30,7 @@ pub struct JobTable<R> {
     ended: u64,
     /// Jobs behind the last served one: the next is searched among them first.
     after_last: u64,
-    /// When the first of those that wait goes on.
+    /// Time at which the first waiting job continues.
     pub wake_at: Option<Instant>,
 }
 

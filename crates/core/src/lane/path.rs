@@ -39,7 +39,7 @@ pub struct PathStream {
     low_mark: u8,
     /// End of the last sent point, raw.
     end_position: i64,
-    /// When the drive's buffer is looked at next.
+    /// Time of the next read of the drive's buffer status.
     next_status: Instant,
     /// The drive's counter less ours, once known.
     counter_offset: Option<u32>,

@@ -390,7 +390,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         self.factors.iter().find(|f| f.parameter == id)?.raw
     }
 
-    /// Why a parameter's value has no unit, where it has none.
+    /// Returns the reason why a parameter's value has no unit, if it has none.
     pub fn scale_error(&self, id: ParameterId) -> Option<NoScale> {
         match self.entry(id)?.scale {
             ScaleState::None(why) => Some(why),

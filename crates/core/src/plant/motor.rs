@@ -121,7 +121,7 @@ pub struct Motor {
 struct SubStep {
     /// Length of the step, s.
     h: f64,
-    /// Twice the inductance by it, Ω.
+    /// Twice the inductance divided by the sub-step, Ω.
     l: f64,
     /// Twice the inertia by it, N·m·s/rad.
     j: f64,

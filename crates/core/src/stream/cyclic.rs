@@ -36,7 +36,7 @@ pub enum SetpointCommand {
 /// Several axes that follow one beat.
 #[derive(Clone, Copy, Debug)]
 pub struct CyclicConfig<'a> {
-    /// Which, each once; set-points come in this order.
+    /// Axes, each once; set-points come in this order.
     pub axes: &'a [AxisIndex],
     /// Bounds of each set-point, in the same order; none for those without bounds here.
     pub bounds: &'a [SetpointBounds],

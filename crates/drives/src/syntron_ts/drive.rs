@@ -45,7 +45,7 @@ const TOP_RPM: f64 = 6000.0;
 /// Version in Dn_08 (DS102).
 const VERSION: u16 = 0x0102;
 
-/// Why a register access is refused.
+/// Reason why a register access is refused.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RegisterError {
     /// There is no such register, or it cannot be written.

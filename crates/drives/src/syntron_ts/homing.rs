@@ -28,7 +28,7 @@ pub enum HomingMark {
     Torque,
 }
 
-/// When homing starts, digit D.
+/// Condition that starts homing, digit D.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum HomingStart {
     /// Never.
@@ -52,7 +52,7 @@ pub struct HomingMethod {
     pub mark: HomingMark,
     /// +1 forward (CCW), -1 reverse (CW).
     pub direction: f64,
-    /// When it starts.
+    /// Condition that starts it.
     pub start: HomingStart,
 }
 

@@ -78,7 +78,7 @@ pub fn has_duplicates(purposes: &[InputPurpose; INPUTS]) -> bool {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct InputLines {
     purposes: [InputPurpose; INPUTS],
-    /// Which input each purpose has, counted from 1; 0 is none.
+    /// Input of each purpose, counted from 1; 0 is none.
     inputs_by_purpose: [u8; InputPurpose::ALL.len()],
     /// Inputs that something outside closes.
     pub forced_closed: [bool; INPUTS],

@@ -136,7 +136,7 @@ impl FrontPanel {
         self.handle_long_press(view)
     }
 
-    /// When a held SET becomes a long press.
+    /// Time at which a held SET becomes a long press.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.set_pressed_at.map(|since| since.plus_ms(LONG_PRESS_MS))

@@ -11,7 +11,7 @@ use polepair_core::proto::tml::wire::{Instruction, low_first, operand_address};
 /// Behind the last position trigger.
 const TRIGGERS_END: u16 = addresses::POSTRIGG1 + 2 * TRIGGERS as u16;
 
-/// Why an instruction was not carried out.
+/// Reason why an instruction was not executed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum ExecuteError {
     /// This firmware has no such instruction. \[I\] The reaction of the drive is not documented.

@@ -20,7 +20,7 @@ pub(super) struct TimeSync {
 }
 
 impl TimeSync {
-    /// A slave.
+    /// Synchronisation of a slave, which sends no messages.
     pub const SLAVE: Self = Self { period_ticks: 0, ticks_left: 0, latched_time: 0 };
 
     /// Ticks to the next synchronisation that this drive sends.

@@ -32,14 +32,14 @@ pub(super) struct ConnectionState<M: Medium> {
     pub(super) lane: Box<dyn AnyLane<M>>,
     pub(super) slots: RequestSlots,
     pub(super) leader: Leader,
-    /// Until when the leader sleeps.
+    /// Time until which the leader sleeps.
     pub(super) sleeps_until: Instant,
     /// A caller wants to lead; the background thread leaves.
     pub(super) lead_wanted: bool,
     pub(super) interrupts: u64,
     /// Counts reads, so that the background thread sees whether callers lead.
     pub(super) read_count: u64,
-    /// Why the link is down.
+    /// Cause of the link's failure.
     pub(super) link_error: Option<LinkError>,
     pub(super) reopening: ReopenState,
     pub(super) background: BackgroundState,
@@ -158,7 +158,7 @@ impl<M: Medium> ConnectionState<M> {
         }
     }
 
-    /// When the lane next wants time.
+    /// Time of the lane's next action.
     pub(super) fn due(&self) -> Option<Instant> {
         self.lane.poll_timeout()
     }
@@ -193,7 +193,7 @@ impl<M: Medium> ConnectionState<M> {
         self.pump(now);
     }
 
-    /// Until when to sleep at most, for the lane's sake.
+    /// Latest time to which a thread may sleep without delaying the lane.
     pub(super) fn sleep_until(&self) -> Instant {
         self.due().map_or(Instant::FAR_FUTURE, |due| due.max(self.latest_time.plus_ns(TICK_MIN_NS)))
     }

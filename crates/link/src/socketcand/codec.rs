@@ -106,7 +106,7 @@ pub type CanId = (u32, bool);
 /// A subscription to an identifier.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SubscribeRequest {
-    /// Which.
+    /// CAN identifier.
     pub id: CanId,
     /// Shortest interval between frames, ns; frames that come sooner are left out.
     pub min_interval_ns: u64,

@@ -316,7 +316,7 @@ impl LocalAxis {
         Some(self.value(id, raw).ok()?.to_string())
     }
 
-    /// Why a motion ended elsewhere than at its target.
+    /// Describes why a motion ended elsewhere than at its target.
     fn end_reason(&self, reason: EndReason) -> (String, String) {
         let reports = self.motion_reports();
         let report = reports.iter().find(|report| !report.arrived).or(reports.first());
@@ -399,7 +399,7 @@ impl LocalAxis {
         source.and_then(|source| source.values.first()).map_or(name, |(_, word)| *word)
     }
 
-    /// Why the end of a motion is not known.
+    /// Describes why the end of a motion is not known.
     fn unconfirmed_reason(&self) -> (String, String) {
         let hint = "measure the position by other means, or look at the motor";
         let group = AxisNumber(self.number).is_group();

@@ -172,9 +172,9 @@ pub struct StopSupervisor {
     attempt: Option<StopAttempt>,
     attempts: u32,
     sent_at: Instant,
-    /// When the last attempt ended without confirmation.
+    /// Time at which the last attempt ended without confirmation.
     ended_at: Option<Instant>,
-    /// Why an attempt was not confirmed; `None` once another was.
+    /// Reason why an attempt was not confirmed; `None` once another was.
     failure: Option<Error>,
     silent_pause: Duration,
     turning_pause: Duration,
@@ -305,7 +305,7 @@ impl StopSupervisor {
         self.attempt.as_ref()?.trouble()
     }
 
-    /// Why the attempt before was not confirmed, until one is.
+    /// Reason why the attempt before was not confirmed, until one is.
     #[must_use]
     pub fn failure(&self) -> Option<&Error> {
         match self.progress() {

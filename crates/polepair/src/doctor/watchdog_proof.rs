@@ -58,7 +58,7 @@ impl<F: FnMut(CheckResult)> ProofObserver for F {
     }
 }
 
-/// Why nothing was proven.
+/// Reason why nothing was proven.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ProofError {
     /// Error of the proof; [`Error::Interrupted`] if the observer ended it.

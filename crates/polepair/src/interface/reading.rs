@@ -86,7 +86,7 @@ fn not_a_number(name: &str) -> Error {
 /// A signal that was read.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct SignalReading {
-    /// Which one.
+    /// Signal of the axis.
     pub signal: Signal,
     /// SI; flags are 0 or 1, codes and modes are themselves. NaN if the scale is not known.
     pub value: f64,

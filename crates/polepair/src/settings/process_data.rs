@@ -36,7 +36,7 @@ pub(super) fn is_refused_entry(axis: &LocalAxis, id: ParameterId, error: &Error)
 /// One write of those that [`AxisSettings::writes`] gives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SettingWrite {
-    /// Which parameter.
+    /// Parameter of the drive.
     pub id: ParameterId,
     /// Raw value to write.
     pub raw: i64,

@@ -23,7 +23,7 @@ pub(super) struct SharedWorld {
     wakers: Mutex<Vec<LinkWaker>>,
 }
 
-/// Since when the simulation's time passes how fast.
+/// Scale of the simulation's time, and the instant since which it holds.
 #[derive(Clone, Copy, Debug)]
 struct TimeScale {
     wall: Instant,

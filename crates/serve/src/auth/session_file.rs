@@ -22,7 +22,7 @@ pub(super) struct SessionRecord {
     pub cookie_digest: [u8; 32],
     /// Digest of the token of its login.
     pub token_digest: [u8; 32],
-    /// Until when, in ms since 1970.
+    /// End of its validity, ms since 1970.
     pub until_ms: u64,
 }
 

@@ -19,7 +19,7 @@ pub(super) enum BenchClock {
 }
 
 impl BenchClock {
-    /// Virtual where a simulation is.
+    /// Creates a clock of the simulations' virtual time, or of real time without them.
     pub fn from_simulations<'a>(mut simulations: impl Iterator<Item = &'a Simulation>) -> Self {
         let found = simulations.find(|simulation| simulation.pace() == SimulationPace::Virtual);
         found.map_or(Self::Real, |simulation| Self::Virtual(simulation.clone()))

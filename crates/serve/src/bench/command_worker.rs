@@ -70,9 +70,9 @@ pub(super) struct CommandWorker {
     holder_stops: Vec<(QueuedCommand, oneshot::Receiver<Result<StopReport, GatewayError>>)>,
     airtime: WireAirtime,
     lost: bool,
-    /// When the bench was closed.
+    /// Time at which the bench was closed.
     closed: Option<Instant>,
-    /// When something new was last begun.
+    /// Time at which a request was last begun.
     last_start: Instant,
     /// The last stops went out at once: the far end takes what is written.
     fast_send: bool,

@@ -32,7 +32,7 @@ const EVENTS_MAX: usize = 1024;
 pub enum BenchEvent {
     /// An axis got an owner, or has none any more.
     Lease {
-        /// Which axis.
+        /// Axis of the bench.
         axis: u16,
         /// New holder of the lease.
         lease: Option<LeaseView>,
@@ -214,7 +214,7 @@ impl BenchContext {
         );
     }
 
-    /// An axis is left that was not seen standing.
+    /// Notes an axis that is left without confirmed standstill.
     pub fn add_not_standing(&self, who: String) {
         lock_unpoisoned(&self.not_standing).push(who);
     }

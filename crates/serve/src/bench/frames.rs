@@ -23,7 +23,7 @@ use crate::message::{ExplainedField, FrameItem, GatewayError};
 const UNITS_MAX: usize = 1 << 15;
 /// Frames whose fields are kept.
 const EXPLAINED_MAX: usize = 8192;
-/// Frames that wait for one who watches.
+/// Limit of the frames that wait for one viewer.
 const WAITING_MAX: usize = 4096;
 /// Limit of simultaneous viewers of frames.
 const VIEWERS_MAX: usize = 256;

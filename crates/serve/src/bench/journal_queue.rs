@@ -57,7 +57,7 @@ struct QueuedEntry {
     action: JournalAction,
     axis: Option<u16>,
     detail: Value,
-    /// When it was noted.
+    /// Time at which it was noted.
     at: Instant,
     /// True if the action is executed only after it is written.
     write_ahead: bool,
@@ -88,7 +88,7 @@ enum QueueItem {
 struct EntryQueue {
     entries: VecDeque<QueueItem>,
     bytes: usize,
-    /// Since when a record is being written.
+    /// Begin of the write in progress.
     writing: Option<Instant>,
     closed: bool,
 }

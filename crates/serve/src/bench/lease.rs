@@ -30,7 +30,7 @@ pub(super) struct LeaseHolder {
     pub session: SessionName,
     /// The lease's epoch.
     pub epoch: u64,
-    /// When it ends unless it is renewed.
+    /// Time at which it ends unless it is renewed.
     pub until: Instant,
 }
 

@@ -164,7 +164,7 @@ impl LinkScanner {
         }
     }
 
-    /// Which axis of the bench that is.
+    /// Finds the number of an axis in the bench.
     fn find_axis_id(&self, axis: &LocalAxis) -> Option<u16> {
         self.wire
             .axes

@@ -45,7 +45,7 @@ pub(super) struct TelemetrySource {
     ring: Mutex<SampleRing>,
     /// The drive sends it by itself.
     pushed: AtomicBool,
-    /// When the drive last did, µs.
+    /// Time at which the drive last did, µs.
     pushed_us: AtomicU64,
     schedule: Mutex<PollSchedule>,
 }

@@ -37,7 +37,7 @@ pub(super) struct BenchWire {
     pub axes: AppendOnlyVec<(u16, LocalAxis)>,
     /// True during a scan of the wire.
     pub scan_flag: ScanFlag,
-    /// When the bench's time began, on its clock.
+    /// Begin of the bench's time, on the wire's clock.
     pub time_origin: OnceLock<Instant>,
     /// Requests with their numbers, in order of arrival.
     requests: Mutex<VecDeque<(u64, WireRequest)>>,
@@ -122,7 +122,7 @@ pub(super) struct QueuedCommand {
 pub(super) enum CommandAction {
     /// Let motion commands through, or no longer.
     Arm(bool),
-    /// A verb of the drive.
+    /// Run a command of the drive.
     Run(Command),
     /// A request in the protocol's own text, of unknown effect.
     Raw(String),
@@ -230,7 +230,7 @@ impl BenchWire {
         Some((now, *self.time_origin.get_or_init(|| now)))
     }
 
-    /// When the bench's time began on it.
+    /// Begin of the bench's time, on the wire's clock.
     pub fn time_origin(&self) -> Instant {
         self.time_origin.get().copied().unwrap_or(Instant::ZERO)
     }

@@ -28,7 +28,7 @@ pub struct VerifiedJournal {
 /// The first record of which something is not as it was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokenRecord {
-    /// Which, from 0.
+    /// Number of the record, from 0.
     pub record: u64,
     /// Reason that it is broken.
     pub why: &'static str,

@@ -107,7 +107,7 @@ struct FrameDamage {
     missed: u64,
 }
 
-/// Since when a drive is known to carry out no homing.
+/// Time since which a drive is known to carry out no homing.
 #[derive(Clone, Copy, Debug)]
 struct HomingIdle(Option<Instant>);
 

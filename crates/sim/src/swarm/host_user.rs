@@ -52,7 +52,7 @@ pub struct HostUser {
     must_work_from: Instant,
 }
 
-/// Why a value may be wrong.
+/// Reason for which a wrong value is excused.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Excuse {
     /// A second copy was taken for the answer.

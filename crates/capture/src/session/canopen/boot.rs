@@ -11,7 +11,7 @@ use crate::timestamp::Timestamp;
 const PERIOD_MAX_NS: u64 = 65_535_000_000;
 /// Longest time that a suspicion waits for the next one, ns.
 const WAIT_MAX_NS: u64 = 10_000_000_000;
-/// Two boot-ups so long after one order are both by it.
+/// Time after an NMT order in which two boot-ups count as its effect.
 const BY_ORDER_NS: u64 = 2_000_000_000;
 
 /// Boot-up messages of a node.
@@ -29,9 +29,11 @@ pub(super) struct BootMonitor {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Suspicion {
     pub kind: AnomalyKind,
-    /// When it came, and how long after the one before.
+    /// Time of arrival.
     pub when: Option<Timestamp>,
+    /// Interval to the message before, ns.
     pub after: u64,
+    /// Time at which it is confirmed.
     due: Option<Timestamp>,
 }
 
@@ -98,7 +100,7 @@ impl BootMonitor {
         Some(Suspicion { kind, when: now, after, due })
     }
 
-    /// When a suspicion is confirmed if no other 0 comes.
+    /// Time at which a suspicion is confirmed unless another 0 arrives.
     pub fn due(&self) -> Option<Timestamp> {
         self.suspicion?.due
     }

@@ -31,7 +31,7 @@ impl NodeGuardMonitor {
         self.pending = Some(at);
     }
 
-    /// When the answer is missed.
+    /// Time at which the answer counts as missing.
     pub fn due(&self) -> Option<Timestamp> {
         Some(Timestamp(self.pending?.1?.0.saturating_add(TIMEOUT_NS)))
     }

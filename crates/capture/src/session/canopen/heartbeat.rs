@@ -36,7 +36,7 @@ impl HeartbeatMonitor {
         self.seen
     }
 
-    /// When it came last.
+    /// Time of the last arrival.
     pub const fn last(&self) -> Option<Timestamp> {
         self.last
     }
@@ -113,7 +113,7 @@ impl HeartbeatMonitor {
         self.configured.max(observed)
     }
 
-    /// When it is missed.
+    /// Time at which it counts as missing.
     pub fn due(&self) -> Option<Timestamp> {
         let (last, period) = (self.last?, self.period()?);
         let patience = (period * 5 / 2).max(period + SLACK_NS).max(self.tolerance_ns);

@@ -179,7 +179,7 @@ impl LssTracker {
         }
     }
 
-    /// When silence is an answer, or misses one.
+    /// Time at which silence counts as an answer, or as a missing one.
     pub fn due(&self) -> Option<Timestamp> {
         let open = self.pending.as_ref()?;
         Some(Timestamp(open.last.1?.0.saturating_add(open.timeout_ns())))

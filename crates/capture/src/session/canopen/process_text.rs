@@ -22,7 +22,7 @@ pub(crate) struct ProcessText {
     /// `tpdo1`.
     prefix: TextPiece,
     values: Vec<ValueText>,
-    /// Which of them have other words for other numbers.
+    /// Indices of those whose words depend on the number.
     varying: Vec<usize>,
     /// Text behind the last value.
     end: TextPiece,

@@ -10,7 +10,7 @@ use crate::session::{ChangeNotice, InternedName, intern};
 /// Index of the device type, which shows the capabilities of a device, not its product.
 const DEVICE_TYPE: u16 = 0x1000;
 
-/// Which drive one node is.
+/// Drive of one node.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) enum NodeProduct {
     /// The product is unknown.

@@ -147,7 +147,7 @@ struct SdoTransfer {
     anomaly_reported: bool,
     /// True if it may be the middle of one that began before the capture.
     doubtful: bool,
-    /// When it last went on.
+    /// Time of the last progress.
     last_progress: Option<Timestamp>,
 }
 
@@ -157,7 +157,7 @@ struct AbandonedRequest {
     op: SdoOperation,
     object: ObjectIndex,
     requested: FrameRef,
-    /// When an answer is not to be expected any longer.
+    /// Time after which no answer is expected any longer.
     until: Option<Timestamp>,
     /// Notices of a missing reply, given if none comes by then.
     held_notices: Vec<SessionNotice>,
@@ -245,7 +245,7 @@ impl SdoChannel {
         self.transfer_due().into_iter().chain(until).min()
     }
 
-    /// When the transfer under way is given up if nothing comes.
+    /// Time at which the transfer is given up unless a frame arrives.
     fn transfer_due(&self) -> Option<Timestamp> {
         let moved = self.transfer.last_progress.filter(|_| self.state == ChannelState::Open)?;
         Some(moved.plus(self.transfer.timeout_ns()))

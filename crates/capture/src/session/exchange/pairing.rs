@@ -42,7 +42,7 @@ pub(super) struct Pairing {
     operations: Vec<InternedName>,
     /// Last request of each axis that defines the format of its replies.
     format_requests: Vec<(u32, FrameBytes)>,
-    /// When the next request is given up at the latest.
+    /// Latest time at which the next request is given up.
     due: Option<Timestamp>,
     /// Axes that left a request unanswered since this was asked.
     given_up_axes: Vec<u32>,
@@ -89,7 +89,7 @@ struct TrackedRequest {
     awaits: ReplyExpectation,
     acks: u8,
     answers: u8,
-    /// When it was sent last.
+    /// Time of the last transmission.
     last_sent: Option<Timestamp>,
     limit_ns: u64,
     state: RequestState,

@@ -36,7 +36,7 @@ pub struct Monitor {
     pub axes: Vec<MonitoredAxis>,
     /// Log of the frames.
     pub traffic: TrafficLog,
-    /// Which axis is chosen.
+    /// Index of the chosen axis.
     pub chosen: usize,
     session: Option<LocalSession>,
     listener: Option<WireListener>,
@@ -184,7 +184,7 @@ impl Monitor {
         }
     }
 
-    /// Why the link is down, and since when.
+    /// Duration and cause of the link's failure.
     pub fn trouble(&self) -> Option<(Duration, &LinkError)> {
         self.lost.as_ref().map(|(since, error)| (clock::now().since(*since), error))
     }

@@ -41,7 +41,7 @@ pub struct MonitoredAxis {
     pub axis: LocalAxis,
     /// Stop of the axis, once it was requested.
     pub stopping: Option<StopSupervisor>,
-    /// Why it does not answer, and since when.
+    /// Begin and cause of its silence.
     pub silent: Option<(Instant, String)>,
     /// Parameters that it refuses.
     refused: Vec<ParameterId>,

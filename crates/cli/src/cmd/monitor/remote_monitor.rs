@@ -56,7 +56,7 @@ pub struct RemoteMonitor {
 struct RequestedStop {
     at: Instant,
     pending: PendingOperation<StopReport>,
-    /// Why it was not taken.
+    /// Reason of the refusal.
     refused: Option<GatewayError>,
 }
 

@@ -27,17 +27,17 @@ pub trait MonitorSource {
     fn traffic_mut(&mut self) -> &mut TrafficLog;
     /// Number of axes.
     fn count(&self) -> usize;
-    /// One of them.
+    /// Row of axis `n`, from 0.
     fn axis(&self, n: usize) -> AxisRow;
-    /// Which one is chosen.
+    /// Index of the chosen axis.
     fn chosen(&self) -> usize;
     /// Chooses one.
     fn choose(&mut self, n: usize);
     /// Returns whether it only listens: nothing can be stopped from here.
     fn is_listen_only(&self) -> bool;
-    /// Why nothing comes, in a line.
+    /// Reason why no values arrive, in one line.
     fn trouble(&self) -> Option<String>;
-    /// Why nothing may move, in a line.
+    /// Reason why motion is locked, in one line.
     fn lock(&self) -> Option<String>;
     /// Links that are not open, and what is missing of them, a line each.
     fn link_troubles(&self) -> Vec<String>;

@@ -30,7 +30,7 @@ const RATES_EVERY: Duration = Duration::from_secs(1);
 pub struct FrameRow {
     /// Number among all frames, from 0.
     pub number: u64,
-    /// When, in nanoseconds since 1970.
+    /// Time, nanoseconds since 1970.
     pub time: u64,
     /// The number of its wire.
     pub wire: usize,
@@ -71,7 +71,7 @@ pub struct TrafficLog {
     wires: Vec<WireTraffic>,
     listening: bool,
     history: FrameHistory,
-    /// When rates were last taken.
+    /// Time at which rates were last computed.
     rates_at: Instant,
     per_second: f64,
     /// Units that came faster than they were looked at.
@@ -102,7 +102,7 @@ struct FrameHistory {
 /// Decoding of the frames of a wire.
 #[derive(Default)]
 pub struct WireDecoding {
-    /// Which protocol is whose.
+    /// Rules that assign protocols to addresses.
     pub rules: Rules,
     /// The drives at these addresses, whose names are used.
     pub drives: Vec<(u32, &'static Profile)>,

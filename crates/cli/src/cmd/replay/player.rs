@@ -19,7 +19,7 @@ use super::selector::ReplayFrame;
 use crate::interrupt;
 use crate::tap_queue::UnitBuf;
 
-/// From the beginning to the first frame.
+/// Time from the beginning of a replay to its first frame, ms.
 const LEAD_MS: u32 = 20;
 /// Time of listening after the last frame, ms.
 const LINGER_MS: u32 = 200;
@@ -157,7 +157,7 @@ struct WirePlayer<'a, M: ReplayMedium> {
     result: ReplayResult,
 }
 
-/// Why a wire is played no further.
+/// Reason why the replay of a wire ends.
 enum PlayEnd {
     Halted,
     LinkGone(LinkError),

@@ -45,7 +45,7 @@ pub struct ReplayFrame {
     pub answer_dissector: Option<&'static dyn Dissector>,
 }
 
-/// Why a frame is not sent.
+/// Reason why a frame is not sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SkipReason {
     /// A frame of the other direction, or an echo of the host's own.

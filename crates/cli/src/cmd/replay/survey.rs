@@ -137,7 +137,7 @@ impl Survey {
         Ok(())
     }
 
-    /// Why nothing is left to send.
+    /// Describes why nothing is left to send.
     fn nothing_problem(&self, routes: &[ReplayRoute]) -> Problem {
         let links = self.links.join(", ");
         let problem = Problem::usage("E242", "the capture has no frame to send.");

@@ -48,7 +48,7 @@ const CONSUMER_HEARTBEAT: ObjectIndex = ObjectIndex::new(0x1016, 1);
 pub struct Axis {
     profile: &'static Profile,
     node: u8,
-    /// Which axis of the node; 0 is the first.
+    /// Axis of the node; 0 is the first.
     sub_axis: u8,
     /// Mappings of the node's process data, as far as they were read or written.
     rpdos: [KnownPdo; 4],

@@ -31,7 +31,7 @@ use crate::time::Instant;
 pub use communication::{CONSUMERS_MAX, is_protocol_object, standard_entries, standard_len};
 pub use emcy::HISTORY_MAX;
 
-/// Which settings are stored or restored (objects 1010h and 1011h).
+/// Group of settings that is stored or restored (objects 1010h and 1011h).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SettingsGroup {
     /// All that are there.
@@ -294,7 +294,7 @@ impl<const N: usize> CanEndpoint<N> {
         self.check_changes(now, firmware);
     }
 
-    /// When it next wants [`handle_timeout`](Self::handle_timeout).
+    /// Time of the next call of [`handle_timeout`](Self::handle_timeout).
     #[inline]
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {

@@ -70,7 +70,7 @@ pub struct CanHost {
     unsent: NodeSet,
     /// Nodes whose channel has more segments of a block to send, when nothing else is.
     block_senders: NodeSet,
-    /// When the wire is through with those that were sent.
+    /// Time at which the frames that were sent have left the wire.
     sent_until: Instant,
     /// Time of one segment, ns.
     segment_ns: u64,

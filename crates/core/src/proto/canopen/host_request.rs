@@ -19,14 +19,14 @@ pub enum HostRequest {
     Read {
         /// Node-ID.
         node: u8,
-        /// Which.
+        /// Object's index and subindex.
         object: ObjectIndex,
     },
     /// Writes an object of at most eight bytes.
     Write {
         /// Node-ID.
         node: u8,
-        /// Which.
+        /// Object's index and subindex.
         object: ObjectIndex,
         /// The bytes, the first one lowest.
         bits: u64,
@@ -40,7 +40,7 @@ pub enum HostRequest {
     Upload {
         /// Node-ID.
         node: u8,
-        /// Which.
+        /// Object's index and subindex.
         object: ObjectIndex,
         /// True for a block transfer.
         block: bool,
@@ -52,7 +52,7 @@ pub enum HostRequest {
     Download {
         /// Node-ID.
         node: u8,
-        /// Which.
+        /// Object's index and subindex.
         object: ObjectIndex,
         /// True for a block transfer.
         block: bool,
@@ -61,14 +61,14 @@ pub enum HostRequest {
     },
     /// Reads a node's state (guarding).
     Guard {
-        /// Which.
+        /// Node-ID.
         node: u8,
     },
     /// An NMT command. It has no reply.
     Nmt(NmtMessage),
     /// Process data. It has no reply.
     Process {
-        /// Which.
+        /// Communication object.
         cob: Cob,
         /// The bytes, the first one lowest.
         data: u64,
@@ -82,7 +82,7 @@ pub enum HostRequest {
     /// Has a node watch the host's heartbeat, which is to arrive within this time, ms; 0 ends it. It is written to the
     /// first place of object 1016h.
     WatchHeartbeat {
-        /// Which.
+        /// Node-ID.
         node: u8,
         /// Within so long, ms.
         ms: u16,
@@ -180,7 +180,7 @@ impl Request for HostRequest {
 pub enum Answer {
     /// A value that was read.
     Value {
-        /// Which object.
+        /// Object's index and subindex.
         object: ObjectIndex,
         /// First eight bytes, the first one lowest.
         bits: u64,
@@ -189,7 +189,7 @@ pub enum Answer {
     },
     /// The object was written.
     Written {
-        /// Which object.
+        /// Object's index and subindex.
         object: ObjectIndex,
         /// First eight bytes of the written value.
         bits: u64,

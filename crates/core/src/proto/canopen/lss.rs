@@ -82,9 +82,9 @@ pub enum LssRequest {
         number: u32,
         /// Lowest bit that counts, 31 to 0; 128 begins anew.
         bit: u8,
-        /// Which number.
+        /// Number of the identity that is compared.
         sub: IdentityNumber,
-        /// Which number is next.
+        /// Number of the identity that follows.
         next: IdentityNumber,
     },
     /// None that the standard has.

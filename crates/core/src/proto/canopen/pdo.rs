@@ -208,7 +208,7 @@ impl<const N: usize> Default for PdoMapping<N> {
     }
 }
 
-/// Why an entry does not fit into a mapping.
+/// Reason why an entry does not fit into a mapping.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MappingError {
     /// The entry has no bits.

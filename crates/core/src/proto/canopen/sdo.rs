@@ -518,7 +518,7 @@ const CRC: [u16; 256] = {
     table
 };
 
-/// Why a transfer ended.
+/// Reason why a transfer was aborted.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct AbortCode(pub u32);
 

@@ -114,7 +114,7 @@ pub struct SerialHost {
     payload: [u8; ADU_MAX],
     payload_len: usize,
     last_read: Option<LastRead>,
-    /// When the answer came that is held back.
+    /// Time of arrival of the answer that is held back.
     held_since: Option<Instant>,
     events: EventRing<Answer, EVENTS_MAX>,
     counters: Counters,
@@ -334,7 +334,7 @@ impl SerialHost {
         self.silent_at().min(self.latest_send_at())
     }
 
-    /// When the line has been silent for long enough.
+    /// Time at which the line has been silent for long enough.
     #[inline]
     fn silent_at(&self) -> Instant {
         let Some(active) = self.last_activity else { return Instant::ZERO };

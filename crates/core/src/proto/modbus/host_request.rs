@@ -39,14 +39,14 @@ pub enum RequestBody {
     },
     /// 05.
     WriteCoil {
-        /// Which.
+        /// Address of the coil, from 0.
         address: u16,
         /// On or off.
         on: bool,
     },
     /// 06.
     WriteRegister {
-        /// Which.
+        /// Address of the register, from 0.
         address: u16,
         /// New value.
         value: u16,
@@ -71,9 +71,9 @@ pub enum RequestBody {
     },
     /// 43/14: the text of an object of the device identification.
     DeviceId {
-        /// Which.
+        /// Identifier of the object of the device identification.
         object: u8,
-        /// Which seven bytes of it the answer brings.
+        /// Index of the seven bytes of it that the answer contains.
         part: u16,
     },
 }

@@ -212,7 +212,7 @@ impl Function {
     }
 }
 
-/// Why a station refuses (MAP 7).
+/// Reason why a station refuses a request (MAP 7).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Exception {
     /// 01.
@@ -309,14 +309,14 @@ pub enum RequestPdu<'a> {
     },
     /// 05: one coil.
     WriteCoil {
-        /// Which.
+        /// Address of the coil, from 0.
         address: u16,
         /// On (FF00) or off (0000).
         on: bool,
     },
     /// 06: one holding register.
     WriteRegister {
-        /// Which.
+        /// Address of the register, from 0.
         address: u16,
         /// New value.
         value: u16,
@@ -477,14 +477,14 @@ pub enum ReplyPdu<'a> {
     },
     /// 05, the request again.
     WroteCoil {
-        /// Which.
+        /// Address of the coil, from 0.
         address: u16,
         /// On or off.
         on: bool,
     },
     /// 06, the request again.
     WroteRegister {
-        /// Which.
+        /// Address of the register, from 0.
         address: u16,
         /// New value.
         value: u16,
@@ -502,7 +502,7 @@ pub enum ReplyPdu<'a> {
     Exception {
         /// The function refused.
         function: u8,
-        /// Why.
+        /// Exception of the station.
         exception: Exception,
     },
     /// A function without a variant here.

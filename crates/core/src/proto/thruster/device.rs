@@ -167,7 +167,7 @@ impl CanEndpoint {
         }
     }
 
-    /// When something is due.
+    /// Time of the next action.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         earliest(self.value_stream.map(|(_, at)| at), self.report_at)

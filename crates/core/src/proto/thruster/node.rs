@@ -26,7 +26,7 @@ pub(super) struct NodeState {
     pub reply_format: ReplyFormat,
     /// True once it has replied.
     pub has_answered: bool,
-    /// When something was last sent to it.
+    /// Time of the last frame that was sent to it.
     pub last_sent: Instant,
     outstanding: [CommandWord; OUTSTANDING_MAX],
     outstanding_len: u8,
@@ -170,7 +170,7 @@ impl NodeTable {
         None
     }
 
-    /// When something of all this is due.
+    /// Time of the next action.
     pub fn next_due(&self) -> Option<Instant> {
         let of = |mask: u128| set_bits(mask).map(|id| &self.nodes[usize::from(id)]);
         let doubts = of(self.in_doubt)

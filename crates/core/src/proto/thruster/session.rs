@@ -86,7 +86,7 @@ struct PendingExchange {
     stage: RequestStage,
     attempts: u8,
     sent: bool,
-    /// When it was last sent: the oldest is answered first.
+    /// Time of the last transmission: the oldest is answered first.
     sent_at: Instant,
     deadline: Instant,
     /// Refusals, reports or values that may still come for older requests of this command.

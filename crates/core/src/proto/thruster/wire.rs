@@ -299,7 +299,7 @@ fn drive_frame(id: u8, data: u64) -> Frame {
 pub struct ReportFrame {
     /// First letter of the reported command: T, V, or A for a report that the drive sends by itself.
     pub source: u8,
-    /// Which: 1, 2 or 3.
+    /// Number of the part: 1, 2 or 3.
     pub part: u8,
     /// The six bytes behind the header, as three words.
     pub words: [u16; 3],

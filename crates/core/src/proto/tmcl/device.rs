@@ -239,7 +239,7 @@ impl SerialEndpoint {
         Some(len)
     }
 
-    /// When a reply that waits for its pause is due.
+    /// Time at which a delayed reply is due.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         (self.out_len > 0).then_some(self.reply_due)

@@ -54,7 +54,7 @@ pub struct SerialHost {
     corrupt_bytes_left: usize,
     /// Discarded bytes since the end of a line: a module in ASCII mode replies in text.
     discarded_text: ascii::AsciiLine,
-    /// Until when the line has to be silent.
+    /// Time until which the line has to be silent.
     silent_until: Instant,
 }
 

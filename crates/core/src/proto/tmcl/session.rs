@@ -79,7 +79,7 @@ struct PendingExchange {
     send_plan: Option<SendPlan>,
     /// Burst that was sent for each byte position of its module.
     burst: Option<Burst>,
-    /// When it could first have been sent.
+    /// Earliest time at which it could be sent.
     ready_at: Instant,
     not_before: Instant,
     earliest_reply: Instant,

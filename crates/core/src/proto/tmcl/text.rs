@@ -10,7 +10,7 @@ use super::wire::Request;
 use crate::convert::ascii_text;
 use crate::explain::TextError;
 
-/// Which fields a command's line has.
+/// Fields of a command's line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CommandFields {
     /// The type byte.

@@ -86,7 +86,7 @@ pub struct SerialEndpoint {
     control_bytes: [u8; CONTROL_BYTES_MAX],
     control_len: usize,
     out: MessageQueue<SERIAL_OUT_MAX>,
-    /// When the last character of what was handed out has left.
+    /// Time at which the last character that was handed out has left.
     free_at: Instant,
     /// Something waits for the line to be free.
     is_waiting: bool,
@@ -175,7 +175,7 @@ impl SerialEndpoint {
         Some(len)
     }
 
-    /// When the line is free for what waits.
+    /// Time at which the line is free for waiting messages.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.is_waiting.then_some(self.free_at)

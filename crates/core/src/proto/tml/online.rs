@@ -214,7 +214,7 @@ pub enum OnlineMessage {
     GetChecksum {
         /// Receiver of the reply.
         sender: IdCode,
-        /// Which.
+        /// Memory space.
         memory: MemorySpace,
         /// First address.
         start: u16,
@@ -223,7 +223,7 @@ pub enum OnlineMessage {
     },
     /// Reply to [`GetChecksum`](Self::GetChecksum). It does not name its sender.
     TakeChecksum {
-        /// Which.
+        /// Memory space.
         memory: MemorySpace,
         /// The sum of all words, modulo 65536.
         sum: u16,

@@ -113,7 +113,7 @@ impl Relay {
         }
     }
 
-    /// When the serial line is free for what waits.
+    /// Time at which the serial line is free for waiting messages.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.serial.poll_timeout()

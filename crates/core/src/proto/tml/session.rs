@@ -120,7 +120,7 @@ struct PendingExchange {
     early_ack_is_first: bool,
 }
 
-/// Which of its messages a request is at.
+/// Message that a request is at.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum RequestStage {
     SetMaster,
@@ -190,7 +190,7 @@ pub struct Session {
     /// Evidence that the line's baud rate is fiction (a virtual port): acknowledgements that come before their messages
     /// can have left.
     fiction_score: u8,
-    /// When something like an acknowledgement came last.
+    /// Time of the last byte that may be an acknowledgement.
     last_ack: Option<Instant>,
     pub(super) fallback: BaudFallback,
     link_up: bool,

@@ -116,7 +116,7 @@ impl StandstillMonitor {
         }
     }
 
-    /// When the drive replied to the stop.
+    /// Time at which the drive replied to the stop.
     pub fn since(&self) -> Instant {
         self.since
     }

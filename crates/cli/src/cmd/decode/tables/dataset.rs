@@ -31,7 +31,7 @@ pub struct DatasetCapture {
     pub remarks: Vec<String>,
 }
 
-/// Why a capture was not decoded.
+/// Reason why a capture was not decoded.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct DatasetError {
     /// Stable: `E510`.

@@ -208,7 +208,7 @@ impl<const N: usize> SettingsStore<N> {
         self.writing = None;
     }
 
-    /// When the writing is done.
+    /// Time at which the write to flash ends.
     pub(super) fn due(&self) -> Option<Instant> {
         self.writing.as_ref().map(|(_, done, _)| *done)
     }

@@ -64,7 +64,7 @@ impl EmergencyQueue {
         self.communication_error = false;
     }
 
-    /// When the next one that waits may be sent.
+    /// Earliest time for the next waiting emergency.
     pub(super) fn due(&self, now: Instant) -> Instant {
         if self.queue_len > 0 && self.free_at > now { self.free_at } else { Instant::FAR_FUTURE }
     }

@@ -21,10 +21,10 @@ pub(super) struct LssSlave {
     numbers_matched: u8,
     /// Met bounds of an identification, a bit for each.
     bounds_met: u8,
-    /// Which number a fast scan is at.
+    /// Number of the identity that a fast scan is at.
     scan_number: u8,
     bit_rate: Option<u32>,
-    /// When the bit rate changes.
+    /// Time at which the bit rate changes.
     switch_at: Instant,
 }
 

@@ -57,7 +57,7 @@ pub enum ChannelStage {
 /// Next step.
 #[derive(Clone, Copy, Debug)]
 pub enum ChannelStep {
-    /// Nothing.
+    /// Nothing to do until a frame arrives.
     Wait,
     /// A frame is to be sent.
     Send,
@@ -110,7 +110,7 @@ pub struct NodeChannel {
     pub deadline: Instant,
     /// Place of its bytes, if it is a long transfer.
     pub buffer: Option<u8>,
-    /// Why the last transfer was aborted.
+    /// Code with which the last transfer was aborted.
     pub abort: AbortCode,
     pub(super) stage: ChannelStage,
     pub(super) host_request: HostRequest,

@@ -13,7 +13,7 @@ use crate::proto::canopen::sdo::{
 use crate::proto::canopen::sync::SyncMessage;
 use crate::proto::canopen::time::TimeOfDay;
 
-/// Which values have a sign.
+/// Function that states whether an object's value has a sign.
 pub type SignLookup<'a> = &'a dyn Fn(ObjectIndex) -> bool;
 
 const DAY_MS: u32 = 86_400_000;

@@ -25,13 +25,13 @@ pub struct ModuleState {
     pub is_unpowered: bool,
     /// End of a silence without replies.
     pub silent_until: Instant,
-    /// When the tick timer (global parameter 132) was zero.
+    /// Time at which the tick timer (global parameter 132) was zero.
     pub timer_zero: Instant,
     /// Requests executed that a repetition would have doubled.
     pub unrepeatable: u64,
     /// Requests executed that started a motion.
     pub starts: u64,
-    /// When each wire last brought a request.
+    /// Time of the last request of each wire.
     pub last_requests: LastRequests,
     /// Motors whose arrival 138 reports, a bit each.
     pub armed_events: i32,
@@ -39,7 +39,7 @@ pub struct ModuleState {
     pub notice: Option<&'static str>,
 }
 
-/// When each wire last brought a request.
+/// Time of the last request of each wire.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LastRequests {
     /// The serial line.
@@ -151,7 +151,7 @@ pub trait TmclModule {
     fn has_programs(&self) -> bool;
     /// Module number and firmware version, as in the reply to 136 type 1.
     fn version(&self) -> (u16, u8, u8);
-    /// When something happens by itself that a host waits for.
+    /// Time of the next change that a host waits for.
     fn next_due(&self) -> Option<Instant>;
 
     /// One tick of the stand-alone program.

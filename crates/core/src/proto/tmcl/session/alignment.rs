@@ -131,7 +131,7 @@ pub(super) struct ByteAlignment {
     offset: u8,
     /// True if the last request was a burst for every position.
     last_was_burst: bool,
-    /// When its answer was due.
+    /// Time at which its answer was due.
     answer_due: Instant,
 }
 

@@ -116,7 +116,7 @@ impl BaudRecovery {
         reported
     }
 
-    /// When something is to be done.
+    /// Time of the next action.
     pub const fn deadline(&self) -> Option<Instant> {
         match self.stage {
             RecoveryStage::AtWanted | RecoveryStage::Resetting => None,

@@ -9,7 +9,7 @@ pub(super) struct SourceReader<'a> {
     pub(super) at: usize,
 }
 
-/// Why a piece does not stand where it should.
+/// Reason why a piece is not at its place.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ParseFailure {
     /// Position of the error.
