@@ -1,6 +1,6 @@
 //! Sends a stop before the open request is complete.
 
-use super::{RequestPhase, RequestStage, Session};
+use super::{RequestPhase, RequestStage, SYNCS_MAX, Session};
 use crate::error::Failure;
 use crate::proto::tml::host_request::HostRequest;
 use crate::proto::tml::rules::TmlWire;
@@ -34,7 +34,13 @@ impl Session {
                 self.start_pending_stop(now)
             }
             // The other SYNC bytes at once: the stop does not wait for a sign of life.
-            RequestPhase::AwaitSync(sent, _) => self.set_phase(RequestPhase::SendSync(sent)),
+            RequestPhase::AwaitSync(sent, _) if sent < SYNCS_MAX => {
+                self.set_phase(RequestPhase::SendSync(sent))
+            }
+            // All of them were sent: the stop follows once the last one has left.
+            RequestPhase::AwaitSync(..) => {
+                self.set_phase(RequestPhase::Drain(now.plus_ns(self.timeouts.character_ns)))
+            }
             _ => {}
         }
         Ok(())
