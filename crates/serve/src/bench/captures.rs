@@ -76,7 +76,7 @@ impl Bench {
         let (mut summary, mut links, mut total) = (Summary::default(), Vec::new(), 0);
         let mut decoder = detect_decoder(&bytes);
         let mut take = |event: &DecodedFrame<'_>| {
-            // A dozen at most, so a linear search; the order of their first frames is kept.
+            // A list keeps the order of their first frames.
             if !links.iter().any(|link| link == event.link) {
                 links.push(event.link.to_owned());
             }

@@ -214,7 +214,7 @@ impl Bench {
                 detail,
                 self.0.context.now(),
                 Box::new(move |recorded: Result<(), GatewayError>| match recorded {
-                    // Behind the journal's record: what moves bytes on a wire is on disk before.
+                    // After the journal's record: a scan that sends requests has to be on record first.
                     Ok(()) => wire.submit_reserved(sequence, WireRequest::Scan(Box::new(begin))),
                     Err(refused) => begin(Err(refused)),
                 }),
