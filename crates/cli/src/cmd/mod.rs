@@ -208,6 +208,7 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Watchdog(verb) => verb.run(join),
         CommandVerb::Get(verb) => verb.run(join),
         CommandVerb::Send(verb) => verb.run(join),
+        CommandVerb::Monitor(verb) => verb.run(join),
         // A server has its own way to do these.
         CommandVerb::Scan(verb) if on_server => verb.run_on_server(&join.open()?),
         CommandVerb::Info(verb) if on_server => verb.run_on_server(join),
@@ -217,7 +218,6 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Release(verb) if on_server => verb.run_on_server(join),
         CommandVerb::Act(verb) if on_server => verb.run_on_server(&join.open()?),
         CommandVerb::Watch(verb) if on_server => verb.run_on_server(&join.open()?),
-        CommandVerb::Monitor(verb) if on_server => verb.run_on_server(&join.open()?),
         _ if on_server => Err(remote::no_such_verb(&word)),
         CommandVerb::Decode(verb) => verb.run(),
         CommandVerb::Summary(verb) => verb.run(),
@@ -239,7 +239,6 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Program(verb) => verb.run(),
         CommandVerb::Sync(verb) => verb.run(),
         CommandVerb::Watch(verb) => verb.run(),
-        CommandVerb::Monitor(verb) => verb.run(),
         CommandVerb::Record(verb) => verb.run(),
         CommandVerb::Replay(verb) => verb.run(),
         CommandVerb::Ports(verb) => verb.run(),

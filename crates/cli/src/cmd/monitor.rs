@@ -1,11 +1,11 @@
 //! `polepair monitor URL`: axes, frames and faults of a link, live.
 
 mod draw;
-mod local_printer;
+mod local;
 mod model;
 mod monitored_axis;
-mod remote_monitor;
-mod remote_printer;
+mod printer;
+mod remote;
 mod screen;
 mod source;
 mod traffic;
@@ -20,11 +20,16 @@ use polepair_capture::Rules;
 use crate::outcome;
 use crate::output_file::TraceArgs;
 use crate::problem::{self, Problem, Result};
-use crate::remote::{self, RemoteSession};
+use crate::remote::{ALL, RemoteSession, ServerArgs, unsupported_problem};
 use crate::tap_queue::TapQueue;
 use crate::{terminal, value};
+use local::{LocalSource, Polling};
 use model::Monitor;
-use remote_monitor::RemoteMonitor;
+use printer::PrintStyle;
+use remote::{RemoteSource, RemoteView};
+
+/// Time for which the screen shows the values of a lost server.
+const LOST_SHOWN_MAX: Duration = Duration::from_secs(10);
 
 /// Shows axes, faults and frames of a link live.
 ///
@@ -78,15 +83,28 @@ enum MonitorFormat {
 }
 
 impl MonitorOptions {
-    pub fn run(self) -> Result {
-        self.check_rate()?;
-        let mut monitor = self.open_monitor()?;
+    /// Shows a link of this program, or a server.
+    pub fn run(self, server: ServerArgs) -> Result {
+        if !(self.rate > 0.0 && self.rate <= 1000.0) {
+            return Err(Problem::usage("E245", "--rate is more than 0 and at most 1000."));
+        }
+        if server.is_given() {
+            let mut monitor = self.open_remote(&server.open()?)?;
+            self.show(&mut monitor)
+        } else {
+            let mut monitor = self.open_local()?;
+            self.show(&mut monitor)
+        }
+    }
+
+    fn show(&self, monitor: &mut Monitor) -> Result {
         let span = self.seconds.map(Duration::from_secs_f64);
         if self.is_screen() {
-            screen::run(&mut monitor, span)
-        } else {
-            local_printer::run(monitor, self.print_style(), span)
+            return screen::run(monitor, span);
         }
+        let jsonl = self.format == Some(MonitorFormat::Jsonl);
+        let style = PrintStyle { jsonl, once: self.once, period: self.period() };
+        printer::run(monitor, style, span)
     }
 
     fn is_screen(&self) -> bool {
@@ -94,58 +112,41 @@ impl MonitorOptions {
         self.format.is_none() && !self.once && there
     }
 
-    fn print_style(&self) -> local_printer::PrintStyle {
-        local_printer::PrintStyle {
-            jsonl: self.format == Some(MonitorFormat::Jsonl),
-            once: self.once,
-        }
+    fn period(&self) -> Duration {
+        Duration::from_secs_f64(1.0 / self.rate)
     }
 
-    /// Runs the monitor on a server: the frames of all its links, and the selected axes.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        self.check_rate()?;
+    /// A monitor of the frames of all links of a server, and of the selected axes.
+    fn open_remote(&self, server: &RemoteSession) -> Result<Monitor<RemoteSource>> {
         let links_alone = self.listen || self.rules.is_some() || self.trace.path().is_some();
         if links_alone || self.profiles.is_given() {
             let what = "monitor with --listen, --as, --trace or --profile";
-            return Err(remote::unsupported_problem(
-                what,
-                "The server records and decodes frames itself.",
-            ));
+            return Err(unsupported_problem(what, "The server records and decodes frames itself."));
         }
-        let axes = server.axes_named(&self.url)?;
-        let span = self.seconds.map(Duration::from_secs_f64);
-        if self.is_screen() {
-            return screen::run(
-                &mut RemoteMonitor::new(server, axes, self.url == remote::ALL)?,
-                span,
-            );
-        }
-        let period = Duration::from_secs_f64(1.0 / self.rate);
-        remote_printer::run(server, axes, self.print_style(), period, span)
+        let view = RemoteView {
+            axes: server.axes_named(&self.url)?,
+            all_axes: self.url == ALL,
+            frames: !self.once,
+            period: self.period(),
+            lost_max: if self.is_screen() { LOST_SHOWN_MAX } else { Duration::ZERO },
+        };
+        Monitor::with_server(server, view)
     }
 
-    fn check_rate(&self) -> Result<()> {
-        if self.rate > 0.0 && self.rate <= 1000.0 {
-            Ok(())
-        } else {
-            Err(Problem::usage("E245", "--rate is more than 0 and at most 1000."))
-        }
-    }
-
-    fn open_monitor(&self) -> Result<Monitor> {
+    fn open_local(&self) -> Result<Monitor<LocalSource>> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
         let trace = self.trace.create(&self.url)?;
         let tap_queue = TapQueue::with_trace(trace);
         let taps = tap_queue.clone();
         let connector = self.profiles.connector()?.with_taps(move |wire| taps.tap(wire));
-        let period = Duration::from_secs_f64(1.0 / self.rate);
         if self.listen {
             let listening = connector.listen(&self.url).map_err(outcome::to_problem)?;
             return Ok(Monitor::with_listener(listening, &self.url, rules, tap_queue));
         }
         let link = connector.connect_local(&self.url).map_err(outcome::to_problem)?;
-        Monitor::with_link(link, &self.url, rules, tap_queue, period)
+        let polling = Polling { period: self.period(), completes_rounds: !self.is_screen() };
+        Monitor::with_link(link, &self.url, rules, tap_queue, polling)
     }
 }
 

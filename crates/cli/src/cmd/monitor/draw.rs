@@ -8,7 +8,8 @@ use ratatui_core::buffer::Buffer;
 use ratatui_core::layout::Rect;
 use ratatui_core::text::{Line, Span};
 
-use super::source::{AxisRow, MonitorSource, StopState};
+use super::model::Monitor;
+use super::source::{AxisRow, SourceStatus, StopState};
 use super::view::View;
 pub use theme::{TextRole, Theme};
 
@@ -31,25 +32,25 @@ const HELP: [(&str, &str); 12] = [
 ];
 
 /// Draws everything.
-pub fn draw_monitor(monitor: &dyn MonitorSource, view: &View, theme: Theme, buffer: &mut Buffer) {
-    let axes: Vec<AxisRow> = (0..monitor.count()).map(|n| monitor.axis(n)).collect();
+pub fn draw_monitor(monitor: &Monitor, view: &View, theme: Theme, buffer: &mut Buffer) {
+    let (axes, status) = (monitor.axes(), monitor.status());
     let mut page = ScreenPage { area: buffer.area, used: 0, theme, buffer };
     let tall = page.area.height >= TALL_ROWS;
-    page.draw_line(link_line(monitor, page.area.width, theme));
-    if let Some(line) = link_state_line(monitor, tall, theme) {
+    page.draw_line(link_line(monitor, &status, page.area.width, theme));
+    if let Some(line) = link_state_line(monitor, &status, tall, theme) {
         page.draw_line(line);
     }
-    if let Some(lock) = monitor.lock() {
-        page.draw_line(Line::from(theme.span(lock, TextRole::Bad)));
+    if let Some(lock) = &status.lock {
+        page.draw_line(Line::from(theme.span(lock.clone(), TextRole::Bad)));
     }
-    for wanting in monitor.link_troubles() {
-        page.draw_line(Line::from(theme.span(wanting, TextRole::Bad)));
+    for trouble in status.links.iter().flat_map(|link| &link.troubles) {
+        page.draw_line(Line::from(theme.span(trouble.clone(), TextRole::Bad)));
     }
-    if let Some(line) = stop_line(monitor, &axes, view, theme) {
+    if let Some(line) = stop_line(&status, &axes, view, theme) {
         page.draw_line(line);
     }
     let capacity = page.rows_left().saturating_sub(1);
-    for line in axes::axis_lines(&axes, monitor.chosen(), page.area.width, capacity, theme) {
+    for line in axes::axis_lines(&axes, monitor.chosen, page.area.width, capacity, theme) {
         page.draw_line(line);
     }
     page.draw_line(frames::title_line(monitor, view, page.area.width, theme));
@@ -86,15 +87,15 @@ impl ScreenPage<'_> {
 }
 
 /// Line with the link, its time, its load, and the key that stops it.
-fn link_line(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Line<'static> {
+fn link_line(monitor: &Monitor, status: &SourceStatus, width: u16, theme: Theme) -> Line<'static> {
     let seconds = monitor.age().as_secs();
     let mut facts = format!(
         "  {}:{:02}  {:.0} frames/s",
         seconds / 60,
         seconds % 60,
-        monitor.traffic().per_second()
+        monitor.traffic.per_second()
     );
-    let wires = monitor.traffic().wires();
+    let wires = monitor.traffic.wires();
     let several = wires.len() > 1;
     for (name, load) in wires {
         if let Some(load) = load {
@@ -102,11 +103,11 @@ fn link_line(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Line<'sta
             facts.push_str(&format!("  {name}{:.0} % busy", load * 100.0));
         }
     }
-    let stop = if monitor.is_listen_only() { " listening " } else { " STOP ALL: Esc " };
+    let stop = if status.is_listen_only { " listening " } else { " STOP ALL: Esc " };
     let rest = usize::from(width).saturating_sub(facts.chars().count() + stop.len() + 1);
-    let name = truncate(monitor.url(), rest);
+    let name = truncate(&monitor.url, rest);
     let gap = rest - name.chars().count() + 1;
-    let badge = if monitor.is_listen_only() { TextRole::Dim } else { TextRole::Stop };
+    let badge = if status.is_listen_only { TextRole::Dim } else { TextRole::Stop };
     Line::from(vec![
         theme.span(name, TextRole::Strong),
         theme.span(facts, TextRole::Plain),
@@ -116,43 +117,47 @@ fn link_line(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Line<'sta
 }
 
 /// Why the link is down, else what went wrong on it so far.
-fn link_state_line(monitor: &dyn MonitorSource, tall: bool, theme: Theme) -> Option<Line<'static>> {
-    if let Some(text) = monitor.trouble() {
-        return Some(Line::from(theme.span(text, TextRole::Bad)));
+fn link_state_line(
+    monitor: &Monitor,
+    status: &SourceStatus,
+    tall: bool,
+    theme: Theme,
+) -> Option<Line<'static>> {
+    if let Some(text) = &status.trouble {
+        return Some(Line::from(theme.span(text.clone(), TextRole::Bad)));
     }
-    let (count, _) = monitor.traffic().counts();
+    let (count, _) = monitor.traffic.counts();
     let mut spans = vec![theme.span(format!("{count} frames"), TextRole::Dim)];
-    for (count, word) in monitor.flaw_counts().into_iter().filter(|(count, _)| *count > 0) {
+    for (count, word) in monitor.flaws().into_iter().filter(|(count, _)| *count > 0) {
         spans.push(theme.span(format!("  {count} {word}"), TextRole::Warn));
     }
     let fine = spans.len() == 1;
     if fine {
-        let words = format!("  {}", monitor.no_flaws_text());
-        spans.push(theme.span(words, TextRole::Dim));
+        spans.push(theme.span("  no errors", TextRole::Dim));
     }
     (tall || !fine).then(|| Line::from(spans))
 }
 
 /// Progress of the requested stop.
 fn stop_line(
-    monitor: &dyn MonitorSource,
+    status: &SourceStatus,
     axes: &[AxisRow],
     view: &View,
     theme: Theme,
 ) -> Option<Line<'static>> {
-    if let Some(text) = monitor.stop_problem().filter(|_| view.stopped) {
-        return Some(Line::from(theme.span(text, TextRole::Bad)));
+    if let Some(text) = status.stop_problem.as_ref().filter(|_| view.stopped) {
+        return Some(Line::from(theme.span(text.clone(), TextRole::Bad)));
     }
     let stops = || axes.iter().filter_map(|axis| Some((axis, axis.stop.as_ref()?)));
     let mut spans = vec![theme.span("STOP", TextRole::Strong)];
-    let failed: Vec<(&str, &str)> = stops()
+    let failed: Vec<(String, &str)> = stops()
         .filter_map(|(axis, stop)| match &stop.state {
-            StopState::Failed(why) => Some((axis.name.as_str(), why.as_str())),
+            StopState::Failed(why) => Some((axis.short_name(), why.as_str())),
             _ => None,
         })
         .collect();
     if !failed.is_empty() {
-        let names: Vec<&str> = failed.iter().map(|(name, _)| *name).collect();
+        let names: Vec<&str> = failed.iter().map(|(name, _)| name.as_str()).collect();
         let text = format!("  {}: NOT CONFIRMED, cut its power", names.join(", "));
         spans.push(theme.span(text, TextRole::Bad));
     }
@@ -165,7 +170,7 @@ fn stop_line(
     for (class, word, role) in classes {
         let found: Vec<_> = stops().filter(|(_, stop)| stop.state == class).collect();
         let Some(last) = found.iter().map(|(_, stop)| stop.elapsed).max() else { continue };
-        let names: Vec<&str> = found.iter().map(|(axis, _)| axis.name.as_str()).collect();
+        let names: Vec<String> = found.iter().map(|(axis, _)| axis.short_name()).collect();
         let text = format!("  {}: {word}, {:.2} s", names.join(", "), last.as_secs_f64());
         spans.push(theme.span(text, role));
     }

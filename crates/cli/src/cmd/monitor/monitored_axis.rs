@@ -1,27 +1,23 @@
 //! Polls the values of the axes without blocking.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
-use polepair::axis::{STOP_RETRY_MAX, StopOptions, StopPersistence, StopSupervisor, WireAirtime};
+use polepair::axis::{
+    STOP_RETRY_MAX, StopOptions, StopPersistence, StopProgress, StopSupervisor, WireAirtime,
+};
 use polepair::interface::FaultReport;
+use polepair::url::shell_word;
 use polepair::{Error, LocalAxis, RunningRequest, active_faults};
 use polepair_core::error::Failure;
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
-use crate::value;
+use super::source::{
+    ActivityReadings, AxisActivity, AxisRow, SignalRow, StopState, StopSummary, TABLE_SIGNALS,
+    Trouble, fault_lines, turning_note,
+};
 
-/// Signals of every axis; the first that it has is read alone, to see whether it replies.
-const SIGNALS: [Signal; 8] = [
-    Signal::Position,
-    Signal::Velocity,
-    Signal::Fault,
-    Signal::Enabled,
-    Signal::Moving,
-    Signal::Torque,
-    Signal::Current,
-    Signal::Mode,
-];
 /// Further signals of the selected axis.
 const DETAILS: [Signal; 5] = [
     Signal::TargetPosition,
@@ -48,58 +44,6 @@ pub struct MonitoredAxis {
     queue: Vec<ParameterId>,
     in_flight: Vec<(ParameterId, RunningRequest)>,
     next_round: Instant,
-}
-
-/// A value of an axis.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct DisplayValue {
-    /// Value in its unit, or raw if its scale is unknown.
-    pub value: f64,
-    /// Raw.
-    pub raw: i64,
-    /// The unit's symbol; empty without one.
-    pub unit: &'static str,
-    /// The value's name, where it has one.
-    pub word: Option<&'static str>,
-    /// Age of the value.
-    pub age: Duration,
-}
-
-/// Activity of an axis, in one word.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum AxisActivity {
-    /// No value was received yet.
-    Unknown,
-    /// The drive does not reply.
-    Silent,
-    /// A fault stopped it.
-    Fault,
-    /// Powered or not, with a warning.
-    Warning,
-    /// Turning.
-    Turning,
-    /// Powered and at standstill.
-    Holding,
-    /// At standstill, with unknown power.
-    Standing,
-    /// Without power.
-    Off,
-}
-
-impl AxisActivity {
-    /// The word.
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::Unknown => "?",
-            Self::Silent => "no answer",
-            Self::Fault => "FAULT",
-            Self::Warning => "warning",
-            Self::Turning => "turns",
-            Self::Holding => "holds",
-            Self::Standing => "stopped",
-            Self::Off => "off",
-        }
-    }
 }
 
 impl MonitoredAxis {
@@ -163,7 +107,7 @@ impl MonitoredAxis {
 
     fn queue_round(&mut self, chosen: bool) {
         let details = if chosen { &DETAILS[..] } else { &[] };
-        for signal in SIGNALS.iter().chain(details) {
+        for signal in TABLE_SIGNALS.iter().chain(details) {
             let Some(source) = self.axis.profile().signal(*signal) else { continue };
             let id = source.parameter;
             if !self.queue.contains(&id) && !self.refused.contains(&id) {
@@ -232,7 +176,7 @@ impl MonitoredAxis {
     }
 
     /// The last value of a signal.
-    pub fn display_value(&self, wanted: Signal) -> Option<DisplayValue> {
+    pub fn signal_row(&self, wanted: Signal) -> Option<SignalRow> {
         let profile = self.axis.profile();
         let source = profile.signal(wanted)?;
         let parameter = profile.parameter(source.parameter)?;
@@ -242,76 +186,88 @@ impl MonitoredAxis {
         let word = names.iter().find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
         let value = reading.value / parameter.unit.si_factor();
         let scaled = value.is_finite() && source.equals.is_none();
-        Some(DisplayValue {
+        Some(SignalRow {
+            signal: wanted,
             value: if scaled { value } else { reading.raw as f64 },
-            raw: reading.raw,
-            unit: if scaled { parameter.unit.symbol() } else { "" },
-            word,
+            unit: if scaled { parameter.unit.symbol() } else { "" }.into(),
+            word: word.map(Cow::Borrowed),
             age,
         })
     }
 
-    /// State of a flag; `None` if the drive does not report it.
-    pub fn flag(&self, wanted: Signal) -> Option<bool> {
-        self.display_value(wanted).map(|shown| shown.raw != 0)
+    /// The axis as it is shown.
+    pub fn row(&self) -> AxisRow {
+        let profile = self.axis.profile();
+        let faults = self.faults();
+        let silence =
+            self.silent.as_ref().map(|(_, why)| Trouble { line: why.clone(), stops: true });
+        AxisRow {
+            number: self.axis.number(),
+            link: None,
+            name: self.axis.name().to_owned(),
+            label: self.axis.label(),
+            protocol: self.axis.protocol().to_owned(),
+            profile: profile.name.to_owned(),
+            title: profile.title.to_owned(),
+            activity: AxisActivity::from_readings(&ActivityReadings {
+                is_silent: self.silent.is_some(),
+                has_values: self.has_readings(),
+                faults: &faults,
+                is_turning: self.axis.is_turning(),
+                is_enabled: self.raw(Signal::Enabled).map(|raw| raw != 0),
+            }),
+            stop: self.stopping.as_ref().map(stop_summary),
+            signals: Signal::ALL.into_iter().filter_map(|signal| self.signal_row(signal)).collect(),
+            troubles: silence.into_iter().chain(fault_lines(&faults)).collect(),
+            owner: None,
+        }
     }
 
     /// Faults and warnings.
-    pub fn faults(&self) -> Vec<FaultReport> {
-        let shown = self.display_value(Signal::Fault);
-        shown.map_or_else(Vec::new, |shown| active_faults(self.axis.profile(), shown.raw))
+    fn faults(&self) -> Vec<FaultReport> {
+        let word = self.raw(Signal::Fault);
+        word.map_or_else(Vec::new, |word| active_faults(self.axis.profile(), word))
     }
 
-    /// Activity of the axis.
-    pub fn activity(&self) -> AxisActivity {
-        let faults = self.faults();
-        match self.flag(Signal::Enabled) {
-            _ if self.silent.is_some() => AxisActivity::Silent,
-            _ if !self.has_readings() => AxisActivity::Unknown,
-            _ if faults.iter().any(|fault| !fault.is_warning) => AxisActivity::Fault,
-            _ if self.is_turning() => AxisActivity::Turning,
-            _ if !faults.is_empty() => AxisActivity::Warning,
-            Some(true) => AxisActivity::Holding,
-            Some(false) => AxisActivity::Off,
-            // Nothing was measured that shows standstill.
-            None if self.axis.is_turning().is_none() => AxisActivity::Unknown,
-            None => AxisActivity::Standing,
+    /// Raw value of a signal; `None` before the first, or if the drive does not report it.
+    fn raw(&self, wanted: Signal) -> Option<i64> {
+        self.axis.profile().signal(wanted)?;
+        let reading = self.axis.state().reading(wanted);
+        reading.at.map(|_| reading.raw)
+    }
+
+    /// Stops that are not confirmed, and a motor that turns, for a user who leaves. Waits for a running stop, at most
+    /// so long.
+    pub fn exit_note(&mut self, url: &str, within: Duration) -> Option<String> {
+        let label = self.axis.label();
+        if let Some(stopping) = &mut self.stopping {
+            let mut airtime = WireAirtime::default();
+            stopping.give_up();
+            while stopping.wait(&mut airtime, within).is_some() {}
+            let failed = match stopping.result() {
+                Some(ended) => ended.standstill.as_ref().err(),
+                None => stopping.failure(),
+            };
+            if let Some(why) = failed {
+                return Some(format!("{label} may not have stopped: {why}"));
+            }
         }
-    }
-
-    /// Returns whether it turned when its velocity was last read.
-    pub fn is_turning(&self) -> bool {
-        self.axis.is_turning() == Some(true)
-    }
-
-    /// The current, or the torque in its place.
-    pub fn effort(&self) -> Option<DisplayValue> {
-        self.display_value(Signal::Torque).or_else(|| self.display_value(Signal::Current))
-    }
-
-    /// The age of the oldest value that the table shows.
-    pub fn age(&self) -> Option<Duration> {
-        let shown = SIGNALS.iter().filter_map(|signal| self.display_value(*signal));
-        shown.map(|shown| shown.age).max()
-    }
-
-    /// `5 x`: its number, and its name where it has one.
-    pub fn name(&self) -> String {
-        let number = polepair::url::AxisNumber(self.axis.number());
-        match self.axis.name() {
-            "" => number.to_string(),
-            name => format!("{number} {name}"),
-        }
+        let stop = format!("polepair stop {}", shell_word(url));
+        let velocity = self.signal_row(Signal::Velocity);
+        self.axis.is_turning()?.then(|| turning_note(&label, velocity.as_ref(), &stop))
     }
 }
 
-impl std::fmt::Display for DisplayValue {
-    /// Formats the word, or the number with its unit.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match (self.word, self.unit) {
-            (Some(word), _) => f.write_str(word),
-            (None, "") => f.write_str(&value::format_number(self.value)),
-            (None, unit) => write!(f, "{} {unit}", value::format_number(self.value)),
-        }
-    }
+fn stop_summary(stopping: &StopSupervisor) -> StopSummary {
+    let state = match stopping.progress() {
+        StopProgress::Sent => match stopping.failure() {
+            Some(why) => StopState::Failed(why.to_string()),
+            None => StopState::Sent,
+        },
+        StopProgress::Acknowledged => StopState::Acknowledged,
+        StopProgress::Standstill => StopState::Standstill,
+        StopProgress::Unobservable => StopState::Unobservable,
+        StopProgress::Failed(why) => StopState::Failed(why.to_string()),
+    };
+    StopSummary { state, elapsed: stopping.elapsed() }
 }

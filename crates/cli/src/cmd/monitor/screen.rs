@@ -17,7 +17,7 @@ use ratatui_crossterm::crossterm::terminal::{
 };
 
 use super::draw::{self, Theme};
-use super::source::MonitorSource;
+use super::model::Monitor;
 use super::view::{KeyOutcome, View};
 use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
@@ -31,19 +31,15 @@ const DRAW_MS: u32 = 50;
 const KEYS_MAX: usize = 64;
 
 /// Shows it until the person leaves, or the time is over.
-pub fn run(monitor: &mut dyn MonitorSource, span: Option<Duration>) -> Result {
+pub fn run(monitor: &mut Monitor, span: Option<Duration>) -> Result {
     let mut screen = TerminalScreen::open().map_err(|error| terminal_problem(&error))?;
     let ended = run_loop(&mut screen, monitor, span);
     drop(screen);
-    monitor.exit_notes().iter().for_each(|line| print_note(line));
+    monitor.source.exit_notes().iter().for_each(|line| print_note(line));
     ended
 }
 
-fn run_loop(
-    screen: &mut TerminalScreen,
-    monitor: &mut dyn MonitorSource,
-    span: Option<Duration>,
-) -> Result {
+fn run_loop(screen: &mut TerminalScreen, monitor: &mut Monitor, span: Option<Duration>) -> Result {
     let theme = Theme { colour: terminal::colour_out() };
     let mut view = View::default();
     let mut drawn = Instant::ZERO;
@@ -64,7 +60,7 @@ fn run_loop(
                 KeyOutcome::Interrupted => return Err(Problem::interrupted()),
             }
         }
-        monitor.poll()?;
+        monitor.poll(&mut |_| ())?;
         if interrupt::was_interrupted() {
             return Err(Problem::interrupted());
         }
@@ -113,7 +109,7 @@ impl TerminalScreen {
         Ok(terminal_screen)
     }
 
-    fn draw(&mut self, monitor: &dyn MonitorSource, view: &View, theme: Theme) -> io::Result<()> {
+    fn draw(&mut self, monitor: &Monitor, view: &View, theme: Theme) -> io::Result<()> {
         let size = size()?;
         if size != self.size {
             (self.terminal, self.size) = (terminal_of_size(size)?, size);

@@ -14,8 +14,9 @@ use ratatui_core::terminal::Terminal;
 use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::draw::{Theme, draw_monitor};
+use super::local::{LocalSource, Polling};
 use super::model::Monitor;
-use super::monitored_axis::AxisActivity;
+use super::source::{AxisActivity, MonitorSource as _};
 use super::view::{KeyOutcome, View};
 use crate::tap_queue::TapQueue;
 
@@ -23,7 +24,7 @@ const PERIOD: Duration = Duration::from_millis(100);
 
 /// A view of a link, as a person has it before them.
 struct TestScreen {
-    monitor: Monitor,
+    monitor: Monitor<LocalSource>,
     view: View,
     terminal: Terminal<TestBackend>,
 }
@@ -34,7 +35,8 @@ impl TestScreen {
         let taps = tap_queue.clone();
         let connector = Connector::default().with_taps(move |wire| taps.tap(wire));
         let link = connector.connect_local(url).expect("a link");
-        let monitor = Monitor::with_link(link, url, None, tap_queue, PERIOD).expect("axes");
+        let polling = Polling { period: PERIOD, completes_rounds: false };
+        let monitor = Monitor::with_link(link, url, None, tap_queue, polling).expect("axes");
         let terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
         let mut screen = Self { monitor, view: View::default(), terminal };
         screen.wait(1);
@@ -45,8 +47,9 @@ impl TestScreen {
     fn wait(&mut self, rounds: u32) {
         for _ in 0..rounds {
             self.monitor.poll(&mut |_| ()).expect("a link");
-            self.monitor.wait_answers(&mut |_| ());
-            self.monitor.sleep(PERIOD);
+            self.monitor.source.wait_answers();
+            self.monitor.poll(&mut |_| ()).expect("a link");
+            self.monitor.source.sleep(PERIOD);
         }
     }
 
@@ -87,7 +90,7 @@ impl TestScreen {
     }
 
     fn simulate(&self, drive: usize, act: Act) {
-        let link = self.monitor.link().expect("a link");
+        let link = self.monitor.source.link().expect("a link");
         assert!(link.simulation().expect("simulated").act(0, drive, act));
     }
 }
@@ -125,7 +128,7 @@ fn a_frame_has_its_bytes_its_meaning_and_what_changed() {
         speeds.filter(|row| row.text.starts_with("actual velocity") && row.changed > 0).count()
     };
     assert_eq!(changes(&entry), 0);
-    let axis = entry.monitor.axes[0].axis.clone();
+    let axis = entry.monitor.source.axes[0].axis.clone();
     axis.arm(true);
     axis.enable().expect("power");
     axis.velocity("600 rpm").expect("a speed");
@@ -140,51 +143,51 @@ fn a_frame_has_its_bytes_its_meaning_and_what_changed() {
 #[test]
 fn esc_stops_what_turns_and_says_how_far_that_came() {
     let mut entry = TestScreen::new("sim:tmcl?time=virtual&axes=2", 100, 24);
-    let axis = entry.monitor.axes[1].axis.clone();
+    let axis = entry.monitor.source.axes[1].axis.clone();
     axis.arm(true);
     axis.enable().expect("power");
     axis.velocity("600 rpm").expect("a speed");
     entry.wait(5);
-    assert_eq!(entry.monitor.axes[1].activity(), AxisActivity::Turning);
+    assert_eq!(entry.monitor.axes()[1].activity, AxisActivity::Turning);
     assert!(entry.screen().contains("turns"));
-    assert!(entry.monitor.exit_notes()[0].contains("polepair stop 'sim:tmcl?"));
+    assert!(entry.monitor.source.exit_notes()[0].contains("polepair stop 'sim:tmcl?"));
     // Not even a filter that is being typed keeps it from going out.
     entry.type_in("/q");
     assert_eq!(entry.press(KeyCode::Esc), KeyOutcome::Continue);
     assert!(!entry.view.typing);
     assert_eq!(
-        entry.monitor.axes[1].stopping.as_ref().expect("a stop").progress(),
+        entry.monitor.source.axes[1].stopping.as_ref().expect("a stop").progress(),
         &StopProgress::Sent
     );
     assert!(entry.screen().contains("stop sent"));
     for _ in 0..2_000 {
         entry.monitor.poll(&mut |_| ()).expect("a link");
         let class =
-            |n: usize| entry.monitor.axes[n].stopping.as_ref().map(StopSupervisor::progress);
+            |n: usize| entry.monitor.source.axes[n].stopping.as_ref().map(StopSupervisor::progress);
         if [class(0), class(1)] == [Some(&StopProgress::Standstill); 2] {
             break;
         }
-        entry.monitor.sleep(Duration::from_millis(5));
+        entry.monitor.source.sleep(Duration::from_millis(5));
     }
     let screen = entry.screen();
     assert!(screen.contains("1, 3: standing still"), "{screen}");
-    assert!(entry.monitor.exit_notes().is_empty());
+    assert!(entry.monitor.source.exit_notes().is_empty());
     entry.wait(2);
-    assert_eq!(entry.monitor.axes[1].display_value(Signal::Velocity).expect("a speed").raw, 0);
+    assert_eq!(entry.monitor.axes()[1].signal(Signal::Velocity).expect("a speed").value, 0.0);
 }
 
 #[test]
 fn a_stop_without_an_answer_is_not_called_one() {
     let (mut entry, _served) = TestScreen::half_deserted();
     entry.press(KeyCode::Esc);
-    for watched in &mut entry.monitor.axes {
+    for watched in &mut entry.monitor.source.axes {
         let stopping = watched.stopping.as_mut().expect("a stop");
         let _ = stopping.wait(&mut WireAirtime::default(), Duration::from_secs(60));
     }
     let screen = entry.screen();
     assert!(screen.contains("9: NOT CONFIRMED, cut its power"), "{screen}");
     assert!(screen.contains("STOP FAILED") && screen.contains("1: standing still"), "{screen}");
-    assert!(entry.monitor.exit_notes()[0].contains("axis 9 may not have stopped"));
+    assert!(entry.monitor.source.exit_notes()[0].contains("axis 9 may not have stopped"));
 }
 
 #[test]
@@ -193,7 +196,7 @@ fn a_fault_comes_with_cause_and_remedy() {
     entry.simulate(0, Act::Supply(7.0));
     entry.wait(3);
     let screen = entry.screen();
-    assert_eq!(entry.monitor.axes[0].activity(), AxisActivity::Fault, "{screen}");
+    assert_eq!(entry.monitor.axes()[0].activity, AxisActivity::Fault, "{screen}");
     assert!(screen.contains("FAULT") && screen.contains("remedy"), "{screen}");
 }
 
@@ -202,8 +205,8 @@ fn an_axis_that_does_not_answer_keeps_no_other_waiting() {
     let (mut entry, _served) = TestScreen::half_deserted();
     entry.wait(3);
     let screen = entry.screen();
-    assert_eq!(entry.monitor.axes[0].activity(), AxisActivity::Off, "{screen}");
-    assert_eq!(entry.monitor.axes[1].activity(), AxisActivity::Silent, "{screen}");
+    assert_eq!(entry.monitor.axes()[0].activity, AxisActivity::Off, "{screen}");
+    assert_eq!(entry.monitor.axes()[1].activity, AxisActivity::Silent, "{screen}");
     assert!(screen.contains("no answer") && screen.contains("silent"), "{screen}");
 }
 
@@ -269,7 +272,7 @@ fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
     assert!(!screen.view.help);
     screen.type_in("?");
     screen.press(KeyCode::Esc);
-    assert!(!screen.view.help && screen.monitor.axes[0].stopping.is_some());
+    assert!(!screen.view.help && screen.monitor.source.axes[0].stopping.is_some());
     assert_eq!(screen.press(KeyCode::Char('q')), KeyOutcome::Leave);
 }
 
@@ -281,7 +284,7 @@ fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
 fn the_picture_of_the_guide() {
     let mut screen = TestScreen::new(&one_bus(), 104, 30);
     for (n, speed) in [(0, "1200 rpm"), (1, "300 rpm")] {
-        let axis = screen.monitor.axes[n].axis.clone();
+        let axis = screen.monitor.source.axes[n].axis.clone();
         axis.arm(true);
         axis.enable().expect("power");
         axis.velocity(speed).expect("a speed");

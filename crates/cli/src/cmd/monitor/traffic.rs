@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use polepair::wire::OpenWire;
 use polepair_capture::{
-    ByteChanges, CaptureDecoder, DecodedFrame, Rules, Timestamp, meaning_text, visit_frame_key,
+    ByteChanges, CaptureDecoder, DecodedFrame, Explanation, Rules, Timestamp, meaning_text,
+    visit_frame_key,
 };
 use polepair_core::explain::Direction as Said;
 use polepair_core::profile::Profile;
@@ -38,6 +39,8 @@ pub struct FrameRow {
     pub direction: Option<Said>,
     /// The protocol that explains it.
     pub protocol: Option<&'static str>,
+    /// The axis that it concerns.
+    pub axis: Option<u32>,
     /// CAN identifier, and whether it has 29 bits.
     pub id: Option<(u32, bool)>,
     /// Bytes of the frame.
@@ -88,6 +91,14 @@ struct WireTraffic {
     load: Option<f64>,
 }
 
+impl WireTraffic {
+    /// A link of a server, which decodes its frames and knows its rate.
+    fn remote(name: String) -> Self {
+        let decoder = CaptureDecoder::new(Rules::default());
+        Self { name, decoder, rate: None, bits: 0, load: None }
+    }
+}
+
 #[derive(Default)]
 struct FrameHistory {
     rows: VecDeque<FrameRow>,
@@ -135,16 +146,7 @@ impl TrafficLog {
     /// Creates the log of links that a server watches and explains.
     pub fn for_remote(links: Vec<String>) -> Self {
         Self {
-            wires: links
-                .into_iter()
-                .map(|name| WireTraffic {
-                    name,
-                    decoder: CaptureDecoder::new(Rules::default()),
-                    rate: None,
-                    bits: 0,
-                    load: None,
-                })
-                .collect(),
+            wires: links.into_iter().map(WireTraffic::remote).collect(),
             listening: false,
             history: FrameHistory::default(),
             rates_at: Instant::ZERO,
@@ -153,14 +155,22 @@ impl TrafficLog {
         }
     }
 
-    /// Adds a frame that was explained elsewhere; `about` gives its kind.
-    pub fn add_explained(&mut self, row: FrameRow, about: &str) {
-        let key = (row.wire, about.as_bytes().to_vec());
+    /// Adds a link of a server, and returns its number among the wires.
+    pub fn add_remote_wire(&mut self, name: String) -> usize {
+        self.wires.push(WireTraffic::remote(name));
+        self.wires.len() - 1
+    }
+
+    /// Adds a frame that a server explained; `about` gives its kind. Returns the frame and the name of its link.
+    pub fn add_explained(&mut self, row: FrameRow, about: &str) -> (&FrameRow, &str) {
+        let wire = row.wire;
+        let key = (wire, about.as_bytes().to_vec());
         let before = self.history.kinds.get(&key).map(|kind| &kind.last.bytes);
         let differs = |(n, byte): (usize, &u8)| before.is_some_and(|b| b.get(n) != Some(byte));
         let marked = row.bytes.iter().enumerate().take(64);
         let bits = marked.filter(|one| differs(*one)).fold(0, |bits, (n, _)| bits | 1 << n);
-        self.history.add_row(FrameRow { changed: bits, ..row }, key);
+        let row = self.history.add_row(FrameRow { changed: bits, ..row }, key);
+        (row, &self.wires[wire].name)
     }
 
     /// Explains received frames; `show` gets each frame as the decoder gives it.
@@ -253,6 +263,7 @@ impl FrameHistory {
             wire,
             direction: event.direction,
             protocol: event.protocol,
+            axis: event.explanation.axis,
             id: event.id.map(|id| (id, event.extended)),
             bytes: event.bytes.to_vec(),
             changed: self.changes.update(event),
@@ -263,7 +274,7 @@ impl FrameHistory {
         self.add_row(row, kind_key(wire, event));
     }
 
-    fn add_row(&mut self, mut row: FrameRow, key: FrameGroupKey) {
+    fn add_row(&mut self, mut row: FrameRow, key: FrameGroupKey) -> &FrameRow {
         row.number = self.count;
         row.search_text = row.build_search_text();
         let known = self.kinds.contains_key(&key);
@@ -284,6 +295,7 @@ impl FrameHistory {
             self.rows.pop_front();
         }
         self.rows.push_back(row);
+        self.rows.back().expect("a row was just added")
     }
 }
 
@@ -295,6 +307,34 @@ impl FrameRow {
             Some((id, true)) => format!("{id:08X}#"),
             Some((id, false)) => format!("{id:03X}#"),
         }
+    }
+
+    /// Has the frame shown like one that this program decoded.
+    pub fn with_decoded(&self, link: &str, show: impl FnOnce(&DecodedFrame<'_>)) {
+        let text = match &*self.wrong {
+            "" => self.text.clone(),
+            wrong => format!("{}  ! {wrong}", self.text),
+        };
+        let mut explanation = Explanation::default();
+        (explanation.axis, explanation.text) = (self.axis, text);
+        show(&DecodedFrame {
+            number: self.number + 1,
+            time: Some(Timestamp(self.time)),
+            link,
+            direction: self.direction,
+            protocol: self.protocol,
+            bytes: &self.bytes,
+            id: self.id.map(|(id, _)| id),
+            extended: self.id.is_some_and(|(_, extended)| extended),
+            remote: false,
+            remote_len: 0,
+            echo: false,
+            stray: false,
+            explanation: &explanation,
+            defect: None,
+            notices: &[],
+            offset: 0,
+        });
     }
 
     fn build_search_text(&self) -> String {

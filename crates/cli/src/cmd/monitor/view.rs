@@ -2,7 +2,7 @@
 
 use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use super::source::MonitorSource;
+use super::model::Monitor;
 use super::traffic::{FrameGroup, FrameRow};
 
 /// Letters that a filter may have.
@@ -42,7 +42,7 @@ pub enum KeyOutcome {
 
 impl View {
     /// Does what a key means.
-    pub fn handle_key(&mut self, key: KeyEvent, monitor: &mut dyn MonitorSource) -> KeyOutcome {
+    pub fn handle_key(&mut self, key: KeyEvent, monitor: &mut Monitor) -> KeyOutcome {
         if key.kind == KeyEventKind::Release {
             return KeyOutcome::Continue;
         }
@@ -60,13 +60,13 @@ impl View {
         KeyOutcome::Continue
     }
 
-    fn stop(&mut self, monitor: &mut dyn MonitorSource) {
+    fn stop(&mut self, monitor: &mut Monitor) {
         if self.typing {
             self.filter.clear();
         }
         (self.typing, self.help) = (false, false);
         self.stopped = true;
-        monitor.stop();
+        monitor.source.stop();
     }
 
     fn type_filter(&mut self, code: KeyCode, control: bool) {
@@ -81,8 +81,8 @@ impl View {
         }
     }
 
-    fn handle_command_key(&mut self, code: KeyCode, monitor: &mut dyn MonitorSource) {
-        let last = monitor.count().saturating_sub(1);
+    fn handle_command_key(&mut self, code: KeyCode, monitor: &mut Monitor) {
+        let last = monitor.axes().len().saturating_sub(1);
         match code {
             KeyCode::Char('/') => {
                 self.filter.clear();
@@ -91,11 +91,11 @@ impl View {
             KeyCode::Char(' ') => self.toggle_halt(monitor),
             KeyCode::Char('t') => (self.by_kind, self.scrolled) = (!self.by_kind, 0),
             KeyCode::Char('c') => {
-                monitor.traffic_mut().clear();
+                monitor.traffic.clear();
                 (self.halted, self.scrolled) = (None, 0);
             }
-            KeyCode::Up => monitor.choose(monitor.chosen().saturating_sub(1)),
-            KeyCode::Down => monitor.choose((monitor.chosen() + 1).min(last)),
+            KeyCode::Up => monitor.chosen = monitor.chosen.saturating_sub(1),
+            KeyCode::Down => monitor.chosen = (monitor.chosen + 1).min(last),
             KeyCode::PageUp => self.scroll(PAGE_ROWS as isize, monitor),
             KeyCode::PageDown => self.scroll(-(PAGE_ROWS as isize), monitor),
             KeyCode::Home => self.scroll(isize::MAX, monitor),
@@ -104,7 +104,7 @@ impl View {
         }
     }
 
-    fn toggle_halt(&mut self, monitor: &dyn MonitorSource) {
+    fn toggle_halt(&mut self, monitor: &Monitor) {
         match self.halted {
             Some(_) => self.resume(),
             None => self.halt(monitor),
@@ -116,20 +116,20 @@ impl View {
         self.scrolled = if self.by_kind { self.scrolled } else { 0 };
     }
 
-    fn halt(&mut self, monitor: &dyn MonitorSource) {
+    fn halt(&mut self, monitor: &Monitor) {
         self.halted.get_or_insert_with(|| {
-            (monitor.traffic().counts().0, monitor.traffic().kinds().cloned().collect())
+            (monitor.traffic.counts().0, monitor.traffic.kinds().cloned().collect())
         });
     }
 
     /// Scrolls up, or down by less than nothing. Frames that one scrolls in stand still.
-    fn scroll(&mut self, up: isize, monitor: &dyn MonitorSource) {
+    fn scroll(&mut self, up: isize, monitor: &Monitor) {
         if self.by_kind {
-            let max = monitor.traffic().kinds().count().saturating_sub(1);
+            let max = monitor.traffic.kinds().count().saturating_sub(1);
             self.scrolled = self.scrolled.saturating_add_signed(up.saturating_neg()).min(max);
         } else {
             self.halt(monitor);
-            let max = monitor.traffic().rows().len().saturating_sub(1);
+            let max = monitor.traffic.rows().len().saturating_sub(1);
             self.scrolled = self.scrolled.saturating_add_signed(up).min(max);
         }
     }
@@ -145,18 +145,18 @@ impl View {
     }
 
     /// The last visible frames, at most `max`, oldest first.
-    pub fn frames<'a>(&self, monitor: &'a dyn MonitorSource, max: usize) -> Vec<&'a FrameRow> {
-        let rows = monitor.traffic().rows().iter().rev().filter(|row| self.shows_row(row));
+    pub fn frames<'a>(&self, monitor: &'a Monitor, max: usize) -> Vec<&'a FrameRow> {
+        let rows = monitor.traffic.rows().iter().rev().filter(|row| self.shows_row(row));
         let mut rows: Vec<&FrameRow> = rows.skip(self.scrolled).take(max).collect();
         rows.reverse();
         rows
     }
 
     /// The kinds of frames that are to be seen, from the one scrolled to.
-    pub fn kinds<'a>(&'a self, monitor: &'a dyn MonitorSource, max: usize) -> Vec<&'a FrameGroup> {
+    pub fn kinds<'a>(&'a self, monitor: &'a Monitor, max: usize) -> Vec<&'a FrameGroup> {
         let all: Vec<&FrameGroup> = match &self.halted {
             Some((_, kinds)) => kinds.iter().collect(),
-            None => monitor.traffic().kinds().collect(),
+            None => monitor.traffic.kinds().collect(),
         };
         let found: Vec<&FrameGroup> =
             all.into_iter().filter(|kind| self.matches_filter(&kind.last)).collect();

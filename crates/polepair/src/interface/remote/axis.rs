@@ -16,7 +16,7 @@ use polepair_core::units::Unit;
 use polepair_link::clock;
 
 use super::convert::{
-    active_fault, argument_unit, axis_facts, axis_state, command_arguments, parameter_description,
+    argument_unit, axis_facts, axis_state, command_arguments, parameter_description,
     parameter_reading, signal_reading, watchdog_report,
 };
 use super::server::{LeaseGuard, REPLY_MAX, STOP_MAX, Server};
@@ -399,7 +399,7 @@ impl AxisInterface for RemoteAxis {
             self.read_signals(&[Signal::Fault])?;
         }
         let state = self.gateway().axis_state(self.info.id)?;
-        Ok(state.faults.into_iter().map(active_fault).collect())
+        Ok(state.faults.into_iter().map(FaultReport::from).collect())
     }
 
     fn device_details(&self) -> Result<Vec<DeviceDetail>, Error> {

@@ -164,14 +164,16 @@ pub(super) fn axis_state(state: StateMessage) -> AxisSnapshot {
     }
 }
 
-pub(super) fn active_fault(fault: FaultMessage) -> FaultReport {
-    FaultReport {
-        code: fault.code,
-        name: fault.symbol.into(),
-        text: fault.name.into(),
-        cause: fault.cause.into(),
-        remedy: fault.remedy.into(),
-        is_warning: fault.warning,
+impl From<FaultMessage> for FaultReport {
+    fn from(fault: FaultMessage) -> Self {
+        Self {
+            code: fault.code,
+            name: fault.symbol.into(),
+            text: fault.name.into(),
+            cause: fault.cause.into(),
+            remedy: fault.remedy.into(),
+            is_warning: fault.warning,
+        }
     }
 }
 

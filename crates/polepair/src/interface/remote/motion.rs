@@ -11,10 +11,10 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 
 use super::RemoteAxis;
-use super::convert::{active_fault, command_arguments};
+use super::convert::command_arguments;
 use super::server::STOP_MAX;
 use crate::error::Error;
-use crate::interface::MotionState;
+use crate::interface::{FaultReport, MotionState};
 use crate::url::{AxisNumber, shell_word};
 
 /// Interval of reading the state that the gateway sends.
@@ -99,7 +99,7 @@ impl RemoteAxis {
         let has_new_fault = newest(Signal::Fault).is_some();
         let faults = state.faults.iter().filter(|fault| has_new_fault && !fault.warning);
         Ok(MotionState {
-            fault: faults.cloned().map(active_fault).next(),
+            fault: faults.cloned().map(FaultReport::from).next(),
             enabled: newest(Signal::Enabled).map(|value| value != 0.0),
             velocity: newest(Signal::Velocity),
             position: newest(Signal::Position),

@@ -4,10 +4,9 @@ use std::time::Duration;
 
 use ratatui_core::text::{Line, Span};
 
-use super::super::local_printer::format_age;
-use super::super::monitored_axis::AxisActivity;
-use super::super::source::{AxisRow, ShownValue, StopState};
+use super::super::source::{AxisActivity, AxisRow, SignalRow, StopState, format_age};
 use super::{TextRole, Theme, truncate};
+use polepair_core::profile::Signal;
 
 /// A value that is older is shown as old.
 const OLD_AGE: Duration = Duration::from_secs(1);
@@ -79,17 +78,29 @@ fn row_line(columns: &[AxisColumn], n: usize, chosen: bool, theme: Theme) -> Lin
 
 fn axis_columns(axes: &[AxisRow], rows: usize) -> Vec<AxisColumn> {
     vec![
-        axis_column("axis", false, &|axis| (axis.name.clone(), TextRole::Plain), rows, axes),
-        axis_column("drive", false, &|axis| (axis.drive[0].clone(), TextRole::Dim), rows, axes),
+        axis_column("axis", false, &|axis| (axis.short_name(), TextRole::Plain), rows, axes),
+        axis_column("drive", false, &|axis| (axis.profile.clone(), TextRole::Dim), rows, axes),
         axis_column("state", false, &state_cell, rows, axes),
-        axis_column("mode", false, &|axis| value_cell(axis.mode.as_ref()), rows, axes),
-        axis_column("position", true, &|axis| value_cell(axis.position.as_ref()), rows, axes),
-        axis_column("velocity", true, &|axis| value_cell(axis.velocity.as_ref()), rows, axes),
-        axis_column("torque", true, &|axis| value_cell(axis.effort.as_ref()), rows, axes),
+        axis_column("mode", false, &|axis| value_cell(axis.signal(Signal::Mode)), rows, axes),
+        axis_column(
+            "position",
+            true,
+            &|axis| value_cell(axis.signal(Signal::Position)),
+            rows,
+            axes,
+        ),
+        axis_column(
+            "velocity",
+            true,
+            &|axis| value_cell(axis.signal(Signal::Velocity)),
+            rows,
+            axes,
+        ),
+        axis_column("torque", true, &|axis| value_cell(axis.effort()), rows, axes),
         axis_column(
             "age",
             true,
-            &|axis| match axis.age {
+            &|axis| match axis.age() {
                 Some(old) if old > OLD_AGE => (format_age(old), TextRole::Warn),
                 Some(fresh) => (format_age(fresh), TextRole::Dim),
                 None => ("-".to_owned(), TextRole::Dim),
@@ -143,11 +154,11 @@ fn state_cell(axis: &AxisRow) -> (String, TextRole) {
     (doing.word().to_owned(), role)
 }
 
-fn value_cell(value: Option<&ShownValue>) -> (String, TextRole) {
+fn value_cell(value: Option<&SignalRow>) -> (String, TextRole) {
     match value {
         None => ("-".to_owned(), TextRole::Dim),
-        Some(ShownValue { text, age }) if *age > OLD_AGE => (text.clone(), TextRole::Dim),
-        Some(ShownValue { text, .. }) => (text.clone(), TextRole::Plain),
+        Some(value) if value.age > OLD_AGE => (value.steady_text(), TextRole::Dim),
+        Some(value) => (value.steady_text(), TextRole::Plain),
     }
 }
 
@@ -155,8 +166,9 @@ fn value_cell(value: Option<&ShownValue>) -> (String, TextRole) {
 fn detail_lines(axis: Option<&AxisRow>, width: usize, theme: Theme) -> Vec<Line<'static>> {
     let Some(axis) = axis else { return Vec::new() };
     let mut lines = Vec::new();
-    for (text, stops) in &axis.troubles {
-        let role = match (*stops, text.starts_with(' ')) {
+    for trouble in &axis.troubles {
+        let text = &trouble.line;
+        let role = match (trouble.stops, text.starts_with(' ')) {
             (true, _) => TextRole::Bad,
             (false, true) => TextRole::Plain,
             (false, false) => TextRole::Warn,
@@ -165,11 +177,14 @@ fn detail_lines(axis: Option<&AxisRow>, width: usize, theme: Theme) -> Vec<Line<
             lines.push(Line::from(theme.span(format!("  {piece}"), role)));
         }
     }
-    let title = format!("  {}: {}", axis.label, axis.drive[1]);
-    let mut facts = String::new();
-    for (word, ShownValue { text, age }) in &axis.facts {
+    let title = format!("  {}: {}", axis.label, axis.title);
+    // First, because the line is cut at the width of the terminal.
+    let owner = axis.owner.as_ref().map(|owner| format!("  controlled by {owner}"));
+    let mut facts = owner.unwrap_or_default();
+    for (word, value) in axis.details() {
         let gap = if word.is_empty() { "" } else { " " };
-        facts.push_str(&format!("  {word}{gap}{text} ({})", format_age(*age)));
+        let (text, age) = (value.steady_text(), format_age(value.age));
+        facts.push_str(&format!("  {word}{gap}{text} ({age})"));
     }
     lines.push(Line::from(theme.span(truncate(&title, width), TextRole::Plain)));
     if !facts.is_empty() {

@@ -3,7 +3,7 @@
 use polepair_core::explain::Direction as Said;
 use ratatui_core::text::{Line, Span};
 
-use super::super::source::MonitorSource;
+use super::super::model::Monitor;
 use super::super::traffic::{FrameGroup, FrameRow};
 use super::super::view::View;
 use super::{TextRole, Theme, truncate};
@@ -17,12 +17,7 @@ const WIDTH_STEPS: [u16; 3] = [80, 100, 120];
 const OLD_NS: u64 = 2_000_000_000;
 
 /// Title of the list.
-pub fn title_line(
-    monitor: &dyn MonitorSource,
-    view: &View,
-    width: u16,
-    theme: Theme,
-) -> Line<'static> {
+pub fn title_line(monitor: &Monitor, view: &View, width: u16, theme: Theme) -> Line<'static> {
     let mut text = if view.by_kind {
         "── frames, the last of each kind: count, every, bytes ".to_owned()
     } else {
@@ -33,7 +28,7 @@ pub fn title_line(
         text.push_str(&format!("── with \"{}\" ", view.filter));
     }
     if let Some((count, _)) = &view.halted {
-        let newer = monitor.traffic().counts().0.saturating_sub(*count);
+        let newer = monitor.traffic.counts().0.saturating_sub(*count);
         text.push_str(&format!("── PAUSED, {newer} newer; space continues "));
     }
     let rest = usize::from(width).saturating_sub(text.chars().count());
@@ -47,7 +42,7 @@ pub fn title_line(
 
 /// Frames that fit.
 pub fn frame_lines(
-    monitor: &dyn MonitorSource,
+    monitor: &Monitor,
     view: &View,
     width: u16,
     capacity: u16,
@@ -82,13 +77,12 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Self {
-        let wires: Vec<String> =
-            monitor.traffic().wires().map(|(name, _)| name.to_owned()).collect();
+    fn new(monitor: &Monitor, width: u16, theme: Theme) -> Self {
+        let wires: Vec<String> = monitor.traffic.wires().map(|(name, _)| name.to_owned()).collect();
         let longest = wires.iter().map(|name| name.chars().count()).fold(0, usize::max).min(8);
         let (mut id, mut bytes) = (0, 0);
         let mut protocols: Vec<&str> = Vec::new();
-        for kind in monitor.traffic().kinds() {
+        for kind in monitor.traffic.kinds() {
             id = id.max(match kind.last.id {
                 None => 0,
                 Some((_, extended)) => {
@@ -126,7 +120,7 @@ impl Grid {
         if self.spaced { format!("{seconds:>9.3} ") } else { format!("{seconds:>7.2} ") }
     }
 
-    fn kind_line(&self, monitor: &dyn MonitorSource, kind: &FrameGroup) -> Line<'static> {
+    fn kind_line(&self, monitor: &Monitor, kind: &FrameGroup) -> Line<'static> {
         let every = kind.period.map_or_else(String::new, |ns| match ns {
             0..100_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
             100_000_000..10_000_000_000 => format!("{} ms", ns / 1_000_000),
