@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use clap::{Arg, Args, Command};
 use polepair::interface::is_gateway;
-use polepair::remote::RemoteLink;
+use polepair::remote::{RemoteLink, drive_unit};
 use polepair::url::AxisNumber;
 use polepair::{Axis, Error};
 pub use polepair_client::ALL;
@@ -21,7 +21,6 @@ use polepair_link::clock;
 
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Problem, Result};
-use crate::value;
 
 /// Verbs that a server carries out, and which axes they are about.
 const SERVER_VERBS: [(&str, AxesScope); 20] = [
@@ -257,18 +256,6 @@ impl RemoteSession {
     pub fn axes_named(&self, words: &str) -> Result<Vec<AxisInfo>> {
         select_axes(&self.bench, words).map_err(refusal_problem)
     }
-
-    /// `#1 ` before what concerns an axis, where there are several.
-    pub fn axis_prefix(&self, axes: &[AxisInfo], axis: &AxisInfo) -> String {
-        match (axes.len(), &*axis.name) {
-            (0 | 1, _) => String::new(),
-            (_, "") if self.bench.links.len() > 1 => {
-                format!("{}#{} ", axis.link, AxisNumber(axis.number))
-            }
-            (_, "") => format!("#{} ", AxisNumber(axis.number)),
-            (_, name) => format!("{name} "),
-        }
-    }
 }
 
 /// Distinguishes an axis from those of other links.
@@ -352,24 +339,6 @@ pub fn no_such_verb(verb: &str) -> Problem {
     .hint("remove --server, and end the server first, because it uses the link")
 }
 
-/// The unit in which people read a signal of a server's axis, as on a link of one's own: that of the
-/// drive's profile, where this program knows the profile and it measures the same.
-pub fn signal_unit(axis: &AxisInfo, signal: &str, si: &str) -> Option<Unit> {
-    let profile = polepair::profile::find_shipped(&axis.profile)?;
-    let source = profile.signals.iter().find(|source| source.signal.name() == signal)?;
-    let unit = profile.parameter(source.parameter)?.unit;
-    (source.equals.is_none() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)
-}
-
-/// A signal of a server's axis, as people read it.
-pub fn signal_text(axis: &Axis, signal: Signal, value: f64) -> String {
-    let unit = axis.signal_unit(signal);
-    match axis.remote() {
-        Some(axis) => format_signal(axis.info(), signal.name(), value, &unit),
-        None => format_value(value, &unit),
-    }
-}
-
 /// The unit in which people read what an argument sets.
 pub fn argument_unit(axis: &Axis, which: Argument, unit: Unit) -> Unit {
     let signal = match which {
@@ -379,22 +348,8 @@ pub fn argument_unit(axis: &Axis, which: Argument, unit: Unit) -> Unit {
         _ => return unit,
     };
     let si = unit.si_symbol();
-    let known = axis.remote().and_then(|axis| signal_unit(axis.info(), signal.name(), si));
+    let known = axis.remote().and_then(|axis| drive_unit(axis.info(), signal.name(), si));
     known.unwrap_or(unit)
-}
-
-/// Value of a signal, which a server gives in SI, for people.
-pub fn format_signal(axis: &AxisInfo, signal: &str, value: f64, si: &str) -> String {
-    match signal_unit(axis, signal, si) {
-        Some(unit) => format_value(value / unit.si_factor(), unit.symbol()),
-        None => format_value(value, si),
-    }
-}
-
-/// A value in its unit, as people read it.
-pub fn format_value(value: f64, unit: &str) -> String {
-    let number = value::format_number(value);
-    if unit.is_empty() { number } else { format!("{number} {unit}") }
 }
 
 #[cfg(test)]

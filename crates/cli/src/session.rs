@@ -5,9 +5,8 @@ use polepair::url::AxisNumber;
 use polepair::url::shell_word;
 use polepair::{Axis, Link, LocalAxis, LocalLink, Value};
 use polepair_core::axis::{Command, Verb};
-use polepair_core::profile::{Encoding, ParameterId, Signal};
+use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
-use polepair_core::units::Unit;
 
 use crate::outcome;
 use crate::problem::Result;
@@ -37,12 +36,26 @@ impl Session {
         Self { link: link.into(), arguments, local: None }
     }
 
+    /// The link of this program; `None` for a server.
+    pub fn into_local(self) -> Option<LocalSession> {
+        self.local
+    }
+
     /// Makes Ctrl-C end what waits.
     pub fn listen_for_interrupts(&self) {
         match &self.local {
             Some(session) => session.listen_for_interrupts(),
             // Waits for a server end by themselves.
             None => crate::interrupt::listen(|| {}),
+        }
+    }
+
+    /// Prints why links of a server that its axes are on are not open, and their missing axes.
+    pub fn print_link_troubles(&self) {
+        let Some(remote) = self.link.remote() else { return };
+        let is_used = |link: u16| remote.axes().iter().any(|axis| axis.info().link == link);
+        for link in remote.bench().links.iter().filter(|link| is_used(link.id)) {
+            remote::link_troubles(link).iter().for_each(|line| print_note(line));
         }
     }
 
@@ -140,72 +153,32 @@ pub fn run_verb(axis: &LocalAxis, verb: Verb) -> Result<i64> {
 pub fn is_enabled(axis: &Axis) -> Result<bool> {
     match axis.local() {
         Some(axis) => Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0)),
-        None => Ok(read_remote(axis, Signal::Enabled)?.is_some_and(|value| value != 0.0)),
+        None if !axis.has_signal(Signal::Enabled) => Ok(false),
+        None => {
+            let read = axis.signals(&[Signal::Enabled]).map_err(outcome::to_problem)?;
+            Ok(read.first().is_some_and(|read| !read.value.is_nan() && read.value != 0.0))
+        }
     }
 }
 
 /// A signal as it is now, as people read it.
 pub fn signal_text(axis: &Axis, signal: Signal) -> Result<Option<String>> {
-    match axis.local() {
-        Some(axis) => Ok(read_signal(axis, signal)?.map(|value| value.to_string())),
-        None => {
-            Ok(read_remote(axis, signal)?.map(|value| remote::signal_text(axis, signal, value)))
-        }
-    }
-}
-
-/// A value of a signal in SI, as people read it: in the drive's unit, with the digits that it resolves. `None` for
-/// what the drive does not report, or in an unknown scale.
-pub fn format_signal(axis: &Axis, signal: Signal, si: f64) -> Option<String> {
-    let Some(local) = axis.local() else {
-        return Some(remote::signal_text(axis, signal, si));
-    };
-    let source = local.profile().signal(signal)?;
-    Some(local.value_of_si(source.parameter, si).ok()?.to_string())
-}
-
-/// A signal that a server reads now, in SI.
-fn read_remote(axis: &Axis, signal: Signal) -> Result<Option<f64>> {
-    if !axis.has_signal(signal) {
-        return Ok(None);
-    }
-    let read = axis.signals(&[signal]).map_err(outcome::to_problem)?;
-    Ok(read.first().map(|reading| reading.value).filter(|value| !value.is_nan()))
+    let text = axis.interface().signal_text(signal).map_err(outcome::to_problem)?;
+    note_unit(axis.local(), signal);
+    Ok(text)
 }
 
 /// Reads a signal, if the drive has it. Flags are 0 or 1, without a unit.
 pub fn read_signal(axis: &LocalAxis, signal: Signal) -> Result<Option<Value>> {
-    let Some(source) = axis.profile().signal(signal) else { return Ok(None) };
-    let id = source.parameter;
-    let Some(raw) = axis.read_optional(id).map_err(outcome::to_problem)? else { return Ok(None) };
-    let value = axis.value(id, raw).map_err(outcome::to_problem)?;
-    outcome::note_missing_unit(axis, id);
-    let masked = value.raw & source.mask;
-    Ok(Some(match source.equals {
-        Some(equals) if masked != equals && signal == Signal::Moving => {
-            // The flag often means that a target is not reached: the speed shows it, too.
-            if let Some(source) = axis.profile().signal(Signal::Velocity) {
-                axis.read_optional(source.parameter).map_err(outcome::to_problem)?;
-            }
-            plain_value(i64::from(axis.moving(&axis.state()) == Some(true)), value.encoding)
-        }
-        Some(equals) => plain_value(i64::from(masked == equals), value.encoding),
-        None if source.mask == -1 => value,
-        None => {
-            let named = source.values.iter().find(|(raw, _)| *raw == masked);
-            Value { word: named.map(|(_, word)| *word), ..plain_value(masked, value.encoding) }
-        }
-    }))
+    let value = axis.signal_value(signal).map_err(outcome::to_problem)?;
+    note_unit(Some(axis), signal);
+    Ok(value)
 }
 
-fn plain_value(raw: i64, encoding: Encoding) -> Value {
-    Value {
-        raw,
-        value: raw as f64,
-        step: 1.0,
-        unit: Unit::None,
-        word: None,
-        encoding,
-        is_raw: true,
+fn note_unit(axis: Option<&LocalAxis>, signal: Signal) {
+    if let Some(axis) = axis
+        && let Some(source) = axis.profile().signal(signal)
+    {
+        outcome::note_missing_unit(axis, source.parameter);
     }
 }

@@ -85,6 +85,16 @@ impl DriveArgs {
         }
     }
 
+    /// [`connect`](Self::connect), and on a link the errors of the axes that do not reply. A server lists missing
+    /// axes itself.
+    pub fn connect_present(&self, server: ServerArgs) -> Result<(Session, Vec<Problem>)> {
+        if server.is_given() {
+            return Ok((self.connect(server)?, Vec::new()));
+        }
+        let (session, absent) = self.open_present()?;
+        Ok((Session::from(session), absent))
+    }
+
     /// Opens the axes that answer, and returns the others with their errors.
     pub fn open_present(&self) -> Result<(LocalSession, Vec<Problem>)> {
         let connector = self.connector()?;

@@ -3,6 +3,8 @@
 use polepair_core::profile::Parameter;
 use polepair_core::units::Unit;
 
+pub use polepair::quantity::{format_amount, format_number};
+
 /// A span of time in seconds, with its unit: `2s`, `500ms`, `1min`; `0` needs none.
 ///
 /// # Errors
@@ -26,27 +28,6 @@ fn duration_error(why: String) -> String {
     format!("{why}; write 100ms, 5s or 1min")
 }
 
-/// A number with at most six digits that matter, without trailing zeros.
-pub fn format_number(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return if value == 0.0 { "0".to_owned() } else { value.to_string() };
-    }
-    let digits = (5 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    let text = format!("{value:.digits$}");
-    let text = if digits > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    if text == "-0" { "0".to_owned() } else { text.to_owned() }
-}
-
-/// A number with its unit.
-pub fn format_with_unit(value: f64, unit: Unit) -> String {
-    let symbol = unit.symbol();
-    if symbol.is_empty() {
-        format_number(value)
-    } else {
-        format!("{} {symbol}", format_number(value))
-    }
-}
-
 /// A raw value in the parameter's own unit, where no other parameter scales it.
 pub fn in_own_unit(parameter: &Parameter, raw: i64) -> Option<f64> {
     let scale = parameter.scale;
@@ -68,7 +49,7 @@ pub fn parse_whole(text: &str) -> Option<i64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{format_number, parse_span};
+    use super::parse_span;
 
     #[test]
     fn spans() {
@@ -79,13 +60,5 @@ mod tests {
             assert!(output.ends_with("; write 100ms, 5s or 1min"), "{output}");
         }
         assert!(parse_span("-1s").is_err() && parse_span("2 rpm").is_err());
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        let shown = [(350.0, "350"), (0.1 + 0.2, "0.3"), (1e6, "1000000"), (-0.0001, "-0.0001")];
-        for (value, text) in shown {
-            assert_eq!(format_number(value), text);
-        }
     }
 }

@@ -79,6 +79,26 @@ impl ResolvedAmount {
     }
 }
 
+/// A value to be written.
+#[derive(Clone, PartialEq, Debug)]
+pub enum WriteValue {
+    /// A number in the parameter's unit, text with a unit, or a word.
+    Amount(Amount),
+    /// The drive's own number.
+    Raw(i64),
+}
+
+impl fmt::Display for WriteValue {
+    /// Formats the value as the caller gave it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Amount(Amount::Number(number) | Amount::Either(number)) => number.fmt(f),
+            Self::Amount(Amount::Text(text) | Amount::Own(text)) => f.write_str(text),
+            Self::Raw(raw) => write!(f, "{raw} raw"),
+        }
+    }
+}
+
 impl Amount {
     /// Resolves the amount for a parameter whose value is shown in `unit`.
     pub(crate) fn resolve(

@@ -32,10 +32,12 @@ mod raw_text;
 mod reports;
 mod request;
 mod scales;
+mod signal_value;
 mod stop;
 mod streaming;
 mod together;
 mod watchdog;
+mod write_plan;
 
 pub use cyclic::CyclicAxes;
 pub use data::{DATA_MAX, ParameterValue};
@@ -50,6 +52,7 @@ pub use stop::{
 };
 pub use together::{check_together, start_together};
 pub use watchdog::WatchdogState;
+pub use write_plan::{NamedValue, PlannedWrite, WriteChange, WritePlan};
 
 use crate::amount::{Amount, Value};
 use crate::error::Error;

@@ -22,6 +22,7 @@
 mod armed;
 mod axis;
 mod facts;
+mod latest;
 mod link;
 mod local;
 mod motion;
@@ -31,6 +32,7 @@ pub mod remote;
 mod request;
 
 use std::fmt;
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use polepair_core::axis::{Command, Verb};
@@ -42,16 +44,17 @@ use polepair_core::units::Unit;
 pub use armed::Armed;
 pub use axis::Axis;
 pub use facts::{AxisFacts, ParameterDescription, WatchdogKind};
+pub use latest::LatestValue;
 pub use link::{Link, connect, is_gateway};
 pub use motion::{EndedMotion, MotionMonitor, start_each, stop_each};
 pub use reading::{
     AxisSnapshot, FaultReport, MotionState, ReadValue, Reply, SignalReading, WatchdogReport,
-    WriteValue,
 };
 pub use request::AxisRequest;
 
 use crate::amount::Amount;
-use crate::axis::{DeviceDetail, LocalAxis};
+pub use crate::amount::WriteValue;
+use crate::axis::{DeviceDetail, LocalAxis, NamedValue, WriteChange};
 use crate::error::Error;
 
 /// Methods of an axis on any wire: of this program, or of a gateway.
@@ -124,6 +127,27 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
         value: &WriteValue,
         store: bool,
     ) -> Result<AxisRequest, Error>;
+
+    /// The changes that writing values for several parameters would make. The present values are read; nothing is
+    /// written.
+    ///
+    /// # Errors
+    /// As [`write_all`](Self::write_all).
+    fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error>;
+
+    /// Writes values for several parameters, those first that scale others; `store` also stores them in permanent
+    /// memory. Each value is checked before the first one is written. `each` is called after a parameter was
+    /// written, and ends the writing with [`ControlFlow::Break`].
+    ///
+    /// # Errors
+    /// Nothing was written: `E213`, `E214`, `E216`, `E217` for the name, the access, the limits or the meaning of a
+    /// value, and `E219` for what moves an unarmed axis. Others by source, after the writes before.
+    fn write_all(
+        &self,
+        values: &[NamedValue],
+        store: bool,
+        each: &mut dyn FnMut(&WriteChange) -> ControlFlow<()>,
+    ) -> Result<(), Error>;
 
     /// The value in the reply to [`start_read`](Self::start_read). Parameters that the scale depends on are
     /// read if necessary.
@@ -242,6 +266,23 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// # Errors
     /// `E213` for a signal that the drive does not report; others by source.
     fn signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error>;
+
+    /// Reads a signal, as people read it: in the drive's unit, with the digits that it resolves. `None` if the drive
+    /// does not report it.
+    ///
+    /// # Errors
+    /// By source.
+    fn signal_text(&self, signal: Signal) -> Result<Option<String>, Error>;
+
+    /// A value of a signal in SI, as people read it. `None` for a signal that the drive does not report, or in an
+    /// unknown scale.
+    fn format_signal(&self, signal: Signal, si: f64) -> Option<String>;
+
+    /// The latest value of a signal or parameter by its name, for a caller that reads it `hz` times a second.
+    ///
+    /// # Errors
+    /// `E213` with the nearest name; others by source.
+    fn latest_value(&self, name: &str, hz: f64) -> Result<LatestValue, Error>;
 
     /// Reads which faults are active.
     ///

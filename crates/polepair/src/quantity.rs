@@ -56,6 +56,25 @@ const MORE_UNITS: [(&str, Quantity, f64); 30] = {
 /// The units of what goes along a line.
 const LINEAR_UNITS: [&str; 9] = ["mm", "m", "cm", "um", "µm", "m/s", "mm/s", "m/s2", "mm/s2"];
 
+/// A number with at most six digits that matter, without trailing zeros.
+#[must_use]
+pub fn format_number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value == 0.0 { "0".to_owned() } else { value.to_string() };
+    }
+    let digits = (5 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{value:.digits$}");
+    let text = if digits > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+/// A number with at most six digits that matter, and its unit.
+#[must_use]
+pub fn format_amount(value: f64, unit: &str) -> String {
+    let number = format_number(value);
+    if unit.is_empty() { number } else { format!("{number} {unit}") }
+}
+
 /// Reads a number with or without a unit. A unit's letter case is ignored where that is no
 /// ambiguity.
 ///
@@ -225,7 +244,7 @@ fn known_units_text() -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::parse;
+    use super::{format_number, parse};
     use polepair_core::units::{Quantity, Unit};
 
     #[test]
@@ -283,5 +302,13 @@ mod tests {
         assert!(parse("90 deg").unwrap().in_unit(Unit::Millimetre).is_err());
         assert!(parse("2 m/s").unwrap().in_unit(Unit::MillimetrePerSecond).is_ok());
         assert!(parse("3 A").unwrap().in_unit(Unit::None).is_err());
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let shown = [(350.0, "350"), (0.1 + 0.2, "0.3"), (1e6, "1000000"), (-0.0001, "-0.0001")];
+        for (value, text) in shown {
+            assert_eq!(format_number(value), text);
+        }
     }
 }

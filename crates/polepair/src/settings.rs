@@ -17,7 +17,7 @@
 
 mod process_data;
 
-use crate::amount::{Amount, Value};
+use crate::amount::{Amount, Value, WriteValue};
 use crate::axis::{LocalAxis, PendingWrites};
 use crate::eds::Eds;
 use crate::error::Error;
@@ -70,15 +70,9 @@ pub struct AxisSettings {
 #[derive(Clone, Debug)]
 struct Setting {
     name: Located<String>,
-    value: SettingValue,
+    value: WriteValue,
     /// Designation in the manual.
     symbol: &'static str,
-}
-
-#[derive(Clone, Debug)]
-enum SettingValue {
-    Amount(Amount),
-    Raw(i64),
 }
 
 /// A setting that is not as the file has it.
@@ -165,7 +159,7 @@ impl Settings {
             let word = encoding_word(encoding).map_or_else(String::new, |word| format!(":{word}"));
             settings.push(Setting {
                 name: Located { value: format!("{address}{word}"), location: location.clone() },
-                value: SettingValue::Raw(raw),
+                value: WriteValue::Raw(raw),
                 symbol: "",
             });
         }
@@ -242,13 +236,13 @@ impl Setting {
             format!("{name:?}")
         };
         let _ = match &self.value {
-            SettingValue::Amount(Amount::Number(number) | Amount::Either(number)) => {
+            WriteValue::Amount(Amount::Number(number) | Amount::Either(number)) => {
                 write!(line, " = {number}")
             }
-            SettingValue::Amount(Amount::Text(text) | Amount::Own(text)) => {
+            WriteValue::Amount(Amount::Text(text) | Amount::Own(text)) => {
                 write!(line, " = {text:?}")
             }
-            SettingValue::Raw(raw) => write!(line, " = {{ raw = {raw} }}"),
+            WriteValue::Raw(raw) => write!(line, " = {{ raw = {raw} }}"),
         };
         line
     }
@@ -292,10 +286,10 @@ fn read_setting(table: &TomlTable<'_, '_>, key: Located<&str>) -> Result<Setting
     let value = if table.is_table(key.value) {
         let inner = table.table(key.value, &["raw"])?;
         let raw = inner.map(|inner| inner.required_integer("raw")).transpose()?;
-        SettingValue::Raw(raw.map_or(0, |found| found.value))
+        WriteValue::Raw(raw.map_or(0, |found| found.value))
     } else {
         let plain = table.scalar_text(key.value)?.map_or_else(String::new, |found| found.value);
-        SettingValue::Amount(Amount::Text(plain))
+        WriteValue::Amount(Amount::Text(plain))
     };
     Ok(Setting { name, value, symbol: "" })
 }
@@ -345,7 +339,7 @@ impl AxisSettings {
             let Some(raw) = parameter.default else { continue };
             made.settings.push(Setting {
                 name: Located { value: parameter.name.to_owned(), location: made.location.clone() },
-                value: SettingValue::Raw(raw),
+                value: WriteValue::Raw(raw),
                 symbol: parameter.symbol,
             });
         }
@@ -442,9 +436,7 @@ impl AxisSettings {
         named.sort_by_key(|(id, _)| !axis.scales(*id));
         let (mut wanted, mut pending) = (Vec::new(), PendingWrites::default());
         for (id, setting) in named {
-            let raw = setting.raw_value(axis, id, &pending)?;
-            pending.insert(id, raw);
-            wanted.push((id, raw));
+            wanted.push((id, setting.raw_value(axis, id, &mut pending)?));
         }
         Ok(wanted)
     }
@@ -481,30 +473,16 @@ impl Setting {
         &self,
         axis: &LocalAxis,
         id: ParameterId,
-        pending: &PendingWrites,
+        pending: &mut PendingWrites,
     ) -> Result<i64, Error> {
-        let raw = match &self.value {
-            SettingValue::Raw(raw) => *raw,
-            SettingValue::Amount(amount) => {
-                let written = self.name.value.as_str();
-                let amount = axis.amount_for_name(written, id, amount.clone());
-                let raw = amount.and_then(|amount| axis.raw_of_after(id, &amount, pending));
-                raw.map_err(|error| self.locate_error(error))?
-            }
-        };
-        let Some(parameter) = axis.parameter(id) else {
-            return Err(self.name.location.error("no such parameter").into());
-        };
+        let planned = axis.plan_write(id, &self.name.value, &self.value, pending);
+        let planned = planned.map_err(|error| self.locate_error(error))?;
         // A file of settings must not start a motor.
-        let moves = parameter.moves && !is_undescribed(axis, id);
-        if parameter.access != Access::ReadWrite || moves {
-            return self.name_error(format!("`{}` is no setting", parameter.name));
+        let moves = planned.parameter.moves && !is_undescribed(axis, id);
+        if planned.parameter.access != Access::ReadWrite || moves {
+            return self.name_error(format!("`{}` is no setting", planned.parameter.name));
         }
-        if !parameter.allows(raw) {
-            let (min, max) = (axis.value(id, parameter.min)?, axis.value(id, parameter.max)?);
-            return self.name_error(format!("`{}` takes {min} to {max}", parameter.name));
-        }
-        Ok(raw)
+        Ok(planned.raw)
     }
 
     fn name_error(&self, reason: String) -> Result<i64, Error> {
@@ -532,7 +510,7 @@ fn profile_settings(profile: &'static Profile) -> Vec<(ParameterId, &'static Par
 }
 
 /// The shortest text that means exactly this value at this drive.
-fn exact_value(axis: &LocalAxis, id: ParameterId, raw: i64) -> Result<SettingValue, Error> {
+fn exact_value(axis: &LocalAxis, id: ParameterId, raw: i64) -> Result<WriteValue, Error> {
     let value = axis.value(id, raw)?;
     let unit = value.unit.symbol();
     let rounded = value.to_string();
@@ -544,8 +522,8 @@ fn exact_value(axis: &LocalAxis, id: ParameterId, raw: i64) -> Result<SettingVal
         };
         // The text has to lead back to the very raw value, otherwise the raw value is written.
         if axis.raw_of(id, &amount).is_ok_and(|back| back == raw) {
-            return Ok(SettingValue::Amount(amount));
+            return Ok(WriteValue::Amount(amount));
         }
     }
-    Ok(SettingValue::Raw(raw))
+    Ok(WriteValue::Raw(raw))
 }

@@ -2,11 +2,12 @@
 
 use clap::Args;
 use polepair::simulate::{ACTS, ActValue, parse_act, parse_act_value};
+use polepair_client::Gateway;
 
 use crate::control::{self, ActReply};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
+use crate::remote::{self, ServerArgs};
 use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
 
 /// Changes a simulated drive from outside: load, fault, input, supply.
@@ -31,41 +32,66 @@ pub struct ActCommand {
     acts: Vec<String>,
 }
 
-impl ActCommand {
-    /// Runs the act on a simulation of this machine.
-    pub fn run(self) -> Result {
-        let Some(url) = self.checked()? else { return list_acts() };
-        for act in &self.acts {
-            let reply = control::request_act(&url, act).map_err(|error| {
-                Problem::new(Exit::Adapter, "E301", format!("{url} cannot be reached: {error}."))
-            })?;
-            match reply {
-                ActReply::Done => print_note(&format!("done: {act}")),
-                ActReply::Refused(why) => {
-                    return Err(Problem::usage(
-                        "E217",
-                        format!("`{act}` was not executed: {why}."),
-                    ));
-                }
-                ActReply::NoSimulation => return Err(no_simulation(&url)),
-            }
-        }
-        Ok(Exit::Ok)
-    }
+/// A simulated drive.
+enum ActTarget {
+    /// A drive of a `polepair sim` on this machine.
+    Simulation { url: String },
+    /// A drive of a server.
+    Server { gateway: Gateway, link: u16, place: usize, label: String },
+}
 
-    /// Runs the act on a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        let Some(words) = self.checked()? else { return list_acts() };
-        for axis in server.axes_named(&words)? {
+impl ActTarget {
+    /// The drives that `url` names: on this machine, or on a server.
+    fn find(server: ServerArgs, url: String) -> Result<Vec<Self>> {
+        if !server.is_given() {
+            return Ok(vec![Self::Simulation { url }]);
+        }
+        let server = server.open()?;
+        let axes = server.axes_named(&url)?.into_iter();
+        let targets = axes.map(|axis| {
             let same_link = server.bench.axes.iter().filter(|other| other.link == axis.link);
             let place = same_link.take_while(|other| other.id != axis.id).count();
-            for act in &self.acts {
+            let gateway = server.gateway.clone();
+            Self::Server { gateway, link: axis.link, place, label: axis.label }
+        });
+        Ok(targets.collect())
+    }
+
+    /// Has the drive act, and prints that it was done.
+    fn act(&self, act: &str) -> Result<()> {
+        match self {
+            Self::Simulation { url } => {
+                let reply = control::request_act(url, act).map_err(|error| {
+                    let what = format!("{url} cannot be reached: {error}.");
+                    Problem::new(Exit::Adapter, "E301", what)
+                })?;
+                match reply {
+                    ActReply::Done => print_note(&format!("done: {act}")),
+                    ActReply::Refused(why) => {
+                        let what = format!("`{act}` was not executed: {why}.");
+                        return Err(Problem::usage("E217", what));
+                    }
+                    ActReply::NoSimulation => return Err(no_simulation(url)),
+                }
+            }
+            Self::Server { gateway, link, place, label } => {
                 let (word, value) = parse_act_value(act).map_err(outcome::to_problem)?;
                 let value = Some(value).filter(|value| value.is_finite());
-                let done = server.gateway.act(axis.link, place, &word, value);
+                let done = gateway.act(*link, *place, &word, value);
                 done.map_err(remote::refusal_problem)?;
-                print_note(&format!("{}: done: {act}", axis.label));
+                print_note(&format!("{label}: done: {act}"));
             }
+        }
+        Ok(())
+    }
+}
+
+impl ActCommand {
+    /// Runs the acts on drives of this machine, or of a server.
+    pub fn run(self, server: ServerArgs) -> Result {
+        let Some(url) = self.checked()? else { return list_acts() };
+        for target in ActTarget::find(server, url)? {
+            self.acts.iter().try_for_each(|act| target.act(act))?;
         }
         Ok(Exit::Ok)
     }

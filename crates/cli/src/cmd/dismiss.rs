@@ -5,7 +5,7 @@ use polepair_client::find_link;
 use polepair_client::message::{DismissAbsent, DismissReason, DismissStop};
 
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
+use crate::remote::{self, RemoteSession, ServerArgs};
 use crate::target::DriveArgs;
 use crate::terminal::print_note;
 
@@ -42,14 +42,13 @@ enum DismissCause {
 }
 
 impl DismissCommand {
-    /// Refuses without a server: only a server has pending stops.
-    pub fn run(self) -> Result {
-        let what = "`dismiss` needs a server.";
-        Err(Problem::usage("E257", what).hint("add --server URL"))
-    }
-
     /// Dismisses pending stops of a server.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+    pub fn run(self, server: ServerArgs) -> Result {
+        if !server.is_given() {
+            let what = "`dismiss` needs a server.";
+            return Err(Problem::usage("E257", what).hint("add --server URL"));
+        }
+        let server = &server.open()?;
         let reason = match self.reason {
             DismissCause::DriveGone => DismissReason::DriveGone,
             DismissCause::OtherMaster => DismissReason::OtherMaster,

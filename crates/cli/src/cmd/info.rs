@@ -3,15 +3,16 @@
 use clap::Args;
 use polepair::axis::DeviceDetail;
 use polepair::doctor::{ABSENT_TEXT, is_absent_error};
-use polepair::remote::RemoteLink;
-use polepair::{AxisInterface, LocalAxis};
-use polepair_client::message::{AxisInfo, AxisState, SignalValue};
+use polepair::interface::FaultReport;
+use polepair::remote::{RemoteAxis, format_signal};
+use polepair::{Axis, LocalAxis};
+use polepair_client::message::{AxisState, SignalValue};
 use polepair_core::profile::Signal;
 
 use crate::cmd::watchdog::watchdog_text;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, ServerArgs};
+use crate::remote::ServerArgs;
 use crate::session::read_signal;
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, TextTable, print_note, print_warning};
@@ -28,16 +29,25 @@ pub struct Info {
 }
 
 impl Info {
-    pub fn run(self) -> Result {
-        let (session, mut failed) = self.target.open_present()?;
+    /// Shows the axes of a link of this program, or of a server.
+    pub fn run(self, server: ServerArgs) -> Result {
+        let (session, mut failed) = self.target.connect_present(server)?;
         session.listen_for_interrupts();
         let mut out = DataOutput::stdout();
         let mut shown = 0;
         for axis in session.axes() {
-            match axis_text(axis) {
-                Ok(text) => {
-                    out.buffer().extend_from_slice(text.as_bytes());
-                    shown += 1;
+            let report = match (axis.local(), axis.remote()) {
+                (Some(local), _) => AxisReport::read(axis, local),
+                (None, Some(remote)) => AxisReport::read_remote(axis, remote),
+                (None, None) => continue,
+            };
+            match report {
+                Ok(report) => {
+                    out.buffer().extend_from_slice(report.text().as_bytes());
+                    match report.silent {
+                        Some(problem) => failed.push(problem),
+                        None => shown += 1,
+                    }
                 }
                 // Without its link no further axis can be read.
                 Err(problem) if matches!(problem.exit, Exit::Adapter | Exit::Interrupted) => {
@@ -48,170 +58,170 @@ impl Info {
             }
         }
         out.flush()?;
-        missing_result(failed, shown)
+        session.print_link_troubles();
+        tally_result(failed, shown, session.link.remote().is_some())
     }
 }
 
-/// Result for several axes of which some could not be read.
-fn missing_result(mut failed: Vec<Problem>, shown: usize) -> Result {
+/// Result for several axes of which some did not reply. A server has old values of those.
+fn tally_result(mut failed: Vec<Problem>, shown: usize, of_server: bool) -> Result {
     match (failed.len(), shown) {
         (0, _) => Ok(Exit::Ok),
         (_, 0) => Err(failed.remove(0)),
         (count, _) => {
             failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
             let what = format!("{count} of {} axes could not be read.", count + shown);
-            Err(Problem::new(Exit::Partial, "E704", what).why("The others are shown."))
+            let why = if of_server { "Their values are old." } else { "The others are shown." };
+            Err(Problem::new(Exit::Partial, "E704", what).why(why))
         }
     }
-}
-
-impl Info {
-    /// Runs the verb on a server.
-    pub fn run_on_server(self, join: ServerArgs) -> Result {
-        let mut out = DataOutput::stdout();
-        let server = join.link(self.target.remote_axes()?)?;
-        let (mut failed, mut shown) = (Vec::new(), 0);
-        for axis in server.axes() {
-            let state = axis.fresh_state().map_err(outcome::to_problem)?;
-            let silent = axis.silent_error(&state);
-            // A silent drive is not read any further.
-            let watchdog = match silent {
-                Some(_) => axis.info().watchdog.clone(),
-                None => axis
-                    .watchdog()
-                    .map_or_else(|_| axis.info().watchdog.clone(), |report| watchdog_text(&report)),
-            };
-            let details = match silent {
-                Some(_) => Vec::new(),
-                None => axis.device_details().unwrap_or_else(|error| {
-                    print_note(&format!("its details cannot be read: {error}"));
-                    Vec::new()
-                }),
-            };
-            let text = remote_text(axis.info(), &state, &details, watchdog);
-            out.buffer().extend_from_slice(text.as_bytes());
-            match silent {
-                Some(error) => failed.push(outcome::to_problem(error)),
-                None => shown += 1,
-            }
-        }
-        out.flush()?;
-        let links = server.bench().links.iter();
-        for link in links.filter(|link| is_link_shown(link.id, &server)) {
-            remote::link_troubles(link).iter().for_each(|line| print_note(line));
-        }
-        match failed.len() {
-            0 => Ok(Exit::Ok),
-            _ if shown == 0 => Err(failed.remove(0)),
-            count => {
-                failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
-                let what = format!("{count} of {} axes do not answer.", count + shown);
-                Err(Problem::new(Exit::Partial, "E704", what).why("Their values are old."))
-            }
-        }
-    }
-}
-
-fn is_link_shown(link: u16, server: &RemoteLink) -> bool {
-    server.axes().iter().any(|axis| axis.info().link == link)
 }
 
 /// Age above which a value is shown with it, ms.
 const OLD_MS: f64 = 1500.0;
 
-/// Knowledge of a server about an axis.
-fn remote_text(
-    axis: &AxisInfo,
-    state: &AxisState,
-    details: &[DeviceDetail],
-    watchdog: String,
-) -> String {
-    let mut table = TextTable::default();
-    let mut row = |word: &str, value: String| table.add_row([format!("  {word}"), value]);
-    row("profile", format!("{} ({})", axis.profile, axis.protocol));
-    details.iter().for_each(|detail| row(&detail.name, detail.text.clone()));
-    for read in state.signals.iter().filter(|read| read.signal != Signal::Fault.name()) {
-        let flag = [Signal::Enabled, Signal::Moving, Signal::Reached];
-        let shown = match read.value {
-            None => "not known".to_owned(),
-            // The speed shows it as well as the drive's own flag.
-            Some(_) if read.signal == Signal::Moving.name() => match state.moving {
-                Some(true) => "yes".to_owned(),
-                _ => "no".to_owned(),
-            },
-            Some(value) if flag.iter().any(|flag| flag.name() == read.signal) => {
-                if value != 0.0 { "yes" } else { "no" }.to_owned()
+/// Identity, state and faults of an axis.
+struct AxisReport {
+    title: String,
+    /// Words and values.
+    rows: Vec<(String, String)>,
+    faults: Vec<FaultReport>,
+    /// The axis has a stop whose standstill is not confirmed.
+    has_pending_stop: bool,
+    caution: String,
+    /// Reason why the values are old.
+    silent: Option<Problem>,
+}
+
+impl AxisReport {
+    fn new(axis: &Axis) -> Self {
+        let facts = axis.facts();
+        let profile = format!("{} ({})", facts.profile, facts.protocol);
+        Self {
+            title: format!("{}: {}", axis.label(), facts.title),
+            rows: vec![("profile".to_owned(), profile)],
+            faults: Vec::new(),
+            has_pending_stop: false,
+            caution: facts.caution.clone(),
+            silent: None,
+        }
+    }
+
+    fn push(&mut self, word: &str, value: String) {
+        self.rows.push((word.to_owned(), value));
+    }
+
+    fn push_details(&mut self, details: Vec<DeviceDetail>) {
+        self.rows.extend(details.into_iter().map(|detail| (detail.name.into(), detail.text)));
+    }
+
+    /// Reads an axis on a link of this program.
+    fn read(axis: &Axis, local: &LocalAxis) -> Result<Self> {
+        let mut report = Self::new(axis);
+        report.push("known", local.identified().to_string());
+        report.push_details(local.device_details().map_err(outcome::to_problem)?);
+        for signal in Signal::ALL {
+            if signal == Signal::Fault {
+                continue;
             }
-            Some(_) if read.signal == Signal::Mode.name() => state.mode.clone().unwrap_or_default(),
-            Some(value) => remote::format_signal(axis, &read.signal, value, &read.unit),
-        };
-        row(&read.signal, shown + &age_note(read));
+            match signal_text(local, signal) {
+                Ok(Some(shown)) => report.push(signal.name(), shown),
+                Ok(None) => {}
+                Err(problem) => report.push(signal.name(), absent_text(local, signal, problem)?),
+            }
+        }
+        for (kind, text) in local.describe_units().map_err(outcome::to_problem)? {
+            report.push(&format!("{kind} unit"), text);
+        }
+        report.push("watchdog", watchdog_text(&axis.watchdog().map_err(outcome::to_problem)?));
+        match axis.faults().map_err(outcome::to_problem) {
+            Ok(faults) => report.faults = faults,
+            Err(problem) => {
+                let why = absent_text(local, Signal::Fault, problem)?;
+                report.push("faults", format!("not told: {why}"));
+                return Ok(report);
+            }
+        }
+        if report.faults.is_empty() {
+            report.push("faults", "none".to_owned());
+        }
+        Ok(report)
     }
-    row("armed", if state.armed { "yes" } else { "no" }.to_owned());
-    let owner = state.lease.as_ref().map_or("no client", |lease| &lease.owner);
-    row("controlled by", owner.to_owned());
-    row("watchdog", watchdog);
-    if state.faults.is_empty() {
-        let read = state.signals.iter().find(|read| read.signal == Signal::Fault.name());
-        row("faults", "none".to_owned() + &read.map_or_else(String::new, age_note));
+
+    /// Reads the state that a server has of an axis. A silent drive is not read any further.
+    fn read_remote(axis: &Axis, remote: &RemoteAxis) -> Result<Self> {
+        let mut report = Self::new(axis);
+        let state = remote.fresh_state().map_err(outcome::to_problem)?;
+        report.silent = remote.silent_error(&state).map(outcome::to_problem);
+        let mut watchdog = remote.info().watchdog.clone();
+        if report.silent.is_none() {
+            match axis.device_details() {
+                Ok(details) => report.push_details(details),
+                Err(error) => print_note(&format!("its details cannot be read: {error}")),
+            }
+            watchdog = axis.watchdog().map_or(watchdog, |read| watchdog_text(&read));
+        }
+        for read in state.signals.iter().filter(|read| read.signal != Signal::Fault.name()) {
+            report.push(&read.signal, remote_signal_text(remote, &state, read) + &age_note(read));
+        }
+        report.push("armed", if state.armed { "yes" } else { "no" }.to_owned());
+        let owner = state.lease.as_ref().map_or("no client", |lease| &lease.owner);
+        report.push("controlled by", owner.to_owned());
+        report.push("watchdog", watchdog);
+        if state.faults.is_empty() {
+            let read = state.signals.iter().find(|read| read.signal == Signal::Fault.name());
+            report.push("faults", "none".to_owned() + &read.map_or_else(String::new, age_note));
+        }
+        report.has_pending_stop = state.pending_stop.is_some();
+        report.faults = state.faults.into_iter().map(FaultReport::from).collect();
+        Ok(report)
     }
-    let mut text = format!("{}: {}\n{}", axis.label, axis.drive, table.render(false));
-    if state.pending_stop.is_some() {
-        text.push_str(
-            "  MAY BE TURNING: it received a stop, but its standstill is not confirmed; cut its \
-             supply\n",
-        );
+
+    fn text(&self) -> String {
+        let mut table = TextTable::default();
+        for (word, value) in &self.rows {
+            table.add_row([format!("  {word}"), value.clone()]);
+        }
+        let mut text = format!("{}\n{}", self.title, table.render(false));
+        if self.has_pending_stop {
+            text.push_str(
+                "  MAY BE TURNING: it received a stop, but its standstill is not confirmed; cut \
+                 its supply\n",
+            );
+        }
+        for fault in &self.faults {
+            let word = if fault.is_warning { "warning" } else { "FAULT" };
+            text.push_str(&format!("  {word} {}: {}\n", fault.name, fault.text));
+            for (word, sentence) in [("cause", &fault.cause), ("remedy", &fault.remedy)] {
+                if !sentence.is_empty() {
+                    text.push_str(&format!("    {word:<7} {sentence}\n"));
+                }
+            }
+        }
+        text + &caution_text(&self.caution)
     }
-    for fault in &state.faults {
-        text.push_str(&format!("  FAULT {}\n", fault.name));
-        text.push_str(&cause_and_remedy(&fault.cause, &fault.remedy));
+}
+
+/// A signal as a server reported it.
+fn remote_signal_text(axis: &RemoteAxis, state: &AxisState, read: &SignalValue) -> String {
+    let flags = [Signal::Enabled, Signal::Moving, Signal::Reached];
+    let Some(value) = read.value else { return "not known".to_owned() };
+    if read.signal == Signal::Moving.name() {
+        // The speed shows it as well as the drive's own flag.
+        return if state.moving == Some(true) { "yes" } else { "no" }.to_owned();
     }
-    text + &caution_text(&axis.caution)
+    if flags.iter().any(|flag| flag.name() == read.signal) {
+        return if value != 0.0 { "yes" } else { "no" }.to_owned();
+    }
+    if read.signal == Signal::Mode.name() {
+        return state.mode.clone().unwrap_or_default();
+    }
+    format_signal(axis.info(), &read.signal, value, &read.unit)
 }
 
 /// Age of a value, if it is old.
 fn age_note(read: &SignalValue) -> String {
     if read.age_ms > OLD_MS { format!(" ({:.1} s old)", read.age_ms / 1e3) } else { String::new() }
-}
-
-fn axis_text(axis: &LocalAxis) -> Result<String> {
-    let profile = axis.profile();
-    let mut table = TextTable::default();
-    let mut row = |word: &str, value: String| table.add_row([format!("  {word}"), value]);
-    row("profile", format!("{} ({})", profile.name, axis.protocol()));
-    row("known", axis.identified().to_string());
-    for detail in axis.device_details().map_err(outcome::to_problem)? {
-        row(&detail.name, detail.text);
-    }
-    for signal in Signal::ALL {
-        if signal == Signal::Fault {
-            continue;
-        }
-        match signal_text(axis, signal) {
-            Ok(Some(shown)) => row(signal.name(), shown),
-            Ok(None) => {}
-            Err(problem) => row(signal.name(), absent_text(axis, signal, problem)?),
-        }
-    }
-    for (kind, text) in axis.describe_units().map_err(outcome::to_problem)? {
-        row(&format!("{kind} unit"), text);
-    }
-    let watchdog = AxisInterface::watchdog(axis).map_err(outcome::to_problem)?;
-    row("watchdog", watchdog_text(&watchdog));
-    let faults = match faults_text(axis) {
-        Ok(faults) => {
-            if faults.is_empty() {
-                row("faults", "none".to_owned());
-            }
-            faults
-        }
-        Err(problem) => {
-            row("faults", format!("not told: {}", absent_text(axis, Signal::Fault, problem)?));
-            String::new()
-        }
-    };
-    let title = format!("{}: {}", axis.label(), profile.title);
-    Ok(format!("{title}\n{}{faults}{}", table.render(false), caution_text(profile.caution)))
 }
 
 /// Checks before the first motion, in lines of a terminal's width.
@@ -255,22 +265,4 @@ pub fn signal_text(axis: &LocalAxis, wanted: Signal) -> Result<Option<String>> {
 fn is_axis_moving(axis: &LocalAxis) -> bool {
     // The speed, which was read before, shows motion as well as the drive's own flag.
     axis.moving(&axis.state()) == Some(true)
-}
-
-/// Faults and warnings with cause and remedy; empty without any.
-fn faults_text(axis: &LocalAxis) -> Result<String> {
-    let Some(value) = read_signal(axis, Signal::Fault)? else { return Ok(String::new()) };
-    let mut text = String::new();
-    for fault in polepair::active_faults(axis.profile(), value.raw) {
-        let word = if fault.is_warning { "warning" } else { "FAULT" };
-        text.push_str(&format!("  {word} {}: {}\n", fault.name, fault.text));
-        text.push_str(&cause_and_remedy(&fault.cause, &fault.remedy));
-    }
-    Ok(text)
-}
-
-fn cause_and_remedy(cause: &str, remedy: &str) -> String {
-    let both = [("cause", cause), ("remedy", remedy)].into_iter();
-    let sentences = both.filter(|(_, sentence)| !sentence.is_empty());
-    sentences.map(|(word, sentence)| format!("    {word:<7} {sentence}\n")).collect()
 }

@@ -8,7 +8,7 @@ use polepair_core::profile::{
 
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
-use crate::value::{format_number, format_with_unit, in_own_unit};
+use crate::value::{format_amount, format_number, in_own_unit};
 
 /// Lists the parameters of a drive: names, units, ranges, defaults, manual sections.
 ///
@@ -240,7 +240,7 @@ fn range_text(parameter: &Parameter) -> String {
     }
     match (in_own_unit(parameter, parameter.min), in_own_unit(parameter, parameter.max)) {
         (Some(min), Some(max)) => {
-            format!("{} .. {}", format_number(min), format_with_unit(max, parameter.unit))
+            format!("{} .. {}", format_number(min), format_amount(max, parameter.unit.symbol()))
         }
         _ => format!("{} .. {} raw, in {}", parameter.min, parameter.max, parameter.unit.symbol()),
     }
@@ -248,7 +248,7 @@ fn range_text(parameter: &Parameter) -> String {
 
 fn value_text(parameter: &Parameter, raw: i64) -> String {
     let value = match in_own_unit(parameter, raw) {
-        Some(value) => format_with_unit(value, parameter.unit),
+        Some(value) => format_amount(value, parameter.unit.symbol()),
         None => format!("{raw} raw"),
     };
     match crate::value::value_name(parameter, raw) {

@@ -17,15 +17,13 @@ Example:
 pub struct Release {}
 
 impl Release {
-    /// Refuses the command without a server: only a server locks motion.
-    pub fn run(self) -> Result {
-        let what = "`release` needs a server.";
-        Err(Problem::usage("E257", what).hint("add --server URL"))
-    }
-
     /// Releases motion on a server.
-    pub fn run_on_server(self, join: ServerArgs) -> Result {
-        join.gateway()?.release().map_err(remote::refusal_problem)?;
+    pub fn run(self, server: ServerArgs) -> Result {
+        if !server.is_given() {
+            let what = "`release` needs a server.";
+            return Err(Problem::usage("E257", what).hint("add --server URL"));
+        }
+        server.gateway()?.release().map_err(remote::refusal_problem)?;
         print_note("motion is allowed again");
         Ok(Exit::Ok)
     }

@@ -1,26 +1,26 @@
 //! `polepair scan URL [--ids 1-32]`
 
+mod drive_table;
 mod remote_scan;
 mod search_ports;
 
 use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
-use polepair::axis::summarize_details;
 use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause};
-use polepair::scan::{DetectedDrive, ScanAddresses};
+use polepair::scan::ScanAddresses;
 use polepair::search::is_port_name;
-use polepair::url::{AxisNumber, shell_word};
-use polepair_capture::jsonl;
-use polepair_client::message::AxisInfo;
+use polepair::url::shell_word;
 
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
-use crate::remote::{self, RemoteSession};
+use crate::remote::{self, RemoteSession, ServerArgs};
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{DataOutput, TextTable, colour_out, csv_line, print_note, print_warning};
+use crate::terminal::{print_note, print_warning};
+use drive_table::DriveColumn::{Axis, Clash, Drive, Known, Link, Name, Product, Says};
+use drive_table::{DriveRow, print_drives};
 
 /// Finds the drives on a link, by reads only.
 ///
@@ -60,7 +60,11 @@ pub struct ScanCommand {
 }
 
 impl ScanCommand {
-    pub fn run(self) -> Result {
+    /// Scans a link or ports of this machine, or lists or scans those of a server.
+    pub fn run(self, server: ServerArgs) -> Result {
+        if server.is_given() {
+            return self.scan_server(&server.open()?);
+        }
         if self.look || self.take {
             let what = "--look and --take are for a running server.";
             return Err(Problem::usage("E242", what)
@@ -93,21 +97,8 @@ impl ScanCommand {
         // Before the table: the bar would be drawn into its first line.
         drop(bar);
         let scan = scan.map_err(outcome::to_problem)?;
-        let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);
-        match self.format {
-            OutputFormat::Text if scan.found.is_empty() => {}
-            OutputFormat::Text => {
-                out.buffer().extend_from_slice(found_table(&scan.found).as_bytes())
-            }
-            OutputFormat::Jsonl => {
-                scan.found.iter().for_each(|found| write_json(found, out.buffer()))
-            }
-            OutputFormat::Csv => {
-                out.write_line("axis,drive,known,product,clash,says");
-                scan.found.iter().for_each(|found| out.write_line(&csv_row(found)));
-            }
-        }
-        out.flush()?;
+        let drives: Vec<DriveRow> = scan.found.iter().map(DriveRow::from).collect();
+        print_drives(&drives, &[Axis, Drive, Known, Product, Clash, Says], self.format)?;
         // To standard error, so that a table in a file stays a table.
         scan.tried.iter().for_each(|tried| print_note(&format!("tried {tried}")));
         if let Some(lost) = &scan.link_error {
@@ -165,41 +156,18 @@ fn conflicts_result(count: usize, of: usize) -> Result {
 }
 
 impl ScanCommand {
-    /// Lists the drives of a server, or scans its links.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+    /// Lists the drives of a server, or has it scan its links.
+    fn scan_server(self, server: &RemoteSession) -> Result {
+        let axes = server.axes_named(self.target.remote_axes()?)?;
         if self.look || self.take {
-            return remote_scan::run_remote_scan(
-                server,
-                &server.axes_named(self.target.remote_axes()?)?,
-                self.ids,
-                self.format,
-                self.take,
-            );
+            return remote_scan::run_remote_scan(server, &axes, self.ids, self.format, self.take);
         }
         if self.ids.is_some() {
             let why = "Without --look, the server lists its axes.";
             return Err(remote::unsupported_problem("--ids", why));
         }
-        let mut out = DataOutput::stdout().with_text(self.format == OutputFormat::Text);
-        let axes = server.axes_named(self.target.remote_axes()?)?;
-        let clashes =
-            |axis: &AxisInfo| server.bench.clashes.iter().any(|clash| clash.link == axis.link);
-        match self.format {
-            OutputFormat::Text => out.buffer().extend_from_slice(remote_table(&axes).as_bytes()),
-            OutputFormat::Jsonl => {
-                axes.iter().for_each(|axis| write_remote_json(axis, clashes(axis), out.buffer()));
-            }
-            OutputFormat::Csv => {
-                out.write_line("axis,link,name,drive,product");
-                for axis in &axes {
-                    let (number, link) =
-                        (AxisNumber(axis.number).to_string(), axis.link.to_string());
-                    let AxisInfo { name, profile, drive, .. } = axis;
-                    out.write_line(&csv_line([&*number, &link, name, profile, drive]));
-                }
-            }
-        }
-        out.flush()?;
+        let drives: Vec<DriveRow> = axes.iter().map(DriveRow::of_server).collect();
+        print_drives(&drives, &[Axis, Link, Name, Drive, Product], self.format)?;
         for link in &server.bench.links {
             let simulated = if link.simulated { " (simulated)" } else { "" };
             print_note(&format!("link {} is {}{simulated}", link.id, link.url));
@@ -215,27 +183,6 @@ impl ScanCommand {
     }
 }
 
-fn remote_table(axes: &[AxisInfo]) -> String {
-    let mut table = TextTable::with_heads(&["axis", "link", "name", "drive", "product"]);
-    for axis in axes {
-        let (number, link) = (AxisNumber(axis.number).to_string(), axis.link.to_string());
-        table.add_row([number, link, axis.name.clone(), axis.profile.clone(), axis.drive.clone()]);
-    }
-    table.render(colour_out())
-}
-
-fn write_remote_json(axis: &AxisInfo, clash: bool, out: &mut Vec<u8>) {
-    let head =
-        format!("{{\"axis\":{},\"link\":{},\"name\":", AxisNumber(axis.number).json(), axis.link);
-    out.extend_from_slice(head.as_bytes());
-    jsonl::write_string(out, &axis.name);
-    out.extend_from_slice(b",\"drive\":");
-    jsonl::write_string(out, &axis.profile);
-    out.extend_from_slice(b",\"product\":");
-    jsonl::write_string(out, &axis.drive);
-    out.extend_from_slice(format!(",\"clash\":{clash}}}\n").as_bytes());
-}
-
 fn parse_ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
     let (first, last) = text.split_once('-').unwrap_or((text, text));
     match (parse_number_text(first), parse_number_text(last)) {
@@ -246,55 +193,4 @@ fn parse_ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
 
 fn parse_number_text(text: &str) -> Option<u32> {
     text.trim().parse::<u32>().ok()
-}
-
-fn found_table(found: &[DetectedDrive]) -> String {
-    let mut table = TextTable::with_heads(&["axis", "drive", "known by", "product", "says"]);
-    for one in found {
-        table.add_row([
-            AxisNumber(one.number).to_string(),
-            one.profile.name.to_owned(),
-            one.identified.to_string(),
-            one.profile.title.to_owned(),
-            summarize_details(&one.details),
-        ]);
-    }
-    let mut text = table.render(colour_out());
-    for one in found {
-        if let Some(clash) = &one.clash {
-            text.push_str(&format!("axis {}: {clash}\n", AxisNumber(one.number)));
-        }
-        if one.ignores_address {
-            text.push_str(&format!("axis {}: replies to every address\n", one.number));
-        }
-    }
-    text
-}
-
-fn csv_row(found: &DetectedDrive) -> String {
-    let (number, known) = (AxisNumber(found.number).to_string(), found.identified.to_string());
-    let clash = found.clash.as_deref().unwrap_or_default();
-    let says = summarize_details(&found.details);
-    csv_line([&number, found.profile.name, &known, found.profile.title, clash, &says])
-}
-
-fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
-    out.extend_from_slice(
-        format!("{{\"axis\":{},\"drive\":", AxisNumber(found.number).json()).as_bytes(),
-    );
-    jsonl::write_string(out, found.profile.name);
-    out.extend_from_slice(b",\"product\":");
-    jsonl::write_string(out, found.profile.title);
-    out.extend_from_slice(b",\"known\":");
-    jsonl::write_string(out, &found.identified.to_string());
-    let (clash, ignores) = (found.clash.is_some(), found.ignores_address);
-    let tail = format!(",\"clash\":{clash},\"ignores_address\":{ignores},\"details\":{{");
-    out.extend_from_slice(tail.as_bytes());
-    for (at, detail) in found.details.iter().enumerate() {
-        out.extend_from_slice(if at == 0 { b"" } else { b"," });
-        jsonl::write_string(out, &detail.name);
-        out.push(b':');
-        jsonl::write_string(out, &detail.text);
-    }
-    out.extend_from_slice(b"}}\n");
 }

@@ -3,23 +3,22 @@
 mod data_write;
 mod readdress;
 
-use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 
 use clap::Args;
-use polepair::axis::PendingWrites;
-use polepair::{Amount, LocalAxis};
-use polepair_client::message::{ParameterChange, ParameterInput, WriteParameters};
-use polepair_core::profile::{Access, Parameter, ParameterId, Persistence};
+use polepair::axis::{NamedValue, WriteChange};
+use polepair::interface::WriteValue;
+use polepair::{Amount, Axis, LocalAxis};
+use polepair_core::profile::Persistence;
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
-use crate::session::{LocalSession, read_parameter};
+use crate::remote::{self, ServerArgs};
+use crate::session::Session;
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note};
 use crate::value;
 use data_write::DataWrite;
-use polepair_serve::message::ParameterInfo;
 use readdress::AddressChange;
 
 /// Writes parameters by name or number, with units. Values are checked against their limits first.
@@ -57,298 +56,209 @@ pub struct Set {
 }
 
 impl Set {
-    /// Runs the verb on a server, which checks all values before it writes the first.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        if self.arm {
+    /// Writes parameters of a link of this program, or of a server.
+    pub fn run(self, server: ServerArgs) -> Result {
+        if self.arm && server.is_given() {
             let why = "A server writes nothing that may move the motor.";
             return Err(remote::unsupported_problem("--arm", why));
         }
-        let mut values = BTreeMap::new();
-        for setting in &self.settings {
-            let (name, value) = split_assignment(setting)?;
-            let input = if self.raw {
-                // A server of an older version takes raw values as numbers alone.
-                ParameterInput::Number(parse_raw(value)? as f64)
-            } else {
-                ParameterInput::Text(value.to_owned())
-            };
-            values.insert(name.to_owned(), input);
-        }
-        let live = server.gateway.live().map_err(remote::refusal_problem)?;
-        let axes = server.axes_named(self.target.remote_axes()?)?;
-        let mut out = DataOutput::stdout();
-        for axis in &axes {
-            let who = server.axis_prefix(&axes, axis);
-            let (values, dry_run) = (values.clone(), self.dry_run);
-            let write =
-                WriteParameters { values, keep: self.store, dry_run, raw: self.raw, epoch: 0 };
-            if self.dry_run {
-                let plan = server
-                    .gateway
-                    .write_parameters(axis.id, &write)
-                    .map_err(remote::refusal_problem)?;
-                plan.iter().for_each(|change| {
-                    out.write_line(&format!("{who}{}", remote_planned_change(change)))
-                });
-                continue;
-            }
-            let has = server.gateway.parameters(axis.id).map_err(remote::refusal_problem)?;
-            // After everything was read: other clients wait while it is held.
-            let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
-            let write = WriteParameters { epoch: lease.epoch(), ..write };
-            for change in
-                server.gateway.write_parameters(axis.id, &write).map_err(remote::refusal_problem)?
-            {
-                if is_readable(&change.name, &has) {
-                    self.read_back(server, axis.id, &who, &change, &mut out)?
-                } else {
-                    out.write_line(&format!("{who}{}", written_text(&change)))
-                }
-                out.flush()?;
-            }
-            lease.release().map_err(remote::refusal_problem)?;
-        }
-        out.flush()?;
-        Ok(Exit::Ok)
-    }
-
-    /// Reads back what a server wrote.
-    fn read_back(
-        &self,
-        server: &RemoteSession,
-        axis: u16,
-        who: &str,
-        change: &ParameterChange,
-        out: &mut DataOutput,
-    ) -> Result<()> {
-        let name = &change.name;
-        let shown = |value| remote::format_value(value, &change.unit);
-        let read = match server.gateway.parameter(axis, name) {
-            Ok(read) => read,
-            Err(error) => {
-                let problem = remote::refusal_problem(error);
-                print_note(&not_read_back_text(who.trim_end(), name, &problem));
-                out.write_line(&format!("{who}{} (written, not read back)", written_text(change)));
-                return Ok(());
-            }
-        };
-        let now = read.value.map_or(read.text, shown);
-        let now = match read.raw.filter(|_| self.raw) {
-            Some(raw) => raw.to_string(),
-            None if read.value == Some(change.to) => new_value_text(change),
-            None => read.word.unwrap_or(now),
-        };
-        out.write_line(&format!("{who}{name} = {now}"));
-        if read.value == Some(change.to) {
-            return Ok(());
-        }
-        let what = format!("{name:?} did not keep what was written.");
-        Err(Problem::new(Exit::Negative, "E111", what)
-            .why(format!("{} was written and accepted.", shown(change.to))))
-    }
-
-    pub fn run(self) -> Result {
-        let session = self.target.open()?;
+        let values = self.settings.iter().map(|setting| self.named_value(setting));
+        let values = values.collect::<Result<Vec<_>>>()?;
+        let session = self.target.connect(server)?;
         session.listen_for_interrupts();
         let mut out = DataOutput::stdout();
-        let mut changes = Vec::new();
+        let mut address_changes = Vec::new();
         for axis in session.axes() {
-            // All are checked before the first is written. What scales others goes first, and they are
-            // what they mean by it.
-            let (mut wanted, mut data_writes) = (Vec::new(), Vec::new());
-            for setting in &self.settings {
-                let (name, value) = split_assignment(setting)?;
-                let id = axis.find(name).map_err(outcome::to_problem)?;
-                match DataWrite::for_setting(axis, id, value)? {
-                    Some(write) => data_writes.push(write),
-                    None => wanted.push((id, name, value)),
-                }
+            let mut writes = AxisWrites { numbers: values.clone(), ..AxisWrites::default() };
+            if let Some(local) = axis.local() {
+                writes = AxisWrites::of_link(local, &values, self.dry_run)?;
+                address_changes.append(&mut writes.addresses);
+                AddressChange::check(session.axes().len(), &address_changes)?;
             }
-            wanted.sort_by_key(|(id, ..)| !axis.scales(*id));
-            let (mut writes, mut pending) = (Vec::new(), PendingWrites::default());
-            for (id, name, value) in wanted {
-                let raw = self.raw_value(axis, id, name, value, &pending)?;
-                pending.insert(id, raw);
-                match AddressChange::for_setting(axis, id, raw)? {
-                    Some(change) if !self.dry_run => changes.push(change),
-                    _ => writes.push((id, raw)),
-                }
-            }
-            AddressChange::check(&session, &changes)?;
             if self.dry_run {
-                for (id, raw) in writes {
-                    let planned = planned_change(axis, id, raw, &pending)?;
-                    out.write_line(&format!("{}{planned}", session.axis_prefix(axis)));
-                }
-                for write in &data_writes {
-                    out.write_line(&format!("{}{}", session.axis_prefix(axis), write.planned()));
-                }
-                continue;
+                self.print_plan(&session, axis, &writes, &mut out)?;
+            } else {
+                self.write(&session, axis, &writes, &mut out)?;
             }
-            if self.arm {
-                axis.arm(true);
-            }
-            for (id, raw) in writes {
-                self.write_one(&session, axis, id, raw, &mut out)?;
-                out.flush()?;
-            }
-            for write in &data_writes {
-                let written = write.apply(axis)?;
-                out.write_line(&format!("{}{written}", session.axis_prefix(axis)));
-                out.flush()?;
-            }
-            // Also where nothing moved: the next program must not find it armed.
-            axis.arm(false);
         }
-        debug_assert!(changes.len() <= 1, "checked with the first axis");
+        debug_assert!(address_changes.len() <= 1, "checked with the first axis");
         // Last, because afterwards the drive no longer answers at this address.
-        if let Some(change) = changes.pop() {
+        if let (Some(change), Some(session)) = (address_changes.pop(), session.into_local()) {
             change.apply(&self.target, session, self.store, &mut out)?;
         }
         out.flush()?;
         Ok(Exit::Ok)
     }
 
-    /// The raw value that `text` means once what is pending was written, within the limits.
-    fn raw_value(
-        &self,
-        axis: &LocalAxis,
-        id: ParameterId,
-        name: &str,
-        text: &str,
-        pending: &PendingWrites,
-    ) -> Result<i64> {
-        let Some(parameter) = axis.parameter(id) else { return Ok(0) };
-        if self.raw {
-            return parse_raw(text);
-        }
-        if let Some(raw) = parse_switch(parameter, text) {
-            return Ok(raw);
-        }
-        let amount = axis.amount_for_name(name, id, Amount::from(text));
-        let raw = amount.and_then(|amount| axis.raw_of_after(id, &amount, pending));
-        let raw = raw.map_err(outcome::to_problem)?;
-        if !parameter.allows(raw) {
-            return Err(out_of_range(axis, id, parameter, text));
-        }
-        Ok(raw)
+    fn named_value(&self, setting: &str) -> Result<NamedValue> {
+        let (name, value) = split_assignment(setting)?;
+        let value = if self.raw {
+            WriteValue::Raw(parse_raw(value)?)
+        } else {
+            WriteValue::Amount(Amount::from(value))
+        };
+        Ok(NamedValue { name: name.to_owned(), value })
     }
 
-    fn write_one(
+    fn print_plan(
         &self,
-        session: &LocalSession,
-        axis: &LocalAxis,
-        id: ParameterId,
-        raw: i64,
+        session: &Session,
+        axis: &Axis,
+        writes: &AxisWrites,
         out: &mut DataOutput,
     ) -> Result<()> {
-        let Some(parameter) = axis.parameter(id) else { return Ok(()) };
-        axis.write(id, raw, self.store).map_err(outcome::to_problem)?;
-        let value = match parameter.access {
-            Access::Write => axis.value(id, raw).map_err(outcome::to_problem)?,
-            _ => match read_parameter(axis, id) {
-                Ok(value) => value,
-                // The outcome of a write is the write's.
-                Err(problem) => {
-                    let shown = if self.raw {
-                        raw.to_string()
-                    } else {
-                        axis.value(id, raw).map_or(raw.to_string(), |v| v.text_with_own())
-                    };
-                    print_note(&not_read_back_text(&axis.label(), parameter.name, &problem));
-                    out.write_line(&format!(
-                        "{}{} = {shown} (written, not read back)",
-                        session.axis_prefix(axis),
-                        parameter.name
-                    ));
-                    return Ok(());
-                }
-            },
-        };
-        let shown = if self.raw { value.raw.to_string() } else { value.text_with_own() };
-        out.write_line(&format!("{}{} = {shown}", session.axis_prefix(axis), parameter.name));
-        if value.raw == raw {
-            if axis.profile().link_settings.contains(&id) {
-                let stored = parameter.persistence == Persistence::Storable && !self.store;
-                let lost = if stored { " It is lost at power-off: --store keeps it." } else { "" };
-                print_note(&format!(
-                    "{} is addressed by its {}: change the connection string too when it takes \
-                     effect. {}{lost}",
-                    axis.label(),
-                    parameter.name,
-                    parameter.about
-                ));
+        let prefix = session.axis_prefix(axis);
+        let changes =
+            axis.interface().plan_changes(&writes.numbers).map_err(outcome::to_problem)?;
+        for change in changes {
+            let WriteChange { name, from_text, to_text, .. } = &change;
+            let line = match &**from_text {
+                "" => format!("{name}: -> {to_text}"),
+                _ if !change.is_changed => format!("{name} = {to_text}, as it is"),
+                from if from == to_text => format!("{name} = {to_text}, as it is"),
+                from => format!("{name}: {from} -> {to_text}"),
+            };
+            out.write_line(&format!("{prefix}{line}"));
+        }
+        for write in &writes.data {
+            out.write_line(&format!("{prefix}{}", write.planned()));
+        }
+        Ok(())
+    }
+
+    fn write(
+        &self,
+        session: &Session,
+        axis: &Axis,
+        writes: &AxisWrites,
+        out: &mut DataOutput,
+    ) -> Result<()> {
+        if let Some(local) = axis.local() {
+            local.arm(self.arm);
+        }
+        let prefix = session.axis_prefix(axis);
+        let mut is_kept = Ok(());
+        let written = axis.interface().write_all(&writes.numbers, self.store, &mut |change| {
+            is_kept = self.read_back(axis, &prefix, change, out).and_then(|()| out.flush());
+            if is_kept.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        });
+        written.map_err(outcome::to_problem)?;
+        is_kept?;
+        if let Some(local) = axis.local() {
+            for write in &writes.data {
+                let written = write.apply(local)?;
+                out.write_line(&format!("{prefix}{written}"));
+                out.flush()?;
             }
+            // Also where nothing moved: the next program must not find it armed.
+            local.arm(false);
+        }
+        Ok(())
+    }
+
+    /// Reads a written value back, and prints it.
+    fn read_back(
+        &self,
+        axis: &Axis,
+        prefix: &str,
+        change: &WriteChange,
+        out: &mut DataOutput,
+    ) -> Result<()> {
+        let WriteChange { name, to_text, .. } = change;
+        let wanted = match change.raw.filter(|_| self.raw) {
+            Some(raw) => raw.to_string(),
+            None => to_text.clone(),
+        };
+        if !change.is_readable {
+            out.write_line(&format!("{prefix}{name} = {wanted}"));
             return Ok(());
         }
-        let what = format!("{:?} did not keep what was written.", parameter.name);
-        Err(Problem::new(Exit::Negative, "E111", what)
-            .why(format!("{raw} raw was written and accepted, {} raw is read back.", value.raw)))
-    }
-}
-
-fn is_readable(name: &str, has: &[ParameterInfo]) -> bool {
-    has.iter().any(|its| its.name == name && its.readable)
-}
-
-/// Why a value that was written is not shown as it was read.
-fn not_read_back_text(label: &str, name: &str, problem: &Problem) -> String {
-    let label = if label.is_empty() { String::new() } else { format!("{label}: ") };
-    format!("{label}`{name}` was written; it could not be read back: {}", problem.what)
-}
-
-/// Change of a planned write: the value is read, and nothing is written.
-fn planned_change(
-    axis: &LocalAxis,
-    id: ParameterId,
-    raw: i64,
-    pending: &PendingWrites,
-) -> Result<String> {
-    let Some(parameter) = axis.parameter(id) else { return Ok(String::new()) };
-    let to = axis.value_after(id, raw, pending).map_err(outcome::to_problem)?;
-    let from = match parameter.access {
-        Access::Write => None,
-        _ => Some(read_parameter(axis, id)?.text_with_own()),
-    };
-    Ok(change_text(parameter.name, from, &to.text_with_own()))
-}
-
-/// Planned change by a server.
-fn remote_planned_change(change: &ParameterChange) -> String {
-    let (name, to) = (&change.name, new_value_text(change));
-    let from = change.from.map(|from| {
-        if change.from_text.is_empty() {
-            remote::format_value(from, &change.unit)
-        } else {
-            change.from_text.clone()
+        let read = match axis.read(name).map_err(outcome::to_problem) {
+            Ok(read) => read,
+            // The outcome of a write is the write's.
+            Err(problem) => {
+                let label =
+                    if prefix.is_empty() { String::new() } else { format!("{}: ", axis.label()) };
+                print_note(&format!(
+                    "{label}`{name}` was written; it could not be read back: {}",
+                    problem.what
+                ));
+                out.write_line(&format!("{prefix}{name} = {wanted} (written, not read back)"));
+                return Ok(());
+            }
+        };
+        let is_kept = match change.raw {
+            Some(raw) => read.raw == Some(raw),
+            None => read.value == change.to,
+        };
+        let shown = match read.raw_text().filter(|_| self.raw) {
+            Some(raw) => raw,
+            None if is_kept => to_text.clone(),
+            None => match read.raw_text().filter(|raw| *raw != read.text) {
+                Some(raw) => format!("{read} ({raw})"),
+                None => read.to_string(),
+            },
+        };
+        out.write_line(&format!("{prefix}{name} = {shown}"));
+        if is_kept {
+            self.note_link_setting(axis, name);
+            return Ok(());
         }
-    });
-    match from {
-        Some(_) if !change.changed => format!("{name} = {to}, as it is"),
-        from => change_text(name, from, &to),
+        let what = format!("{name:?} did not keep what was written.");
+        Err(Problem::new(Exit::Negative, "E111", what)
+            .why(format!("{wanted} was written and accepted, {shown} is read back.")))
+    }
+
+    /// Notes that the connection string has to be changed for a setting by which the drive is reached.
+    fn note_link_setting(&self, axis: &Axis, name: &str) {
+        let Some(local) = axis.local() else { return };
+        let Ok(id) = local.find(name) else { return };
+        let Some(parameter) = local.parameter(id) else { return };
+        if !local.profile().link_settings.contains(&id) {
+            return;
+        }
+        let stored = parameter.persistence == Persistence::Storable && !self.store;
+        let lost = if stored { " It is lost at power-off: --store keeps it." } else { "" };
+        print_note(&format!(
+            "{} is addressed by its {}: change the connection string too when it takes effect. \
+             {}{lost}",
+            axis.label(),
+            parameter.name,
+            parameter.about
+        ));
     }
 }
 
-/// New value of a parameter, with the drive's own number if the server gives it.
-fn new_value_text(change: &ParameterChange) -> String {
-    if change.to_text.is_empty() {
-        remote::format_value(change.to, &change.unit)
-    } else {
-        change.to_text.clone()
-    }
+/// Writes to one axis.
+#[derive(Default)]
+struct AxisWrites {
+    numbers: Vec<NamedValue>,
+    /// Text and bytes.
+    data: Vec<DataWrite>,
+    /// Settings that change how the drive is reached, which are written last.
+    addresses: Vec<AddressChange>,
 }
 
-fn change_text(name: &str, from: Option<String>, to: &str) -> String {
-    match from {
-        Some(from) if from == to => format!("{name} = {to}, as it is"),
-        Some(from) => format!("{name}: {from} -> {to}"),
-        None => format!("{name}: -> {to}"),
+impl AxisWrites {
+    /// Sorts values by how they are written on a link of this program. All are checked before the first is written.
+    fn of_link(axis: &LocalAxis, values: &[NamedValue], dry_run: bool) -> Result<Self> {
+        let mut writes = Self::default();
+        for value in values {
+            let id = axis.find(&value.name).map_err(outcome::to_problem)?;
+            match DataWrite::for_setting(axis, id, &value.value)? {
+                Some(write) => writes.data.push(write),
+                None => writes.numbers.push(value.clone()),
+            }
+        }
+        let plan = axis.plan_writes(&writes.numbers).map_err(outcome::to_problem)?;
+        for write in plan.writes.iter().filter(|_| !dry_run) {
+            if let Some(change) = AddressChange::for_setting(axis, write.id, write.raw)? {
+                writes.numbers.retain(|value| axis.find(&value.name).ok() != Some(write.id));
+                writes.addresses.push(change);
+            }
+        }
+        Ok(writes)
     }
-}
-
-/// Line for a written value that cannot be read back.
-fn written_text(change: &ParameterChange) -> String {
-    format!("{} = {}", change.name, new_value_text(change))
 }
 
 fn split_assignment(setting: &str) -> Result<(&str, &str)> {
@@ -365,25 +275,4 @@ fn parse_raw(text: &str) -> Result<i64> {
         let what = format!("{text:?} is not a whole number.");
         Problem::usage("E217", what).why(outcome::sent_so_far())
     })
-}
-
-/// `on` and `off` for what is a bit and has no words of its own.
-fn parse_switch(parameter: &Parameter, text: &str) -> Option<i64> {
-    let bit = (parameter.min, parameter.max) == (0, 1) && parameter.values.is_empty();
-    match text {
-        "on" | "true" | "yes" if bit => Some(1),
-        "off" | "false" | "no" if bit => Some(0),
-        _ => None,
-    }
-}
-
-fn out_of_range(axis: &LocalAxis, id: ParameterId, parameter: &Parameter, text: &str) -> Problem {
-    let (min, max) = (value_text(parameter.min, id, axis), value_text(parameter.max, id, axis));
-    Problem::usage("E216", format!("{text} is out of range for {:?}.", parameter.name))
-        .why(format!("It takes {min} to {max}. {}", outcome::sent_so_far()))
-        .hint(format!("polepair params {} {:?}", axis.profile().name, parameter.name))
-}
-
-fn value_text(raw: i64, id: ParameterId, axis: &LocalAxis) -> String {
-    axis.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string())
 }

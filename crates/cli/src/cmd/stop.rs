@@ -52,7 +52,12 @@ const KEPT_PROGRAM: &str =
     "caution: programs in drives were not ended, and may move the motors again";
 
 impl StopCommand {
-    pub fn run(self) -> Result {
+    /// Stops the motors of a link, or of a server.
+    pub fn run(self, server: ServerArgs) -> Result {
+        if server.is_given() { self.stop_on_server(server) } else { self.stop_on_link() }
+    }
+
+    fn stop_on_link(self) -> Result {
         let how =
             StopOptions { quick: self.quick, keep_program: self.keep_program, power_off: false };
         let target = self.target.for_stop();
@@ -144,10 +149,10 @@ impl StopInterrupts {
 }
 
 impl StopCommand {
-    /// Runs the verb on a server: it stops axes of any client.
-    pub fn run_on_server(self, join: ServerArgs) -> Result {
+    /// A server stops axes of any client, repeats the stop, and ends the programs of drives.
+    fn stop_on_server(self, server: ServerArgs) -> Result {
         if self.dry_run {
-            join.refuse_dry_run()?;
+            server.refuse_dry_run()?;
         }
         if self.quick {
             return Err(remote::unsupported_problem(
@@ -163,8 +168,8 @@ impl StopCommand {
         }
         let interrupts = StopInterrupts::listen(&self.target.url);
         let result = match self.target.remote_axes()? {
-            remote::ALL => stop_everything(&join.gateway()?),
-            _ => stop_named(&RemoteSession::new(join.gateway()?)?, &self.target),
+            remote::ALL => stop_everything(&server.gateway()?),
+            _ => stop_named(&server.open()?, &self.target),
         };
         interrupts.conclude(None, result)
     }

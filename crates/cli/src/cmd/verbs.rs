@@ -12,7 +12,7 @@ use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, ServerArgs};
-use crate::session::{self, Session};
+use crate::session;
 use crate::target::DriveArgs;
 use crate::terminal::{print_note, print_warning};
 use crate::value;
@@ -125,10 +125,7 @@ fn run_simple(
     const CUT: &str = "cut the power if a motor turns";
     // One that does not answer leaves no other with power.
     let (session, absent) = match wanted {
-        Verb::Disable if !server.is_given() => {
-            let (session, absent) = target.open_present().map_err(|problem| problem.hint(CUT))?;
-            (Session::from(session), absent)
-        }
+        Verb::Disable => target.connect_present(server).map_err(|problem| problem.hint(CUT))?,
         _ => (target.connect(server)?, Vec::new()),
     };
     session.listen_for_interrupts();

@@ -5,11 +5,9 @@ mod reports;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
+use polepair::Axis;
 use polepair::url::AxisNumber;
-use polepair::{LocalAxis, Value};
 use polepair_capture::jsonl;
-use polepair_client::LiveConnection;
-use polepair_client::message::AxisInfo;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_link::clock;
@@ -17,8 +15,8 @@ use polepair_link::clock;
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::remote::{self, RemoteSession};
-use crate::session::{LocalSession, read_parameter, read_signal as signal_of};
+use crate::remote::{self, ServerArgs};
+use crate::session::Session;
 use crate::target::DriveArgs;
 use crate::terminal::{self, DataOutput};
 use crate::value;
@@ -29,7 +27,7 @@ const POLL_MS: u32 = 50;
 const FIRST_MAX: Duration = Duration::from_secs(2);
 const FIRST_POLL_MS: u32 = 2;
 
-/// Periods, and least time, for which a server's sample is shown: a drive may be slower than the requested rate.
+/// Periods, and least time, for which a report of a drive is shown: it may send more rarely than asked.
 const FRESH_PERIODS: f64 = 3.0;
 const FRESH_MIN: Duration = Duration::from_secs(1);
 
@@ -88,43 +86,61 @@ struct WatchColumn {
 }
 
 impl WatchCommand {
-    pub fn run(self) -> Result {
+    /// Shows values of a link of this program, or of a server, which reads for all viewers.
+    pub fn run(self, server: ServerArgs) -> Result {
         self.check_rate()?;
-        let session = self.target.open()?;
+        if let Some(interval) = self.reports {
+            if server.is_given() {
+                let why = "A server polls at its own rate.";
+                return Err(remote::unsupported_problem("watch --reports", why));
+            }
+            let session = self.target.open()?;
+            session.listen_for_interrupts();
+            return self.print_reports(&session, interval);
+        }
+        let session = self.target.connect(server)?;
         session.listen_for_interrupts();
-        match self.reports {
-            None => self.print_rows(&self.local_columns(&session)?, clock::sleep_until),
-            Some(interval) => self.print_reports(&session, interval),
-        }
-    }
-
-    /// Runs the verb on a server, which reads for all viewers.
-    pub fn run_on_server(self, server: &RemoteSession) -> Result {
-        self.check_rate()?;
-        if self.reports.is_some() {
-            return Err(remote::unsupported_problem(
-                "watch --reports",
-                "A server polls at its own rate.",
-            ));
-        }
-        let axes = server.axes_named(self.target.remote_axes()?)?;
-        let live = server.gateway.live().map_err(remote::refusal_problem)?;
-        let mut columns = Vec::new();
-        for axis in &axes {
-            for name in self.signal_names() {
-                let who = server.axis_prefix(&axes, axis);
-                columns.push(self.remote_column(&live, axis, &who, name)?);
-            }
-        }
-        interrupt::listen(|| {});
-        let end = clock::now() + clock::scale_timeout(FIRST_MAX);
-        for column in &columns {
-            // Without it the first row of a server would be empty.
-            while (column.read)()?.is_nan() && clock::now() < end && !interrupt::was_interrupted() {
-                clock::sleep_until(clock::now().plus_ms(FIRST_POLL_MS));
-            }
+        let columns = self.columns(&session)?;
+        if session.link.remote().is_some() {
+            wait_for_samples(&columns)?;
         }
         self.print_rows(&columns, clock::sleep_until)
+    }
+
+    fn columns(&self, session: &Session) -> Result<Vec<WatchColumn>> {
+        let mut columns = Vec::new();
+        for axis in session.axes() {
+            for name in self.signal_names() {
+                let signal = Signal::ALL.into_iter().find(|signal| signal.name() == name);
+                // A signal that this drive lacks was not requested by name.
+                let is_provided = match (signal.filter(|_| self.signals.is_empty()), axis.local()) {
+                    (Some(signal), Some(axis)) => {
+                        axis.provides_signal(signal).map_err(outcome::to_problem)?
+                    }
+                    (Some(signal), None) => axis.has_signal(signal),
+                    (None, _) => true,
+                };
+                if is_provided {
+                    columns.push(self.column(session, axis, name)?);
+                }
+            }
+        }
+        Ok(columns)
+    }
+
+    fn column(&self, session: &Session, axis: &Axis, name: &str) -> Result<WatchColumn> {
+        let latest = axis.interface().latest_value(name, self.rate).map_err(outcome::to_problem)?;
+        if let Some(axis) = axis.local() {
+            let found = axis.find_signal_or_parameter(name);
+            found.iter().for_each(|(id, _)| outcome::note_missing_unit(axis, *id));
+        }
+        Ok(WatchColumn {
+            number: axis.number(),
+            link: axis.remote().map(|axis| axis.info().link),
+            name: format!("{}{}", session.axis_prefix(axis), normalize_name(name)),
+            unit: latest.unit().to_owned(),
+            read: Box::new(move || latest.read().map_err(outcome::to_problem)),
+        })
     }
 
     fn check_rate(&self) -> Result<()> {
@@ -141,40 +157,6 @@ impl WatchCommand {
         } else {
             self.signals.iter().flat_map(|name| name.split(',')).collect()
         }
-    }
-
-    fn remote_column(
-        &self,
-        live: &LiveConnection,
-        axis: &AxisInfo,
-        who: &str,
-        name: &str,
-    ) -> Result<WatchColumn> {
-        let name = normalize_name(name);
-        let signal = axis.signals.iter().any(|signal| signal.signal == name);
-        let (signal, parameter) = if signal { (Some(&*name), None) } else { (None, Some(&*name)) };
-        let watched = live
-            .subscribe(axis.id, signal, parameter, self.rate)
-            .map_err(remote::refusal_problem)?;
-        let shown = signal.and_then(|signal| remote::signal_unit(axis, signal, watched.unit()));
-        let (unit, one) = match shown {
-            Some(unit) => (unit.symbol().to_owned(), unit.si_factor()),
-            None => (watched.unit().to_owned(), 1.0),
-        };
-        let periods =
-            Duration::try_from_secs_f64(FRESH_PERIODS / self.rate).unwrap_or(Duration::MAX);
-        let fresh = clock::scale_timeout(FRESH_MIN).max(periods);
-        let (number, link, name) = (axis.number, Some(axis.link), format!("{who}{name}"));
-        Ok(WatchColumn {
-            number,
-            link,
-            name,
-            unit,
-            read: Box::new(move || {
-                let last = watched.last(fresh).map_err(remote::refusal_problem)?;
-                Ok(last.map_or(f64::NAN, |sample| sample.value / one))
-            }),
-        })
     }
 
     fn print_rows(&self, columns: &[WatchColumn], sleep_until: impl Fn(Instant)) -> Result {
@@ -203,24 +185,6 @@ impl WatchCommand {
                 return Err(Problem::interrupted());
             }
         }
-    }
-
-    fn local_columns(&self, session: &LocalSession) -> Result<Vec<WatchColumn>> {
-        let mut columns = Vec::new();
-        for axis in session.axes() {
-            for name in self.signal_names() {
-                let signal = Signal::ALL.into_iter().find(|signal| signal.name() == name);
-                // A signal that this drive lacks was not requested by name.
-                let absent = match signal.filter(|_| self.signals.is_empty()) {
-                    Some(signal) => !axis.provides_signal(signal).map_err(outcome::to_problem)?,
-                    None => false,
-                };
-                if !absent {
-                    columns.push(local_column(session, axis, name)?);
-                }
-            }
-        }
-        Ok(columns)
     }
 
     fn print_head(&self, columns: &[WatchColumn], out: &mut DataOutput) {
@@ -302,31 +266,15 @@ fn normalize_name(name: &str) -> String {
     name.to_ascii_lowercase().replace(['-', '_'], " ")
 }
 
-fn local_column(session: &LocalSession, axis: &LocalAxis, name: &str) -> Result<WatchColumn> {
-    let signal = Signal::ALL.into_iter().find(|signal| signal.name() == normalize_name(name));
-    let source = signal.and_then(|signal| Some((signal, axis.profile().signal(signal)?)));
-    let (id, flag) = match source {
-        Some((_, source)) => (source.parameter, source.equals.is_some()),
-        None => (axis.find(name).map_err(outcome::to_problem)?, false),
-    };
-    // Reads what the unit depends on. What cannot be read shows with the first value.
-    let _ = axis.value(id, 0);
-    outcome::note_missing_unit(axis, id);
-    let unit = if flag { "" } else { axis.unit(id).symbol() }.to_owned();
-    let (number, its) = (axis.number(), axis.clone());
-    let read: Box<dyn Fn() -> Result<f64>> = match source {
-        Some((wanted, _)) => {
-            Box::new(move || Ok(signal_of(&its, wanted)?.map_or(f64::NAN, finite_value)))
+/// Waits for the first sample of each column, without which the first row of a server would be empty.
+fn wait_for_samples(columns: &[WatchColumn]) -> Result<()> {
+    let end = clock::now() + clock::scale_timeout(FIRST_MAX);
+    for column in columns {
+        while (column.read)()?.is_nan() && clock::now() < end && !interrupt::was_interrupted() {
+            clock::sleep_until(clock::now().plus_ms(FIRST_POLL_MS));
         }
-        None => Box::new(move || read_parameter(&its, id).map(finite_value)),
-    };
-    let name = format!("{}{}", session.axis_prefix(axis), normalize_name(name));
-    Ok(WatchColumn { number, link: None, name, unit, read })
-}
-
-fn finite_value(value: Value) -> f64 {
-    // Raw where its scale is not known.
-    if value.value.is_finite() { value.value } else { value.raw as f64 }
+    }
+    Ok(())
 }
 
 impl WatchColumn {

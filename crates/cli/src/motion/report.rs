@@ -76,7 +76,7 @@ impl MeasuredMotion {
         monitors: &[MotionMonitor],
     ) {
         for ((axis, command), monitor) in commands.iter().zip(monitors) {
-            let shown = |si| session::format_signal(axis, Signal::Velocity, si);
+            let shown = |si| axis.interface().format_signal(Signal::Velocity, si);
             if command.verb == Verb::Velocity
                 && let Some(velocity) = monitor.last_velocity().and_then(shown)
             {
@@ -101,7 +101,7 @@ impl MeasuredMotion {
             let is_same =
                 set.is_some_and(|unit| unit.si_symbol() == axis.interface().signal_unit(signal));
             let target = target.filter(|_| is_same);
-            let target = target.and_then(|si| session::format_signal(axis, signal, si));
+            let target = target.and_then(|si| axis.interface().format_signal(signal, si));
             // The motion ends well without it.
             for line in signal_lines(session, axis, signal).unwrap_or_default() {
                 self.add(signal.name(), line, target.clone());

@@ -68,6 +68,12 @@ fn verbs_print_the_same_on_a_link_and_on_a_server() {
         &["set", "max current=2A", "--dry-run"],
         &["set", "AP 6=12", "--dry-run"],
         &["set", "AP 6=13"],
+        // Refused before the first is written.
+        &["set", "max current=1A", "max current=99A"],
+        &["set", "max current=1A", "no such name=3"],
+        &["set", "max current=1A", "AP 6=1furlong"],
+        &["set", "max current=1A", "supply voltage=3V"],
+        &["get", "max current"],
     ];
     // Frames and writes are counted on one's own link alone; how far a short motion came is a measurement.
     let counted = ["writes to the drive's permanent memory", "axis 1 reached ", "too short to"];

@@ -14,7 +14,7 @@ fn parameters_are_set_and_read_back() {
     assert_eq!(ok(&["get", &sim.url, "--raw", "AP 6"]), "max current = 10\n");
     let refused = polepair(&["set", &sim.url, "max current=99A"]);
     assert_eq!(refused.code, 2);
-    let expected = "error[E216]: 99A is out of range for \"max current\".\n  It takes 0 A to 25 A. It was not sent. ";
+    let expected = "error[E216]: `max current` takes 0 A to 25 A, not 99A.\n  It was not sent. ";
     assert!(refused.err.starts_with(expected), "{}", refused.err);
     assert!(ok(&["info", &sim.url]).contains("faults           none"));
     sim.end();

@@ -1,5 +1,6 @@
 //! The axis interface of an axis on a wire of this program.
 
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use polepair_core::axis::{Command, Verb};
@@ -10,14 +11,14 @@ use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 
 use super::{
-    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, MotionState,
+    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, LatestValue, MotionState,
     ParameterDescription, ReadValue, Reply, SignalReading, WatchdogKind, WatchdogReport,
     WriteValue,
 };
-use crate::amount::Amount;
+use crate::amount::{Amount, Value};
 use crate::axis::{
-    DeviceDetail, LocalAxis, ParameterValue, STOP_RETRY_MAX, StopOptions, StopResult,
-    WatchdogState, stop_axes,
+    DeviceDetail, LocalAxis, NamedValue, ParameterValue, STOP_RETRY_MAX, StopOptions, StopResult,
+    WatchdogState, WriteChange, stop_axes,
 };
 use crate::doctor::{ABSENT_TEXT, read_watchdog};
 use crate::error::Error;
@@ -92,6 +93,30 @@ impl AxisInterface for LocalAxis {
             WriteValue::Amount(amount) => self.raw_of(id, amount)?,
         };
         self.start_write(id, raw, store).map(AxisRequest::from)
+    }
+
+    fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error> {
+        let plan = self.plan_writes(values)?;
+        plan.writes.iter().map(|write| self.planned_change(&plan, write, true)).collect()
+    }
+
+    fn write_all(
+        &self,
+        values: &[NamedValue],
+        store: bool,
+        each: &mut dyn FnMut(&WriteChange) -> ControlFlow<()>,
+    ) -> Result<(), Error> {
+        let plan = self.plan_writes(values)?;
+        self.check_armed_for(&plan)?;
+        let changes = plan.writes.iter().map(|write| self.planned_change(&plan, write, false));
+        let changes = changes.collect::<Result<Vec<_>, Error>>()?;
+        for (write, change) in plan.writes.iter().zip(&changes) {
+            self.write(write.id, write.raw, store)?;
+            if each(change).is_break() {
+                break;
+            }
+        }
+        Ok(())
     }
 
     fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
@@ -241,6 +266,32 @@ impl AxisInterface for LocalAxis {
             .collect())
     }
 
+    fn signal_text(&self, signal: Signal) -> Result<Option<String>, Error> {
+        Ok(self.signal_value(signal)?.map(|value| value.to_string()))
+    }
+
+    fn format_signal(&self, signal: Signal, si: f64) -> Option<String> {
+        let source = self.profile().signal(signal)?;
+        Some(self.value_of_si(source.parameter, si).ok()?.to_string())
+    }
+
+    fn latest_value(&self, name: &str, _hz: f64) -> Result<LatestValue, Error> {
+        let (id, signal) = self.find_signal_or_parameter(name)?;
+        let source = signal.and_then(|signal| self.profile().signal(signal));
+        let is_flag = source.is_some_and(|source| source.equals.is_some());
+        // Reads what the unit depends on. What cannot be read shows with the first value.
+        let _ = self.value(id, 0);
+        let unit = if is_flag { "" } else { self.unit(id).symbol() };
+        let axis = self.clone();
+        Ok(LatestValue::new(unit, move || {
+            let value = match signal {
+                Some(signal) => axis.signal_value(signal)?,
+                None => Some(axis.value(id, axis.read(id)?)?),
+            };
+            Ok(value.map_or(f64::NAN, finite_value))
+        }))
+    }
+
     fn faults(&self) -> Result<Vec<FaultReport>, Error> {
         if self.provides_signal(Signal::Fault)? {
             Ok(active_faults(self.profile(), self.signals(&[Signal::Fault])?[0].raw))
@@ -268,6 +319,11 @@ impl AxisInterface for LocalAxis {
     fn sleep(&self, span: Duration) {
         self.sleep(span);
     }
+}
+
+/// The value in its unit, or the raw value if its scale is unknown.
+fn finite_value(value: Value) -> f64 {
+    if value.value.is_finite() { value.value } else { value.raw as f64 }
 }
 
 impl LocalAxis {

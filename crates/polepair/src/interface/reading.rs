@@ -7,7 +7,7 @@ use std::time::Duration;
 use polepair_core::escape::EscapedText;
 use polepair_core::profile::{Encoding, Fault, Parameter, Severity, Signal};
 
-use crate::amount::{Amount, format_raw};
+use crate::amount::format_raw;
 use crate::axis::ParameterValue;
 use crate::error::{Error, Exit};
 
@@ -175,15 +175,6 @@ pub struct WatchdogReport {
     pub parameter: Option<String>,
     /// Caution before it is set; may be empty.
     pub caution: String,
-}
-
-/// A value to be written.
-#[derive(Clone, PartialEq, Debug)]
-pub enum WriteValue {
-    /// A number in the parameter's unit, text with a unit, or a word.
-    Amount(Amount),
-    /// The drive's own number.
-    Raw(i64),
 }
 
 /// The reply to a request.

@@ -24,6 +24,7 @@ use polepair_client::message::{BenchView, StopRequest};
 use polepair_client::select_axes;
 
 pub use axis::RemoteAxis;
+pub use convert::{drive_unit, format_signal};
 pub use options::{find_gateway, open};
 pub use polepair_client::message::{AxisInfo, GatewayError};
 pub use polepair_client::{Gateway, GatewayOptions};

@@ -4,9 +4,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use polepair::axis::{DeviceDetail, ParameterValue, PendingWrites, ProgramStatus};
-use polepair::{Amount, InstructionProgram, LocalAxis, Value};
-use polepair_core::profile::{Access, Parameter, ParameterId};
+use polepair::axis::{DeviceDetail, NamedValue, ParameterValue, PlannedWrite, ProgramStatus};
+use polepair::interface::WriteValue;
+use polepair::{Amount, InstructionProgram, LocalAxis};
+use polepair_core::profile::{Access, ParameterId};
 use serde_json::json;
 use tokio::sync::oneshot;
 
@@ -27,13 +28,6 @@ use crate::message::{
 
 /// Parameters of one request.
 const WRITES_MAX: usize = 1024;
-
-/// A parameter that is to have a value.
-struct PlannedWrite {
-    id: ParameterId,
-    parameter: &'static Parameter,
-    raw: i64,
-}
 
 impl Bench {
     /// The parameters of an axis, without their values; nothing is asked.
@@ -204,86 +198,41 @@ impl ParameterWriter {
 
     /// Changes of the request, and the writes for them.
     fn plan(&self) -> Result<(Vec<ParameterChange>, Vec<PlannedWrite>), GatewayError> {
-        // Parameters that scale others go first: the others are converted with the new scale.
-        let named =
-            self.values.iter().map(|(name, given)| Ok((self.axis.find(name)?, name, given)));
-        let mut named = named.collect::<Result<Vec<_>, GatewayError>>()?;
-        named.sort_by_key(|(id, ..)| !self.axis.scales(*id));
-        let (mut all, mut pending) = (Vec::new(), PendingWrites::default());
-        for (id, name, given) in named {
-            let wanted = self.plan_write(id, name, given, &pending)?;
-            pending.insert(id, wanted.raw);
-            all.push(wanted);
+        let values = self.values.iter().map(|(name, given)| self.named_value(name, given));
+        let plan = self.axis.plan_writes(&values.collect::<Result<Vec<_>, _>>()?)?;
+        if let Some(write) = plan.writes.iter().find(|write| write.parameter.moves) {
+            let what = format!("`{}` may move the motor", write.parameter.name);
+            return Err(GatewayError::new("E219", what).hint("use a command, not a setting"));
         }
         let (mut changes, mut writes) = (Vec::new(), Vec::new());
-        for wanted in all {
-            let change = self.plan_change(&wanted, &pending)?;
-            if change.changed || self.persist {
-                writes.push(wanted);
+        for write in &plan.writes {
+            let change = self.axis.planned_change(&plan, write, true)?;
+            if change.is_changed || self.persist {
+                writes.push(*write);
             }
-            changes.push(change);
+            changes.push(ParameterChange {
+                name: change.name,
+                from: change.from,
+                to: change.to,
+                from_text: change.from_text,
+                to_text: change.to_text,
+                unit: change.unit,
+                changed: change.is_changed,
+            });
         }
         Ok((changes, writes))
     }
 
-    fn plan_write(
-        &self,
-        id: ParameterId,
-        name: &str,
-        given: &ParameterInput,
-        pending: &PendingWrites,
-    ) -> Result<PlannedWrite, GatewayError> {
-        let intended = |amount: Amount| {
-            let amount = self.axis.amount_for_name(name, id, amount)?;
-            self.axis.raw_of_after(id, &amount, pending)
+    fn named_value(&self, name: &str, given: &ParameterInput) -> Result<NamedValue, GatewayError> {
+        let value = match given {
+            ParameterInput::Number(number) if self.raw => {
+                WriteValue::Raw(parse_raw_number(*number)?)
+            }
+            ParameterInput::Text(text) if self.raw => WriteValue::Raw(parse_raw_text(text)?),
+            ParameterInput::Number(number) => WriteValue::Amount(Amount::Number(*number)),
+            ParameterInput::Text(text) => WriteValue::Amount(Amount::Text(text.clone())),
         };
-        let parameter = self
-            .axis
-            .parameter(id)
-            .ok_or_else(|| GatewayError::new("E213", format!("there is no parameter `{name}`")))?;
-        if parameter.moves {
-            let what = format!("`{}` may move the motor", parameter.name);
-            return Err(GatewayError::new("E219", what).hint("use a command, not a setting"));
-        }
-        if parameter.access == Access::Read {
-            return Err(GatewayError::new(
-                "E214",
-                format!("`{}` can only be read", parameter.name),
-            ));
-        }
-        let raw = match given {
-            ParameterInput::Number(number) if self.raw => parse_raw_number(*number)?,
-            ParameterInput::Text(text) if self.raw => parse_raw_text(text)?,
-            ParameterInput::Number(number) => intended(Amount::Number(*number))?,
-            ParameterInput::Text(text) => intended(Amount::Text(text.clone()))?,
-        };
-        if !parameter.allows(raw) {
-            let (min, max) =
-                (self.axis.value(id, parameter.min)?, self.axis.value(id, parameter.max)?);
-            let what = format!("`{}` takes {min} to {max}", parameter.name);
-            return Err(GatewayError::new("E216", what).hint("nothing was written"));
-        }
-        Ok(PlannedWrite { id, parameter, raw })
-    }
-
-    fn plan_change(
-        &self,
-        wanted: &PlannedWrite,
-        pending: &PendingWrites,
-    ) -> Result<ParameterChange, GatewayError> {
-        let readable = wanted.parameter.access != Access::Write;
-        let now = readable.then(|| self.axis.read(wanted.id)).transpose()?;
-        let to = self.axis.value_after(wanted.id, wanted.raw, pending)?;
-        let from = now.map(|raw| self.axis.value(wanted.id, raw)).transpose()?;
-        Ok(ParameterChange {
-            name: wanted.parameter.name.to_owned(),
-            from_text: from.as_ref().map_or_else(String::new, Value::text_with_own),
-            from: from.map(|from| from.value).filter(|from| from.is_finite()),
-            to: to.value,
-            to_text: to.text_with_own(),
-            unit: to.unit.symbol().to_owned(),
-            changed: now != Some(wanted.raw),
-        })
+        Ok(NamedValue { name: name.to_owned(), value })
     }
 
     /// Plans at the desk, announces the plan, and executes its writes there.

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use polepair::interface::FaultReport;
+use polepair::remote::drive_unit;
 use polepair::url::AxisNumber;
 use polepair_client::message::{
     AxisInfo, AxisState, FrameDirection, FrameItem, LinkState, LinkView, PendingStopView,
@@ -415,7 +416,7 @@ fn active_faults(state: &AxisState) -> Vec<FaultReport> {
 fn signal_rows(axis: &AxisInfo, state: &AxisState) -> Vec<SignalRow> {
     let rows = Signal::ALL.into_iter().filter_map(|signal| {
         let value = state.signals.iter().find(|value| value.signal == signal.name())?;
-        let (unit, factor) = match remote::signal_unit(axis, &value.signal, &value.unit) {
+        let (unit, factor) = match drive_unit(axis, &value.signal, &value.unit) {
             Some(unit) => (unit.symbol().into(), unit.si_factor()),
             None => (value.unit.clone().into(), 1.0),
         };

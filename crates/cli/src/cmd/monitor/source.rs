@@ -213,10 +213,9 @@ impl SignalRow {
 impl fmt::Display for SignalRow {
     /// Formats the word, or the number with its unit.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (&self.word, &*self.unit) {
-            (Some(word), _) => f.write_str(word),
-            (None, "") => f.write_str(&value::format_number(self.value)),
-            (None, unit) => write!(f, "{} {unit}", value::format_number(self.value)),
+        match &self.word {
+            Some(word) => f.write_str(word),
+            None => f.write_str(&value::format_amount(self.value, &self.unit)),
         }
     }
 }

@@ -3,18 +3,18 @@
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use polepair::url::AxisNumber;
-use polepair_capture::jsonl;
-use polepair_client::message::{AddDrives, AxisInfo, FoundDrive, ScanRequest, ScanState, ScanView};
+use polepair_client::message::{AddDrives, AxisInfo, ScanRequest, ScanState, ScanView};
 use polepair_link::clock;
 
+use super::drive_table::DriveColumn::{Axis, Clash, Drive, Known, Link, Product, Says};
+use super::drive_table::{DriveRow, print_drives};
 use super::{conflicts_result, report_unconfigured};
 use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::remote::{RemoteSession, refusal_problem};
 use crate::target::OutputFormat;
-use crate::terminal::{DataOutput, TextTable, colour_out, csv_line, print_note, print_warning};
+use crate::terminal::{print_note, print_warning};
 
 /// Between two questions how far it is.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -45,7 +45,11 @@ pub fn run_remote_scan(
             break;
         }
     }
-    print_found(&views, format)?;
+    let found =
+        views.iter().flat_map(|view| view.found.iter().map(move |found| (view.link, found)));
+    let drives: Vec<DriveRow> =
+        found.map(|(link, found)| DriveRow::found_by_server(link, found)).collect();
+    print_drives(&drives, &[Axis, Link, Drive, Known, Product, Clash, Says], format)?;
     for view in &views {
         report_scan(server, view);
     }
@@ -70,8 +74,7 @@ pub fn run_remote_scan(
             print_note(&format!("link {}: {count} added after all other axes", view.link));
         }
     }
-    let found = || views.iter().flat_map(|view| &view.found);
-    conflicts_result(found().filter(|one| one.clash.is_some()).count(), found().count())
+    conflicts_result(drives.iter().filter(|one| one.clash.is_some()).count(), drives.len())
 }
 
 /// Looks on a link until the end.
@@ -89,59 +92,6 @@ fn scan_link(server: &RemoteSession, link: u16, request: &ScanRequest) -> Result
         view = server.gateway.scan_view(link).map_err(refusal_problem)?;
     }
     Ok(view)
-}
-
-fn print_found(views: &[ScanView], format: OutputFormat) -> Result<()> {
-    let mut out = DataOutput::stdout().with_text(format == OutputFormat::Text);
-    let found = || views.iter().flat_map(|view| view.found.iter().map(move |one| (view.link, one)));
-    match format {
-        OutputFormat::Text if found().next().is_none() => {}
-        OutputFormat::Text => {
-            let mut table =
-                TextTable::with_heads(&["axis", "link", "drive", "known by", "product"]);
-            for (link, one) in found() {
-                let FoundDrive { number, profile, known, drive, .. } = one.clone();
-                table.add_row([number.to_string(), link.to_string(), profile, known, drive]);
-            }
-            out.buffer().extend_from_slice(table.render(colour_out()).as_bytes());
-            for (link, one) in found() {
-                if let Some(clash) = &one.clash {
-                    out.write_line(&format!(
-                        "axis {} of link {link}: {clash}",
-                        AxisNumber(one.number)
-                    ));
-                }
-            }
-        }
-        OutputFormat::Jsonl => found().for_each(|(link, one)| write_json(link, one, out.buffer())),
-        OutputFormat::Csv => {
-            out.write_line("axis,link,drive,known,product,clash");
-            for (link, one) in found() {
-                let (number, link) = (AxisNumber(one.number).to_string(), link.to_string());
-                let clash = one.clash.as_deref().unwrap_or_default();
-                out.write_line(&csv_line([
-                    &*number,
-                    &link,
-                    &one.profile,
-                    &one.known,
-                    &one.drive,
-                    clash,
-                ]));
-            }
-        }
-    }
-    out.flush()
-}
-
-fn write_json(link: u16, found: &FoundDrive, out: &mut Vec<u8>) {
-    let head = format!("{{\"axis\":{},\"link\":{link},\"drive\":", AxisNumber(found.number).json());
-    out.extend_from_slice(head.as_bytes());
-    jsonl::write_string(out, &found.profile);
-    out.extend_from_slice(b",\"product\":");
-    jsonl::write_string(out, &found.drive);
-    out.extend_from_slice(b",\"known\":");
-    jsonl::write_string(out, &found.known);
-    out.extend_from_slice(format!(",\"clash\":{}}}\n", found.clash.is_some()).as_bytes());
 }
 
 /// Prints the further results of a scan.

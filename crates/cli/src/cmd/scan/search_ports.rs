@@ -4,17 +4,15 @@ use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
 use polepair::Connector;
-use polepair::axis::summarize_details;
 use polepair::scan::DetectedDrive;
 use polepair::search::{FoundLink, SearchReport, SearchStep, SilentPort, search};
 use polepair::url::{AxisNumber, shell_word};
-use polepair_capture::jsonl;
 
+use super::drive_table::DriveColumn::{self, Axis, Clash, Drive, Known, Product, Says, Url};
+use super::drive_table::{DriveRow, print_drives};
 use crate::problem::{Exit, Problem, Result};
 use crate::target::OutputFormat;
-use crate::terminal::{
-    self, DataOutput, TextTable, colour_out, csv_line, print_note, print_warning,
-};
+use crate::terminal::{self, print_note, print_warning};
 use crate::{interrupt, outcome};
 
 /// Searches these ports, or all of this machine.
@@ -83,44 +81,21 @@ impl Drop for LiveStep {
 }
 
 fn print_found(report: &SearchReport, format: OutputFormat) -> Result<()> {
-    let mut out = DataOutput::stdout().with_text(format == OutputFormat::Text);
     let found =
-        || report.links.iter().flat_map(|link| link.drives.iter().map(move |it| (link, it)));
-    match format {
-        OutputFormat::Text if found().next().is_none() => {}
-        OutputFormat::Text => {
-            let mut table =
-                TextTable::with_heads(&["connection string", "drive", "product", "says"]);
-            for (link, drive) in found() {
-                table.add_row([
-                    shell_word(&axis_url(link, drive)).into_owned(),
-                    drive.profile.name.to_owned(),
-                    drive.profile.title.to_owned(),
-                    summarize_details(&drive.details),
-                ]);
-            }
-            out.buffer().extend_from_slice(table.render(colour_out()).as_bytes());
-        }
-        OutputFormat::Jsonl => {
-            for (link, drive) in found() {
-                out.buffer().extend_from_slice(b"{\"url\":");
-                jsonl::write_string(out.buffer(), &axis_url(link, drive));
-                out.buffer().push(b',');
-                let begin = out.buffer().len();
-                super::write_json(drive, out.buffer());
-                // The object of a scan without its brace.
-                out.buffer().remove(begin);
-            }
-        }
-        OutputFormat::Csv => {
-            out.write_line("url,axis,drive,known,product,clash,says");
-            for (link, drive) in found() {
-                let row = super::csv_row(drive);
-                out.write_line(&format!("{},{row}", csv_line([&*axis_url(link, drive)])));
-            }
-        }
-    }
-    out.flush()
+        report.links.iter().flat_map(|link| link.drives.iter().map(move |drive| (link, drive)));
+    let drives: Vec<DriveRow> = found
+        .map(|(link, drive)| {
+            let url = axis_url(link, drive);
+            let url =
+                if format == OutputFormat::Text { shell_word(&url).into_owned() } else { url };
+            DriveRow { url, ..DriveRow::from(drive) }
+        })
+        .collect();
+    let columns: &[DriveColumn] = match format {
+        OutputFormat::Text => &[Url, Drive, Product, Says],
+        _ => &[Url, Axis, Drive, Known, Product, Clash, Says],
+    };
+    print_drives(&drives, columns, format)
 }
 
 /// The connection string of one drive, to be pasted.

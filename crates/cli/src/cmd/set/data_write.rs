@@ -3,8 +3,9 @@
 use std::fs::File;
 use std::io::Read;
 
-use polepair::LocalAxis;
 use polepair::axis::DATA_MAX;
+use polepair::interface::WriteValue;
+use polepair::{Amount, LocalAxis};
 use polepair_core::profile::{Access, Encoding, ParameterId};
 
 use crate::cmd::record::plural;
@@ -23,7 +24,12 @@ pub struct DataWrite {
 
 impl DataWrite {
     /// Write of `NAME=VALUE`; `None` for a number. `@FILE` means the bytes of a file.
-    pub fn for_setting(axis: &LocalAxis, id: ParameterId, value: &str) -> Result<Option<Self>> {
+    pub fn for_setting(
+        axis: &LocalAxis,
+        id: ParameterId,
+        value: &WriteValue,
+    ) -> Result<Option<Self>> {
+        let WriteValue::Amount(Amount::Text(value)) = value else { return Ok(None) };
         let Some(parameter) = axis.parameter(id) else { return Ok(None) };
         let file = value.strip_prefix('@').filter(|file| !file.is_empty());
         let untyped = parameter.encoding == Encoding::AnyLength;

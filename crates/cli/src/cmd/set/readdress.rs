@@ -27,8 +27,8 @@ impl AddressChange {
     }
 
     /// Refuses what could not be read back: nothing was sent.
-    pub fn check(session: &LocalSession, changes: &[Self]) -> Result<()> {
-        match (changes, session.axes().len()) {
+    pub fn check(axis_count: usize, changes: &[Self]) -> Result<()> {
+        match (changes, axis_count) {
             ([], _) | ([_], 1) => Ok(()),
             _ => Err(Problem::usage("E242", "One address of one drive at a time.")
                 .why("The drive must be found again at its new address; nothing was sent.")

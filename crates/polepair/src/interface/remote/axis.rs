@@ -1,37 +1,42 @@
 //! The axis interface of an axis of a gateway.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 
 use polepair_client::message::{
-    AxisInfo, BenchView, ParameterInput, ParameterReading as ReadingMessage, SetWatchdog,
+    AxisInfo, BenchView, ParameterReading as ReadingMessage, SetWatchdog, SignalInfo,
     WriteParameters,
 };
 use polepair_client::{GatewayError, Lease, PendingOperation};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
-use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::profile::{ParameterId, Signal, same_name};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 use polepair_link::clock;
 
 use super::convert::{
-    argument_unit, axis_facts, axis_state, command_arguments, parameter_description,
-    parameter_reading, signal_reading, watchdog_report,
+    argument_unit, axis_facts, axis_state, command_arguments, drive_unit, format_signal,
+    parameter_description, parameter_input, parameter_reading, signal_reading, watchdog_report,
+    write_change, write_request,
 };
 use super::server::{LeaseGuard, REPLY_MAX, STOP_MAX, Server};
 use super::{RemoteRequest, SampleRows, stop_axes};
 use crate::amount::Amount;
-use crate::axis::DeviceDetail;
+use crate::axis::{DeviceDetail, NamedValue, WriteChange};
 use crate::error::Error;
 use crate::interface::{
-    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, MotionState,
+    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, LatestValue, MotionState,
     ParameterDescription, ReadValue, Reply, SignalReading, WatchdogReport, WriteValue,
     not_on_gateway,
 };
 
 /// The highest rate at which a gateway sends a signal.
 const HZ_MAX: f64 = 1000.0;
+/// Periods, and least time, for which a sample is the latest value: a drive may be slower than the requested rate.
+const FRESH_PERIODS: f64 = 3.0;
+const FRESH_MIN: Duration = Duration::from_secs(1);
 
 /// An axis of a gateway. Clones are the same axis and share its lease.
 #[derive(Clone, Debug)]
@@ -252,19 +257,7 @@ impl AxisInterface for RemoteAxis {
             let known = self.server.parameters(axis)?.get(usize::from(id.0));
             name = known.map_or(name, |info| info.symbol.clone());
         }
-        let (input, raw) = match value {
-            WriteValue::Amount(Amount::Number(number) | Amount::Either(number)) => {
-                (ParameterInput::Number(*number), false)
-            }
-            WriteValue::Amount(Amount::Text(text) | Amount::Own(text)) => {
-                (ParameterInput::Text(text.clone()), false)
-            }
-            // A whole number that a double does not hold is sent as text.
-            WriteValue::Raw(raw) if raw.unsigned_abs() <= 1 << 53 => {
-                (ParameterInput::Number(*raw as f64), true)
-            }
-            WriteValue::Raw(raw) => (ParameterInput::Text(raw.to_string()), true),
-        };
+        let (input, raw) = parameter_input(value);
         let values = [(name, input)].into();
         let write = WriteParameters { values, keep: store, dry_run: false, raw, epoch: 0 };
         let server = Arc::clone(&self.server);
@@ -275,6 +268,32 @@ impl AxisInterface for RemoteAxis {
             })
         });
         Ok(RemoteRequest::command(written).into())
+    }
+
+    fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error> {
+        let request = WriteParameters { dry_run: true, ..write_request(values, false)? };
+        let changes = self.gateway().write_parameters(self.info.id, &request)?;
+        let parameters = self.server.parameters(self.info.id)?;
+        Ok(changes.into_iter().map(|change| write_change(change, parameters)).collect())
+    }
+
+    fn write_all(
+        &self,
+        values: &[NamedValue],
+        store: bool,
+        each: &mut dyn FnMut(&WriteChange) -> ControlFlow<()>,
+    ) -> Result<(), Error> {
+        let request = write_request(values, store)?;
+        // Before the lease is acquired: other clients wait while it is held.
+        let parameters = self.server.parameters(self.info.id)?;
+        let changes = self.server.with_lease(self.info.id, |lease| {
+            let request = WriteParameters { epoch: lease.epoch(), ..request };
+            self.gateway().write_parameters(self.info.id, &request)
+        })?;
+        let mut changes = changes.into_iter().map(|change| write_change(change, parameters));
+        // The gateway has written all of them.
+        let _ = changes.try_for_each(|change| each(&change));
+        Ok(())
     }
 
     fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
@@ -392,6 +411,38 @@ impl AxisInterface for RemoteAxis {
                 })
             })
             .collect()
+    }
+
+    fn signal_text(&self, signal: Signal) -> Result<Option<String>, Error> {
+        if self.info.signals.iter().all(|known| known.signal != signal.name()) {
+            return Ok(None);
+        }
+        let read = self.signals(&[signal])?;
+        let value = read.first().map(|reading| reading.value).filter(|value| !value.is_nan());
+        Ok(value.and_then(|value| self.format_signal(signal, value)))
+    }
+
+    fn format_signal(&self, signal: Signal, si: f64) -> Option<String> {
+        Some(format_signal(&self.info, signal.name(), si, &self.signal_unit(signal)))
+    }
+
+    fn latest_value(&self, name: &str, hz: f64) -> Result<LatestValue, Error> {
+        let is_signal = |known: &&SignalInfo| same_name(&known.signal, name);
+        let signal = self.info.signals.iter().find(is_signal).map(|known| &*known.signal);
+        let parameter = if signal.is_none() { Some(name) } else { None };
+        let live = self.server.live_connection()?;
+        let samples = live.subscribe(self.info.id, signal, parameter, hz)?;
+        let unit = signal.and_then(|signal| drive_unit(&self.info, signal, samples.unit()));
+        let (unit, si_factor) = match unit {
+            Some(unit) => (unit.symbol().to_owned(), unit.si_factor()),
+            None => (samples.unit().to_owned(), 1.0),
+        };
+        let periods = Duration::try_from_secs_f64(FRESH_PERIODS / hz).unwrap_or(Duration::MAX);
+        let fresh = clock::scale_timeout(FRESH_MIN).max(periods);
+        Ok(LatestValue::new(unit, move || {
+            let last = samples.last(fresh)?;
+            Ok(last.map_or(f64::NAN, |sample| sample.value / si_factor))
+        }))
     }
 
     fn faults(&self) -> Result<Vec<FaultReport>, Error> {

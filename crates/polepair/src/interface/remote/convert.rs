@@ -6,18 +6,22 @@ use std::time::Duration;
 use polepair_client::display_unit;
 use polepair_client::message::{
     ActiveFault as FaultMessage, AxisInfo, AxisState as StateMessage, CommandArguments,
-    GatewayError, ParameterInfo, ParameterReading as ReadingMessage, SignalValue, WatchdogView,
+    GatewayError, ParameterChange, ParameterInfo, ParameterInput,
+    ParameterReading as ReadingMessage, SignalValue, WatchdogView, WriteParameters,
 };
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{AxisKind, Signal};
 use polepair_core::units::Unit;
 
+use crate::amount::Amount;
+use crate::axis::{NamedValue, WriteChange};
 use crate::error::Error;
 use crate::interface::{
     AxisFacts, AxisSnapshot, FaultReport, ParameterDescription, ReadValue, SignalReading,
-    WatchdogKind, WatchdogReport,
+    WatchdogKind, WatchdogReport, WriteValue, not_on_gateway,
 };
+use crate::quantity::format_amount;
 
 impl From<GatewayError> for Error {
     fn from(error: GatewayError) -> Self {
@@ -129,8 +133,73 @@ pub(super) fn parameter_description(info: &ParameterInfo) -> ParameterDescriptio
     }
 }
 
+/// The unit in which people read a signal: that of the drive's profile, if this program has the profile and it measures
+/// the same as the gateway.
+#[must_use]
+pub fn drive_unit(axis: &AxisInfo, signal: &str, si: &str) -> Option<Unit> {
+    let profile = crate::profile::find_shipped(&axis.profile)?;
+    let source = profile.signals.iter().find(|source| source.signal.name() == signal)?;
+    let unit = profile.parameter(source.parameter)?.unit;
+    (source.equals.is_none() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)
+}
+
+/// A value of a signal, which a gateway gives in SI, as people read it.
+#[must_use]
+pub fn format_signal(axis: &AxisInfo, signal: &str, value: f64, si: &str) -> String {
+    match drive_unit(axis, signal, si) {
+        Some(unit) => format_amount(value / unit.si_factor(), unit.symbol()),
+        None => format_amount(value, si),
+    }
+}
+
 fn owned_text(text: &str) -> Cow<'static, str> {
     Cow::Owned(text.to_owned())
+}
+
+/// A value as a gateway takes it, and whether it is raw.
+pub(super) fn parameter_input(value: &WriteValue) -> (ParameterInput, bool) {
+    match value {
+        WriteValue::Amount(Amount::Number(number) | Amount::Either(number)) => {
+            (ParameterInput::Number(*number), false)
+        }
+        WriteValue::Amount(Amount::Text(text) | Amount::Own(text)) => {
+            (ParameterInput::Text(text.clone()), false)
+        }
+        // A whole number that a double does not hold is sent as text.
+        WriteValue::Raw(raw) if raw.unsigned_abs() <= 1 << 53 => {
+            (ParameterInput::Number(*raw as f64), true)
+        }
+        WriteValue::Raw(raw) => (ParameterInput::Text(raw.to_string()), true),
+    }
+}
+
+/// The request to write several values, without a lease.
+pub(super) fn write_request(values: &[NamedValue], keep: bool) -> Result<WriteParameters, Error> {
+    let inputs = values.iter().map(|named| (named.name.clone(), parameter_input(&named.value)));
+    let inputs: Vec<_> = inputs.collect();
+    let raw = inputs.iter().any(|(_, (_, raw))| *raw);
+    if inputs.iter().any(|(_, (_, own))| *own != raw) {
+        let what = "raw values and values with units together";
+        return Err(not_on_gateway(what, "write the raw values by themselves"));
+    }
+    let values = inputs.into_iter().map(|(name, (input, _))| (name, input)).collect();
+    Ok(WriteParameters { values, keep, dry_run: false, raw, epoch: 0 })
+}
+
+/// A change that a gateway made or would make.
+pub(super) fn write_change(change: ParameterChange, parameters: &[ParameterInfo]) -> WriteChange {
+    let known = parameters.iter().find(|known| known.name == change.name);
+    WriteChange {
+        is_readable: known.is_some_and(|known| known.readable),
+        name: change.name,
+        from: change.from,
+        from_text: change.from_text,
+        to: change.to,
+        to_text: change.to_text,
+        raw: None,
+        unit: change.unit,
+        is_changed: change.changed,
+    }
 }
 
 pub(super) fn parameter_reading(read: ReadingMessage) -> ReadValue {

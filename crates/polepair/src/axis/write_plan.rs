@@ -1,0 +1,168 @@
+//! Writes of several parameters together: each value is checked before the first one is written.
+
+use polepair_core::error::Unsupported;
+use polepair_core::profile::{Access, Parameter, ParameterId};
+
+use super::{LocalAxis, PendingWrites};
+use crate::amount::{Amount, Value, WriteValue};
+use crate::error::Error;
+
+/// A value for the parameter with a name.
+#[derive(Clone, PartialEq, Debug)]
+pub struct NamedValue {
+    /// Our name, the maker's symbol, or an address.
+    pub name: String,
+    /// Value in words, in a unit, or raw.
+    pub value: WriteValue,
+}
+
+/// A raw value within the limits of its parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct PlannedWrite {
+    /// Number of the parameter in the profile.
+    pub id: ParameterId,
+    /// Description of the parameter.
+    pub parameter: &'static Parameter,
+    /// Raw value to be written.
+    pub raw: i64,
+}
+
+/// Writes in the order in which they are to be sent: those that scale others first.
+#[derive(Clone, Debug, Default)]
+pub struct WritePlan {
+    /// Every write.
+    pub writes: Vec<PlannedWrite>,
+    /// All values together, which decide the scales after the writes.
+    pending: PendingWrites,
+}
+
+/// Change of a parameter that a write makes.
+#[derive(Clone, PartialEq, Debug)]
+pub struct WriteChange {
+    /// The parameter's name.
+    pub name: String,
+    /// Present value in [`unit`](Self::unit); `None` if it was not read, or cannot be.
+    pub from: Option<f64>,
+    /// `from` in words, with its unit, and the drive's own number where that is another one: `10 A (100)`.
+    pub from_text: String,
+    /// New value in [`unit`](Self::unit).
+    pub to: f64,
+    /// `to` in words, as `from_text`.
+    pub to_text: String,
+    /// New raw value; `None` on a gateway.
+    pub raw: Option<i64>,
+    /// Symbol of the unit; empty without one.
+    pub unit: String,
+    /// False if the present value was read and is the new one.
+    pub is_changed: bool,
+    /// True if the parameter can be read back.
+    pub is_readable: bool,
+}
+
+impl LocalAxis {
+    /// Checks values for several parameters together. A value is converted with the scale that it will have after the
+    /// other writes. Nothing is written.
+    ///
+    /// # Errors
+    /// As [`plan_write`](Self::plan_write), and `E213` for an unknown name.
+    pub fn plan_writes(&self, values: &[NamedValue]) -> Result<WritePlan, Error> {
+        let named = values.iter().map(|named| Ok((self.find(&named.name)?, named)));
+        let mut named = named.collect::<Result<Vec<_>, Error>>()?;
+        named.sort_by_key(|(id, _)| !self.scales(*id));
+        let mut plan = WritePlan::default();
+        for (id, NamedValue { name, value }) in named {
+            plan.writes.push(self.plan_write(id, name, value, &mut plan.pending)?);
+        }
+        Ok(plan)
+    }
+
+    /// Checks a value for a parameter that the caller wrote as `name`, once what is pending was written, and adds it to
+    /// what is pending.
+    ///
+    /// # Errors
+    /// `E213` for an id that the drive does not have, `E214` for a parameter that can only be read, `E216` outside the
+    /// limits, `E217` for a value without meaning; others by source.
+    pub fn plan_write(
+        &self,
+        id: ParameterId,
+        name: &str,
+        value: &WriteValue,
+        pending: &mut PendingWrites,
+    ) -> Result<PlannedWrite, Error> {
+        let parameter = self.required_parameter(id)?;
+        if parameter.access == Access::Read {
+            return Err(Error::usage("E214", format!("`{}` can only be read", parameter.name), ""));
+        }
+        let raw = match value {
+            WriteValue::Raw(raw) => *raw,
+            WriteValue::Amount(Amount::Text(text)) if is_bit(parameter) && is_switch(text) => {
+                i64::from(matches!(&**text, "on" | "true" | "yes"))
+            }
+            WriteValue::Amount(amount) => {
+                let amount = self.amount_for_name(name, id, amount.clone())?;
+                self.raw_of_after(id, &amount, pending)?
+            }
+        };
+        if !parameter.allows(raw) {
+            let limit =
+                |raw| self.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
+            let (min, max) = (limit(parameter.min), limit(parameter.max));
+            let what = format!("`{}` takes {min} to {max}, not {value}", parameter.name);
+            let hint = format!("polepair params {} {:?}", self.profile.name, parameter.name);
+            return Err(Error::usage("E216", what, hint));
+        }
+        pending.insert(id, raw);
+        Ok(PlannedWrite { id, parameter, raw })
+    }
+
+    /// The change that a planned write makes; `reads` has the present value read for it.
+    ///
+    /// # Errors
+    /// By source.
+    pub fn planned_change(
+        &self,
+        plan: &WritePlan,
+        write: &PlannedWrite,
+        reads: bool,
+    ) -> Result<WriteChange, Error> {
+        let PlannedWrite { id, parameter, raw } = *write;
+        let is_readable = parameter.access != Access::Write;
+        let now = if reads && is_readable { Some(self.read(id)?) } else { None };
+        let from = now.map(|raw| self.value(id, raw)).transpose()?;
+        let to = self.value_after(id, raw, &plan.pending)?;
+        Ok(WriteChange {
+            name: parameter.name.to_owned(),
+            from_text: from.as_ref().map_or_else(String::new, Value::text_with_own),
+            from: from.map(|from| from.value).filter(|from| from.is_finite()),
+            to: to.value,
+            to_text: to.text_with_own(),
+            raw: Some(raw),
+            unit: to.unit.symbol().to_owned(),
+            is_changed: now != Some(raw),
+            is_readable,
+        })
+    }
+
+    /// Refuses a plan with a write that may move the motor of an unarmed axis.
+    ///
+    /// # Errors
+    /// `E219`.
+    pub fn check_armed_for(&self, plan: &WritePlan) -> Result<(), Error> {
+        match plan.writes.iter().find(|write| write.parameter.moves) {
+            Some(write) if !self.state().armed => {
+                let what = format!("writing `{}`", write.parameter.name);
+                Err(self.unsupported_error(&what, Unsupported::NotArmed))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Returns whether a parameter is a bit without words of its own.
+fn is_bit(parameter: &Parameter) -> bool {
+    (parameter.min, parameter.max) == (0, 1) && parameter.values.is_empty()
+}
+
+fn is_switch(text: &str) -> bool {
+    matches!(text, "on" | "true" | "yes" | "off" | "false" | "no")
+}
