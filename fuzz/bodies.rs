@@ -296,7 +296,7 @@ pub fn setup(data: &[u8]) {
     let name = format!("polepair-fuzz-{}.t.zip", std::process::id());
     let path = std::env::temp_dir().join(name);
     std::fs::write(&path, data).expect("a temporary file");
-    let read = polepair::profile::load(&path);
+    let read = polepair::load_profile(&path);
     std::fs::remove_file(&path).expect("a temporary file");
     if let Err(error) = read {
         assert!(!error.to_string().is_empty());

@@ -46,7 +46,7 @@ pub fn run(root: &Path, check: bool) -> CodegenResult<()> {
 fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
     let mut families: BTreeMap<PathBuf, Vec<&'static Profile>> = BTreeMap::new();
     for file in profile_files(&root.join("profiles"))? {
-        let profile = polepair::profile::load(&file).map_err(|e| e.to_string())?;
+        let profile = polepair::load_profile(&file).map_err(|e| e.to_string())?;
         families.entry(destination(root, profile)).or_default().push(profile);
     }
     let mut files = BTreeMap::new();

@@ -68,7 +68,7 @@ pub fn run(root: &Path, package: &Path) -> Result<(), String> {
 
 fn load_profile(name: &str, root: &Path) -> Result<&'static Profile, String> {
     let file = root.join(format!("profiles/{name}.toml"));
-    polepair::profile::load(&file).map_err(|error| error.to_string())
+    polepair::load_profile(&file).map_err(|error| error.to_string())
 }
 
 fn is_written_by_hand(name: &str, root: &Path) -> bool {

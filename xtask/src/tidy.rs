@@ -213,10 +213,11 @@ impl RuleVisitor<'_> {
         if self.location.is_bare() && first == "std" {
             self.report_at(span, "rule 1: core uses std");
         }
+        let modules: Vec<&str> = self.location.modules.iter().map(String::as_str).collect();
         let may_allocate =
-            matches!(self.location.modules.first().map(String::as_str), Some("lane" | "mux"));
+            matches!(modules[..], ["lane" | "mux", ..] | ["program", "transfer", ..]);
         if self.location.is_bare() && first == "alloc" && !may_allocate {
-            self.report_at(span, "rule 1: core allocates outside lane and mux");
+            self.report_at(span, "rule 1: core allocates outside lane, mux and transfers");
         }
         self.check_layers(span, &path);
         let named = self

@@ -26,6 +26,7 @@ use polepair_core::medium::Frame;
 use polepair_core::proto;
 
 use crate::decoder::CaptureDecoder;
+use crate::number_text::plural;
 use crate::read::{CaptureReader, ReadOptions};
 use crate::record::Record;
 pub(crate) use ahead::LookAhead;
@@ -158,10 +159,6 @@ impl LinkDetection {
         }
         Ok(())
     }
-}
-
-fn plural(count: u64, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 impl ProtocolDetector {

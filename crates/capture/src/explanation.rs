@@ -4,7 +4,7 @@ use polepair_core::error::WireError;
 use polepair_core::explain::{ExplainSink, Field, FieldValue, FrameValue, ValueSource};
 use polepair_core::profile::Parameter;
 
-use crate::session::{InternedName, intern};
+use crate::intern::{InternedName, intern};
 
 /// The kind of a CAN FD frame.
 pub const CAN_FD: &str = "can-fd";

@@ -39,6 +39,7 @@ mod filter;
 mod fixtures;
 mod follow;
 mod format;
+mod intern;
 pub mod jsonl;
 mod line_buffer;
 mod line_layout;
@@ -64,6 +65,7 @@ pub use explanation::{CAN_FD, ERROR_FRAME, Explanation, ExplanationField, Explan
 pub use filter::{FilterError, FrameFilter, Glob};
 pub use follow::{FollowEvent, FollowReader};
 pub use format::{CaptureFormat, Compression, UnsupportedFile};
+pub use number_text::plural;
 pub use read::{
     CapturePosition, CaptureReader, Damage, LineScan, LogTimes, ReadError, ReadOptions,
     ReadStatistics, parse_log_line, unpack_bounded,

@@ -10,6 +10,12 @@ const PAIRS: &[u8; 200] = b"0001020304050607080910111213141516171819\
 const DIGITS_MAX: usize = 20;
 const HEX: &[u8; 16] = b"0123456789ABCDEF";
 
+/// `1 frame`, `2 frames`.
+#[must_use]
+pub fn plural(count: u64, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Appends a number with at least `width` characters, `fill` in front.
 #[inline]
 pub(crate) fn append_padded(mut value: u64, width: usize, fill: u8, out: &mut Vec<u8>) {

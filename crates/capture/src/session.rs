@@ -5,7 +5,6 @@
 
 pub mod canopen;
 mod exchange;
-mod intern;
 
 use core::fmt::Debug;
 use std::sync::Arc;
@@ -20,7 +19,7 @@ use crate::record::CanErrorFrame;
 use crate::timestamp::Timestamp;
 use canopen::ProcessData;
 
-pub use intern::{InternedName, intern};
+pub use crate::intern::{InternedName, intern};
 
 /// A notice of a conversation.
 #[derive(Clone, PartialEq, Debug)]

@@ -14,11 +14,11 @@ use polepair_capture::{
 };
 use polepair_core::profile::Profile;
 
-use crate::cmd::capture_format;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::profile_args::NamingArgs;
 use crate::progress::Progress;
 use crate::terminal::{print_note, print_warning};
+use crate::value;
 
 /// Pause of a capture on stdin after which its protocol is decided by the received part, and it is followed from there.
 const JUDGE_PAUSE: Duration = Duration::from_millis(700);
@@ -43,7 +43,7 @@ pub struct StatedArgs {
     #[arg(long = "as", value_name = "PROTO[@ID],…")]
     rules: Option<String>,
     /// File format of the capture [default: detected from its first bytes]
-    #[arg(long, value_name = "FORMAT", value_parser = capture_format())]
+    #[arg(long, value_name = "FORMAT", value_parser = value::capture_format())]
     from: Option<CaptureFormat>,
     #[command(flatten)]
     named_by: NamingArgs,

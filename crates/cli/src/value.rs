@@ -1,9 +1,12 @@
-//! Parses and prints numbers with units.
+//! Parses the values of options, and prints numbers with units.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use polepair_capture::CaptureFormat;
 use polepair_core::profile::Parameter;
 use polepair_core::units::Unit;
 
 pub use polepair::quantity::{format_amount, format_number};
+pub use polepair_capture::plural;
 
 /// A span of time in seconds, with its unit: `2s`, `500ms`, `1min`; `0` needs none.
 ///
@@ -45,6 +48,12 @@ pub fn parse_whole(text: &str) -> Option<i64> {
         Some(digits) => i64::from_str_radix(digits, 16).ok(),
         None => text.parse().ok(),
     }
+}
+
+/// Reads the word of a capture format.
+pub fn capture_format() -> impl TypedValueParser<Value = CaptureFormat> {
+    PossibleValuesParser::new(CaptureFormat::names())
+        .map(|word| CaptureFormat::from_name(&word).unwrap_or(CaptureFormat::Text))
 }
 
 #[cfg(test)]

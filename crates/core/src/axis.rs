@@ -16,13 +16,12 @@ mod axes;
 mod event;
 mod rehearsal;
 mod status;
-mod verb;
 
+pub use crate::verb::Verb;
 pub use axes::{AnyLane, Axes, GroupAnswer};
 pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
 pub use rehearsal::{RehearsalAction, RehearsalStep, TextRehearsal};
 pub use status::{AxisStatus, MotionReport, ProgramEnd, Reading};
-pub use verb::Verb;
 
 /// A part of what stops an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

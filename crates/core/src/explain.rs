@@ -293,7 +293,8 @@ pub trait Dissector: Sync {
     ) -> Result<EncodedFrame, EncodeError>;
     /// Meaning of a code of this protocol: a status, an exception, a fault.
     fn code_meaning(&self, code: u32) -> Option<&'static str>;
-    /// The language that [`encode`](Self::encode) reads; protocols on several wires share one.
+    /// The language that [`encode`](Self::encode) reads, and the word of the protocol in profiles; protocols on several
+    /// wires share one.
     fn language(&self) -> &'static str {
         self.name()
     }

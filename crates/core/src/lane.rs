@@ -16,7 +16,6 @@ mod path;
 mod slot;
 #[cfg(test)]
 mod tests;
-mod transfer;
 mod watch;
 
 use alloc::boxed::Box;
@@ -50,7 +49,6 @@ use job_table::JobTable;
 use path::PathStream;
 use slot::AxisSlot;
 pub use slot::{BoxedDriver, DriverFactory};
-pub use transfer::{MemoryBlock, MemoryTransfer, TransferKind};
 
 /// Jobs that a lane holds at once.
 pub const JOBS_MAX: usize = 64;

@@ -16,10 +16,9 @@ use crate::axis::{
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::judge::Tolerance;
-use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
-use crate::program::{MemoryRules, ProgramCommand};
+use crate::program::{MemoryBlock, MemoryRules, MemoryTransfer, ProgramCommand, TransferKind};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};

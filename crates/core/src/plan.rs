@@ -4,9 +4,11 @@
 //! its manual. Steps name parameters of the profile, or the protocol's function, index and value. So plans
 //! have the same form for every protocol, and can be written in TOML.
 
-use crate::axis::Verb;
 use crate::profile::ParameterId;
 use crate::units::Unit;
+use crate::verb::Verb;
+
+pub use crate::verb::Argument;
 
 /// Steps that a plan may have at most.
 pub const STEPS_MAX: usize = 64;
@@ -282,23 +284,4 @@ impl RampSpeed {
 
 fn rpm_si(rpm: u16) -> f64 {
     f64::from(rpm) * Unit::Rpm.si_factor()
-}
-
-/// Arguments of a command.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Argument {
-    /// Target position or distance.
-    Target,
-    /// Velocity.
-    Velocity,
-    /// Acceleration.
-    Acceleration,
-    /// Deceleration, if it differs from the acceleration.
-    Deceleration,
-    /// With how much torque.
-    Torque,
-    /// Jerk time: the time in which the acceleration builds up.
-    JerkTime,
-    /// Cycle period.
-    Period,
 }

@@ -4,10 +4,10 @@
 mod address;
 mod encoding;
 
-use crate::axis::Verb;
 use crate::medium::MediumKind;
 use crate::plan::{ARRIVAL, ParameterTest, Plan};
 use crate::units::Unit;
+use crate::verb::Verb;
 
 pub use address::{ParameterAddress, encoding_word, parse_address_number, parse_encoding};
 pub use encoding::Encoding;
@@ -64,6 +64,22 @@ pub struct Profile {
     pub identity: Option<Identity>,
 }
 
+/// Compares texts in a constant, where `==` is not available.
+const fn is_equal(one: &str, other: &str) -> bool {
+    let (one, other) = (one.as_bytes(), other.as_bytes());
+    if one.len() != other.len() {
+        return false;
+    }
+    let mut n = 0;
+    while n < one.len() {
+        if one[n] != other[n] {
+            return false;
+        }
+        n += 1;
+    }
+    true
+}
+
 impl Profile {
     /// The parameter of that id.
     #[must_use]
@@ -80,6 +96,38 @@ impl Profile {
             .iter()
             .position(|p| same_name(p.name, name) || same_name(p.symbol, name))?;
         u16::try_from(at).ok().map(ParameterId)
+    }
+
+    /// The index of the parameter with this symbol, for a constant of the drive's firmware.
+    ///
+    /// # Panics
+    /// Without such a symbol: in a constant this is an error of the compiler.
+    #[must_use]
+    pub const fn index_of(&self, symbol: &str) -> u16 {
+        let mut n = 0;
+        while n < self.parameters.len() {
+            if is_equal(self.parameters[n].symbol, symbol) {
+                return self.parameters[n].index;
+            }
+            n += 1;
+        }
+        panic!("the profile has no parameter with this symbol")
+    }
+
+    /// The index of the parameter with exactly this name, for a constant of the drive's firmware.
+    ///
+    /// # Panics
+    /// Without such a name: in a constant this is an error of the compiler.
+    #[must_use]
+    pub const fn index_named(&self, name: &str) -> u16 {
+        let mut n = 0;
+        while n < self.parameters.len() {
+            if is_equal(self.parameters[n].name, name) {
+                return self.parameters[n].index;
+            }
+            n += 1;
+        }
+        panic!("the profile has no parameter with this name")
     }
 
     /// The parameter at an index and space.

@@ -5,10 +5,13 @@
 //! Permanent memory wears, so nothing is written twice unless the drive reports that it is missing, and
 //! every word is counted.
 
+mod transfer;
+
 use core::ops::RangeInclusive;
 
 use crate::explain::TextError;
 use crate::profile::Profile;
+pub use transfer::{MemoryBlock, MemoryTransfer, TransferKind};
 
 /// Words that one transfer holds at most: a whole memory of 16-bit addresses.
 pub const WORDS_MAX: usize = 1 << 16;

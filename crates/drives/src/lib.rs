@@ -140,6 +140,5 @@ pub fn assumed_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     if !dissector.explains_by_name() {
         return None;
     }
-    let language = dissector.language();
-    profiles().iter().find(|profile| language.starts_with(profile.protocol)).copied()
+    profiles().iter().find(|profile| profile.protocol == dissector.language()).copied()
 }

@@ -24,6 +24,7 @@
 
 use crate::error::Error;
 use crate::profile::{self, read_text};
+use crate::profile_file::load_profile;
 use crate::simulate;
 use crate::spelling;
 use crate::toml_file::{FileError, SourceText};
@@ -102,7 +103,7 @@ impl Config {
         }
         let own = folder.map(|folder| profile_files(&folder.join("profiles")));
         for file in own.into_iter().flatten() {
-            match profile::load(&file) {
+            match load_profile(&file) {
                 Ok(profile) => config.profiles.push(profile),
                 Err(error) => config.broken.push(error),
             }
@@ -128,7 +129,7 @@ impl Config {
     /// # Errors
     /// [`Error::File`] with file, line, column and reason.
     pub fn add_profile(&mut self, file: &Path) -> Result<&'static Profile, Error> {
-        let profile = profile::load(file)?;
+        let profile = load_profile(file)?;
         self.profiles.retain(|other| other.name != profile.name);
         self.profiles.push(profile);
         Ok(profile)
@@ -149,7 +150,7 @@ impl Config {
         match (self.profile(word), self.broken_profile(word)) {
             (Some(known), _) => Ok(known),
             (None, Some(error)) => Err(error.clone().into()),
-            (None, None) => Ok(profile::load(word.as_ref())?),
+            (None, None) => Ok(load_profile(word.as_ref())?),
         }
     }
 

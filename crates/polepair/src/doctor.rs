@@ -21,9 +21,10 @@ mod serial;
 mod watchdog_proof;
 
 use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text, stray_answers_text};
-use crate::connect::{Connector, ProtocolLine};
+use crate::connect::Connector;
 use crate::error::{Error, Exit};
 use crate::identify::{ProbeResult, Prober};
+use crate::protocol_line::ProtocolLine;
 use crate::scan::{self, DetectedDrive};
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::SharedLink;

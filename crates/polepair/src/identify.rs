@@ -2,11 +2,11 @@
 
 use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::config::Config;
-use crate::connect::ProtocolLine;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use crate::profile::{Listed, find_answered};
+use crate::protocol_line::ProtocolLine;
 use crate::url::AxisNumber;
 use polepair_core::axis::Refusal;
 use polepair_core::error::{Failure, Outcome, Unsupported};

@@ -9,8 +9,9 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-use crate::connect::{Connector, ProtocolLine};
+use crate::connect::Connector;
 use crate::error::Error;
+use crate::protocol_line::ProtocolLine;
 use crate::url::Url;
 use crate::wire::{AnyLink, OpenWire, SharedLink};
 use polepair_core::medium::{Can, CanLine, Medium, SerialLine, Stream};

@@ -15,9 +15,10 @@
 //! ```
 
 use crate::axis::LocalAxis;
-use crate::connect::{Connector, ProtocolLine};
+use crate::connect::Connector;
 use crate::error::Error;
 use crate::identify::is_answer;
+use crate::protocol_line::ProtocolLine;
 use crate::simulate::Simulation;
 use crate::url::{LinkTarget, Url};
 use polepair_core::error::{Failure, Outcome};

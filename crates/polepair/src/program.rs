@@ -13,8 +13,8 @@
 use crate::toml_file::FileError;
 use polepair_core::convert::saturating;
 use polepair_core::convert::text_from;
-use polepair_core::lane::MemoryBlock;
 use polepair_core::profile::Profile;
+use polepair_core::program::MemoryBlock;
 use polepair_core::program::{
     LABELS_MAX, ListingSink, ProgramLabel, ProgramLanguage, SourceError, WORDS_MAX,
 };

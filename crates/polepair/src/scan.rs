@@ -16,11 +16,12 @@ pub use scanner::{AxisAnswer, DriveScanner};
 
 use crate::axis::LocalAxis;
 use crate::bus::{self, BusAddress};
-use crate::connect::{Connector, ProtocolLine};
+use crate::connect::Connector;
 pub use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
+use crate::protocol_line::ProtocolLine;
 use crate::registry::SenderDetector;
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::{CountedLink, SharedLink};

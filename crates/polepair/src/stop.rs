@@ -24,11 +24,12 @@ use crate::axis::{
     LocalAxis, Standstill, StopNotice, StopPersistence, StopProgress, StopSupervisor, WireAirtime,
     await_stops,
 };
-use crate::connect::{Connector, ProtocolLine};
+use crate::connect::Connector;
 use crate::error::{Error, Exit};
 use crate::identify::{IDENTIFY_RETRY_MAX, ProbeResult, Prober};
 use crate::listen::RawWires;
 use crate::no_reply::NoReplyDetails;
+use crate::protocol_line::ProtocolLine;
 use crate::scan::{self, DetectedDrive, ScanProgress};
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::{CountedLink, SharedLink};

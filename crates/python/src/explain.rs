@@ -68,7 +68,7 @@ pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<CodeTu
         Some(profile) => vec![profile],
         None => polepair_drives::profiles()
             .iter()
-            .filter(|p| dissector.name().starts_with(p.protocol))
+            .filter(|p| dissector.language() == p.protocol)
             .copied()
             .collect(),
     };
@@ -92,7 +92,7 @@ fn find_subject(
     let product = product.copied().or_else(|| polepair::profile::find_shipped(subject));
     let speaks = |p: &&'static Profile| {
         let mut all = proto::dissectors().iter().copied();
-        all.find(|dissector| dissector.name().starts_with(p.protocol))
+        all.find(|dissector| dissector.language() == p.protocol)
     };
     let dissector = product.as_ref().and_then(speaks);
     dissector.map(|dissector| (dissector, product)).ok_or_else(|| {

@@ -245,7 +245,7 @@ fn find(descriptor: i32) -> CallResult<Arc<Mutex<Channel>>> {
 
 /// Loads a set-up and returns its index.
 pub fn load_setup(path: &str) -> CallResult<i32> {
-    let loaded = polepair::profile::load(std::path::Path::new(path));
+    let loaded = polepair::load_profile(std::path::Path::new(path));
     let profile = loaded.map_err(|error| TmlError::from(&polepair::Error::from(error)))?;
     let mut setups = lock(&SETUPS);
     let known = setups.iter().position(|other| std::ptr::eq(*other, profile));

@@ -123,7 +123,7 @@ impl StatedProfiles {
 
 /// Returns whether drives of a profile speak a protocol.
 pub(crate) fn profile_speaks(profile: &Profile, dissector: &dyn Dissector) -> bool {
-    dissector.language().starts_with(profile.protocol)
+    dissector.language() == profile.protocol
 }
 
 /// The rule of the protocol that a capture gave an identifier to which is not its own.

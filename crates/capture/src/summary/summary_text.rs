@@ -12,6 +12,7 @@ use super::{
 };
 use crate::date;
 use crate::decoder::profile_speaks;
+use crate::number_text::plural;
 use crate::session::{ExchangeOutcome, InternedName};
 use crate::text::DurationText;
 use crate::timestamp::Timestamp;
@@ -392,10 +393,6 @@ fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
 
 fn blank_if_zero(count: u64) -> String {
     if count == 0 { String::new() } else { count.to_string() }
-}
-
-fn plural(count: u64, noun: &str) -> String {
-    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }
 
 /// Stamps that count from a start of the program are no dates.

@@ -14,6 +14,7 @@ use crate::capture::{
 use crate::output_file::{self, OutputFile};
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::{print_note, print_warning};
+use crate::value;
 
 const READ_SIZE: usize = 1 << 16;
 /// Kinds of records that found no place and are named one by one.
@@ -39,13 +40,13 @@ pub struct Convert {
     #[arg(value_name = "OUT|-")]
     out: PathBuf,
     /// Format of the input [default: detected from its first bytes]
-    #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
+    #[arg(long, value_name = "FORMAT", value_parser = value::capture_format())]
     from: Option<CaptureFormat>,
     /// Times of a text log: absolute, or differences to the line before (`candump -td`)
     #[arg(long, value_name = "KIND", value_enum, default_value_t = TimesArg::Detect)]
     times: TimesArg,
     /// Format of the output [default: from the name of OUT]
-    #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
+    #[arg(long, value_name = "FORMAT", value_parser = value::capture_format())]
     to: Option<CaptureFormat>,
 }
 

@@ -132,7 +132,7 @@ impl ExplainSubject {
             Self::Drive(profile) => proto::dissectors()
                 .iter()
                 .copied()
-                .find(|dissector| dissector.name().starts_with(profile.protocol))
+                .find(|dissector| dissector.language() == profile.protocol)
                 .ok_or_else(|| problem::no_such_protocol(profile.protocol)),
         }
     }
@@ -143,7 +143,7 @@ impl ExplainSubject {
             Self::Protocol(dissector) => {
                 let mut profiles: Vec<_> = polepair_drives::profiles()
                     .iter()
-                    .filter(|p| dissector.name().starts_with(p.protocol))
+                    .filter(|p| dissector.language() == p.protocol)
                     .collect();
                 profiles.dedup_by_key(|profile| profile.family);
                 profiles.into_iter().copied().collect()

@@ -9,7 +9,6 @@ use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
 use polepair_core::profile::ParameterId;
 
-use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
@@ -17,6 +16,7 @@ use crate::remote::ServerArgs;
 use crate::session::Session;
 use crate::target::{DriveArgs, OutputFormat};
 use crate::terminal::{DataOutput, csv_line, print_note, print_warning};
+use crate::value::plural;
 
 /// The columns after the axis.
 const CSV_HEADER: &str = "name,symbol,raw,value,unit";

@@ -42,9 +42,7 @@ mod watchdog;
 
 use std::ffi::OsString;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use polepair_capture::CaptureFormat;
 
 use crate::problem::Result;
 use crate::remote::{self, ServerArgs};
@@ -241,10 +239,4 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Demo(verb) => verb.run(),
         CommandVerb::Completions(verb) => verb.run(),
     }
-}
-
-/// Reads the word of a capture format.
-pub fn capture_format() -> impl TypedValueParser<Value = CaptureFormat> {
-    PossibleValuesParser::new(CaptureFormat::names())
-        .map(|word| CaptureFormat::from_name(&word).unwrap_or(CaptureFormat::Text))
 }

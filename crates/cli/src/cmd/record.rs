@@ -50,7 +50,7 @@ pub struct RecordOptions {
     #[arg(short, long = "out", value_name = "FILE")]
     out: PathBuf,
     /// Output format [default: from the name of FILE]
-    #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
+    #[arg(long, value_name = "FORMAT", value_parser = value::capture_format())]
     to: Option<CaptureFormat>,
     /// Replace FILE if it exists; its content is lost
     #[arg(long)]
@@ -192,7 +192,7 @@ impl Recorder {
         let TrafficRecorder { files, printer, .. } = self.traffic;
         let (count, files) = files.map_or(Ok((0, 0)), CaptureFiles::finish)?;
         last?;
-        let (what, seconds) = (plural(count, "record"), took.as_secs_f64());
+        let (what, seconds) = (value::plural(count, "record"), took.as_secs_f64());
         let files = if files > 1 { format!(" in {files} files") } else { String::new() };
         let malformed_text =
             count_text(self.malformed, "were not frames of classic CAN and are not recorded")
@@ -206,7 +206,7 @@ impl Recorder {
         if skipped > 0 {
             print_warning(&format!(
                 "{} recorded but not printed: stdout was not read",
-                plural(skipped, "record")
+                value::plural(skipped, "record")
             ));
         }
         Ok(if self.overrun > 0 { Exit::Partial } else { Exit::Ok })
@@ -226,8 +226,4 @@ fn malformed_count(losses: &Losses) -> u64 {
 
 fn overrun_count(losses: &Losses) -> u64 {
     losses.overrun
-}
-
-pub fn plural(count: u64, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }

@@ -27,13 +27,13 @@ use crate::capture::{CaptureSource, StatedArgs, read_pieces, report_damage, writ
 use crate::cmd::decode::parse_filter;
 use crate::cmd::record::files::{CaptureFiles, RecordingPlace};
 use crate::cmd::record::live_printer::LivePrinter;
-use crate::cmd::record::plural;
 use crate::cmd::record::traffic_recorder::TrafficRecorder;
 use crate::cmd::stop;
 use crate::output_file::TraceArgs;
 use crate::problem::{Exit, Problem, Result};
 use crate::tap_queue::{TapQueue, short_name};
 use crate::terminal::{DataOutput, colour_out, print_note};
+use crate::value::plural;
 use crate::{interrupt, outcome, output_file};
 use feed::CaptureFeed;
 use player::{ReplayControl, ReplayPace, ReplayResult};

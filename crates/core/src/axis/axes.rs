@@ -7,9 +7,8 @@ use super::{
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::judge::Tolerance;
-use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
-use crate::program::{MemoryRules, ProgramCommand};
+use crate::program::{MemoryBlock, MemoryRules, MemoryTransfer, ProgramCommand, TransferKind};
 use crate::station::{AxisIndex, Counters, Ticket};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};

@@ -5,6 +5,7 @@ use crate::axis::{MotionReport, Refusal, TextRehearsal, UnmetWait};
 use crate::judge::Tolerance;
 use crate::medium::bits::bit_time_ns;
 use crate::profile::{Access, Encoding, NoScale, Parameter};
+use crate::program::{MemoryBlock, MemoryTransfer, TransferKind};
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     fn axis_count(&self) -> usize {

@@ -7,13 +7,13 @@ use super::answer::{BUSY_MAX_MS, BUSY_PAUSE_MS, handle_run_answer};
 use super::job::{GroupResult, InFlight, Job, JobTask, PlanRun, StepStage};
 use super::path::PathStream;
 use super::slot::AxisSlot;
-use super::transfer::{MemoryTransfer, TransferKind};
 use super::watch::WatchStep;
 use crate::axis::Refusal;
 use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::ParameterId;
 use crate::program::ProgramCommand;
+use crate::program::TransferKind;
 use crate::station::{Request, RequestClass};
 use crate::time::Instant;
 
@@ -67,8 +67,7 @@ pub fn next_request<R: Request, A: Copy + 'static>(
         JobTask::Run(run) => next_run_request(now, run, slot),
         JobTask::Path => with_path(slot, |path, slot| path.next_request(now, slot))
             .unwrap_or(Err(JobState::Ended(Outcome::NotDone(Failure::Cancelled)))),
-        JobTask::Transfer(_) => with_transfer(slot, MemoryTransfer::next_request)
-            .unwrap_or(Err(JobState::Ended(Outcome::NotDone(Failure::Cancelled)))),
+        JobTask::Transfer(_) => next_transfer_request(slot).map_err(JobState::Ended),
     }
 }
 
@@ -83,15 +82,18 @@ fn with_path<R: Request, A: Copy + 'static, T>(
     Some(done)
 }
 
-/// Lets the axis' transfer, if it has one, do something with the axis.
-fn with_transfer<R: Request, A: Copy + 'static, T>(
+/// The request for the present step of the axis' transfer.
+fn next_transfer_request<R: Request, A: Copy + 'static>(
     slot: &mut AxisSlot<R, A>,
-    f: impl FnOnce(&mut MemoryTransfer, &mut AxisSlot<R, A>) -> T,
-) -> Option<T> {
-    let mut transfer = slot.transfer.take()?;
-    let done = f(&mut transfer, slot);
-    slot.transfer = Some(transfer);
-    Some(done)
+) -> Result<(R, InFlight), Outcome> {
+    let AxisSlot { transfer: Some(transfer), driver, .. } = slot else {
+        return Err(Outcome::NotDone(Failure::Cancelled));
+    };
+    let request = driver.transfer_request(transfer.current_step());
+    match request.unwrap_or(Err(Unsupported::NoPlan)) {
+        Ok(request) => Ok((request, InFlight::Send(request.class()))),
+        Err(reason) => Err(transfer.abort_outcome(Failure::Impossible(reason))),
+    }
 }
 
 #[inline]
@@ -450,15 +452,17 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
                 .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled)))
         }
         JobTask::Transfer(_) => {
-            let cancelled = job.cancelled;
-            with_transfer(slot, |transfer, slot| {
-                if cancelled {
-                    JobState::Ended(transfer.abort_outcome(Failure::Cancelled))
-                } else {
-                    transfer.handle_answer(slot, raw)
-                }
-            })
-            .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled)))
+            let Some(transfer) = &mut slot.transfer else {
+                return JobState::Ended(Outcome::Unknown(Failure::Cancelled));
+            };
+            if job.cancelled {
+                return JobState::Ended(transfer.abort_outcome(Failure::Cancelled));
+            }
+            // A word that was not confirmed may have been written.
+            if matches!(raw, Ok(_) | Err(Failure::Silent | Failure::Misbehaved)) {
+                slot.state.flash_writes += transfer.permanent_words();
+            }
+            transfer.handle_reply(raw).map_or(JobState::Ready, JobState::Ended)
         }
     }
 }

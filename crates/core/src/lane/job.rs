@@ -2,12 +2,12 @@
 
 use super::guard::{GuardRead, WaitGuard};
 use super::slot::AxisSlot;
-use super::transfer::TransferKind;
 use super::watch::WatchReads;
 use crate::axis::{Command, ExecutionProof, Verb};
 use crate::error::{Extent, Failure, Outcome};
 use crate::plan::{Operand, STEPS_MAX, Step};
 use crate::profile::{Parameter, ParameterId, Persistence, Profile, RamMode};
+use crate::program::TransferKind;
 use crate::station::{Request, RequestClass, Ticket};
 use crate::time::Instant;
 

@@ -5,11 +5,11 @@ use alloc::boxed::Box;
 use super::execute::{self, JobState};
 use super::job::{GroupResult, InFlight, Job, JobTask};
 use super::slot::{self, AxisSlot};
-use super::transfer::TransferKind;
 use super::watch::WatchValue;
 use super::{JOBS_MAX, RESERVED_STOP_JOBS};
 use crate::axis::GroupAnswer;
 use crate::error::{Failure, Outcome, Unsupported};
+use crate::program::TransferKind;
 use crate::station::{AxisIndex, EventSubject, HostEvent, Request, Ticket};
 use crate::time::{Instant, earliest};
 

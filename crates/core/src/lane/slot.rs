@@ -5,7 +5,6 @@ use alloc::vec::Vec;
 
 use super::event_queue::EventQueue;
 use super::path::PathStream;
-use super::transfer::MemoryTransfer;
 use super::watch::{MotionWatch, targets_position};
 use crate::axis::{
     AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, Refusal, UnmetWait, Verb,
@@ -13,6 +12,7 @@ use crate::axis::{
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Argument, Operand, Step};
 use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, Signal, SignalSource};
+use crate::program::MemoryTransfer;
 use crate::program::ProgramCommand;
 use crate::proto::drive_address;
 use crate::station::Counters;

@@ -11,86 +11,91 @@ pub const DN_BASE: u16 = 0x1000;
 
 /// Numbers of the Fn registers that do something.
 pub mod fn_registers {
+    use super::super::profile::{SYNTRON_DS102, SYNTRON_TS};
+
     /// Control mode.
-    pub const MODE: u16 = 0x00;
+    pub const MODE: u16 = SYNTRON_TS.index_named("control mode");
     /// Rated current, 0.01 A (DS102).
-    pub const RATED_CURRENT: u16 = 0x05;
+    pub const RATED_CURRENT: u16 = SYNTRON_DS102.index_named("rated current");
     /// Internal speed, rpm.
-    pub const SPEED: u16 = 0x33;
+    pub const SPEED: u16 = SYNTRON_TS.index_named("internal speed");
     /// Internal enable.
-    pub const ENABLE: u16 = 0x38;
+    pub const ENABLE: u16 = SYNTRON_TS.index_named("internal enable");
     /// Modbus address.
-    pub const ADDRESS: u16 = 0x3A;
+    pub const ADDRESS: u16 = SYNTRON_TS.index_named("modbus address");
     /// Modbus baud rate.
-    pub const BAUD: u16 = 0x3C;
+    pub const BAUD: u16 = SYNTRON_TS.index_named("modbus baud");
     /// Interface and framing.
-    pub const FORMAT: u16 = 0x3D;
+    pub const FORMAT: u16 = SYNTRON_TS.index_named("modbus format");
     /// Password.
-    pub const PASSWORD: u16 = 0x3F;
+    pub const PASSWORD: u16 = SYNTRON_TS.index_named("password");
     /// Alarm clear (DS102).
-    pub const CLEAR: u16 = 0x53;
+    pub const CLEAR: u16 = SYNTRON_DS102.index_named("clear alarm");
     /// Speed limit of torque mode, rpm.
-    pub const TORQUE_SPEED: u16 = 0x95;
+    pub const TORQUE_SPEED: u16 = SYNTRON_TS.index_named("max speed in torque mode");
     /// CANopen node-ID.
-    pub const NODE: u16 = 0x9A;
+    pub const NODE: u16 = SYNTRON_TS.index_named("can node id");
     /// CAN bit rate, kbit/s.
-    pub const BIT_RATE: u16 = 0x9C;
+    pub const BIT_RATE: u16 = SYNTRON_TS.index_named("can bit rate");
     /// 1 keeps writes in RAM.
-    pub const RAM_ONLY: u16 = 0x99;
+    pub const RAM_ONLY: u16 = SYNTRON_TS.index_named("write target");
     /// First register of path 1.
-    pub const PATHS: u16 = 0x100;
+    pub const PATHS: u16 = SYNTRON_TS.index_named("path 1 definition 1");
     /// Homing way.
-    pub const HOMING_WAY: u16 = 0x200;
+    pub const HOMING_WAY: u16 = SYNTRON_TS.index_named("homing way");
     /// Fast homing speed, rpm.
-    pub const HOMING_SPEED: u16 = 0x201;
+    pub const HOMING_SPEED: u16 = SYNTRON_TS.index_named("homing speed");
     /// Slow homing speed, rpm.
-    pub const HOMING_SLOW: u16 = 0x202;
+    pub const HOMING_SLOW: u16 = SYNTRON_TS.index_named("homing slow speed");
     /// Coordinate of the zero, high word.
-    pub const ZERO_HIGH: u16 = 0x203;
+    pub const ZERO_HIGH: u16 = SYNTRON_TS.index_named("zero coordinate high");
     /// Coordinate of the zero, low word.
-    pub const ZERO_LOW: u16 = 0x204;
+    pub const ZERO_LOW: u16 = SYNTRON_TS.index_named("zero coordinate low");
     /// Motor turns of the mechanics' ratio.
-    pub const MOTOR_TURNS: u16 = 0x205;
+    pub const MOTOR_TURNS: u16 = SYNTRON_TS.index_named("mechanics motor turns");
     /// Travel of the mechanics' ratio.
-    pub const TRAVEL: u16 = 0x206;
+    pub const TRAVEL: u16 = SYNTRON_TS.index_named("mechanics travel");
     /// Delay after homing, ms.
-    pub const HOMING_DELAY: u16 = 0x207;
+    pub const HOMING_DELAY: u16 = SYNTRON_TS.index_named("homing delay");
     /// Path after homing.
-    pub const HOMING_PATH: u16 = 0x208;
+    pub const HOMING_PATH: u16 = SYNTRON_TS.index_named("path after homing");
     /// Stop behaviour of a path.
-    pub const STOP_SETTING: u16 = 0x209;
+    pub const STOP_SETTING: u16 = SYNTRON_TS.index_named("stop setting");
     /// Source of the trigger of a path.
-    pub const TRIGGER_SOURCE: u16 = 0x20A;
+    pub const TRIGGER_SOURCE: u16 = SYNTRON_TS.index_named("trigger source");
     /// Path that the trigger starts.
-    pub const PATH_NUMBER: u16 = 0x20B;
+    pub const PATH_NUMBER: u16 = SYNTRON_TS.index_named("path number");
     /// Path trigger.
-    pub const PATH_TRIGGER: u16 = 0x20C;
+    pub const PATH_TRIGGER: u16 = SYNTRON_TS.index_named("path trigger");
     /// Homing trigger.
-    pub const HOMING_TRIGGER: u16 = 0x20D;
+    pub const HOMING_TRIGGER: u16 = SYNTRON_TS.index_named("homing trigger");
     /// Path stop.
-    pub const PATH_STOP: u16 = 0x20E;
+    pub const PATH_STOP: u16 = SYNTRON_TS.index_named("path stop");
     /// S-time of path 1, ms.
-    pub const S_TIMES: u16 = 0x210;
+    pub const S_TIMES: u16 = SYNTRON_TS.index_named("path 1 s-time");
 }
 
 /// Numbers of the Dn registers with values.
 pub mod dn_registers {
+    use super::super::profile::{SYNTRON_DS102, SYNTRON_TS};
+    use super::DN_BASE;
+
     /// Motor speed, rpm.
-    pub const SPEED: u16 = 0x00;
+    pub const SPEED: u16 = SYNTRON_TS.index_named("motor speed") - DN_BASE;
     /// Load, 0.1 % (DS102).
-    pub const LOAD: u16 = 0x02;
+    pub const LOAD: u16 = SYNTRON_DS102.index_named("motor load") - DN_BASE;
     /// Version (DS102).
-    pub const VERSION: u16 = 0x08;
+    pub const VERSION: u16 = SYNTRON_DS102.index_named("firmware version") - DN_BASE;
     /// Alarm code.
-    pub const ALARM: u16 = 0x12;
+    pub const ALARM: u16 = SYNTRON_TS.index_named("alarm code") - DN_BASE;
     /// Temperature, °C (DS102).
-    pub const TEMPERATURE: u16 = 0x16;
+    pub const TEMPERATURE: u16 = SYNTRON_DS102.index_named("temperature") - DN_BASE;
     /// 1 while a path or homing runs.
-    pub const PATH_STATE: u16 = 0x1C;
+    pub const PATH_STATE: u16 = SYNTRON_TS.index_named("path state") - DN_BASE;
     /// Encoder position, low word.
-    pub const POSITION_LOW: u16 = 0x2E;
+    pub const POSITION_LOW: u16 = SYNTRON_TS.index_named("encoder position") - DN_BASE;
     /// Encoder position, high word.
-    pub const POSITION_HIGH: u16 = 0x2F;
+    pub const POSITION_HIGH: u16 = POSITION_LOW + 1;
 }
 
 /// The store behind Fn_00 to Fn_2FF.

@@ -5,7 +5,7 @@ use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use crate::program::{AssemblyContext, Program};
 use polepair_core::error::{Failure, Outcome, Unsupported};
-use polepair_core::lane::{MemoryBlock, TransferKind};
+use polepair_core::program::{MemoryBlock, TransferKind};
 use polepair_core::program::{
     MemoryKind, MemoryRules, ProgramCommand, ProgramLanguage, TransferProgress,
 };

@@ -1,12 +1,13 @@
 //! Settings of an open link that are needed to scan it and to add drives. It does not keep the link open:
 //! only the connections own it.
 
-use super::{LocalLink, ProtocolLine, RackEntry};
+use super::LocalLink;
 use crate::axis::LocalAxis;
 use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::mounting::ResolvedMounting;
+use crate::protocol_line::{ProtocolLine, RackEntry};
 use crate::registry::ProtocolInfo;
 use crate::url::AxisNumber;
 use crate::wire::SharedLink;

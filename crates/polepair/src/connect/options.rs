@@ -7,7 +7,6 @@ use polepair_core::convert::saturating;
 use polepair_core::medium::{Parity, SerialLine, Stream};
 use polepair_core::proto::HostOptions;
 use polepair_link::clock;
-use std::hash::{BuildHasher, RandomState};
 
 /// Replies to an earlier program may be pending; each session draws its own probes.
 const IN_DOUBT: Option<u32> = Some(0);
@@ -59,11 +58,6 @@ pub(super) fn host_options_on_network(
 ) -> Result<HostOptions, Error> {
     let options = host_options(url, protocol, 0)?;
     Ok(HostOptions { resync_pause_ms: options.resync_pause_ms.or(Some(TCP_PAUSE_MS)), ..options })
-}
-
-/// Whatever the system gives: the probes of one session are not those of the one before.
-pub(super) fn random_seed() -> u32 {
-    RandomState::new().hash_one(()) as u32
 }
 
 pub(super) fn rate_key(url: &Url, key: &str) -> Result<Option<u32>, Error> {

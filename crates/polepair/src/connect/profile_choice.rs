@@ -73,7 +73,7 @@ impl Connector {
         if let Some((key, file)) =
             ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
         {
-            let profile = crate::profile::load(Path::new(file))?;
+            let profile = crate::profile_file::load_profile(Path::new(file))?;
             self.keep_sheet_warnings(Path::new(file));
             if profile.protocol == protocol.profile {
                 return Ok(Some(profile));

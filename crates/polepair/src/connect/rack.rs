@@ -1,10 +1,11 @@
 //! The links of a rack: simulated, or real if the file has `connect`.
 
 use super::options::{host_options, host_options_on_network, wire_options};
-use super::{Connector, ProtocolLine, RackEntry, build_simulation, open};
+use super::{Connector, build_simulation, open};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::identify::Prober;
+use crate::protocol_line::{ProtocolLine, RackEntry};
 use crate::registry::ProtocolInfo;
 use crate::simulate::{self, RackDescription, Simulation};
 use crate::spelling;

@@ -2,8 +2,8 @@
 
 use super::{CheckResult, UNITS_MAX};
 use crate::bus::LOAD_MAX;
-use crate::connect::ProtocolLine;
 use crate::error::{Error, Exit};
+use crate::protocol_line::ProtocolLine;
 use crate::registry::{self, SenderDetector};
 use crate::url::{LinkTarget, Url};
 use crate::wire::CountedLink;

@@ -1,9 +1,10 @@
 //! Checks of a serial line: noise, baud rate, echo.
 
 use super::{CheckResult, DoctorOptions, UNITS_MAX};
-use crate::connect::{Connector, ProtocolLine};
+use crate::connect::Connector;
 use crate::error::{Error, Exit};
 use crate::identify::{ProbeResult, Prober};
+use crate::protocol_line::ProtocolLine;
 use crate::search::{BAUD_RATES, search};
 use crate::url::{LinkTarget, Url};
 use crate::wire::CountedLink;

@@ -216,7 +216,7 @@ fn profile_of(name: &str, text: &str) -> &'static polepair_core::profile::Profil
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join(name);
     std::fs::write(&path, text).unwrap();
-    let profile = crate::profile::load(&path).unwrap();
+    let profile = crate::profile_file::load_profile(&path).unwrap();
     std::fs::remove_file(path).unwrap();
     profile
 }

@@ -84,18 +84,10 @@ pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
     intern_profile(&BaseProfiles { folder: None }.read_draft(file, text, 0)?)
 }
 
-/// Reads a profile file, the set-up of a TML drive (`.t.zip`, or a folder with `variables.cfg`), or the data
-/// sheet of a CANopen device (`.eds`, `.dcf`). `extends` may name another
-/// file of its folder, or a profile that is compiled in.
-///
-/// # Errors
-/// [`FileError`], also for a file that cannot be read.
-pub fn load(path: &Path) -> Result<&'static Profile, FileError> {
+/// Reads a profile file, or the set-up of a TML drive.
+pub(crate) fn load_own_file(path: &Path) -> Result<&'static Profile, FileError> {
     if setup::is_setup(path) {
         return intern_profile(&setup::draft_profile(path)?);
-    }
-    if crate::eds::is_eds_file(path) {
-        return intern_profile(&crate::eds::draft_profile(path)?);
     }
     let text = read_text(path)?;
     let folder = path.parent().map(Path::to_path_buf);
@@ -110,7 +102,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String, FileError> {
 }
 
 /// Leaks a draft once per content.
-fn intern_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
+pub(crate) fn intern_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
     static PROFILE_CACHE: Mutex<Option<HashMap<String, &'static Profile>>> = Mutex::new(None);
     let mut stored = PROFILE_CACHE.lock().unwrap_or_else(PoisonError::into_inner);
     let stored = stored.get_or_insert_with(HashMap::new);

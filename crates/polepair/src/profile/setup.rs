@@ -135,7 +135,7 @@ fn pack_archive(profile: &Profile, path: &Path) -> zip::result::ZipResult<()> {
 #[cfg(test)]
 mod tests {
     use super::{ARCHIVE_MAX, name_from_path, write_setup};
-    use crate::profile::load;
+    use crate::profile::load_own_file as load;
     use polepair_drives::profiles;
     use std::io::Write;
     use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! What a bad profile is told, and what a good one becomes.
 
-use super::{BaseProfiles, load, parse, remove_missing, resolve};
+use super::{BaseProfiles, load_own_file as load, parse, remove_missing, resolve};
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Step};
 use polepair_core::profile::{

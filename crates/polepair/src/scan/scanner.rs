@@ -6,13 +6,14 @@ use super::{
 use crate::axis::LocalAxis;
 use crate::bus::{self, BusAddress};
 use crate::clash::{duplicate_address_text, stray_answers_text};
-use crate::connect::{AnyBorrowedLink, Connector, LineConfig, LocalLink, ProtocolLine};
+use crate::connect::{AnyBorrowedLink, Connector, LineConfig, LocalLink};
 use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::identify::{ProbeResult, Prober, is_answer};
 use crate::lss::{self, LssMaster};
 use crate::no_reply::{ACKNOWLEDGES, NoReplyCause, NoReplyDetails};
+use crate::protocol_line::ProtocolLine;
 use crate::url::AxisNumber;
 use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::station::Counters;

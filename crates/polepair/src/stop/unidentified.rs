@@ -3,11 +3,11 @@
 //!
 //! Why: STOP-6.
 
-use crate::connect::ProtocolLine;
 use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::identify::{ProbeResult, Prober};
+use crate::protocol_line::ProtocolLine;
 use polepair_core::axis::Verb;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::plan::{Operand, Step};

@@ -2,9 +2,9 @@
 
 use polepair_core::axis::{Axes, Command, ProgramEnd, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
-use polepair_core::lane::{MemoryBlock, TransferKind};
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
+use polepair_core::program::{MemoryBlock, TransferKind};
 use polepair_core::program::{ProgramCommand, ProgramLabel, ProgramLanguage, TransferProgress};
 use polepair_core::proto::tml::program::TmlLanguage;
 use polepair_core::proto::{HostOptions, SerialStandard};

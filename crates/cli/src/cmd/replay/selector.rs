@@ -179,7 +179,7 @@ impl FrameSelector {
         if event.remote {
             return Effect::NOTHING;
         }
-        match self.profile.filter(|p| dissector.language().starts_with(p.protocol)) {
+        match self.profile.filter(|p| dissector.language() == p.protocol) {
             Some(stated) => dissector.effect(raw, Some(stated)),
             // A usual drive's table warns of what it knows; it vouches for no other drive.
             None => dissector

@@ -6,10 +6,10 @@ use polepair_capture::DecodedFrame;
 use polepair_core::explain::Impact;
 
 use super::selector::{ReplayFrame, ReplayRoute, SkipReason, effect_word};
-use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::terminal::{print_note, print_warning};
+use crate::value::plural;
 
 /// Frames to send, and skipped ones.
 #[derive(Debug, Default)]

@@ -8,10 +8,10 @@ use polepair::interface::WriteValue;
 use polepair::{Amount, LocalAxis};
 use polepair_core::profile::{Access, Encoding, ParameterId};
 
-use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::progress::Progress;
+use crate::value::plural;
 
 /// A write to a parameter that is no number.
 pub struct DataWrite {

@@ -42,6 +42,10 @@ impl Dissector for ModbusDissector {
         }
     }
 
+    fn language(&self) -> &'static str {
+        "modbus"
+    }
+
     fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
         match self.0 {
             WireFormat::Rtu => framing::cut_rtu(bytes, direction, ended),

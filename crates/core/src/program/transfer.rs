@@ -1,5 +1,5 @@
-//! Transfer of a program to or from a drive's memory: the next request of its job, and the processing of
-//! its reply.
+//! Transfer of a program to or from a drive's memory: the next step, and the processing of its reply. No requests, no
+//! axis: the lane sends the steps.
 //!
 //! The drive's pointer verifies a block: it moves with every written word. So a lost message is
 //! distinguished from a lost acknowledgement, and no word is sent twice. At the end the drive's checksum
@@ -9,14 +9,8 @@
 
 use alloc::vec::Vec;
 
-use super::execute::JobState;
-use super::job::InFlight;
-use super::slot::AxisSlot;
+use super::{MemoryKind, MemoryRules, TransferProgress, TransferStep, WORDS_MAX, checksum};
 use crate::error::{Failure, Outcome, Unsupported};
-use crate::program::{
-    MemoryKind, MemoryRules, TransferProgress, TransferStep, WORDS_MAX, checksum,
-};
-use crate::station::Request;
 
 /// Writes that go out before the drive's pointer is looked at. Permanent memory is written singly:
 /// the drive answers when it is ready for the next.
@@ -144,7 +138,8 @@ impl MemoryTransfer {
     }
 
     /// The step that comes next.
-    fn current_step(&self) -> TransferStep {
+    #[must_use]
+    pub fn current_step(&self) -> TransferStep {
         let (piece, memory) = self.current_block();
         match self.stage {
             TransferStage::CheckIdle(n) => {
@@ -162,19 +157,8 @@ impl MemoryTransfer {
         }
     }
 
-    /// The request that comes next.
-    pub fn next_request<R: Request, A: Copy + 'static>(
-        &mut self,
-        slot: &mut AxisSlot<R, A>,
-    ) -> Result<(R, InFlight), JobState> {
-        match slot.driver.transfer_request(self.current_step()) {
-            Some(Ok(request)) => Ok((request, InFlight::Send(request.class()))),
-            Some(Err(reason)) => Err(self.fail(Failure::Impossible(reason))),
-            None => Err(self.fail(Failure::Impossible(Unsupported::NoPlan))),
-        }
-    }
-
     /// The outcome if the transfer is ended now.
+    #[must_use]
     pub fn abort_outcome(&self, failure: Failure) -> Outcome {
         let written =
             self.kind == TransferKind::Write && !matches!(self.stage, TransferStage::CheckIdle(_));
@@ -182,18 +166,25 @@ impl MemoryTransfer {
         if written { Outcome::Unknown(failure) } else { Outcome::NotDone(failure) }
     }
 
-    fn fail(&self, failure: Failure) -> JobState {
-        JobState::Ended(self.abort_outcome(failure))
+    fn fail(&self, failure: Failure) -> Option<Outcome> {
+        Some(self.abort_outcome(failure))
     }
 
-    /// Processes a reply.
-    pub fn handle_answer<R: Request, A: Copy + 'static>(
-        &mut self,
-        slot: &mut AxisSlot<R, A>,
-        raw: Result<i64, Failure>,
-    ) -> JobState {
+    /// Words of permanent memory that the present step writes; 0 for any other step.
+    #[must_use]
+    pub fn permanent_words(&self) -> u32 {
+        match self.current_step() {
+            TransferStep::Write(MemoryKind::Permanent, _, second) => {
+                1 + u32::from(second.is_some())
+            }
+            _ => 0,
+        }
+    }
+
+    /// Processes the reply to the present step. Returns the outcome of the transfer when it has ended.
+    pub fn handle_reply(&mut self, raw: Result<i64, Failure>) -> Option<Outcome> {
         if self.stage == TransferStage::Write {
-            return self.handle_written(slot, raw);
+            return self.handle_written(raw);
         }
         match (self.stage, raw) {
             // Its acknowledgement may be all that was lost.
@@ -213,28 +204,24 @@ impl MemoryTransfer {
                 return self.handle_pointer(raw as u16);
             }
         }
-        JobState::Ready
+        None
     }
 
-    fn handle_status(&mut self, n: usize, raw: i64) -> JobState {
+    fn handle_status(&mut self, n: usize, raw: i64) -> Option<Outcome> {
         let check = self.rules.idle_checks[n];
         if raw as u16 & check.mask != 0 {
-            return JobState::Ended(Outcome::NotDone(Failure::NotReady { hint: check.hint }));
+            return Some(Outcome::NotDone(Failure::NotReady { hint: check.hint }));
         }
         self.stage = if n + 1 < self.rules.idle_checks.len() {
             TransferStage::CheckIdle(n + 1)
         } else {
             TransferStage::SetPointer
         };
-        JobState::Ready
+        None
     }
 
     /// Processes the end of a write. The memory pointer shows whether the words arrived.
-    fn handle_written<R: Request, A: Copy + 'static>(
-        &mut self,
-        slot: &mut AxisSlot<R, A>,
-        raw: Result<i64, Failure>,
-    ) -> JobState {
+    fn handle_written(&mut self, raw: Result<i64, Failure>) -> Option<Outcome> {
         let (piece, memory) = self.current_block();
         let left = piece.words.len() - self.offset - self.sent;
         let count = left.min(2);
@@ -243,18 +230,15 @@ impl MemoryTransfer {
             Ok(_) | Err(Failure::Silent | Failure::Misbehaved) => {}
             Err(failure) => return self.fail(failure),
         }
-        if memory == MemoryKind::Permanent {
-            slot.state.flash_writes += count as u32;
-        }
         self.sent += count;
         // A few writes, then the pointer is read: a lost one is found while it is cheap to repeat.
         if self.sent >= max || count == left || raw.is_err() {
             self.stage = TransferStage::Verify;
         }
-        JobState::Ready
+        None
     }
 
-    fn handle_pointer(&mut self, pointer: u16) -> JobState {
+    fn handle_pointer(&mut self, pointer: u16) -> Option<Outcome> {
         // The drive's own pointer shows what it took, whatever was acknowledged.
         let moved = usize::from(pointer.wrapping_sub(self.address()));
         if self.offset + moved > self.current_block().0.words.len() {
@@ -272,21 +256,21 @@ impl MemoryTransfer {
         } else {
             TransferStage::Checksum
         };
-        JobState::Ready
+        None
     }
 
     /// The chunk did not arrive, or not all of it: from its beginning, if not too often.
-    fn retry_chunk(&mut self) -> JobState {
+    fn retry_chunk(&mut self) -> Option<Outcome> {
         self.attempts += 1;
         self.progress.repeated += self.sent;
         if self.attempts >= ATTEMPTS_MAX || self.progress.repeated > REPEATS_MAX {
             return self.fail(Failure::Silent);
         }
         (self.sent, self.stage) = (0, TransferStage::SetPointer);
-        JobState::Ready
+        None
     }
 
-    fn handle_words(&mut self, value: u32) -> JobState {
+    fn handle_words(&mut self, value: u32) -> Option<Outcome> {
         let at = self.offset;
         let words = &mut self.blocks[self.block].words;
         let halves = [value as u16, (value >> 16) as u16];
@@ -295,14 +279,10 @@ impl MemoryTransfer {
         words[at..at + count].copy_from_slice(&halves[..count]);
         self.offset += count;
         self.progress.done += count;
-        if self.offset < self.blocks[self.block].words.len() {
-            JobState::Ready
-        } else {
-            self.next_block()
-        }
+        if self.offset < self.blocks[self.block].words.len() { None } else { self.next_block() }
     }
 
-    fn handle_checksum(&mut self, found: u16) -> JobState {
+    fn handle_checksum(&mut self, found: u16) -> Option<Outcome> {
         let (piece, _) = self.current_block();
         if checksum(&piece.words) != found {
             let (start, end) = (piece.start.into(), piece.end().into());
@@ -315,15 +295,15 @@ impl MemoryTransfer {
     }
 
     /// On to the next piece.
-    fn next_block(&mut self) -> JobState {
+    fn next_block(&mut self) -> Option<Outcome> {
         (self.block, self.offset) = (self.block + 1, 0);
         if self.block == self.blocks.len() {
-            return JobState::Ended(Outcome::Done(self.progress.done as i64));
+            return Some(Outcome::Done(self.progress.done as i64));
         }
         if self.kind == TransferKind::Write {
             self.stage = TransferStage::SetPointer;
         }
-        JobState::Ready
+        None
     }
 }
 

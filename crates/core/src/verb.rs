@@ -1,6 +1,23 @@
-//! The verbs of an axis.
+//! The verbs of an axis and their arguments.
 
-use crate::plan::Argument;
+/// Arguments of a command.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Argument {
+    /// Target position or distance.
+    Target,
+    /// Velocity.
+    Velocity,
+    /// Acceleration.
+    Acceleration,
+    /// Deceleration, if it differs from the acceleration.
+    Deceleration,
+    /// With how much torque.
+    Torque,
+    /// Jerk time: the time in which the acceleration builds up.
+    JerkTime,
+    /// Cycle period.
+    Period,
+}
 
 /// Commands of an axis. A profile has a plan for each verb that its drive supports.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
