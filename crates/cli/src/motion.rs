@@ -6,8 +6,9 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use polepair::axis::{STOP_RETRY_MAX, StopNotice, check_together};
+use polepair::interface::AxisReadings;
 use polepair::interface::{AxisRequest, EndedMotion, MotionMonitor, start_each, stop_each};
-use polepair::{Axis, AxisInterface, Error, LocalAxis};
+use polepair::{Axis, Error, LocalAxis};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
@@ -486,7 +487,7 @@ pub fn hold_while(
 
 /// Ends with the drive's fault, if it has one that stops it.
 pub fn check_fault(axis: &LocalAxis) -> Result<()> {
-    let faults = AxisInterface::faults(axis).map_err(to_problem)?;
+    let faults = AxisReadings::faults(axis).map_err(to_problem)?;
     match faults.iter().find(|fault| !fault.is_warning) {
         None => Ok(()),
         Some(fault) => Err(to_problem(fault.to_error(&axis.label()))),

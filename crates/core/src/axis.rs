@@ -18,7 +18,10 @@ mod rehearsal;
 mod status;
 
 pub use crate::verb::Verb;
-pub use axes::{AnyLane, Axes, GroupAnswer};
+pub use axes::{
+    AnyLane, Axes, AxisCommands, AxisData, AxisDirectory, AxisPaths, AxisPrograms, AxisRequests,
+    AxisScales, AxisText, AxisTraffic, GroupAnswer,
+};
 pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
 pub use rehearsal::{RehearsalAction, RehearsalStep, TextRehearsal};
 pub use status::{AxisStatus, MotionReport, ProgramEnd, Reading};
@@ -114,8 +117,6 @@ impl Command {
     }
 }
 
-const ONLY_NUMBERS: &str = "all values of this protocol are numbers";
-
 /// Readings that show whether a drive executed a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ExecutionProof {
@@ -144,19 +145,10 @@ pub enum Refusal {
     Stored,
 }
 
-/// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
-/// executor: those are the lane's. A family overrides what its drive does differently.
-pub trait Driver {
+/// The requests of a protocol to one drive.
+pub trait RequestEncoder {
     /// The protocol's request.
     type Request: Request;
-    /// The protocol's answer.
-    type Answer: Copy + 'static;
-
-    /// The profile of the product.
-    fn profile(&self) -> &'static Profile;
-
-    /// The drive's address on the wire, as events name it.
-    fn address(&self) -> u32;
 
     /// Returns the request that reads a parameter. It is always the same request for a parameter, so a
     /// lane calls this once.
@@ -164,12 +156,6 @@ pub trait Driver {
     /// # Errors
     /// [`Unsupported`] when the protocol cannot read it. The caller has already checked the access.
     fn read_request(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
-
-    /// Returns whether a reply repeats neither the parameter nor anything else that distinguishes it from the reply to
-    /// another read, so that a duplicated reply can be taken for the next one.
-    fn has_anonymous_replies(&self) -> bool {
-        false
-    }
 
     /// Returns the request that writes a raw value. `class` is the class of the write;
     /// [`Request::class`] of the result must return it.
@@ -182,36 +168,6 @@ pub trait Driver {
         raw: i64,
         class: RequestClass,
     ) -> Result<Self::Request, Unsupported>;
-
-    /// Returns the request that reads a parameter of any length (text or bytes). The host delivers the
-    /// bytes as they arrive ([`Host::poll_bytes`](crate::station::Host::poll_bytes)).
-    ///
-    /// # Errors
-    /// [`Unsupported`] when the protocol has no such values.
-    fn data_read_request(
-        &self,
-        parameter: &Parameter,
-        block: bool,
-        max: u16,
-    ) -> Result<Self::Request, Unsupported> {
-        let _ = (parameter, block, max);
-        Err(Unsupported::Forbidden(ONLY_NUMBERS))
-    }
-
-    /// The request that writes `size` bytes to a parameter of any length
-    /// ([`Host::feed_bytes`](crate::station::Host::feed_bytes)).
-    ///
-    /// # Errors
-    /// [`Unsupported`] when the protocol has no such values.
-    fn data_write_request(
-        &self,
-        parameter: &Parameter,
-        size: u32,
-        block: bool,
-    ) -> Result<Self::Request, Unsupported> {
-        let _ = (parameter, size, block);
-        Err(Unsupported::Forbidden(ONLY_NUMBERS))
-    }
 
     /// The request for a [`Send`](crate::plan::Step::Send) step.
     ///
@@ -239,27 +195,6 @@ pub trait Driver {
         self.function_request(function, index, value)
     }
 
-    /// Returns whether a parameter is read before a write, because the write changes only a part of it.
-    fn reads_before_write(&self, parameter: &Parameter) -> bool {
-        let _ = parameter;
-        false
-    }
-
-    /// Returns whether a setting is written again after a new reading has shown that the first write had no effect.
-    /// True only for protocols whose manual asks for it.
-    fn may_rewrite(&self, parameter: &Parameter) -> bool {
-        let _ = parameter;
-        false
-    }
-
-    /// Returns the readings that show whether the drive executed a [`Send`](crate::plan::Step::Send) step
-    /// that was not acknowledged. `None` where no reading can show it, or where the step may start a
-    /// motion: such a step is never sent again.
-    fn execution_proof(&self, function: u8, index: u16, value: i64) -> Option<ExecutionProof> {
-        let _ = (function, index, value);
-        None
-    }
-
     /// The request that keeps a parameter's present value over power-off.
     ///
     /// # Errors
@@ -281,6 +216,12 @@ pub trait Driver {
     /// # Errors
     /// [`Unsupported::BadBytes`] when it is not a request, or is addressed to another drive.
     fn decode_request(&self, frame: &RawFrame<'_>) -> Result<Self::Request, Unsupported>;
+}
+
+/// The replies of a drive, and what it sends by itself.
+pub trait AnswerDecoder {
+    /// The protocol's answer.
+    type Answer: Copy + 'static;
 
     /// Returns the raw value in a reply. `parameter` is the parameter that was read or written, if any.
     ///
@@ -298,20 +239,46 @@ pub trait Driver {
         Refusal::Final
     }
 
+    /// Returns whether a reply repeats neither the parameter nor anything else that distinguishes it from the reply to
+    /// another read, so that a duplicated reply can be taken for the next one.
+    fn has_anonymous_replies(&self) -> bool {
+        false
+    }
+
     /// Processes a message that the drive sent by itself, and returns the values in it.
     fn decode_unsolicited(&mut self, answer: &Self::Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         let _ = answer;
         [None; REPORTS_MAX]
     }
 
-    /// The parameter, and its raw value, with which the drive sends these by itself every `interval_ms`;
-    /// with none of them, sends nothing more. `None` where it does not send one of them.
-    fn report_setting(
-        &self,
-        parameters: &[ParameterId],
-        interval_ms: u16,
-    ) -> Option<(ParameterId, i64)> {
-        let _ = (parameters, interval_ms);
+    /// A parameter that must be read before all that the drive sends by itself is understood, the
+    /// n-th of those that are not known yet, in the order in which they are to be read.
+    fn unread_prerequisite(&self, n: usize) -> Option<ParameterId> {
+        let _ = n;
+        None
+    }
+}
+
+/// Particular effects of a write to a drive.
+pub trait WriteRules {
+    /// Returns whether a parameter is read before a write, because the write changes only a part of it.
+    fn reads_before_write(&self, parameter: &Parameter) -> bool {
+        let _ = parameter;
+        false
+    }
+
+    /// Returns whether a setting is written again after a new reading has shown that the first write had no effect.
+    /// True only for protocols whose manual asks for it.
+    fn may_rewrite(&self, parameter: &Parameter) -> bool {
+        let _ = parameter;
+        false
+    }
+
+    /// Returns the readings that show whether the drive executed a [`Send`](crate::plan::Step::Send) step
+    /// that was not acknowledged. `None` where no reading can show it, or where the step may start a
+    /// motion: such a step is never sent again.
+    fn execution_proof(&self, function: u8, index: u16, value: i64) -> Option<ExecutionProof> {
+        let _ = (function, index, value);
         None
     }
 
@@ -321,36 +288,51 @@ pub trait Driver {
         let _ = parameter;
         None
     }
+}
 
-    /// A parameter that must be read before all that the drive sends by itself is understood, the
-    /// n-th of those that are not known yet, in the order in which they are to be read.
-    fn unread_prerequisite(&self, n: usize) -> Option<ParameterId> {
-        let _ = n;
-        None
-    }
+/// Parameters of any length: text and bytes.
+pub trait DataDriver: RequestEncoder {
+    /// Returns the request that reads a parameter of any length (text or bytes). The host delivers the
+    /// bytes as they arrive ([`Host::poll_bytes`](crate::station::Host::poll_bytes)).
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol has no such values.
+    fn data_read_request(
+        &self,
+        parameter: &Parameter,
+        block: bool,
+        max: u16,
+    ) -> Result<Self::Request, Unsupported>;
 
+    /// The request that writes `size` bytes to a parameter of any length
+    /// ([`Host::feed_bytes`](crate::station::Host::feed_bytes)).
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol has no such values.
+    fn data_write_request(
+        &self,
+        parameter: &Parameter,
+        size: u32,
+        block: bool,
+    ) -> Result<Self::Request, Unsupported>;
+}
+
+/// Paths that are streamed point by point.
+pub trait PathDriver: RequestEncoder {
     /// The parameters of a streamed path; `None` where the drive takes no paths.
-    fn path_parameters(&self) -> Option<PathParameters> {
-        None
-    }
+    fn path_parameters(&self) -> Option<PathParameters>;
 
     /// A request of such a path; `None` beyond the last preparation.
-    fn path_request(&self, step: PathStep) -> Option<Result<Self::Request, Unsupported>> {
-        let _ = step;
-        None
-    }
+    fn path_request(&self, step: PathStep) -> Option<Result<Self::Request, Unsupported>>;
 
     /// Decodes the drive's buffer status.
-    fn decode_path_status(&self, raw: i64) -> PathStatus {
-        let _ = raw;
-        PathStatus::default()
-    }
+    fn decode_path_status(&self, raw: i64) -> PathStatus;
+}
 
+/// Set-points cycle by cycle.
+pub trait CyclicDriver: RequestEncoder {
     /// The parameter that is commanded cycle by cycle; `None` where the drive is not ready for that.
-    fn setpoint_parameter(&self, setpoint: SetpointKind) -> Option<ParameterId> {
-        let _ = setpoint;
-        None
-    }
+    fn setpoint_parameter(&self, setpoint: SetpointKind) -> Option<ParameterId>;
 
     /// Returns the request that sends a raw set-point for the next [`sync_request`](Self::sync_request). The
     /// drive does not reply to it.
@@ -359,46 +341,88 @@ pub trait Driver {
         setpoint: SetpointKind,
         raw: i64,
         command: CycleOrder,
-    ) -> Option<Self::Request> {
-        let _ = (setpoint, raw, command);
-        None
-    }
+    ) -> Option<Self::Request>;
 
     /// The request that makes all drives of the wire take over what they were brought.
-    fn sync_request(&self) -> Option<Self::Request> {
-        None
-    }
+    fn sync_request(&self) -> Option<Self::Request>;
 
     /// Bits that a cycle of this drive takes of the wire at most, and apart from it the beat for all.
-    fn cycle_bits(&self) -> (u32, u32) {
-        (0, 0)
-    }
+    fn cycle_bits(&self) -> (u32, u32);
+}
 
-    /// The rules of the drive's program memory; `None` where the drive takes no programs.
-    fn memory_rules(&self) -> Option<&'static MemoryRules> {
-        None
-    }
-
-    /// A request of a transfer; `None` where the drive takes no programs.
-    fn transfer_request(&self, step: TransferStep) -> Option<Result<Self::Request, Unsupported>> {
-        let _ = step;
-        None
-    }
-
+/// The program that a drive runs by itself.
+pub trait ProgramDriver: RequestEncoder {
     /// Returns the request for a program command; `None` where the drive has no such command.
-    fn program_request(&self, command: ProgramCommand) -> Option<Self::Request> {
-        let _ = command;
-        None
-    }
+    fn program_request(&self, command: ProgramCommand) -> Option<Self::Request>;
 
     /// Returns whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
-    fn is_program_running(&self, raw: i64) -> bool {
-        let _ = raw;
-        false
-    }
+    fn is_program_running(&self, raw: i64) -> bool;
+}
+
+/// The program memory of a drive.
+pub trait MemoryDriver: RequestEncoder {
+    /// The rules of the drive's program memory.
+    fn memory_rules(&self) -> &'static MemoryRules;
+
+    /// The request of a step of a transfer.
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol has none for the step.
+    fn transfer_request(&self, step: TransferStep) -> Result<Self::Request, Unsupported>;
+}
+
+/// Values that a drive sends by itself at an interval that the host sets.
+pub trait ReportDriver {
+    /// The parameter, and its raw value, with which the drive sends these by itself every `interval_ms`;
+    /// with none of them, sends nothing more. `None` where it does not send one of them.
+    fn report_setting(
+        &self,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)>;
+}
+
+/// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
+/// executor: those are the lane's. A family overrides what its drive does differently.
+pub trait Driver: RequestEncoder + AnswerDecoder + WriteRules {
+    /// The profile of the product.
+    fn profile(&self) -> &'static Profile;
+
+    /// The drive's address on the wire, as events name it.
+    fn address(&self) -> u32;
 
     /// True when the address names several drives. Each of them answers a read.
     fn is_group(&self) -> bool {
         false
+    }
+
+    /// Parameters of any length: text and bytes. `None` if the drive has none.
+    fn data(&self) -> Option<&dyn DataDriver<Request = Self::Request>> {
+        None
+    }
+
+    /// Paths that are streamed point by point. `None` if the drive has none.
+    fn paths(&self) -> Option<&dyn PathDriver<Request = Self::Request>> {
+        None
+    }
+
+    /// Set-points cycle by cycle. `None` if the drive has none.
+    fn cycles(&self) -> Option<&dyn CyclicDriver<Request = Self::Request>> {
+        None
+    }
+
+    /// The program that a drive runs by itself. `None` if the drive has none.
+    fn programs(&self) -> Option<&dyn ProgramDriver<Request = Self::Request>> {
+        None
+    }
+
+    /// The program memory of a drive. `None` if the drive has none.
+    fn memory(&self) -> Option<&dyn MemoryDriver<Request = Self::Request>> {
+        None
+    }
+
+    /// Values that a drive sends by itself at an interval that the host sets. `None` if the drive has none.
+    fn reports(&self) -> Option<&dyn ReportDriver> {
+        None
     }
 }

@@ -235,14 +235,12 @@ pub enum FactQuery {
     Count(&'static str, &'static [&'static str]),
 }
 
-/// One protocol as captures, dashboards and the encoder see it. Stateless: what spans frames is the
-/// caller's [`Context`].
-pub trait Dissector: Sync {
-    /// The word users type: `tmcl`, `modbus-rtu`.
-    fn name(&self) -> &'static str;
+/// Frames of a protocol: where they end, and which identifiers they have.
+pub trait FrameFormat {
     /// Finds the end of the first frame in a serial stream. `ended` means that no more bytes follow soon:
     /// silence, a change of direction, or the end of the capture.
     fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary;
+
     /// Length of the frame with a valid check sum at the start of some bytes, if there is one.
     fn valid_frame_len(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
         match self.find_frame(bytes, direction, true) {
@@ -250,24 +248,26 @@ pub trait Dissector: Sync {
             _ => None,
         }
     }
+
     /// Returns whether a CAN identifier can belong to this protocol; `false` for protocols without CAN.
     fn claims_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
+
     /// Returns whether a CAN remote request with that identifier can belong to this protocol.
     fn claims_remote(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
+
     /// Returns whether other protocols use this CAN identifier for frames of the same form. A frame of a capture is
     /// then explained only if other evidence shows that its axis uses this protocol, or the user stated the protocol.
     fn shares_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
-    /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
-    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink);
+
     /// Tests the content of a valid CAN frame for this protocol: `Some(true)` for content that few frames of others
     /// have by chance (a known state or instruction, a check sum), `Some(false)` for content that the protocol does not
     /// define, `None` where any content is valid.
@@ -275,41 +275,152 @@ pub trait Dissector: Sync {
         let _ = frame;
         None
     }
+
     /// The axis of a valid process data frame, which neither asks nor replies. Its meaning depends on the
     /// conversation; [`explain`](Self::explain) alone knows less.
     fn process_data_axis(&self, frame: &RawFrame<'_>) -> Option<u32> {
         let _ = frame;
         None
     }
-    /// Encodes text of the protocol's own language.
-    ///
-    /// # Errors
-    /// The place in the text, or the rule that forbids it.
-    fn encode(
-        &self,
-        text: &str,
-        addressing: &EncodeOptions,
-        out: &mut [u8],
-    ) -> Result<EncodedFrame, EncodeError>;
-    /// Meaning of a code of this protocol: a status, an exception, a fault.
-    fn code_meaning(&self, code: u32) -> Option<&'static str>;
-    /// The language that [`encode`](Self::encode) reads, and the word of the protocol in profiles; protocols on several
-    /// wires share one.
-    fn language(&self) -> &'static str {
-        self.name()
-    }
-    /// Returns whether texts use a drive's names. If so, a usual drive's names are used where no profile is stated.
-    fn encodes_by_name(&self) -> bool {
-        false
-    }
-    /// Returns whether a usual drive's names help to explain frames of an unknown drive.
-    fn explains_by_name(&self) -> bool {
-        self.encodes_by_name()
-    }
-    /// The language of the programs that its drives keep and run; `None` where there are none.
-    fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
+}
+
+/// Parameters by their numbers, in the protocol's own notation.
+pub trait AddressNotation {
+    /// Reads a parameter's number in the protocol's own notation, such as `0x2030:1:u16`; `None` where
+    /// the text has not the form of a number.
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        let _ = text;
         None
     }
+
+    /// An address with all that it can have, as an example.
+    fn address_example(&self) -> &'static str {
+        ""
+    }
+
+    /// Writes an address as [`parse_address`](Self::parse_address) reads it, without its type.
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        let _ = (address, out);
+    }
+
+    /// Describes the parameter at an address without a profile, as far as the protocol defines it. It has
+    /// no name.
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address.describe(Encoding::I32)
+    }
+
+    /// Returns whether a frame concerns the parameter at an address, judged by its own fields: `field` returns the
+    /// field of that name.
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        let _ = (address, field);
+        false
+    }
+
+    /// Explains how a parameter is addressed on the wire, where that is more than its number.
+    fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
+        let _ = (parameter, sink);
+    }
+
+    /// Returns whether this refusal code means that the drive does not support block transfer. Nothing was transferred,
+    /// and a transfer without blocks may follow.
+    fn refuses_blocks(&self, code: u32) -> bool {
+        let _ = code;
+        false
+    }
+}
+
+/// Frames in their conversation: requests, replies, and what they do to a drive.
+pub trait FrameConversation {
+    /// Returns whether a frame to a drive is a request with a reply. True by default for every frame on a serial line.
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
+        frame.id.is_none()
+    }
+
+    /// Returns whether the frame itself shows that it replies to `request`. If none does, a reply on a serial line
+    /// belongs to the last request.
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        let _ = (frame, request);
+        false
+    }
+
+    /// The role of a frame in its conversation. Unknown by default.
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+        let _ = (frame, talk);
+        FrameRole::Unrelated
+    }
+
+    /// The direction of a frame, where the frame itself shows it. `open` is the last request on the line
+    /// without a reply.
+    fn direction(&self, frame: &RawFrame<'_>, open: Option<RawFrame<'_>>) -> Option<Direction> {
+        self.role(
+            frame,
+            &ConversationContext { open_request: open, ..ConversationContext::default() },
+        )
+        .direction()
+    }
+
+    /// The effect that a frame may have on its drive. Unknown by default.
+    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
+        let _ = (frame, profile);
+        Effect::UNKNOWN
+    }
+
+    /// Reason for which an answer refuses its request; `None` if it does not.
+    fn refusal_reason(
+        &self,
+        answer: &RawFrame<'_>,
+        request: &RawFrame<'_>,
+    ) -> Option<&'static str> {
+        let _ = (answer, request);
+        None
+    }
+
+    /// Returns whether a request, once it has a reply, sets the format of the axis' later replies.
+    fn sets_reply_format(&self, request: &RawFrame<'_>) -> bool {
+        let _ = request;
+        false
+    }
+
+    /// Returns whether a reply shows that the drive has lost the settings in `talk`: it restarted.
+    fn shows_restart(
+        &self,
+        answer: &RawFrame<'_>,
+        request: &RawFrame<'_>,
+        talk: &ConversationContext<'_>,
+    ) -> bool {
+        let _ = (answer, request, talk);
+        false
+    }
+
+    /// The position of a request in a counted sequence.
+    fn sequence_position(&self, request: &RawFrame<'_>) -> Option<SequencePosition> {
+        let _ = request;
+        None
+    }
+}
+
+/// Facts that drives of a protocol have beside their profile, and the text mode in which they state them.
+pub trait DriveFacts {
+    /// The profiles of a standard: they describe what every drive of the protocol has at the same
+    /// address, if it has it.
+    fn standard_profiles(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Facts that drives of this protocol have beside their profile.
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        &[]
+    }
+
+    /// Writes the reply to a [`FactQuery::Text`] as text; nothing where it has no meaning.
+    fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
+        let _ = (name, raw, out);
+    }
+
     /// Writes the line that reads something from a drive in text mode, and then the line that ends the mode,
     /// both without their carriage return. Returns false where the protocol has no text mode, or the address
     /// has no letter in it.
@@ -322,19 +433,68 @@ pub trait Dissector: Sync {
         let _ = (address, query, exit);
         false
     }
+
     /// Returns whether a line, without its carriage return, is a reply in text mode.
     fn is_text_answer(&self, line: &[u8]) -> bool {
         let _ = line;
         false
     }
+}
+
+/// One protocol as captures, dashboards and the encoder see it. Stateless: what spans frames is the
+/// caller's [`Context`].
+pub trait Dissector: Sync + FrameFormat + AddressNotation + FrameConversation + DriveFacts {
+    /// The word users type: `tmcl`, `modbus-rtu`.
+    fn name(&self) -> &'static str;
+
+    /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink);
+
+    /// Encodes text of the protocol's own language.
+    ///
+    /// # Errors
+    /// The place in the text, or the rule that forbids it.
+    fn encode(
+        &self,
+        text: &str,
+        addressing: &EncodeOptions,
+        out: &mut [u8],
+    ) -> Result<EncodedFrame, EncodeError>;
+
+    /// Meaning of a code of this protocol: a status, an exception, a fault.
+    fn code_meaning(&self, code: u32) -> Option<&'static str>;
+
+    /// The language that [`encode`](Self::encode) reads, and the word of the protocol in profiles; protocols on several
+    /// wires share one.
+    fn language(&self) -> &'static str {
+        self.name()
+    }
+
+    /// Returns whether texts use a drive's names. If so, a usual drive's names are used where no profile is stated.
+    fn encodes_by_name(&self) -> bool {
+        false
+    }
+
+    /// Returns whether a usual drive's names help to explain frames of an unknown drive.
+    fn explains_by_name(&self) -> bool {
+        self.encodes_by_name()
+    }
+
+    /// The language of the programs that its drives keep and run; `None` where there are none.
+    fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
+        None
+    }
+
     /// The language of programs that are instructions; `None` where there are none.
     fn instruction_language(&self) -> Option<&'static dyn crate::program::InstructionLanguage> {
         None
     }
+
     /// Returns whether axes have groups that a message can address.
     fn has_groups(&self) -> bool {
         false
     }
+
     /// Explains the expected reply to an encoded request: the sender and the content. Reports nothing where
     /// only the length is known.
     fn explain_expected_reply(
@@ -345,6 +505,7 @@ pub trait Dissector: Sync {
     ) {
         let _ = (request, addressing, sink);
     }
+
     /// Explains a value by the name of its source: the bits of a register, with the bit numbers as ranges of
     /// the fields. `false` when there is no such name.
     fn explain_named_value(
@@ -356,115 +517,5 @@ pub trait Dissector: Sync {
     ) -> bool {
         let _ = (name, value, profile, sink);
         false
-    }
-    /// Reads a parameter's number in the protocol's own notation, such as `0x2030:1:u16`; `None` where
-    /// the text has not the form of a number.
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        let _ = text;
-        None
-    }
-    /// An address with all that it can have, as an example.
-    fn address_example(&self) -> &'static str {
-        ""
-    }
-    /// Writes an address as [`parse_address`](Self::parse_address) reads it, without its type.
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        let _ = (address, out);
-    }
-    /// Describes the parameter at an address without a profile, as far as the protocol defines it. It has
-    /// no name.
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address.describe(Encoding::I32)
-    }
-    /// Returns whether a frame concerns the parameter at an address, judged by its own fields: `field` returns the
-    /// field of that name.
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        let _ = (address, field);
-        false
-    }
-    /// Returns whether this refusal code means that the drive does not support block transfer. Nothing was transferred,
-    /// and a transfer without blocks may follow.
-    fn refuses_blocks(&self, code: u32) -> bool {
-        let _ = code;
-        false
-    }
-    /// The profiles of a standard: they describe what every drive of the protocol has at the same
-    /// address, if it has it.
-    fn standard_profiles(&self) -> &'static [&'static str] {
-        &[]
-    }
-    /// Facts that drives of this protocol have beside their profile.
-    fn device_facts(&self) -> &'static [DeviceFact] {
-        &[]
-    }
-    /// Writes the reply to a [`FactQuery::Text`] as text; nothing where it has no meaning.
-    fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
-        let _ = (name, raw, out);
-    }
-    /// Explains how a parameter is addressed on the wire, where that is more than its number.
-    fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
-        let _ = (parameter, sink);
-    }
-    /// Returns whether a frame to a drive is a request with a reply. True by default for every frame on a serial line.
-    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
-        frame.id.is_none()
-    }
-    /// Returns whether the frame itself shows that it replies to `request`. If none does, a reply on a serial line
-    /// belongs to the last request.
-    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        let _ = (frame, request);
-        false
-    }
-    /// The role of a frame in its conversation. Unknown by default.
-    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
-        let _ = (frame, talk);
-        FrameRole::Unrelated
-    }
-    /// The direction of a frame, where the frame itself shows it. `open` is the last request on the line
-    /// without a reply.
-    fn direction(&self, frame: &RawFrame<'_>, open: Option<RawFrame<'_>>) -> Option<Direction> {
-        self.role(
-            frame,
-            &ConversationContext { open_request: open, ..ConversationContext::default() },
-        )
-        .direction()
-    }
-    /// The effect that a frame may have on its drive. Unknown by default.
-    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
-        let _ = (frame, profile);
-        Effect::UNKNOWN
-    }
-    /// Reason for which an answer refuses its request; `None` if it does not.
-    fn refusal_reason(
-        &self,
-        answer: &RawFrame<'_>,
-        request: &RawFrame<'_>,
-    ) -> Option<&'static str> {
-        let _ = (answer, request);
-        None
-    }
-    /// Returns whether a request, once it has a reply, sets the format of the axis' later replies.
-    fn sets_reply_format(&self, request: &RawFrame<'_>) -> bool {
-        let _ = request;
-        false
-    }
-    /// Returns whether a reply shows that the drive has lost the settings in `talk`: it restarted.
-    fn shows_restart(
-        &self,
-        answer: &RawFrame<'_>,
-        request: &RawFrame<'_>,
-        talk: &ConversationContext<'_>,
-    ) -> bool {
-        let _ = (answer, request, talk);
-        false
-    }
-    /// The position of a request in a counted sequence.
-    fn sequence_position(&self, request: &RawFrame<'_>) -> Option<SequencePosition> {
-        let _ = request;
-        None
     }
 }

@@ -24,8 +24,7 @@ use alloc::vec::Vec;
 use core::marker::PhantomData;
 
 use crate::axis::{
-    Axes, AxisEvent, AxisStatus, Command, GroupAnswer, RehearsalAction, RehearsalStep, StopPart,
-    Verb,
+    AxisEvent, AxisStatus, Command, GroupAnswer, RehearsalAction, RehearsalStep, StopPart, Verb,
 };
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::explain::{Impact, RawFrame};

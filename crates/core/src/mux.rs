@@ -10,8 +10,9 @@ use alloc::vec::Vec;
 
 use crate::axis::Refusal;
 use crate::axis::{
-    AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, MotionReport, RehearsalStep,
-    StopPart, TextRehearsal, UnmetWait,
+    AnyLane, AxisCommands, AxisData, AxisDirectory, AxisEvent, AxisPaths, AxisPrograms,
+    AxisRequests, AxisScales, AxisStatus, AxisText, AxisTraffic, Command, GroupAnswer,
+    MotionReport, RehearsalStep, StopPart, TextRehearsal, UnmetWait,
 };
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
@@ -136,7 +137,7 @@ impl Station<Can> for Mux {
     }
 }
 
-impl Axes for Mux {
+impl AxisDirectory for Mux {
     fn axis_count(&self) -> usize {
         self.locations.len()
     }
@@ -149,6 +150,11 @@ impl Axes for Mux {
     fn profile(&self, axis: AxisIndex) -> Option<&'static Profile> {
         let (lane, axis) = self.lane_of(axis)?;
         lane.profile(axis)
+    }
+
+    fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.state(axis)
     }
 
     fn parameter(&self, axis: AxisIndex, id: ParameterId) -> Option<&'static Parameter> {
@@ -173,11 +179,111 @@ impl Axes for Mux {
         self.lane_of(axis).map_or(Refusal::Final, |(lane, axis)| lane.refusal(axis, code))
     }
 
-    fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
-        let (lane, axis) = self.lane_of(axis)?;
-        lane.state(axis)
+    fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
+        self.lane_of(axis).is_some_and(|(lane, axis)| lane.lacks_parameter(axis, parameter))
     }
 
+    fn add_axis(
+        &mut self,
+        lane: usize,
+        profile: &'static Profile,
+        address: u32,
+    ) -> Option<AxisIndex> {
+        let axis = AxisIndex(u8::try_from(self.locations.len()).ok()?);
+        let own = self.lanes.get_mut(lane)?.add_axis(0, profile, address)?;
+        self.locations.push((lane, own));
+        Some(axis)
+    }
+
+    fn can_add_axis(&self, lane: usize, address: u32) -> bool {
+        self.lanes.get(lane).is_some_and(|lane| lane.can_add_axis(0, address))
+    }
+}
+
+impl AxisRequests for Mux {
+    fn read_parameter(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.read_parameter(now, ticket, axis, parameter)
+    }
+
+    fn write_parameter(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        raw: i64,
+        keep: bool,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.write_parameter(now, ticket, axis, parameter, raw, keep)
+    }
+
+    fn address_change(
+        &self,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        raw: i64,
+    ) -> Result<Option<AddressRole>, Unsupported> {
+        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        lane.address_change(axis, parameter, raw)
+    }
+
+    fn unread_prerequisite(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.unread_prerequisite(axis, n)
+    }
+
+    fn report_setting(
+        &self,
+        axis: AxisIndex,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.report_setting(axis, parameters, interval_ms)
+    }
+
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.lanes.iter_mut().for_each(|lane| lane.disable_retries(ticket));
+    }
+
+    fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_group_answer(ticket))
+    }
+
+    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_outcome())
+    }
+}
+
+impl AxisScales for Mux {
+    fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.to_si(axis, parameter, raw)
+    }
+
+    fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.to_raw(axis, parameter, si)
+    }
+
+    fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.scale_input(axis, parameter))
+    }
+
+    fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.scale_error(axis, parameter))
+    }
+}
+
+impl AxisCommands for Mux {
     fn set_armed(&mut self, axis: AxisIndex, armed: bool) {
         if let Ok((lane, axis)) = self.lane_of_mut(axis) {
             lane.set_armed(axis, armed);
@@ -207,34 +313,30 @@ impl Axes for Mux {
         lane.stop(now, ticket, axis, command, part)
     }
 
-    fn disable_retries(&mut self, ticket: Ticket) {
-        self.lanes.iter_mut().for_each(|lane| lane.disable_retries(ticket));
-    }
-
-    fn read_parameter(
-        &mut self,
-        now: Instant,
-        ticket: Ticket,
+    fn rehearse(
+        &self,
         axis: AxisIndex,
-        parameter: ParameterId,
+        command: Command,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.lane_of_mut(axis)?;
-        lane.read_parameter(now, ticket, axis, parameter)
+        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        lane.rehearse(axis, command, show)
     }
 
-    fn write_parameter(
-        &mut self,
-        now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        parameter: ParameterId,
-        raw: i64,
-        keep: bool,
-    ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.lane_of_mut(axis)?;
-        lane.write_parameter(now, ticket, axis, parameter, raw, keep)
+    fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.unmet_wait(axis))
     }
 
+    fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.motion_report(axis, n))
+    }
+
+    fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.tolerance(axis))
+    }
+}
+
+impl AxisText for Mux {
     fn send_text(
         &mut self,
         now: Instant,
@@ -246,6 +348,29 @@ impl Axes for Mux {
         lane.send_text(now, ticket, axis, text)
     }
 
+    fn rehearse_text(
+        &self,
+        axis: AxisIndex,
+        text: &str,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
+    ) -> Result<TextRehearsal, Unsupported> {
+        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        lane.rehearse_text(axis, text, show)
+    }
+
+    fn send_frame(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        frame: &RawFrame<'_>,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.send_frame(now, ticket, axis, frame)
+    }
+}
+
+impl AxisData for Mux {
     fn read_data(
         &mut self,
         now: Instant,
@@ -272,27 +397,16 @@ impl Axes for Mux {
         lane.write_data(now, ticket, axis, parameter, size, block)
     }
 
-    fn rehearse_text(
-        &self,
-        axis: AxisIndex,
-        text: &str,
-        show: &mut dyn FnMut(RehearsalStep<'_>),
-    ) -> Result<TextRehearsal, Unsupported> {
-        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
-        lane.rehearse_text(axis, text, show)
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_bytes(ticket, out))
     }
 
-    fn send_frame(
-        &mut self,
-        now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        frame: &RawFrame<'_>,
-    ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.lane_of_mut(axis)?;
-        lane.send_frame(now, ticket, axis, frame)
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        self.lanes.iter_mut().find_map(|lane| lane.feed_bytes(ticket, bytes))
     }
+}
 
+impl AxisPaths for Mux {
     fn start_path(
         &mut self,
         now: Instant,
@@ -332,7 +446,9 @@ impl Axes for Mux {
         let (n, axes) = self.locate_all(axes)?;
         self.lanes[n].cycle_ns(&axes)
     }
+}
 
+impl AxisPrograms for Mux {
     fn memory_rules(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
         let (lane, axis) = self.lane_of(axis)?;
         lane.memory_rules(axis)
@@ -365,46 +481,15 @@ impl Axes for Mux {
         let (lane, axis) = self.lane_of_mut(axis)?;
         lane.send_program_command(now, ticket, axis, command)
     }
+}
 
-    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
-        self.lanes.iter_mut().find_map(|lane| lane.poll_bytes(ticket, out))
+impl AxisTraffic for Mux {
+    fn counters(&self) -> Counters {
+        self.lanes.iter().map(|lane| lane.counters()).fold(Counters::default(), Counters::plus)
     }
 
-    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
-        self.lanes.iter_mut().find_map(|lane| lane.feed_bytes(ticket, bytes))
-    }
-
-    fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {
-        self.lanes.iter_mut().find_map(|lane| lane.poll_group_answer(ticket))
-    }
-
-    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        self.lanes.iter_mut().find_map(|lane| lane.poll_outcome())
-    }
-
-    fn address_change(
-        &self,
-        axis: AxisIndex,
-        parameter: ParameterId,
-        raw: i64,
-    ) -> Result<Option<AddressRole>, Unsupported> {
-        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
-        lane.address_change(axis, parameter, raw)
-    }
-
-    fn unread_prerequisite(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
-        let (lane, axis) = self.lane_of(axis)?;
-        lane.unread_prerequisite(axis, n)
-    }
-
-    fn report_setting(
-        &self,
-        axis: AxisIndex,
-        parameters: &[ParameterId],
-        interval_ms: u16,
-    ) -> Option<(ParameterId, i64)> {
-        let (lane, axis) = self.lane_of(axis)?;
-        lane.report_setting(axis, parameters, interval_ms)
+    fn silence_counters(&self, axis: AxisIndex) -> Counters {
+        self.lane_of(axis).map_or(Counters::default(), |(lane, axis)| lane.silence_counters(axis))
     }
 
     fn enable_events(&mut self, on: bool) {
@@ -419,74 +504,6 @@ impl Axes for Mux {
             .find_map(|(n, lane)| Some((n, lane.poll_axis_event(now)?)))?;
         let index = self.locations.iter().position(|position| *position == (n, event.axis))?;
         Some(AxisEvent { axis: AxisIndex(index as u8), ..event })
-    }
-
-    fn rehearse(
-        &self,
-        axis: AxisIndex,
-        command: Command,
-        show: &mut dyn FnMut(RehearsalStep<'_>),
-    ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
-        lane.rehearse(axis, command, show)
-    }
-
-    fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
-        self.lane_of(axis).is_some_and(|(lane, axis)| lane.lacks_parameter(axis, parameter))
-    }
-
-    fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
-        self.lane_of(axis).and_then(|(lane, axis)| lane.unmet_wait(axis))
-    }
-
-    fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
-        self.lane_of(axis).and_then(|(lane, axis)| lane.motion_report(axis, n))
-    }
-
-    fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
-        self.lane_of(axis).and_then(|(lane, axis)| lane.tolerance(axis))
-    }
-
-    fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {
-        self.lane_of(axis).and_then(|(lane, axis)| lane.scale_input(axis, parameter))
-    }
-
-    fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
-        self.lane_of(axis).and_then(|(lane, axis)| lane.scale_error(axis, parameter))
-    }
-
-    fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
-        let (lane, axis) = self.lane_of(axis)?;
-        lane.to_si(axis, parameter, raw)
-    }
-
-    fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64> {
-        let (lane, axis) = self.lane_of(axis)?;
-        lane.to_raw(axis, parameter, si)
-    }
-
-    fn counters(&self) -> Counters {
-        self.lanes.iter().map(|lane| lane.counters()).fold(Counters::default(), Counters::plus)
-    }
-
-    fn silence_counters(&self, axis: AxisIndex) -> Counters {
-        self.lane_of(axis).map_or(Counters::default(), |(lane, axis)| lane.silence_counters(axis))
-    }
-
-    fn add_axis(
-        &mut self,
-        lane: usize,
-        profile: &'static Profile,
-        address: u32,
-    ) -> Option<AxisIndex> {
-        let axis = AxisIndex(u8::try_from(self.locations.len()).ok()?);
-        let own = self.lanes.get_mut(lane)?.add_axis(0, profile, address)?;
-        self.locations.push((lane, own));
-        Some(axis)
-    }
-
-    fn can_add_axis(&self, lane: usize, address: u32) -> bool {
-        self.lanes.get(lane).is_some_and(|lane| lane.can_add_axis(0, address))
     }
 
     fn sends_keepalive(&self) -> bool {

@@ -186,14 +186,68 @@ impl Counters {
     }
 }
 
+/// The wire of a host: what waits on it, and which drives it has.
+pub trait HostWire {
+    /// Received bytes that are neither part of a frame yet nor discarded.
+    fn unparsed_len(&self) -> usize {
+        0
+    }
+
+    /// Returns whether it has to send without requests to keep a drive running: its wire cannot be lent then.
+    fn sends_keepalive(&self) -> bool {
+        false
+    }
+
+    /// Ends a loan of the wire: the silent time before the next frame starts anew.
+    fn handle_resume(&mut self, now: Instant) {
+        let _ = now;
+    }
+
+    /// The host's own address on the wire, where drives answer one and none may have it.
+    fn own_address(&self) -> Option<u32> {
+        None
+    }
+
+    /// Returns whether a drive of that address can be added.
+    fn can_add_drive(&self, address: u32) -> bool {
+        let _ = address;
+        true
+    }
+
+    /// Adds a drive of that address.
+    fn add_drive(&mut self, address: u32) {
+        let _ = address;
+    }
+}
+
+/// Bytes of long values, as they are transferred.
+pub trait HostData {
+    /// Reads bytes of a long value that is being read under `ticket`, and returns how many. It paces the
+    /// drive. `None` when there is no such transfer.
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        let _ = (ticket, out);
+        None
+    }
+
+    /// Feeds bytes of a long value that is being written under `ticket`, and returns how many were taken.
+    /// `None` when there is no such transfer.
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        let _ = (ticket, bytes);
+        None
+    }
+}
+
 /// The commanding end. Every ticket submitted ends in exactly one event.
-pub trait Host<M: Medium>: Station<M> {
+pub trait Host<M: Medium>: Station<M> + HostWire + HostData {
     /// Type of requests.
     type Request: Request;
+
     /// Type of a drive's answers.
     type Answer: Copy + 'static;
+
     /// A request that is given back concerns its drive alone: others may be asked meanwhile.
     const PARALLEL: bool = false;
+
     /// A drive answers each request that changes something. Where it does not, such a request is done
     /// when it has left, and may have been lost on its way (STOP-8).
     const CONFIRMED: bool = true;
@@ -235,11 +289,6 @@ pub trait Host<M: Medium>: Station<M> {
     /// Counters of the wire so far.
     fn counters(&self) -> Counters;
 
-    /// Received bytes that are neither part of a frame yet nor discarded.
-    fn unparsed_len(&self) -> usize {
-        0
-    }
-
     /// Sends a request without a reply ahead of everything else; no event reports its end. It shows a
     /// watchdog that the application is alive.
     fn transmit_now(&mut self, now: Instant, request: &Self::Request, out: &mut M::Out) -> usize {
@@ -247,54 +296,14 @@ pub trait Host<M: Medium>: Station<M> {
         self.encode_request(request, out)
     }
 
-    /// The host's own address on the wire, where drives answer one and none may have it.
-    fn own_address(&self) -> Option<u32> {
-        None
-    }
-
     /// Bits a second of the wire; zero without timing.
     fn bit_rate(&self) -> u32 {
         0
-    }
-
-    /// Returns whether a drive of that address can be added.
-    fn can_add_drive(&self, address: u32) -> bool {
-        let _ = address;
-        true
-    }
-
-    /// Adds a drive of that address.
-    fn add_drive(&mut self, address: u32) {
-        let _ = address;
-    }
-
-    /// Returns whether it has to send without requests to keep a drive running: its wire cannot be lent then.
-    fn sends_keepalive(&self) -> bool {
-        false
     }
 
     /// Quarantines a drive after an implausible value, which may belong to another request: only stops are
     /// sent to it until no older reply can arrive. For protocols whose replies do not repeat their request.
     fn quarantine_drive(&mut self, now: Instant, address: u32) {
         let _ = (now, address);
-    }
-
-    /// Ends a loan of the wire: the silent time before the next frame starts anew.
-    fn handle_resume(&mut self, now: Instant) {
-        let _ = now;
-    }
-
-    /// Reads bytes of a long value that is being read under `ticket`, and returns how many. It paces the
-    /// drive. `None` when there is no such transfer.
-    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
-        let _ = (ticket, out);
-        None
-    }
-
-    /// Feeds bytes of a long value that is being written under `ticket`, and returns how many were taken.
-    /// `None` when there is no such transfer.
-    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
-        let _ = (ticket, bytes);
-        None
     }
 }

@@ -5,7 +5,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use polepair_core::axis::Axes;
+use polepair_core::axis::AxisRequests;
 use polepair_core::error::Outcome;
 use polepair_core::lane::Lane;
 use polepair_core::profile::ParameterId;

@@ -5,7 +5,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use polepair_core::axis::AnyLane;
+use polepair_core::axis::{AnyLane, RequestEncoder};
 use polepair_core::lane::Lane;
 use polepair_core::medium::Stream;
 use polepair_core::profile::ParameterId;
@@ -40,10 +40,7 @@ fn host(c: &mut Criterion) {
     let mut host = Tmcl::create_host(&OPTIONS, &[1]);
     let profile = Tmcl::generic_profile();
     let driver = Axis::new(profile, 1);
-    let request = {
-        use polepair_core::axis::Driver;
-        driver.read_request(&profile.parameters[1]).unwrap()
-    };
+    let request = driver.read_request(&profile.parameters[1]).unwrap();
     let (mut out, mut now) = ([0; 520], 0);
     c.bench_function("submit to event, host alone", |b| {
         b.iter(|| {

@@ -57,38 +57,8 @@ pub use crate::amount::WriteValue;
 use crate::axis::{DeviceDetail, LocalAxis, NamedValue, WriteChange};
 use crate::error::Error;
 
-/// Methods of an axis on any wire: of this program, or of a gateway.
-///
-/// Times and values are SI. Requests are sent once. Errors have a stable code ([`Error::code`]) and state
-/// whether the drive may have executed the request ([`Error::executed`]).
-pub trait AxisInterface: fmt::Debug + Send + Sync {
-    /// Facts on the axis without a request.
-    fn facts(&self) -> AxisFacts;
-
-    /// The axis, if its wire is opened by this program.
-    fn local(&self) -> Option<&LocalAxis> {
-        None
-    }
-
-    /// The axis, if it belongs to a gateway.
-    #[cfg(feature = "remote")]
-    fn remote(&self) -> Option<&crate::interface::remote::RemoteAxis> {
-        None
-    }
-
-    /// The unit in which an argument of a verb is shown, and meant if none is given. `None` if the verb has no
-    /// use for the argument.
-    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit>;
-
-    /// The SI value of an argument of a verb.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] `E217` for a wrong unit, `E218` if the verb does not take the argument.
-    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error>;
-
-    /// The SI unit of a signal as text; empty for flags, codes and modes.
-    fn signal_unit(&self, signal: Signal) -> String;
-
+/// Parameters of an axis: names, values, and writes of several together.
+pub trait AxisParameters {
     /// Every parameter.
     ///
     /// # Errors
@@ -128,27 +98,6 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
         store: bool,
     ) -> Result<AxisRequest, Error>;
 
-    /// The changes that writing values for several parameters would make. The present values are read; nothing is
-    /// written.
-    ///
-    /// # Errors
-    /// As [`write_all`](Self::write_all).
-    fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error>;
-
-    /// Writes values for several parameters, those first that scale others; `store` also stores them in permanent
-    /// memory. Each value is checked before the first one is written. `each` is called after a parameter was
-    /// written, and ends the writing with [`ControlFlow::Break`].
-    ///
-    /// # Errors
-    /// Nothing was written: `E213`, `E214`, `E216`, `E217` for the name, the access, the limits or the meaning of a
-    /// value, and `E219` for what moves an unarmed axis. Others by source, after the writes before.
-    fn write_all(
-        &self,
-        values: &[NamedValue],
-        store: bool,
-        each: &mut dyn FnMut(&WriteChange) -> ControlFlow<()>,
-    ) -> Result<(), Error>;
-
     /// The value in the reply to [`start_read`](Self::start_read). Parameters that the scale depends on are
     /// read if necessary.
     ///
@@ -181,17 +130,51 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// By source; `E257` on a gateway.
     fn write_data(&self, id: ParameterId, data: &[u8]) -> Result<(), Error>;
 
-    /// Starts a request in the protocol's own text: `GAP 1`, `read 0x6041:0`.
+    /// The changes that writing values for several parameters would make. The present values are read; nothing is
+    /// written.
     ///
     /// # Errors
-    /// `E221` for text that is no request, `E222` for one that may move the motor.
-    fn start_raw(&self, text: &str) -> Result<AxisRequest, Error>;
+    /// As [`write_all`](Self::write_all).
+    fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error>;
+
+    /// Writes values for several parameters, those first that scale others; `store` also stores them in permanent
+    /// memory. Each value is checked before the first one is written. `each` is called after a parameter was
+    /// written, and ends the writing with [`ControlFlow::Break`].
+    ///
+    /// # Errors
+    /// Nothing was written: `E213`, `E214`, `E216`, `E217` for the name, the access, the limits or the meaning of a
+    /// value, and `E219` for what moves an unarmed axis. Others by source, after the writes before.
+    fn write_all(
+        &self,
+        values: &[NamedValue],
+        store: bool,
+        each: &mut dyn FnMut(&WriteChange) -> ControlFlow<()>,
+    ) -> Result<(), Error>;
+}
+
+/// Verbs of an axis, their arguments, and the motion that they start.
+pub trait AxisMotion {
+    /// The unit in which an argument of a verb is shown, and meant if none is given. `None` if the verb has no
+    /// use for the argument.
+    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit>;
+
+    /// The SI value of an argument of a verb.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` for a wrong unit, `E218` if the verb does not take the argument.
+    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error>;
 
     /// Starts a verb. The request ends when the verb has ended.
     ///
     /// # Errors
     /// Nothing was sent: `E218` for a drive without the verb, `E219` for an unarmed axis.
     fn start(&self, command: Command) -> Result<AxisRequest, Error>;
+
+    /// Starts a request in the protocol's own text: `GAP 1`, `read 0x6041:0`.
+    ///
+    /// # Errors
+    /// `E221` for text that is no request, `E222` for one that may move the motor.
+    fn start_raw(&self, text: &str) -> Result<AxisRequest, Error>;
 
     /// Checks a command as far as possible without sending it.
     ///
@@ -208,15 +191,6 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
         Ok(())
     }
 
-    /// Checks that this program still controls the axis that it armed. Nothing is sent.
-    ///
-    /// # Errors
-    /// [`Error::Gateway`] if the lease has ended (`gateway.lease`), or the gateway or its link is lost (`E313`).
-    /// [`Error::may_turn`] states whether the motor may still turn.
-    fn check_control(&self) -> Result<(), Error> {
-        Ok(())
-    }
-
     /// Readings that show whether the motor still follows its command. A drive on a wire of this program is read; a
     /// gateway has sent them already, and those older than `since` are left out. The speed is read if `velocity` is
     /// true.
@@ -224,7 +198,10 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// # Errors
     /// Errors by source; `E401` if the gateway has not received the drive lately.
     fn motion_state(&self, since: Instant, velocity: bool) -> Result<MotionState, Error>;
+}
 
+/// Control of an axis: arming, stops and release.
+pub trait AxisControl {
     /// Arms the axis: motion commands are allowed. On a gateway this acquires the lease.
     ///
     /// # Errors
@@ -241,6 +218,15 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// Returns whether this program armed the axis, and its motion commands are allowed.
     fn is_armed(&self) -> bool;
 
+    /// Checks that this program still controls the axis that it armed. Nothing is sent.
+    ///
+    /// # Errors
+    /// [`Error::Gateway`] if the lease has ended (`gateway.lease`), or the gateway or its link is lost (`E313`).
+    /// [`Error::may_turn`] states whether the motor may still turn.
+    fn check_control(&self) -> Result<(), Error> {
+        Ok(())
+    }
+
     /// Stops the motor, and returns when standstill is confirmed. An axis of a gateway is stopped also if another
     /// client commands it.
     ///
@@ -254,12 +240,12 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// # Errors
     /// The first error; each step was tried.
     fn release(&self) -> Result<(), Error>;
+}
 
-    /// The last known state. Nothing is sent to the drive.
-    ///
-    /// # Errors
-    /// [`Error::Gateway`] if a gateway does not answer.
-    fn state(&self) -> Result<AxisSnapshot, Error>;
+/// Signals, faults and facts that are read from the drive.
+pub trait AxisReadings {
+    /// The SI unit of a signal as text; empty for flags, codes and modes.
+    fn signal_unit(&self, signal: Signal) -> String;
 
     /// Reads signals now.
     ///
@@ -307,6 +293,34 @@ pub trait AxisInterface: fmt::Debug + Send + Sync {
     /// # Errors
     /// `E213` for a drive without a watchdog that can be set; others by source.
     fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogReport, Error>;
+}
+
+/// Methods of an axis on any wire: of this program, or of a gateway.
+///
+/// Times and values are SI. Requests are sent once. Errors have a stable code ([`Error::code`]) and state
+/// whether the drive may have executed the request ([`Error::executed`]).
+pub trait AxisInterface:
+    fmt::Debug + Send + Sync + AxisParameters + AxisMotion + AxisControl + AxisReadings
+{
+    /// Facts on the axis without a request.
+    fn facts(&self) -> AxisFacts;
+
+    /// The axis, if its wire is opened by this program.
+    fn local(&self) -> Option<&LocalAxis> {
+        None
+    }
+
+    /// The axis, if it belongs to a gateway.
+    #[cfg(feature = "remote")]
+    fn remote(&self) -> Option<&crate::interface::remote::RemoteAxis> {
+        None
+    }
+
+    /// The last known state. Nothing is sent to the drive.
+    ///
+    /// # Errors
+    /// [`Error::Gateway`] if a gateway does not answer.
+    fn state(&self) -> Result<AxisSnapshot, Error>;
 
     /// The time of the link's clock.
     fn now(&self) -> Instant;

@@ -321,7 +321,7 @@ fn handle_program_answer<R: Request, A: Copy + 'static>(
 ) -> JobState {
     let asked = run.stage == StepStage::QueryProgram;
     match raw {
-        Ok(raw) if asked && slot.driver.is_program_running(raw) => {
+        Ok(raw) if asked && slot.is_program_running(raw) => {
             run.stage = StepStage::EndProgram;
         }
         Ok(_) if asked => {
@@ -329,7 +329,7 @@ fn handle_program_answer<R: Request, A: Copy + 'static>(
             run.resume_stop(false);
         }
         Ok(_) => {
-            let asks = slot.driver.program_request(ProgramCommand::QueryProgram).is_some();
+            let asks = slot.program_request(ProgramCommand::QueryProgram).is_some();
             slot.state.program_end =
                 Some(if asks { ProgramEnd::Ended } else { ProgramEnd::MayHaveRun });
             run.resume_stop(true);

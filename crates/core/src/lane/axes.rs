@@ -1,13 +1,18 @@
 //! The axes interface of a lane: requests by axis and ticket.
 
 use super::*;
-use crate::axis::{MotionReport, Refusal, TextRehearsal, UnmetWait};
+use crate::axis::{
+    AxisCommands, AxisData, AxisDirectory, AxisPaths, AxisPrograms, AxisRequests, AxisScales,
+    AxisText, AxisTraffic, MotionReport, Refusal, TextRehearsal, UnmetWait,
+};
 use crate::judge::Tolerance;
 use crate::medium::bits::bit_time_ns;
 use crate::profile::{Access, Encoding, NoScale, Parameter};
 use crate::program::{MemoryBlock, MemoryTransfer, TransferKind};
 
-impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
+const ONLY_NUMBERS: &str = "all values of this protocol are numbers";
+
+impl<M: Medium, H: Host<M>> AxisDirectory for Lane<M, H> {
     fn axis_count(&self) -> usize {
         self.slots.len()
     }
@@ -18,6 +23,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn profile(&self, axis: AxisIndex) -> Option<&'static Profile> {
         Some(self.slot(axis).ok()?.profile)
+    }
+
+    fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
+        Some(&self.slot(axis).ok()?.state)
     }
 
     fn parameter(&self, axis: AxisIndex, id: ParameterId) -> Option<&'static Parameter> {
@@ -40,10 +49,123 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.slot(axis).map_or(Refusal::Final, |slot| slot.driver.refusal(code))
     }
 
-    fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
-        Some(&self.slot(axis).ok()?.state)
+    fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
+        self.slot(axis).is_ok_and(|slot| slot.lacks_parameter(parameter))
     }
 
+    fn add_axis(
+        &mut self,
+        lane: usize,
+        profile: &'static Profile,
+        address: u32,
+    ) -> Option<AxisIndex> {
+        let make = self.driver_factory.filter(|_| self.can_add_axis(lane, address))?;
+        let axis = AxisIndex(u8::try_from(self.slots.len()).ok()?);
+        self.slots.push(AxisSlot::new(make(profile, address)));
+        self.host.add_drive(address);
+        if let (Some(event_queue), Some(slot)) = (&mut self.events, self.slots.last()) {
+            event_queue.add_axis(&slot.state);
+        }
+        Some(axis)
+    }
+
+    fn can_add_axis(&self, lane: usize, address: u32) -> bool {
+        // Two slots of one drive would not know what the other has it do.
+        let known = self.slots.iter().any(|slot| slot.driver.address() == address);
+        lane == 0 && self.driver_factory.is_some() && !known && self.host.can_add_drive(address)
+    }
+}
+
+impl<M: Medium, H: Host<M>> AxisRequests for Lane<M, H> {
+    fn read_parameter(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+    ) -> Result<(), Unsupported> {
+        self.slot(axis)?.read_request(parameter)?;
+        self.jobs.add(ticket, axis, JobTask::Read(parameter), false)
+    }
+
+    fn write_parameter(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        id: ParameterId,
+        raw: i64,
+        keep: bool,
+    ) -> Result<(), Unsupported> {
+        let slot = self.slot(axis)?;
+        let parameter = slot.check_writable(id, raw)?;
+        let (profile, reads) = (slot.profile, slot.driver.reads_before_write(parameter));
+        self.check_moves(axis, parameter)?;
+        self.check_address_change(axis, parameter, raw)?;
+        let steps = StepSource::Write(WriteSteps::new(profile, id, parameter, raw, keep, reads));
+        let command = Command::new(crate::axis::Verb::Store);
+        let run = PlanRun::new(steps, &[], command, None);
+        self.jobs.add(ticket, axis, JobTask::Run(run), false)
+    }
+
+    fn address_change(
+        &self,
+        axis: AxisIndex,
+        id: ParameterId,
+        raw: i64,
+    ) -> Result<Option<AddressRole>, Unsupported> {
+        let parameter = self.slot(axis)?.parameter(id);
+        self.check_address_change(axis, parameter.ok_or(Unsupported::NoSuchParameter)?, raw)
+    }
+
+    fn unread_prerequisite(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+        self.slot(axis).ok()?.driver.unread_prerequisite(n)
+    }
+
+    fn report_setting(
+        &self,
+        axis: AxisIndex,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        self.slot(axis).ok()?.driver.reports()?.report_setting(parameters, interval_ms)
+    }
+
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.jobs.disable_retries(ticket);
+    }
+
+    fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {
+        let at = self.group_answers.iter().position(|part| part.ticket == ticket)?;
+        self.group_answers.remove(at)
+    }
+
+    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
+        let cyclic = self.cyclic.as_mut();
+        let cycle = cyclic.and_then(|cycle| cycle.take_outcome(&mut self.slots));
+        cycle.or_else(|| self.jobs.pop_outcome())
+    }
+}
+
+impl<M: Medium, H: Host<M>> AxisScales for Lane<M, H> {
+    fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
+        self.slot(axis).ok()?.to_si(parameter, raw)
+    }
+
+    fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64> {
+        self.slot(axis).ok()?.to_raw(parameter, si)
+    }
+
+    fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {
+        self.slot(axis).ok()?.scale_input(parameter)
+    }
+
+    fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
+        self.slot(axis).ok()?.scale_error(parameter)
+    }
+}
+
+impl<M: Medium, H: Host<M>> AxisCommands for Lane<M, H> {
     fn set_armed(&mut self, axis: AxisIndex, armed: bool) {
         if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
             slot.state.armed = armed;
@@ -92,80 +214,40 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.start_steps(ticket, axis, steps, &[], halt, command)
     }
 
-    fn disable_retries(&mut self, ticket: Ticket) {
-        self.jobs.disable_retries(ticket);
-    }
-
-    fn read_parameter(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
+    fn rehearse(
+        &self,
         axis: AxisIndex,
-        parameter: ParameterId,
-    ) -> Result<(), Unsupported> {
-        self.slot(axis)?.read_request(parameter)?;
-        self.jobs.add(ticket, axis, JobTask::Read(parameter), false)
-    }
-
-    fn read_data(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        id: ParameterId,
-        block: bool,
-        max: u16,
+        command: Command,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
-        let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-        if parameter.access == Access::Write {
-            return Err(Unsupported::WriteOnly(id));
+        let plan = slot.profile.plan(command.verb).ok_or(Unsupported::NoPlan)?;
+        slot.check_steps(plan.steps, &command)?;
+        let Some(end) = slot.program_end_request(&command) else {
+            return self.rehearse_steps(slot, plan.steps, &command, show);
+        };
+        self.rehearse_steps(slot, plan.before_wait(), &command, show)?;
+        if let Some(query) = slot.program_request(ProgramCommand::QueryProgram) {
+            self.show_request(RehearsalAction::QueryProgram, &query, show);
         }
-        let request = slot.driver.data_read_request(parameter, block, max)?;
-        self.queue_raw_request(ticket, axis, request)
+        self.show_request(RehearsalAction::EndProgram, &end, show);
+        self.rehearse_steps(slot, plan.steps, &command, show)
     }
 
-    fn write_data(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        id: ParameterId,
-        size: u32,
-        block: bool,
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-        // Bytes need no type.
-        let untyped = parameter.encoding == Encoding::AnyLength;
-        if parameter.access == Access::Read && !untyped {
-            return Err(Unsupported::ReadOnly(id));
-        }
-        self.check_moves(axis, parameter)?;
-        let request = self.slot(axis)?.driver.data_write_request(parameter, size, block)?;
-        self.queue_raw_request(ticket, axis, request)
+    fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
+        self.slot(axis).ok()?.unmet_wait
     }
 
-    fn write_parameter(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        id: ParameterId,
-        raw: i64,
-        keep: bool,
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let parameter = slot.check_writable(id, raw)?;
-        let (profile, reads) = (slot.profile, slot.driver.reads_before_write(parameter));
-        self.check_moves(axis, parameter)?;
-        self.check_address_change(axis, parameter, raw)?;
-        let steps = StepSource::Write(WriteSteps::new(profile, id, parameter, raw, keep, reads));
-        let command = Command::new(crate::axis::Verb::Store);
-        let run = PlanRun::new(steps, &[], command, None);
-        self.jobs.add(ticket, axis, JobTask::Run(run), false)
+    fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
+        self.slot(axis).ok()?.motion.report(n)
     }
 
+    fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
+        Some(self.slot(axis).ok()?.tolerance(None))
+    }
+}
+
+impl<M: Medium, H: Host<M>> AxisText for Lane<M, H> {
     fn send_text(
         &mut self,
         _now: Instant,
@@ -204,7 +286,67 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let request = self.slot(axis)?.driver.decode_request(frame)?;
         self.queue_raw_request(ticket, axis, request)
     }
+}
 
+impl<M: Medium, H: Host<M>> AxisData for Lane<M, H> {
+    fn read_data(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        id: ParameterId,
+        block: bool,
+        max: u16,
+    ) -> Result<(), Unsupported> {
+        let slot = self.slot(axis)?;
+        let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+        if parameter.access == Access::Write {
+            return Err(Unsupported::WriteOnly(id));
+        }
+        let request = slot
+            .driver
+            .data()
+            .ok_or(Unsupported::Forbidden(ONLY_NUMBERS))?
+            .data_read_request(parameter, block, max)?;
+        self.queue_raw_request(ticket, axis, request)
+    }
+
+    fn write_data(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        id: ParameterId,
+        size: u32,
+        block: bool,
+    ) -> Result<(), Unsupported> {
+        let slot = self.slot(axis)?;
+        let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+        // Bytes need no type.
+        let untyped = parameter.encoding == Encoding::AnyLength;
+        if parameter.access == Access::Read && !untyped {
+            return Err(Unsupported::ReadOnly(id));
+        }
+        self.check_moves(axis, parameter)?;
+        let request = self
+            .slot(axis)?
+            .driver
+            .data()
+            .ok_or(Unsupported::Forbidden(ONLY_NUMBERS))?
+            .data_write_request(parameter, size, block)?;
+        self.queue_raw_request(ticket, axis, request)
+    }
+
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        self.host.poll_bytes(self.jobs.raw_request_ticket(ticket)?, out)
+    }
+
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        self.host.feed_bytes(self.jobs.raw_request_ticket(ticket)?, bytes)
+    }
+}
+
+impl<M: Medium, H: Host<M>> AxisPaths for Lane<M, H> {
     fn start_path(
         &mut self,
         _now: Instant,
@@ -213,7 +355,8 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         kind: PathKind,
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
-        let parameters = slot.driver.path_parameters().ok_or(Unsupported::NoPlan)?;
+        let parameters = slot.driver.paths().and_then(|paths| paths.path_parameters());
+        let parameters = parameters.ok_or(Unsupported::NoPlan)?;
         if !slot.state.armed {
             return Err(Unsupported::NotArmed);
         }
@@ -270,14 +413,18 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
         let mut bits = (0, 0);
         for axis in axes {
-            let (own, beat) = self.slot(*axis).ok()?.driver.cycle_bits();
+            // A drive without cycles takes no bits of them.
+            let cycles = self.slot(*axis).ok()?.driver.cycles();
+            let (own, beat) = cycles.map_or((0, 0), |cycles| cycles.cycle_bits());
             bits = (bits.0 + u64::from(own), u64::from(beat));
         }
         Some(bit_time_ns(bits.0 + bits.1, self.host.bit_rate()))
     }
+}
 
+impl<M: Medium, H: Host<M>> AxisPrograms for Lane<M, H> {
     fn memory_rules(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
-        self.slot(axis).ok()?.driver.memory_rules()
+        Some(self.slot(axis).ok()?.driver.memory()?.memory_rules())
     }
 
     fn start_transfer(
@@ -288,7 +435,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         kind: TransferKind,
         pieces: &[MemoryBlock],
     ) -> Result<(), Unsupported> {
-        let rules = self.slot(axis)?.driver.memory_rules().ok_or(Unsupported::NoPlan)?;
+        let rules = self.slot(axis)?.driver.memory().ok_or(Unsupported::NoPlan)?.memory_rules();
         if self.is_moving(axis) || self.jobs.has_transfer(axis) {
             return Err(Unsupported::Busy);
         }
@@ -311,41 +458,21 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         axis: AxisIndex,
         command: ProgramCommand,
     ) -> Result<(), Unsupported> {
-        let request =
-            self.slot(axis)?.driver.program_request(command).ok_or(Unsupported::NoPlan)?;
+        let request = self.slot(axis)?.program_request(command).ok_or(Unsupported::NoPlan)?;
         if request.class() == RequestClass::NoRetry && self.is_moving(axis) {
             return Err(Unsupported::Busy);
         }
         self.queue_raw_request(ticket, axis, request)
     }
+}
 
-    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        let cyclic = self.cyclic.as_mut();
-        let cycle = cyclic.and_then(|cycle| cycle.take_outcome(&mut self.slots));
-        cycle.or_else(|| self.jobs.pop_outcome())
+impl<M: Medium, H: Host<M>> AxisTraffic for Lane<M, H> {
+    fn counters(&self) -> Counters {
+        self.host.counters()
     }
 
-    fn address_change(
-        &self,
-        axis: AxisIndex,
-        id: ParameterId,
-        raw: i64,
-    ) -> Result<Option<AddressRole>, Unsupported> {
-        let parameter = self.slot(axis)?.parameter(id);
-        self.check_address_change(axis, parameter.ok_or(Unsupported::NoSuchParameter)?, raw)
-    }
-
-    fn unread_prerequisite(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
-        self.slot(axis).ok()?.driver.unread_prerequisite(n)
-    }
-
-    fn report_setting(
-        &self,
-        axis: AxisIndex,
-        parameters: &[ParameterId],
-        interval_ms: u16,
-    ) -> Option<(ParameterId, i64)> {
-        self.slot(axis).ok()?.driver.report_setting(parameters, interval_ms)
+    fn silence_counters(&self, axis: AxisIndex) -> Counters {
+        self.slot(axis).map_or(Counters::default(), |slot| slot.silence_counters)
     }
 
     fn enable_events(&mut self, on: bool) {
@@ -359,101 +486,6 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             event_queue.compare(now, &self.slots);
             event_queue.pop(now)
         })
-    }
-
-    fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {
-        let at = self.group_answers.iter().position(|part| part.ticket == ticket)?;
-        self.group_answers.remove(at)
-    }
-
-    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
-        self.host.poll_bytes(self.jobs.raw_request_ticket(ticket)?, out)
-    }
-
-    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
-        self.host.feed_bytes(self.jobs.raw_request_ticket(ticket)?, bytes)
-    }
-
-    fn rehearse(
-        &self,
-        axis: AxisIndex,
-        command: Command,
-        show: &mut dyn FnMut(RehearsalStep<'_>),
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let plan = slot.profile.plan(command.verb).ok_or(Unsupported::NoPlan)?;
-        slot.check_steps(plan.steps, &command)?;
-        let Some(end) = slot.program_end_request(&command) else {
-            return self.rehearse_steps(slot, plan.steps, &command, show);
-        };
-        self.rehearse_steps(slot, plan.before_wait(), &command, show)?;
-        if let Some(query) = slot.driver.program_request(ProgramCommand::QueryProgram) {
-            self.show_request(RehearsalAction::QueryProgram, &query, show);
-        }
-        self.show_request(RehearsalAction::EndProgram, &end, show);
-        self.rehearse_steps(slot, plan.steps, &command, show)
-    }
-
-    fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
-        self.slot(axis).is_ok_and(|slot| slot.lacks_parameter(parameter))
-    }
-
-    fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
-        self.slot(axis).ok()?.unmet_wait
-    }
-
-    fn motion_report(&self, axis: AxisIndex, n: usize) -> Option<MotionReport> {
-        self.slot(axis).ok()?.motion.report(n)
-    }
-
-    fn tolerance(&self, axis: AxisIndex) -> Option<Tolerance> {
-        Some(self.slot(axis).ok()?.tolerance(None))
-    }
-
-    fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {
-        self.slot(axis).ok()?.scale_input(parameter)
-    }
-
-    fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
-        self.slot(axis).ok()?.scale_error(parameter)
-    }
-
-    fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
-        self.slot(axis).ok()?.to_si(parameter, raw)
-    }
-
-    fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64> {
-        self.slot(axis).ok()?.to_raw(parameter, si)
-    }
-
-    fn counters(&self) -> Counters {
-        self.host.counters()
-    }
-
-    fn silence_counters(&self, axis: AxisIndex) -> Counters {
-        self.slot(axis).map_or(Counters::default(), |slot| slot.silence_counters)
-    }
-
-    fn add_axis(
-        &mut self,
-        lane: usize,
-        profile: &'static Profile,
-        address: u32,
-    ) -> Option<AxisIndex> {
-        let make = self.driver_factory.filter(|_| self.can_add_axis(lane, address))?;
-        let axis = AxisIndex(u8::try_from(self.slots.len()).ok()?);
-        self.slots.push(AxisSlot::new(make(profile, address)));
-        self.host.add_drive(address);
-        if let (Some(event_queue), Some(slot)) = (&mut self.events, self.slots.last()) {
-            event_queue.add_axis(&slot.state);
-        }
-        Some(axis)
-    }
-
-    fn can_add_axis(&self, lane: usize, address: u32) -> bool {
-        // Two slots of one drive would not know what the other has it do.
-        let known = self.slots.iter().any(|slot| slot.driver.address() == address);
-        lane == 0 && self.driver_factory.is_some() && !known && self.host.can_add_drive(address)
     }
 
     fn sends_keepalive(&self) -> bool {

@@ -251,12 +251,15 @@ impl CyclicMotion {
         while let Some(member) = self.axes.get(self.next_axis) {
             self.next_axis += 1;
             let driver = &slots[usize::from(member.axis)].driver;
-            if let Some(request) = driver.setpoint_request(self.setpoint_kind, member.raw, command)
-            {
+            let request = driver.cycles().and_then(|cycles| {
+                cycles.setpoint_request(self.setpoint_kind, member.raw, command)
+            });
+            if let Some(request) = request {
                 return Some(request);
             }
         }
-        let beat = slots[usize::from(self.axes[0].axis)].driver.sync_request();
+        let first = &slots[usize::from(self.axes[0].axis)].driver;
+        let beat = first.cycles().and_then(|cycles| cycles.sync_request());
         self.finish_cycle(now, slots);
         beat
     }
@@ -428,7 +431,8 @@ impl CyclicAxis {
         }
         let target = slot
             .driver
-            .setpoint_parameter(setpoint)
+            .cycles()
+            .and_then(|cycles| cycles.setpoint_parameter(setpoint))
             .filter(|_| slot.setpoint_kind == Some(setpoint));
         let target = target.ok_or(Unsupported::Forbidden(NOT_READY))?;
         let raw = match setpoint {

@@ -89,8 +89,9 @@ fn next_transfer_request<R: Request, A: Copy + 'static>(
     let AxisSlot { transfer: Some(transfer), driver, .. } = slot else {
         return Err(Outcome::NotDone(Failure::Cancelled));
     };
-    let request = driver.transfer_request(transfer.current_step());
-    match request.unwrap_or(Err(Unsupported::NoPlan)) {
+    let step = transfer.current_step();
+    let request = driver.memory().ok_or(Unsupported::NoPlan);
+    match request.and_then(|memory| memory.transfer_request(step)) {
         Ok(request) => Ok((request, InFlight::Send(request.class()))),
         Err(reason) => Err(transfer.abort_outcome(Failure::Impossible(reason))),
     }
@@ -136,7 +137,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             run.resume_stop(false);
         }
         if run.is_program_end_due() && run.stage == StepStage::First {
-            let asks = slot.driver.program_request(ProgramCommand::QueryProgram).is_some();
+            let asks = slot.program_request(ProgramCommand::QueryProgram).is_some();
             run.stage = if asks { StepStage::QueryProgram } else { StepStage::EndProgram };
         }
         match run.stage {
@@ -244,7 +245,7 @@ fn program_request<R: Request, A: Copy + 'static>(
         !slot.driver.is_group() || command != ProgramCommand::QueryProgram,
         "a group has no one answer"
     );
-    let request = slot.driver.program_request(command);
+    let request = slot.program_request(command);
     let request = request.ok_or_else(|| end_impossible(Unsupported::NoPlan))?;
     Ok((request, InFlight::Send(request.class())))
 }

@@ -98,7 +98,7 @@ impl PathStream {
             PathStage::Learn(n) => self.learn_request(n, slot),
             PathStage::Prepare(number) => {
                 let step = PathStep::Prepare { number, kind: self.kind, low_mark: self.low_mark };
-                match slot.driver.path_request(step) {
+                match slot.driver.paths().and_then(|paths| paths.path_request(step)) {
                     Some(Ok(request)) => Ok((request, InFlight::Send(request.class()))),
                     Some(Err(reason)) => Err(self.fail_unsupported(reason)),
                     None => {
@@ -186,7 +186,7 @@ impl PathStream {
         slot: &AxisSlot<R, A>,
         step: PathStep,
     ) -> Result<(R, InFlight), JobState> {
-        match slot.driver.path_request(step) {
+        match slot.driver.paths().and_then(|paths| paths.path_request(step)) {
             Some(Ok(request)) => Ok((request, InFlight::Send(request.class()))),
             Some(Err(reason)) => Err(self.fail_unsupported(reason)),
             None => Err(self.fail_unsupported(Unsupported::NoPlan)),
@@ -354,7 +354,10 @@ impl PathStream {
         slot: &mut AxisSlot<R, A>,
         raw: i64,
     ) -> JobState {
-        let status = slot.driver.decode_path_status(raw);
+        let Some(paths) = slot.driver.paths() else {
+            return self.fail_unsupported(Unsupported::NoPlan);
+        };
+        let status = paths.decode_path_status(raw);
         let sent = self.buffer_model.sent();
         let (has, wants) =
             (self.counter_matches(&status, sent + 1), self.counter_matches(&status, sent));
@@ -385,7 +388,10 @@ impl PathStream {
                             stopped: check the line, and stream again from where it stands";
         const UNDERRUN: &str = "the drive ran out of points and stopped: feed them faster, or give each \
                            more time";
-        let status = slot.driver.decode_path_status(raw);
+        let Some(paths) = slot.driver.paths() else {
+            return self.fail_unsupported(Unsupported::NoPlan);
+        };
+        let status = paths.decode_path_status(raw);
         let sent = self.buffer_model.sent();
         let offset = status.offset(sent);
         // The counter starts wherever the last path left it; from then on it must keep step with the points.

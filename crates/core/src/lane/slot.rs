@@ -527,10 +527,20 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         Ok(Some(raw))
     }
 
+    /// The request for a program command; `None` if the drive has no such command.
+    pub fn program_request(&self, command: ProgramCommand) -> Option<R> {
+        self.driver.programs()?.program_request(command)
+    }
+
+    /// Returns whether the reply to [`ProgramCommand::QueryProgram`] means that a program is running.
+    pub fn is_program_running(&self, raw: i64) -> bool {
+        self.driver.programs().is_some_and(|programs| programs.is_program_running(raw))
+    }
+
     /// The request that ends the drive's own program, if a command has to end it.
     pub fn program_end_request(&self, command: &Command) -> Option<R> {
         let ends = matches!(command.verb, Verb::Stop | Verb::QuickStop) && !command.keep_program;
-        self.driver.program_request(ProgramCommand::End).filter(|_| ends)
+        self.program_request(ProgramCommand::End).filter(|_| ends)
     }
 
     /// Checks whether steps can be carried out, as far as known.

@@ -9,9 +9,11 @@ use super::transfer_objects::TransferObjects;
 use polepair_core::plant::{TICK_NS, Ticks};
 use polepair_core::proto::canopen::device::motion::{
     MotionAxis, MotionContext, MotionEvent, MotionQuirks, MotorControl as _, PowerState as Power,
-    is_method, modes,
+    ShaftReadings, is_method, modes,
 };
-use polepair_core::proto::canopen::device::{Firmware, SettingsGroup};
+use polepair_core::proto::canopen::device::{
+    DomainObjects, Firmware, NodeClock, NodeIdentity, NodeStorage, SettingsGroup,
+};
 use polepair_core::proto::canopen::emcy::Emergency;
 use polepair_core::proto::canopen::nmt::NmtState;
 use polepair_core::proto::canopen::od::Dictionary;
@@ -425,11 +427,7 @@ const fn is_allowed(tag: u16, value: i64) -> bool {
     }
 }
 
-impl Firmware for Drive {
-    fn dictionary(&self) -> &'static Dictionary {
-        &DICTIONARY
-    }
-
+impl NodeIdentity for Drive {
     fn node_id(&self) -> u8 {
         self.node
     }
@@ -440,6 +438,78 @@ impl Firmware for Drive {
 
     fn serial(&self) -> u32 {
         self.serial
+    }
+
+    fn set_node_id(&mut self, node: u8) {
+        debug_assert!(
+            (1..=127).contains(&node) || node == 255,
+            "255 is the unconfigured node of CiA 305"
+        );
+        self.node = node;
+    }
+
+    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
+        self.bit_rate = bit_rate;
+        true
+    }
+
+    fn store_link(&mut self) -> bool {
+        self.flash_writes += 1;
+        (self.stored_node, self.stored_bit_rate) = (self.node, self.bit_rate);
+        true
+    }
+}
+
+impl DomainObjects for Drive {
+    fn length(&mut self, tag: u16) -> u32 {
+        match tag {
+            computed::SCRATCH => self.files.scratch_len(),
+            _ => self.objects.value(stored::STREAM_LENGTH).cast_unsigned(),
+        }
+    }
+
+    fn read(&mut self, tag: u16, offset: u32, out: &mut [u8]) {
+        self.files.read(tag, offset, out);
+    }
+
+    fn begin_write(&mut self, tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
+        self.files.begin_write(tag, size)
+    }
+
+    fn write(&mut self, tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
+        self.files.write(tag, offset, data)
+    }
+}
+
+impl NodeStorage for Drive {
+    fn store(&mut self, group: SettingsGroup) {
+        self.flash_writes += 1;
+        if group != SettingsGroup::Communication {
+            // Settings only: targets and the controlword must not act again after the next power-up.
+            self.stored_objects = Some(self.objects.settings());
+        }
+    }
+
+    fn restore(&mut self, _group: SettingsGroup) {
+        self.flash_writes += 1;
+        self.stored_objects = None;
+    }
+}
+
+impl NodeClock for Drive {
+    fn set_time_of_day(&mut self, now: Instant, time: TimeOfDay) {
+        self.clock = Some((time, now));
+    }
+
+    fn time_of_day(&mut self, now: Instant) -> Option<TimeOfDay> {
+        let (given, at) = self.clock?;
+        TimeOfDay::from_unix_ms(given.unix_ms() + now.since(at).as_millis() as u64)
+    }
+}
+
+impl Firmware for Drive {
+    fn dictionary(&self) -> &'static Dictionary {
+        &DICTIONARY
     }
 
     #[inline]
@@ -464,25 +534,6 @@ impl Firmware for Drive {
             _ => return self.set_slow_path(tag, value),
         }
         Ok(())
-    }
-
-    fn length(&mut self, tag: u16) -> u32 {
-        match tag {
-            computed::SCRATCH => self.files.scratch_len(),
-            _ => self.objects.value(stored::STREAM_LENGTH).cast_unsigned(),
-        }
-    }
-
-    fn read(&mut self, tag: u16, offset: u32, out: &mut [u8]) {
-        self.files.read(tag, offset, out);
-    }
-
-    fn begin_write(&mut self, tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
-        self.files.begin_write(tag, size)
-    }
-
-    fn write(&mut self, tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
-        self.files.write(tag, offset, data)
     }
 
     #[inline]
@@ -523,46 +574,5 @@ impl Firmware for Drive {
         }
         self.reported_fault = self.fault;
         Some(Emergency { code: self.fault.0, ..Emergency::default() })
-    }
-
-    fn store(&mut self, group: SettingsGroup) {
-        self.flash_writes += 1;
-        if group != SettingsGroup::Communication {
-            // Settings only: targets and the controlword must not act again after the next power-up.
-            self.stored_objects = Some(self.objects.settings());
-        }
-    }
-
-    fn restore(&mut self, _group: SettingsGroup) {
-        self.flash_writes += 1;
-        self.stored_objects = None;
-    }
-
-    fn set_node_id(&mut self, node: u8) {
-        debug_assert!(
-            (1..=127).contains(&node) || node == 255,
-            "255 is the unconfigured node of CiA 305"
-        );
-        self.node = node;
-    }
-
-    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
-        self.bit_rate = bit_rate;
-        true
-    }
-
-    fn store_link(&mut self) -> bool {
-        self.flash_writes += 1;
-        (self.stored_node, self.stored_bit_rate) = (self.node, self.bit_rate);
-        true
-    }
-
-    fn set_time_of_day(&mut self, now: Instant, time: TimeOfDay) {
-        self.clock = Some((time, now));
-    }
-
-    fn time_of_day(&mut self, now: Instant) -> Option<TimeOfDay> {
-        let (given, at) = self.clock?;
-        TimeOfDay::from_unix_ms(given.unix_ms() + now.since(at).as_millis() as u64)
     }
 }

@@ -164,13 +164,13 @@ impl Shaft {
         self.stage.step(0.0, seconds);
         self.winding.step(0.0, seconds);
         self.overload = (self.overload - seconds).max(0.0);
-        self.previous_position = motion::MotorControl::position(self);
+        self.previous_position = motion::ShaftReadings::position(self);
     }
 
     /// One tick.
     #[inline]
     pub fn tick(&mut self) {
-        self.previous_position = motion::MotorControl::position(self);
+        self.previous_position = motion::ShaftReadings::position(self);
         let conditions = Conditions { bus: self.supply, load: self.load };
         self.servo.step(&mut self.motor, conditions);
         let current = self.motor.current();
@@ -241,6 +241,36 @@ impl Shaft {
     }
 }
 
+impl motion::ShaftReadings for Shaft {
+    #[inline]
+    fn setpoint(&self) -> Setpoint {
+        self.servo.setpoint()
+    }
+
+    fn has_arrived(&self) -> bool {
+        self.servo.arrived()
+    }
+
+    #[inline]
+    fn position(&self) -> f64 {
+        self.frozen_position.unwrap_or(self.motor.position())
+    }
+
+    fn previous_position(&self) -> f64 {
+        self.previous_position
+    }
+
+    #[inline]
+    fn velocity(&self) -> f64 {
+        if self.frozen_position.is_some() { 0.0 } else { self.motor.velocity() }
+    }
+
+    #[inline]
+    fn is_torque_limited(&self) -> bool {
+        self.is_powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
+    }
+}
+
 impl motion::MotorControl for Shaft {
     fn power_on(&mut self) {
         self.stall.reset();
@@ -288,34 +318,6 @@ impl motion::MotorControl for Shaft {
         if self.servo.goal() == Goal::Velocity(0.0) && self.servo.arrived() {
             self.servo.set_goal_from(&self.motor, Goal::Position(self.motor.position()));
         }
-    }
-
-    #[inline]
-    fn setpoint(&self) -> Setpoint {
-        self.servo.setpoint()
-    }
-
-    fn has_arrived(&self) -> bool {
-        self.servo.arrived()
-    }
-
-    #[inline]
-    fn position(&self) -> f64 {
-        self.frozen_position.unwrap_or(self.motor.position())
-    }
-
-    fn previous_position(&self) -> f64 {
-        self.previous_position
-    }
-
-    #[inline]
-    fn velocity(&self) -> f64 {
-        if self.frozen_position.is_some() { 0.0 } else { self.motor.velocity() }
-    }
-
-    #[inline]
-    fn is_torque_limited(&self) -> bool {
-        self.is_powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
     }
 }
 

@@ -10,7 +10,8 @@ use super::registers::{DN_COUNT, FN_COUNT, Registers, fn_registers};
 use super::shaft::COUNTS_PER_TURN;
 use polepair_core::plant::Limits;
 use polepair_core::proto::canopen::device::motion::{
-    Braking, HomingSettings, MotionSettings, Window, modes,
+    Braking, HomingSettings, MotionLimits, MotionSettings, MotionWindows, StopReactions, Window,
+    modes,
 };
 use polepair_core::proto::canopen::device::{standard_entries, standard_len};
 use polepair_core::proto::canopen::od::{
@@ -348,15 +349,7 @@ pub struct CommandedObjects<'a> {
     pub homes_by_cia: bool,
 }
 
-impl MotionSettings for CommandedObjects<'_> {
-    fn mode(&self) -> i8 {
-        self.objects.value(stored::MODE) as i8
-    }
-
-    fn target_position(&self) -> f64 {
-        self.objects.real_value(stored::TARGET_POSITION) * self.objects.rad_per_pulse()
-    }
-
+impl MotionLimits for CommandedObjects<'_> {
     fn profile(&self) -> Limits {
         Limits {
             velocity: self.objects.real_value(stored::PROFILE_VELOCITY) * TENTH_RPM,
@@ -364,14 +357,6 @@ impl MotionSettings for CommandedObjects<'_> {
             deceleration: self.objects.slope(stored::DECELERATION),
             smoothing_s: 0.0,
         }
-    }
-
-    fn target_velocity(&self) -> f64 {
-        self.objects.real_value(stored::TARGET_VELOCITY) * TENTH_RPM
-    }
-
-    fn target_torque(&self) -> f64 {
-        self.objects.real_value(stored::TARGET_TORQUE) / 1000.0
     }
 
     /// The manual gives no unit: thousandths of the rated torque per second `[I]`, as CiA 402 has it.
@@ -382,6 +367,64 @@ impl MotionSettings for CommandedObjects<'_> {
     /// The manual names no object for it: the ramp down `[I]`.
     fn quick_stop(&self) -> f64 {
         self.objects.slope(stored::DECELERATION)
+    }
+
+    /// Fn_95 limits the speed in torque mode (§3.6.3); 0 is no limit `[I]`.
+    fn velocity_max(&self) -> f64 {
+        let limit = f64::from(self.registers.value(fn_registers::TORQUE_SPEED)) / 60.0 * TAU;
+        match self.mode() {
+            modes::PROFILE_TORQUE if limit > 0.0 => limit,
+            modes::PROFILE_TORQUE => f64::INFINITY,
+            _ => TOP_SPEED,
+        }
+    }
+}
+
+impl MotionWindows for CommandedObjects<'_> {
+    fn position_window(&self) -> Window {
+        self.objects.pulses_window(stored::POSITION_WINDOW, stored::POSITION_TIME)
+    }
+
+    fn following_window(&self) -> Window {
+        self.objects.pulses_window(stored::FOLLOWING_WINDOW, stored::FOLLOWING_TIME)
+    }
+
+    fn velocity_window(&self) -> Window {
+        self.objects.speed_window(stored::VELOCITY_WINDOW, stored::VELOCITY_TIME)
+    }
+
+    fn standstill(&self) -> Window {
+        self.objects.speed_window(stored::STANDSTILL, stored::STANDSTILL_TIME)
+    }
+}
+
+impl StopReactions for CommandedObjects<'_> {
+    /// `[I]` It stays in that state, so that statusword 0017h is seen.
+    fn quick_stop_option(&self) -> (Braking, bool) {
+        (Braking::Ramp, true)
+    }
+
+    /// `[I]`
+    fn disable_option(&self) -> Braking {
+        Braking::Coast
+    }
+}
+
+impl MotionSettings for CommandedObjects<'_> {
+    fn mode(&self) -> i8 {
+        self.objects.value(stored::MODE) as i8
+    }
+
+    fn target_position(&self) -> f64 {
+        self.objects.real_value(stored::TARGET_POSITION) * self.objects.rad_per_pulse()
+    }
+
+    fn target_velocity(&self) -> f64 {
+        self.objects.real_value(stored::TARGET_VELOCITY) * TENTH_RPM
+    }
+
+    fn target_torque(&self) -> f64 {
+        self.objects.real_value(stored::TARGET_TORQUE) / 1000.0
     }
 
     /// "Reverse, home switch" (methods 3 and 19, §3.6.4): the search begins in reverse wherever it is, as
@@ -398,42 +441,6 @@ impl MotionSettings for CommandedObjects<'_> {
             acceleration: self.objects.slope(stored::HOMING_ACCELERATION),
             offset: self.objects.real_value(stored::HOME_OFFSET) * self.objects.rad_per_pulse(),
         }
-    }
-
-    fn position_window(&self) -> Window {
-        self.objects.pulses_window(stored::POSITION_WINDOW, stored::POSITION_TIME)
-    }
-
-    fn following_window(&self) -> Window {
-        self.objects.pulses_window(stored::FOLLOWING_WINDOW, stored::FOLLOWING_TIME)
-    }
-
-    fn velocity_window(&self) -> Window {
-        self.objects.speed_window(stored::VELOCITY_WINDOW, stored::VELOCITY_TIME)
-    }
-
-    fn standstill(&self) -> Window {
-        self.objects.speed_window(stored::STANDSTILL, stored::STANDSTILL_TIME)
-    }
-
-    /// Fn_95 limits the speed in torque mode (§3.6.3); 0 is no limit `[I]`.
-    fn velocity_max(&self) -> f64 {
-        let limit = f64::from(self.registers.value(fn_registers::TORQUE_SPEED)) / 60.0 * TAU;
-        match self.mode() {
-            modes::PROFILE_TORQUE if limit > 0.0 => limit,
-            modes::PROFILE_TORQUE => f64::INFINITY,
-            _ => TOP_SPEED,
-        }
-    }
-
-    /// `[I]` It stays in that state, so that statusword 0017h is seen.
-    fn quick_stop_option(&self) -> (Braking, bool) {
-        (Braking::Ramp, true)
-    }
-
-    /// `[I]`
-    fn disable_option(&self) -> Braking {
-        Braking::Coast
     }
 }
 

@@ -8,7 +8,7 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::tmcl::module::interrupts;
 use polepair_core::proto::tmcl::module::memory::{MOTORS_MAX, check_readable, check_writable};
 use polepair_core::proto::tmcl::module::program::WaitCondition;
-use polepair_core::proto::tmcl::module::{ModuleState, TmclModule};
+use polepair_core::proto::tmcl::module::{ModulePrograms, ModuleState, TmclModule};
 use polepair_core::proto::tmcl::{Opcode, Request, Status};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
@@ -292,6 +292,47 @@ fn flag_if(set: bool, flag: i32) -> i32 {
     if set { flag } else { 0 }
 }
 
+impl ModulePrograms for Module {
+    fn has_programs(&self) -> bool {
+        true
+    }
+
+    fn is_met(&self, what: WaitCondition) -> bool {
+        let channel = |motor: u8| self.channels.get(usize::from(motor));
+        match what {
+            WaitCondition::Ticks => false,
+            WaitCondition::Position(motor) => channel(motor).is_some_and(Channel::has_arrived),
+            WaitCondition::Switch(motor) => channel(motor).is_some_and(|channel| {
+                channel.is_closed(SwitchKind::Left) || channel.is_closed(SwitchKind::Right)
+            }),
+            WaitCondition::ReferenceSearch(motor) => {
+                channel(motor).is_some_and(|channel| channel.search_status() == 0)
+            }
+        }
+    }
+
+    fn interrupt_levels(&self) -> u64 {
+        let mut levels = u64::from(self.arrived_motors().unsigned_abs()) << interrupts::REACHED;
+        for (n, channel) in self.channels[..self.motors].iter().enumerate() {
+            levels |= u64::from(channel.errors & STALL_ERROR != 0)
+                << (usize::from(interrupts::STALLED) + n);
+            let stops =
+                [SwitchKind::Left, SwitchKind::Right].map(|switch| channel.is_closed(switch));
+            let stops = u64::from(stops[0]) | u64::from(stops[1]) << 1;
+            levels |= stops << (usize::from(interrupts::STOP_SWITCHES) + 2 * n);
+        }
+        let inputs = self.inputs.iter().enumerate();
+        inputs.fold(levels, |all, (n, high)| {
+            all | u64::from(*high) << (usize::from(interrupts::INPUTS) + n)
+        })
+    }
+
+    fn arrived_motors(&self) -> i32 {
+        let motors = self.channels.iter().take(self.motors).enumerate();
+        motors.fold(0, |mask, (n, channel)| mask | i32::from(channel.has_arrived()) << n)
+    }
+}
+
 impl TmclModule for Module {
     fn state(&self) -> &ModuleState {
         &self.state
@@ -381,45 +422,6 @@ impl TmclModule for Module {
             (Opcode::Mvp, _) | (Opcode::Sap | Opcode::Rfs, 0) => true,
             _ => false,
         }
-    }
-
-    fn arrived_motors(&self) -> i32 {
-        let motors = self.channels.iter().take(self.motors).enumerate();
-        motors.fold(0, |mask, (n, channel)| mask | i32::from(channel.has_arrived()) << n)
-    }
-
-    fn is_met(&self, what: WaitCondition) -> bool {
-        let channel = |motor: u8| self.channels.get(usize::from(motor));
-        match what {
-            WaitCondition::Ticks => false,
-            WaitCondition::Position(motor) => channel(motor).is_some_and(Channel::has_arrived),
-            WaitCondition::Switch(motor) => channel(motor).is_some_and(|channel| {
-                channel.is_closed(SwitchKind::Left) || channel.is_closed(SwitchKind::Right)
-            }),
-            WaitCondition::ReferenceSearch(motor) => {
-                channel(motor).is_some_and(|channel| channel.search_status() == 0)
-            }
-        }
-    }
-
-    fn interrupt_levels(&self) -> u64 {
-        let mut levels = u64::from(self.arrived_motors().unsigned_abs()) << interrupts::REACHED;
-        for (n, channel) in self.channels[..self.motors].iter().enumerate() {
-            levels |= u64::from(channel.errors & STALL_ERROR != 0)
-                << (usize::from(interrupts::STALLED) + n);
-            let stops =
-                [SwitchKind::Left, SwitchKind::Right].map(|switch| channel.is_closed(switch));
-            let stops = u64::from(stops[0]) | u64::from(stops[1]) << 1;
-            levels |= stops << (usize::from(interrupts::STOP_SWITCHES) + 2 * n);
-        }
-        let inputs = self.inputs.iter().enumerate();
-        inputs.fold(levels, |all, (n, high)| {
-            all | u64::from(*high) << (usize::from(interrupts::INPUTS) + n)
-        })
-    }
-
-    fn has_programs(&self) -> bool {
-        true
     }
 
     fn version(&self) -> (u16, u8, u8) {

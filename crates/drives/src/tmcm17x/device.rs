@@ -7,7 +7,7 @@ use crate::bench::{Act, BenchControl, GroundTruth};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{Can, Stream};
 use polepair_core::profile::Profile;
-use polepair_core::proto::tmcl::module::{ModuleDevice, TmclModule as _, WireOptions};
+use polepair_core::proto::tmcl::module::{ModuleDevice, ModulePrograms, WireOptions};
 use polepair_core::station::Station;
 use polepair_core::time::Instant;
 

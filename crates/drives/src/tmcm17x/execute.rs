@@ -4,12 +4,31 @@ use super::flags;
 use super::module::{ControlMode, Module};
 use polepair_core::plant::TICK_NS;
 use polepair_core::proto::tmcl::module::program::WaitCondition;
-use polepair_core::proto::tmcl::module::{ModuleState, TmclModule};
+use polepair_core::proto::tmcl::module::{ModulePrograms, ModuleState, TmclModule};
 use polepair_core::proto::tmcl::{Opcode, Request, Status};
 use polepair_core::time::Instant;
 
 /// Firmware version in the reply to 136, that of the manual.
 const VERSION: (u8, u8) = (1, 14);
+
+impl ModulePrograms for Module {
+    /// Stand-alone programs exist from the TMCM-171's firmware 1.06 on (hardware manual).
+    fn has_programs(&self) -> bool {
+        self.state.profile.name.ends_with("171")
+    }
+
+    fn is_met(&self, what: WaitCondition) -> bool {
+        match what {
+            WaitCondition::Position(_) => self.flags.any(flags::POS_END),
+            WaitCondition::Switch(_) => self.switch_active(),
+            WaitCondition::Ticks | WaitCondition::ReferenceSearch(_) => false,
+        }
+    }
+
+    fn arrived_motors(&self) -> i32 {
+        self.flags.any(flags::POS_END).into()
+    }
+}
 
 impl TmclModule for Module {
     fn state(&self) -> &ModuleState {
@@ -83,23 +102,6 @@ impl TmclModule for Module {
             (Opcode::Mvp, _) | (Opcode::Sap, 0) => true,
             _ => false,
         }
-    }
-
-    fn arrived_motors(&self) -> i32 {
-        self.flags.any(flags::POS_END).into()
-    }
-
-    fn is_met(&self, what: WaitCondition) -> bool {
-        match what {
-            WaitCondition::Position(_) => self.flags.any(flags::POS_END),
-            WaitCondition::Switch(_) => self.switch_active(),
-            WaitCondition::Ticks | WaitCondition::ReferenceSearch(_) => false,
-        }
-    }
-
-    /// Stand-alone programs exist from the TMCM-171's firmware 1.06 on (hardware manual).
-    fn has_programs(&self) -> bool {
-        self.state.profile.name.ends_with("171")
     }
 
     fn version(&self) -> (u16, u8, u8) {

@@ -6,7 +6,7 @@ use polepair_core::plant::{
     ThermalModel, Ticks,
 };
 use polepair_core::profile::Profile;
-use polepair_core::proto::tmcl::module::{ModuleState, TmclModule as _};
+use polepair_core::proto::tmcl::module::{ModulePrograms, ModuleState, TmclModule as _};
 use polepair_core::time::Instant;
 
 /// Ticks at the current limit without turning after which the motor is switched off. \[I\]

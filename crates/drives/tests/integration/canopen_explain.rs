@@ -3,7 +3,7 @@
 use polepair_core::error::WireError;
 use polepair_core::explain::{
     Context, Dissector, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, Field, FieldValue,
-    RawFrame,
+    FrameConversation, RawFrame,
 };
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;

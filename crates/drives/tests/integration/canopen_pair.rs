@@ -8,7 +8,9 @@ use polepair_core::medium::{Can, Frame};
 use polepair_core::proto::HostOptions;
 use polepair_core::proto::canopen::sdo::ObjectIndex;
 use polepair_core::proto::canopen::{Answer, CanHost, HostRequest};
-use polepair_core::station::{EventSubject, Host as _, RequestClass, Station, Ticket, Timed};
+use polepair_core::station::{
+    EventSubject, Host as _, HostData, RequestClass, Station, Ticket, Timed,
+};
 use polepair_core::time::{Instant, earliest};
 use polepair_drives::{DeviceOptions, Family, cia402};
 

@@ -1,6 +1,8 @@
 //! Two TMCL lanes on one bus, each with a simulated TMCM-171 of its own identifiers.
 
-use polepair_core::axis::{Axes, Command, Verb};
+use polepair_core::axis::{
+    AxisCommands, AxisDirectory, AxisRequests, AxisScales, AxisText, AxisTraffic, Command, Verb,
+};
 use polepair_core::error::{Outcome, Unsupported};
 use polepair_core::lane::{BoxedDriver, Lane};
 use polepair_core::medium::{Can, Frame};
@@ -41,7 +43,7 @@ fn make_device(can_id: i32, reply_id: i32) -> Tmcm171Device {
     for (parameter, value) in [(71, can_id), (70, reply_id)] {
         let text = std::format!("SGP {parameter}, 0, {value}");
         let driver = Tmcl::create_driver(Tmcm17x::profiles()[0], 1);
-        let request = polepair_core::axis::Driver::parse_request(&driver, &text).unwrap();
+        let request = polepair_core::axis::RequestEncoder::parse_request(&driver, &text).unwrap();
         let mut out = [0; 16];
         let len = Tmcl::create_host(&OPTIONS, &[1]).encode_request(&request, &mut out);
         let now = Instant::ZERO.plus_ms(100);

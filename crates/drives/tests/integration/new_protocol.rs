@@ -1,6 +1,6 @@
 //! A protocol that the core does not know: its folder, and its line in `visit_test_protocols`, are all it takes.
 
-use polepair_core::axis::{Axes, Command, Verb};
+use polepair_core::axis::{AxisCommands, AxisRequests, Command, Verb};
 use polepair_core::error::Outcome;
 use polepair_core::lane::{BoxedDriver, Lane};
 use polepair_core::medium::{Can, Frame};

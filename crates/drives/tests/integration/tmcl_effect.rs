@@ -1,6 +1,6 @@
 //! What requests may do to a module.
 
-use polepair_core::explain::{Dissector, Effect, Impact, RawFrame};
+use polepair_core::explain::{Effect, FrameConversation, Impact, RawFrame};
 use polepair_core::proto::tmcl::TmclDissector;
 use polepair_core::proto::tmcl::opcode::Opcode;
 use polepair_core::proto::tmcl::session::HostRequest;

@@ -3,7 +3,7 @@
 use polepair_core::error::WireError;
 use polepair_core::explain::{
     Context, Direction, Dissector, EncodeError, EncodeOptions, ExplainSink, Field, FieldValue,
-    FrameBoundary, RawFrame, WireKind,
+    FrameBoundary, FrameConversation, FrameFormat, RawFrame, WireKind,
 };
 use polepair_core::proto::tml::explain::{SERIAL, TECHNOCAN, TMLCAN};
 use polepair_core::proto::tml::rules::WireRule;

@@ -18,31 +18,118 @@ use crate::link::Losses;
 pub(super) type SubmitFn<'a> =
     dyn FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported> + 'a;
 
+/// State of a connection and of its link.
+pub(super) trait ConnectionInfo {
+    fn now(&self) -> Instant;
+
+    fn is_real_time(&self) -> bool;
+
+    fn link_error(&self) -> Option<LinkError>;
+
+    fn describe(&self) -> String;
+
+    fn losses(&self) -> Losses;
+
+    #[cfg(test)]
+    fn slot_count(&self) -> usize;
+}
+
+/// Listeners, interruption and the end of a connection.
+pub(super) trait ConnectionControl {
+    fn add_listener(&self, listener: MailboxListener);
+
+    fn remove_listener(&self, mailbox: &Mailbox, source: usize);
+
+    fn interrupt(&self);
+
+    fn shut_down(&self);
+
+    fn close(&self);
+
+    fn borrow_link(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError>;
+}
+
 /// See the methods of [`Connection`](super::Connection) and [`Pending`](super::Pending).
-pub(super) trait ErasedConnection: Send + Sync {
+pub(super) trait ErasedConnection: Send + Sync + ConnectionInfo + ConnectionControl {
     fn submit(
         &self,
         request: &mut SubmitFn<'_>,
         wait_until: Option<Instant>,
     ) -> Result<(Ticket, u64), Unsupported>;
+
     fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult;
+
     fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome>;
+
     fn abandon(&self, ticket: Ticket);
+
     fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant));
-    fn now(&self) -> Instant;
-    fn is_real_time(&self) -> bool;
-    fn link_error(&self) -> Option<LinkError>;
-    fn describe(&self) -> String;
-    fn losses(&self) -> Losses;
-    fn add_listener(&self, listener: MailboxListener);
-    fn remove_listener(&self, mailbox: &Mailbox, source: usize);
+
     fn catch_up(&self);
-    fn interrupt(&self);
-    fn shut_down(&self);
-    fn close(&self);
-    fn borrow_link(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError>;
+}
+
+impl<M: Medium> ConnectionInfo for ConnectionInner<M> {
+    fn now(&self) -> Instant {
+        self.lock().link.now()
+    }
+
+    fn is_real_time(&self) -> bool {
+        self.lock().link.is_real_time()
+    }
+
+    fn link_error(&self) -> Option<LinkError> {
+        self.lock().link_error.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.lock().link.describe()
+    }
+
+    fn losses(&self) -> Losses {
+        self.lock().link.losses()
+    }
+
     #[cfg(test)]
-    fn slot_count(&self) -> usize;
+    fn slot_count(&self) -> usize {
+        self.lock().slots.len()
+    }
+}
+
+impl<M: Medium> ConnectionControl for ConnectionInner<M> {
+    fn add_listener(&self, listener: MailboxListener) {
+        leader::add_listener(self, listener);
+    }
+
+    fn remove_listener(&self, mailbox: &Mailbox, source: usize) {
+        leader::remove_listener(self, mailbox, source);
+    }
+
+    fn interrupt(&self) {
+        let mut state = self.lock();
+        // A number and not a flag: each waiter notices it, however many there are.
+        state.interrupts += 1;
+        for n in 0..state.listeners.len() {
+            let waker = state.listeners[n].mailbox.set_interrupted();
+            state.to_wake.extend(waker);
+        }
+        state.slots.unpark_all();
+        state.link.waker().wake();
+        leader::release_lock(self, state);
+    }
+
+    fn shut_down(&self) {
+        background::shut_down(self);
+    }
+
+    fn close(&self) {
+        let mut state = self.lock();
+        state.close();
+        leader::release_lock(self, state);
+    }
+
+    fn borrow_link(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError> {
+        borrow::borrow_link(self, until)
+    }
 }
 
 impl<M: Medium> ErasedConnection for ConnectionInner<M> {
@@ -52,12 +139,6 @@ impl<M: Medium> ErasedConnection for ConnectionInner<M> {
         wait_until: Option<Instant>,
     ) -> Result<(Ticket, u64), Unsupported> {
         leader::submit(self, request, wait_until)
-    }
-
-    fn close(&self) {
-        let mut state = self.lock();
-        state.close();
-        leader::release_lock(self, state);
     }
 
     fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult {
@@ -83,62 +164,8 @@ impl<M: Medium> ErasedConnection for ConnectionInner<M> {
         }
     }
 
-    fn now(&self) -> Instant {
-        self.lock().link.now()
-    }
-
-    fn is_real_time(&self) -> bool {
-        self.lock().link.is_real_time()
-    }
-
-    fn link_error(&self) -> Option<LinkError> {
-        self.lock().link_error.clone()
-    }
-
-    fn describe(&self) -> String {
-        self.lock().link.describe()
-    }
-
-    fn losses(&self) -> Losses {
-        self.lock().link.losses()
-    }
-
-    fn add_listener(&self, listener: MailboxListener) {
-        leader::add_listener(self, listener);
-    }
-
-    fn remove_listener(&self, mailbox: &Mailbox, source: usize) {
-        leader::remove_listener(self, mailbox, source);
-    }
-
     fn catch_up(&self) {
         leader::catch_up(self);
-    }
-
-    fn interrupt(&self) {
-        let mut state = self.lock();
-        // A number and not a flag: each waiter notices it, however many there are.
-        state.interrupts += 1;
-        for n in 0..state.listeners.len() {
-            let waker = state.listeners[n].mailbox.set_interrupted();
-            state.to_wake.extend(waker);
-        }
-        state.slots.unpark_all();
-        state.link.waker().wake();
-        leader::release_lock(self, state);
-    }
-
-    fn shut_down(&self) {
-        background::shut_down(self);
-    }
-
-    fn borrow_link(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError> {
-        borrow::borrow_link(self, until)
-    }
-
-    #[cfg(test)]
-    fn slot_count(&self) -> usize {
-        self.lock().slots.len()
     }
 }
 

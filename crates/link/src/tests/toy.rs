@@ -3,11 +3,22 @@
 
 use std::collections::VecDeque;
 
-use polepair_core::axis::{Axes, AxisStatus, Command, RehearsalStep, Verb};
+use polepair_core::axis::{
+    AxisCommands, AxisData, AxisDirectory, AxisEvent, AxisPaths, AxisPrograms, AxisRequests,
+    AxisScales, AxisStatus, AxisText, AxisTraffic, Command, GroupAnswer, MotionReport, Refusal,
+    RehearsalStep, StopPart, TextRehearsal, UnmetWait, Verb,
+};
 use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::explain::RawFrame;
+use polepair_core::judge::Tolerance;
 use polepair_core::medium::{SerialLine, Stream};
-use polepair_core::profile::{AddressRole, ParameterId, Profile};
+use polepair_core::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
+use polepair_core::program::{
+    MemoryBlock, MemoryRules, MemoryTransfer, ProgramCommand, TransferKind,
+};
 use polepair_core::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
+use polepair_core::stream::cyclic::{CycleStatistics, CyclicConfig};
+use polepair_core::stream::{PathKind, Point};
 use polepair_core::time::{Instant, earliest};
 
 /// Asked by a stop.
@@ -130,50 +141,62 @@ impl Station<Stream> for ToyLane {
     }
 }
 
-impl Axes for ToyLane {
-    fn address_change(
-        &self,
-        _axis: AxisIndex,
-        _parameter: ParameterId,
-        _raw: i64,
-    ) -> Result<Option<AddressRole>, Unsupported> {
-        Ok(None)
-    }
+impl AxisDirectory for ToyLane {
     fn axis_count(&self) -> usize {
         1
     }
+
     fn address(&self, _axis: AxisIndex) -> Option<u32> {
         Some(self.ups)
     }
+
     fn profile(&self, _axis: AxisIndex) -> Option<&'static Profile> {
         None
     }
+
     fn state(&self, _axis: AxisIndex) -> Option<&AxisStatus> {
         None
     }
-    fn set_armed(&mut self, _axis: AxisIndex, armed: bool) {
-        self.fast = armed;
+
+    fn parameter(&self, _axis: AxisIndex, _id: ParameterId) -> Option<&'static Parameter> {
+        None
     }
 
-    /// `Stop` goes first; anything else is a plan of ten exchanges.
-    fn command(
+    fn add_parameter(
         &mut self,
-        now: Instant,
-        ticket: Ticket,
         _axis: AxisIndex,
-        command: Command,
-    ) -> Result<(), Unsupported> {
-        let stop = command.verb == Verb::Stop;
-        let (value, left) = if stop { (STOP_VALUE, 0) } else { (7, 9) };
-        let job = ToyJob { ticket, value, left, at: now };
-        if stop {
-            self.queue.push_front(job)
-        } else {
-            self.queue.push_back(job)
-        }
-        Ok(())
+        _parameter: &'static Parameter,
+    ) -> Option<ParameterId> {
+        None
     }
 
+    fn is_confirmed(&self, _axis: AxisIndex) -> bool {
+        true
+    }
+
+    fn refusal(&self, _axis: AxisIndex, _code: u32) -> Refusal {
+        Refusal::Final
+    }
+
+    fn lacks_parameter(&self, _axis: AxisIndex, _parameter: ParameterId) -> bool {
+        false
+    }
+
+    fn add_axis(
+        &mut self,
+        _lane: usize,
+        _profile: &'static Profile,
+        _address: u32,
+    ) -> Option<AxisIndex> {
+        None
+    }
+
+    fn can_add_axis(&self, _lane: usize, _address: u32) -> bool {
+        false
+    }
+}
+
+impl AxisRequests for ToyLane {
     fn read_parameter(
         &mut self,
         _now: Instant,
@@ -201,18 +224,79 @@ impl Axes for ToyLane {
         Ok(())
     }
 
-    fn send_text(
-        &mut self,
-        _now: Instant,
-        _ticket: Ticket,
+    fn address_change(
+        &self,
         _axis: AxisIndex,
-        _text: &str,
-    ) -> Result<(), Unsupported> {
-        Err(Unsupported::BadText)
+        _parameter: ParameterId,
+        _raw: i64,
+    ) -> Result<Option<AddressRole>, Unsupported> {
+        Ok(None)
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
         self.outcomes.pop_front()
+    }
+
+    fn unread_prerequisite(&self, _axis: AxisIndex, _n: usize) -> Option<ParameterId> {
+        None
+    }
+
+    fn report_setting(
+        &self,
+        _axis: AxisIndex,
+        _parameters: &[ParameterId],
+        _interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        None
+    }
+
+    fn disable_retries(&mut self, _ticket: Ticket) {}
+
+    fn poll_group_answer(&mut self, _ticket: Ticket) -> Option<GroupAnswer> {
+        None
+    }
+}
+
+impl AxisScales for ToyLane {
+    fn to_si(&self, _axis: AxisIndex, _parameter: ParameterId, _raw: i64) -> Option<f64> {
+        None
+    }
+
+    fn to_raw(&self, _axis: AxisIndex, _parameter: ParameterId, _si: f64) -> Option<i64> {
+        None
+    }
+
+    fn scale_input(&self, _axis: AxisIndex, _parameter: ParameterId) -> Option<i64> {
+        None
+    }
+
+    fn scale_error(&self, _axis: AxisIndex, _parameter: ParameterId) -> Option<NoScale> {
+        None
+    }
+}
+
+impl AxisCommands for ToyLane {
+    fn set_armed(&mut self, _axis: AxisIndex, armed: bool) {
+        self.fast = armed;
+    }
+
+    /// `Stop` goes first; anything else is a plan of ten exchanges.
+    fn command(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        _axis: AxisIndex,
+        command: Command,
+    ) -> Result<(), Unsupported> {
+        let stop = command.verb == Verb::Stop;
+        let (value, left) = if stop { (STOP_VALUE, 0) } else { (7, 9) };
+        let job = ToyJob { ticket, value, left, at: now };
+        if stop {
+            self.queue.push_front(job)
+        } else {
+            self.queue.push_back(job)
+        }
+        Ok(())
     }
 
     fn rehearse(
@@ -224,17 +308,193 @@ impl Axes for ToyLane {
         Err(Unsupported::NoPlan)
     }
 
-    fn to_si(&self, _axis: AxisIndex, _parameter: ParameterId, _raw: i64) -> Option<f64> {
+    fn stop(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _command: Command,
+        _part: StopPart,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+
+    fn unmet_wait(&self, _axis: AxisIndex) -> Option<UnmetWait> {
         None
     }
 
-    fn to_raw(&self, _axis: AxisIndex, _parameter: ParameterId, _si: f64) -> Option<i64> {
+    fn motion_report(&self, _axis: AxisIndex, _n: usize) -> Option<MotionReport> {
         None
     }
 
+    fn tolerance(&self, _axis: AxisIndex) -> Option<Tolerance> {
+        None
+    }
+}
+
+impl AxisText for ToyLane {
+    fn send_text(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _text: &str,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::BadText)
+    }
+
+    fn rehearse_text(
+        &self,
+        _axis: AxisIndex,
+        _text: &str,
+        _show: &mut dyn FnMut(RehearsalStep<'_>),
+    ) -> Result<TextRehearsal, Unsupported> {
+        Err(Unsupported::BadText)
+    }
+
+    fn send_frame(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _frame: &RawFrame<'_>,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::BadBytes)
+    }
+}
+
+impl AxisData for ToyLane {
+    fn read_data(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _parameter: ParameterId,
+        _block: bool,
+        _max: u16,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+
+    fn write_data(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _parameter: ParameterId,
+        _size: u32,
+        _block: bool,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+
+    fn poll_bytes(&mut self, _ticket: Ticket, _out: &mut [u8]) -> Option<usize> {
+        None
+    }
+
+    fn feed_bytes(&mut self, _ticket: Ticket, _bytes: &[u8]) -> Option<usize> {
+        None
+    }
+}
+
+impl AxisPaths for ToyLane {
+    fn start_path(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _kind: PathKind,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+
+    fn feed_points(
+        &mut self,
+        _ticket: Ticket,
+        _points: &[Point],
+        _complete: bool,
+    ) -> Option<usize> {
+        None
+    }
+
+    fn start_cyclic(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _following: &CyclicConfig<'_>,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+
+    fn feed_cycles(
+        &mut self,
+        _ticket: Ticket,
+        _setpoints: &[f64],
+        _complete: bool,
+    ) -> Option<usize> {
+        None
+    }
+
+    fn cycle_statistics(&self, _axis: AxisIndex) -> Option<&CycleStatistics> {
+        None
+    }
+
+    fn cycle_ns(&self, _axes: &[AxisIndex]) -> Option<u64> {
+        None
+    }
+}
+
+impl AxisPrograms for ToyLane {
+    fn memory_rules(&self, _axis: AxisIndex) -> Option<&'static MemoryRules> {
+        None
+    }
+
+    fn start_transfer(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _kind: TransferKind,
+        _pieces: &[MemoryBlock],
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+
+    fn last_transfer(&self, _axis: AxisIndex) -> Option<&MemoryTransfer> {
+        None
+    }
+
+    fn send_program_command(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _command: ProgramCommand,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+}
+
+impl AxisTraffic for ToyLane {
     fn counters(&self) -> Counters {
         Counters { late: self.late, ..Counters::default() }
     }
+
+    fn silence_counters(&self, _axis: AxisIndex) -> Counters {
+        Counters::default()
+    }
+
+    fn enable_events(&mut self, _on: bool) {}
+
+    fn poll_axis_event(&mut self, _now: Instant) -> Option<AxisEvent> {
+        None
+    }
+
+    fn sends_keepalive(&self) -> bool {
+        false
+    }
+
+    fn handle_resume(&mut self, _now: Instant) {}
 }
 
 /// The drive's end.

@@ -51,7 +51,7 @@ impl LocalAxis {
         Err(Error::usage("E213", what, hint))
     }
 
-    /// Interprets an amount as [`AxisInterface::amount_for_name`](crate::AxisInterface::amount_for_name) does.
+    /// Interprets an amount as [`AxisParameters`](crate::interface::AxisParameters) does for a written name.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for an id that the drive does not have.

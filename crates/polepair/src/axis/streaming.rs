@@ -3,7 +3,7 @@
 use super::failure::RequestKind;
 use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
-use crate::interface::AxisInterface;
+use crate::interface::AxisReadings;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::judge::{EndReason, LimitEnd};
 use polepair_core::profile::Signal;
@@ -111,7 +111,7 @@ impl LocalAxis {
         if !matches!(outcome.failure(), Some(Failure::NotReady { .. })) {
             return error;
         }
-        let fault = AxisInterface::faults(self).into_iter().flatten().find(|one| !one.is_warning);
+        let fault = AxisReadings::faults(self).into_iter().flatten().find(|one| !one.is_warning);
         let failure = match fault {
             Some(fault) => Failure::Faulted { code: fault.code },
             None if self.has_active_limit(Signal::PositiveLimit) => {

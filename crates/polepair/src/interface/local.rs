@@ -1,5 +1,6 @@
 //! The axis interface of an axis on a wire of this program.
 
+use crate::interface::{AxisControl, AxisMotion, AxisParameters, AxisReadings};
 use std::ops::ControlFlow;
 use std::time::Duration;
 
@@ -25,42 +26,7 @@ use crate::error::Error;
 use crate::faults::active_faults;
 use crate::url::AxisNumber;
 
-impl AxisInterface for LocalAxis {
-    fn facts(&self) -> AxisFacts {
-        let profile = self.profile();
-        AxisFacts {
-            number: self.number(),
-            name: self.name().to_owned(),
-            label: self.label(),
-            protocol: self.protocol().to_owned(),
-            profile: profile.name.to_owned(),
-            title: profile.title.to_owned(),
-            kind: profile.axis,
-            caution: profile.caution.to_owned(),
-            watchdog_rule: self.watchdog_rule(),
-            watchdog: self.watchdog_kind(),
-            is_simulated: self.simulation.is_some(),
-            verbs: profile.verbs().collect(),
-            signals: profile.signals.iter().map(|source| source.signal).collect(),
-        }
-    }
-
-    fn local(&self) -> Option<&LocalAxis> {
-        Some(self)
-    }
-
-    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
-        self.unit_of(verb, which)
-    }
-
-    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
-        self.argument(verb, which, amount)
-    }
-
-    fn signal_unit(&self, signal: Signal) -> String {
-        self.signal_unit(signal).to_owned()
-    }
-
+impl AxisParameters for LocalAxis {
     fn parameters(&self) -> Result<Vec<ParameterDescription>, Error> {
         Ok(self.params().iter().map(ParameterDescription::from).collect())
     }
@@ -95,6 +61,43 @@ impl AxisInterface for LocalAxis {
         self.start_write(id, raw, store).map(AxisRequest::from)
     }
 
+    fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
+        match reply {
+            Reply::Raw(raw) => {
+                let value = ParameterValue::Number(self.value(id, raw)?);
+                Ok(ReadValue::of(self.required_parameter(id)?, &value))
+            }
+            Reply::Reading(reading) => Ok(reading),
+        }
+    }
+
+    fn read(&self, id: ParameterId) -> Result<ReadValue, Error> {
+        let value = self.read_any(id)?;
+        Ok(ReadValue::of(self.required_parameter(id)?, &value))
+    }
+
+    fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, ReadValue)>, Error> {
+        if !AxisNumber(self.number()).is_group() {
+            return Ok(vec![(self.number(), AxisParameters::read(self, id)?)]);
+        }
+        let parameter = self.required_parameter(id)?;
+        self.read_each(id)?
+            .into_iter()
+            .map(|(number, raw)| {
+                let value = ParameterValue::Number(self.value(id, raw)?);
+                Ok((number, ReadValue::of(parameter, &value)))
+            })
+            .collect()
+    }
+
+    fn read_data(&self, id: ParameterId) -> Result<Vec<u8>, Error> {
+        self.read_data(id, true, &mut |_| {})
+    }
+
+    fn write_data(&self, id: ParameterId, data: &[u8]) -> Result<(), Error> {
+        self.write_data(id, data, &mut |_| {})
+    }
+
     fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error> {
         let plan = self.plan_writes(values)?;
         plan.writes.iter().map(|write| self.planned_change(&plan, write, true)).collect()
@@ -118,50 +121,23 @@ impl AxisInterface for LocalAxis {
         }
         Ok(())
     }
+}
 
-    fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
-        match reply {
-            Reply::Raw(raw) => {
-                let value = ParameterValue::Number(self.value(id, raw)?);
-                Ok(ReadValue::of(self.required_parameter(id)?, &value))
-            }
-            Reply::Reading(reading) => Ok(reading),
-        }
+impl AxisMotion for LocalAxis {
+    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
+        self.unit_of(verb, which)
     }
 
-    fn read(&self, id: ParameterId) -> Result<ReadValue, Error> {
-        let value = self.read_any(id)?;
-        Ok(ReadValue::of(self.required_parameter(id)?, &value))
-    }
-
-    fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, ReadValue)>, Error> {
-        if !AxisNumber(self.number()).is_group() {
-            return Ok(vec![(self.number(), AxisInterface::read(self, id)?)]);
-        }
-        let parameter = self.required_parameter(id)?;
-        self.read_each(id)?
-            .into_iter()
-            .map(|(number, raw)| {
-                let value = ParameterValue::Number(self.value(id, raw)?);
-                Ok((number, ReadValue::of(parameter, &value)))
-            })
-            .collect()
-    }
-
-    fn read_data(&self, id: ParameterId) -> Result<Vec<u8>, Error> {
-        self.read_data(id, true, &mut |_| {})
-    }
-
-    fn write_data(&self, id: ParameterId, data: &[u8]) -> Result<(), Error> {
-        self.write_data(id, data, &mut |_| {})
-    }
-
-    fn start_raw(&self, text: &str) -> Result<AxisRequest, Error> {
-        self.start_raw(text).map(AxisRequest::from)
+    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        self.argument(verb, which, amount)
     }
 
     fn start(&self, command: Command) -> Result<AxisRequest, Error> {
         self.start(command).map(AxisRequest::from)
+    }
+
+    fn start_raw(&self, text: &str) -> Result<AxisRequest, Error> {
+        self.start_raw(text).map(AxisRequest::from)
     }
 
     fn check_command(&self, command: Command) -> Result<(), Error> {
@@ -179,7 +155,7 @@ impl AxisInterface for LocalAxis {
             }
             Ok(self.signals(&[signal])?.into_iter().next())
         };
-        let fault = AxisInterface::faults(self)?.into_iter().find(|fault| !fault.is_warning);
+        let fault = AxisReadings::faults(self)?.into_iter().find(|fault| !fault.is_warning);
         let enabled = read(Signal::Enabled)?.map(|reading| reading.raw != 0);
         // The drives of a group rarely have the same speed and position.
         if AxisNumber(self.number()).is_group() {
@@ -205,7 +181,9 @@ impl AxisInterface for LocalAxis {
             limit: limit.map(|end| self.limit_name(end).to_owned()),
         })
     }
+}
 
+impl AxisControl for LocalAxis {
     fn arm(&self) -> Result<(), Error> {
         self.arm_exclusively()
     }
@@ -230,26 +208,11 @@ impl AxisInterface for LocalAxis {
         self.arm(false);
         stopped.into_iter().try_for_each(StopResult::into_result)
     }
+}
 
-    fn state(&self) -> Result<AxisSnapshot, Error> {
-        let (state, now) = (self.state(), self.connection().now());
-        let flag = |signal| {
-            let known = self.profile().signal(signal).and(state.reading(signal).at);
-            known.map(|_| state.reading(signal).raw != 0)
-        };
-        let signals = self.profile().signals.iter().filter_map(|source| {
-            let reading = state.reading(source.signal);
-            let age = now.since(reading.at?);
-            Some(SignalReading { signal: source.signal, value: reading.value, age })
-        });
-        Ok(AxisSnapshot {
-            mode: self.mode(&state),
-            enabled: flag(Signal::Enabled),
-            armed: state.armed,
-            moving: self.moving(&state),
-            signals: signals.collect(),
-            owner: None,
-        })
+impl AxisReadings for LocalAxis {
+    fn signal_unit(&self, signal: Signal) -> String {
+        self.signal_unit(signal).to_owned()
     }
 
     fn signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
@@ -310,6 +273,52 @@ impl AxisInterface for LocalAxis {
 
     fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogReport, Error> {
         Ok(self.report_watchdog(self.set_watchdog(after)?))
+    }
+}
+
+impl AxisInterface for LocalAxis {
+    fn facts(&self) -> AxisFacts {
+        let profile = self.profile();
+        AxisFacts {
+            number: self.number(),
+            name: self.name().to_owned(),
+            label: self.label(),
+            protocol: self.protocol().to_owned(),
+            profile: profile.name.to_owned(),
+            title: profile.title.to_owned(),
+            kind: profile.axis,
+            caution: profile.caution.to_owned(),
+            watchdog_rule: self.watchdog_rule(),
+            watchdog: self.watchdog_kind(),
+            is_simulated: self.simulation.is_some(),
+            verbs: profile.verbs().collect(),
+            signals: profile.signals.iter().map(|source| source.signal).collect(),
+        }
+    }
+
+    fn local(&self) -> Option<&LocalAxis> {
+        Some(self)
+    }
+
+    fn state(&self) -> Result<AxisSnapshot, Error> {
+        let (state, now) = (self.state(), self.connection().now());
+        let flag = |signal| {
+            let known = self.profile().signal(signal).and(state.reading(signal).at);
+            known.map(|_| state.reading(signal).raw != 0)
+        };
+        let signals = self.profile().signals.iter().filter_map(|source| {
+            let reading = state.reading(source.signal);
+            let age = now.since(reading.at?);
+            Some(SignalReading { signal: source.signal, value: reading.value, age })
+        });
+        Ok(AxisSnapshot {
+            mode: self.mode(&state),
+            enabled: flag(Signal::Enabled),
+            armed: state.armed,
+            moving: self.moving(&state),
+            signals: signals.collect(),
+            owner: None,
+        })
     }
 
     fn now(&self) -> Instant {

@@ -3,7 +3,10 @@
 use super::{AXIS_TAGS, DataSheet, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
 use polepair_core::convert::tail;
 use polepair_core::medium::{Can, CanLine, Frame};
-use polepair_core::proto::canopen::device::{CanEndpoint, Firmware, Quirks, SettingsGroup};
+use polepair_core::proto::canopen::device::{
+    CanEndpoint, DomainObjects, Firmware, NodeClock, NodeIdentity, NodeStorage, Quirks,
+    SettingsGroup,
+};
 use polepair_core::proto::canopen::emcy::Emergency;
 use polepair_core::proto::canopen::nmt::NmtState;
 use polepair_core::proto::canopen::od::Dictionary;
@@ -156,11 +159,7 @@ impl DataSheetNode {
     }
 }
 
-impl Firmware for DataSheetNode {
-    fn dictionary(&self) -> &'static Dictionary {
-        self.data_sheet.dictionary
-    }
-
+impl NodeIdentity for DataSheetNode {
     fn node_id(&self) -> u8 {
         self.link_settings.0
     }
@@ -173,26 +172,23 @@ impl Firmware for DataSheetNode {
         self.serial
     }
 
-    fn get(&mut self, tag: u16) -> u64 {
-        match self.value_mut(tag) {
-            Some(ObjectValue::Number(value)) => *value,
-            Some(ObjectValue::Bytes(_)) => 0,
-            None => self.drive_mut(tag).map_or(0, |(drive, tag)| drive.get(tag)),
-        }
+    fn set_node_id(&mut self, node: u8) {
+        self.link_settings.0 = node;
     }
 
-    fn set(&mut self, now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
-        if let Some(cell) = self.value_mut(tag) {
-            *cell = ObjectValue::Number(value);
-            return Ok(());
-        }
-        if tag % AXIS_TAGS == stored::MODE && !self.has_mode(tag / AXIS_TAGS, value as i8) {
-            return Err(AbortCode::VALUE);
-        }
-        let (drive, tag) = self.drive_mut(tag).ok_or(AbortCode::STATE)?;
-        drive.set(now, tag, value)
+    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
+        self.link_settings.1 = bit_rate;
+        true
     }
 
+    fn store_link(&mut self) -> bool {
+        self.flash_writes += 1;
+        self.stored_link_settings = self.link_settings;
+        true
+    }
+}
+
+impl DomainObjects for DataSheetNode {
     fn length(&mut self, tag: u16) -> u32 {
         self.value_mut(tag).map_or(0, |cell| cell.bytes().len() as u32)
     }
@@ -230,6 +226,60 @@ impl Firmware for DataSheetNode {
         }
         Ok(())
     }
+}
+
+impl NodeStorage for DataSheetNode {
+    fn store(&mut self, group: SettingsGroup) {
+        self.flash_writes += 1;
+        for ((cell, value), stored) in
+            self.data_sheet.stored_objects.iter().zip(&self.values).zip(&mut self.stored)
+        {
+            if is_in_group(cell.index, group) {
+                stored.clone_from(value);
+            }
+        }
+        self.drives.iter_mut().for_each(|drive| drive.store(group));
+    }
+
+    fn restore(&mut self, group: SettingsGroup) {
+        self.flash_writes += 1;
+        for (cell, stored) in self.data_sheet.stored_objects.iter().zip(&mut self.stored) {
+            if is_in_group(cell.index, group) {
+                *stored = ObjectValue::from_factory(&cell.default, self.link_settings.0);
+            }
+        }
+        for (drive, axis) in self.drives.iter_mut().zip(&self.data_sheet.axes) {
+            drive.set_reset_objects(axis.objects.clone());
+        }
+    }
+}
+
+impl NodeClock for DataSheetNode {}
+
+impl Firmware for DataSheetNode {
+    fn dictionary(&self) -> &'static Dictionary {
+        self.data_sheet.dictionary
+    }
+
+    fn get(&mut self, tag: u16) -> u64 {
+        match self.value_mut(tag) {
+            Some(ObjectValue::Number(value)) => *value,
+            Some(ObjectValue::Bytes(_)) => 0,
+            None => self.drive_mut(tag).map_or(0, |(drive, tag)| drive.get(tag)),
+        }
+    }
+
+    fn set(&mut self, now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
+        if let Some(cell) = self.value_mut(tag) {
+            *cell = ObjectValue::Number(value);
+            return Ok(());
+        }
+        if tag % AXIS_TAGS == stored::MODE && !self.has_mode(tag / AXIS_TAGS, value as i8) {
+            return Err(AbortCode::VALUE);
+        }
+        let (drive, tag) = self.drive_mut(tag).ok_or(AbortCode::STATE)?;
+        drive.set(now, tag, value)
+    }
 
     fn handle_sync(&mut self, now: Instant) {
         self.drives.iter_mut().for_each(|drive| drive.handle_sync(now));
@@ -260,45 +310,6 @@ impl Firmware for DataSheetNode {
         let news = self.reported_fault != self.fault;
         self.reported_fault = self.fault;
         news.then(|| Emergency { code: self.fault, ..Emergency::default() })
-    }
-
-    fn store(&mut self, group: SettingsGroup) {
-        self.flash_writes += 1;
-        for ((cell, value), stored) in
-            self.data_sheet.stored_objects.iter().zip(&self.values).zip(&mut self.stored)
-        {
-            if is_in_group(cell.index, group) {
-                stored.clone_from(value);
-            }
-        }
-        self.drives.iter_mut().for_each(|drive| drive.store(group));
-    }
-
-    fn restore(&mut self, group: SettingsGroup) {
-        self.flash_writes += 1;
-        for (cell, stored) in self.data_sheet.stored_objects.iter().zip(&mut self.stored) {
-            if is_in_group(cell.index, group) {
-                *stored = ObjectValue::from_factory(&cell.default, self.link_settings.0);
-            }
-        }
-        for (drive, axis) in self.drives.iter_mut().zip(&self.data_sheet.axes) {
-            drive.set_reset_objects(axis.objects.clone());
-        }
-    }
-
-    fn set_node_id(&mut self, node: u8) {
-        self.link_settings.0 = node;
-    }
-
-    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
-        self.link_settings.1 = bit_rate;
-        true
-    }
-
-    fn store_link(&mut self) -> bool {
-        self.flash_writes += 1;
-        self.stored_link_settings = self.link_settings;
-        true
     }
 }
 

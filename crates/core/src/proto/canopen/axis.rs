@@ -18,7 +18,10 @@ use super::nmt::{NmtCommand, NmtMessage, NmtState};
 use super::pdo::{BitField, CobId, max_frame_bits};
 use super::sdo::{AbortCode, ObjectIndex};
 use super::{NODE_MAX, text};
-use crate::axis::{DriveReport, Driver, Presence, REPORTS_MAX, Refusal};
+use crate::axis::{
+    AnswerDecoder, CyclicDriver, DataDriver, DriveReport, Driver, Presence, REPORTS_MAX, Refusal,
+    RequestEncoder, WriteRules,
+};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
@@ -236,17 +239,8 @@ const fn decode_number(bits: u64, len: u32, signed: bool) -> i64 {
     }
 }
 
-impl Driver for Axis {
+impl RequestEncoder for Axis {
     type Request = HostRequest;
-    type Answer = Answer;
-
-    fn profile(&self) -> &'static Profile {
-        self.profile
-    }
-
-    fn address(&self) -> u32 {
-        with_sub_axis(self.node.into(), self.sub_axis)
-    }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         if !parameter.encoding.is_number() {
@@ -273,30 +267,6 @@ impl Driver for Axis {
             len,
             class,
         })
-    }
-
-    fn data_read_request(
-        &self,
-        parameter: &Parameter,
-        block: bool,
-        max: u16,
-    ) -> Result<HostRequest, Unsupported> {
-        Ok(HostRequest::Upload {
-            node: self.node,
-            object: self.parameter_object(parameter),
-            block,
-            max,
-        })
-    }
-
-    fn data_write_request(
-        &self,
-        parameter: &Parameter,
-        size: u32,
-        block: bool,
-    ) -> Result<HostRequest, Unsupported> {
-        let object = self.parameter_object(parameter);
-        Ok(HostRequest::Download { node: self.node, object, block, size })
     }
 
     fn function_request(
@@ -365,6 +335,10 @@ impl Driver for Axis {
         };
         request.ok_or(Unsupported::BadBytes)
     }
+}
+
+impl AnswerDecoder for Axis {
+    type Answer = Answer;
 
     fn decode_answer(
         &mut self,
@@ -444,7 +418,37 @@ impl Driver for Axis {
             .nth(n)
             .map(|id| ParameterId(id as u16))
     }
+}
 
+impl WriteRules for Axis {}
+
+impl DataDriver for Axis {
+    fn data_read_request(
+        &self,
+        parameter: &Parameter,
+        block: bool,
+        max: u16,
+    ) -> Result<HostRequest, Unsupported> {
+        Ok(HostRequest::Upload {
+            node: self.node,
+            object: self.parameter_object(parameter),
+            block,
+            max,
+        })
+    }
+
+    fn data_write_request(
+        &self,
+        parameter: &Parameter,
+        size: u32,
+        block: bool,
+    ) -> Result<HostRequest, Unsupported> {
+        let object = self.parameter_object(parameter);
+        Ok(HostRequest::Download { node: self.node, object, block, size })
+    }
+}
+
+impl CyclicDriver for Axis {
     fn setpoint_parameter(&self, setpoint: SetpointKind) -> Option<ParameterId> {
         self.setpoint_pdos[setpoint as usize].map(|bringer| bringer.target)
     }
@@ -470,6 +474,24 @@ impl Driver for Axis {
         let pdos =
             self.rpdos.iter().chain(&self.tpdos).filter(|pdo| pdo.enabled && pdo.bytes() > 0);
         (pdos.map(|pdo| max_frame_bits(pdo.bytes())).sum(), max_frame_bits(0))
+    }
+}
+
+impl Driver for Axis {
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        with_sub_axis(self.node.into(), self.sub_axis)
+    }
+
+    fn data(&self) -> Option<&dyn DataDriver<Request = HostRequest>> {
+        Some(self)
+    }
+
+    fn cycles(&self) -> Option<&dyn CyclicDriver<Request = HostRequest>> {
+        Some(self)
     }
 }
 

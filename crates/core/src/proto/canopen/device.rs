@@ -42,37 +42,49 @@ pub enum SettingsGroup {
     Application,
 }
 
-/// The firmware of a simulated node. Values are bytes of the object's type in a number, the first byte
-/// lowest.
-pub trait Firmware {
-    /// Object dictionary of the device.
-    fn dictionary(&self) -> &'static Dictionary;
+/// Identity of the node on its bus, which LSS may change.
+pub trait NodeIdentity {
     /// Node-ID from the next reset of the communication on; none outside 1 to 127.
     fn node_id(&self) -> u8;
+
     /// Bit rate from the next power-on on, bit/s.
     fn bit_rate(&self) -> u32;
+
     /// Serial number (1018h sub-index 4).
     fn serial(&self) -> u32 {
         0
     }
-    /// The value of an object of fixed length. What needs a sign has it in all 64 bits or not; what
-    /// lies above the type's length does not count.
-    fn get(&mut self, tag: u16) -> u64;
-    /// Takes a value of an object of fixed length, within the entry's limits; a signed one has its
-    /// sign in all 64 bits.
-    ///
-    /// # Errors
-    /// Why it does not.
-    fn set(&mut self, now: Instant, tag: u16, value: u64) -> Result<(), AbortCode>;
+
+    /// LSS gave another node-ID; 255 is none.
+    fn set_node_id(&mut self, node: u8) {
+        let _ = node;
+    }
+
+    /// LSS gave another bit rate. False when it has none such.
+    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
+        let _ = bit_rate;
+        false
+    }
+
+    /// Stores node-ID and bit rate for LSS. False when it cannot.
+    fn store_link(&mut self) -> bool {
+        false
+    }
+}
+
+/// Objects of any length.
+pub trait DomainObjects {
     /// Length of an object of any length, bytes.
     fn length(&mut self, tag: u16) -> u32 {
         let _ = tag;
         0
     }
+
     /// Part of such an object, from `offset` on, within its length.
     fn read(&mut self, tag: u16, offset: u32, out: &mut [u8]) {
         let _ = (tag, offset, out);
     }
+
     /// Starts a write to an object; the size if the client stated it.
     ///
     /// # Errors
@@ -81,6 +93,7 @@ pub trait Firmware {
         let _ = (tag, size);
         Err(AbortCode::MEMORY)
     }
+
     /// Part of it, in order.
     ///
     /// # Errors
@@ -89,6 +102,7 @@ pub trait Firmware {
         let _ = (tag, offset, data);
         Err(AbortCode::MEMORY)
     }
+
     /// All of it is written, and checked where there was a check.
     ///
     /// # Errors
@@ -97,52 +111,73 @@ pub trait Firmware {
         let _ = (now, tag, size);
         Ok(())
     }
-    /// Handles a SYNC in state operational, after the PDOs that wait for it.
-    fn handle_sync(&mut self, now: Instant) {
-        let _ = now;
-    }
-    /// The node is in another state.
-    fn handle_nmt_state(&mut self, now: Instant, state: nmt::NmtState) {
-        let _ = (now, state);
-    }
-    /// "Reset node": everything as after power-on.
-    fn reset(&mut self, now: Instant);
-    /// The bus or the master is lost: bus-off, a heartbeat or guarding that failed to come.
-    fn handle_link_loss(&mut self, now: Instant);
-    /// Value of 1001h, except for bit 4, which is the protocol's.
-    fn error_register(&self) -> u8;
-    /// The next emergency. The register is filled in by the protocol.
-    fn poll_emergency(&mut self) -> Option<Emergency>;
+}
+
+/// Settings in permanent memory.
+pub trait NodeStorage {
     /// Stores its settings.
     fn store(&mut self, group: SettingsGroup) {
         let _ = group;
     }
+
     /// From the next reset on, settings are those from the factory.
     fn restore(&mut self, group: SettingsGroup) {
         let _ = group;
     }
-    /// LSS gave another node-ID; 255 is none.
-    fn set_node_id(&mut self, node: u8) {
-        let _ = node;
-    }
-    /// LSS gave another bit rate. False when it has none such.
-    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
-        let _ = bit_rate;
-        false
-    }
-    /// Stores node-ID and bit rate for LSS. False when it cannot.
-    fn store_link(&mut self) -> bool {
-        false
-    }
+}
+
+/// The time of day of the device.
+pub trait NodeClock {
     /// Sets the time of day.
     fn set_time_of_day(&mut self, now: Instant, time: TimeOfDay) {
         let _ = (now, time);
     }
+
     /// The device's own time of day, if it produces one.
     fn time_of_day(&mut self, now: Instant) -> Option<TimeOfDay> {
         let _ = now;
         None
     }
+}
+
+/// The firmware of a simulated node. Values are bytes of the object's type in a number, the first byte
+/// lowest.
+pub trait Firmware: NodeIdentity + DomainObjects + NodeStorage + NodeClock {
+    /// Object dictionary of the device.
+    fn dictionary(&self) -> &'static Dictionary;
+
+    /// The value of an object of fixed length. What needs a sign has it in all 64 bits or not; what
+    /// lies above the type's length does not count.
+    fn get(&mut self, tag: u16) -> u64;
+
+    /// Takes a value of an object of fixed length, within the entry's limits; a signed one has its
+    /// sign in all 64 bits.
+    ///
+    /// # Errors
+    /// Why it does not.
+    fn set(&mut self, now: Instant, tag: u16, value: u64) -> Result<(), AbortCode>;
+
+    /// Handles a SYNC in state operational, after the PDOs that wait for it.
+    fn handle_sync(&mut self, now: Instant) {
+        let _ = now;
+    }
+
+    /// The node is in another state.
+    fn handle_nmt_state(&mut self, now: Instant, state: nmt::NmtState) {
+        let _ = (now, state);
+    }
+
+    /// "Reset node": everything as after power-on.
+    fn reset(&mut self, now: Instant);
+
+    /// The bus or the master is lost: bus-off, a heartbeat or guarding that failed to come.
+    fn handle_link_loss(&mut self, now: Instant);
+
+    /// Value of 1001h, except for bit 4, which is the protocol's.
+    fn error_register(&self) -> u8;
+
+    /// The next emergency. The register is filled in by the protocol.
+    fn poll_emergency(&mut self) -> Option<Emergency>;
 }
 
 /// Deviations of a node from the standard (SIM-15).

@@ -23,8 +23,9 @@ use super::text::{self, Statement};
 use super::{NODE_MAX, emcy};
 use crate::error::WireError;
 use crate::explain::{
-    Context, DeviceFact, Direction, Dissector, Effect, EncodeError, EncodeOptions, EncodedFrame,
-    ExplainSink, FactQuery, Field, FieldValue, FrameBoundary, RawFrame, TextError,
+    AddressNotation, Context, DeviceFact, Direction, Dissector, DriveFacts, Effect, EncodeError,
+    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue, FrameBoundary,
+    FrameConversation, FrameFormat, RawFrame, TextError,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, ParameterAddress, Profile};
@@ -57,11 +58,7 @@ const fn object_fact(name: &'static str, address: &'static str) -> DeviceFact {
     DeviceFact { name, query: FactQuery::Address(address) }
 }
 
-impl Dissector for CanopenDissector {
-    fn name(&self) -> &'static str {
-        "canopen"
-    }
-
+impl FrameFormat for CanopenDissector {
     fn find_frame(
         &self,
         bytes: &[u8],
@@ -85,29 +82,6 @@ impl Dissector for CanopenDissector {
 
     fn shares_id(&self, id: u32, extended: bool) -> bool {
         !extended && matches!(cob_of_id(id), Some(Cob::Tpdo(2, _) | Cob::Rpdo(2, _)))
-    }
-
-    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
-        let Some(frame) = to_frame(bytes, context) else {
-            sink.kind("canopen");
-            return sink.error(WireError::Identifier { found: context.id.unwrap_or(0) });
-        };
-        let cob = Cob::of(frame.id as u16);
-        let node = match (cob, bytes) {
-            (Cob::Nmt, [_, node]) => Some(*node).filter(|node| (1..=NODE_MAX).contains(node)),
-            _ => cob.node(),
-        };
-        node.into_iter().for_each(|node| sink.axis(node.into()));
-        sink.kind(cob_kind(cob));
-        match Statement::of(&frame, false) {
-            Ok(statement) => explain_message(&statement, &frame, node.unwrap_or(0), context, sink),
-            Err(error) => {
-                if sink.wants_text() {
-                    let _ = text::write(&Statement::Raw(frame), &|_| false, &mut SinkWriter(sink));
-                }
-                sink.error(error);
-            }
-        }
     }
 
     fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
@@ -136,6 +110,106 @@ impl Dissector for CanopenDissector {
         match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob_of_id) {
             Some(Cob::Tpdo(_, node) | Cob::Rpdo(_, node)) => Some(node.into()),
             _ => None,
+        }
+    }
+}
+
+impl AddressNotation for CanopenDissector {
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "0x2030:1:u16"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // A caller that gives no room gets no text.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        address::concerns(address, field)
+    }
+
+    fn refuses_blocks(&self, code: u32) -> bool {
+        AbortCode(code) == AbortCode::SPECIFIER
+    }
+}
+
+impl FrameConversation for CanopenDissector {
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
+        !frame.extended
+            && frame.id.is_some_and(|id| {
+                matches!(cob_of_id(id), Some(Cob::SdoRequest(_) | Cob::LssRequest))
+            })
+    }
+
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        // Most frames are process data, which these two comparisons detect.
+        let (Some(id), Some(asked)) = (frame.id, request.id) else { return false };
+        if matches!(id, 0x581..=0x5FF) && asked == id + u32::from(SDO_REQUEST - SDO_REPLY) {
+            return service_answers(frame.bytes, request.bytes);
+        }
+        (id, asked) == (LSS_REPLY.into(), LSS_REQUEST.into())
+            && lss_answers(frame.bytes, request.bytes)
+    }
+
+    fn direction(&self, frame: &RawFrame<'_>, _: Option<RawFrame<'_>>) -> Option<Direction> {
+        effect::direction_of(frame.id.filter(|_| !frame.extended).and_then(cob_of_id)?)
+    }
+
+    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
+        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob_of_id) {
+            Some(cob) => effect::effect_of(cob, frame.bytes, profile),
+            None => Effect::UNKNOWN,
+        }
+    }
+}
+
+impl DriveFacts for CanopenDissector {
+    fn standard_profiles(&self) -> &'static [&'static str] {
+        &["canopen", "cia402"]
+    }
+
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        &DEVICE_FACTS
+    }
+}
+
+impl Dissector for CanopenDissector {
+    fn name(&self) -> &'static str {
+        "canopen"
+    }
+
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
+        let Some(frame) = to_frame(bytes, context) else {
+            sink.kind("canopen");
+            return sink.error(WireError::Identifier { found: context.id.unwrap_or(0) });
+        };
+        let cob = Cob::of(frame.id as u16);
+        let node = match (cob, bytes) {
+            (Cob::Nmt, [_, node]) => Some(*node).filter(|node| (1..=NODE_MAX).contains(node)),
+            _ => cob.node(),
+        };
+        node.into_iter().for_each(|node| sink.axis(node.into()));
+        sink.kind(cob_kind(cob));
+        match Statement::of(&frame, false) {
+            Ok(statement) => explain_message(&statement, &frame, node.unwrap_or(0), context, sink),
+            Err(error) => {
+                if sink.wants_text() {
+                    let _ = text::write(&Statement::Raw(frame), &|_| false, &mut SinkWriter(sink));
+                }
+                sink.error(error);
+            }
         }
     }
 
@@ -170,43 +244,6 @@ impl Dissector for CanopenDissector {
             answer_len: answer_len(&frame),
             warning: warning_for(&statement),
         })
-    }
-
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "0x2030:1:u16"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
-    fn refuses_blocks(&self, code: u32) -> bool {
-        AbortCode(code) == AbortCode::SPECIFIER
-    }
-
-    fn device_facts(&self) -> &'static [DeviceFact] {
-        &DEVICE_FACTS
-    }
-
-    fn standard_profiles(&self) -> &'static [&'static str] {
-        &["canopen", "cia402"]
     }
 
     fn code_meaning(&self, code: u32) -> Option<&'static str> {
@@ -253,34 +290,6 @@ impl Dissector for CanopenDissector {
         let number = meanings::decode_number(object, value, 0, profile);
         let _ = meanings::write_value(object, number, profile, &mut SinkWriter(sink));
         true
-    }
-
-    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
-        !frame.extended
-            && frame.id.is_some_and(|id| {
-                matches!(cob_of_id(id), Some(Cob::SdoRequest(_) | Cob::LssRequest))
-            })
-    }
-
-    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        // Most frames are process data, which these two comparisons detect.
-        let (Some(id), Some(asked)) = (frame.id, request.id) else { return false };
-        if matches!(id, 0x581..=0x5FF) && asked == id + u32::from(SDO_REQUEST - SDO_REPLY) {
-            return service_answers(frame.bytes, request.bytes);
-        }
-        (id, asked) == (LSS_REPLY.into(), LSS_REQUEST.into())
-            && lss_answers(frame.bytes, request.bytes)
-    }
-
-    fn direction(&self, frame: &RawFrame<'_>, _: Option<RawFrame<'_>>) -> Option<Direction> {
-        effect::direction_of(frame.id.filter(|_| !frame.extended).and_then(cob_of_id)?)
-    }
-
-    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
-        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob_of_id) {
-            Some(cob) => effect::effect_of(cob, frame.bytes, profile),
-            None => Effect::UNKNOWN,
-        }
     }
 
     fn explain_expected_reply(

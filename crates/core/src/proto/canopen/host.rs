@@ -617,9 +617,33 @@ fn sdo_frame(node: u8, data: [u8; 8]) -> Frame {
     Frame { id, extended: false, remote: false, len: 8, data }
 }
 
+impl station::HostWire for CanHost {
+    fn sends_keepalive(&self) -> bool {
+        self.network.sends_keepalive()
+    }
+}
+
+impl station::HostData for CanHost {
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        let (at, node) = self.find_buffer(ticket, false)?;
+        let consumed = self.buffers[at].read_bytes(out);
+        self.resume_transfer(at, node);
+        Some(consumed)
+    }
+
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        let (at, node) = self.find_buffer(ticket, true)?;
+        let consumed = self.buffers[at].write_bytes(bytes);
+        self.resume_transfer(at, node);
+        Some(consumed)
+    }
+}
+
 impl station::Host<Can> for CanHost {
     type Request = HostRequest;
+
     type Answer = Answer;
+
     const PARALLEL: bool = true;
 
     #[inline]
@@ -667,10 +691,6 @@ impl station::Host<Can> for CanHost {
         1
     }
 
-    fn sends_keepalive(&self) -> bool {
-        self.network.sends_keepalive()
-    }
-
     fn counters(&self) -> Counters {
         self.counters
     }
@@ -686,20 +706,6 @@ impl station::Host<Can> for CanHost {
 
     fn bit_rate(&self) -> u32 {
         self.bit_rate
-    }
-
-    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
-        let (at, node) = self.find_buffer(ticket, false)?;
-        let consumed = self.buffers[at].read_bytes(out);
-        self.resume_transfer(at, node);
-        Some(consumed)
-    }
-
-    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
-        let (at, node) = self.find_buffer(ticket, true)?;
-        let consumed = self.buffers[at].write_bytes(bytes);
-        self.resume_transfer(at, node);
-        Some(consumed)
     }
 }
 

@@ -1,7 +1,8 @@
 //! Registers and bits by number: `0x33`, `R 51`, `IR 3`, `C 5`, `DI 2`, `0x20:i32:le`.
 
+use super::ModbusDissector;
 use super::wire::{Function, Space};
-use crate::explain::{FieldValue, TextError};
+use crate::explain::{AddressNotation, FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, parse_address_number, parse_encoding,
 };
@@ -159,6 +160,33 @@ const fn function_space(function: Function) -> Option<Space> {
         Function::WriteCoil | Function::WriteCoils => Some(Space::Coil),
         Function::WriteRegister | Function::WriteRegisters => Some(Space::Holding),
         other => other.read_space(),
+    }
+}
+
+impl AddressNotation for ModbusDissector {
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "0x33:u16"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // A caller that gives no room gets no text.
+        let _ = write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        describe(address)
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        concerns(address, field)
     }
 }
 

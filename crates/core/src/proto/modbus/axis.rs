@@ -9,7 +9,7 @@ use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX
 use super::text::{self, ParsedRequest};
 use super::wire::{BROADCAST, Exception, Function, RequestPdu, Space};
 use super::{ascii, device_id, rtu};
-use crate::axis::{Driver, Refusal};
+use crate::axis::{AnswerDecoder, Driver, Refusal, RequestEncoder, WriteRules};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::profile::{AxisKind, MotionRules, Parameter, Profile, Watchdog};
@@ -65,17 +65,8 @@ impl Axis {
     }
 }
 
-impl Driver for Axis {
+impl RequestEncoder for Axis {
     type Request = HostRequest;
-    type Answer = Answer;
-
-    fn profile(&self) -> &'static Profile {
-        self.profile
-    }
-
-    fn address(&self) -> u32 {
-        u32::from(self.unit)
-    }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         let space = Space::of_number(parameter.space).ok_or(Unsupported::NoSuchParameter)?;
@@ -175,16 +166,10 @@ impl Driver for Axis {
             if request.is_read() { RequestClass::Idempotent } else { RequestClass::NoRetry },
         )
     }
+}
 
-    /// Exception 02: a drive without the option that has the register.
-    fn refusal(&self, code: u32) -> Refusal {
-        match u8::try_from(code).map(Exception::of_code) {
-            Ok(Exception::IllegalAddress) => Refusal::Missing,
-            Ok(Exception::Acknowledge) => Refusal::Accepted,
-            Ok(Exception::DeviceBusy) => Refusal::Busy,
-            _ => Refusal::Final,
-        }
-    }
+impl AnswerDecoder for Axis {
+    type Answer = Answer;
 
     fn decode_answer(
         &mut self,
@@ -205,6 +190,28 @@ impl Driver for Axis {
             }
             _ => Ok(answer.raw()),
         }
+    }
+
+    /// Exception 02: a drive without the option that has the register.
+    fn refusal(&self, code: u32) -> Refusal {
+        match u8::try_from(code).map(Exception::of_code) {
+            Ok(Exception::IllegalAddress) => Refusal::Missing,
+            Ok(Exception::Acknowledge) => Refusal::Accepted,
+            Ok(Exception::DeviceBusy) => Refusal::Busy,
+            _ => Refusal::Final,
+        }
+    }
+}
+
+impl WriteRules for Axis {}
+
+impl Driver for Axis {
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        u32::from(self.unit)
     }
 }
 

@@ -9,18 +9,17 @@ mod number_text;
 
 pub(super) use conversation::write_effect;
 
-use super::address;
 use super::encoding::{decode, register_count, words_from};
 use super::text;
 use super::wire::{Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word};
 use super::{ascii, device_id, rtu};
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, DeviceFact, Direction, Dissector, Effect, EncodeError,
-    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue, FrameBoundary,
-    FrameRole, RawFrame, TextError,
+    Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts, Effect,
+    EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue,
+    FrameBoundary, FrameConversation, FrameFormat, FrameRole, RawFrame, TextError,
 };
-use crate::profile::{Encoding, Parameter, ParameterAddress, Profile};
+use crate::profile::{Encoding, Parameter, Profile};
 use number_text::{write_decimal, write_hex, write_scaled};
 
 /// Station that a text is encoded for when none is named: the factory's (TS manual V2 §2.2).
@@ -34,18 +33,7 @@ const BITS_MAX: usize = 16;
 #[derive(Clone, Copy, Debug)]
 pub struct ModbusDissector(pub WireFormat);
 
-impl Dissector for ModbusDissector {
-    fn name(&self) -> &'static str {
-        match self.0 {
-            WireFormat::Rtu => "modbus-rtu",
-            WireFormat::Ascii => "modbus-ascii",
-        }
-    }
-
-    fn language(&self) -> &'static str {
-        "modbus"
-    }
-
+impl FrameFormat for ModbusDissector {
     fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
         match self.0 {
             WireFormat::Rtu => framing::cut_rtu(bytes, direction, ended),
@@ -61,6 +49,53 @@ impl Dissector for ModbusDissector {
                 _ => None,
             },
         }
+    }
+}
+
+impl FrameConversation for ModbusDissector {
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        self.answers_request(frame, request)
+    }
+
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+        self.frame_role(frame, talk)
+    }
+
+    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
+        self.frame_effect(frame, profile)
+    }
+
+    fn refusal_reason(&self, answer: &RawFrame<'_>, _: &RawFrame<'_>) -> Option<&'static str> {
+        self.exception_text(answer)
+    }
+}
+
+impl DriveFacts for ModbusDissector {
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        const fn fact(name: &'static str, request: &'static str) -> DeviceFact {
+            DeviceFact { name, query: FactQuery::Characters(request) }
+        }
+        const FACTS: [DeviceFact; 5] = [
+            fact(device_id::object_name(0), "read device id 0"),
+            fact(device_id::object_name(1), "read device id 1"),
+            fact(device_id::object_name(2), "read device id 2"),
+            fact(device_id::object_name(4), "read device id 4"),
+            fact(device_id::object_name(5), "read device id 5"),
+        ];
+        &FACTS
+    }
+}
+
+impl Dissector for ModbusDissector {
+    fn name(&self) -> &'static str {
+        match self.0 {
+            WireFormat::Rtu => "modbus-rtu",
+            WireFormat::Ascii => "modbus-ascii",
+        }
+    }
+
+    fn language(&self) -> &'static str {
+        "modbus"
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
@@ -123,45 +158,6 @@ impl Dissector for ModbusDissector {
         })
     }
 
-    fn device_facts(&self) -> &'static [DeviceFact] {
-        const fn fact(name: &'static str, request: &'static str) -> DeviceFact {
-            DeviceFact { name, query: FactQuery::Characters(request) }
-        }
-        const FACTS: [DeviceFact; 5] = [
-            fact(device_id::object_name(0), "read device id 0"),
-            fact(device_id::object_name(1), "read device id 1"),
-            fact(device_id::object_name(2), "read device id 2"),
-            fact(device_id::object_name(4), "read device id 4"),
-            fact(device_id::object_name(5), "read device id 5"),
-        ];
-        &FACTS
-    }
-
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "0x33:u16"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
     fn code_meaning(&self, code: u32) -> Option<&'static str> {
         match Exception::of_code(u8::try_from(code).ok()?) {
             Exception::Unknown(_) => None,
@@ -171,22 +167,6 @@ impl Dissector for ModbusDissector {
 
     fn explains_by_name(&self) -> bool {
         true
-    }
-
-    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        self.answers_request(frame, request)
-    }
-
-    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
-        self.frame_role(frame, talk)
-    }
-
-    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
-        self.frame_effect(frame, profile)
-    }
-
-    fn refusal_reason(&self, answer: &RawFrame<'_>, _: &RawFrame<'_>) -> Option<&'static str> {
-        self.exception_text(answer)
     }
 }
 

@@ -628,8 +628,23 @@ impl Station<Stream> for SerialHost {
     }
 }
 
+impl station::HostWire for SerialHost {
+    fn unparsed_len(&self) -> usize {
+        self.received_len + self.ascii.pending()
+    }
+
+    fn handle_resume(&mut self, now: Instant) {
+        self.last_activity = Some(now);
+        // This host has sent nothing to that unit: the frame is another station's in any case.
+        self.sent_unit = Some(INTRUDER_UNIT);
+    }
+}
+
+impl station::HostData for SerialHost {}
+
 impl station::Host<Stream> for SerialHost {
     type Request = HostRequest;
+
     type Answer = Answer;
 
     #[inline]
@@ -682,17 +697,7 @@ impl station::Host<Stream> for SerialHost {
         request.emit(self.format, out)
     }
 
-    fn handle_resume(&mut self, now: Instant) {
-        self.last_activity = Some(now);
-        // This host has sent nothing to that unit: the frame is another station's in any case.
-        self.sent_unit = Some(INTRUDER_UNIT);
-    }
-
     fn counters(&self) -> Counters {
         self.counters
-    }
-
-    fn unparsed_len(&self) -> usize {
-        self.received_len + self.ascii.pending()
     }
 }

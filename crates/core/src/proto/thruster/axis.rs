@@ -17,7 +17,9 @@ use super::wire::{
     CommandKind, CommandWord, DriveMessage, RANGE_PARAMETER, Reply, ReportFrame, Request, Width,
     node_of_id,
 };
-use crate::axis::{self, DriveReport, Driver, REPORTS_MAX};
+use crate::axis::{
+    self, AnswerDecoder, DriveReport, Driver, REPORTS_MAX, ReportDriver, RequestEncoder, WriteRules,
+};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
@@ -171,17 +173,8 @@ fn decode_value(parameter: &Parameter, data: u32) -> i64 {
     }
 }
 
-impl Driver for Axis {
+impl RequestEncoder for Axis {
     type Request = HostRequest;
-    type Answer = Answer;
-
-    fn profile(&self) -> &'static Profile {
-        self.profile
-    }
-
-    fn address(&self) -> u32 {
-        self.id.into()
-    }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         let request = match parameter.space {
@@ -189,10 +182,6 @@ impl Driver for Axis {
             _ => Request { sub: parameter.index, ..Request::without_value(CommandWord::RP) },
         };
         self.new_request(request, Some(RequestClass::Idempotent))
-    }
-
-    fn reads_before_write(&self, parameter: &Parameter) -> bool {
-        matches!(parameter.space, 2 | 3)
     }
 
     fn write_request(
@@ -267,6 +256,10 @@ impl Driver for Axis {
             _ => Err(Unsupported::BadBytes),
         }
     }
+}
+
+impl AnswerDecoder for Axis {
+    type Answer = Answer;
 
     /// Without a parameter, a reply is its eight bytes.
     fn decode_answer(
@@ -290,28 +283,6 @@ impl Driver for Axis {
         })
     }
 
-    fn report_setting(
-        &self,
-        parameters: &[ParameterId],
-        interval_ms: u16,
-    ) -> Option<(ParameterId, i64)> {
-        let (setting, _) = self.find_parameter(CommandWord::SR)?;
-        let frame_bit = |id: &ParameterId| {
-            let parameter = self.profile.parameter(*id).filter(|p| p.space == 0)?;
-            ReportFrame::part_with(CommandWord(parameter.index)).map(|part| 1_i64 << (part - 1))
-        };
-        let mut frames = 0;
-        for id in parameters {
-            frames |= frame_bit(id)?;
-        }
-        let interval = if frames == 0 { 0 } else { i64::from(interval_ms) };
-        Some((setting, frames << 16 | interval))
-    }
-
-    fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
-        (parameter.index == CommandWord::CI.0).then_some(AddressRole::DriveAfterRestart)
-    }
-
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         match answer {
             Answer::Reply(Reply { command, data, .. }) => {
@@ -329,6 +300,50 @@ impl Driver for Axis {
             ],
             Answer::Proven | Answer::OutputOff { .. } => [None; REPORTS_MAX],
         }
+    }
+}
+
+impl WriteRules for Axis {
+    fn reads_before_write(&self, parameter: &Parameter) -> bool {
+        matches!(parameter.space, 2 | 3)
+    }
+
+    fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
+        (parameter.index == CommandWord::CI.0).then_some(AddressRole::DriveAfterRestart)
+    }
+}
+
+impl ReportDriver for Axis {
+    fn report_setting(
+        &self,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        let (setting, _) = self.find_parameter(CommandWord::SR)?;
+        let frame_bit = |id: &ParameterId| {
+            let parameter = self.profile.parameter(*id).filter(|p| p.space == 0)?;
+            ReportFrame::part_with(CommandWord(parameter.index)).map(|part| 1_i64 << (part - 1))
+        };
+        let mut frames = 0;
+        for id in parameters {
+            frames |= frame_bit(id)?;
+        }
+        let interval = if frames == 0 { 0 } else { i64::from(interval_ms) };
+        Some((setting, frames << 16 | interval))
+    }
+}
+
+impl Driver for Axis {
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        self.id.into()
+    }
+
+    fn reports(&self) -> Option<&dyn ReportDriver> {
+        Some(self)
     }
 }
 

@@ -17,8 +17,9 @@ use super::wire::{
 };
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
-    EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameRole, RawFrame, TextError,
+    AddressNotation, Context, ConversationContext, Direction, Dissector, DriveFacts, Effect,
+    EncodeError, EncodeOptions, EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary,
+    FrameConversation, FrameFormat, FrameRole, RawFrame, TextError,
 };
 use crate::profile::{Parameter, ParameterAddress, Profile};
 
@@ -29,11 +30,7 @@ pub struct ThrusterDissector;
 /// The id in the manual's examples.
 const EXAMPLE_ID: u32 = 11;
 
-impl Dissector for ThrusterDissector {
-    fn name(&self) -> &'static str {
-        "thruster"
-    }
-
+impl FrameFormat for ThrusterDissector {
     fn find_frame(
         &self,
         bytes: &[u8],
@@ -49,6 +46,85 @@ impl Dissector for ThrusterDissector {
 
     fn shares_id(&self, id: u32, extended: bool) -> bool {
         self.claims_id(id, extended)
+    }
+}
+
+impl AddressNotation for ThrusterDissector {
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "SP 12"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // A caller that gives no room gets no text.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        address::concerns(address, field)
+    }
+}
+
+impl FrameConversation for ThrusterDissector {
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
+        frame.id.and_then(node_of_id).is_some_and(|position| position.is_ok()) && !frame.extended
+    }
+
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        let (Some(Err(from)), Some(Ok(to))) =
+            (frame.id.and_then(node_of_id), request.id.and_then(node_of_id))
+        else {
+            return false;
+        };
+        from == to && is_answer(frame.bytes, request.bytes)
+    }
+
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+        conversation::frame_role(frame, talk)
+    }
+
+    fn effect(&self, frame: &RawFrame<'_>, _: Option<&'static Profile>) -> Effect {
+        conversation::effect_of(frame)
+    }
+
+    fn refusal_reason(
+        &self,
+        answer: &RawFrame<'_>,
+        request: &RawFrame<'_>,
+    ) -> Option<&'static str> {
+        conversation::refusal_reason(answer, request)
+    }
+
+    fn sets_reply_format(&self, request: &RawFrame<'_>) -> bool {
+        conversation::sets_reply_format(request)
+    }
+
+    fn shows_restart(
+        &self,
+        answer: &RawFrame<'_>,
+        request: &RawFrame<'_>,
+        talk: &ConversationContext<'_>,
+    ) -> bool {
+        conversation::shows_restart(answer, request, talk)
+    }
+}
+
+impl DriveFacts for ThrusterDissector {}
+
+impl Dissector for ThrusterDissector {
+    fn name(&self) -> &'static str {
+        "thruster"
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
@@ -103,50 +179,12 @@ impl Dissector for ThrusterDissector {
         })
     }
 
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "SP 12"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
     fn code_meaning(&self, code: u32) -> Option<&'static str> {
         (code == REFUSED).then_some("refused: a fault, an output that is forbidden, or a bad value")
     }
 
     fn explains_by_name(&self) -> bool {
         true
-    }
-
-    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
-        frame.id.and_then(node_of_id).is_some_and(|position| position.is_ok()) && !frame.extended
-    }
-
-    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        let (Some(Err(from)), Some(Ok(to))) =
-            (frame.id.and_then(node_of_id), request.id.and_then(node_of_id))
-        else {
-            return false;
-        };
-        from == to && is_answer(frame.bytes, request.bytes)
     }
 
     fn explain_expected_reply(
@@ -165,35 +203,6 @@ impl Dissector for ThrusterDissector {
         sink.axis(id.into());
         let echo = Reply { command, sub, data }.frame(id);
         explain_drive_message(echo.bytes(), Some(request.bytes), addressing.profile, sink);
-    }
-
-    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
-        conversation::frame_role(frame, talk)
-    }
-
-    fn effect(&self, frame: &RawFrame<'_>, _: Option<&'static Profile>) -> Effect {
-        conversation::effect_of(frame)
-    }
-
-    fn refusal_reason(
-        &self,
-        answer: &RawFrame<'_>,
-        request: &RawFrame<'_>,
-    ) -> Option<&'static str> {
-        conversation::refusal_reason(answer, request)
-    }
-
-    fn sets_reply_format(&self, request: &RawFrame<'_>) -> bool {
-        conversation::sets_reply_format(request)
-    }
-
-    fn shows_restart(
-        &self,
-        answer: &RawFrame<'_>,
-        request: &RawFrame<'_>,
-        talk: &ConversationContext<'_>,
-    ) -> bool {
-        conversation::shows_restart(answer, request, talk)
     }
 }
 

@@ -6,7 +6,9 @@ use crate::medium::bits::bit_time_ns;
 use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
 use crate::proto::early_bytes::with_clock_tolerance;
-use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
+use crate::station::{
+    Counters, Host, HostData, HostEvent, HostWire, LineEvent, Station, Ticket, Timed,
+};
 use crate::time::Instant;
 
 /// Default time-out of a reply, ms. Drives reply at once (section 1.3). \[I\]
@@ -75,8 +77,17 @@ impl Station<Can> for CanHost {
     }
 }
 
+impl HostWire for CanHost {
+    fn sends_keepalive(&self) -> bool {
+        self.session.needs_feeding()
+    }
+}
+
+impl HostData for CanHost {}
+
 impl Host<Can> for CanHost {
     type Request = HostRequest;
+
     type Answer = Answer;
 
     fn submit(
@@ -95,10 +106,6 @@ impl Host<Can> for CanHost {
     fn encode_request(&self, request: &HostRequest, out: &mut Frame) -> usize {
         *out = request.request.frame(request.id);
         1
-    }
-
-    fn sends_keepalive(&self) -> bool {
-        self.session.needs_feeding()
     }
 
     fn counters(&self) -> Counters {

@@ -12,7 +12,10 @@ use super::opcode::{Opcode, Status};
 use super::session::{Answer, HostRequest};
 use super::text;
 use super::wire::Request;
-use crate::axis::{DriveReport, Driver, REPORTS_MAX, Refusal};
+use crate::axis::{
+    AnswerDecoder, DriveReport, Driver, ProgramDriver, REPORTS_MAX, Refusal, RequestEncoder,
+    WriteRules,
+};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
@@ -102,23 +105,8 @@ impl Axis {
     }
 }
 
-impl Driver for Axis {
+impl RequestEncoder for Axis {
     type Request = HostRequest;
-    type Answer = Answer;
-
-    fn profile(&self) -> &'static Profile {
-        self.profile
-    }
-
-    fn address(&self) -> u32 {
-        with_sub_axis(self.can_id.into(), self.motor)
-    }
-
-    fn has_anonymous_replies(&self) -> bool {
-        // A serial host is alone with the module's replies, and its line doubles none. CAN sends a frame again whose
-        // last bit a node did not see (ISO 11898-1, the last bit of the end of frame).
-        self.address_parameters == CAN_ADDRESS_PARAMETERS
-    }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         self.parameter_request(parameter, [Opcode::Gap, Opcode::Ggp, Opcode::Gio], 0)
@@ -139,14 +127,6 @@ impl Driver for Axis {
         Ok(HostRequest { class, ..self.host_request(request) })
     }
 
-    fn store_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
-        if let Space::Io(_) = Space::of_number(parameter.space) {
-            return Err(Unsupported::NoPlan);
-        }
-        let opcodes = [Opcode::Stap, Opcode::Stgp, Opcode::Sio];
-        self.parameter_request(parameter, opcodes, 0).map(|request| self.host_request(request))
-    }
-
     /// `function` is the opcode, `index` the type and, in its high byte, the bank. Where the byte is the
     /// motor, it is the axis' own.
     fn function_request(
@@ -161,6 +141,102 @@ impl Driver for Axis {
         Ok(self.host_request(Request { address: self.module, opcode, kind, motor, value }))
     }
 
+    fn store_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
+        if let Space::Io(_) = Space::of_number(parameter.space) {
+            return Err(Unsupported::NoPlan);
+        }
+        let opcodes = [Opcode::Stap, Opcode::Stgp, Opcode::Sio];
+        self.parameter_request(parameter, opcodes, 0).map(|request| self.host_request(request))
+    }
+
+    fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
+        let request = text::parse(text, self.module).map_err(|_| Unsupported::BadText)?;
+        Ok(self.host_request(request))
+    }
+
+    /// Nine bytes on a serial line; on CAN seven, or eight, under the module's address.
+    fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
+        let request = match frame.id {
+            None => Request::parse(frame.bytes),
+            Some(id) if id == u32::from(self.can_id) && !frame.extended => {
+                Request::parse_can(frame.bytes, self.module)
+            }
+            Some(_) => return Err(Unsupported::BadBytes),
+        };
+        let request = request
+            .ok()
+            .filter(|request| request.address == self.module)
+            .ok_or(Unsupported::BadBytes)?;
+        Ok(self.host_request(request))
+    }
+}
+
+impl AnswerDecoder for Axis {
+    type Answer = Answer;
+
+    fn decode_answer(
+        &mut self,
+        parameter: Option<&Parameter>,
+        answer: &Answer,
+    ) -> Result<i64, Failure> {
+        use crate::profile::Encoding;
+        match answer {
+            // The module stores instructions: this one was not carried out.
+            Answer::Reply(reply) if reply.status == Status::Loaded => {
+                Err(Failure::Refused { code: reply.status.number().into() })
+            }
+            Answer::Reply(reply) | Answer::Event(reply) => {
+                let unsigned =
+                    matches!(parameter.map(|parameter| parameter.encoding), Some(Encoding::U32));
+                Ok(if unsigned { reply.value.cast_unsigned().into() } else { reply.value.into() })
+            }
+            // Eight characters are the eight bytes of the outcome's value.
+            Answer::Text(version) => Ok(i64::from_be_bytes(version.text)),
+            Answer::Instruction(instruction) => Ok(instruction.packed()),
+            Answer::NoReply => Ok(0),
+        }
+    }
+
+    /// A parameter that a module does not have is a wrong type (TMCL reference, status codes).
+    fn refusal(&self, code: u32) -> Refusal {
+        match u8::try_from(code).map(Status::from) {
+            Ok(Status::WrongType) => Refusal::Missing,
+            // The second where its memory is full.
+            Ok(Status::Loaded | Status::DownloadNotPossible) => Refusal::Stored,
+            _ => Refusal::Final,
+        }
+    }
+
+    fn has_anonymous_replies(&self) -> bool {
+        // A serial host is alone with the module's replies, and its line doubles none. CAN sends a frame again whose
+        // last bit a node did not see (ISO 11898-1, the last bit of the end of frame).
+        self.address_parameters == CAN_ADDRESS_PARAMETERS
+    }
+
+    fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
+        let mut reports = [None; REPORTS_MAX];
+        if let Answer::Event(reply) = answer {
+            let reached = i64::from(reply.value >> self.motor & 1);
+            reports[0] = Some(DriveReport::Signal(Signal::Reached, reached));
+        }
+        reports
+    }
+}
+
+impl WriteRules for Axis {
+    /// A change holds from the next datagram on \[I\].
+    fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
+        let [own, host] = self.address_parameters;
+        match parameter.index {
+            _ if parameter.space != BANK_0 => None,
+            index if index == own => Some(AddressRole::Drive),
+            index if index == host => Some(AddressRole::Host),
+            _ => None,
+        }
+    }
+}
+
+impl ProgramDriver for Axis {
     /// MST has the motor in a byte of its own; the others mean the module's program (TMCL reference, 128 to
     /// 135, global parameter 130).
     fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
@@ -191,79 +267,19 @@ impl Driver for Axis {
     fn is_program_running(&self, raw: i64) -> bool {
         TmclInstructions.is_running(raw)
     }
+}
 
-    /// A change holds from the next datagram on \[I\].
-    fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
-        let [own, host] = self.address_parameters;
-        match parameter.index {
-            _ if parameter.space != BANK_0 => None,
-            index if index == own => Some(AddressRole::Drive),
-            index if index == host => Some(AddressRole::Host),
-            _ => None,
-        }
+impl Driver for Axis {
+    fn profile(&self) -> &'static Profile {
+        self.profile
     }
 
-    /// A parameter that a module does not have is a wrong type (TMCL reference, status codes).
-    fn refusal(&self, code: u32) -> Refusal {
-        match u8::try_from(code).map(Status::from) {
-            Ok(Status::WrongType) => Refusal::Missing,
-            // The second where its memory is full.
-            Ok(Status::Loaded | Status::DownloadNotPossible) => Refusal::Stored,
-            _ => Refusal::Final,
-        }
+    fn address(&self) -> u32 {
+        with_sub_axis(self.can_id.into(), self.motor)
     }
 
-    fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
-        let request = text::parse(text, self.module).map_err(|_| Unsupported::BadText)?;
-        Ok(self.host_request(request))
-    }
-
-    /// Nine bytes on a serial line; on CAN seven, or eight, under the module's address.
-    fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
-        let request = match frame.id {
-            None => Request::parse(frame.bytes),
-            Some(id) if id == u32::from(self.can_id) && !frame.extended => {
-                Request::parse_can(frame.bytes, self.module)
-            }
-            Some(_) => return Err(Unsupported::BadBytes),
-        };
-        let request = request
-            .ok()
-            .filter(|request| request.address == self.module)
-            .ok_or(Unsupported::BadBytes)?;
-        Ok(self.host_request(request))
-    }
-
-    fn decode_answer(
-        &mut self,
-        parameter: Option<&Parameter>,
-        answer: &Answer,
-    ) -> Result<i64, Failure> {
-        use crate::profile::Encoding;
-        match answer {
-            // The module stores instructions: this one was not carried out.
-            Answer::Reply(reply) if reply.status == Status::Loaded => {
-                Err(Failure::Refused { code: reply.status.number().into() })
-            }
-            Answer::Reply(reply) | Answer::Event(reply) => {
-                let unsigned =
-                    matches!(parameter.map(|parameter| parameter.encoding), Some(Encoding::U32));
-                Ok(if unsigned { reply.value.cast_unsigned().into() } else { reply.value.into() })
-            }
-            // Eight characters are the eight bytes of the outcome's value.
-            Answer::Text(version) => Ok(i64::from_be_bytes(version.text)),
-            Answer::Instruction(instruction) => Ok(instruction.packed()),
-            Answer::NoReply => Ok(0),
-        }
-    }
-
-    fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
-        let mut reports = [None; REPORTS_MAX];
-        if let Answer::Event(reply) = answer {
-            let reached = i64::from(reply.value >> self.motor & 1);
-            reports[0] = Some(DriveReport::Signal(Signal::Reached, reached));
-        }
-        reports
+    fn programs(&self) -> Option<&dyn ProgramDriver<Request = HostRequest>> {
+        Some(self)
     }
 }
 

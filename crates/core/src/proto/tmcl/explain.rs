@@ -11,9 +11,10 @@ use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionT
 use crate::convert::ascii_text;
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, DeviceFact, Direction, Dissector, Effect, EncodeError,
-    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue, FrameBoundary,
-    FrameRole, FrameValue, RawFrame, TextError, WireKind,
+    AddressNotation, Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts,
+    Effect, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue,
+    FrameBoundary, FrameConversation, FrameFormat, FrameRole, FrameValue, RawFrame, TextError,
+    WireKind,
 };
 use crate::profile::{Parameter, ParameterAddress, Profile};
 use crate::program::InstructionLanguage;
@@ -27,11 +28,7 @@ const CAN_ID_MAX: u32 = 0x20;
 /// … and beside other protocols those that neither CANopen nor TechnoCAN uses. Others must be named.
 const CAN_IDS_FREE: core::ops::RangeInclusive<u32> = 0x61..=0x7F;
 
-impl Dissector for TmclDissector {
-    fn name(&self) -> &'static str {
-        "tmcl"
-    }
-
+impl FrameFormat for TmclDissector {
     fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
         if let Some(len) = ascii_line_len(bytes) {
             return FrameBoundary::Frame(len);
@@ -52,6 +49,122 @@ impl Dissector for TmclDissector {
 
     fn claims_id(&self, id: u32, extended: bool) -> bool {
         !extended && ((1..=CAN_ID_MAX).contains(&id) || CAN_IDS_FREE.contains(&id))
+    }
+
+    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
+        let (id, request) = (frame.id?, self.is_request(frame));
+        // Some hosts send the check sum of the serial form as an eighth byte.
+        if let ([body @ .., sum], true) = (frame.bytes, request && frame.bytes.len() == 8) {
+            let total = body.iter().fold(id as u8, |total, byte| total.wrapping_add(*byte));
+            if total == *sum {
+                return Some(true);
+            }
+        }
+        (!is_known_opcode(if request { 0 } else { 2 }, frame.bytes)).then_some(false)
+    }
+}
+
+impl AddressNotation for TmclDissector {
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "AP 6"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // A caller that gives no room gets no text.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        address::concerns(address, field)
+    }
+}
+
+impl FrameConversation for TmclDissector {
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
+        frame.id.is_none_or(|id| !conversation::is_can_reply(frame.bytes, id))
+    }
+
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        conversation::is_answer_to(frame, request)
+    }
+
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+        conversation::frame_role(frame, talk)
+    }
+
+    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
+        conversation::effect_of(frame, profile)
+    }
+
+    fn refusal_reason(&self, answer: &RawFrame<'_>, _: &RawFrame<'_>) -> Option<&'static str> {
+        conversation::refusal_reason(answer)
+    }
+}
+
+impl DriveFacts for TmclDissector {
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        const VERSION: FactQuery = FactQuery::Text("GET VERSION 1, 0, 0");
+        const MOTORS: FactQuery = FactQuery::Count(
+            "AP 1.0",
+            &["AP 1.1", "AP 1.2", "AP 1.3", "AP 1.4", "AP 1.5", "AP 1.6"],
+        );
+        &[
+            DeviceFact { name: "module", query: VERSION },
+            DeviceFact { name: "firmware", query: VERSION },
+            DeviceFact { name: "motors", query: MOTORS },
+        ]
+    }
+
+    /// The upper half is the module's number, the lower one the version (TMCL reference, 136).
+    fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
+        let (module, [major, minor]) = (raw >> 16 & 0xFFFF, [raw >> 8 & 0xFF, raw & 0xFF]);
+        // Without room for the text there is no reader of it.
+        let _ = match name {
+            "module" => write!(out, "TMCM-{module}"),
+            _ => write!(out, "{major}.{minor:02}"),
+        };
+    }
+
+    /// `AGAP 1, 0` reads a position; `ABIN` ends the mode (TMCL reference, "ASCII interface").
+    fn write_text_mode(
+        &self,
+        address: u32,
+        query: &mut dyn FnMut(&str),
+        exit: &mut dyn FnMut(&str),
+    ) -> bool {
+        let Ok(address) = u8::try_from(address) else { return false };
+        let mut line = ascii::AsciiLine::EMPTY;
+        let request = Request { address, opcode: Opcode::Gap, kind: 1, motor: 0, value: 0 };
+        if !ascii::write_request(&mut line, &request) {
+            return false;
+        }
+        let text = ascii_text(line.bytes()).trim_end();
+        query(text);
+        exit(text.get(..1).unwrap_or(""));
+        exit("BIN");
+        true
+    }
+
+    fn is_text_answer(&self, line: &[u8]) -> bool {
+        ascii::AsciiReply::parse(line).is_some()
+    }
+}
+
+impl Dissector for TmclDissector {
+    fn name(&self) -> &'static str {
+        "tmcl"
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
@@ -102,80 +215,8 @@ impl Dissector for TmclDissector {
         })
     }
 
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "AP 6"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
-    /// `AGAP 1, 0` reads a position; `ABIN` ends the mode (TMCL reference, "ASCII interface").
-    fn write_text_mode(
-        &self,
-        address: u32,
-        query: &mut dyn FnMut(&str),
-        exit: &mut dyn FnMut(&str),
-    ) -> bool {
-        let Ok(address) = u8::try_from(address) else { return false };
-        let mut line = ascii::AsciiLine::EMPTY;
-        let request = Request { address, opcode: Opcode::Gap, kind: 1, motor: 0, value: 0 };
-        if !ascii::write_request(&mut line, &request) {
-            return false;
-        }
-        let text = ascii_text(line.bytes()).trim_end();
-        query(text);
-        exit(text.get(..1).unwrap_or(""));
-        exit("BIN");
-        true
-    }
-
-    fn is_text_answer(&self, line: &[u8]) -> bool {
-        ascii::AsciiReply::parse(line).is_some()
-    }
-
     fn instruction_language(&self) -> Option<&'static dyn InstructionLanguage> {
         Some(&TmclInstructions)
-    }
-
-    fn device_facts(&self) -> &'static [DeviceFact] {
-        const VERSION: FactQuery = FactQuery::Text("GET VERSION 1, 0, 0");
-        const MOTORS: FactQuery = FactQuery::Count(
-            "AP 1.0",
-            &["AP 1.1", "AP 1.2", "AP 1.3", "AP 1.4", "AP 1.5", "AP 1.6"],
-        );
-        &[
-            DeviceFact { name: "module", query: VERSION },
-            DeviceFact { name: "firmware", query: VERSION },
-            DeviceFact { name: "motors", query: MOTORS },
-        ]
-    }
-
-    /// The upper half is the module's number, the lower one the version (TMCL reference, 136).
-    fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
-        let (module, [major, minor]) = (raw >> 16 & 0xFFFF, [raw >> 8 & 0xFF, raw & 0xFF]);
-        // Without room for the text there is no reader of it.
-        let _ = match name {
-            "module" => write!(out, "TMCM-{module}"),
-            _ => write!(out, "{major}.{minor:02}"),
-        };
     }
 
     fn code_meaning(&self, code: u32) -> Option<&'static str> {
@@ -185,38 +226,6 @@ impl Dissector for TmclDissector {
 
     fn explains_by_name(&self) -> bool {
         true
-    }
-
-    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
-        frame.id.is_none_or(|id| !conversation::is_can_reply(frame.bytes, id))
-    }
-
-    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
-        let (id, request) = (frame.id?, self.is_request(frame));
-        // Some hosts send the check sum of the serial form as an eighth byte.
-        if let ([body @ .., sum], true) = (frame.bytes, request && frame.bytes.len() == 8) {
-            let total = body.iter().fold(id as u8, |total, byte| total.wrapping_add(*byte));
-            if total == *sum {
-                return Some(true);
-            }
-        }
-        (!is_known_opcode(if request { 0 } else { 2 }, frame.bytes)).then_some(false)
-    }
-
-    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        conversation::is_answer_to(frame, request)
-    }
-
-    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
-        conversation::frame_role(frame, talk)
-    }
-
-    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
-        conversation::effect_of(frame, profile)
-    }
-
-    fn refusal_reason(&self, answer: &RawFrame<'_>, _: &RawFrame<'_>) -> Option<&'static str> {
-        conversation::refusal_reason(answer)
     }
 }
 

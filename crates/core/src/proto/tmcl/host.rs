@@ -13,7 +13,9 @@ use crate::medium::bits::bit_time_ns;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::HostOptions;
 use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
-use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
+use crate::station::{
+    Counters, Host, HostData, HostEvent, HostWire, LineEvent, Station, Ticket, Timed,
+};
 use crate::time::Instant;
 
 /// Default time-out of a reply, ms.
@@ -304,8 +306,25 @@ impl Station<Stream> for SerialHost {
     }
 }
 
+impl HostWire for SerialHost {
+    fn unparsed_len(&self) -> usize {
+        self.buffer_len
+    }
+
+    fn handle_resume(&mut self, now: Instant) {
+        self.silent_until = self.silent_until.max(now.plus_ns(self.gap_ns));
+    }
+
+    fn own_address(&self) -> Option<u32> {
+        Some(self.host_address.into())
+    }
+}
+
+impl HostData for SerialHost {}
+
 impl Host<Stream> for SerialHost {
     type Request = HostRequest;
+
     type Answer = Answer;
 
     #[inline]
@@ -326,10 +345,6 @@ impl Host<Stream> for SerialHost {
         self.session.disable_retries(ticket);
     }
 
-    fn own_address(&self) -> Option<u32> {
-        Some(self.host_address.into())
-    }
-
     #[inline]
     fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.session.poll_event()
@@ -346,16 +361,8 @@ impl Host<Stream> for SerialHost {
         self.session.quarantine_module(now, address);
     }
 
-    fn handle_resume(&mut self, now: Instant) {
-        self.silent_until = self.silent_until.max(now.plus_ns(self.gap_ns));
-    }
-
     fn counters(&self) -> Counters {
         self.session.counters
-    }
-
-    fn unparsed_len(&self) -> usize {
-        self.buffer_len
     }
 }
 
@@ -453,8 +460,17 @@ impl Station<Can> for CanHost {
     }
 }
 
+impl HostWire for CanHost {
+    fn own_address(&self) -> Option<u32> {
+        Some(self.reply_id.into())
+    }
+}
+
+impl HostData for CanHost {}
+
 impl Host<Can> for CanHost {
     type Request = HostRequest;
+
     type Answer = Answer;
 
     #[inline]
@@ -480,10 +496,6 @@ impl Host<Can> for CanHost {
 
     fn disable_retries(&mut self, ticket: Ticket) {
         self.session.disable_retries(ticket);
-    }
-
-    fn own_address(&self) -> Option<u32> {
-        Some(self.reply_id.into())
     }
 
     fn quarantine_drive(&mut self, now: Instant, address: u32) {

@@ -19,6 +19,7 @@ use super::{TmclDissector, ascii};
 use crate::error::WireError;
 use crate::explain::{
     Context, Direction, Dissector, EncodeOptions, ExplainSink, Field, FieldValue, FrameBoundary,
+    FrameFormat,
 };
 
 /// Marsaglia's xorshift: the tests' only randomness, by seed.

@@ -15,7 +15,10 @@ use super::session::discovery_message;
 use super::technocan::MessageClass as Service;
 use super::wire::{IdCode, Instruction, Message, low_first};
 use super::{keys, serial, technocan, tmlcan};
-use crate::axis::{DriveReport, Driver, ExecutionProof, REPORTS_MAX};
+use crate::axis::{
+    AnswerDecoder, DriveReport, Driver, ExecutionProof, MemoryDriver, PathDriver, ProgramDriver,
+    REPORTS_MAX, RequestEncoder, WriteRules,
+};
 use crate::error::{Failure, Unsupported, WireError};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
@@ -133,21 +136,8 @@ impl SendForm {
     }
 }
 
-impl Driver for Axis {
+impl RequestEncoder for Axis {
     type Request = HostRequest;
-    type Answer = Answer;
-
-    fn profile(&self) -> &'static Profile {
-        self.profile
-    }
-
-    fn address(&self) -> u32 {
-        self.address
-    }
-
-    fn is_group(&self) -> bool {
-        self.destination.group
-    }
 
     /// GiveMeData of one axis; GiveMeData2 of a group, each of which answers (manual, chapter 4).
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
@@ -181,31 +171,6 @@ impl Driver for Axis {
             .new_request(assign_instruction(parameter.index, value, long))
             .with_class(class)
             .with_confirmation(with))
-    }
-
-    /// An assignment to RAM can be repeated without an effect. Positions are preset by instructions (`SAP`,
-    /// `STA`), not by parameters.
-    fn may_rewrite(&self, parameter: &Parameter) -> bool {
-        !parameter.moves
-    }
-
-    /// `AXISON` and `ENDINIT` show in the status register, a mode in the register that it sets. `UPD`
-    /// starts a motion, and `SAP` and `STA` preset positions: they are never sent again.
-    fn execution_proof(&self, function: u8, index: u16, value: i64) -> Option<ExecutionProof> {
-        let instruction =
-            SendForm::of(function)?.to_instruction(index, wire_value(value, true).ok()?);
-        let status = self.profile.find_parameter("SR32")?;
-        let (parameter, mask, expected) = match instruction.opcode {
-            0x0020 => (status, ENDINIT_BIT, ENDINIT_BIT),
-            0x0102 => (status, AXISON_BIT, AXISON_BIT),
-            _ => {
-                let (address, and, or) = masked_variable(&instruction)?;
-                let parameter = self.profile.find_object((address, 0))?;
-                (parameter, i64::from(!and | or), i64::from(or))
-            }
-        };
-        let executed = ParameterTest { mask, compare: Compare::Equal, value: expected };
-        Some(ExecutionProof { parameter, executed, fault_parameter: status, fault_mask: FAULT_BIT })
     }
 
     /// `function` is a [`SendForm`].
@@ -250,6 +215,10 @@ impl Driver for Axis {
         }
         self.instruction_request(message.instruction)
     }
+}
+
+impl AnswerDecoder for Axis {
+    type Answer = Answer;
 
     fn decode_answer(
         &mut self,
@@ -271,6 +240,64 @@ impl Driver for Axis {
         }
     }
 
+    /// A value that the drive sent by itself belongs to the parameter at its address. The halves of a long
+    /// value may be parameters too, as SRL and SRH are. A value at an address of the user's own has no name.
+    fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
+        let mut reports = [None; REPORTS_MAX];
+        let Answer::Value { address, value, long } = *answer else { return reports };
+        let high = address.wrapping_add(1);
+        let found = (0..).zip(self.profile.parameters).filter_map(|(id, parameter)| {
+            let (index, wide) = (parameter.index, is_long(parameter.encoding));
+            let part = match (long, wide) {
+                (true, true) | (false, false) if index == address => value,
+                (true, false) if index == address => value & 0xFFFF,
+                (true, false) if index == high => value >> 16,
+                _ => return None,
+            };
+            let raw = raw_value(Some(parameter.encoding), part);
+            (parameter.space == 0).then_some(DriveReport::Parameter(ParameterId(id), raw))
+        });
+        for (report, reported) in reports.iter_mut().zip(found) {
+            *report = Some(reported);
+        }
+        if reports[0].is_none() {
+            let encoding = if long { Encoding::I32 } else { Encoding::I16 };
+            let unnamed =
+                ParameterAddress { encoding: Some(encoding), ..ParameterAddress::new(address, 0) };
+            reports[0] = Some(DriveReport::Address(unnamed, raw_value(Some(encoding), value)));
+        }
+        reports
+    }
+}
+
+impl WriteRules for Axis {
+    /// An assignment to RAM can be repeated without an effect. Positions are preset by instructions (`SAP`,
+    /// `STA`), not by parameters.
+    fn may_rewrite(&self, parameter: &Parameter) -> bool {
+        !parameter.moves
+    }
+
+    /// `AXISON` and `ENDINIT` show in the status register, a mode in the register that it sets. `UPD`
+    /// starts a motion, and `SAP` and `STA` preset positions: they are never sent again.
+    fn execution_proof(&self, function: u8, index: u16, value: i64) -> Option<ExecutionProof> {
+        let instruction =
+            SendForm::of(function)?.to_instruction(index, wire_value(value, true).ok()?);
+        let status = self.profile.find_parameter("SR32")?;
+        let (parameter, mask, expected) = match instruction.opcode {
+            0x0020 => (status, ENDINIT_BIT, ENDINIT_BIT),
+            0x0102 => (status, AXISON_BIT, AXISON_BIT),
+            _ => {
+                let (address, and, or) = masked_variable(&instruction)?;
+                let parameter = self.profile.find_object((address, 0))?;
+                (parameter, i64::from(!and | or), i64::from(or))
+            }
+        };
+        let executed = ParameterTest { mask, compare: Compare::Equal, value: expected };
+        Some(ExecutionProof { parameter, executed, fault_parameter: status, fault_mask: FAULT_BIT })
+    }
+}
+
+impl PathDriver for Axis {
     fn path_parameters(&self) -> Option<PathParameters> {
         let find = |symbol| self.profile.find_parameter(symbol);
         (!self.destination.group).then_some(PathParameters {
@@ -315,13 +342,28 @@ impl Driver for Axis {
             counter_modulus: u32::from(PvtPoint::COUNTER_MAX) + 1,
         }
     }
+}
 
-    /// Rules of the program memory. None for a group, whose programs cannot be verified.
-    fn memory_rules(&self) -> Option<&'static MemoryRules> {
-        (!self.destination.group).then_some(&program::RULES)
+impl ProgramDriver for Axis {
+    fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
+        let (instruction, class) = program::order_instruction(command)?;
+        let allowed = !self.destination.group || command == ProgramCommand::End;
+        allowed.then_some(self.new_request(instruction).with_class(class))
     }
 
-    fn transfer_request(&self, step: TransferStep) -> Option<Result<HostRequest, Unsupported>> {
+    fn is_program_running(&self, _raw: i64) -> bool {
+        // No request of this protocol reads it: `QueryProgram` has none.
+        false
+    }
+}
+
+impl MemoryDriver for Axis {
+    /// Rules of the program memory. None for a group, whose programs cannot be verified.
+    fn memory_rules(&self) -> &'static MemoryRules {
+        &program::RULES
+    }
+
+    fn transfer_request(&self, step: TransferStep) -> Result<HostRequest, Unsupported> {
         let (instruction, class) = program::transfer_instruction(step);
         let request = self.new_request(instruction).with_class(class);
         // The pointer proves what was written.
@@ -330,42 +372,34 @@ impl Driver for Axis {
         } else {
             Confirmation::Proof
         };
-        (!self.destination.group).then_some(Ok(request.with_confirmation(with)))
+        Ok(request.with_confirmation(with))
+    }
+}
+
+impl Driver for Axis {
+    fn profile(&self) -> &'static Profile {
+        self.profile
     }
 
-    fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
-        let (instruction, class) = program::order_instruction(command)?;
-        let allowed = !self.destination.group || command == ProgramCommand::End;
-        allowed.then_some(self.new_request(instruction).with_class(class))
+    fn address(&self) -> u32 {
+        self.address
     }
 
-    /// A value that the drive sent by itself belongs to the parameter at its address. The halves of a long
-    /// value may be parameters too, as SRL and SRH are. A value at an address of the user's own has no name.
-    fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
-        let mut reports = [None; REPORTS_MAX];
-        let Answer::Value { address, value, long } = *answer else { return reports };
-        let high = address.wrapping_add(1);
-        let found = (0..).zip(self.profile.parameters).filter_map(|(id, parameter)| {
-            let (index, wide) = (parameter.index, is_long(parameter.encoding));
-            let part = match (long, wide) {
-                (true, true) | (false, false) if index == address => value,
-                (true, false) if index == address => value & 0xFFFF,
-                (true, false) if index == high => value >> 16,
-                _ => return None,
-            };
-            let raw = raw_value(Some(parameter.encoding), part);
-            (parameter.space == 0).then_some(DriveReport::Parameter(ParameterId(id), raw))
-        });
-        for (report, reported) in reports.iter_mut().zip(found) {
-            *report = Some(reported);
-        }
-        if reports[0].is_none() {
-            let encoding = if long { Encoding::I32 } else { Encoding::I16 };
-            let unnamed =
-                ParameterAddress { encoding: Some(encoding), ..ParameterAddress::new(address, 0) };
-            reports[0] = Some(DriveReport::Address(unnamed, raw_value(Some(encoding), value)));
-        }
-        reports
+    fn is_group(&self) -> bool {
+        self.destination.group
+    }
+
+    fn paths(&self) -> Option<&dyn PathDriver<Request = HostRequest>> {
+        Some(self)
+    }
+
+    fn programs(&self) -> Option<&dyn ProgramDriver<Request = HostRequest>> {
+        Some(self)
+    }
+
+    fn memory(&self) -> Option<&dyn MemoryDriver<Request = HostRequest>> {
+        // Words cannot be verified in several drives at once.
+        if self.destination.group { None } else { Some(self) }
     }
 }
 

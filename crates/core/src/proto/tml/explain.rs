@@ -15,9 +15,10 @@ use super::wire::{IdCode, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, DeviceFact, Direction, Dissector, Effect, EncodeError,
-    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, FieldValue, FrameBoundary, FrameRole,
-    RawFrame, SequencePosition, TextError, WireKind,
+    AddressNotation, Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts,
+    Effect, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, FieldValue,
+    FrameBoundary, FrameConversation, FrameFormat, FrameRole, RawFrame, SequencePosition,
+    TextError, WireKind,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, ParameterAddress, Profile};
@@ -48,6 +49,127 @@ pub const TMLCAN: TmlDissector = TmlDissector(EncapsulationKind::TmlCan);
 /// On CAN with 11-bit identifiers.
 pub const TECHNOCAN: TmlDissector = TmlDissector(EncapsulationKind::TechnoCan);
 
+impl FrameFormat for TmlDissector {
+    fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
+        match self.0 {
+            EncapsulationKind::Serial => cut_serial(bytes, direction, ended),
+            // CAN frames need no cutting, and bytes without an identifier are none of theirs.
+            _ => FrameBoundary::Skip(bytes.len()),
+        }
+    }
+
+    fn claims_id(&self, id: u32, extended: bool) -> bool {
+        let frame = Frame { id, extended, ..Frame::default() };
+        match self.0 {
+            EncapsulationKind::Serial => false,
+            EncapsulationKind::TmlCan => tmlcan::decode(&frame)
+                .is_ok_and(|message| names::is_opcode(message.instruction.opcode)),
+            EncapsulationKind::TechnoCan => {
+                !extended && technocan::MessageClass::of_id(id).is_some()
+            }
+        }
+    }
+
+    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
+        let instruction = self.decode(frame).ok()?.instruction;
+        match OnlineMessage::parse(&instruction) {
+            // A point of a path is the whole data of its frame: any content is one.
+            Some(OnlineMessage::Pvt(_) | OnlineMessage::Pt(_)) => None,
+            Some(_) => Some(true),
+            None => Some(names::is_known(&instruction)),
+        }
+    }
+}
+
+impl AddressNotation for TmlDissector {
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "@0x0228:i32"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // A caller that gives no room gets no text.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        address::concerns(address, field)
+    }
+
+    fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
+        names::explain_reach(parameter, sink);
+    }
+}
+
+impl FrameConversation for TmlDissector {
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
+        match self.0 {
+            // Every frame is acknowledged; single bytes are no frames.
+            EncapsulationKind::Serial => frame.bytes.len() > 1,
+            _ => {
+                self.decode(frame).is_ok_and(|parsed| rules::is_request(parsed.instruction.opcode))
+            }
+        }
+    }
+
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        let (Ok(parsed), Ok(parsed_frame)) = (self.decode(frame), self.decode(request)) else {
+            return false;
+        };
+        is_answer(&parsed, &parsed_frame)
+    }
+
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+        let serial = self.0 == EncapsulationKind::Serial;
+        if let (true, &[byte]) = (serial, frame.bytes) {
+            let acks = byte == ACK && talk.direction != Some(Direction::ToDrive);
+            return if acks { FrameRole::Acknowledgement } else { FrameRole::Unrelated };
+        }
+        self.decode(frame).map_or(FrameRole::Unrelated, |parsed| {
+            conversation::frame_role(&parsed, serial, talk.direction)
+        })
+    }
+
+    fn effect(&self, frame: &RawFrame<'_>, _: Option<&'static Profile>) -> Effect {
+        match frame.bytes {
+            // An acknowledgement, or bytes that synchronise.
+            [_] if self.0 == EncapsulationKind::Serial => Effect::NOTHING,
+            _ => self
+                .decode(frame)
+                .map_or(Effect::UNKNOWN, |parsed| conversation::effect_of(&parsed)),
+        }
+    }
+
+    fn sequence_position(&self, request: &RawFrame<'_>) -> Option<SequencePosition> {
+        conversation::sequence_position(&self.decode(request).ok()?)
+    }
+}
+
+impl DriveFacts for TmlDissector {
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        &[DeviceFact { name: "firmware", query: FactQuery::Text("GETVERSION") }]
+    }
+
+    /// Four characters (TML communication manual, GETVERSION).
+    fn write_fact(&self, _name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
+        let [_, _, _, _, text @ ..] = raw.to_be_bytes();
+        for byte in text.iter().filter(|byte| byte.is_ascii_graphic()) {
+            let _ = out.write_char(char::from(*byte));
+        }
+    }
+}
+
 impl Dissector for TmlDissector {
     fn name(&self) -> &'static str {
         match self.0 {
@@ -71,26 +193,6 @@ impl Dissector for TmlDissector {
 
     fn has_groups(&self) -> bool {
         true
-    }
-
-    fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
-        match self.0 {
-            EncapsulationKind::Serial => cut_serial(bytes, direction, ended),
-            // CAN frames need no cutting, and bytes without an identifier are none of theirs.
-            _ => FrameBoundary::Skip(bytes.len()),
-        }
-    }
-
-    fn claims_id(&self, id: u32, extended: bool) -> bool {
-        let frame = Frame { id, extended, ..Frame::default() };
-        match self.0 {
-            EncapsulationKind::Serial => false,
-            EncapsulationKind::TmlCan => tmlcan::decode(&frame)
-                .is_ok_and(|message| names::is_opcode(message.instruction.opcode)),
-            EncapsulationKind::TechnoCan => {
-                !extended && technocan::MessageClass::of_id(id).is_some()
-            }
-        }
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
@@ -159,47 +261,6 @@ impl Dissector for TmlDissector {
         register::explain_register(name, value, profile, sink)
     }
 
-    fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
-        names::explain_reach(parameter, sink);
-    }
-
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "@0x0228:i32"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
-    fn device_facts(&self) -> &'static [DeviceFact] {
-        &[DeviceFact { name: "firmware", query: FactQuery::Text("GETVERSION") }]
-    }
-
-    /// Four characters (TML communication manual, GETVERSION).
-    fn write_fact(&self, _name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
-        let [_, _, _, _, text @ ..] = raw.to_be_bytes();
-        for byte in text.iter().filter(|byte| byte.is_ascii_graphic()) {
-            let _ = out.write_char(char::from(*byte));
-        }
-    }
-
     fn code_meaning(&self, _: u32) -> Option<&'static str> {
         None
     }
@@ -214,58 +275,6 @@ impl Dissector for TmlDissector {
         if let Ok(parsed) = self.decode(request) {
             expected_reply::explain_reply(&parsed, wire, addressing.profile, sink);
         }
-    }
-
-    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
-        match self.0 {
-            // Every frame is acknowledged; single bytes are no frames.
-            EncapsulationKind::Serial => frame.bytes.len() > 1,
-            _ => {
-                self.decode(frame).is_ok_and(|parsed| rules::is_request(parsed.instruction.opcode))
-            }
-        }
-    }
-
-    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
-        let instruction = self.decode(frame).ok()?.instruction;
-        match OnlineMessage::parse(&instruction) {
-            // A point of a path is the whole data of its frame: any content is one.
-            Some(OnlineMessage::Pvt(_) | OnlineMessage::Pt(_)) => None,
-            Some(_) => Some(true),
-            None => Some(names::is_known(&instruction)),
-        }
-    }
-
-    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        let (Ok(parsed), Ok(parsed_frame)) = (self.decode(frame), self.decode(request)) else {
-            return false;
-        };
-        is_answer(&parsed, &parsed_frame)
-    }
-
-    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
-        let serial = self.0 == EncapsulationKind::Serial;
-        if let (true, &[byte]) = (serial, frame.bytes) {
-            let acks = byte == ACK && talk.direction != Some(Direction::ToDrive);
-            return if acks { FrameRole::Acknowledgement } else { FrameRole::Unrelated };
-        }
-        self.decode(frame).map_or(FrameRole::Unrelated, |parsed| {
-            conversation::frame_role(&parsed, serial, talk.direction)
-        })
-    }
-
-    fn effect(&self, frame: &RawFrame<'_>, _: Option<&'static Profile>) -> Effect {
-        match frame.bytes {
-            // An acknowledgement, or bytes that synchronise.
-            [_] if self.0 == EncapsulationKind::Serial => Effect::NOTHING,
-            _ => self
-                .decode(frame)
-                .map_or(Effect::UNKNOWN, |parsed| conversation::effect_of(&parsed)),
-        }
-    }
-
-    fn sequence_position(&self, request: &RawFrame<'_>) -> Option<SequencePosition> {
-        conversation::sequence_position(&self.decode(request).ok()?)
     }
 }
 

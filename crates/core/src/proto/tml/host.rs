@@ -17,7 +17,9 @@ use crate::error::WireError;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
 use crate::proto::{self, GROUP, HostOptions};
-use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
+use crate::station::{
+    Counters, Host, HostData, HostEvent, HostWire, LineEvent, Station, Ticket, Timed,
+};
 use crate::time::Instant;
 use baud_recovery::BaudRecovery;
 
@@ -343,8 +345,38 @@ impl Station<Stream> for SerialHost {
     }
 }
 
+impl HostWire for SerialHost {
+    fn unparsed_len(&self) -> usize {
+        self.deframer.pending().len()
+    }
+
+    fn handle_resume(&mut self, now: Instant) {
+        // The rest of an earlier frame does not begin the next one.
+        self.rescan_pending(now);
+        self.last_byte = now;
+    }
+
+    fn can_add_drive(&self, address: u32) -> bool {
+        let busy =
+            !self.baud_recovery.is_settled() || self.session.fallback == BaudFallback::Requested;
+        !busy && self.session.can_add_drive(address)
+    }
+
+    fn add_drive(&mut self, _address: u32) {
+        self.session.add_drive();
+        // A drive that is not alone is not set to another rate, or the others would not understand any more.
+        if self.session.wire() != TmlWire::Rs232 {
+            self.baud_recovery = BaudRecovery::new(self.line.baud, None);
+            self.session.fallback = BaudFallback::Exhausted;
+        }
+    }
+}
+
+impl HostData for SerialHost {}
+
 impl Host<Stream> for SerialHost {
     type Request = HostRequest;
+
     type Answer = Answer;
 
     #[inline]
@@ -381,31 +413,6 @@ impl Host<Stream> for SerialHost {
 
     fn counters(&self) -> Counters {
         self.session.counters
-    }
-
-    fn unparsed_len(&self) -> usize {
-        self.deframer.pending().len()
-    }
-
-    fn can_add_drive(&self, address: u32) -> bool {
-        let busy =
-            !self.baud_recovery.is_settled() || self.session.fallback == BaudFallback::Requested;
-        !busy && self.session.can_add_drive(address)
-    }
-
-    fn add_drive(&mut self, _address: u32) {
-        self.session.add_drive();
-        // A drive that is not alone is not set to another rate, or the others would not understand any more.
-        if self.session.wire() != TmlWire::Rs232 {
-            self.baud_recovery = BaudRecovery::new(self.line.baud, None);
-            self.session.fallback = BaudFallback::Exhausted;
-        }
-    }
-
-    fn handle_resume(&mut self, now: Instant) {
-        // The rest of an earlier frame does not begin the next one.
-        self.rescan_pending(now);
-        self.last_byte = now;
     }
 }
 
@@ -519,9 +526,23 @@ impl<E: Encapsulation> Station<Can> for CanHost<E> {
     }
 }
 
+impl<E: Encapsulation> HostWire for CanHost<E> {
+    fn can_add_drive(&self, address: u32) -> bool {
+        self.session.can_add_drive(address)
+    }
+
+    fn add_drive(&mut self, _address: u32) {
+        self.session.add_drive();
+    }
+}
+
+impl<E: Encapsulation> HostData for CanHost<E> {}
+
 impl<E: Encapsulation> Host<Can> for CanHost<E> {
     type Request = HostRequest;
+
     type Answer = Answer;
+
     /// On CAN no message of type A is acknowledged (TML communication manual, chapter 4).
     const CONFIRMED: bool = false;
 
@@ -555,14 +576,6 @@ impl<E: Encapsulation> Host<Can> for CanHost<E> {
         };
         *out = frame;
         1
-    }
-
-    fn can_add_drive(&self, address: u32) -> bool {
-        self.session.can_add_drive(address)
-    }
-
-    fn add_drive(&mut self, _address: u32) {
-        self.session.add_drive();
     }
 
     fn counters(&self) -> Counters {

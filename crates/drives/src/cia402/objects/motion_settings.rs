@@ -1,18 +1,10 @@
 //! Settings of the motion from the objects, in SI units.
 
+use polepair_core::proto::canopen::device::motion::{MotionLimits, MotionWindows, StopReactions};
+
 use super::*;
 
-impl MotionSettings for Objects {
-    #[inline]
-    fn mode(&self) -> i8 {
-        self.value(stored::MODE) as i8
-    }
-
-    #[inline]
-    fn target_position(&self) -> f64 {
-        self.real_value(stored::TARGET_POSITION) * self.rad_per_position
-    }
-
+impl MotionLimits for Objects {
     fn profile(&self) -> Limits {
         let top = self
             .real_value(stored::PROFILE_VELOCITY)
@@ -25,48 +17,12 @@ impl MotionSettings for Objects {
         }
     }
 
-    #[inline]
-    fn target_velocity(&self) -> f64 {
-        self.real_value(stored::TARGET_VELOCITY) * self.rad_per_velocity
-    }
-
-    fn target_torque(&self) -> f64 {
-        self.real_value(stored::TARGET_TORQUE) / 1000.0
-    }
-
     fn torque_slope(&self) -> f64 {
         self.real_value(stored::TORQUE_SLOPE) / 1000.0
     }
 
     fn quick_stop(&self) -> f64 {
         self.rad_value(stored::QUICK_STOP)
-    }
-
-    fn homing(&self) -> HomingSettings {
-        HomingSettings {
-            method: self.value(stored::HOMING_METHOD) as i8,
-            fast: self.rad_value(stored::HOMING_FAST),
-            slow: self.rad_value(stored::HOMING_SLOW),
-            acceleration: self.rad_value(stored::HOMING_ACCELERATION),
-            offset: self.real_value(stored::HOME_OFFSET) * self.rad_per_position,
-        }
-    }
-
-    fn position_window(&self) -> Window {
-        self.window(stored::POSITION_WINDOW, stored::POSITION_TIME)
-    }
-
-    #[inline]
-    fn following_window(&self) -> Window {
-        self.window(stored::FOLLOWING_WINDOW, stored::FOLLOWING_TIME)
-    }
-
-    fn velocity_window(&self) -> Window {
-        self.window(stored::VELOCITY_WINDOW, stored::VELOCITY_TIME)
-    }
-
-    fn standstill(&self) -> Window {
-        self.window(stored::STANDSTILL, stored::STANDSTILL_TIME)
     }
 
     #[inline]
@@ -89,23 +45,28 @@ impl MotionSettings for Objects {
         );
         are_set.then(|| (one.min(other), one.max(other)))
     }
+}
 
-    #[inline]
-    fn offsets(&self) -> (f64, f64) {
-        (
-            self.real_value(stored::VELOCITY_OFFSET) * self.rad_per_velocity,
-            self.real_value(stored::TORQUE_OFFSET) / 1000.0,
-        )
+impl MotionWindows for Objects {
+    fn position_window(&self) -> Window {
+        self.window(stored::POSITION_WINDOW, stored::POSITION_TIME)
     }
 
     #[inline]
-    fn cycle_ms(&self) -> u32 {
-        match (self.value(stored::PERIOD), self.value(stored::PERIOD_EXPONENT)) {
-            (ms @ 1..=255, -3) => ms.cast_unsigned(),
-            (value, exponent) => milliseconds(value, exponent),
-        }
+    fn following_window(&self) -> Window {
+        self.window(stored::FOLLOWING_WINDOW, stored::FOLLOWING_TIME)
     }
 
+    fn velocity_window(&self) -> Window {
+        self.window(stored::VELOCITY_WINDOW, stored::VELOCITY_TIME)
+    }
+
+    fn standstill(&self) -> Window {
+        self.window(stored::STANDSTILL, stored::STANDSTILL_TIME)
+    }
+}
+
+impl StopReactions for Objects {
     fn quick_stop_option(&self) -> (Braking, bool) {
         let stays = self.value(stored::QUICK_STOP_OPTION) >= 5;
         (self.braking_option(stored::QUICK_STOP_OPTION), stays)
@@ -125,6 +86,53 @@ impl MotionSettings for Objects {
 
     fn fault_option(&self) -> Braking {
         self.braking_option(stored::FAULT_OPTION)
+    }
+}
+
+impl MotionSettings for Objects {
+    #[inline]
+    fn mode(&self) -> i8 {
+        self.value(stored::MODE) as i8
+    }
+
+    #[inline]
+    fn target_position(&self) -> f64 {
+        self.real_value(stored::TARGET_POSITION) * self.rad_per_position
+    }
+
+    #[inline]
+    fn target_velocity(&self) -> f64 {
+        self.real_value(stored::TARGET_VELOCITY) * self.rad_per_velocity
+    }
+
+    fn target_torque(&self) -> f64 {
+        self.real_value(stored::TARGET_TORQUE) / 1000.0
+    }
+
+    fn homing(&self) -> HomingSettings {
+        HomingSettings {
+            method: self.value(stored::HOMING_METHOD) as i8,
+            fast: self.rad_value(stored::HOMING_FAST),
+            slow: self.rad_value(stored::HOMING_SLOW),
+            acceleration: self.rad_value(stored::HOMING_ACCELERATION),
+            offset: self.real_value(stored::HOME_OFFSET) * self.rad_per_position,
+        }
+    }
+
+    #[inline]
+    fn offsets(&self) -> (f64, f64) {
+        (
+            self.real_value(stored::VELOCITY_OFFSET) * self.rad_per_velocity,
+            self.real_value(stored::TORQUE_OFFSET) / 1000.0,
+        )
+    }
+
+    #[inline]
+    fn cycle_ms(&self) -> u32 {
+        match (self.value(stored::PERIOD), self.value(stored::PERIOD_EXPONENT)) {
+            (ms @ 1..=255, -3) => ms.cast_unsigned(),
+            (value, exponent) => milliseconds(value, exponent),
+        }
     }
 
     fn relative_to(&self) -> u8 {

@@ -11,7 +11,7 @@ use super::super::device::Device;
 use super::super::drive::Drive;
 use super::super::profile::CIA402;
 use crate::bench::{Act, BenchControl, GroundTruth};
-use polepair_core::axis::{Axes, Command, Verb};
+use polepair_core::axis::{AxisCommands, AxisPaths, AxisRequests, Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::lane::Lane;
 use polepair_core::medium::{Can, Frame};

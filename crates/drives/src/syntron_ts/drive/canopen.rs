@@ -8,9 +8,11 @@ use super::super::objects::{
 use super::super::shaft::COUNTS_PER_TURN;
 use super::*;
 use polepair_core::plant::{Limits, Setpoint};
-use polepair_core::proto::canopen::device::Firmware;
 use polepair_core::proto::canopen::device::motion::{
     self, MotionAxis, MotionEvent, MotionQuirks, modes,
+};
+use polepair_core::proto::canopen::device::{
+    DomainObjects, Firmware, NodeClock, NodeIdentity, NodeStorage,
 };
 use polepair_core::proto::canopen::emcy::Emergency;
 use polepair_core::proto::canopen::nmt::NmtState as Nmt;
@@ -217,11 +219,7 @@ fn demanded_setpoint(shaft: &Shaft) -> Setpoint {
     shaft.setpoint()
 }
 
-impl Firmware for Drive {
-    fn dictionary(&self) -> &'static Dictionary {
-        &DICTIONARY
-    }
-
+impl NodeIdentity for Drive {
     fn node_id(&self) -> u8 {
         self.core.registers.value(fn_registers::NODE) as u8
     }
@@ -232,6 +230,38 @@ impl Firmware for Drive {
 
     fn serial(&self) -> u32 {
         self.core.options.address.into()
+    }
+
+    fn set_node_id(&mut self, node: u8) {
+        self.core.registers.set(fn_registers::NODE, node.into());
+    }
+
+    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
+        let kbit = (bit_rate / 1000) as u16;
+        let fits = self.core.check_value(fn_registers::BIT_RATE, kbit).is_ok();
+        if fits {
+            self.core.registers.set(fn_registers::BIT_RATE, kbit);
+        }
+        fits
+    }
+
+    fn store_link(&mut self) -> bool {
+        for number in [fn_registers::NODE, fn_registers::BIT_RATE] {
+            self.core.registers.store(number, self.core.registers.value(number));
+        }
+        true
+    }
+}
+
+impl DomainObjects for Drive {}
+
+impl NodeStorage for Drive {}
+
+impl NodeClock for Drive {}
+
+impl Firmware for Drive {
+    fn dictionary(&self) -> &'static Dictionary {
+        &DICTIONARY
     }
 
     #[inline]
@@ -287,30 +317,36 @@ impl Firmware for Drive {
         }
         core.next_limit_emergency().and_then(line_emergency)
     }
-
-    fn set_node_id(&mut self, node: u8) {
-        self.core.registers.set(fn_registers::NODE, node.into());
-    }
-
-    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
-        let kbit = (bit_rate / 1000) as u16;
-        let fits = self.core.check_value(fn_registers::BIT_RATE, kbit).is_ok();
-        if fits {
-            self.core.registers.set(fn_registers::BIT_RATE, kbit);
-        }
-        fits
-    }
-
-    fn store_link(&mut self) -> bool {
-        for number in [fn_registers::NODE, fn_registers::BIT_RATE] {
-            self.core.registers.store(number, self.core.registers.value(number));
-        }
-        true
-    }
 }
 
 fn line_emergency(code: u16) -> Option<Emergency> {
     Some(Emergency { code, ..Emergency::default() })
+}
+
+impl motion::ShaftReadings for Shaft {
+    fn setpoint(&self) -> Setpoint {
+        Self::setpoint(self)
+    }
+
+    fn has_arrived(&self) -> bool {
+        Self::has_arrived(self)
+    }
+
+    fn position(&self) -> f64 {
+        Self::position(self)
+    }
+
+    fn previous_position(&self) -> f64 {
+        Self::previous_position(self)
+    }
+
+    fn velocity(&self) -> f64 {
+        self.rpm() / 60.0 * TAU
+    }
+
+    fn is_torque_limited(&self) -> bool {
+        Self::is_torque_limited(self)
+    }
 }
 
 impl motion::MotorControl for Shaft {
@@ -349,29 +385,5 @@ impl motion::MotorControl for Shaft {
 
     fn settle_position(&mut self) {
         Self::settle_position(self);
-    }
-
-    fn setpoint(&self) -> Setpoint {
-        Self::setpoint(self)
-    }
-
-    fn has_arrived(&self) -> bool {
-        Self::has_arrived(self)
-    }
-
-    fn position(&self) -> f64 {
-        Self::position(self)
-    }
-
-    fn previous_position(&self) -> f64 {
-        Self::previous_position(self)
-    }
-
-    fn velocity(&self) -> f64 {
-        self.rpm() / 60.0 * TAU
-    }
-
-    fn is_torque_limited(&self) -> bool {
-        Self::is_torque_limited(self)
     }
 }

@@ -3,7 +3,7 @@
 use std::boxed::Box;
 
 use super::*;
-use polepair_core::axis::{Axes, Command, Verb};
+use polepair_core::axis::{AxisCommands, AxisRequests, Command, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::lane::Lane;
 use polepair_core::medium::Stream;

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::{DriveFixture, profile};
 use crate::bench::{Act, BenchControl};
-use polepair_core::axis::{Axes, Command, Verb};
+use polepair_core::axis::{AxisCommands, AxisDirectory, AxisRequests, AxisText, Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::lane::Lane;
 use polepair_core::medium::{Can, Frame};

@@ -1,6 +1,6 @@
 //! Parameters ↔ requests of one axis, and the protocol's facts.
 
-use polepair_core::axis::Driver;
+use polepair_core::axis::{AnswerDecoder, Driver, RequestEncoder, WriteRules};
 use polepair_core::error::{Failure, Unsupported};
 use polepair_core::explain::RawFrame;
 use polepair_core::medium::Can;
@@ -56,17 +56,8 @@ impl ToyDriver {
     }
 }
 
-impl Driver for ToyDriver {
+impl RequestEncoder for ToyDriver {
     type Request = ToyRequest;
-    type Answer = i32;
-
-    fn profile(&self) -> &'static Profile {
-        self.profile
-    }
-
-    fn address(&self) -> u32 {
-        self.address.into()
-    }
 
     fn read_request(&self, parameter: &Parameter) -> Result<ToyRequest, Unsupported> {
         self.request(parameter.index, None)
@@ -99,6 +90,10 @@ impl Driver for ToyDriver {
     fn decode_request(&self, _frame: &RawFrame<'_>) -> Result<ToyRequest, Unsupported> {
         Err(Unsupported::BadBytes)
     }
+}
+
+impl AnswerDecoder for ToyDriver {
+    type Answer = i32;
 
     fn decode_answer(
         &mut self,
@@ -106,5 +101,17 @@ impl Driver for ToyDriver {
         answer: &i32,
     ) -> Result<i64, Failure> {
         Ok((*answer).into())
+    }
+}
+
+impl WriteRules for ToyDriver {}
+
+impl Driver for ToyDriver {
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        self.address.into()
     }
 }

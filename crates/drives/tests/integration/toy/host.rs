@@ -3,8 +3,8 @@
 use polepair_core::error::Failure;
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::station::{
-    Counters, EventSubject, Host, HostEvent, LineEvent, Request, RequestClass, Station, Ticket,
-    Timed,
+    Counters, EventSubject, Host, HostData, HostEvent, HostWire, LineEvent, Request, RequestClass,
+    Station, Ticket, Timed,
 };
 use polepair_core::time::Instant;
 
@@ -95,8 +95,13 @@ impl Station<Can> for ToyHost {
     }
 }
 
+impl HostWire for ToyHost {}
+
+impl HostData for ToyHost {}
+
 impl Host<Can> for ToyHost {
     type Request = ToyRequest;
+
     type Answer = i32;
 
     fn submit(

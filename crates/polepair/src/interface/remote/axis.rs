@@ -27,9 +27,9 @@ use crate::amount::Amount;
 use crate::axis::{DeviceDetail, NamedValue, WriteChange};
 use crate::error::Error;
 use crate::interface::{
-    AxisFacts, AxisInterface, AxisRequest, AxisSnapshot, FaultReport, LatestValue, MotionState,
-    ParameterDescription, ReadValue, Reply, SignalReading, WatchdogReport, WriteValue,
-    not_on_gateway,
+    AxisControl, AxisFacts, AxisInterface, AxisMotion, AxisParameters, AxisReadings, AxisRequest,
+    AxisSnapshot, FaultReport, LatestValue, MotionState, ParameterDescription, ReadValue, Reply,
+    SignalReading, WatchdogReport, WriteValue, not_on_gateway,
 };
 
 /// The highest rate at which a gateway sends a signal.
@@ -189,35 +189,7 @@ impl RemoteAxis {
     }
 }
 
-impl AxisInterface for RemoteAxis {
-    fn facts(&self) -> AxisFacts {
-        axis_facts(&self.info)
-    }
-
-    fn remote(&self) -> Option<&RemoteAxis> {
-        Some(self)
-    }
-
-    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
-        argument_unit(&self.info, verb, which)
-    }
-
-    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
-        let unit = self.unit_of(verb, which);
-        if unit.is_none() && self.has_verb(verb) {
-            let word = crate::profile::argument_word(which);
-            let (label, profile) = (&self.info.label, &self.info.profile);
-            let what = format!("{label}: {}: {profile} takes no {word} with it", verb.name());
-            return Err(Error::usage("E218", what, "leave it out"));
-        }
-        amount.in_si(unit)
-    }
-
-    fn signal_unit(&self, signal: Signal) -> String {
-        let known = self.info.signals.iter().find(|known| known.signal == signal.name());
-        known.map_or_else(String::new, |known| known.unit.clone())
-    }
-
+impl AxisParameters for RemoteAxis {
     fn parameters(&self) -> Result<Vec<ParameterDescription>, Error> {
         Ok(self.server.parameters(self.info.id)?.iter().map(parameter_description).collect())
     }
@@ -270,32 +242,6 @@ impl AxisInterface for RemoteAxis {
         Ok(RemoteRequest::command(written).into())
     }
 
-    fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error> {
-        let request = WriteParameters { dry_run: true, ..write_request(values, false)? };
-        let changes = self.gateway().write_parameters(self.info.id, &request)?;
-        let parameters = self.server.parameters(self.info.id)?;
-        Ok(changes.into_iter().map(|change| write_change(change, parameters)).collect())
-    }
-
-    fn write_all(
-        &self,
-        values: &[NamedValue],
-        store: bool,
-        each: &mut dyn FnMut(&WriteChange) -> ControlFlow<()>,
-    ) -> Result<(), Error> {
-        let request = write_request(values, store)?;
-        // Before the lease is acquired: other clients wait while it is held.
-        let parameters = self.server.parameters(self.info.id)?;
-        let changes = self.server.with_lease(self.info.id, |lease| {
-            let request = WriteParameters { epoch: lease.epoch(), ..request };
-            self.gateway().write_parameters(self.info.id, &request)
-        })?;
-        let mut changes = changes.into_iter().map(|change| write_change(change, parameters));
-        // The gateway has written all of them.
-        let _ = changes.try_for_each(|change| each(&change));
-        Ok(())
-    }
-
     fn reading(&self, id: ParameterId, reply: Reply) -> Result<ReadValue, Error> {
         match reply {
             Reply::Reading(reading) => Ok(reading),
@@ -330,6 +276,53 @@ impl AxisInterface for RemoteAxis {
         Err(not_on_gateway("writing text and bytes", ""))
     }
 
+    fn plan_changes(&self, values: &[NamedValue]) -> Result<Vec<WriteChange>, Error> {
+        let request = WriteParameters { dry_run: true, ..write_request(values, false)? };
+        let changes = self.gateway().write_parameters(self.info.id, &request)?;
+        let parameters = self.server.parameters(self.info.id)?;
+        Ok(changes.into_iter().map(|change| write_change(change, parameters)).collect())
+    }
+
+    fn write_all(
+        &self,
+        values: &[NamedValue],
+        store: bool,
+        each: &mut dyn FnMut(&WriteChange) -> ControlFlow<()>,
+    ) -> Result<(), Error> {
+        let request = write_request(values, store)?;
+        // Before the lease is acquired: other clients wait while it is held.
+        let parameters = self.server.parameters(self.info.id)?;
+        let changes = self.server.with_lease(self.info.id, |lease| {
+            let request = WriteParameters { epoch: lease.epoch(), ..request };
+            self.gateway().write_parameters(self.info.id, &request)
+        })?;
+        let mut changes = changes.into_iter().map(|change| write_change(change, parameters));
+        // The gateway has written all of them.
+        let _ = changes.try_for_each(|change| each(&change));
+        Ok(())
+    }
+}
+
+impl AxisMotion for RemoteAxis {
+    fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
+        argument_unit(&self.info, verb, which)
+    }
+
+    fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        let unit = self.unit_of(verb, which);
+        if unit.is_none() && self.has_verb(verb) {
+            let word = crate::profile::argument_word(which);
+            let (label, profile) = (&self.info.label, &self.info.profile);
+            let what = format!("{label}: {}: {profile} takes no {word} with it", verb.name());
+            return Err(Error::usage("E218", what, "leave it out"));
+        }
+        amount.in_si(unit)
+    }
+
+    fn start(&self, command: Command) -> Result<AxisRequest, Error> {
+        Ok(RemoteRequest::command(self.start_verb(&command)?).into())
+    }
+
     fn start_raw(&self, text: &str) -> Result<AxisRequest, Error> {
         let (server, axis, text) = (Arc::clone(&self.server), self.info.id, text.to_owned());
         let sent =
@@ -337,22 +330,16 @@ impl AxisInterface for RemoteAxis {
         Ok(RemoteRequest::number(sent).into())
     }
 
-    fn start(&self, command: Command) -> Result<AxisRequest, Error> {
-        Ok(RemoteRequest::command(self.start_verb(&command)?).into())
-    }
-
     fn check_command(&self, command: Command) -> Result<(), Error> {
         Ok(self.check_verb(&command)?)
-    }
-
-    fn check_control(&self) -> Result<(), Error> {
-        self.check_lease()
     }
 
     fn motion_state(&self, since: Instant, _velocity: bool) -> Result<MotionState, Error> {
         self.pushed_motion_state(since)
     }
+}
 
+impl AxisControl for RemoteAxis {
     fn arm(&self) -> Result<(), Error> {
         self.slot().arm()
     }
@@ -363,6 +350,10 @@ impl AxisInterface for RemoteAxis {
 
     fn is_armed(&self) -> bool {
         self.armed_lease().is_some_and(|lease| lease.check().is_ok())
+    }
+
+    fn check_control(&self) -> Result<(), Error> {
+        self.check_lease()
     }
 
     fn stop(&self) -> Result<(), Error> {
@@ -389,9 +380,12 @@ impl AxisInterface for RemoteAxis {
         drop(lease);
         stopped.and(disabled).and(self.disarm())
     }
+}
 
-    fn state(&self) -> Result<AxisSnapshot, Error> {
-        Ok(axis_state(self.gateway().axis_state(self.info.id)?))
+impl AxisReadings for RemoteAxis {
+    fn signal_unit(&self, signal: Signal) -> String {
+        let known = self.info.signals.iter().find(|known| known.signal == signal.name());
+        known.map_or_else(String::new, |known| known.unit.clone())
     }
 
     fn signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
@@ -469,6 +463,20 @@ impl AxisInterface for RemoteAxis {
             self.gateway().set_watchdog(axis, &wanted)
         });
         Ok(watchdog_report(set?))
+    }
+}
+
+impl AxisInterface for RemoteAxis {
+    fn facts(&self) -> AxisFacts {
+        axis_facts(&self.info)
+    }
+
+    fn remote(&self) -> Option<&RemoteAxis> {
+        Some(self)
+    }
+
+    fn state(&self) -> Result<AxisSnapshot, Error> {
+        Ok(axis_state(self.gateway().axis_state(self.info.id)?))
     }
 
     fn now(&self) -> Instant {

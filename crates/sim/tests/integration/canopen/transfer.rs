@@ -1,5 +1,6 @@
 //! A node that is lost in the middle of a long transfer, in segments and in blocks, both ways.
 
+use polepair_core::station::HostData;
 use std::time::Duration;
 
 use super::*;

@@ -37,38 +37,55 @@ pub mod modes {
     pub const CYCLIC_TORQUE: i8 = 10;
 }
 
-/// The motor with its control loops, as the motion drives it.
-pub trait MotorControl {
-    /// Switches the power stage on, holding where the shaft is.
-    fn power_on(&mut self);
-    /// Switches it off: the motor coasts.
-    fn power_off(&mut self);
-    /// Sets the limits of the set-point.
-    fn set_limits(&mut self, limits: Limits);
-    /// Heads for a speed, rad/s.
-    fn set_velocity(&mut self, rad_per_s: f64);
-    /// Heads for a position, rad.
-    fn move_to(&mut self, position: f64);
-    /// Drives a share of the rated torque.
-    fn apply_torque(&mut self, share: f64);
-    /// Sets the set-point for the end of the next tick.
-    fn follow_setpoint(&mut self, setpoint: Setpoint);
-    /// Holds where the shaft is, and forgets how hard it tried to go elsewhere.
-    fn hold_position(&mut self);
-    /// Once at rest after turning: holds that position rather than speed zero.
-    fn settle_position(&mut self);
+/// Readings of the shaft and its set-point.
+pub trait ShaftReadings {
     /// The set-point.
     fn setpoint(&self) -> Setpoint;
+
     /// True when the set-point has come to its goal.
     fn has_arrived(&self) -> bool;
+
     /// Position as the encoder sees it, rad since power-on.
     fn position(&self) -> f64;
+
     /// Position one tick before.
     fn previous_position(&self) -> f64;
+
     /// Speed, rad/s.
     fn velocity(&self) -> f64;
+
     /// True while the motor gives all the torque it may.
     fn is_torque_limited(&self) -> bool;
+}
+
+/// The motor with its control loops, as the motion drives it.
+pub trait MotorControl: ShaftReadings {
+    /// Switches the power stage on, holding where the shaft is.
+    fn power_on(&mut self);
+
+    /// Switches it off: the motor coasts.
+    fn power_off(&mut self);
+
+    /// Sets the limits of the set-point.
+    fn set_limits(&mut self, limits: Limits);
+
+    /// Heads for a speed, rad/s.
+    fn set_velocity(&mut self, rad_per_s: f64);
+
+    /// Heads for a position, rad.
+    fn move_to(&mut self, position: f64);
+
+    /// Drives a share of the rated torque.
+    fn apply_torque(&mut self, share: f64);
+
+    /// Sets the set-point for the end of the next tick.
+    fn follow_setpoint(&mut self, setpoint: Setpoint);
+
+    /// Holds where the shaft is, and forgets how hard it tried to go elsewhere.
+    fn hold_position(&mut self);
+
+    /// Once at rest after turning: holds that position rather than speed zero.
+    fn settle_position(&mut self);
 }
 
 /// Deceleration of a drive to standstill.
@@ -108,70 +125,101 @@ pub struct HomingSettings {
     pub offset: f64,
 }
 
-/// Motion settings of the drive's objects, in SI. Positions are in the user's coordinates.
-pub trait MotionSettings {
-    /// Requested mode of operation (6060h).
-    fn mode(&self) -> i8;
-    /// Target position (607Ah), rad.
-    fn target_position(&self) -> f64;
+/// Limits of speed, torque and position.
+pub trait MotionLimits {
     /// Speed and ramps of a profile (6081h, 6083h, 6084h).
     fn profile(&self) -> Limits;
-    /// Target velocity (60FFh), rad/s.
-    fn target_velocity(&self) -> f64;
-    /// Target torque (6071h), share of the rated torque.
-    fn target_torque(&self) -> f64;
+
     /// Torque slope (6087h), shares of the rated torque per second; 0 is at once.
     fn torque_slope(&self) -> f64;
+
     /// Ramp of the quick stop (6085h), rad/s².
     fn quick_stop(&self) -> f64;
-    /// Homing settings.
-    fn homing(&self) -> HomingSettings;
-    /// Around the target (6067h, 6068h).
-    fn position_window(&self) -> Window;
-    /// Following error allowed (6065h, 6066h); infinite for any.
-    fn following_window(&self) -> Window;
-    /// Around the target speed (606Dh, 606Eh).
-    fn velocity_window(&self) -> Window;
-    /// Window of zero speed (606Fh, 6070h).
-    fn standstill(&self) -> Window;
+
     /// Speed at most (607Fh, 6080h), rad/s.
     fn velocity_max(&self) -> f64;
+
     /// Torque at most (6072h), share of the rated torque.
     fn torque_max(&self) -> f64 {
         f64::INFINITY
     }
+
     /// Least and greatest position (607Dh), rad.
     fn position_limits(&self) -> Option<(f64, f64)> {
         None
     }
-    /// Offsets added to cyclic commands (60B1h rad/s, 60B2h share of the rated torque).
-    fn offsets(&self) -> (f64, f64) {
-        (0.0, 0.0)
-    }
-    /// Time from one set-point of a cyclic mode to the next (60C2h), ms.
-    fn cycle_ms(&self) -> u32 {
-        1
-    }
+}
+
+/// Windows around targets and zero speed.
+pub trait MotionWindows {
+    /// Around the target (6067h, 6068h).
+    fn position_window(&self) -> Window;
+
+    /// Following error allowed (6065h, 6066h); infinite for any.
+    fn following_window(&self) -> Window;
+
+    /// Around the target speed (606Dh, 606Eh).
+    fn velocity_window(&self) -> Window;
+
+    /// Window of zero speed (606Fh, 6070h).
+    fn standstill(&self) -> Window;
+}
+
+/// Reactions of the drive that end a motion.
+pub trait StopReactions {
     /// Quick stop option (605Ah), and whether the drive stays in that state.
     fn quick_stop_option(&self) -> (Braking, bool) {
         (Braking::Quick, false)
     }
+
     /// Shutdown option (605Bh).
     fn shutdown_option(&self) -> Braking {
         Braking::Coast
     }
+
     /// Disable operation option (605Ch).
     fn disable_option(&self) -> Braking {
         Braking::Ramp
     }
+
     /// Halt option (605Dh).
     fn halt_option(&self) -> Braking {
         Braking::Ramp
     }
+
     /// Fault reaction option (605Eh).
     fn fault_option(&self) -> Braking {
         Braking::Coast
     }
+}
+
+/// Motion settings of the drive's objects, in SI. Positions are in the user's coordinates.
+pub trait MotionSettings: MotionLimits + MotionWindows + StopReactions {
+    /// Requested mode of operation (6060h).
+    fn mode(&self) -> i8;
+
+    /// Target position (607Ah), rad.
+    fn target_position(&self) -> f64;
+
+    /// Target velocity (60FFh), rad/s.
+    fn target_velocity(&self) -> f64;
+
+    /// Target torque (6071h), share of the rated torque.
+    fn target_torque(&self) -> f64;
+
+    /// Homing settings.
+    fn homing(&self) -> HomingSettings;
+
+    /// Offsets added to cyclic commands (60B1h rad/s, 60B2h share of the rated torque).
+    fn offsets(&self) -> (f64, f64) {
+        (0.0, 0.0)
+    }
+
+    /// Time from one set-point of a cyclic mode to the next (60C2h), ms.
+    fn cycle_ms(&self) -> u32 {
+        1
+    }
+
     /// A relative target counts from the set-point (1) or the motor (2), not from the target before
     /// (60F2h).
     fn relative_to(&self) -> u8 {

@@ -80,73 +80,100 @@ static ENTRIES: [ObjectEntry; PROTOCOL_LEN + APPLICATION.len()] =
 static PLACES: [u16; 1024] = Dictionary::hash_slots(&ENTRIES);
 static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
 
-impl Firmware for ToyFirmware {
-    fn dictionary(&self) -> &'static Dictionary {
-        &DICTIONARY
-    }
+impl NodeIdentity for ToyFirmware {
     fn node_id(&self) -> u8 {
         self.node
     }
+
     fn bit_rate(&self) -> u32 {
         self.bit_rate
     }
-    fn get(&mut self, tag: u16) -> u64 {
-        self.values[usize::from(tag)]
+
+    fn set_node_id(&mut self, node: u8) {
+        self.node = node;
     }
-    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
-        self.values[usize::from(tag)] = value;
-        Ok(())
+
+    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
+        self.bit_rate = bit_rate;
+        true
     }
+
+    fn store_link(&mut self) -> bool {
+        self.kept_node = self.node;
+        true
+    }
+}
+
+impl DomainObjects for ToyFirmware {
     fn length(&mut self, _tag: u16) -> u32 {
         self.file.len() as u32
     }
+
     fn read(&mut self, _tag: u16, offset: u32, out: &mut [u8]) {
         out.copy_from_slice(&self.file[offset as usize..][..out.len()]);
     }
+
     fn begin_write(&mut self, _tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
         self.file.clear();
         if size > Some(4 << 20) { Err(AbortCode::MEMORY) } else { Ok(()) }
     }
+
     fn write(&mut self, _tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
         assert_eq!(offset as usize, self.file.len());
         self.file.extend_from_slice(data);
         Ok(())
     }
+}
+
+impl NodeStorage for ToyFirmware {
+    fn store(&mut self, group: SettingsGroup) {
+        self.stored.push(group);
+    }
+}
+
+impl NodeClock for ToyFirmware {
+    fn set_time_of_day(&mut self, _now: Instant, time: TimeOfDay) {
+        self.time = time;
+    }
+
+    fn time_of_day(&mut self, _now: Instant) -> Option<TimeOfDay> {
+        Some(self.time)
+    }
+}
+
+impl Firmware for ToyFirmware {
+    fn dictionary(&self) -> &'static Dictionary {
+        &DICTIONARY
+    }
+
+    fn get(&mut self, tag: u16) -> u64 {
+        self.values[usize::from(tag)]
+    }
+
+    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
+        self.values[usize::from(tag)] = value;
+        Ok(())
+    }
+
     fn handle_sync(&mut self, _now: Instant) {
         self.syncs += 1;
     }
+
     fn reset(&mut self, _now: Instant) {
         self.resets += 1;
         self.values = [0; 8];
     }
+
     fn handle_link_loss(&mut self, _now: Instant) {
         self.losses += 1;
     }
+
     fn error_register(&self) -> u8 {
         self.register
     }
+
     fn poll_emergency(&mut self) -> Option<Emergency> {
         self.emergencies.pop()
-    }
-    fn store(&mut self, group: SettingsGroup) {
-        self.stored.push(group);
-    }
-    fn set_node_id(&mut self, node: u8) {
-        self.node = node;
-    }
-    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
-        self.bit_rate = bit_rate;
-        true
-    }
-    fn store_link(&mut self) -> bool {
-        self.kept_node = self.node;
-        true
-    }
-    fn set_time_of_day(&mut self, _now: Instant, time: TimeOfDay) {
-        self.time = time;
-    }
-    fn time_of_day(&mut self, _now: Instant) -> Option<TimeOfDay> {
-        Some(self.time)
     }
 }
 

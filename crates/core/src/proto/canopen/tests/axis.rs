@@ -1,6 +1,6 @@
 //! The generic driver: objects from parameters and back, and what nodes say unasked.
 
-use crate::axis::{DriveReport, Driver, Presence};
+use crate::axis::{AnswerDecoder, DriveReport, Driver, Presence, RequestEncoder};
 use crate::error::Unsupported;
 use crate::profile::Encoding;
 use crate::proto::canopen::cia402::{ControlCommand, DriveState, OperationMode};

@@ -2,6 +2,7 @@
 //! number an answer.
 
 use crate::axis::Driver as _;
+use crate::axis::{AnswerDecoder, RequestEncoder};
 use crate::error::{Failure, Unsupported};
 use crate::profile::{Access, Certainty, Encoding, Parameter, Persistence, Scale};
 use crate::proto::modbus::axis::{Axis, GENERIC};

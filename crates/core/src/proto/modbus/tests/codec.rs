@@ -11,7 +11,7 @@ use super::world::{RegisterDrive, TestWorld, UNTIMED};
 use crate::error::WireError;
 use crate::explain::{
     Context, Direction, Dissector, EncodeError, EncodeOptions, ExplainSink, Field, FieldValue,
-    FrameBoundary,
+    FrameBoundary, FrameFormat,
 };
 use crate::profile::Encoding;
 use crate::proto::modbus::device::{Framing, SerialEndpoint};

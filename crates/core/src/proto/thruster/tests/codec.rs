@@ -8,6 +8,7 @@ use std::vec::Vec;
 use crate::error::WireError;
 use crate::explain::{
     Context, Dissector, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, Field, FieldValue,
+    FrameFormat,
 };
 use crate::medium::Frame;
 use crate::proto::thruster::ThrusterDissector;

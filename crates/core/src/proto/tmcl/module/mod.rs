@@ -9,4 +9,4 @@ pub mod program;
 mod state;
 
 pub use device::{ModuleDevice, WireOptions};
-pub use state::{ModuleState, TmclModule};
+pub use state::{ModulePrograms, ModuleState, TmclModule};

@@ -115,42 +115,58 @@ fn is_late(limit: i32, received_at: Option<Instant>, now: Instant) -> bool {
     limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
 }
 
+/// Stand-alone programs of a module, and what they wait for.
+pub trait ModulePrograms {
+    /// Returns whether it runs stand-alone programs.
+    fn has_programs(&self) -> bool;
+
+    /// Returns whether the condition of a program is met.
+    fn is_met(&self, what: WaitCondition) -> bool;
+
+    /// Causes of interrupts that are there, a bit for each number.
+    fn interrupt_levels(&self) -> u64 {
+        0
+    }
+
+    /// Motors that have arrived at their targets, a bit each.
+    fn arrived_motors(&self) -> i32;
+}
+
 /// A product: its motors, ports and identity.
-pub trait TmclModule {
+pub trait TmclModule: ModulePrograms {
     /// The state apart from the motors.
     fn state(&self) -> &ModuleState;
+
     /// Mutable access to the state.
     fn state_mut(&mut self) -> &mut ModuleState;
+
     /// Runs what happens in time up to `now`.
     fn advance(&mut self, now: Instant);
+
     /// Power comes: RAM is lost.
     fn power_up(&mut self, now: Instant);
+
     /// Switches all motors off.
     fn switch_off(&mut self);
+
     /// Carries out a command for a motor.
     ///
     /// # Errors
     /// The status to answer.
     fn execute_axis(&mut self, request: &Request) -> Result<i32, Status>;
+
     /// Carries out SIO or GIO.
     ///
     /// # Errors
     /// The status to answer.
     fn execute_ports(&mut self, request: &Request) -> Result<i32, Status>;
+
     /// Returns whether a request has powered a motor or given it a target.
     fn starts_motion(&self, request: &Request) -> bool;
-    /// Motors that have arrived at their targets, a bit each.
-    fn arrived_motors(&self) -> i32;
-    /// Returns whether the condition of a program is met.
-    fn is_met(&self, what: WaitCondition) -> bool;
-    /// Causes of interrupts that are there, a bit for each number.
-    fn interrupt_levels(&self) -> u64 {
-        0
-    }
-    /// Returns whether it runs stand-alone programs.
-    fn has_programs(&self) -> bool;
+
     /// Module number and firmware version, as in the reply to 136 type 1.
     fn version(&self) -> (u16, u8, u8);
+
     /// Time of the next change that a host waits for.
     fn next_due(&self) -> Option<Instant>;
 

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::Random;
 use super::pair::{MODULE, TestFirmware, TestWire, request};
-use crate::explain::{Direction, Dissector, FrameBoundary};
+use crate::explain::{Direction, Dissector, FrameBoundary, FrameFormat};
 use crate::medium::Frame;
 use crate::proto::HostOptions;
 use crate::proto::tmcl::device::{

@@ -7,7 +7,7 @@ use super::{
     STATUS, T_MS, Ticket, read, write,
 };
 use crate::proto::canopen::sdo;
-use crate::station::{Host as _, Timed as _};
+use crate::station::{HostData, Timed as _};
 
 #[test]
 fn longer_values_come_in_segments() {
