@@ -18,6 +18,7 @@
 mod encoder;
 mod motor;
 mod servo;
+mod shaft;
 mod stepper;
 mod thermal;
 pub mod trajectory;
@@ -28,6 +29,7 @@ mod tests;
 pub use encoder::Encoder;
 pub use motor::{Energy, Inputs, Motor, MotorParameters, Winding};
 pub use servo::{Conditions, Gains, Goal, Servo, ServoBounds, StallDetector};
+pub use shaft::ServoShaft;
 pub use stepper::{Stepper, StepperInputs, StepperParameters};
 pub use thermal::ThermalModel;
 pub use trajectory::{Limits, Setpoint, Trajectory};

@@ -4,12 +4,11 @@ use core::f64::consts::TAU;
 
 use super::faults::FaultCode;
 use super::objects::{DICTIONARY, Objects, computed, stored};
-use super::shaft::{RATED_CURRENT, Shaft};
+use super::protections::{self, RATED_CURRENT, STALL_TICKS};
 use super::transfer_objects::TransferObjects;
-use polepair_core::plant::{TICK_NS, Ticks};
+use polepair_core::plant::{ServoShaft, TICK_NS, Ticks};
 use polepair_core::proto::canopen::device::motion::{
-    MotionAxis, MotionContext, MotionEvent, MotionQuirks, MotorControl as _, PowerState as Power,
-    ShaftReadings, is_method, modes,
+    MotionAxis, MotionContext, MotionEvent, MotionQuirks, PowerState as Power, is_method, modes,
 };
 use polepair_core::proto::canopen::device::{
     DomainObjects, Firmware, NodeClock, NodeIdentity, NodeStorage, SettingsGroup,
@@ -108,7 +107,7 @@ pub struct Drive {
     starts: u64,
     lines: SwitchLines,
     objects: Objects,
-    shaft: Shaft,
+    shaft: ServoShaft,
     axis: MotionAxis<QUEUED_POINTS>,
     unrepeatable: u64,
     /// The time of day that was given, and when.
@@ -131,7 +130,7 @@ impl Drive {
         Self {
             ticks: Ticks::new(Instant::ZERO),
             now: Instant::ZERO,
-            shaft: Shaft::default(),
+            shaft: ServoShaft::new(RATED_CURRENT, STALL_TICKS),
             axis: MotionAxis::new(MOTION_QUIRKS, 0.0),
             objects: Objects::factory(),
             // Half a turn behind, so that homing finds it.
@@ -196,12 +195,12 @@ impl Drive {
 
     /// The motor, and what acts on it.
     #[must_use]
-    pub const fn shaft(&self) -> &Shaft {
+    pub const fn shaft(&self) -> &ServoShaft {
         &self.shaft
     }
 
     /// The motor, for what acts on it from outside.
-    pub const fn shaft_mut(&mut self) -> &mut Shaft {
+    pub const fn shaft_mut(&mut self) -> &mut ServoShaft {
         &mut self.shaft
     }
 
@@ -266,7 +265,7 @@ impl Drive {
     #[inline]
     fn with_axis<R>(
         &mut self,
-        act: impl FnOnce(&mut MotionAxis<QUEUED_POINTS>, &mut MotionContext<'_, Shaft, Objects>) -> R,
+        act: impl FnOnce(&mut MotionAxis<QUEUED_POINTS>, &mut MotionContext<'_, Objects>) -> R,
     ) -> R {
         // The switches see the real shaft, not the encoder: a broken encoder does not move a switch.
         let position = self.shaft.motor().position();
@@ -298,15 +297,17 @@ impl Drive {
 
     #[inline]
     fn check_protections(&mut self) {
-        if let Some(fault) = self.shaft.check_protections(|| self.axis.seeks_hard_stop()) {
+        let fault = protections::check(&mut self.shaft, || self.axis.seeks_hard_stop());
+        if let Some(fault) = fault {
             self.raise_fault(fault);
         }
     }
 
     fn write_controlword(&mut self, word: u16) {
         // A fault whose cause is still there cannot be acknowledged; the state machine stays in FAULT.
-        let starved = self.fault == FaultCode::UNDERVOLTAGE && !self.shaft.has_voltage();
-        let clear = !starved && self.shaft.lasting_fault().is_none();
+        let starved =
+            self.fault == FaultCode::UNDERVOLTAGE && !protections::has_voltage(&self.shaft);
+        let clear = !starved && protections::lasting_fault(&self.shaft).is_none();
         let before = self.axis.state();
         if self.with_axis(|axis, scene| axis.handle_controlword(word, clear, scene)) {
             // A new set-point bit with a relative target: a repeated telegram would move the axis twice.
@@ -359,7 +360,7 @@ impl Drive {
     fn reading(&self, tag: u16) -> i64 {
         let shaft = &self.shaft;
         match tag {
-            computed::STATUS => self.axis.status(shaft.has_voltage()).into(),
+            computed::STATUS => self.axis.status(protections::has_voltage(shaft)).into(),
             computed::POSITION => self.coordinate(shaft.position()).into(),
             computed::VELOCITY | computed::SENSOR_VELOCITY => {
                 self.objects.to_user_velocity(shaft.velocity()).into()

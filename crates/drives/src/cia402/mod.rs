@@ -14,7 +14,7 @@ pub mod objects;
 pub mod profile;
 pub mod transfer_objects;
 
-pub mod shaft;
+mod protections;
 pub mod units;
 
 #[cfg(test)]

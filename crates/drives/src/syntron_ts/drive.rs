@@ -16,8 +16,8 @@ use super::options::{Options, Variant};
 use super::panel::{DriveView, FrontPanel, PanelAction, PanelKey, RegisterCode};
 use super::paths::s_time_fits;
 use super::registers::{DN_COUNT, FN_COUNT, Registers, dn_registers, fn_registers, write_limits};
-use super::shaft::Shaft;
-use polepair_core::plant::Ticks;
+use super::shaft::{self, Protections};
+use polepair_core::plant::{ServoShaft, Ticks};
 use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_core::units::nearest;
@@ -69,7 +69,8 @@ struct DriveCore {
     profile: &'static Profile,
     options: Options,
     registers: Registers,
-    shaft: Shaft,
+    shaft: ServoShaft,
+    protections: Protections,
     motion: Motion,
     lines: InputLines,
     alarm: Alarm,
@@ -100,14 +101,14 @@ impl Drive {
         registers.preset(fn_registers::MODE, options.mode);
         registers.preset(fn_registers::FORMAT, if options.ascii { 2 } else { 1 });
         if options.ds102 {
-            registers
-                .preset(fn_registers::RATED_CURRENT, (super::shaft::RATED_CURRENT * 100.0) as u16);
+            registers.preset(fn_registers::RATED_CURRENT, (shaft::RATED_CURRENT * 100.0) as u16);
         }
         let mut core = DriveCore {
             profile,
             options,
             registers,
-            shaft: Shaft::default(),
+            shaft: shaft::new_shaft(),
+            protections: Protections::default(),
             motion: Motion::new(0.0),
             lines: options.lines,
             alarm: Alarm::NONE,
@@ -158,12 +159,12 @@ impl Drive {
 
     /// The motor.
     #[must_use]
-    pub const fn shaft(&self) -> &Shaft {
+    pub const fn shaft(&self) -> &ServoShaft {
         &self.core.shaft
     }
 
     /// The motor, for what acts on it from outside.
-    pub const fn shaft_mut(&mut self) -> &mut Shaft {
+    pub const fn shaft_mut(&mut self) -> &mut ServoShaft {
         self.core.disturbed = true;
         &mut self.core.shaft
     }
@@ -356,7 +357,7 @@ const WAKE_MS: u32 = 50;
 impl DriveCore {
     fn boot(&mut self) {
         self.shaft.power_off();
-        self.shaft.reset_protections();
+        self.protections.reset(&mut self.shaft);
         // The count of the motion that ends here, before a new one starts at zero.
         self.unrepeatable += self.motion.unrepeatable();
         self.motion = Motion::new(self.shaft.position());
@@ -413,7 +414,7 @@ impl DriveCore {
                 self.hold_at_limits();
             }
         }
-        self.shaft.tick();
+        self.protections.tick(&mut self.shaft);
         self.check_protections();
     }
 
@@ -422,7 +423,7 @@ impl DriveCore {
             self.raise_alarm(alarm);
         }
         let feels = self.motion.seeks_hard_stop() || self.canopen.seeks_hard_stop();
-        if let Some(alarm) = self.shaft.check_protections(feels) {
+        if let Some(alarm) = self.protections.check(&mut self.shaft, feels) {
             self.raise_alarm(alarm);
         }
     }
@@ -521,7 +522,7 @@ impl DriveCore {
             self.registers.set(fn_registers::ENABLE, 0);
             return;
         }
-        if !self.shaft.is_bus_ready() {
+        if !shaft::is_bus_ready(&self.shaft) {
             return self.raise_alarm(Alarm::DE);
         }
         self.shaft.power_on();
@@ -558,7 +559,7 @@ impl DriveCore {
     fn clear_alarm(&mut self) {
         self.alarm = Alarm::NONE;
         self.reset_canopen();
-        self.shaft.reset_protections();
+        self.protections.reset(&mut self.shaft);
         if has_duplicates(self.lines.purposes()) {
             self.raise_alarm(Alarm::ID);
         }
@@ -592,7 +593,7 @@ impl DriveCore {
             MODE_ANALOG => self.shaft.set_velocity(self.limit_direction(self.external.speed())),
             MODE_TORQUE => {
                 let limit = f64::from(self.registers.value(fn_registers::TORQUE_SPEED));
-                let share = self.external.torque(self.shaft.rpm(), limit);
+                let share = self.external.torque(shaft::rpm(&self.shaft), limit);
                 self.shaft.apply_torque(self.limit_direction(share));
             }
             MODE_PULSES => {
@@ -617,12 +618,12 @@ impl DriveCore {
     fn dn_reading(&self, number: u16) -> u16 {
         let ds102 = self.options.ds102;
         match number {
-            dn_registers::SPEED => rounded_word(self.shaft.rpm()),
+            dn_registers::SPEED => rounded_word(shaft::rpm(&self.shaft)),
             dn_registers::ALARM => self.alarm.0,
             dn_registers::PATH_STATE => u16::from(self.motion.is_busy()),
             dn_registers::POSITION_LOW => self.position_counts() as u16,
             dn_registers::POSITION_HIGH => (self.position_counts() >> 16) as u16,
-            dn_registers::LOAD if ds102 => rounded_word(self.shaft.load_share() * 1000.0),
+            dn_registers::LOAD if ds102 => rounded_word(self.shaft.torque() * 1000.0),
             dn_registers::VERSION if ds102 => VERSION,
             dn_registers::TEMPERATURE if ds102 => rounded_word(self.shaft.temperature()),
             _ => 0,
@@ -630,7 +631,7 @@ impl DriveCore {
     }
 
     fn position_counts(&self) -> i32 {
-        self.shaft.counts(self.motion.origin())
+        shaft::counts(&self.shaft, self.motion.origin())
     }
 
     /// Reacts to a write.
@@ -673,7 +674,7 @@ impl DriveCore {
 
     /// Fn_2A = 1 limits the current to a share of the rated peak value (DS102).
     fn update_current_limit(&mut self) {
-        let peak = super::shaft::RATED_CURRENT * core::f64::consts::SQRT_2;
+        let peak = shaft::RATED_CURRENT * core::f64::consts::SQRT_2;
         let share = f64::from(self.registers.signed(0x2B).unsigned_abs()) / 100.0;
         let limited = self.registers.value(0x2A) == 1;
         self.shaft.limit_current(if limited { share * peak } else { f64::INFINITY });

@@ -20,7 +20,7 @@ pub mod panel;
 pub mod paths;
 pub mod profile;
 pub mod registers;
-pub mod shaft;
+mod shaft;
 
 #[cfg(test)]
 mod tests;

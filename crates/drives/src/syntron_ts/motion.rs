@@ -9,8 +9,8 @@ use super::alarm::Alarm;
 use super::homing::{AfterHoming, HomingMark, HomingMethod, HomingStart};
 use super::paths::{DecodedPath, PATH_MAX, PathEnd, PathType};
 use super::registers::{Registers, fn_registers};
-use super::shaft::Shaft;
-use polepair_core::plant::Limits;
+use super::shaft;
+use polepair_core::plant::{Limits, ServoShaft};
 use polepair_core::time::Instant;
 
 /// Ticks of the torque signal that count as a stop `[I]`.
@@ -25,7 +25,7 @@ pub struct TickContext<'a> {
     /// The tick's end.
     pub now: Instant,
     /// The motor.
-    pub shaft: &'a mut Shaft,
+    pub shaft: &'a mut ServoShaft,
     /// The registers.
     pub registers: &'a Registers,
     /// The home switch is closed.
@@ -189,7 +189,7 @@ impl Motion {
         if scene.register(fn_registers::STOP_SETTING) == 1 {
             scene.shaft.halt();
         } else if self.is_busy() {
-            scene.shaft.brake();
+            scene.shaft.set_velocity(0.0);
         }
         if self.is_busy() {
             self.task = MotionTask::Stopping;
@@ -278,7 +278,7 @@ impl Motion {
                 // Nothing to load: it comes to rest `[I]`.
                 None => self.stop_path(scene),
             }
-        } else if scene.shaft.is_in_position() {
+        } else if shaft::is_in_position(scene.shaft) {
             let next = path.next.filter(|_| path.kind == PathType::Auto);
             let until = scene.now.plus_ms(u32::from(path.delay_ms));
             self.task = MotionTask::Pause { until, next };
@@ -322,7 +322,7 @@ impl Motion {
                 }
                 AfterHoming::Path(_) | AfterHoming::Stop => self.finish_homing(way, zero, scene),
             },
-            MotionTask::Align { way, zero } if scene.shaft.is_in_position() => {
+            MotionTask::Align { way, zero } if shaft::is_in_position(scene.shaft) => {
                 self.finish_homing(way, zero, scene)
             }
             _ => {}
@@ -366,7 +366,7 @@ impl Motion {
         if way.after == AfterHoming::Stop || way.mark == HomingMark::Torque {
             scene.shaft.halt();
         } else {
-            scene.shaft.brake();
+            scene.shaft.set_velocity(0.0);
         }
         self.task = MotionTask::Settle { way, zero };
     }

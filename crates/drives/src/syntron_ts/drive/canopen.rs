@@ -5,9 +5,9 @@ use super::super::objects::{
     COMPUTED_TAGS, CommandedObjects, DICTIONARY, DN_TAGS, Objects, STORED_TAGS, computed,
     is_method, is_mode, stored,
 };
-use super::super::shaft::COUNTS_PER_TURN;
+use super::super::shaft::{self, COUNTS_PER_TURN};
 use super::*;
-use polepair_core::plant::{Limits, Setpoint};
+use polepair_core::plant::{ServoShaft, Setpoint};
 use polepair_core::proto::canopen::device::motion::{
     self, MotionAxis, MotionEvent, MotionQuirks, modes,
 };
@@ -71,7 +71,7 @@ impl DriveCore {
         &mut self,
         act: impl FnOnce(
             &mut MotionAxis<QUEUED_POINTS>,
-            &mut motion::MotionContext<'_, Shaft, CommandedObjects<'_>>,
+            &mut motion::MotionContext<'_, CommandedObjects<'_>>,
         ) -> R,
     ) -> R {
         let position = self.shaft.motor().position();
@@ -128,7 +128,7 @@ impl DriveCore {
             return;
         }
         let before = self.canopen.axis.state();
-        if !before.has_power() && !self.shaft.is_bus_ready() && word & 0x0F == 0x0F {
+        if !before.has_power() && !shaft::is_bus_ready(&self.shaft) && word & 0x0F == 0x0F {
             return self.raise_alarm(Alarm::DE);
         }
         if self.with_axis(|axis, scene| axis.handle_controlword(word, true, scene)) {
@@ -176,15 +176,15 @@ impl DriveCore {
             computed::POSITION => to_pulses(shaft.position() - origin, &node.objects),
             computed::INCREMENTS => to_increments(shaft.position(), origin),
             computed::DEMAND_INCREMENTS => to_increments(demanded_setpoint(shaft).position, origin),
-            computed::SENSOR_VELOCITY => nearest(shaft.rpm() * 10.0),
+            computed::SENSOR_VELOCITY => nearest(shaft::rpm(shaft) * 10.0),
             computed::VELOCITY_DEMAND => nearest(demanded_setpoint(shaft).velocity / TAU * 600.0),
-            computed::VELOCITY => nearest(shaft.rpm()),
+            computed::VELOCITY => nearest(shaft::rpm(shaft)),
             computed::FOLLOWING_ERROR => {
                 to_pulses(demanded_setpoint(shaft).position - shaft.position(), &node.objects)
             }
             computed::ERROR_CODE => self.alarm.0.into(),
             computed::TIME => (self.now.0 / 1000) as i64 & 0xFFFF_FFFF,
-            computed::TORQUE => nearest(shaft.load_share() * 1000.0),
+            computed::TORQUE => nearest(shaft.torque() * 1000.0),
             _ => node.objects.value(tag).into(),
         }
     }
@@ -215,7 +215,7 @@ fn to_increments(position: f64, origin: f64) -> i64 {
     nearest((position - origin) / TAU * COUNTS_PER_TURN)
 }
 
-fn demanded_setpoint(shaft: &Shaft) -> Setpoint {
+fn demanded_setpoint(shaft: &ServoShaft) -> Setpoint {
     shaft.setpoint()
 }
 
@@ -321,69 +321,4 @@ impl Firmware for Drive {
 
 fn line_emergency(code: u16) -> Option<Emergency> {
     Some(Emergency { code, ..Emergency::default() })
-}
-
-impl motion::ShaftReadings for Shaft {
-    fn setpoint(&self) -> Setpoint {
-        Self::setpoint(self)
-    }
-
-    fn has_arrived(&self) -> bool {
-        Self::has_arrived(self)
-    }
-
-    fn position(&self) -> f64 {
-        Self::position(self)
-    }
-
-    fn previous_position(&self) -> f64 {
-        Self::previous_position(self)
-    }
-
-    fn velocity(&self) -> f64 {
-        self.rpm() / 60.0 * TAU
-    }
-
-    fn is_torque_limited(&self) -> bool {
-        Self::is_torque_limited(self)
-    }
-}
-
-impl motion::MotorControl for Shaft {
-    fn power_on(&mut self) {
-        Self::power_on(self);
-    }
-
-    fn power_off(&mut self) {
-        Self::power_off(self);
-    }
-
-    fn set_limits(&mut self, limits: Limits) {
-        Self::set_limits(self, limits);
-    }
-
-    fn set_velocity(&mut self, rad_per_s: f64) {
-        Self::set_velocity(self, rad_per_s);
-    }
-
-    fn move_to(&mut self, position: f64) {
-        Self::move_to(self, position);
-    }
-
-    fn apply_torque(&mut self, share: f64) {
-        Self::apply_torque(self, share);
-    }
-
-    /// The drive has no mode in which the host makes the way.
-    fn follow_setpoint(&mut self, setpoint: Setpoint) {
-        Self::move_to(self, setpoint.position);
-    }
-
-    fn hold_position(&mut self) {
-        Self::halt(self);
-    }
-
-    fn settle_position(&mut self) {
-        Self::settle_position(self);
-    }
 }

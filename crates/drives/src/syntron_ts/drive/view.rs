@@ -25,7 +25,7 @@ impl DriveView for DriveCore {
     }
 
     fn rpm(&self) -> i32 {
-        libm::round(self.shaft.rpm()) as i32
+        libm::round(shaft::rpm(&self.shaft)) as i32
     }
 
     fn alarm(&self) -> Alarm {

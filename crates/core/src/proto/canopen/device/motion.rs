@@ -1,5 +1,5 @@
 //! Motion of a simulated CiA 402 drive: [`MotionAxis`] is the power state machine with the operation modes,
-//! on a motor of the family ([`MotorControl`]).
+//! on a [`ServoShaft`](crate::plant::ServoShaft).
 //!
 //! Everything is in SI and independent of a family's objects and units, which [`MotionSettings`] provides.
 //! Choices of the manufacturer are options in [`MotionQuirks`].
@@ -13,7 +13,7 @@ mod point;
 mod power;
 mod window_timer;
 
-use crate::plant::{Limits, Setpoint};
+use crate::plant::Limits;
 
 pub use axis::{MotionAxis, MotionContext, MotionEvent, MotionQuirks};
 pub use homing::is_method;
@@ -35,57 +35,6 @@ pub mod modes {
     pub const CYCLIC_VELOCITY: i8 = 9;
     /// Cyclic synchronous torque.
     pub const CYCLIC_TORQUE: i8 = 10;
-}
-
-/// Readings of the shaft and its set-point.
-pub trait ShaftReadings {
-    /// The set-point.
-    fn setpoint(&self) -> Setpoint;
-
-    /// True when the set-point has come to its goal.
-    fn has_arrived(&self) -> bool;
-
-    /// Position as the encoder sees it, rad since power-on.
-    fn position(&self) -> f64;
-
-    /// Position one tick before.
-    fn previous_position(&self) -> f64;
-
-    /// Speed, rad/s.
-    fn velocity(&self) -> f64;
-
-    /// True while the motor gives all the torque it may.
-    fn is_torque_limited(&self) -> bool;
-}
-
-/// The motor with its control loops, as the motion drives it.
-pub trait MotorControl: ShaftReadings {
-    /// Switches the power stage on, holding where the shaft is.
-    fn power_on(&mut self);
-
-    /// Switches it off: the motor coasts.
-    fn power_off(&mut self);
-
-    /// Sets the limits of the set-point.
-    fn set_limits(&mut self, limits: Limits);
-
-    /// Heads for a speed, rad/s.
-    fn set_velocity(&mut self, rad_per_s: f64);
-
-    /// Heads for a position, rad.
-    fn move_to(&mut self, position: f64);
-
-    /// Drives a share of the rated torque.
-    fn apply_torque(&mut self, share: f64);
-
-    /// Sets the set-point for the end of the next tick.
-    fn follow_setpoint(&mut self, setpoint: Setpoint);
-
-    /// Holds where the shaft is, and forgets how hard it tried to go elsewhere.
-    fn hold_position(&mut self);
-
-    /// Once at rest after turning: holds that position rather than speed zero.
-    fn settle_position(&mut self);
 }
 
 /// Deceleration of a drive to standstill.

@@ -8,8 +8,8 @@ use super::interpolator::Interpolator;
 use super::point::{PointQueue, ProfilePoint};
 use super::power::{PowerCommand, PowerState, StateChange, change_for};
 use super::window_timer::WindowTimer;
-use super::{Braking, MotionSettings, MotorControl, modes};
-use crate::plant::Limits;
+use super::{Braking, MotionSettings, modes};
+use crate::plant::{Limits, ServoShaft};
 
 /// Bits of the controlword that modes use.
 const NEW_POINT: u16 = 1 << 4;
@@ -46,9 +46,9 @@ pub struct MotionQuirks {
 
 /// The state around a motion during a call.
 #[derive(Debug)]
-pub struct MotionContext<'a, S, T> {
+pub struct MotionContext<'a, T> {
     /// The motor.
-    pub shaft: &'a mut S,
+    pub shaft: &'a mut ServoShaft,
     /// The objects.
     pub settings: &'a T,
     /// The home switch is closed.
@@ -61,7 +61,7 @@ pub struct MotionContext<'a, S, T> {
     pub negative: bool,
 }
 
-impl<S: MotorControl, T> MotionContext<'_, S, T> {
+impl<T> MotionContext<'_, T> {
     /// A limit switch is closed in that direction.
     pub(super) fn is_blocked(&self, toward: f64) -> bool {
         (toward > 0.0 && self.positive) || (toward < 0.0 && self.negative)
@@ -198,10 +198,7 @@ impl<const N: usize> MotionAxis<N> {
 
     /// An object changed that the mode goes by: the mode itself, a target, a ramp.
     #[inline]
-    pub fn handle_object_change<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    pub fn handle_object_change<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         self.needs_update = true;
         if scene.settings.mode() != self.mode {
             self.enter_mode(scene);
@@ -223,11 +220,11 @@ impl<const N: usize> MotionAxis<N> {
 
     /// Handles a write of the controlword. `clear` means that no cause of a fault lasts. Returns whether a
     /// motion started that a repeated word would not start again, but a new edge would.
-    pub fn handle_controlword<S: MotorControl, T: MotionSettings>(
+    pub fn handle_controlword<T: MotionSettings>(
         &mut self,
         word: u16,
         clear: bool,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> bool {
         let before = core::mem::replace(&mut self.controlword, word);
         if word == before {
@@ -251,10 +248,7 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// Handles a fault: removes power, after a deceleration if 605Eh states one.
-    pub fn handle_fault<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    pub fn handle_fault<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         let how = scene.settings.fault_option();
         let brakes = self.state.has_power() && how != Braking::Coast;
         self.clear_commands();
@@ -268,20 +262,14 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// Quick stop, as the controlword would order it: for a lost link.
-    pub fn quick_stop<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    pub fn quick_stop<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if self.state == PowerState::Enabled {
             self.apply_change(StateChange::QuickStop, scene);
         }
     }
 
     /// Power off, as the controlword's disable voltage orders it.
-    pub fn disable<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    pub fn disable<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if self.state.has_power() {
             self.apply_change(StateChange::To(PowerState::SwitchOnDisabled), scene);
         }
@@ -289,10 +277,7 @@ impl<const N: usize> MotionAxis<N> {
 
     /// Handles a SYNC: cyclic commands take effect.
     #[inline]
-    pub fn handle_sync<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    pub fn handle_sync<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if self.mode == modes::CYCLIC_POSITION && self.state == PowerState::Enabled {
             self.aim_interpolator(scene);
         }
@@ -308,17 +293,17 @@ impl<const N: usize> MotionAxis<N> {
 
     /// One tick of following cyclic commands, without the preparation that other modes need.
     #[inline]
-    pub fn tick_following<S: MotorControl, T: MotionSettings>(
+    pub fn tick_following<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         self.tick_cyclic_position(scene)
     }
 
     /// To be called before each tick of the shaft.
-    pub fn tick<S: MotorControl, T: MotionSettings>(
+    pub fn tick<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         match self.state {
             PowerState::Enabled => self.tick_enabled(scene),
@@ -330,9 +315,9 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    fn tick_enabled<S: MotorControl, T: MotionSettings>(
+    fn tick_enabled<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         if self.leaving_for.is_some() {
             self.come_to_rest(scene);
@@ -354,10 +339,10 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    fn apply_change<S: MotorControl, T: MotionSettings>(
+    fn apply_change<T: MotionSettings>(
         &mut self,
         change: StateChange,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) {
         match change {
             StateChange::None => {}
@@ -393,7 +378,7 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    fn enable<S: MotorControl, T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, S, T>) {
+    fn enable<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if !self.state.has_power() {
             scene.shaft.power_on();
         }
@@ -420,10 +405,7 @@ impl<const N: usize> MotionAxis<N> {
 
     /// The mode of 6060h comes into force, with nothing commanded in it yet. A motor that turns in
     /// another mode is braked.
-    fn enter_mode<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn enter_mode<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         self.mode = scene.settings.mode();
         self.clear_commands();
         self.homing_failed = false;
@@ -435,11 +417,11 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// Executes bits 4 to 9 of the controlword in the mode. Returns whether a new edge would repeat it.
-    fn handle_mode_bits<S: MotorControl, T: MotionSettings>(
+    fn handle_mode_bits<T: MotionSettings>(
         &mut self,
         rises: u16,
         falls: u16,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> bool {
         if rises & HALT != 0 {
             self.homing.end();
@@ -463,10 +445,7 @@ impl<const N: usize> MotionAxis<N> {
         begins
     }
 
-    fn interrupt_homing<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn interrupt_homing<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if self.homing.is_running() {
             self.homing.end();
             self.brake(Braking::Ramp, scene);
@@ -479,11 +458,7 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// Decelerates to rest in this way.
-    fn brake<S: MotorControl, T: MotionSettings>(
-        &self,
-        how: Braking,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn brake<T: MotionSettings>(&self, how: Braking, scene: &mut MotionContext<'_, T>) {
         let profile = scene.settings.profile();
         let deceleration = match how {
             Braking::Coast | Braking::Ramp => profile.deceleration,
@@ -495,10 +470,7 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// On the way out of operation.
-    fn come_to_rest<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn come_to_rest<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if !is_at_rest(scene.shaft) {
             return;
         }
@@ -519,9 +491,9 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// One tick of a halt: bit 10 reports the rest.
-    fn tick_halted<S: MotorControl, T: MotionSettings>(
+    fn tick_halted<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         let rest = is_at_rest(scene.shaft);
         self.torque = 0.0;
@@ -549,7 +521,7 @@ const fn bit(on: bool, bit: u16) -> u16 {
 }
 
 /// At rest, as far as the drive can detect it.
-fn is_at_rest(shaft: &impl MotorControl) -> bool {
+fn is_at_rest(shaft: &ServoShaft) -> bool {
     shaft.has_arrived() && shaft.velocity().abs() < AT_REST
 }
 

@@ -8,8 +8,8 @@
 use core::f64::consts::TAU;
 
 use super::axis::{MotionContext, signum};
-use super::{HomingSettings, MotionSettings, MotorControl};
-use crate::plant::Limits;
+use super::{HomingSettings, MotionSettings};
+use crate::plant::{Limits, ServoShaft};
 
 /// Ticks of torque that count as a stop \[I\].
 const TORQUE_TICKS: u16 = 50;
@@ -145,10 +145,7 @@ impl Homing {
     }
 
     /// Begins one. False when the method is none, or would never arrive.
-    pub fn begin<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) -> bool {
+    pub fn begin<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) -> bool {
         let settings = scene.settings.homing();
         let Some(way) = HomingStrategy::of(settings.method) else { return false };
         (self.strategy, self.settings, self.reversals) = (way, settings, 0);
@@ -175,9 +172,9 @@ impl Homing {
     }
 
     /// One tick; the result when it has ended.
-    pub fn tick<S: MotorControl, T: MotionSettings>(
+    pub fn tick<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<HomingResult> {
         match self.phase {
             HomingPhase::Idle => {}
@@ -199,11 +196,11 @@ impl Homing {
         None
     }
 
-    fn tick_edge<S: MotorControl, T: MotionSettings>(
+    fn tick_edge<T: MotionSettings>(
         &mut self,
         was: bool,
         slow: bool,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<HomingResult> {
         let HomingStrategy::Edge { signal, edge, toward, index, .. } = self.strategy else {
             return None;
@@ -231,11 +228,7 @@ impl Homing {
         None
     }
 
-    fn tick_stop<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        ticks: u16,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn tick_stop<T: MotionSettings>(&mut self, ticks: u16, scene: &mut MotionContext<'_, T>) {
         let HomingStrategy::Stop { toward, index } = self.strategy else { return };
         let ticks = if scene.shaft.is_torque_limited() { ticks + 1 } else { 0 };
         self.phase = HomingPhase::Stop { ticks };
@@ -250,29 +243,21 @@ impl Homing {
         }
     }
 
-    fn seek_index<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        toward: f64,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn seek_index<T: MotionSettings>(&mut self, toward: f64, scene: &mut MotionContext<'_, T>) {
         self.phase = HomingPhase::Index;
         self.run_toward(toward, self.settings.slow, scene);
     }
 
-    fn come_to_rest<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        zero: f64,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn come_to_rest<T: MotionSettings>(&mut self, zero: f64, scene: &mut MotionContext<'_, T>) {
         self.phase = HomingPhase::ComingToRest { zero };
         self.run_toward(0.0, self.settings.slow, scene);
     }
 
     /// The other way, at most so often.
-    fn reverse<S: MotorControl, T: MotionSettings>(
+    fn reverse<T: MotionSettings>(
         &mut self,
         speed: f64,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<HomingResult> {
         self.reversals += 1;
         if self.reversals > REVERSALS_MAX {
@@ -282,20 +267,20 @@ impl Homing {
         None
     }
 
-    fn abort_search<S: MotorControl, T: MotionSettings>(
+    fn abort_search<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> HomingResult {
         self.phase = HomingPhase::Idle;
         scene.shaft.set_velocity(0.0);
         HomingResult::NotFound
     }
 
-    fn run_toward<S: MotorControl, T: MotionSettings>(
+    fn run_toward<T: MotionSettings>(
         &mut self,
         toward: f64,
         speed: f64,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) {
         self.direction = toward;
         scene.shaft.set_limits(Limits::trapezoid(speed, self.settings.acceleration));
@@ -303,10 +288,7 @@ impl Homing {
     }
 }
 
-fn is_active<S: MotorControl, T: MotionSettings>(
-    signal: HomingSwitch,
-    scene: &MotionContext<'_, S, T>,
-) -> bool {
+fn is_active<T: MotionSettings>(signal: HomingSwitch, scene: &MotionContext<'_, T>) -> bool {
     match signal {
         HomingSwitch::Home => scene.home,
         HomingSwitch::Negative => scene.negative,
@@ -323,7 +305,7 @@ fn is_searched_limit(signal: HomingSwitch, toward: f64) -> bool {
 }
 
 /// Position of the index pulse in this tick, if there was one: at whole turns.
-fn index_pulse(shaft: &impl MotorControl) -> Option<f64> {
+fn index_pulse(shaft: &ServoShaft) -> Option<f64> {
     let (was, is) = (whole_turns(shaft.previous_position()), whole_turns(shaft.position()));
     (was != is).then(|| was.max(is) * TAU)
 }

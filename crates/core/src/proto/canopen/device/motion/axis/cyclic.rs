@@ -5,10 +5,7 @@ use super::*;
 impl<const N: usize> MotionAxis<N> {
     /// The next position of the host's way.
     #[inline]
-    pub(super) fn aim_interpolator<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    pub(super) fn aim_interpolator<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         let target = self.clamp_to_limits(scene.settings.target_position(), scene);
         let blocked = scene.is_blocked(target - self.interpolator.position());
         self.limited |= blocked;
@@ -17,9 +14,9 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     #[inline]
-    pub(super) fn tick_cyclic_position<S: MotorControl, T: MotionSettings>(
+    pub(super) fn tick_cyclic_position<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         if self.interpolator.is_over() {
             self.aim_interpolator(scene);
@@ -32,9 +29,9 @@ impl<const N: usize> MotionAxis<N> {
         self.check_following_error(scene).then_some(MotionEvent::FollowingError)
     }
 
-    pub(super) fn tick_cyclic_velocity<S: MotorControl, T: MotionSettings>(
+    pub(super) fn tick_cyclic_velocity<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         let (settings, top) = (scene.settings, scene.settings.velocity_max());
         let requested = settings.target_velocity() + settings.offsets().0;
@@ -47,9 +44,9 @@ impl<const N: usize> MotionAxis<N> {
         None
     }
 
-    pub(super) fn tick_cyclic_torque<S: MotorControl, T: MotionSettings>(
+    pub(super) fn tick_cyclic_torque<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         let settings = scene.settings;
         let max = settings.torque_max();

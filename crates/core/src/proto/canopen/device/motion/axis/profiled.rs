@@ -8,10 +8,7 @@ const OVERSPEED_GAIN: f64 = 0.05;
 
 impl<const N: usize> MotionAxis<N> {
     /// A set-point is handed over by the rising edge of bit 4.
-    pub(super) fn handle_new_point<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    pub(super) fn handle_new_point<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         let settings = scene.settings;
         let base = match settings.relative_to() {
             _ if self.controlword & RELATIVE == 0 => 0.0,
@@ -50,10 +47,10 @@ impl<const N: usize> MotionAxis<N> {
         self.set_flags(BIT_12, self.acknowledged);
     }
 
-    fn start_point<S: MotorControl, T: MotionSettings>(
+    fn start_point<T: MotionSettings>(
         &mut self,
         point: ProfilePoint,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) {
         self.current_point = Some(point);
         self.passes_through = false;
@@ -67,10 +64,10 @@ impl<const N: usize> MotionAxis<N> {
 
     /// The position cut to the limits of 607Dh.
     #[inline]
-    pub(super) fn clamp_to_limits<S, T: MotionSettings>(
+    pub(super) fn clamp_to_limits<T: MotionSettings>(
         &mut self,
         target: f64,
-        scene: &MotionContext<'_, S, T>,
+        scene: &MotionContext<'_, T>,
     ) -> f64 {
         let Some((min, greatest)) = scene.settings.position_limits() else { return target };
         let cut = target.max(min).min(greatest);
@@ -78,10 +75,10 @@ impl<const N: usize> MotionAxis<N> {
         cut
     }
 
-    pub(super) fn tick_position<S: MotorControl, T: MotionSettings>(
+    pub(super) fn tick_position<T: MotionSettings>(
         &mut self,
         dirty: bool,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         if self.stop_at_limit_switch(scene) {
             self.current_point = None;
@@ -104,10 +101,10 @@ impl<const N: usize> MotionAxis<N> {
         if self.check_following_error(scene) { Some(MotionEvent::FollowingError) } else { arrived }
     }
 
-    fn advance_points<S: MotorControl, T: MotionSettings>(
+    fn advance_points<T: MotionSettings>(
         &mut self,
         point: ProfilePoint,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) {
         let next = self.queued_points.peek();
         if self.passes_through {
@@ -129,10 +126,7 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    fn load_next_point<S: MotorControl, T: MotionSettings>(
-        &mut self,
-        scene: &mut MotionContext<'_, S, T>,
-    ) {
+    fn load_next_point<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if let Some(next) = self.queued_points.pop() {
             self.start_point(next, scene);
         }
@@ -140,9 +134,9 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// Bit 10: the target was reached and the motor has been there long enough.
-    fn check_arrival<S: MotorControl, T: MotionSettings>(
+    fn check_arrival<T: MotionSettings>(
         &mut self,
-        scene: &MotionContext<'_, S, T>,
+        scene: &MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         let target = self.commanded.filter(|_| self.current_point.is_none())?;
         let distance = self.user_coordinate(scene.shaft.position()) - target;
@@ -154,9 +148,9 @@ impl<const N: usize> MotionAxis<N> {
 
     /// Bit 13: too far behind for too long.
     #[inline]
-    pub(super) fn check_following_error<S: MotorControl, T: MotionSettings>(
+    pub(super) fn check_following_error<T: MotionSettings>(
         &mut self,
-        scene: &MotionContext<'_, S, T>,
+        scene: &MotionContext<'_, T>,
     ) -> bool {
         let window = scene.settings.following_window();
         let distance = scene.shaft.setpoint().position - scene.shaft.position();
@@ -166,9 +160,9 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// On its way into a limit switch it stops hard.
-    fn stop_at_limit_switch<S: MotorControl, T: MotionSettings>(
+    fn stop_at_limit_switch<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> bool {
         let toward = scene.shaft.setpoint().velocity;
         let blocked = scene.is_blocked(toward);
@@ -180,10 +174,10 @@ impl<const N: usize> MotionAxis<N> {
         blocked
     }
 
-    pub(super) fn tick_velocity<S: MotorControl, T: MotionSettings>(
+    pub(super) fn tick_velocity<T: MotionSettings>(
         &mut self,
         dirty: bool,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         let settings = scene.settings;
         let (requested, top) = (settings.target_velocity(), settings.velocity_max());
@@ -205,9 +199,9 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// Profile torque: along the slope, less what would make it faster than allowed.
-    pub(super) fn tick_torque<S: MotorControl, T: MotionSettings>(
+    pub(super) fn tick_torque<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         let settings = scene.settings;
         let max = settings.torque_max();
@@ -221,10 +215,10 @@ impl<const N: usize> MotionAxis<N> {
     }
 
     /// Drives a torque, within the speed limit and not into a limit switch.
-    pub(super) fn apply_torque<S: MotorControl, T: MotionSettings>(
+    pub(super) fn apply_torque<T: MotionSettings>(
         &mut self,
         torque: f64,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) {
         let (top, speed) = (scene.settings.velocity_max(), scene.shaft.velocity());
         let (back, ahead) =
@@ -236,9 +230,9 @@ impl<const N: usize> MotionAxis<N> {
         scene.shaft.apply_torque(allowed);
     }
 
-    pub(super) fn tick_homing<S: MotorControl, T: MotionSettings>(
+    pub(super) fn tick_homing<T: MotionSettings>(
         &mut self,
-        scene: &mut MotionContext<'_, S, T>,
+        scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         if self.homing.is_running() {
             match self.homing.tick(scene) {
