@@ -7,7 +7,7 @@
 
 use polepair::error::{Error, Exit};
 use polepair_core::profile::Signal;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use std::time::Duration;
 
 fn main() -> Result<(), Error> {

@@ -8,7 +8,7 @@
 use polepair::error::Error;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use std::time::Duration;
 
 const AT_MOST: Duration = Duration::from_secs(60);

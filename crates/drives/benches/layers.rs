@@ -13,7 +13,7 @@ use polepair_core::proto::modbus::wire::{ReplyPdu, Space};
 use polepair_core::proto::modbus::{Rtu, rtu};
 use polepair_core::proto::tmcl::opcode::{Opcode, Status};
 use polepair_core::proto::tmcl::wire::{Reply, Request};
-use polepair_core::proto::tmcl::{Tmcl, axis::Axis};
+use polepair_core::proto::tmcl::{Tmcl, TmclDriver};
 use polepair_core::proto::{HostOptions, Protocol};
 use polepair_core::station::{AxisIndex, Host, Station, Ticket};
 use polepair_core::time::Instant;
@@ -39,7 +39,7 @@ fn host(c: &mut Criterion) {
     let reply = REPLY.emit();
     let mut host = Tmcl::create_host(&OPTIONS, &[1]);
     let profile = Tmcl::generic_profile();
-    let driver = Axis::new(profile, 1);
+    let driver = TmclDriver::new(profile, 1);
     let request = driver.read_request(&profile.parameters[1]).unwrap();
     let (mut out, mut now) = ([0; 520], 0);
     c.bench_function("submit to event, host alone", |b| {

@@ -8,8 +8,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-pub mod bench;
 pub mod cia402;
+pub mod surroundings;
 pub mod syntron_ts;
 pub mod technosoft;
 pub mod thruster;
@@ -41,7 +41,7 @@ pub struct DeviceOptions<'a> {
 }
 
 /// A simulated drive: one object, with as many ends as it has connectors.
-pub trait SimulatedDevice: Timed + bench::BenchControl + Send {
+pub trait SimulatedDevice: Timed + surroundings::SurroundingsControl + Send {
     /// The drive's end of a serial wire.
     fn serial_station(&mut self) -> Option<&mut dyn Station<Stream>> {
         None

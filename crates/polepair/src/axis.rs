@@ -20,7 +20,7 @@ mod address;
 mod argument;
 mod cyclic;
 mod data;
-mod facts;
+mod device_details;
 mod failure;
 mod instructions;
 mod mode;
@@ -33,24 +33,24 @@ mod reports;
 mod request;
 mod scales;
 mod signal_value;
+mod start_together;
 mod stop;
 mod streaming;
-mod together;
 mod watchdog;
 mod write_plan;
 
 pub use cyclic::CyclicAxes;
 pub use data::{DATA_MAX, ParameterValue};
-pub use facts::{DeviceDetail, summarize_details};
+pub use device_details::{DeviceDetail, summarize_details};
 pub use instructions::ProgramStatus;
 pub use pending_writes::PendingWrites;
 pub use raw_text::RawRehearsal;
 pub use request::{PreparedCommand, RunningRequest};
+pub use start_together::{check_together, start_together};
 pub use stop::{
     STOP_RETRY_MAX, Standstill, StopNotice, StopOptions, StopPersistence, StopProgress, StopResult,
     StopSupervisor, WireAirtime, await_stops, stop_axes,
 };
-pub use together::{check_together, start_together};
 pub use watchdog::WatchdogState;
 pub use write_plan::{NamedValue, PlannedWrite, WriteChange, WritePlan};
 

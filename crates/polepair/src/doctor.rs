@@ -20,8 +20,10 @@ mod machine;
 mod serial;
 mod watchdog_proof;
 
-use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text, stray_answers_text};
 use crate::connect::Connector;
+use crate::duplicate_address::{
+    DUPLICATE_ADDRESS_HINT, duplicate_address_text, stray_answers_text,
+};
 use crate::error::{Error, Exit};
 use crate::identify::{ProbeResult, Prober};
 use crate::protocol_line::ProtocolLine;

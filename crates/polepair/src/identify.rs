@@ -1,7 +1,7 @@
 //! Identifies a drive, by reads only.
 
-use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::config::Config;
+use crate::duplicate_address::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;

@@ -20,11 +20,11 @@
 //! in [`Axis::local`]: the methods of [`LocalAxis`].
 
 mod armed;
-mod axis;
-mod facts;
+mod axis_facts;
+mod axis_handle;
 mod latest;
 mod link;
-mod local;
+mod local_axis;
 mod motion;
 mod reading;
 #[cfg(feature = "remote")]
@@ -42,8 +42,8 @@ use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 
 pub use armed::Armed;
-pub use axis::Axis;
-pub use facts::{AxisFacts, ParameterDescription, WatchdogKind};
+pub use axis_facts::{AxisFacts, ParameterDescription, WatchdogKind};
+pub use axis_handle::Axis;
 pub use latest::LatestValue;
 pub use link::{Link, connect, is_gateway};
 pub use motion::{EndedMotion, MotionMonitor, start_each, stop_each};

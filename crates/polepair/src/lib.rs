@@ -18,11 +18,11 @@
 pub mod amount;
 pub mod axis;
 mod bus;
-mod clash;
 pub mod config;
 pub mod connect;
 mod detected_drive;
 pub mod doctor;
+mod duplicate_address;
 pub mod eds;
 pub mod error;
 pub mod events;

@@ -29,7 +29,7 @@ use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::proto::{self, drive_address, sub_axis};
 use polepair_core::time::Instant;
-use polepair_drives::bench::{Act, BenchControl, GroundTruth};
+use polepair_drives::surroundings::{Act, GroundTruth, SurroundingsControl};
 use polepair_link::clock;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::SerialFaults;
@@ -612,7 +612,7 @@ impl Simulation {
         let len = self.shared.with_bench(
             self.built.links.get(link),
             drive,
-            |bench: &mut dyn BenchControl, now| bench.panel_text(now, &mut text),
+            |bench: &mut dyn SurroundingsControl, now| bench.panel_text(now, &mut text),
         )??;
         Some(String::from_utf8_lossy(&text[..len.min(PANEL_MAX)]).into_owned())
     }

@@ -22,7 +22,7 @@
 mod absent_axes;
 mod append_only_vec;
 mod captures;
-mod clash;
+mod clash_detector;
 mod clock;
 mod command_history;
 mod command_worker;
@@ -65,7 +65,7 @@ use polepair::simulate::Simulation;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 use serde_json::json;
 use tokio::sync::{broadcast, oneshot};
 

@@ -52,7 +52,8 @@ fn main() {
     let expected = f64::from(STEP) / f64::from(PERIOD_MS) * ms as f64 / 2000.0;
     for &drive in &drives {
         let turns = world.with_node(drive, |node, now| {
-            node.bench().map(|bench| bench.ground_truth(now).position / core::f64::consts::TAU)
+            node.surroundings()
+                .map(|bench| bench.ground_truth(now).position / core::f64::consts::TAU)
         });
         assert!(turns.is_some_and(|t| (t - expected).abs() < 2.0), "{turns:?} for {expected}");
     }

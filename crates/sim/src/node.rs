@@ -8,7 +8,7 @@ use polepair_core::medium::{Can, Stream};
 use polepair_core::station::{Station, Timed};
 use polepair_core::time::{Instant, earliest};
 use polepair_drives::SimulatedDevice;
-use polepair_drives::bench::{Act, BenchControl};
+use polepair_drives::surroundings::{Act, SurroundingsControl};
 
 /// A member of a world: an object with ports.
 pub trait SimNode: Timed + Send {
@@ -27,7 +27,7 @@ pub trait SimNode: Timed + Send {
         None
     }
     /// The bench side, if this is a simulated drive.
-    fn bench(&mut self) -> Option<&mut dyn BenchControl> {
+    fn surroundings(&mut self) -> Option<&mut dyn SurroundingsControl> {
         None
     }
 }
@@ -92,7 +92,7 @@ impl std::fmt::Debug for ScheduledActs {
 impl Timed for ScheduledActs {
     fn handle_timeout(&mut self, now: Instant) {
         while let Some(scheduled) = self.acts.pop_if(|scheduled| scheduled.at <= now) {
-            if let Some(bench) = self.node.bench() {
+            if let Some(bench) = self.node.surroundings() {
                 bench.act_on_motor(now, scheduled.motor, scheduled.act);
             }
         }
@@ -114,8 +114,8 @@ impl SimNode for ScheduledActs {
     fn axes(&mut self) -> Option<&mut dyn Axes> {
         self.node.axes()
     }
-    fn bench(&mut self) -> Option<&mut dyn BenchControl> {
-        self.node.bench()
+    fn surroundings(&mut self) -> Option<&mut dyn SurroundingsControl> {
+        self.node.surroundings()
     }
 }
 
@@ -144,7 +144,7 @@ impl<D: SimulatedDevice> SimNode for DriveNode<D> {
     fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
         if port == CAN_PORT { self.0.can_station() } else { None }
     }
-    fn bench(&mut self) -> Option<&mut dyn BenchControl> {
+    fn surroundings(&mut self) -> Option<&mut dyn SurroundingsControl> {
         Some(&mut self.0)
     }
 }

@@ -7,7 +7,7 @@ use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_drives::{self, DeviceOptions, Family};
 use std::sync::Arc;
 
@@ -253,7 +253,7 @@ impl RackDrive {
         }
         let mut device = self.device(true)?;
         let mut has = |scheduled: &ScheduledAct| {
-            let bench = device.bench();
+            let bench = device.surroundings();
             bench.is_some_and(|it| it.act_on_motor(Instant::ZERO, scheduled.motor, scheduled.act))
         };
         if self.scheduled_acts.iter().all(&mut has) {
@@ -315,7 +315,7 @@ impl RackDrive {
     /// [`RackError::Act`].
     pub fn apply_acts(&self, node: &mut dyn SimNode, now: Instant) -> Result<(), RackError> {
         let mut done = |(motor, act): &(u8, Act)| {
-            node.bench().is_some_and(|bench| bench.act_on_motor(now, *motor, *act))
+            node.surroundings().is_some_and(|bench| bench.act_on_motor(now, *motor, *act))
         };
         if self.acts.iter().all(&mut done) {
             Ok(())

@@ -12,7 +12,7 @@ use polepair_core::profile::ParameterId;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 use polepair_sim::can_bus::{CanFaults, InjectedCanFaults};
 use polepair_sim::fault::{InjectedSerialFaults, SerialFaults};
 use polepair_sim::host;
@@ -141,7 +141,7 @@ impl WorldPart {
     }
 
     fn truth(&self, world: &mut World) -> GroundTruth {
-        world.inspect(self.drive, |n, now| n.bench().expect("a drive").ground_truth(now))
+        world.inspect(self.drive, |n, now| n.surroundings().expect("a drive").ground_truth(now))
     }
 }
 

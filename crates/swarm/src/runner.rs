@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_serve::bench::{
     Bench, BenchEvent, FrameSubscription, PendingReply, SessionName, TelemetryChannel,
 };

@@ -1,7 +1,7 @@
 //! Faults of the wires and drives, with their times.
 
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_sim::random::{Ppm, Random};
 
 use crate::wire::WireCondition;

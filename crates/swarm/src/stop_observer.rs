@@ -6,7 +6,7 @@ mod tests;
 use std::time::Duration;
 
 use polepair_core::time::Instant;
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 use polepair_serve::message::StopClass;
 
 use crate::drives::DriveKind;

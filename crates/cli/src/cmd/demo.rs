@@ -15,7 +15,7 @@ use polepair_capture::{CaptureDecoder, Rules, text};
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_link::serve::ServeThread;
 use polepair_link::tap::{Tap, TapDirection};
 use polepair_link::{ServeHandle, clock};

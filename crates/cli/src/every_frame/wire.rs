@@ -9,7 +9,7 @@ use polepair::wire::AnyLink;
 use polepair::{Connector, LocalAxis};
 use polepair_core::medium::{Can, Medium};
 use polepair_core::time::Instant;
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
 
 /// Time after which a returning wire works: less than a stop is repeated for.

@@ -2,7 +2,7 @@
 
 use super::drive::Drive;
 use super::objects::PDOS;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::proto::canopen::device::{CanEndpoint, Quirks};
 use polepair_core::station::{LineEvent, Station, Timed};
@@ -70,7 +70,7 @@ impl Station<Can> for Device {
     }
 }
 
-impl BenchControl for Device {
+impl SurroundingsControl for Device {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.drive.ground_truth(now)
     }

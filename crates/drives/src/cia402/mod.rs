@@ -6,12 +6,12 @@
 //! [`proto::canopen`](polepair_core::proto::canopen::device::motion); [`faults`] error codes; [`transfer_objects`]
 //! objects of any length; [`device`] the bus.
 
-mod bench;
 pub mod device;
 pub mod drive;
 pub mod faults;
 pub mod objects;
 pub mod profile;
+mod surroundings;
 pub mod transfer_objects;
 
 mod protections;

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::device::Device;
 use super::drive::Drive;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use polepair_core::medium::Frame;
 use polepair_core::proto::canopen::od::ValueType;
 use polepair_core::proto::canopen::sdo::{

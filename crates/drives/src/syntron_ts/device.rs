@@ -6,7 +6,7 @@ use super::objects::PDOS;
 use super::options::Options;
 use super::panel::PanelKey;
 use super::registers::{DN_BASE, fn_registers};
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::device::CanEndpoint;
@@ -232,7 +232,7 @@ impl Firmware for ModbusSide {
     }
 }
 
-impl BenchControl for Device {
+impl SurroundingsControl for Device {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         let drive = &mut self.modbus.drive;
         drive.advance(now);

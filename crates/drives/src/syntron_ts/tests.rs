@@ -6,7 +6,7 @@ use std::vec::Vec;
 
 use super::SyntronTs;
 use super::registers::fn_registers;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{STREAM_UNIT_MAX, Stream};
 use polepair_core::proto::modbus::{ascii, rtu};

@@ -5,7 +5,6 @@
 //! `inferred` in the profiles.
 
 mod addresses;
-mod bench;
 mod cam;
 mod change_reports;
 mod clock;
@@ -30,6 +29,7 @@ mod remote;
 mod setup;
 mod shaft;
 mod status;
+mod surroundings;
 mod sync;
 mod units;
 

@@ -5,7 +5,7 @@ extern crate std;
 use std::vec::Vec;
 
 use super::{Device, Technosoft};
-use crate::bench::{Act, BenchControl};
+use crate::surroundings::{Act, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{STREAM_UNIT_MAX, Stream};
 use polepair_core::proto::tml::online::OnlineMessage;

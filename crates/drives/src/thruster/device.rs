@@ -3,7 +3,7 @@
 use super::drive::Drive;
 use super::options::Options;
 use super::profile;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::profile::Profile;
@@ -99,7 +99,7 @@ impl Station<Can> for Device {
     }
 }
 
-impl BenchControl for Device {
+impl SurroundingsControl for Device {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.drive.advance(now);
         let Drive { shaft, faults, writes, unrepeatable, starts, .. } = &self.drive;

@@ -9,7 +9,7 @@ mod wire;
 
 use super::device::{Device, ThrusterFamily};
 use super::profile;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;

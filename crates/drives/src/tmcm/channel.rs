@@ -2,7 +2,7 @@
 
 use super::search::{Search, SearchStep, SwitchKind};
 use super::units;
-use crate::bench::ServoBounds;
+use crate::surroundings::ServoBounds;
 use core::f64::consts::TAU;
 use polepair_core::plant::{
     Limits, Setpoint, Stepper, StepperInputs, StepperParameters, TICK_S, ThermalModel, Trajectory,

@@ -3,7 +3,7 @@
 use super::channel::Channel;
 use super::module::{DRIVER_FAULTS, Module};
 use super::profile;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{Can, Stream};
 use polepair_core::profile::Profile;
@@ -88,7 +88,7 @@ impl crate::SimulatedDevice for Device {
     }
 }
 
-impl BenchControl for Device {
+impl SurroundingsControl for Device {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.motor_truth(now, 0).unwrap_or_default()
     }

@@ -2,7 +2,7 @@ extern crate std;
 
 use super::device::{Device, Tmcm};
 use super::profile;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use core::f64::consts::TAU;
 use polepair_core::medium::Stream;

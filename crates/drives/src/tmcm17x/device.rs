@@ -3,7 +3,7 @@
 use super::flags;
 use super::module::Module;
 use super::profile;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{Can, Stream};
 use polepair_core::profile::Profile;
@@ -59,7 +59,7 @@ impl crate::SimulatedDevice for Device {
     }
 }
 
-impl BenchControl for Device {
+impl SurroundingsControl for Device {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.module.advance(now);
         let (module, motor) = (&self.module, &self.module.motor);

@@ -2,7 +2,7 @@
 
 use super::flags;
 use super::module::{ControlMode, Module, rad_per_s, rpm};
-use crate::bench::ServoBounds;
+use crate::surroundings::ServoBounds;
 use polepair_core::plant::{Gains, Goal, Limits};
 use polepair_core::proto::tmcl::Status;
 use polepair_core::proto::tmcl::module::memory::{check_readable, check_writable};

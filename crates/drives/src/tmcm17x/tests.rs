@@ -2,7 +2,7 @@ extern crate std;
 
 use super::device::{Device, Tmcm17x};
 use super::{flags, profile};
-use crate::bench::{Act, BenchControl};
+use crate::surroundings::{Act, SurroundingsControl};
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{Can, Frame, SerialLine, Stream};
 use polepair_core::profile::{Access, Profile};

@@ -120,7 +120,11 @@ fn one_axis_turns_and_the_other_does_not() {
     let ends = run(&mut mux, &mut devices, now, 2000);
     assert!(matches!(ends[..], [(Ticket(1), Outcome::Done(_))]), "{ends:?}");
     let speeds = devices.map(|mut device| {
-        polepair_drives::bench::BenchControl::ground_truth(&mut device, now.plus_ms(2000)).velocity
+        polepair_drives::surroundings::SurroundingsControl::ground_truth(
+            &mut device,
+            now.plus_ms(2000),
+        )
+        .velocity
     });
     assert!(speeds[0].abs() < 0.1 && (speeds[1] - 10.0).abs() < 1.0, "{speeds:?}");
 }

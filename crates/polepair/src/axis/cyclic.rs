@@ -3,8 +3,8 @@
 //! Why: CANOPEN-10.
 
 use super::failure::RequestKind;
+use super::start_together::{check_one_wire, require_plan, run_all};
 use super::streaming::SETTLING_MAX;
-use super::together::{check_one_wire, require_plan, run_all};
 use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, StopOptions, StopResult, stop_axes};
 use crate::error::Error;
 use polepair_core::axis::{Axes, Command, Verb};

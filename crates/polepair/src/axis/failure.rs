@@ -1,7 +1,7 @@
 //! Converts outcomes to errors: request, result, and what to try.
 
 use super::LocalAxis;
-use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
+use crate::duplicate_address::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;

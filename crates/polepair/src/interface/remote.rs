@@ -10,10 +10,10 @@
 //! The gateway executes stops without a lease, also of axes that other clients command. A command is sent once; one
 //! without a reply may have been executed.
 
-mod axis;
 mod convert;
-mod motion;
 mod options;
+mod remote_axis;
+mod remote_motion;
 mod request;
 mod rows;
 mod server;
@@ -23,11 +23,11 @@ use std::sync::Arc;
 use polepair_client::message::{BenchView, StopRequest};
 use polepair_client::select_axes;
 
-pub use axis::RemoteAxis;
 pub use convert::{drive_unit, format_signal};
 pub use options::{find_gateway, open};
 pub use polepair_client::message::{AxisInfo, GatewayError};
 pub use polepair_client::{Gateway, GatewayOptions};
+pub use remote_axis::RemoteAxis;
 pub use request::RemoteRequest;
 pub use rows::{SampleRow, SampleRows};
 pub use server::LeaseGuard;

@@ -4,7 +4,7 @@
 //! Other names get no text. Parameters that the map does not name do not exist.
 
 use super::draft::{Draft, DraftParameter, ENTRIES_MAX};
-use super::missing::remove_missing;
+use super::missing_parameters::remove_missing;
 use crate::spelling::fold;
 use crate::toml_file::{FileError, FileLocation, Located};
 use polepair_core::profile::{Access, Certainty, Encoding, Persistence};

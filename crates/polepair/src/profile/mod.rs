@@ -27,7 +27,7 @@ mod blocks;
 mod catalogue;
 pub(crate) mod draft;
 mod memory_map;
-mod missing;
+mod missing_parameters;
 mod read;
 mod resolve;
 mod setup;
@@ -41,7 +41,7 @@ pub use catalogue::{Listed, catalogue, find_shipped, shipped_profiles};
 pub use setup::write_setup;
 
 pub(crate) use catalogue::{find_answered, find_listed, listed_for};
-pub(crate) use missing::remove_missing;
+pub(crate) use missing_parameters::remove_missing;
 pub(crate) use setup::name_from_path;
 pub(crate) use step::argument_word;
 

@@ -2,7 +2,7 @@
 //! none either, verbs that start motion are removed.
 
 use super::draft::{Draft, DraftPlan, DraftSignal, ParameterName};
-use super::missing::{AvailableParameters, step_parameters_mut};
+use super::missing_parameters::{AvailableParameters, step_parameters_mut};
 use crate::spelling::fold;
 use polepair_core::axis::Verb;
 use polepair_core::profile::{Profile, Signal};

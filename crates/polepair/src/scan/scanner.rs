@@ -5,9 +5,9 @@ use super::{
 };
 use crate::axis::LocalAxis;
 use crate::bus::{self, BusAddress};
-use crate::clash::{duplicate_address_text, stray_answers_text};
 use crate::connect::{AnyBorrowedLink, Connector, LineConfig, LocalLink};
 use crate::detected_drive::DetectedDrive;
+use crate::duplicate_address::{duplicate_address_text, stray_answers_text};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::identify::{ProbeResult, Prober, is_answer};

@@ -1,6 +1,6 @@
 //! Acts on a simulated drive as text: `jam`, `supply=30 V`, `input-3=1`.
 
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 
 use crate::error::Error;
 use crate::spelling;
@@ -184,7 +184,7 @@ const UNITS: [(&str, &str, f64); 12] = [
 ///
 /// ```
 /// use polepair::simulate::parse_act;
-/// use polepair_drives::bench::Act;
+/// use polepair_drives::surroundings::Act;
 /// assert_eq!(parse_act("supply = 30 V")?, Act::Supply(30.0));
 /// assert_eq!(parse_act("jam")?, Act::Jam(true));
 /// assert_eq!(parse_act("input-3=off")?, Act::Input(3, false));

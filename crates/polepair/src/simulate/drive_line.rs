@@ -5,7 +5,7 @@ use crate::error::Error;
 use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
-use polepair_drives::bench::{Act, BenchControl};
+use polepair_drives::surroundings::{Act, SurroundingsControl};
 use polepair_link::{LinkIo, LinkWaker, ServeThread};
 use polepair_sim::fault::SerialFaults;
 use polepair_sim::rack::RackWire;
@@ -112,10 +112,10 @@ impl DriveLine {
     pub fn with_bench<R>(
         &self,
         drive: usize,
-        f: impl FnOnce(&mut dyn BenchControl) -> R,
+        f: impl FnOnce(&mut dyn SurroundingsControl) -> R,
     ) -> Option<R> {
         let node = *self.nodes.get(drive)?;
-        self.lock().world.with_node(node, |node, _| node.bench().map(f))
+        self.lock().world.with_node(node, |node, _| node.surroundings().map(f))
     }
 
     /// Does something to a motor of the drive of that number, both counted from 0, and has its servers look at
@@ -124,7 +124,7 @@ impl DriveLine {
         let Some(node) = self.nodes.get(drive) else { return false };
         let mut shared = self.lock();
         let done = shared.world.with_node(*node, |node, now| {
-            node.bench().is_some_and(|bench| bench.act_on_motor(now, motor, act))
+            node.surroundings().is_some_and(|bench| bench.act_on_motor(now, motor, act))
         });
         shared.ports.iter().filter_map(|port| port.waker.as_ref()).for_each(LinkWaker::wake);
         done

@@ -48,7 +48,7 @@ use crate::toml_file::{FileError, SourceText, TomlTable};
 use crate::url::{self, Url};
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::SerialFaults;
 use polepair_sim::node::ScheduledAct;

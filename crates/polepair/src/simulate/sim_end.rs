@@ -2,7 +2,7 @@
 
 use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use polepair_core::time::Instant;
-use polepair_drives::bench::BenchControl;
+use polepair_drives::surroundings::SurroundingsControl;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received, clock};
 use polepair_sim::world::{EndId, NodeId, WireId, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -118,13 +118,13 @@ impl SharedWorld {
         &self,
         link: Option<&(WireId, Vec<NodeId>)>,
         drive: usize,
-        f: impl FnOnce(&mut dyn BenchControl, Instant) -> R,
+        f: impl FnOnce(&mut dyn SurroundingsControl, Instant) -> R,
     ) -> Option<R> {
         let node = *link?.1.get(drive)?;
         let mut world = self.lock_world();
         let now = self.current_time(&world);
         world.run_until(now);
-        world.with_node(node, |node, now| node.bench().map(|bench| f(bench, now)))
+        world.with_node(node, |node, now| node.surroundings().map(|bench| f(bench, now)))
     }
 }
 

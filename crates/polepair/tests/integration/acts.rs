@@ -65,7 +65,7 @@ fn every_drive_has_the_acts_of_the_guide_and_no_others() {
         for word in &words {
             let mut device = rack.links[0].drives[0].device(true).expect("a drive");
             let act = act_of_value(word, Some(1.0)).expect("an act");
-            let done = device.bench().expect("a bench").act(Instant::ZERO, act);
+            let done = device.surroundings().expect("a bench").act(Instant::ZERO, act);
             // Of numbered ones the guide gives the first and the last.
             let between = NUMBERED.contains(word) && !own.contains(word) && done;
             let expected = OF_EVERY_DRIVE.contains(word) || own.contains(word);

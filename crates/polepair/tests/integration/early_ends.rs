@@ -7,7 +7,7 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::stream::cyclic::SetpointKind;
 use polepair_core::stream::{PathKind, Point};
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 
 /// A drive, and what another master writes to it to stop its motor and to switch it off.
 struct Family {

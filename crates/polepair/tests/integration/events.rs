@@ -7,7 +7,7 @@ use polepair_core::axis::Presence;
 use polepair_core::medium::Frame;
 use polepair_core::profile::{Severity, Signal};
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use std::sync::{Arc, mpsc};
 use std::task::Wake;
 use std::time::Duration;

@@ -126,7 +126,11 @@ fn a_look_that_is_broken_off_leaves_the_link_as_it_was() {
 #[test]
 fn an_axis_that_is_gone_is_told_of() {
     let link = open("sim:tmcl?axes=3&time=virtual#1,3");
-    link.simulation().expect("a simulation").act(0, 1, polepair_drives::bench::Act::Supply(0.0));
+    link.simulation().expect("a simulation").act(
+        0,
+        1,
+        polepair_drives::surroundings::Act::Supply(0.0),
+    );
     link.sleep(Duration::from_millis(100));
     let scan = run_scan(&link, 1..=4);
     let answers: Vec<_> = scan.axes.iter().map(|axis| (axis.number, axis.answers)).collect();

@@ -7,7 +7,7 @@ use polepair::stop::{self, StopOptions};
 use polepair::url::AxisNumber;
 use polepair::{Connector, connect_local};
 use polepair_core::profile::Signal;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use std::f64::consts::TAU;
 use std::time::Duration;
 

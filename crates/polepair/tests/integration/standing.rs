@@ -11,7 +11,7 @@ use polepair::axis::{
     stop_axes,
 };
 use polepair::{Error, LocalLink, connect_local};
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 
 /// Drives whose stop waits for nothing that is measured.
 const BLIND: [&str; 3] =

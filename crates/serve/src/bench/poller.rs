@@ -10,7 +10,7 @@ use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 use serde_json::json;
 
-use super::clash::ClashDetector;
+use super::clash_detector::ClashDetector;
 use super::context::{BenchContext, BenchEvent};
 use super::open::BenchLink;
 use super::request_worker::RequestWorker;

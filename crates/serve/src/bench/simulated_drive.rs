@@ -1,7 +1,7 @@
 //! Acts on simulated drives.
 
 use polepair::simulate::{ACTS, ActKind, ActValue, SimulatedMotor, Simulation, act_of_value};
-use polepair_drives::bench::{Act, GroundTruth};
+use polepair_drives::surroundings::{Act, GroundTruth};
 
 use crate::message::{GatewayError, PanelView, SimulationActionInfo};
 

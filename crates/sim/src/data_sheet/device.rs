@@ -13,9 +13,9 @@ use polepair_core::proto::canopen::od::Dictionary;
 use polepair_core::proto::canopen::sdo::AbortCode;
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::{Instant, earliest};
-use polepair_drives::bench::{Act, BenchControl, GroundTruth};
 use polepair_drives::cia402::drive::Drive;
 use polepair_drives::cia402::objects::stored;
+use polepair_drives::surroundings::{Act, GroundTruth, SurroundingsControl};
 use std::sync::Arc;
 
 /// Bytes that one object takes at most.
@@ -351,7 +351,7 @@ impl Station<Can> for DataSheetDevice {
     }
 }
 
-impl BenchControl for DataSheetDevice {
+impl SurroundingsControl for DataSheetDevice {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         let flash_writes = self.node.flash_writes;
         match self.node.drives.first_mut() {

@@ -2,7 +2,7 @@ use super::{DataSheet, DataSheetDevice, DataSheetEntry, FactoryValue};
 use polepair_core::medium::Frame;
 use polepair_core::station::Station;
 use polepair_core::time::Instant;
-use polepair_drives::bench::{Act, BenchControl};
+use polepair_drives::surroundings::{Act, SurroundingsControl};
 use std::sync::Arc;
 
 const NODE: u8 = 5;

@@ -9,7 +9,7 @@ use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{AxisKind, Encoding, ParameterId, Profile, Signal};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 
 use super::inert::InertParameter;
 use super::observer::{MotionObserver, MotionViolation};
@@ -180,7 +180,7 @@ impl SwarmAxis {
     /// True state of the drive now.
     pub fn truth(&self, world: &mut World) -> GroundTruth {
         world
-            .inspect(self.drive, |n, now| n.bench().map(|b| b.ground_truth(now)))
+            .inspect(self.drive, |n, now| n.surroundings().map(|b| b.ground_truth(now)))
             .expect("the drive is in its world")
     }
 

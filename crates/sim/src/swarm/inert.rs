@@ -14,7 +14,7 @@ use polepair_core::plan::{Compare, Step};
 use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
 use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 
 use crate::host::{self, HostProtocol};
 use crate::rack::RackDrive;
@@ -216,7 +216,8 @@ impl ParameterTrial {
     }
 
     fn power_cycle(&mut self) {
-        self.world.with_node(self.drive, |n, now| n.bench().map(|b| b.act(now, Act::PowerCycle)));
+        self.world
+            .with_node(self.drive, |n, now| n.surroundings().map(|b| b.act(now, Act::PowerCycle)));
         self.world.run_until(self.world.now().plus_ms(2_000));
     }
 }

@@ -7,7 +7,7 @@ mod tests;
 
 use polepair_core::plant::TICK_S;
 use polepair_core::time::Instant;
-use polepair_drives::bench::{GroundTruth, ServoBounds};
+use polepair_drives::surroundings::{GroundTruth, ServoBounds};
 
 /// The loops of a drive may overshoot a speed by this share of the step to it, and by a speed in rad/s. A PI loop that
 /// is critically damped overshoots a step by e⁻² of it (`Gains::tuned`): its answer to a step is 1 - e^-ωt (1 - ωt),

@@ -6,7 +6,7 @@ use polepair_core::proto::HostOptions;
 use polepair_core::proto::tml::host::REPLY_TIMEOUT_MS;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 
 use super::axis::SwarmAxis;
 use super::host_user::HostUser;
@@ -268,7 +268,7 @@ impl Scenario {
             Disturbance::Act(at, which, act) => {
                 let axis = &mut self.users[at].axes[which];
                 let acted =
-                    world.with_node(axis.drive, |n, now| n.bench().map(|b| b.act(now, act)));
+                    world.with_node(axis.drive, |n, now| n.surroundings().map(|b| b.act(now, act)));
                 if acted == Some(true) {
                     axis.record_disturbance(world.now());
                     report.acts += 1;
@@ -277,7 +277,9 @@ impl Scenario {
             Disturbance::PowerCycle(at, which) => {
                 let axis = &mut self.users[at].axes[which];
                 let drive = axis.drive;
-                world.with_node(drive, |n, now| n.bench().map(|b| b.act(now, Act::PowerCycle)));
+                world.with_node(drive, |n, now| {
+                    n.surroundings().map(|b| b.act(now, Act::PowerCycle))
+                });
                 axis.invalidate();
                 report.resets += 1;
             }

@@ -14,7 +14,7 @@ use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::proto::{self, HostOptions};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_drives::{self, bench::GroundTruth};
+use polepair_drives::{self, surroundings::GroundTruth};
 use polepair_sim::host::{self, HostProtocol};
 use polepair_sim::node::SimNode;
 use polepair_sim::rack::RackDrive;
@@ -193,7 +193,7 @@ impl LoneDrive {
 
     fn truth(&mut self) -> GroundTruth {
         let now = self.now;
-        self.node.bench().expect("a drive").ground_truth(now)
+        self.node.surroundings().expect("a drive").ground_truth(now)
     }
 }
 

@@ -335,9 +335,9 @@ impl Bus {
         }
     }
 
-    fn truth(&mut self, axis: u8) -> polepair_drives::bench::GroundTruth {
+    fn truth(&mut self, axis: u8) -> polepair_drives::surroundings::GroundTruth {
         let drive = self.drives[usize::from(axis)];
-        self.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now))
+        self.world.inspect(drive, |node, now| node.surroundings().unwrap().ground_truth(now))
     }
 
     fn at(&mut self, axis: u8) -> f64 {

@@ -10,7 +10,7 @@ use polepair_core::proto::tml::program::TmlLanguage;
 use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_drives::bench::{Act, GroundTruth};
+use polepair_drives::surroundings::{Act, GroundTruth};
 use polepair_drives::technosoft::{Device, Technosoft};
 use polepair_drives::{DeviceOptions, Family};
 use polepair_sim::can_bus::CanFaults;
@@ -205,14 +205,16 @@ impl Bench {
 
     fn truth(&mut self) -> GroundTruth {
         let drive = self.drive();
-        self.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now))
+        self.world.inspect(drive, |node, now| node.surroundings().unwrap().ground_truth(now))
     }
 
     fn power_cycle(&mut self) {
         let drive = self.drive();
         assert!(
-            self.world
-                .with_node(drive, |node, now| node.bench().unwrap().act(now, Act::PowerCycle))
+            self.world.with_node(drive, |node, now| node
+                .surroundings()
+                .unwrap()
+                .act(now, Act::PowerCycle))
         );
     }
 

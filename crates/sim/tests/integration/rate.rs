@@ -6,7 +6,7 @@ use polepair_core::medium::MediumKind;
 use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_drives::technosoft::{Device, Technosoft};
 use polepair_drives::{DeviceOptions, Family};
 use polepair_sim::host;
@@ -89,8 +89,10 @@ impl Bench {
     fn power_cycle(&mut self) {
         let drive = self.drives[0];
         assert!(
-            self.world
-                .with_node(drive, |node, now| node.bench().unwrap().act(now, Act::PowerCycle))
+            self.world.with_node(drive, |node, now| node
+                .surroundings()
+                .unwrap()
+                .act(now, Act::PowerCycle))
         );
     }
 

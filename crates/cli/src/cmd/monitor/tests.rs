@@ -5,7 +5,7 @@ use std::time::Duration;
 use polepair::axis::{StopProgress, StopSupervisor, WireAirtime};
 use polepair::{Connector, simulate};
 use polepair_core::profile::Signal;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_link::{ServeThread, pty::Pty};
 use ratatui_core::backend::TestBackend;
 use ratatui_core::buffer::Buffer;

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use polepair::simulate::{self, DriveLine};
 use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::time::Instant as At;
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received, ServeThread, clock};
 use polepair_test_support::wait_for;
 

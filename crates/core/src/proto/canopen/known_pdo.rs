@@ -55,7 +55,7 @@ impl KnownPdo {
                 .position(|p| (axis_index(p.index, offset), p.space) == (object.index, object.sub))
                 && let Some(position) = places.next()
             {
-                let (_, signed) = super::axis::encoding_width(profile.parameters[id].encoding);
+                let (_, signed) = super::driver::encoding_width(profile.parameters[id].encoding);
                 *position = Some((ParameterId(id as u16), BitField { start: at, bits }, signed));
             }
             at += bits;

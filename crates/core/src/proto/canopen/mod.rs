@@ -4,10 +4,10 @@
 //! chapter 3 of the TS communication manual for deviations of that drive. Inferred facts are marked \[I\].
 
 pub mod address;
-pub mod axis;
 pub mod cia402;
 pub mod cob;
 pub mod device;
+pub mod driver;
 pub mod emcy;
 pub mod explain;
 pub mod generic;
@@ -24,8 +24,8 @@ pub mod sync;
 pub mod text;
 pub mod time;
 
-pub use axis::{Axis, Canopen};
 pub use cob::Cob;
+pub use driver::{Canopen, CanopenDriver};
 pub use explain::CanopenDissector;
 pub use host::CanHost;
 pub use host_request::{Answer, HostRequest};

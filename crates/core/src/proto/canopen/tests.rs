@@ -1,5 +1,5 @@
 //! Tests by subject.
 
-mod axis;
 mod codec;
+mod driver;
 mod host;

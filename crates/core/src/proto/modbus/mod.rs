@@ -5,9 +5,9 @@
 
 pub mod address;
 pub mod ascii;
-pub mod axis;
 pub mod device;
 pub mod device_id;
+pub mod driver;
 pub mod encoding;
 pub mod explain;
 pub mod host;
@@ -25,7 +25,7 @@ use crate::axis::Driver;
 use crate::medium::Stream;
 use crate::profile::Profile;
 
-pub use axis::Axis;
+pub use driver::ModbusDriver;
 pub use explain::ModbusDissector;
 pub use host::SerialHost;
 pub use host_request::{Answer, HostRequest};
@@ -60,7 +60,7 @@ macro_rules! protocol {
             const KEYS: &[OptionKey] = &[options::TIMEOUT, options::GAP];
 
             fn generic_profile() -> &'static Profile {
-                &axis::GENERIC
+                &driver::GENERIC
             }
 
             fn create_host(options: &HostOptions, _axes: &[u32]) -> SerialHost {
@@ -71,7 +71,7 @@ macro_rules! protocol {
                 profile: &'static Profile,
                 address: u32,
             ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
-                Axis::new(profile, address)
+                ModbusDriver::new(profile, address)
             }
         }
     };

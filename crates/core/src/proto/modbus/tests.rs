@@ -1,9 +1,9 @@
 extern crate std;
 
-mod axis;
 mod checks;
 mod codec;
 mod doubt;
+mod driver;
 mod pair;
 mod round_trip;
 mod world;

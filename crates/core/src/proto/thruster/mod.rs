@@ -6,8 +6,8 @@
 //! drive has an option.
 
 pub mod address;
-pub mod axis;
 pub mod device;
+pub mod driver;
 pub mod explain;
 pub mod fault;
 pub mod generic;
@@ -19,7 +19,7 @@ pub mod session;
 pub mod text;
 pub mod wire;
 
-pub use axis::{Axis, Thruster};
+pub use driver::{Thruster, ThrusterDriver};
 pub use explain::ThrusterDissector;
 pub use host::CanHost;
 pub use session::{Answer, HostRequest};

@@ -6,8 +6,8 @@
 
 pub mod address;
 pub mod ascii;
-pub mod axis;
 pub mod device;
+pub mod driver;
 pub mod explain;
 pub mod generic;
 pub mod host;
@@ -19,7 +19,7 @@ pub mod session;
 pub mod text;
 pub mod wire;
 
-pub use axis::{Axis, Tmcl, TmclCan};
+pub use driver::{Tmcl, TmclCan, TmclDriver};
 pub use explain::TmclDissector;
 pub use host::{CanHost, SerialHost};
 pub use host_request::HostRequest;

@@ -6,8 +6,8 @@
 //! facts are marked \[I\].
 
 pub mod address;
-pub mod axis;
 pub mod device;
+pub mod driver;
 pub mod explain;
 pub mod generic;
 pub mod host;
@@ -24,7 +24,7 @@ pub mod technocan;
 pub mod tmlcan;
 pub mod wire;
 
-pub use axis::{Axis, TechnoCan, Tml, TmlCan};
+pub use driver::{TechnoCan, Tml, TmlCan, TmlDriver};
 
 #[cfg(test)]
 mod tests;

@@ -10,13 +10,13 @@ use std::vec::Vec;
 use super::super::device::Device;
 use super::super::drive::Drive;
 use super::super::profile::CIA402;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use polepair_core::axis::{AxisCommands, AxisPaths, AxisRequests, Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::lane::Lane;
 use polepair_core::medium::{Can, Frame};
 use polepair_core::proto::HostOptions;
-use polepair_core::proto::canopen::{Axis, CanHost};
+use polepair_core::proto::canopen::{CanHost, CanopenDriver};
 use polepair_core::station::{AxisIndex, Station, Ticket, Timed};
 use polepair_core::stream::cyclic::{CyclicConfig, SetpointBounds, SetpointKind};
 use polepair_core::time::Instant;
@@ -49,7 +49,8 @@ impl MultiAxisFixture {
     fn at(bit_rate: u32) -> Self {
         let host = CanHost::new(&HostOptions::new(bit_rate));
         let nodes = 1..=AXES as u8;
-        let drivers = nodes.clone().map(|node| Box::new(Axis::new(&CIA402, node.into())) as _);
+        let drivers =
+            nodes.clone().map(|node| Box::new(CanopenDriver::new(&CIA402, node.into())) as _);
         let mut rig = Self {
             lane: Lane::new(host, drivers),
             devices: nodes.map(|node| Device::new(Drive::new(node, 1, 1_000_000))).collect(),

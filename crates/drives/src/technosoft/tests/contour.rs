@@ -5,7 +5,7 @@ extern crate std;
 use std::vec::Vec;
 
 use super::{DriveFixture, messages};
-use crate::bench::BenchControl;
+use crate::surroundings::SurroundingsControl;
 use polepair_core::proto::tml::online::{Cell, OnlineMessage};
 use polepair_core::proto::tml::wire::{IdCode, low_first};
 

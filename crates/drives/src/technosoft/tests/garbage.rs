@@ -1,7 +1,7 @@
 //! Whatever comes over the wires, nothing breaks, and nothing moves that was not ordered.
 
 use super::{DriveFixture, OPTIONS, Technosoft, Vec, frame};
-use crate::bench::BenchControl;
+use crate::surroundings::SurroundingsControl;
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::proto::tml::wire::{IdCode, Instruction};

@@ -90,7 +90,7 @@ fn drives() -> Vec<(&'static str, DriveFixture)> {
         fixture.mode_pp();
         fixture.update();
         fixture.wait(50);
-        fixture.act(crate::bench::Act::Fault(1 << 8));
+        fixture.act(crate::surroundings::Act::Fault(1 << 8));
         fixture
     };
     let drives =

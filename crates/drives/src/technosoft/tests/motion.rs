@@ -1,7 +1,7 @@
 //! Motion modes, one by one.
 
 use super::DriveFixture;
-use crate::bench::BenchControl;
+use crate::surroundings::SurroundingsControl;
 
 #[test]
 fn a_trapezoid_ends_exactly_where_it_was_sent() {

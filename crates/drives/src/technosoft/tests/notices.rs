@@ -2,7 +2,7 @@
 
 use super::Vec;
 use super::{DriveFixture, NOTHING, messages};
-use crate::bench::Act;
+use crate::surroundings::Act;
 use polepair_core::proto::tml::online::OnlineMessage;
 use polepair_core::proto::tml::wire::IdCode;
 

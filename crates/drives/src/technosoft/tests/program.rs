@@ -2,7 +2,7 @@
 
 use super::Vec;
 use super::{DriveFixture, messages};
-use crate::bench::{Act, BenchControl};
+use crate::surroundings::{Act, SurroundingsControl};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::proto::tml::tmlcan;
 use polepair_core::proto::tml::wire::{IdCode, Instruction, Message};

@@ -1,7 +1,7 @@
 //! What switches the motor off, and limits.
 
 use super::DriveFixture;
-use crate::bench::{Act, BenchControl};
+use crate::surroundings::{Act, SurroundingsControl};
 use core::f64::consts::TAU;
 
 fn running() -> DriveFixture {

@@ -1,7 +1,7 @@
 //! Axis IDs, groups, settings that change the wire, permanent memory.
 
 use super::DriveFixture;
-use crate::bench::{Act, BenchControl};
+use crate::surroundings::{Act, SurroundingsControl};
 use polepair_core::medium::Stream;
 use polepair_core::proto::tml::wire::IdCode;
 use polepair_core::station::Station;

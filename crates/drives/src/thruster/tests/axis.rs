@@ -6,13 +6,13 @@ use std::boxed::Box;
 use std::vec::Vec;
 
 use super::{DriveFixture, profile};
-use crate::bench::{Act, BenchControl};
+use crate::surroundings::{Act, SurroundingsControl};
 use polepair_core::axis::{AxisCommands, AxisDirectory, AxisRequests, AxisText, Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::lane::Lane;
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::{Profile, Signal};
-use polepair_core::proto::thruster::{Axis, CanHost};
+use polepair_core::proto::thruster::{CanHost, ThrusterDriver};
 use polepair_core::proto::{HostOptions, Protocol, thruster};
 use polepair_core::station::{AxisIndex, Station, Ticket, Timed};
 use polepair_core::time::{Instant, earliest};
@@ -31,7 +31,7 @@ struct Pair {
 impl Pair {
     fn new(profile: &'static Profile) -> Self {
         let host = thruster::Thruster::create_host(&HostOptions::new(0), &[11]);
-        let lane = Lane::new(host, [Box::new(Axis::new(profile, 11)) as _]);
+        let lane = Lane::new(host, [Box::new(ThrusterDriver::new(profile, 11)) as _]);
         let rig = DriveFixture::with(profile, &[]);
         Self { rig, lane, now: Instant::ZERO, sent: Vec::new(), tickets: 0 }
     }

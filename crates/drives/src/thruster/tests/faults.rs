@@ -3,7 +3,7 @@
 extern crate std;
 
 use super::{DriveFixture, profile};
-use crate::bench::{Act, BenchControl};
+use crate::surroundings::{Act, SurroundingsControl};
 use polepair_core::proto::thruster::fault;
 
 fn running() -> DriveFixture {

@@ -1,7 +1,7 @@
 //! Positions: absolute, relative, zeros, the safe range, the emergency stop.
 
 use super::{DriveFixture, profile};
-use crate::bench::Act;
+use crate::surroundings::Act;
 
 impl DriveFixture {
     fn position(&mut self) -> i16 {

@@ -3,7 +3,7 @@
 extern crate std;
 
 use super::{DriveFixture, hex, profile};
-use crate::bench::Act;
+use crate::surroundings::Act;
 use crate::{DeviceOptions, Family};
 use polepair_core::medium::Frame;
 use std::vec::Vec;

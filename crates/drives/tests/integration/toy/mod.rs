@@ -4,8 +4,8 @@
 //! A request has the identifier 300h + address, and its reply 380h + address. Byte 0 is the operation, byte 1
 //! the register, bytes 4 to 7 the value, lowest first.
 
-mod axis;
 mod device;
+mod driver;
 mod host;
 mod wire;
 
@@ -17,8 +17,8 @@ use polepair_core::profile::{
 };
 use polepair_core::units::Unit;
 
-pub use axis::Toy;
 pub use device::ToyDevice;
+pub use driver::Toy;
 
 /// Register of the commanded speed, and of the actual one.
 const COMMANDED: u16 = 0;

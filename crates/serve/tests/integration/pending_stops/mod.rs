@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use polepair::simulate::{self, DriveLine};
 use polepair_core::medium::Stream;
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 use polepair_link::tcp::TcpServer;
 use polepair_link::{ServeThread, clock};
 use polepair_serve::bench::{

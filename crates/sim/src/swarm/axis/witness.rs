@@ -11,7 +11,7 @@
 use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{Profile, RelativeBase, Signal};
-use polepair_drives::bench::GroundTruth;
+use polepair_drives::surroundings::GroundTruth;
 
 use super::OpenAction;
 

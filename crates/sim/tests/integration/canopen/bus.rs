@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use polepair_drives::bench;
+use polepair_drives::surroundings;
 use polepair_sim::node::{CAN_PORT, SimNode};
 
 use super::*;
@@ -137,7 +137,7 @@ fn twin(bench: &mut Bench) -> NodeId {
 }
 
 fn starts(bench: &mut Bench, drive: NodeId) -> u64 {
-    bench.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now)).starts
+    bench.world.inspect(drive, |node, now| node.surroundings().unwrap().ground_truth(now)).starts
 }
 
 /// Both answer in the same bit: frames that differ destroy each other until both are off the bus.
@@ -149,15 +149,17 @@ fn two_nodes_of_one_number_that_answer_at_once_are_silent_and_move_nothing() {
         // The second one's shaft is elsewhere.
         let turn = |bench: &mut Bench, torque: f64| {
             let act = Act::Load(torque);
-            bench.world.with_node(twin, |node, now| node.bench().unwrap().act(now, act));
+            bench.world.with_node(twin, |node, now| node.surroundings().unwrap().act(now, act));
         };
         turn(&mut bench, 0.5);
         let pause = 50 + bench.random.below(100) as u32;
         bench.pass(pause);
         turn(&mut bench, 0.0);
         bench.pass(10_000);
-        let elsewhere =
-            bench.world.inspect(twin, |node, now| node.bench().unwrap().ground_truth(now)).position;
+        let elsewhere = bench
+            .world
+            .inspect(twin, |node, now| node.surroundings().unwrap().ground_truth(now))
+            .position;
         assert!(elsewhere > 0.1, "{elsewhere} rad");
         assert_eq!(bench.read(0, "serial number"), Outcome::NotDone(Failure::Silent));
         // It is told why: both had to leave the bus.
@@ -273,7 +275,7 @@ impl SimNode for Late {
         (port == CAN_PORT).then_some(self as _)
     }
 
-    fn bench(&mut self) -> Option<&mut dyn bench::BenchControl> {
-        self.drive.bench()
+    fn surroundings(&mut self) -> Option<&mut dyn surroundings::SurroundingsControl> {
+        self.drive.surroundings()
     }
 }

@@ -26,7 +26,7 @@ use polepair_core::station::{
     AxisIndex, Counters, EventSubject, Host as _, LineEvent, RequestClass, Station, Ticket, Timed,
 };
 use polepair_core::time::Instant;
-use polepair_drives::bench::{Act, GroundTruth};
+use polepair_drives::surroundings::{Act, GroundTruth};
 use polepair_drives::{cia402, syntron_ts};
 use polepair_sim::host;
 use polepair_sim::node::CanStationNode;
@@ -222,12 +222,14 @@ impl Bench {
 
     fn truth(&mut self, axis: u8) -> GroundTruth {
         let drive = self.drives[usize::from(axis)];
-        self.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now))
+        self.world.inspect(drive, |node, now| node.surroundings().unwrap().ground_truth(now))
     }
 
     fn act(&mut self, axis: u8, act: Act) {
         let drive = self.drives[usize::from(axis)];
-        assert!(self.world.with_node(drive, |node, now| node.bench().unwrap().act(now, act)));
+        assert!(
+            self.world.with_node(drive, |node, now| node.surroundings().unwrap().act(now, act))
+        );
     }
 
     fn is_armed(&mut self, axis: u8) -> bool {

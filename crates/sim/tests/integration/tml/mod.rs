@@ -13,7 +13,7 @@ use polepair_core::proto::{GROUP, HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Counters, Ticket};
 use polepair_core::stream::{PathKind, Point};
 use polepair_core::time::Instant;
-use polepair_drives::bench::{Act, GroundTruth};
+use polepair_drives::surroundings::{Act, GroundTruth};
 use polepair_drives::technosoft::{Device, Technosoft};
 use polepair_drives::{DeviceOptions, Family};
 use polepair_sim::host;
@@ -208,7 +208,8 @@ impl Bench {
     }
 
     fn truth(&mut self, drive: usize) -> GroundTruth {
-        self.world.inspect(self.drives[drive], |node, now| node.bench().unwrap().ground_truth(now))
+        self.world
+            .inspect(self.drives[drive], |node, now| node.surroundings().unwrap().ground_truth(now))
     }
 
     fn counters(&mut self) -> Counters {

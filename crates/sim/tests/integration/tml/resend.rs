@@ -4,7 +4,7 @@
 use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::proto::HostOptions;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_sim::random::Ppm;
 
 use super::Bench;

@@ -4,7 +4,7 @@ use polepair_core::error::Outcome;
 use polepair_core::medium::Frame;
 use polepair_core::proto::GROUP;
 use polepair_core::proto::tml::tmlcan;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 use polepair_sim::world::ReceptionData;
 
 use super::{Bench, done};

@@ -5,7 +5,7 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::proto::HostOptions;
 use polepair_core::station::AxisIndex;
-use polepair_drives::bench::Act;
+use polepair_drives::surroundings::Act;
 
 /// Radians of a count, at 2,000 counts a turn.
 const COUNT: f64 = core::f64::consts::TAU / 2000.0;
@@ -41,7 +41,7 @@ impl Bench {
 
     pub(super) fn act(&mut self, act: Act) {
         let drive = self.drives[0];
-        assert!(self.world.inspect(drive, |node, now| node.bench().unwrap().act(now, act)));
+        assert!(self.world.inspect(drive, |node, now| node.surroundings().unwrap().act(now, act)));
     }
 
     /// The drive's position, counts.

@@ -6,17 +6,17 @@
 //!
 //! Why: SIM-11, SIM-16.
 
-mod axis;
 mod homing;
 mod interpolator;
+mod motion_axis;
 mod point;
 mod power;
 mod window_timer;
 
 use crate::plant::Limits;
 
-pub use axis::{MotionAxis, MotionContext, MotionEvent, MotionQuirks};
 pub use homing::is_method;
+pub use motion_axis::{MotionAxis, MotionContext, MotionEvent, MotionQuirks};
 pub use power::PowerState;
 
 /// Modes of operation (6060h).

@@ -4,7 +4,7 @@ use super::{BOUNDS, COMMANDS, NUMBERS, Statement, TYPES, padded};
 use crate::explain::TextError;
 use crate::medium::Frame;
 use crate::profile::{Parameter, Profile};
-use crate::proto::canopen::axis::encoding_width;
+use crate::proto::canopen::driver::encoding_width;
 use crate::proto::canopen::emcy::Emergency;
 use crate::proto::canopen::heartbeat::Heartbeat;
 use crate::proto::canopen::lss;

@@ -7,7 +7,7 @@
 
 use core::f64::consts::TAU;
 
-use super::axis::{MotionContext, signum};
+use super::motion_axis::{MotionContext, signum};
 use super::{HomingSettings, MotionSettings};
 use crate::plant::{Limits, ServoShaft};
 

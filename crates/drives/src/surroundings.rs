@@ -76,7 +76,7 @@ pub enum Act {
 }
 
 /// The bench side of a simulated drive.
-pub trait BenchControl {
+pub trait SurroundingsControl {
     /// The real state at `now`.
     fn ground_truth(&mut self, now: Instant) -> GroundTruth;
     /// Does something to it. Returns whether this drive has such a thing.

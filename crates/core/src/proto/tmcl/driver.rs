@@ -33,7 +33,7 @@ const MOTORS: core::ops::RangeInclusive<u8> = 0..=5;
 
 /// One motor of a module.
 #[derive(Clone, Copy, Debug)]
-pub struct Axis {
+pub struct TmclDriver {
     profile: &'static Profile,
     /// Address of the module, or the low byte of its CAN identifier.
     module: u8,
@@ -50,7 +50,7 @@ const CAN_ADDRESS_PARAMETERS: [u16; 2] = [71, 70];
 /// The space of bank 0.
 const BANK_0: u8 = 1;
 
-impl Axis {
+impl TmclDriver {
     /// A motor of a module of a serial line, by its address.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
@@ -105,7 +105,7 @@ impl Axis {
     }
 }
 
-impl RequestEncoder for Axis {
+impl RequestEncoder for TmclDriver {
     type Request = HostRequest;
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
@@ -171,7 +171,7 @@ impl RequestEncoder for Axis {
     }
 }
 
-impl AnswerDecoder for Axis {
+impl AnswerDecoder for TmclDriver {
     type Answer = Answer;
 
     fn decode_answer(
@@ -223,7 +223,7 @@ impl AnswerDecoder for Axis {
     }
 }
 
-impl WriteRules for Axis {
+impl WriteRules for TmclDriver {
     /// A change holds from the next datagram on \[I\].
     fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
         let [own, host] = self.address_parameters;
@@ -236,7 +236,7 @@ impl WriteRules for Axis {
     }
 }
 
-impl ProgramDriver for Axis {
+impl ProgramDriver for TmclDriver {
     /// MST has the motor in a byte of its own; the others mean the module's program (TMCL reference, 128 to
     /// 135, global parameter 130).
     fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
@@ -269,7 +269,7 @@ impl ProgramDriver for Axis {
     }
 }
 
-impl Driver for Axis {
+impl Driver for TmclDriver {
     fn profile(&self) -> &'static Profile {
         self.profile
     }
@@ -335,7 +335,7 @@ impl Protocol for Tmcl {
         profile: &'static Profile,
         address: u32,
     ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
-        Axis::new(profile, address)
+        TmclDriver::new(profile, address)
     }
 }
 
@@ -375,6 +375,6 @@ impl Protocol for TmclCan {
         profile: &'static Profile,
         address: u32,
     ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
-        Axis::on_can(profile, address)
+        TmclDriver::on_can(profile, address)
     }
 }

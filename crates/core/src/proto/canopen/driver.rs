@@ -48,7 +48,7 @@ const CONSUMER_HEARTBEAT: ObjectIndex = ObjectIndex::new(0x1016, 1);
 
 /// One axis of a node.
 #[derive(Clone, Copy, Debug)]
-pub struct Axis {
+pub struct CanopenDriver {
     profile: &'static Profile,
     node: u8,
     /// Axis of the node; 0 is the first.
@@ -74,7 +74,7 @@ struct SetpointPdo {
     controlword_field: BitField,
 }
 
-impl Axis {
+impl CanopenDriver {
     /// The axis of that address: the node, and which of its axes.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
@@ -239,7 +239,7 @@ const fn decode_number(bits: u64, len: u32, signed: bool) -> i64 {
     }
 }
 
-impl RequestEncoder for Axis {
+impl RequestEncoder for CanopenDriver {
     type Request = HostRequest;
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
@@ -337,7 +337,7 @@ impl RequestEncoder for Axis {
     }
 }
 
-impl AnswerDecoder for Axis {
+impl AnswerDecoder for CanopenDriver {
     type Answer = Answer;
 
     fn decode_answer(
@@ -420,9 +420,9 @@ impl AnswerDecoder for Axis {
     }
 }
 
-impl WriteRules for Axis {}
+impl WriteRules for CanopenDriver {}
 
-impl DataDriver for Axis {
+impl DataDriver for CanopenDriver {
     fn data_read_request(
         &self,
         parameter: &Parameter,
@@ -448,7 +448,7 @@ impl DataDriver for Axis {
     }
 }
 
-impl CyclicDriver for Axis {
+impl CyclicDriver for CanopenDriver {
     fn setpoint_parameter(&self, setpoint: SetpointKind) -> Option<ParameterId> {
         self.setpoint_pdos[setpoint as usize].map(|bringer| bringer.target)
     }
@@ -477,7 +477,7 @@ impl CyclicDriver for Axis {
     }
 }
 
-impl Driver for Axis {
+impl Driver for CanopenDriver {
     fn profile(&self) -> &'static Profile {
         self.profile
     }
@@ -552,7 +552,7 @@ impl Protocol for Canopen {
         profile: &'static Profile,
         address: u32,
     ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
-        Axis::new(profile, address)
+        CanopenDriver::new(profile, address)
     }
 
     /// The pre-defined connection set of CiA 301, and what LSS and NMT have for everybody.

@@ -41,12 +41,12 @@ pub static GENERIC: Profile = Profile {
 
 /// The driver of one station.
 #[derive(Clone, Copy, Debug)]
-pub struct Axis {
+pub struct ModbusDriver {
     profile: &'static Profile,
     unit: u8,
 }
 
-impl Axis {
+impl ModbusDriver {
     /// The station `address`, which is a product of `profile`. Only the low byte counts.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
@@ -65,7 +65,7 @@ impl Axis {
     }
 }
 
-impl RequestEncoder for Axis {
+impl RequestEncoder for ModbusDriver {
     type Request = HostRequest;
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
@@ -168,7 +168,7 @@ impl RequestEncoder for Axis {
     }
 }
 
-impl AnswerDecoder for Axis {
+impl AnswerDecoder for ModbusDriver {
     type Answer = Answer;
 
     fn decode_answer(
@@ -203,9 +203,9 @@ impl AnswerDecoder for Axis {
     }
 }
 
-impl WriteRules for Axis {}
+impl WriteRules for ModbusDriver {}
 
-impl Driver for Axis {
+impl Driver for ModbusDriver {
     fn profile(&self) -> &'static Profile {
         self.profile
     }

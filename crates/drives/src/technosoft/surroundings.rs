@@ -4,7 +4,7 @@ use super::drive::Drive;
 use super::inputs::line;
 use super::status::{mer, set_bits};
 use super::units;
-use crate::bench::Act;
+use crate::surroundings::Act;
 use polepair_core::time::Instant;
 
 /// Below this supply the logic dies, V. \[I\]

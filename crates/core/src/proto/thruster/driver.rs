@@ -31,7 +31,7 @@ use crate::station::RequestClass;
 
 /// One drive.
 #[derive(Clone, Copy, Debug)]
-pub struct Axis {
+pub struct ThrusterDriver {
     profile: &'static Profile,
     id: u8,
     interpretation: Interpretation,
@@ -39,7 +39,7 @@ pub struct Axis {
     range: Option<u32>,
 }
 
-impl Axis {
+impl ThrusterDriver {
     /// The drive of that id.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
@@ -173,7 +173,7 @@ fn decode_value(parameter: &Parameter, data: u32) -> i64 {
     }
 }
 
-impl RequestEncoder for Axis {
+impl RequestEncoder for ThrusterDriver {
     type Request = HostRequest;
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
@@ -258,7 +258,7 @@ impl RequestEncoder for Axis {
     }
 }
 
-impl AnswerDecoder for Axis {
+impl AnswerDecoder for ThrusterDriver {
     type Answer = Answer;
 
     /// Without a parameter, a reply is its eight bytes.
@@ -303,7 +303,7 @@ impl AnswerDecoder for Axis {
     }
 }
 
-impl WriteRules for Axis {
+impl WriteRules for ThrusterDriver {
     fn reads_before_write(&self, parameter: &Parameter) -> bool {
         matches!(parameter.space, 2 | 3)
     }
@@ -313,7 +313,7 @@ impl WriteRules for Axis {
     }
 }
 
-impl ReportDriver for Axis {
+impl ReportDriver for ThrusterDriver {
     fn report_setting(
         &self,
         parameters: &[ParameterId],
@@ -333,7 +333,7 @@ impl ReportDriver for Axis {
     }
 }
 
-impl Driver for Axis {
+impl Driver for ThrusterDriver {
     fn profile(&self) -> &'static Profile {
         self.profile
     }
@@ -400,6 +400,6 @@ impl Protocol for Thruster {
         profile: &'static Profile,
         address: u32,
     ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
-        Axis::new(profile, address)
+        ThrusterDriver::new(profile, address)
     }
 }

@@ -5,7 +5,7 @@ use crate::axis::Driver as _;
 use crate::axis::{AnswerDecoder, RequestEncoder};
 use crate::error::{Failure, Unsupported};
 use crate::profile::{Access, Certainty, Encoding, Parameter, Persistence, Scale};
-use crate::proto::modbus::axis::{Axis, GENERIC};
+use crate::proto::modbus::driver::{GENERIC, ModbusDriver};
 use crate::proto::modbus::host_request::{Answer, HostRequest, RequestBody, WORDS_MAX};
 use crate::proto::modbus::wire::{Function, Space};
 use crate::station::RequestClass::{self, Idempotent, NoRetry, ReadBack, Stop};
@@ -46,12 +46,12 @@ const LINE: Parameter = parameter(DISCRETE, 4, Encoding::Bit);
 const HEAT: Parameter = parameter(INPUT, 5, Encoding::U16);
 const NOWHERE: Parameter = parameter(9, 0, Encoding::U16);
 
-fn axis() -> Axis {
-    Axis::new(&GENERIC, 17)
+fn axis() -> ModbusDriver {
+    ModbusDriver::new(&GENERIC, 17)
 }
 
-fn all() -> Axis {
-    Axis::new(&GENERIC, 0)
+fn all() -> ModbusDriver {
+    ModbusDriver::new(&GENERIC, 0)
 }
 
 fn asks(request: RequestBody, class: RequestClass) -> Result<HostRequest, Unsupported> {
@@ -75,7 +75,7 @@ fn answer<const N: usize>(function: Function, count: u16, values: [u16; N]) -> A
 #[test]
 fn the_low_byte_of_an_address_is_the_station() {
     assert_eq!(axis().address(), 17);
-    assert_eq!(Axis::new(&GENERIC, 0x0111).address(), 17);
+    assert_eq!(ModbusDriver::new(&GENERIC, 0x0111).address(), 17);
 }
 
 #[test]

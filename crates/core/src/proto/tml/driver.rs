@@ -41,13 +41,13 @@ const FAULT_BIT: i64 = 1 << 31;
 
 /// One axis, or the axes of some groups.
 #[derive(Clone, Copy, Debug)]
-pub struct Axis {
+pub struct TmlDriver {
     profile: &'static Profile,
     address: u32,
     destination: IdCode,
 }
 
-impl Axis {
+impl TmlDriver {
     /// The axis of that ID, or the groups that an address with [`GROUP`] names.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
@@ -136,7 +136,7 @@ impl SendForm {
     }
 }
 
-impl RequestEncoder for Axis {
+impl RequestEncoder for TmlDriver {
     type Request = HostRequest;
 
     /// GiveMeData of one axis; GiveMeData2 of a group, each of which answers (manual, chapter 4).
@@ -217,7 +217,7 @@ impl RequestEncoder for Axis {
     }
 }
 
-impl AnswerDecoder for Axis {
+impl AnswerDecoder for TmlDriver {
     type Answer = Answer;
 
     fn decode_answer(
@@ -270,7 +270,7 @@ impl AnswerDecoder for Axis {
     }
 }
 
-impl WriteRules for Axis {
+impl WriteRules for TmlDriver {
     /// An assignment to RAM can be repeated without an effect. Positions are preset by instructions (`SAP`,
     /// `STA`), not by parameters.
     fn may_rewrite(&self, parameter: &Parameter) -> bool {
@@ -297,7 +297,7 @@ impl WriteRules for Axis {
     }
 }
 
-impl PathDriver for Axis {
+impl PathDriver for TmlDriver {
     fn path_parameters(&self) -> Option<PathParameters> {
         let find = |symbol| self.profile.find_parameter(symbol);
         (!self.destination.group).then_some(PathParameters {
@@ -344,7 +344,7 @@ impl PathDriver for Axis {
     }
 }
 
-impl ProgramDriver for Axis {
+impl ProgramDriver for TmlDriver {
     fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
         let (instruction, class) = program::order_instruction(command)?;
         let allowed = !self.destination.group || command == ProgramCommand::End;
@@ -357,7 +357,7 @@ impl ProgramDriver for Axis {
     }
 }
 
-impl MemoryDriver for Axis {
+impl MemoryDriver for TmlDriver {
     /// Rules of the program memory. None for a group, whose programs cannot be verified.
     fn memory_rules(&self) -> &'static MemoryRules {
         &program::RULES
@@ -376,7 +376,7 @@ impl MemoryDriver for Axis {
     }
 }
 
-impl Driver for Axis {
+impl Driver for TmlDriver {
     fn profile(&self) -> &'static Profile {
         self.profile
     }
@@ -484,7 +484,7 @@ macro_rules! driver {
             profile: &'static Profile,
             address: u32,
         ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
-            Axis::new(profile, address)
+            TmlDriver::new(profile, address)
         }
     };
 }

@@ -8,12 +8,12 @@ use crate::proto::canopen::emcy::Emergency;
 use crate::proto::canopen::generic::{GENERIC, P};
 use crate::proto::canopen::nmt;
 use crate::proto::canopen::sdo::ObjectIndex;
-use crate::proto::canopen::{Answer, Axis, HostRequest};
+use crate::proto::canopen::{Answer, CanopenDriver, HostRequest};
 use crate::proto::with_sub_axis;
 use crate::station::{Request, RequestClass};
 
-fn axis() -> Axis {
-    Axis::new(&GENERIC, 2)
+fn axis() -> CanopenDriver {
+    CanopenDriver::new(&GENERIC, 2)
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn statuswords_and_controlwords_are_read_as_the_manuals_print_them() {
 
 #[test]
 fn the_second_axis_of_a_node_has_objects_of_its_own() {
-    let mut second = Axis::new(&GENERIC, with_sub_axis(5, 2));
+    let mut second = CanopenDriver::new(&GENERIC, with_sub_axis(5, 2));
     assert_eq!(second.address(), with_sub_axis(5, 2));
     for (index, own) in [(0x6041, 0x6841), (0x67FF, 0x6FFF), (0x1018, 0x1018), (0x6841, 0x6841)] {
         let parameter = crate::profile::Parameter { index, ..P };

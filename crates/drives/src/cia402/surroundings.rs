@@ -2,10 +2,10 @@
 
 use super::drive::Drive;
 use super::faults::FaultCode;
-use crate::bench::{Act, BenchControl, GroundTruth};
+use crate::surroundings::{Act, GroundTruth, SurroundingsControl};
 use polepair_core::time::Instant;
 
-impl BenchControl for Drive {
+impl SurroundingsControl for Drive {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.advance(now);
         let (motor, (unrepeatable, starts)) = (self.shaft().motor(), self.motion_counts());
