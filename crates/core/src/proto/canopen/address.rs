@@ -1,7 +1,9 @@
 //! Objects by their number: `0x2030:1`, `2030h:1`, `0x2030:1:u16`.
 
+use super::explain::CanopenDissector;
+use super::sdo::AbortCode;
 use super::sdo::ObjectIndex;
-use crate::explain::{FieldValue, TextError};
+use crate::explain::{AddressNotation, FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, Persistence, parse_address_number,
     parse_encoding,
@@ -30,22 +32,6 @@ pub const fn axis_index(index: u16, offset: u16) -> u16 {
         0x6000..0x6800 => index + offset,
         _ => index,
     }
-}
-
-/// Reads an address. The index is hexadecimal, `0x2030` or `2030h`; sub-index and type may be left out.
-#[must_use]
-pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
-    let mut parts = text.split(':');
-    let index = parts.next()?.trim();
-    let is_hex = index.starts_with("0x") || index.starts_with("0X");
-    // A word such as "each" is none.
-    let has_digit = index.bytes().any(|c| c.is_ascii_digit());
-    let ends_so = has_digit && index.ends_with(['h', 'H']);
-    if !is_hex && !ends_so {
-        return None;
-    }
-    let index = parse_address_number(index)?;
-    Some(parse_parts(text, index, parts))
 }
 
 fn parse_parts<'a>(
@@ -89,50 +75,79 @@ const fn is_object_type(encoding: Encoding) -> bool {
 }
 
 /// Writes an address: `2030h:1`; without a sub-index where it is 0.
-pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
     match address.space {
         0 => write!(out, "{:04X}h", address.index),
         sub => write!(out, "{:04X}h:{sub}", address.index),
     }
 }
 
-/// Describes an object by its index alone, as in CiA 301: 1000h to 1FFFh is communication and moves no motor,
-/// except for program control (1F51h). Other objects have no description.
-#[must_use]
-pub fn describe(address: &ParameterAddress) -> Parameter {
-    let plain = address.describe(Encoding::AnyLength);
-    let ObjectIndex { index, .. } = ObjectIndex { index: address.index, sub: address.space };
-    Parameter {
-        moves: !matches!(index, 0x1000..=0x1F50 | 0x1F52..=0x1FFF),
-        persistence: match index {
-            // Store and restore parameters; program download.
-            0x1010 | 0x1011 | 0x1F50 => Persistence::Always,
-            _ => Persistence::Volatile,
-        },
-        access: match plain.encoding {
-            Encoding::AnyLength => Access::Read,
-            _ => Access::ReadWrite,
-        },
-        ..plain
+impl AddressNotation for CanopenDissector {
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        let mut parts = text.split(':');
+        let index = parts.next()?.trim();
+        let is_hex = index.starts_with("0x") || index.starts_with("0X");
+        // A word such as "each" is none.
+        let has_digit = index.bytes().any(|c| c.is_ascii_digit());
+        let ends_so = has_digit && index.ends_with(['h', 'H']);
+        if !is_hex && !ends_so {
+            return None;
+        }
+        let index = parse_address_number(index)?;
+        Some(parse_parts(text, index, parts))
     }
-}
 
-/// Returns whether a frame concerns an address, by its fields.
-pub fn concerns<'a>(
-    address: &ParameterAddress,
-    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-) -> bool {
-    let number = |name| field(name).and_then(FieldValue::integer);
-    number("index") == Some(address.index.into()) && number("sub") == Some(address.space.into())
+    fn address_example(&self) -> &'static str {
+        "0x2030:1:u16"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // A caller that gives no room gets no text.
+        let _ = write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        let plain = address.describe(Encoding::AnyLength);
+        let ObjectIndex { index, .. } = ObjectIndex { index: address.index, sub: address.space };
+        Parameter {
+            moves: !matches!(index, 0x1000..=0x1F50 | 0x1F52..=0x1FFF),
+            persistence: match index {
+                // Store and restore parameters; program download.
+                0x1010 | 0x1011 | 0x1F50 => Persistence::Always,
+                _ => Persistence::Volatile,
+            },
+            access: match plain.encoding {
+                Encoding::AnyLength => Access::Read,
+                _ => Access::ReadWrite,
+            },
+            ..plain
+        }
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        let number = |name| field(name).and_then(FieldValue::integer);
+        number("index") == Some(address.index.into()) && number("sub") == Some(address.space.into())
+    }
+
+    fn refuses_blocks(&self, code: u32) -> bool {
+        AbortCode(code) == AbortCode::SPECIFIER
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{describe, parse};
+    use super::CanopenDissector;
+    use crate::explain::AddressNotation as _;
     use crate::profile::{Encoding, ParameterAddress};
 
+    const DISSECTOR: CanopenDissector = CanopenDissector;
+
     fn read(text: &str) -> ParameterAddress {
-        parse(text).expect(text).expect(text)
+        DISSECTOR.parse_address(text).expect(text).expect(text)
     }
 
     #[test]
@@ -152,17 +167,17 @@ mod tests {
     #[test]
     fn what_is_no_address_is_refused() {
         for text in ["max current", "2030", "beach", "", "h", "0x"] {
-            assert_eq!(parse(text), None, "{text}");
+            assert_eq!(DISSECTOR.parse_address(text), None, "{text}");
         }
         for text in ["0x12345", "0x0", "0x2030:256", "0x2030:1:u7", "0x2030:1:u8:1", "2030h:1:2"] {
-            assert!(parse(text).unwrap().is_err(), "{text}");
+            assert!(DISSECTOR.parse_address(text).unwrap().is_err(), "{text}");
         }
     }
 
     #[test]
     fn communication_moves_nothing() {
-        assert!(!describe(&read("0x1018:1")).moves);
-        assert!(describe(&read("0x1F51:1")).moves);
-        assert!(describe(&read("0x2030:1:u16")).moves);
+        assert!(!DISSECTOR.describe_address(&read("0x1018:1")).moves);
+        assert!(DISSECTOR.describe_address(&read("0x1F51:1")).moves);
+        assert!(DISSECTOR.describe_address(&read("0x2030:1:u16")).moves);
     }
 }

@@ -12,7 +12,6 @@ pub mod meanings;
 mod names;
 mod remarks;
 
-use super::address;
 use super::cia402;
 use super::cob::{Cob, LSS_REPLY, LSS_REQUEST, SDO_REPLY, SDO_REQUEST};
 use super::lss;
@@ -23,12 +22,12 @@ use super::text::{self, Statement};
 use super::{NODE_MAX, emcy};
 use crate::error::WireError;
 use crate::explain::{
-    AddressNotation, Context, DeviceFact, Direction, Dissector, DriveFacts, Effect, EncodeError,
-    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue, FrameBoundary,
-    FrameConversation, FrameFormat, RawFrame, TextError,
+    Context, DeviceFact, Direction, Dissector, DriveFacts, Effect, EncodeError, EncodeOptions,
+    EncodedFrame, ExplainSink, FactQuery, Field, FieldValue, FrameBoundary, FrameConversation,
+    FrameFormat, RawFrame, TextError,
 };
 use crate::medium::Frame;
-use crate::profile::{Parameter, ParameterAddress, Profile};
+use crate::profile::Profile;
 use fields::FieldWriter;
 pub use fields::default_mapping;
 pub use kinds::lss_kind;
@@ -111,37 +110,6 @@ impl FrameFormat for CanopenDissector {
             Some(Cob::Tpdo(_, node) | Cob::Rpdo(_, node)) => Some(node.into()),
             _ => None,
         }
-    }
-}
-
-impl AddressNotation for CanopenDissector {
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "0x2030:1:u16"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
-    }
-
-    fn refuses_blocks(&self, code: u32) -> bool {
-        AbortCode(code) == AbortCode::SPECIFIER
     }
 }
 

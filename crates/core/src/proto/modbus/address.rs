@@ -25,25 +25,6 @@ const SPACES: [(&str, Space); 14] = [
     ("bit", Space::Discrete),
 ];
 
-/// Reads an address: a word of a space and a number, or a hexadecimal number alone, which is a holding
-/// register. Behind it type and word order, `be` (high word first) or `le`.
-#[must_use]
-pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
-    let mut parts = text.split(':');
-    let first = parts.next()?.trim();
-    let (space, number) = match first.rsplit_once([' ', '\t']) {
-        Some((word, number)) => {
-            let word = word.trim_end();
-            let known = SPACES.iter().find(|(name, _)| name.eq_ignore_ascii_case(word))?;
-            (known.1, number)
-        }
-        None if first.starts_with("0x") || first.starts_with("0X") => (Space::Holding, first),
-        None => return None,
-    };
-    let number = parse_address_number(number)?;
-    Some(parse_parts(text, (space, number), parts))
-}
-
 fn parse_parts<'a>(
     text: &'a str,
     place: (Space, u32),
@@ -118,7 +99,7 @@ const fn space_number(space: Space) -> u8 {
 }
 
 /// Writes an address: `R 51`.
-pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
     let word = match Space::of_number(address.space) {
         Some(Space::Coil) => "C",
         Some(Space::Discrete) => "DI",
@@ -126,32 +107,6 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
         _ => "R",
     };
     write!(out, "{word} {}", address.index)
-}
-
-/// Describes an address: its space decides whether it is a bit and may be written.
-#[must_use]
-pub fn describe(address: &ParameterAddress) -> Parameter {
-    let space = Space::of_number(address.space).unwrap_or(Space::Holding);
-    let default = if space.is_bits() { Encoding::Bit } else { Encoding::U16 };
-    let writable = matches!(space, Space::Holding | Space::Coil);
-    Parameter {
-        access: if writable { Access::ReadWrite } else { Access::Read },
-        moves: writable,
-        ..address.describe(default)
-    }
-}
-
-/// Returns whether a frame concerns an address, by its fields.
-pub fn concerns<'a>(
-    address: &ParameterAddress,
-    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-) -> bool {
-    let number = |name| field(name).and_then(FieldValue::integer);
-    let Some(first) = number("start").or_else(|| number("register")) else { return false };
-    let function = number("function").and_then(|code| u8::try_from(code).ok());
-    let space = function.and_then(|code| function_space(Function::of_code(code)));
-    space.is_some_and(|space| Space::of_number(address.space) == Some(space))
-        && (first..first + number("count").unwrap_or(1)).contains(&address.index.into())
 }
 
 /// The space that a function reads or writes.
@@ -165,7 +120,19 @@ const fn function_space(function: Function) -> Option<Space> {
 
 impl AddressNotation for ModbusDissector {
     fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        parse(text)
+        let mut parts = text.split(':');
+        let first = parts.next()?.trim();
+        let (space, number) = match first.rsplit_once([' ', '\t']) {
+            Some((word, number)) => {
+                let word = word.trim_end();
+                let known = SPACES.iter().find(|(name, _)| name.eq_ignore_ascii_case(word))?;
+                (known.1, number)
+            }
+            None if first.starts_with("0x") || first.starts_with("0X") => (Space::Holding, first),
+            None => return None,
+        };
+        let number = parse_address_number(number)?;
+        Some(parse_parts(text, (space, number), parts))
     }
 
     fn address_example(&self) -> &'static str {
@@ -178,7 +145,14 @@ impl AddressNotation for ModbusDissector {
     }
 
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        describe(address)
+        let space = Space::of_number(address.space).unwrap_or(Space::Holding);
+        let default = if space.is_bits() { Encoding::Bit } else { Encoding::U16 };
+        let writable = matches!(space, Space::Holding | Space::Coil);
+        Parameter {
+            access: if writable { Access::ReadWrite } else { Access::Read },
+            moves: writable,
+            ..address.describe(default)
+        }
     }
 
     fn concerns<'a>(
@@ -186,18 +160,26 @@ impl AddressNotation for ModbusDissector {
         address: &ParameterAddress,
         field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
     ) -> bool {
-        concerns(address, field)
+        let number = |name| field(name).and_then(FieldValue::integer);
+        let Some(first) = number("start").or_else(|| number("register")) else { return false };
+        let function = number("function").and_then(|code| u8::try_from(code).ok());
+        let space = function.and_then(|code| function_space(Function::of_code(code)));
+        space.is_some_and(|space| Space::of_number(address.space) == Some(space))
+            && (first..first + number("count").unwrap_or(1)).contains(&address.index.into())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::parse;
+    use super::ModbusDissector;
+    use crate::explain::AddressNotation as _;
     use crate::profile::{Encoding, ParameterAddress};
+
+    const DISSECTOR: ModbusDissector = ModbusDissector(crate::proto::modbus::wire::WireFormat::Rtu);
 
     #[test]
     fn registers_and_bits_are_read() {
-        let read = |text: &str| parse(text).expect(text).expect(text);
+        let read = |text: &str| DISSECTOR.parse_address(text).expect(text).expect(text);
         for text in ["0x33", "R 51", "r 0x33", "HR 51", "register 33h"] {
             assert_eq!(read(text), ParameterAddress::new(0x33, 0), "{text}");
         }
@@ -212,7 +194,7 @@ mod tests {
     #[test]
     fn what_is_no_register_is_refused() {
         for text in ["51", "internal speed", "Fn_33", "R", "R x", ""] {
-            assert_eq!(parse(text), None, "{text}");
+            assert_eq!(DISSECTOR.parse_address(text), None, "{text}");
         }
         for text in [
             "0x10000",
@@ -223,7 +205,7 @@ mod tests {
             "R 1:u32:le:be",
             "R 1:i32:9",
         ] {
-            assert!(parse(text).unwrap().is_err(), "{text}");
+            assert!(DISSECTOR.parse_address(text).unwrap().is_err(), "{text}");
         }
     }
 }

@@ -6,7 +6,6 @@
 
 mod conversation;
 
-use super::address;
 use super::fault;
 use super::interpretation::Interpretation;
 use super::rules::{self, range_ends};
@@ -17,11 +16,11 @@ use super::wire::{
 };
 use crate::error::WireError;
 use crate::explain::{
-    AddressNotation, Context, ConversationContext, Direction, Dissector, DriveFacts, Effect,
-    EncodeError, EncodeOptions, EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary,
-    FrameConversation, FrameFormat, FrameRole, RawFrame, TextError,
+    Context, ConversationContext, Direction, Dissector, DriveFacts, Effect, EncodeError,
+    EncodeOptions, EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameConversation,
+    FrameFormat, FrameRole, RawFrame, TextError,
 };
-use crate::profile::{Parameter, ParameterAddress, Profile};
+use crate::profile::Profile;
 
 /// The protocol in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -46,33 +45,6 @@ impl FrameFormat for ThrusterDissector {
 
     fn shares_id(&self, id: u32, extended: bool) -> bool {
         self.claims_id(id, extended)
-    }
-}
-
-impl AddressNotation for ThrusterDissector {
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "SP 12"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
     }
 }
 

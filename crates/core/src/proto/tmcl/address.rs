@@ -1,8 +1,9 @@
 //! Parameters by their number: `AP 6`, `AP 6.2` (motor 2), `GP 66`, `GP 0.3` (bank 3), `IO 0.1` (port 0
 //! of bank 1), `CO 3.2` (coordinate 3 of motor 2).
 
+use super::explain::TmclDissector;
 use super::opcode::Opcode;
-use crate::explain::{FieldValue, TextError};
+use crate::explain::{AddressNotation, FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, Persistence, parse_address_number,
     parse_encoding,
@@ -67,56 +68,12 @@ impl Space {
     }
 }
 
-/// Reads an address: `AP`, `GP` or `IO`, a number, behind a point motor or bank, and the type.
-#[must_use]
-pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
-    let mut parts = text.split(':');
-    let (word, place) = parts.next()?.trim().split_once([' ', '\t'])?;
-    let space: fn(u8) -> Space = match () {
-        () if is_word("AP", word) => Space::Motor,
-        () if is_word("GP", word) => Space::Global,
-        () if is_word("IO", word) => Space::Io,
-        () if is_word("CO", word) => Space::Coordinate,
-        () => return None,
-    };
-    let (number, part) = match place.trim().split_once('.') {
-        Some((number, part)) => (number, Some(parse_address_number(part)?)),
-        None => (place.trim(), None),
-    };
-    let number = parse_address_number(number)?;
-    let of_motor = matches!(space(0), Space::Motor(_) | Space::Coordinate(_));
-    let max = if of_motor { MOTOR_MAX } else { BANK_MAX };
-    let part = match part {
-        None if space(0) == Space::Motor(0) => Some(Space::Axis),
-        None if space(0) == Space::Coordinate(0) => Some(Space::OwnCoordinate),
-        part => u8::try_from(part.unwrap_or(0)).ok().filter(|part| *part <= max).map(space),
-    };
-    let (Ok(index), Some(part)) = (u8::try_from(number), part) else {
-        let expected = "a number, 0 to 255, and behind a point motor 0 to 15 or bank 0 to 31";
-        return Some(Err(TextError { at: text.len() - text.trim_start().len(), expected }));
-    };
-    let mut address = ParameterAddress::new(index.into(), part.number());
-    if let Space::Motor(_) = part {
-        address.like = Some((index.into(), 0));
-    }
-    if let Some(word) = parts.next() {
-        let at = word.as_ptr() as usize - text.as_ptr() as usize;
-        let encoding = parse_encoding(word.trim());
-        let whole = encoding.filter(|known| matches!(known, Encoding::U32 | Encoding::I32));
-        if whole.is_none() || parts.next().is_some() {
-            return Some(Err(TextError { at, expected: "a type: i32 or u32" }));
-        }
-        address.encoding = whole;
-    }
-    Some(Ok(address))
-}
-
 fn is_word(name: &str, word: &str) -> bool {
     word.eq_ignore_ascii_case(name)
 }
 
 /// Writes an address: `AP 6`, `AP 6.2`.
-pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
     let (word, part) = match Space::of_number(address.space) {
         Space::Axis => ("AP", None),
         Space::Motor(motor) => ("AP", Some(motor)),
@@ -136,66 +93,120 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
 /// SGP 77).
 const AUTO_START: u16 = 77;
 
-/// Describes an address: global parameters move no motor but one, and a module stores those of bank 0 up to 127
-/// at once (TMCL reference, SGP).
-#[must_use]
-pub fn describe(address: &ParameterAddress) -> Parameter {
-    let plain = address.describe(Encoding::I32);
-    match Space::of_number(address.space) {
-        Space::Global(bank) => Parameter {
-            moves: bank == 0 && address.index == AUTO_START,
-            persistence: match bank {
-                0 if address.index < 128 => Persistence::Always,
-                2 => Persistence::Storable,
-                _ => Persistence::Volatile,
-            },
-            ..plain
-        },
-        // Ports are read and written by banks of their own: 0 digital inputs, 1 analog, 2 outputs.
-        Space::Io(bank) => {
-            Parameter { access: if bank == 2 { Access::ReadWrite } else { Access::Read }, ..plain }
+impl AddressNotation for TmclDissector {
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        let mut parts = text.split(':');
+        let (word, place) = parts.next()?.trim().split_once([' ', '\t'])?;
+        let space: fn(u8) -> Space = match () {
+            () if is_word("AP", word) => Space::Motor,
+            () if is_word("GP", word) => Space::Global,
+            () if is_word("IO", word) => Space::Io,
+            () if is_word("CO", word) => Space::Coordinate,
+            () => return None,
+        };
+        let (number, part) = match place.trim().split_once('.') {
+            Some((number, part)) => (number, Some(parse_address_number(part)?)),
+            None => (place.trim(), None),
+        };
+        let number = parse_address_number(number)?;
+        let of_motor = matches!(space(0), Space::Motor(_) | Space::Coordinate(_));
+        let max = if of_motor { MOTOR_MAX } else { BANK_MAX };
+        let part = match part {
+            None if space(0) == Space::Motor(0) => Some(Space::Axis),
+            None if space(0) == Space::Coordinate(0) => Some(Space::OwnCoordinate),
+            part => u8::try_from(part.unwrap_or(0)).ok().filter(|part| *part <= max).map(space),
+        };
+        let (Ok(index), Some(part)) = (u8::try_from(number), part) else {
+            let expected = "a number, 0 to 255, and behind a point motor 0 to 15 or bank 0 to 31";
+            return Some(Err(TextError { at: text.len() - text.trim_start().len(), expected }));
+        };
+        let mut address = ParameterAddress::new(index.into(), part.number());
+        if let Space::Motor(_) = part {
+            address.like = Some((index.into(), 0));
         }
-        Space::Axis | Space::Motor(_) => plain,
-        Space::OwnCoordinate | Space::Coordinate(_) => Parameter { moves: false, ..plain },
-        Space::Search => Parameter { access: Access::Read, ..plain },
+        if let Some(word) = parts.next() {
+            let at = word.as_ptr() as usize - text.as_ptr() as usize;
+            let encoding = parse_encoding(word.trim());
+            let whole = encoding.filter(|known| matches!(known, Encoding::U32 | Encoding::I32));
+            if whole.is_none() || parts.next().is_some() {
+                return Some(Err(TextError { at, expected: "a type: i32 or u32" }));
+            }
+            address.encoding = whole;
+        }
+        Some(Ok(address))
     }
-}
 
-/// Returns whether a frame concerns an address, by its fields.
-pub fn concerns<'a>(
-    address: &ParameterAddress,
-    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-) -> bool {
-    let number = |name| field(name).and_then(FieldValue::integer);
-    let opcode = number("opcode").and_then(|opcode| u8::try_from(opcode).ok());
-    let (Some(opcode), Some(part)) = (opcode.map(Opcode::from), number("motor")) else {
-        return false;
-    };
-    let of_opcode = match (opcode, Space::of_number(address.space)) {
-        // Which motor the axis is, only the axis knows.
-        (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Axis) => {
-            return number("type") == Some(address.index.into());
+    fn address_example(&self) -> &'static str {
+        "AP 6"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // A caller that gives no room gets no text.
+        let _ = write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        let plain = address.describe(Encoding::I32);
+        match Space::of_number(address.space) {
+            Space::Global(bank) => Parameter {
+                moves: bank == 0 && address.index == AUTO_START,
+                persistence: match bank {
+                    0 if address.index < 128 => Persistence::Always,
+                    2 => Persistence::Storable,
+                    _ => Persistence::Volatile,
+                },
+                ..plain
+            },
+            // Ports are read and written by banks of their own: 0 digital inputs, 1 analog, 2 outputs.
+            Space::Io(bank) => Parameter {
+                access: if bank == 2 { Access::ReadWrite } else { Access::Read },
+                ..plain
+            },
+            Space::Axis | Space::Motor(_) => plain,
+            Space::OwnCoordinate | Space::Coordinate(_) => Parameter { moves: false, ..plain },
+            Space::Search => Parameter { access: Access::Read, ..plain },
         }
-        (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Motor(motor)) => motor,
-        (Opcode::Ggp | Opcode::Sgp | Opcode::Stgp | Opcode::Rsgp, Space::Global(bank)) => bank,
-        (Opcode::Gio | Opcode::Sio, Space::Io(bank)) => bank,
-        (Opcode::Gco | Opcode::Sco, Space::OwnCoordinate) => {
-            return number("type") == Some(address.index.into());
-        }
-        (Opcode::Gco | Opcode::Sco, Space::Coordinate(motor)) => motor,
-        _ => return false,
-    };
-    i64::from(of_opcode) == part && number("type") == Some(address.index.into())
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        let number = |name| field(name).and_then(FieldValue::integer);
+        let opcode = number("opcode").and_then(|opcode| u8::try_from(opcode).ok());
+        let (Some(opcode), Some(part)) = (opcode.map(Opcode::from), number("motor")) else {
+            return false;
+        };
+        let of_opcode = match (opcode, Space::of_number(address.space)) {
+            // Which motor the axis is, only the axis knows.
+            (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Axis) => {
+                return number("type") == Some(address.index.into());
+            }
+            (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Motor(motor)) => motor,
+            (Opcode::Ggp | Opcode::Sgp | Opcode::Stgp | Opcode::Rsgp, Space::Global(bank)) => bank,
+            (Opcode::Gio | Opcode::Sio, Space::Io(bank)) => bank,
+            (Opcode::Gco | Opcode::Sco, Space::OwnCoordinate) => {
+                return number("type") == Some(address.index.into());
+            }
+            (Opcode::Gco | Opcode::Sco, Space::Coordinate(motor)) => motor,
+            _ => return false,
+        };
+        i64::from(of_opcode) == part && number("type") == Some(address.index.into())
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{OWN_COORDINATE, SEARCH, Space, parse};
+    use super::{OWN_COORDINATE, SEARCH, Space, TmclDissector};
+    use crate::explain::AddressNotation as _;
     use crate::profile::{Encoding, ParameterAddress};
+
+    const DISSECTOR: TmclDissector = TmclDissector;
 
     #[test]
     fn parameters_of_motors_and_banks_are_read() {
-        let read = |text: &str| parse(text).expect(text).expect(text);
+        let read = |text: &str| DISSECTOR.parse_address(text).expect(text).expect(text);
         assert_eq!(read("AP 207"), ParameterAddress::new(207, 0));
         let like = Some((6, 0));
         for motor in [0, 2] {
@@ -221,10 +232,10 @@ mod tests {
     #[test]
     fn what_is_no_parameter_is_refused() {
         for text in ["AP", "AP x", "max current", "6", "GP 1.x"] {
-            assert_eq!(parse(text), None, "{text}");
+            assert_eq!(DISSECTOR.parse_address(text), None, "{text}");
         }
         for text in ["AP 256", "AP 6.16", "GP 1.32", "AP 6:u16", "AP 6:i32:le"] {
-            assert!(parse(text).unwrap().is_err(), "{text}");
+            assert!(DISSECTOR.parse_address(text).unwrap().is_err(), "{text}");
         }
     }
 }

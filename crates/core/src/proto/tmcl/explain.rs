@@ -2,7 +2,6 @@
 
 mod conversation;
 
-use super::address;
 use super::ascii;
 use super::instructions::TmclInstructions;
 use super::opcode::{Opcode, Status};
@@ -11,12 +10,12 @@ use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionT
 use crate::convert::ascii_text;
 use crate::error::WireError;
 use crate::explain::{
-    AddressNotation, Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts,
-    Effect, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue,
+    Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts, Effect,
+    EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue,
     FrameBoundary, FrameConversation, FrameFormat, FrameRole, FrameValue, RawFrame, TextError,
     WireKind,
 };
-use crate::profile::{Parameter, ParameterAddress, Profile};
+use crate::profile::{Parameter, Profile};
 use crate::program::InstructionLanguage;
 
 /// TMCL in captures, dashboards and the encoder.
@@ -61,33 +60,6 @@ impl FrameFormat for TmclDissector {
             }
         }
         (!is_known_opcode(if request { 0 } else { 2 }, frame.bytes)).then_some(false)
-    }
-}
-
-impl AddressNotation for TmclDissector {
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "AP 6"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
     }
 }
 

@@ -1,9 +1,11 @@
 //! Requests of a host, and whether they may be repeated.
 
-use super::address::{Space, describe};
+use super::address::Space;
+use super::explain::TmclDissector;
 use super::explain::parameter_of;
 use super::opcode::{Opcode, SEARCH_STATUS};
 use super::wire::Request;
+use crate::explain::AddressNotation as _;
 use crate::explain::Effect;
 use crate::profile::{Parameter, ParameterAddress, Profile};
 use crate::station::RequestClass;
@@ -65,5 +67,5 @@ impl crate::station::Request for HostRequest {
 }
 
 fn undescribed_address(kind: u8, space: &Space) -> Parameter {
-    describe(&ParameterAddress::new(kind.into(), space.number()))
+    TmclDissector.describe_address(&ParameterAddress::new(kind.into(), space.number()))
 }

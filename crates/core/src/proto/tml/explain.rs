@@ -4,10 +4,9 @@ mod conversation;
 mod expected_reply;
 mod layout;
 mod message;
-mod names;
+pub(super) mod names;
 mod register;
 
-use super::address;
 use super::online::OnlineMessage;
 use super::rules::{self, TmlWire, WireRule};
 use super::serial::{self, ACK, FRAME_MAX, SYNC};
@@ -15,13 +14,12 @@ use super::wire::{IdCode, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::explain::{
-    AddressNotation, Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts,
-    Effect, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, FieldValue,
-    FrameBoundary, FrameConversation, FrameFormat, FrameRole, RawFrame, SequencePosition,
-    TextError, WireKind,
+    Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts, Effect,
+    EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, FrameBoundary,
+    FrameConversation, FrameFormat, FrameRole, RawFrame, SequencePosition, TextError, WireKind,
 };
 use crate::medium::Frame;
-use crate::profile::{Parameter, ParameterAddress, Profile};
+use crate::profile::Profile;
 use crate::program::ProgramLanguage;
 use layout::ParsedFrame;
 
@@ -78,37 +76,6 @@ impl FrameFormat for TmlDissector {
             Some(_) => Some(true),
             None => Some(names::is_known(&instruction)),
         }
-    }
-}
-
-impl AddressNotation for TmlDissector {
-    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
-        address::parse(text)
-    }
-
-    fn address_example(&self) -> &'static str {
-        "@0x0228:i32"
-    }
-
-    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
-        // A caller that gives no room gets no text.
-        let _ = address::write(address, out);
-    }
-
-    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
-        address::describe(address)
-    }
-
-    fn concerns<'a>(
-        &self,
-        address: &ParameterAddress,
-        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
-    ) -> bool {
-        address::concerns(address, field)
-    }
-
-    fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
-        names::explain_reach(parameter, sink);
     }
 }
 

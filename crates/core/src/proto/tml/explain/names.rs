@@ -57,7 +57,7 @@ pub(super) fn assemble(
 
 /// Explains the access to a variable: its address, its page of short addresses, its type, and the opcodes that assign
 /// and read it.
-pub(super) fn explain_reach(variable: &Parameter, sink: &mut dyn ExplainSink) {
+pub(in crate::proto::tml) fn explain_reach(variable: &Parameter, sink: &mut dyn ExplainSink) {
     let Parameter { index, encoding, .. } = *variable;
     let kind = VariableKind::of(encoding);
     let long = u16::from(kind.is_long());
