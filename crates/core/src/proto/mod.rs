@@ -7,6 +7,7 @@ pub mod event_ring;
 pub mod modbus;
 pub mod options;
 mod proven_addresses;
+pub mod reply_ledger;
 pub mod thruster;
 pub mod tmcl;
 pub mod tml;

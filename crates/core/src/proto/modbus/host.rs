@@ -26,6 +26,7 @@ use crate::proto::HostOptions;
 use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
 use crate::proto::event_ring::EventRing;
 use crate::proto::proven_addresses::ProvenAddresses;
+use crate::proto::reply_ledger::LATEST_TIMEOUTS;
 use crate::station::{
     self, Counters, EventSubject, HostEvent, LineEvent, RequestClass, Station, Ticket, Timed,
 };
@@ -52,7 +53,6 @@ const INTRUDER_UNIT: u8 = 255;
 const EARLY_STREAK_MAX: u8 = 2;
 /// Replies in a row that took their time, after which it is believed again.
 const TIMELY_STREAK_MIN: u8 = 16;
-const QUARANTINE_TIMEOUTS: u64 = 3;
 const RECEIVE_MAX: usize = 2 * ADU_MAX;
 const OUTSTANDING_MAX: usize = 8;
 const EVENTS_MAX: usize = 4;
@@ -450,7 +450,7 @@ impl SerialHost {
 
     /// The deadline becomes that of the latest possible reply.
     fn extend_deadline(&mut self) {
-        let more = (QUARANTINE_TIMEOUTS - 1) * self.timeout_ns;
+        let more = (LATEST_TIMEOUTS - 1) * self.timeout_ns;
         self.deadline = self.deadline.map(|deadline| deadline.plus_ns(more));
     }
 

@@ -3,10 +3,9 @@
 
 use super::interpretation::{Interpretation, ReplyFormat};
 use super::wire::CommandWord;
+use crate::proto::reply_ledger::OutstandingReplies;
 use crate::time::{Instant, earliest};
 
-/// Probes sent to a drive in doubt at most.
-pub const PROBES_MAX: u8 = 4;
 /// Replies that may still come and are remembered of a drive: three attempts and every probe.
 const OUTSTANDING_MAX: usize = 8;
 /// Time after the application's last request for which a drive's timeout stop (ST) is fed: a program that hangs does
@@ -28,10 +27,8 @@ pub(super) struct NodeState {
     pub has_answered: bool,
     /// Time of the last frame that was sent to it.
     pub last_sent: Instant,
-    outstanding: [CommandWord; OUTSTANDING_MAX],
-    outstanding_len: u8,
-    probes: u8,
-    doubt_until: Instant,
+    /// Replies that may still come; by command word.
+    pub outstanding: OutstandingReplies<CommandWord, OUTSTANDING_MAX>,
     /// Time of its timeout stop as this host set it, ms.
     stop_timeout_ms: u16,
     lease_until: Instant,
@@ -42,44 +39,21 @@ impl NodeState {
         reply_format: ReplyFormat::Echo,
         has_answered: false,
         last_sent: Instant::ZERO,
-        outstanding: [CommandWord(0); OUTSTANDING_MAX],
-        outstanding_len: 0,
-        probes: 0,
-        doubt_until: Instant::ZERO,
+        outstanding: OutstandingReplies::NONE,
         stop_timeout_ms: 0,
         lease_until: Instant::ZERO,
     };
 
-    fn outstanding(&self) -> &[CommandWord] {
-        &self.outstanding[..usize::from(self.outstanding_len)]
-    }
-
-    /// Replies to this command that may still come for older requests.
-    pub fn outstanding_count(&self, command: CommandWord) -> u8 {
-        self.outstanding().iter().filter(|command_word| **command_word == command).count() as u8
-    }
-
-    /// A reply to this command may still come, until then.
-    pub fn add_outstanding(&mut self, command: CommandWord, until: Instant) {
-        if let Some(slot) = self.outstanding.get_mut(usize::from(self.outstanding_len)) {
-            *slot = command;
-            self.outstanding_len += 1;
-        }
-        self.doubt_until = self.doubt_until.max(until);
-    }
-
     /// Returns whether a reply to an older request may still arrive.
     pub fn is_in_doubt(&mut self, now: Instant) -> bool {
-        if now >= self.doubt_until {
-            (self.outstanding_len, self.probes) = (0, 0);
-        }
-        self.outstanding_len > 0
+        self.outstanding.expire(now);
+        !self.outstanding.is_empty()
     }
 
     /// A query was answered: nothing older can come, unless this was it.
-    pub fn clear_outstanding(&mut self, command: CommandWord) {
-        if self.outstanding_count(command) == 0 {
-            (self.outstanding_len, self.probes, self.doubt_until) = (0, 0, Instant::ZERO);
+    pub fn clear_outstanding(&mut self, now: Instant, command: CommandWord) {
+        if !self.outstanding.may_include(now, command) {
+            self.outstanding = OutstandingReplies::NONE;
         }
     }
 
@@ -158,12 +132,10 @@ impl NodeTable {
                 self.in_doubt &= !(1 << id);
                 continue;
             }
-            if !node.has_answered || node.probes >= PROBES_MAX || busy(id) {
+            if !node.has_answered || !node.outstanding.may_probe() || busy(id) {
                 continue;
             }
-            let fresh = PROBES.into_iter().find(|command| node.outstanding_count(*command) == 0);
-            if let Some(command) = fresh {
-                node.probes += 1;
+            if let Some(command) = node.outstanding.next_probe(now, &PROBES) {
                 return Some((id, command));
             }
         }
@@ -174,8 +146,8 @@ impl NodeTable {
     pub fn next_due(&self) -> Option<Instant> {
         let of = |mask: u128| set_bits(mask).map(|id| &self.nodes[usize::from(id)]);
         let doubts = of(self.in_doubt)
-            .filter(|node| node.outstanding_len > 0)
-            .map(|node| node.doubt_until)
+            .filter(|node| !node.outstanding.is_empty())
+            .map(|node| node.outstanding.until())
             .min();
         earliest(doubts, of(self.with_stop_timeout).filter_map(NodeState::feed_due).min())
     }

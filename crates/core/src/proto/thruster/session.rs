@@ -2,8 +2,7 @@
 //!
 //! A reply repeats the first four bytes of its request and, for settings, the value. It has no number, so
 //! it belongs to the oldest request of its drive that it matches. After a missing reply the drive is *in
-//! doubt*: only stops are sent until a query of another command is answered, because a drive replies in
-//! order, or until the latest possible reply is overdue.
+//! doubt* by the rule in `proto/reply_ledger`, and its replies differ by command word.
 
 use super::fault::{ENCODER, OUTPUT_OFF};
 use super::interpretation::{Interpretation, ReplyFormat};
@@ -13,6 +12,7 @@ use super::wire::{
 };
 use crate::error::Failure;
 use crate::proto::event_ring::EventRing;
+use crate::proto::reply_ledger::LATEST_TIMEOUTS;
 use crate::station::{Counters, EventSubject, HostEvent, LineEvent, RequestClass, Ticket};
 use crate::time::{Instant, earliest};
 
@@ -26,8 +26,6 @@ const STOP_SLOTS: usize = 4;
 pub const EVENTS_MAX: usize = 64;
 /// Places among them kept for the ends of requests.
 const EVENT_ROOM_MIN: usize = 2 * PENDING_MAX;
-/// Latest time of a reply after its request, in reply timeouts.
-const LATEST_TIMEOUTS: u64 = 3;
 
 /// A request to one drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -350,7 +348,8 @@ impl Session {
         let index = self.pending.iter().position(Option::is_none).filter(|_| free > stored);
         let Some(n) = index else { return false };
         debug_assert!(self.pending[n].is_none(), "the place is free");
-        let ambiguous = self.nodes.get_mut(request.id).outstanding_count(request.request.command);
+        let ambiguous =
+            self.nodes.get_mut(request.id).outstanding.count(now, request.request.command);
         self.pending[n] = Some(PendingExchange {
             ticket,
             host_request: request,
@@ -423,7 +422,7 @@ impl Session {
                         && may_answer(&p.outgoing_request(), reply.data)
                 })
             });
-        let Some(n) = found else { return self.handle_unexpected(id, reply) };
+        let Some(n) = found else { return self.handle_unexpected(now, id, reply) };
         let Some(pending) = self.pending[n].as_mut() else { return };
         let out = pending.outgoing_request();
         let query = matches!(out.command.definition(), Some((CommandKind::Query, _)));
@@ -518,9 +517,9 @@ impl Session {
     }
 
     /// A whole, valid reply that nothing waits for: a stream of the drive's own, or a late one.
-    fn handle_unexpected(&mut self, id: u8, reply: Reply) {
+    fn handle_unexpected(&mut self, now: Instant, id: u8, reply: Reply) {
         let streamed = matches!(reply.command, CommandWord::QC | CommandWord::QV);
-        if streamed && self.nodes.get_mut(id).outstanding_count(reply.command) == 0 {
+        if streamed && !self.nodes.get_mut(id).outstanding.may_include(now, reply.command) {
             self.push_unsolicited(id, Answer::Reply(reply))
         } else {
             self.counters.late += 1;
@@ -547,7 +546,7 @@ impl Session {
                 }
                 self.nodes
                     .get_mut(pending.host_request.id)
-                    .clear_outstanding(pending.host_request.request.command);
+                    .clear_outstanding(now, pending.host_request.request.command);
             }
             // A request that was sent twice may be answered twice.
             Some(_) if pending.attempts > 1 => {
@@ -597,7 +596,7 @@ impl Session {
         let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
         let node = self.nodes.get_mut(pending.host_request.id);
         for _ in 0..pending.attempts {
-            node.add_outstanding(pending.outgoing_request().command, until);
+            node.outstanding.add(pending.outgoing_request().command, until);
         }
         self.nodes.mark_in_doubt(pending.host_request.id);
     }

@@ -2,9 +2,8 @@
 //!
 //! A reply names its module, opcode and status, but not the parameter. So a late reply to `GAP 1` looks
 //! like the reply to `GAP 3`. Therefore, after a missing reply (and after a reply to a repeated request) a
-//! module is *suspect*: only stops are sent until a probe of another opcode is answered, or until the
-//! latest possible reply is overdue. A module replies in order, so nothing older can follow the probe's
-//! reply.
+//! module is *suspect*: it is in doubt by the rule in `proto/reply_ledger`, and its replies differ by
+//! opcode.
 //!
 //! If an earlier program may have used the line, each module begins *unproven*, and becomes so again when a
 //! doubt ended by time only. Several random probes of different opcodes must be answered one after another
@@ -26,8 +25,9 @@ use crate::error::{Failure, Unsupported};
 use crate::proto::HostOptions;
 use crate::proto::event_ring::EventRing;
 use crate::proto::proven_addresses::ProvenAddresses;
+use crate::proto::reply_ledger::{LATEST_TIMEOUTS, ReplyLedger};
 use crate::station::{Counters, EventSubject, HostEvent, LineEvent, RequestClass, Ticket};
-use crate::time::Instant;
+use crate::time::{Instant, earliest};
 pub(super) use alignment::Burst;
 use alignment::{ByteAlignment, SendPlan, SilentModule};
 use module_set::ModuleSet;
@@ -36,9 +36,7 @@ use proof::{PROBES, UnprovenRequest};
 
 /// Times an idempotent request is sent at most.
 pub const ATTEMPTS_MAX: u8 = 3;
-/// Probes sent into silence at most, in one quarantine.
-pub const PROBES_MAX: u8 = 4;
-/// Modules in quarantine at a time at most; one more closes the line until one is out.
+/// Modules in quarantine at a time at most; one more puts the whole line in doubt.
 pub const SUSPECTS_MAX: usize = 4;
 /// Events that wait to be taken at most; before that, nothing new is accepted.
 pub const EVENTS_MAX: usize = 8;
@@ -46,10 +44,8 @@ pub const EVENTS_MAX: usize = 8;
 const EVENT_ROOM_MIN: usize = 4;
 /// Requests remembered, for whose replies one may be taken that comes too soon.
 const RECENT_MAX: usize = 8;
-/// Opcodes remembered of a suspect: three attempts and every probe.
+/// Replies remembered of a suspect: to three attempts and every probe.
 const OUTSTANDING_MAX: usize = 10;
-/// Latest time of a reply after its request, in reply timeouts.
-const LATEST_TIMEOUTS: u64 = 3;
 /// After "wrong checksum" the true reply of another module may still come for so long.
 const GRACE_NS: u64 = 20_000_000;
 
@@ -136,17 +132,6 @@ impl PendingExchange {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct SuspectModule {
-    module: u8,
-    /// Opcodes of requests whose answers may still come, each with until when.
-    outstanding: [(u8, Instant); OUTSTANDING_MAX],
-    outstanding_len: u8,
-    probes: u8,
-    probe_due: bool,
-    until: Instant,
-}
-
 /// The session of one host.
 #[derive(Debug)]
 pub struct Session {
@@ -154,7 +139,8 @@ pub struct Session {
     timeout_ns: u64,
     pending: Option<PendingExchange>,
     pending_stop: Option<(Ticket, HostRequest)>,
-    suspects: [Option<SuspectModule>; SUSPECTS_MAX],
+    /// Modules with replies that may still come; by opcode.
+    suspects: ReplyLedger<Opcode, SUSPECTS_MAX, OUTSTANDING_MAX>,
     /// True if anything is in doubt: a suspect, a silent module, or the owner of a stop's reply.
     suspicious: bool,
     silent_modules: [Option<SilentModule>; SUSPECTS_MAX],
@@ -207,7 +193,7 @@ impl Session {
             timeout_ns: u64::from(timeout_ms) * 1_000_000,
             pending: None,
             pending_stop: None,
-            suspects: [None; SUSPECTS_MAX],
+            suspects: ReplyLedger::new(),
             suspicious: false,
             silent_modules: [None; SUSPECTS_MAX],
             motor_stops: MotorStops::NONE,
@@ -458,7 +444,7 @@ impl Session {
         if !self.suspicious {
             return listened;
         }
-        self.suspects.iter().flatten().map(|suspect| suspect.until).chain(listened).min()
+        earliest(self.suspects.deadline(), listened)
     }
 
     pub(super) fn handle_line(&mut self, now: Instant, event: LineEvent) {
@@ -549,19 +535,14 @@ impl Session {
     }
 
     fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, request: HostRequest) {
-        let mut ambiguous = 0;
-        // After a lost MST another MST is the same request, and nothing but stops was sent since.
-        if self.suspicious && request.request.opcode != Opcode::Mst {
-            let opcode = request.request.opcode.number();
-            if let Some(suspect) =
-                self.suspects.iter().flatten().find(|s| s.module == request.request.address)
-            {
-                ambiguous =
-                    // A module answers in order, so replies to earlier requests of the same opcode come first and are
-                    // skipped.
-                    suspect.outstanding_opcodes(now).filter(|tag| *tag == opcode).count() as u8;
-            }
-        }
+        let Request { address, opcode, .. } = request.request;
+        // A module answers in order, so replies to earlier requests of the same opcode come first and are
+        // skipped. After a lost MST another MST is the same request, and nothing but stops was sent since.
+        let ambiguous = if self.suspicious && opcode != Opcode::Mst {
+            self.suspects.count(now, address, opcode)
+        } else {
+            0
+        };
         self.pending = Some(PendingExchange::new(now, ticket, request, ambiguous));
     }
 
@@ -685,14 +666,11 @@ impl Session {
     }
 
     fn next_probe(&mut self, now: Instant) -> Option<HostRequest> {
-        let suspect = self.suspects.iter_mut().flatten().find(|suspect| suspect.probe_due)?;
         debug_assert!(self.pending.is_none(), "probes do not overtake requests");
-        suspect.probe_due = false;
-        let is_free =
-            |opcode: Opcode| suspect.outstanding_opcodes(now).all(|tag| tag != opcode.number());
-        let (opcode, kind) = PROBES.into_iter().find(|(opcode, _)| is_free(*opcode))?;
-        suspect.probes += 1;
-        let request = Request { address: suspect.module, opcode, kind, motor: 0, value: 0 };
+        let opcodes = PROBES.map(|(opcode, _)| opcode);
+        let (address, opcode) = self.suspects.next_probe(now, &opcodes)?;
+        let (_, kind) = PROBES.into_iter().find(|(other, _)| *other == opcode)?;
+        let request = Request { address, opcode, kind, motor: 0, value: 0 };
         Some(HostRequest { class: RequestClass::Idempotent, ..HostRequest::of(request) })
     }
 

@@ -1,10 +1,9 @@
 //! Common part of all hosts: one open request, acknowledgements, replies, recovery, doubts.
 //!
 //! An acknowledgement names neither drive nor message. A reply names its sender and the variable, but not
-//! the request. So after a missing reply, and after the reply to a repeated request, there is *doubt*: no
-//! acknowledgement counts, and the variables in doubt are not read, until a read of another variable is
-//! answered by the same drive, or the latest possible time is past. Drives process messages in order, so
-//! nothing older can follow. Stops are always sent.
+//! the request. So after a missing reply, and after the reply to a repeated request, there is *doubt* by
+//! the rule in `proto/reply_ledger`: no acknowledgement counts, and the variables in doubt are not read.
+//! Stops are always sent.
 //!
 //! On CAN, and for axes behind a relay, no acknowledgement exists. There a read follows an instruction, and
 //! an assignment is read back.
@@ -26,6 +25,7 @@ use super::serial::FRAME_MIN;
 use super::wire::{IdCode, Instruction, Message};
 use crate::error::{Failure, Unsupported};
 use crate::proto::GROUP;
+use crate::proto::reply_ledger::LATEST_TIMEOUTS;
 use crate::station::{Counters, EventSubject, HostEvent, LineEvent, RequestClass, Ticket};
 use crate::time::Instant;
 use group_answers::GroupAnswers;
@@ -37,14 +37,10 @@ pub const ATTEMPTS_MAX: u8 = 3;
 pub const SYNCS_MAX: u8 = 15;
 /// SYNC bytes of a scan: most addresses are empty, and on most lines some drive receives the first one.
 const SYNCS_SCANNING: u8 = 2;
-/// Most probes to end one doubt.
-pub const PROBES_MAX: u8 = 4;
 /// Limit of waiting events; further unsolicited messages are counted and lost.
 pub const EVENTS_MAX: usize = 64;
 /// Places among them that the ends of requests need.
 const EVENT_ROOM_MIN: usize = 8;
-/// Latest time of an acknowledgement or reply, in time-outs.
-const LATEST_TIMEOUTS: u64 = 3;
 /// Messages whose only acknowledgement came too soon, after which they are taken as they come.
 const FICTION_MIN: u8 = 2;
 /// The register of an axis' own ID and groups.
@@ -486,11 +482,15 @@ impl Session {
         match host_request::query_of(instruction) {
             Some(question) => {
                 !to.group
-                    && self
-                        .stale_replies
-                        .may_answer_be_stale(to.id, host_request::answer_tag(&question))
+                    && self.stale_replies.may_answer_be_stale(
+                        now,
+                        to.id,
+                        host_request::answer_tag(&question),
+                    )
             }
-            None => self.topology.wire.acknowledges(*to) && self.stale_replies.may_ack_be_stale(),
+            None => {
+                self.topology.wire.acknowledges(*to) && self.stale_replies.may_ack_be_stale(now)
+            }
         }
     }
 
@@ -603,7 +603,7 @@ impl Session {
             self.pending = Some(PendingExchange { phase: RequestPhase::Ready(now), ..pending });
             return;
         }
-        if let Some((axis, address)) = self.stale_replies.next_probe() {
+        if let Some((axis, address)) = self.stale_replies.next_probe(now) {
             let instruction = give_me_data(address, false);
             let message = Message { to: IdCode::axis(axis), instruction };
             self.start_request(now, None, HostRequest::of(message));

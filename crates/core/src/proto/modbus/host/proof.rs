@@ -1,6 +1,6 @@
 //! Proof of an unproven station, whose replies to an earlier program may still be pending.
 
-use super::{OUTSTANDING_MAX, PendingSend, QUARANTINE_TIMEOUTS, ReplyRole, SerialHost};
+use super::{LATEST_TIMEOUTS, OUTSTANDING_MAX, PendingSend, ReplyRole, SerialHost};
 use crate::error::Failure;
 use crate::proto::modbus::host_request::{HostRequest, RequestBody};
 use crate::proto::modbus::wire::Space;
@@ -118,7 +118,7 @@ impl SerialHost {
         match self.proof {
             Some(StationProof { unanswered: 0, .. }) => 1,
             // A late reply may take as long as the request that is waited for, and its own probe's behind it.
-            _ if self.quarantine => QUARANTINE_TIMEOUTS,
+            _ if self.quarantine => LATEST_TIMEOUTS,
             _ => 1,
         }
     }

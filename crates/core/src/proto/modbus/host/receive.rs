@@ -1,7 +1,7 @@
 //! Receives: finds frames in the bytes, removes echoes, records replies.
 
 use super::{
-    AwaitedReply, CurrentExchange, DUPLICATE_WINDOW_NS, EchoState, LastRead, QUARANTINE_TIMEOUTS,
+    AwaitedReply, CurrentExchange, DUPLICATE_WINDOW_NS, EchoState, LATEST_TIMEOUTS, LastRead,
     RECEIVE_MAX, ReplyRole, SerialHost, TIMELY_STREAK_MIN,
 };
 use crate::error::Failure;
@@ -301,7 +301,7 @@ impl SerialHost {
             self.handle_proof(now);
         } else if self.quarantine {
             // A drive replies in order: its outstanding replies may be as late again.
-            self.deadline = Some(now.plus_ns(QUARANTINE_TIMEOUTS * self.timeout_ns));
+            self.deadline = Some(now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns));
         }
         if lost {
             self.retry_or_fail(now);

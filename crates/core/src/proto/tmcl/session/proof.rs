@@ -98,12 +98,9 @@ impl Session {
     pub(super) fn send_proof_probe(&mut self, now: Instant) {
         let Some(mut waiting) = self.unproven_request else { return };
         let module = waiting.host_request.request.address;
-        let suspect = self.suspects.iter().flatten().find(|suspect| suspect.module == module);
         let fresh = |(opcode, _): &(Opcode, u8)| {
             waiting.last_probe != Some(opcode.number())
-                && !suspect.is_some_and(|suspect| {
-                    suspect.outstanding_opcodes(now).any(|tag| tag == opcode.number())
-                })
+                && self.suspects.count(now, module, *opcode) == 0
         };
         // A reply to what was asked lately may still come, also a second one that a bus error made.
         let unasked = |(opcode, _): &(Opcode, u8)| {
