@@ -29,20 +29,20 @@ const SPAN: Duration = Duration::from_secs(2);
 /// Rounds of a short run.
 const ROUNDS: u64 = 5000;
 
-/// What the command line asks for.
-struct Wish {
+/// Arguments of the command line: one case, and its number of rounds.
+struct Arguments {
     name: Option<String>,
     rounds: Option<u64>,
 }
 
-impl Wish {
-    fn of_arguments() -> Self {
+impl Arguments {
+    fn parse() -> Self {
         let mut words = std::env::args().skip(1).filter(|word| !word.starts_with("--"));
         let name = words.next();
         Self { name, rounds: words.next().and_then(|word| word.parse().ok()) }
     }
 
-    /// Runs so many rounds at a time and tells the best.
+    /// Runs so many rounds at a time and prints the best.
     fn case(&self, name: &str, rounds: u64, mut run: impl FnMut(u64)) {
         if self.name.as_ref().is_some_and(|wanted| wanted != name) {
             return;
@@ -61,13 +61,13 @@ impl Wish {
     }
 }
 
-/// A read through the client's session: request made and sent, reply taken and told.
-fn client(request: &Wish) {
+/// A read through the client's session: request made and sent, and the reply taken as an event.
+fn client(arguments: &Arguments) {
     let mut host = canopen::CanHost::new(&HostOptions::new(0));
     let host_request = HostRequest::Read { node: NODE, object: POSITION };
     let reply = Frame::standard(0x585, &[0x43, 0x64, 0x60, 0, 0x15, 0xCD, 0x5B, 7]);
     let (mut out, mut now) = (Frame::default(), Instant::ZERO);
-    request.case("client", ROUNDS, |rounds| {
+    arguments.case("client", ROUNDS, |rounds| {
         for _ in 0..rounds {
             now = now.plus_ms(1);
             host.submit(now, Ticket(1), black_box(host_request)).unwrap();
@@ -80,7 +80,7 @@ fn client(request: &Wish) {
 
 /// Reads of `objects` in turn, answered by a whole simulated drive.
 fn server(
-    wish_request: &Wish,
+    arguments: &Arguments,
     name: &str,
     device: &mut impl Station<Can>,
     objects: &[ObjectIndex],
@@ -89,7 +89,7 @@ fn server(
     while device.poll_transmit(Instant::ZERO, &mut out).is_some() {}
     let requests: Vec<Frame> = objects.iter().map(|o| SdoRequest::Read(*o).emit(NODE)).collect();
     let mut turn = requests.iter().cycle();
-    wish_request.case(name, ROUNDS, |rounds| {
+    arguments.case(name, ROUNDS, |rounds| {
         for request in turn.by_ref().take(rounds as usize) {
             device.handle_input(Instant::ZERO, black_box(request));
             device.poll_transmit(Instant::ZERO, &mut out).expect("a reply");
@@ -98,14 +98,14 @@ fn server(
     });
 }
 
-fn servers(request: &Wish) {
+fn servers(arguments: &Arguments) {
     let short = |entry: &&ObjectEntry| entry.kind.bytes().is_some_and(|bytes| bytes <= 4);
     let object = |entry: &ObjectEntry| ObjectIndex::new(entry.index(), entry.sub());
     let all = cia402::objects::DICTIONARY.entries().iter();
     let all: Vec<_> = all.filter(|e| e.access.is_readable() && e.index() != 0x1003).collect();
     let all: Vec<_> = all.into_iter().filter(short).map(object).collect();
-    server(request, "server-234", &mut node(), &[POSITION]);
-    server(request, "server-234-turns", &mut node(), &all);
+    server(arguments, "server-234", &mut node(), &[POSITION]);
+    server(arguments, "server-234-turns", &mut node(), &all);
     let options = DeviceOptions {
         address: Some(NODE.into()),
         wires: &["canopen"],
@@ -119,8 +119,8 @@ fn servers(request: &Wish) {
     // 768 and 331 have no common divisor.
     let registers: Vec<_> =
         (0..768_u32).map(|n| ObjectIndex::new(0x2000 + (n * 331 % 768) as u16, 0)).collect();
-    server(request, "server-980", &mut make(), &[POSITION]);
-    server(request, "server-980-turns", &mut make(), &registers);
+    server(arguments, "server-980", &mut make(), &[POSITION]);
+    server(arguments, "server-980-turns", &mut make(), &registers);
 }
 
 fn write(device: &mut impl Station<Can>, index: u16, sub: u8, value: u32, len: u8) {
@@ -172,12 +172,12 @@ fn tick(nodes: &mut [Device], now: Instant, target: i32) -> u64 {
 
 /// Drives on their way back and forth, four turns each way, at up to 360 rpm: a set-point and SYNC in,
 /// statusword and position out, a tick of loops and motor, for each node and millisecond.
-fn nodes(request: &Wish, name: &str, count: usize) {
+fn nodes(arguments: &Arguments, name: &str, count: usize) {
     let mut nodes: Vec<Device> = (0..count).map(|_| node()).collect();
     let locate = |n: u32| 40_000.0 * (f64::from(n) / 4096.0 * std::f64::consts::TAU).sin();
     let way: Vec<i32> = (0..4096).map(|n| locate(n) as i32).collect();
     let (mut now, mut turn) = (Instant(1_000_000), way.iter().cycle());
-    request.case(name, (count as u64).max(1000), |rounds| {
+    arguments.case(name, (count as u64).max(1000), |rounds| {
         for target in turn.by_ref().take(rounds as usize / count) {
             now = now.plus_ms(1);
             assert_eq!(tick(&mut nodes, now, *target), count as u64);
@@ -188,10 +188,10 @@ fn nodes(request: &Wish, name: &str, count: usize) {
 }
 
 fn main() {
-    let request = Wish::of_arguments();
-    client(&request);
-    servers(&request);
-    nodes(&request, "nodes-1", 1);
-    nodes(&request, "nodes-1000", 1000);
+    let arguments = Arguments::parse();
+    client(&arguments);
+    servers(&arguments);
+    nodes(&arguments, "nodes-1", 1);
+    nodes(&arguments, "nodes-1000", 1000);
     println!("a node has {} bytes", size_of::<Device>());
 }
