@@ -1,4 +1,4 @@
-// What the page remembers of itself: the view, kept in the URL, and what a person prefers, kept in
+// State of the page: the view, kept in the URL, and what a person prefers, kept in
 // the browser.
 
 import type { System } from "./units";
@@ -22,7 +22,7 @@ class Preferences {
     system.addEventListener("change", () => (this.night = system.matches));
   }
 
-  /** Whether the page is shown light on dark. */
+  /** True for the dark theme. */
   get dark(): boolean {
     return this.theme === "dark" || (this.theme === "auto" && this.night);
   }

@@ -9,13 +9,13 @@ describe("units", () => {
     expect(quantity(1.25, "A", "shop")).toBe("1.250 A");
   });
 
-  it("comes back from what was shown", () => {
+  it("converts shown values back", () => {
     for (const unit of ["rad", "rad/s", "m", "A", ""]) {
       expect(fromShown(toShown(1.234, unit, "shop"), unit, "shop")).toBeCloseTo(1.234, 12);
     }
   });
 
-  it("shows what is not known as such, and no negative zero", () => {
+  it("shows unknown values as unknown, and no negative zero", () => {
     expect(quantity(null, "rad", "shop")).toBe("—");
     expect(digits(Number.NaN)).toBe("—");
     expect(digits(-0.0001)).toBe("-1.000e-4");
@@ -36,7 +36,7 @@ describe("units", () => {
     expect(quantity(3, "", "shop")).toBe("3");
   });
 
-  it("tells for how long, as a clock does", () => {
+  it("shows durations as a clock does", () => {
     expect([-5, 999, 59_999, 60_000, 185_000, 7_384_000].map(elapsed)).toEqual([
       "0 s",
       "0 s",

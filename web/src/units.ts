@@ -1,4 +1,4 @@
-// How numbers are shown and typed. The wire has SI alone; a technician reads degrees and rpm.
+// Formats of shown and typed numbers. The wire has SI alone; a technician reads degrees and rpm.
 
 export type System = "shop" | "si";
 
@@ -20,7 +20,7 @@ const SHOP: Record<string, Shown> = {
   "m/s2": { unit: "mm/s²", factor: 1000, zero: 0 },
 };
 
-/** How a unit of the wire is shown. */
+/** Shown form of a unit of the wire. */
 export function shown(unit: string, system: System): Shown {
   const shop = system === "shop" ? SHOP[unit] : undefined;
   return shop ?? { unit: unit.replace(/s2$/, "s²").replace(/^degC$/, "°C"), factor: 1, zero: 0 };
@@ -55,7 +55,7 @@ export function quantity(value: number | null, unit: string, system: System): st
   return as.unit === "°" ? `${text}°` : `${text} ${as.unit}`;
 }
 
-/** How long something has lasted, in whole seconds: `12 s`, `3 min 5 s`, `2 h 3 min`. */
+/** A duration in whole seconds: `12 s`, `3 min 5 s`, `2 h 3 min`. */
 export function elapsed(ms: number): string {
   const seconds = Math.max(0, Math.floor(ms / 1000));
   if (seconds < 60) return `${seconds} s`;

@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { blank, parse, write } from "./view";
 
 describe("the view in the URL", () => {
-  it("comes back as it was", () => {
+  it("is read back as it was written", () => {
     const view = {
       ...blank(),
       axis: 3,
@@ -21,7 +21,7 @@ describe("the view in the URL", () => {
     expect(parse(`#${write(view)}`)).toEqual(view);
   });
 
-  it("is short where everything is as usual, and usual where it makes no sense", () => {
+  it("omits defaults, and falls back to them for invalid parts", () => {
     expect(write(blank())).toBe("");
     expect(parse("")).toEqual(blank());
     expect(parse("#axis=-1&span=7&hz=nan&when=x&ch=<b>,1.,x.position&level=1e999")).toEqual(

@@ -1,4 +1,4 @@
-// What is looked at, as text behind the URL's `#`, so that a view can be kept and sent on.
+// The view as text behind the URL's `#`, so that a view can be kept and sent on.
 
 import type { When } from "./scope/trigger";
 

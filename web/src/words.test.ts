@@ -15,7 +15,7 @@ describe("words", () => {
     }
   });
 
-  it("are Chinese in Chinese, but for what is typed as it is", () => {
+  it("are Chinese in Chinese, except literal input", () => {
     for (const [key, [, chinese]] of Object.entries(WORDS)) {
       if (key !== "filter_example") expect(chinese, key).toMatch(/[\u4e00-\u9fff]/);
     }

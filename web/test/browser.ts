@@ -10,11 +10,11 @@ import { expect } from "vitest";
 import { Server } from "./server";
 
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
-/** Where pictures go: only where somebody asks for new ones. */
+/** Folder of screenshots, if new ones are requested. */
 const IMAGES = process.env.IMAGES;
 /** Shows the page that was built last (`PAGE=dist`) in place of that in the server's program. */
 const PAGE = process.env.PAGE;
-/** Where those go that are for nobody's documentation. */
+/** Folder of screenshots that are not for the documentation. */
 const SHOTS = process.env.SHOTS;
 /** Longer than anything takes that works, on a busy machine too. */
 export const WAIT_MS = 120_000;
@@ -52,10 +52,10 @@ async function instead(page: Page, folder: string): Promise<void> {
   });
 }
 
-/** A person before the page. */
+/** A user of the page. */
 export class Visitor {
-  /** What the browser complained of: a style or script that the CSP stops is told here alone. What the
-   *  API refuses is not among it: the page says that itself. */
+  /** Errors of the browser: only they show a style or script that the CSP blocks. Refused requests are
+   *  not among them, because the page shows those itself. */
   complaints: string[] = [];
 
   private constructor(
@@ -191,7 +191,7 @@ export class Visitor {
     }
   }
 
-  /** Jogs until its speed shows; whoever calls it lets the button go. */
+  /** Jogs until its speed shows; the caller releases the button. */
   async jog(speed: () => Promise<number>): Promise<void> {
     await this.withControl(
       async () => {
@@ -216,8 +216,8 @@ export class Visitor {
     );
   }
 
-  /** Gives the lease back, and waits until the server says that nobody has it: what the page asks for
-   * over HTTP may overtake what it says on its WebSocket. */
+  /** Gives the lease back, and waits until the server has released it: requests over HTTP may overtake
+   * messages on the WebSocket. */
   async giveBack(): Promise<void> {
     await this.button("Release control").click();
     await this.button("Take control").waitFor();
@@ -262,7 +262,7 @@ export class Visitor {
       .map((each) => `${each.id}: ${each.nodes[0]?.html}`);
   }
 
-  /** Takes a picture for whoever wants to see what a test sees: `SHOTS=folder`. */
+  /** Takes a screenshot of the test's page if `SHOTS=folder` is set. */
   async shot(name: string): Promise<void> {
     if (!SHOTS) return;
     mkdirSync(SHOTS, { recursive: true });

@@ -32,7 +32,7 @@ describe("a server that is gone", () => {
     return lock !== null;
   };
 
-  it("is told at once and large, with what may still turn and what to do instead", async () => {
+  it("is reported at once and large, with axes that may turn and advice", async () => {
     await v.spin("120");
     await v.until(
       () => v.card(0).innerText(),
@@ -52,14 +52,14 @@ describe("a server that is gone", () => {
     await v.picture("gone");
   });
 
-  it("does no stop, and that is said at once instead of that it stops", async () => {
+  it("executes no stop, and the page reports that at once", async () => {
     await v.button(/STOP ALL/).click();
     await says("STOP ALL: NOT DELIVERED", "cut its supply", "repeated as soon as");
     await v.shot("not-sent");
     expect(await banner().innerText()).not.toContain("no reply yet");
   });
 
-  it("knows the page still when it is started again, and then sends the pending stop", async () => {
+  it("accepts the page after a restart, and gets the pending stop", async () => {
     await v.server.again();
     await says("Motion is locked", "all axes at standstill");
     expect(await banner().innerText()).not.toContain("NOT DELIVERED");
@@ -69,7 +69,7 @@ describe("a server that is gone", () => {
     await banner().waitFor({ state: "detached" });
   });
 
-  it("does no stop that was dismissed", async () => {
+  it("gets no stop that the user dismissed", async () => {
     await v.server.crash();
     await says("No connection to the server");
     await v.page.keyboard.press("Escape");
@@ -81,7 +81,7 @@ describe("a server that is gone", () => {
     expect(await locked()).toBe(false);
   });
 
-  it("that hangs does not leave a stop on its way for ever", async () => {
+  it("that hangs does not leave a stop unconfirmed for ever", async () => {
     await v.server.freeze();
     await v.page.keyboard.press("Escape");
     await says("STOP ALL: NO REPLY", "cut its supply");
@@ -93,7 +93,7 @@ describe("a server that is gone", () => {
     await connected();
   });
 
-  it("that knows the page no more says so once more, and offers the login", async () => {
+  it("that rejects the page's session is reported once, with the login", async () => {
     await v.server.crash();
     await v.server.again({ forgets: true });
     await says("Not logged in: the server does not execute stops of this page", "cut its supply");

@@ -72,7 +72,7 @@ describe("a program in a module", () => {
     expect(await v.serious()).toEqual([]);
   });
 
-  it("stops with everything else, which the listing says", async () => {
+  it("stops with all axes, and the listing shows it", async () => {
     await v.button(/STOP ALL/).click();
     await v.page.getByText(/stopped, at \d+/).waitFor();
   });

@@ -11,7 +11,7 @@ process.env.POLEPAIR_TIMEOUT_SCALE = "2";
 
 let v: Visitor;
 
-// Two modules that nobody named, and another link beside; TMCL hosts are 2.
+// Two modules that are not configured, and another link; TMCL hosts are 2.
 beforeAll(async () => {
   v = await Visitor.come("sim:tmcl?axes=3&baud=115200#1", "sim:modbus-rtu");
   await v.page.goto(v.server.url);
@@ -23,7 +23,7 @@ afterEach(() => v.content());
 describe("looking for drives", () => {
   const group = () => v.page.getByRole("group", { name: /Scan sim:tmcl/ });
 
-  it("tells how far it is, is broken off, and other links wait for it", async () => {
+  it("shows its progress, can be cancelled, and leaves other links waiting", async () => {
     const look = group().getByRole("button", { name: "Scan for drives" });
     await look.focus();
     await v.page.keyboard.press("Enter");
@@ -40,7 +40,7 @@ describe("looking for drives", () => {
     );
   });
 
-  it("is refused in words while somebody commands an axis of the link", async () => {
+  it("is refused with a reason while a user controls an axis of the link", async () => {
     await v.card(0).getByRole("button").first().click();
     await v.button("Take control").click();
     await v.button("Release control").waitFor();
@@ -54,7 +54,7 @@ describe("looking for drives", () => {
     v.complaints = v.complaints.filter((each) => !each.includes("409"));
   });
 
-  it("finds both, and names what they are", { timeout: LOOK_MS }, async () => {
+  it("finds both drives, and identifies them", { timeout: LOOK_MS }, async () => {
     await group().getByRole("button", { name: "Scan for drives" }).click();
     await v.until(
       () => group().getByRole("status").innerText(),
@@ -73,7 +73,7 @@ describe("looking for drives", () => {
     expect(await v.serious()).toEqual([]);
   });
 
-  it("takes one in, and moves it", async () => {
+  it("adds a drive, and moves it", async () => {
     await v.button("Add tmcl #4").click();
     await v.until(
       () => group().innerText(),
@@ -91,9 +91,8 @@ describe("looking for drives", () => {
     await v.until(speed, (rpm) => Math.abs(rpm) < 1);
   });
 
-  it("names a drive that answers no longer", { timeout: LOOK_MS }, async () => {
-    // A drive that is powered or armed, or that somebody commands, is not looked past. All of it ends
-    // before anybody looks.
+  it("names a drive that no longer answers", { timeout: LOOK_MS }, async () => {
+    // A scan is refused while a drive is powered, armed or commanded, so all of it ends before.
     const card = v.page.getByRole("article").filter({ hasText: "tmcl #4" });
     await v.withControl(
       () => v.button("Disable").click(BRIEF),

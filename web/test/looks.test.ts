@@ -54,7 +54,7 @@ describe("the dashboard's looks", () => {
     await v.picture("dark");
   });
 
-  it("are Chinese for who wants that", async () => {
+  it("can be Chinese", async () => {
     await v.page.getByLabel("Colours").selectOption("light");
     await v.page.getByLabel("Language").selectOption("zh");
     await v.button(/全部停止/).waitFor();

@@ -1,4 +1,4 @@
-// What a new user does with the page, one thing after the other, in a real browser on the real server.
+// A new user's tour through the page, in a real browser on the real server.
 
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
@@ -15,11 +15,11 @@ afterAll(async () => v?.leave());
 afterEach(() => v.content());
 
 describe("the dashboard", () => {
-  it("lets a browser in by the URL that was printed, and tells when it is painted", async () => {
+  it("accepts the printed URL, and reports when it is painted", async () => {
     await v.page.goto(v.server.url);
     expect(v.page.url()).not.toContain("once");
     await v.card(4).waitFor();
-    // How soon depends on what else the machine does: `make soak` judges the quickest of ten.
+    // The time depends on the load of the machine: `make soak` judges the quickest of ten.
     const runs = process.env.POLEPAIR_SPEED ? 10 : 1;
     let painted = 1e9;
     for (let run = 0; run < runs && painted > 1000; run++) {
@@ -38,10 +38,10 @@ describe("the dashboard", () => {
     if (runs > 1) expect(painted).toBeLessThan(1000);
   });
 
-  it("says what each axis does, and how old that is", async () => {
+  it("shows the motion of each axis, and the age of the value", async () => {
     const text = await v.until(
       () => v.card(0).innerText(),
-      // Its values come one after the other.
+      // Its values arrive one after the other.
       (text) => /velocity\s+-?[\d.]+ rpm\s+\d+\.\d s/.test(text) && text.includes("disabled"),
     );
     expect(text).toContain("tmcl #1");
@@ -49,7 +49,7 @@ describe("the dashboard", () => {
     expect(new Set(names).size).toBe(names.length);
   });
 
-  it("jogs a motor while a button is held, and stops it when it is let go", async () => {
+  it("jogs a motor while a button is held, and stops it on release", async () => {
     await v.tab("Log");
     await v.jog(() => v.speed(0));
     await v.page.waitForTimeout(1500);
@@ -58,7 +58,7 @@ describe("the dashboard", () => {
     await v.stands(0);
   });
 
-  it("stops a jog by key when the key is let go, and when the page loses the focus", async () => {
+  it("stops a jog by key when the key is released or the page loses the focus", async () => {
     const jog = () =>
       v.withControl(
         async () => {
@@ -99,14 +99,14 @@ describe("the dashboard", () => {
     expect(report.match(/<polyline/g)?.length).toBe(4);
     expect(report).toContain("Dashed: what was commanded");
     await v.picture("tuning");
-    // What was recorded is still there after a look at something else.
+    // The recording is kept while another panel is shown.
     await v.tab("Scope");
     await v.tab("Tuning");
     expect(await rows.count()).toBe(2);
     await v.tab("Scope");
   });
 
-  it("tells what a fault is, what to do, and clears it", async () => {
+  it("explains a fault, advises, and clears it", async () => {
     await v.tab("Simulation");
     await v.ready();
     await v.act("supply", ["supply, V", "7"]);
@@ -124,7 +124,7 @@ describe("the dashboard", () => {
     );
   });
 
-  it("says that a drive does not answer, and why something cannot be done to it", async () => {
+  it("shows that a drive does not answer, and why a command is not possible", async () => {
     await v.act("supply", ["supply, V", "0"]);
     const told = await v.until(
       () => v.card(0).innerText(),
@@ -138,7 +138,7 @@ describe("the dashboard", () => {
     );
   });
 
-  it("explains frames byte by byte, filters them, and says where a filter is wrong", async () => {
+  it("explains frames byte by byte, filters them, and marks errors of a filter", async () => {
     await v.tab("Frames");
     const panel = v.page.getByRole("tabpanel", { name: "Frames" });
     const filter = panel.getByLabel("Filter", { exact: true });
@@ -182,7 +182,7 @@ describe("the dashboard", () => {
     await v.button("Back to live").click();
   });
 
-  it("reads a parameter by its number, and what the drive says of itself", async () => {
+  it("reads a parameter by its number, and the identity of the drive", async () => {
     await v.ready();
     await v.page.getByLabel("Number, such as AP 6").fill("AP 6:u32");
     await v.button("Read by number").click();
@@ -224,7 +224,7 @@ describe("the dashboard", () => {
     );
   });
 
-  it("stops everything on Esc, says how far, and moves nothing until it is released", async () => {
+  it("stops all axes on Esc, shows the progress, and moves nothing until released", async () => {
     await v.page.keyboard.press("Escape");
     const stop = v.page.getByRole("region", { name: "Stop" });
     await v.until(
@@ -250,7 +250,7 @@ describe("the dashboard", () => {
     console.log(`from the server's start to here ${((Date.now() - begun) / 1000).toFixed(0)} s`);
   });
 
-  it("writes down what was done, in its log and in the server's journal", async () => {
+  it("records commands in its log and in the server's journal", async () => {
     await v.tab("Log");
     const lines = v.page.getByRole("log");
     await v.until(
@@ -288,7 +288,7 @@ describe("the dashboard", () => {
     expect(await v.page.getByLabel("Time span").inputValue()).toBe("2");
   });
 
-  it("says that the server is silent, and connects again by itself", async () => {
+  it("shows that the server is silent, and reconnects", async () => {
     const state = v.page.getByRole("banner").getByRole("status");
     await v.server.freeze();
     await v.until(

@@ -1,5 +1,5 @@
-// A motor that is to stand and was not seen standing: the page says so in red for as long, and whoever
-// knows better says why it need not.
+// Pending stops: a motor without confirmed standstill is shown in red until it stands, or until a user
+// gives a reason.
 
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
 import { Visitor } from "./browser";
@@ -38,7 +38,7 @@ const says = (...words: (string | RegExp)[]) =>
       words.every((word) => (typeof word === "string" ? text.includes(word) : word.test(text))),
   );
 
-/** How the last pending stop ended. The page shows the end before the journal has written it. */
+/** End of the last pending stop. The page shows it before the journal has written it. */
 async function ended(visitor: Visitor, isMeant: (record: Kept) => boolean): Promise<Kept> {
   const isOfStop = ({ deed }: Kept) => deed === "stop_pending" || deed === "stop_ended";
   const records = await visitor.until(
@@ -51,7 +51,7 @@ async function ended(visitor: Visitor, isMeant: (record: Kept) => boolean): Prom
 }
 const endedHere = () => ended(v, ({ axis }) => axis === 0);
 
-/** Its stop is pending: its supply went away, and a user pressed STOP. */
+/** Makes its stop pending: the supply is off, and a user pressed STOP. */
 async function makeStopPending(): Promise<void> {
   await supply(0);
   await v.page.keyboard.press("Escape");
@@ -64,7 +64,7 @@ async function release(): Promise<void> {
 }
 
 describe("a motor that is not seen standing", () => {
-  it("is told in red: since when, why, how far its stop came, how often, and its supply", async () => {
+  it("is shown in red with time, cause, stage of its stop, attempts and supply", async () => {
     await v.card(0).getByRole("button").first().click();
     await v.spin("300");
     await makeStopPending();
@@ -85,7 +85,7 @@ describe("a motor that is not seen standing", () => {
     const { since_ms } = (await pendingStop()) ?? { since_ms: 0 };
     const at = new Date(since_ms).toLocaleTimeString("en-GB", { timeZone: "UTC" });
     await says(`since ${at}`);
-    // Nobody is listed twice, and the card and the panel of the axis say it too.
+    // No axis is listed twice, and its card and panel show the same.
     expect(await banner().getByRole("listitem").count()).toBe(1);
     expect(await v.card(0).innerText()).toMatch(
       /standstill not confirmed[^]*standstill not confirmed: cut its supply/,
@@ -148,7 +148,7 @@ describe("a motor that is not seen standing", () => {
     await release();
   });
 
-  it("is out of the list by itself when it is seen standing", async () => {
+  it("leaves the list when its standstill is measured", async () => {
     await makeStopPending();
     await supply(24);
     await list().waitFor({ state: "detached" });
@@ -161,7 +161,7 @@ describe("a motor that is not seen standing", () => {
     await release();
   });
 
-  it("is commanded on by who holds it and says that it may be turning", async () => {
+  it("accepts commands of its controller, and shows that it may be turning", async () => {
     await makeStopPending();
     await release();
     expect(await panel().getByRole("form", { name: "Continue to control it" }).count()).toBe(0);
@@ -186,8 +186,8 @@ describe("a motor that is not seen standing", () => {
     await v.giveBack();
   });
 
-  it("stays in the list where the server refuses, and says why", async () => {
-    // What the page asks for becomes what only a lease's holder may ask.
+  it("stays in the list with the reason if the server refuses", async () => {
+    // From here on the page's requests are allowed to a lease's holder only.
     await v.page.routeWebSocket(/\/api\/v1\/live$/, (page) => {
       const server = page.connectToServer();
       page.onMessage((message) => {
@@ -244,7 +244,7 @@ describe("a drive that was removed while its stop was pending", () => {
     await drive?.takeAway();
   });
 
-  it("is named in red by the next one, until somebody says that it is gone", async () => {
+  it("is named in red by the next server until a user confirms that it is gone", async () => {
     const title = `Axis 1 · ${drive.url}`;
     await late.until(
       () => region().innerText(),

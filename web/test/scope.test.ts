@@ -1,6 +1,5 @@
 // The scope under load: sixteen channels at 1 kHz from eight simulated drives on two buses of 1 Mbit/s.
-// How many pictures a second that gives, and what they cost, is printed; what is asserted holds on a
-// machine that is at something else as well.
+// The rate and cost of pictures are printed; the assertions hold on a busy machine as well.
 
 import { execFileSync } from "node:child_process";
 import { existsSync, readFileSync } from "node:fs";
@@ -17,7 +16,7 @@ const PYTHON = join(ROOT, ".venv/bin/python");
 const BUS = "sim:cia402:1,2,3,4?bitrate=1000000";
 const AXES = [0, 1, 2, 3, 4, 5, 6, 7];
 const CHANNELS = AXES.flatMap((axis) => [`${axis}.position`, `${axis}.velocity`]);
-/** How long it is watched: ten minutes in `make soak`. */
+/** Duration of the run: ten minutes in `make soak`. */
 const SECONDS = Number(process.env.POLEPAIR_SCOPE_SECONDS ?? 10);
 const TEST_MS = 120_000 + SECONDS * 1500;
 /** The picture before it is looked at: this long the traces' memory is touched for the first time. */
@@ -58,7 +57,7 @@ async function send(axis: number): Promise<void> {
   await its.command("velocity", { velocity: 2 + axis });
 }
 
-/** What parquet.py tells. */
+/** Output of parquet.py. */
 interface Foreign {
   names: string[];
   types: string[];
@@ -151,14 +150,14 @@ afterAll(async () => {
 });
 afterEach(() => v.content());
 
-/** What the page says of a channel. */
+/** The page's readout of a channel. */
 interface Row {
   hz: number;
   pushed: boolean;
   lost: number;
 }
 
-/** What the page says of its channels: rate and losses. */
+/** Rate and losses of the page's channels. */
 async function rows(): Promise<Row[]> {
   const panel = v.page.getByRole("tabpanel", { name: "Scope" });
   const texts = await panel.locator("tbody tr").allInnerTexts();
@@ -225,7 +224,7 @@ describe("the scope with sixteen channels at 1 kHz", () => {
     expect(drawn).toBeLessThanOrEqual(pictures + 1);
   });
 
-  it("loses no sample without saying so", { timeout: TEST_MS }, async () => {
+  it("reports every lost sample", { timeout: TEST_MS }, async () => {
     await v.page.getByLabel("Time span").selectOption("5");
     await v.page.waitForTimeout(1000);
     await v.button("❚❚ Pause").click();
@@ -242,7 +241,7 @@ describe("the scope with sixteen channels at 1 kHz", () => {
       cells.forEach((value, i) => {
         if (Number.isNaN(value)) return;
         const silent = time - (last[i] ?? Number.NaN);
-        // A long silence is drawn as one; a short one is samples that somebody lost.
+        // A long silence is drawn as one; a short one is lost samples.
         if (silent > 0.0015 && silent < DRAWN_S)
           missing[i] = (missing[i] ?? 0) + Math.round(silent * 1000) - 1;
         last[i] = time;
@@ -256,7 +255,7 @@ describe("the scope with sixteen channels at 1 kHz", () => {
     });
   });
 
-  it("saves the same as Parquet, with units, and gaps as gaps", { timeout: TEST_MS }, async () => {
+  it("saves the same samples as Parquet, with units and gaps", { timeout: TEST_MS }, async () => {
     const csv = readFileSync(await save("CSV"), "utf8")
       .trim()
       .split("\n");

@@ -1,4 +1,4 @@
-// A drive on a port whose protocol and rate nobody named: searched for, shown with its connection string.
+// A drive on a port of unknown protocol and rate: it is searched for, and shown with its connection string.
 
 import { mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -35,7 +35,7 @@ afterEach(() => v.content());
 describe("searching a port", () => {
   const group = () => v.page.getByRole("group", { name: "Search ports for drives" });
 
-  it("refuses what is no port of the machine", async () => {
+  it("refuses a name that is no port of the machine", async () => {
     await group().getByRole("textbox").fill("/etc/passwd");
     await group().getByRole("button", { name: "Search" }).click();
     await v.until(
@@ -57,7 +57,7 @@ describe("searching a port", () => {
     );
   });
 
-  it("finds the drive, with what is to be typed", { timeout: SEARCH_MS }, async () => {
+  it("finds the drive, and shows its connection string", { timeout: SEARCH_MS }, async () => {
     await group().getByRole("button", { name: "Search" }).click();
     await v.until(
       () => group().getByRole("status").innerText(),

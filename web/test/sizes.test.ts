@@ -33,7 +33,7 @@ beforeAll(async () => {
 afterAll(async () => v?.leave());
 afterEach(() => v.content());
 
-/** STOP stays in the window, on top of everything, wherever somebody turns the wheel. */
+/** STOP stays in the window, on top of everything, at every scroll position. */
 async function stopIsInSight(where: string): Promise<void> {
   const stop = v.page.getByRole("banner").getByRole("button", { name: /STOP ALL|全部停止/ });
   const before = await stop.boundingBox();
@@ -77,7 +77,7 @@ const everyLook = (check: (where: string) => Promise<void>) =>
 describe("the page with many axes", () => {
   it("keeps STOP in sight at each size", { timeout: LONG_MS }, () => everyLook(stopIsInSight));
 
-  it("keeps it in sight when the focus goes to what is placed out of sight", async () => {
+  it("keeps it in sight when a hidden element gets the focus", async () => {
     for (const label of await v.page.locator(".hidden-label").all()) {
       await label.evaluate((it) => {
         it.scrollIntoView();
@@ -87,48 +87,52 @@ describe("the page with many axes", () => {
     await stopIsInSight("after the focus");
   });
 
-  it("lists only who does not stand, and keeps its place", { timeout: LONG_MS }, async () => {
-    const banner = v.page.getByRole("region", { name: /^(Stop|停止)$/ });
-    await v.page.keyboard.press("Escape");
-    await v.until(
-      () => banner.innerText(),
-      (text) => text.includes("all axes at standstill"),
-    );
-    // The list follows the states of axes, which may come after the results of the stop.
-    const listed = banner.getByRole("listitem");
-    await v.until(
-      () => listed.count(),
-      (count) => count === 0,
-    );
-    await v.button("Release motion").click();
-    await banner.waitFor({ state: "detached" });
-    // The third drive, at address 4, answers no more: its stop is not confirmed by anybody.
-    await v.server.program.post("/simulation/0/2", { act: "supply", value: 0 });
-    await v.page.keyboard.press("Escape");
-    await v.until(
-      () => banner.innerText(),
-      (text) => text.includes(`${AXES - 1} of ${AXES} at standstill`),
-    );
-    await v.until(
-      () => listed.allInnerTexts(),
-      (texts) => texts.length === 1 && (texts[0]?.includes("171 4") ?? false),
-    );
-    await v.button("Release motion").click();
-    // Its stop is pending until standstill is confirmed, also after motion was released.
-    await v.until(
-      () => banner.innerText(),
-      (text) => text.includes("Standstill not confirmed: 1."),
-    );
-    await v.server.program.post("/simulation/0/2", { act: "supply", value: 24 });
-    await v.until(
-      () => banner.innerText(),
-      (text) => text.includes("all axes at standstill"),
-    );
-    await v.button("Close").click();
-    await banner.waitFor({ state: "detached" });
-  });
+  it(
+    "lists only axes that are not standing, and keeps its place",
+    { timeout: LONG_MS },
+    async () => {
+      const banner = v.page.getByRole("region", { name: /^(Stop|停止)$/ });
+      await v.page.keyboard.press("Escape");
+      await v.until(
+        () => banner.innerText(),
+        (text) => text.includes("all axes at standstill"),
+      );
+      // The list follows the states of axes, which may come after the results of the stop.
+      const listed = banner.getByRole("listitem");
+      await v.until(
+        () => listed.count(),
+        (count) => count === 0,
+      );
+      await v.button("Release motion").click();
+      await banner.waitFor({ state: "detached" });
+      // The third drive, at address 4, answers no more: its stop is not confirmed by anybody.
+      await v.server.program.post("/simulation/0/2", { act: "supply", value: 0 });
+      await v.page.keyboard.press("Escape");
+      await v.until(
+        () => banner.innerText(),
+        (text) => text.includes(`${AXES - 1} of ${AXES} at standstill`),
+      );
+      await v.until(
+        () => listed.allInnerTexts(),
+        (texts) => texts.length === 1 && (texts[0]?.includes("171 4") ?? false),
+      );
+      await v.button("Release motion").click();
+      // Its stop is pending until standstill is confirmed, also after motion was released.
+      await v.until(
+        () => banner.innerText(),
+        (text) => text.includes("Standstill not confirmed: 1."),
+      );
+      await v.server.program.post("/simulation/0/2", { act: "supply", value: 24 });
+      await v.until(
+        () => banner.innerText(),
+        (text) => text.includes("all axes at standstill"),
+      );
+      await v.button("Close").click();
+      await banner.waitFor({ state: "detached" });
+    },
+  );
 
-  it("has room beside sixty axes of which none stands", { timeout: LONG_MS }, async () => {
+  it("has room beside sixty moving axes", { timeout: LONG_MS }, async () => {
     const banner = v.page.getByRole("region", { name: /^(Stop|停止)$/ });
     for (let axis = 0; axis < AXES; axis++) {
       const where = `${Math.floor(axis / EACH)}/${axis % EACH}`;

@@ -34,7 +34,7 @@ const set = async (time: string, unit: string) => {
 };
 
 describe("the drive's own watchdog", () => {
-  it("is shown as it is set now, and set by whoever has control", async () => {
+  it("is shown with its present value, and set by the controlling user", async () => {
     await choose(0);
     await says("off: the motor continues to turn");
     expect(await form().innerText()).toContain("is kept in its permanent memory");
@@ -51,7 +51,7 @@ describe("the drive's own watchdog", () => {
     await v.shot("watchdog");
   });
 
-  it("is refused in words where the drive cannot have that, and stays as it was", async () => {
+  it("is refused with a reason if the drive cannot have the value, and unchanged", async () => {
     await set("1e6", "s");
     const alert = await form().getByRole("alert").innerText();
     expect(alert).toContain("E216");
@@ -64,7 +64,7 @@ describe("the drive's own watchdog", () => {
     await v.giveBack();
   });
 
-  it("needs a heartbeat where the drive watches one, which is said", async () => {
+  it("needs a heartbeat if the drive monitors one, and the page shows it", async () => {
     await choose(1);
     // The server has it watch the heartbeat that it sends.
     await says("on: the drive stops after 300 ms without messages");
@@ -83,7 +83,7 @@ describe("the drive's own watchdog", () => {
     expect(await v.serious()).toEqual([]);
   });
 
-  it("is not offered where the drive has none", async () => {
+  it("is not offered if the drive has none", async () => {
     await choose(2);
     await says("none: the motor continues to turn");
     expect(await form().getByRole("button").count()).toBe(1);

@@ -21,7 +21,7 @@ describe("settings files", () => {
     });
   });
 
-  it("serve a spare drive of another number where they have one axis, not where they have more", () => {
+  it("fit a drive of another number if they have one axis only", () => {
     expect(parse(FILE, 7)?.values["motor poles"]).toBe(8);
     expect(parse(`${FILE}\n[axis.2.settings]\n"motor poles" = 4\n`, 7)).toBeNull();
     expect(parse(`${FILE}\n[axis.2.settings]\n"motor poles" = 4\n`, 2)?.values).toEqual({
@@ -30,7 +30,7 @@ describe("settings files", () => {
     expect(parse("", 1)).toBeNull();
   });
 
-  it("come back as they were written", () => {
+  it("are read back as they were written", () => {
     const text = format(3, "tmcm-171", [
       { name: "motor poles", value: 8, unit: "", word: null, symbol: "AP 253" },
       { name: "max current", value: 1.25, unit: "A", word: null, symbol: "AP 6" },

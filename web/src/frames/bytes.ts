@@ -3,7 +3,7 @@
 import type { ExplainedField } from "../live/message";
 
 export interface Raw {
-  /** What stands before the bytes: a CAN identifier. */
+  /** Text before the bytes: a CAN identifier. */
   id: string;
   bytes: string[];
 }

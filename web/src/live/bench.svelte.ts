@@ -30,12 +30,12 @@ import { type RequestedStop, Stops } from "./stops.svelte";
 import type { Block } from "./telemetry";
 
 const TTL_MS = 500;
-/** How long the page waits for a command's outcome: homing and moves answer when they have begun. */
+/** Time the page waits for a command's outcome: homing and moves answer when they have begun. */
 const OUTCOME_MS = 15_000;
 const RENEW_MS = 500;
 /** If a stop under the lease is not answered by then, it is said as everybody may say it. */
 const HALT_MS = 1000;
-/** How long the server's answer to a stop may take: it waits until all stand, or 10 s. */
+/** Longest time of the server's answer to a stop: it waits until all stand, or 10 s. */
 const STOP_MS = 15_000;
 const NOTES_MAX = 200;
 
@@ -69,7 +69,7 @@ export class Bench {
   heard: Record<number, number> = {};
   /** Epochs of the leases that this page holds, by axis. */
   leases = $state.raw<Record<number, number>>({});
-  /** How far the last stop of each axis came, by whomever. */
+  /** Stage of the last stop of each axis, of any client. */
   stopped = $state.raw<Record<number, AxisStopReport>>({});
   notes = $state.raw<Note[]>([]);
   round = $state<number | null>(null);
@@ -128,7 +128,7 @@ export class Bench {
     }, 250);
   }
 
-  /** Comes in by a token that somebody typed. */
+  /** Logs in with a typed token. */
   async login(token: string): Promise<void> {
     await send("POST", "/login", { token });
     this.connection = "connecting";
@@ -143,7 +143,7 @@ export class Bench {
     return this.view?.axes.find((axis) => axis.id === id);
   }
 
-  /** How people call an axis: so that no two are called the same, if there is a way. */
+  /** Displayed name of an axis: unique, if that is possible. */
   title(id: number): string {
     const axis = this.axis(id);
     if (!axis) return `${id}`;
@@ -166,7 +166,7 @@ export class Bench {
     return this.t0 + seconds * 1000;
   }
 
-  /** Whether the motor is powered, as far as its drive tells, and the server lets motion through. */
+  /** True if the drive reports that its motor is powered, and the server allows motion. */
   ready(id: number): boolean {
     const state = this.states[id];
     return state !== undefined && state.armed && state.enabled !== false;
@@ -222,7 +222,7 @@ export class Bench {
   /** Brings one axis to rest whatever becomes of its command, but leaves the lease where it is. */
   async halt(axis: number): Promise<void> {
     const outcome = await Promise.race([this.command(axis, "stop"), wait(HALT_MS)]);
-    // Where the server has it, it says it until the motor stands, or was set in motion again.
+    // The server reports an accepted stop as pending until the motor stands or moves again.
     const taken = outcome
       ? outcome.outcome === "done" || outcome.error?.code === "gateway.pending"
       : this.states[axis]?.pending_stop;
@@ -298,7 +298,7 @@ export class Bench {
   /** Looks for drives on a link; `looks` tells how far that is. Nothing moves by it. */
   async look(link: number): Promise<void> {
     const look = await send<ScanView>("POST", `/links/${link}/look`, {});
-    // What came meanwhile by the WebSocket is newer.
+    // Messages that arrived by the WebSocket in the meantime are newer.
     const known = this.looks[link];
     if (known?.began_ms !== look.began_ms) this.looks = { ...this.looks, [link]: look };
     this.note(null, `look ${this.view?.links[link]?.url ?? link}`, "info");
@@ -312,7 +312,7 @@ export class Bench {
   async searchPorts(port: string): Promise<void> {
     const ports = port === "" ? [] : [port];
     const search = await send<SearchView>("POST", "/search", { ports });
-    // What came meanwhile by the WebSocket is newer.
+    // Messages that arrived by the WebSocket in the meantime are newer.
     if (this.search?.began_ms !== search.began_ms) this.search = search;
     this.note(null, `search ${port || "all ports"}`, "info");
   }
@@ -392,7 +392,7 @@ export class Bench {
     for (const axis of [...this.dismissals.keys()]) this.settleDismissal(axis, unreachable(null));
     for (const settle of this.explanations.values()) settle([]);
     this.explanations.clear();
-    // Who types a token is not disturbed while nothing else is known.
+    // A user who types a token is not disturbed until the server answers.
     if (this.connection !== "token") this.connection = "lost";
     void this.ask();
   }
@@ -511,14 +511,14 @@ export class Bench {
     settle(outcome);
   }
 
-  /** That it stood is not told of an axis that moves again. */
+  /** Forgets the confirmed standstill of an axis that moves again. */
   private checkStopped(state: AxisState): void {
     if (this.lock || !state.moving || this.stopped[state.id]?.class !== "standing") return;
     const { [state.id]: _, ...others } = this.stopped;
     this.stopped = others;
   }
 
-  /** Someone else has the axis, or nobody: then this page does not. */
+  /** This page lost the lease of the axis, to another client or to none. */
   private checkLease(state: AxisState): void {
     const epoch = this.leases[state.id];
     const theirs = state.lease;
@@ -531,7 +531,7 @@ export class Bench {
     this.leases = others;
   }
 
-  /** Holds on to leases, but not while nobody looks at the page: then they end, and motion with them. */
+  /** Renews leases, but not while the page is hidden: then they end, and motion with them. */
   private renew(): void {
     if (document.visibilityState !== "visible") return;
     for (const [axis, epoch] of Object.entries(this.leases)) {

@@ -36,7 +36,7 @@ describe("channels", () => {
     expect(said.length).toBe(3);
   });
 
-  it("keeps what the server says of rate, unit, gaps and refusals", () => {
+  it("keeps rate, unit, gaps and refusals from the server", () => {
     const channels = new Channels(() => true);
     const one = channels.open({ axis: 0, signal: "velocity" }, 1000, 64);
     const channel = one.number;
@@ -49,7 +49,7 @@ describe("channels", () => {
     expect(one.refused).toBe("no such signal");
   });
 
-  it("takes a refusal that names no channel for all that were not confirmed", () => {
+  it("applies a refusal without a channel to all unconfirmed channels", () => {
     const channels = new Channels(() => true);
     const [one, two] = ["position", "velocity"].map((signal) =>
       channels.open({ axis: 0, signal }, 10, 64),
@@ -66,14 +66,14 @@ describe("channels", () => {
     expect([one?.refused, two?.refused]).toEqual(["", "not shown"]);
   });
 
-  it("measures the rate at which samples really come", () => {
+  it("measures the real rate of samples", () => {
     const channels = new Channels(() => true);
     const one = channels.open({ axis: 0, signal: "velocity" }, 1000, 64);
     for (let i = 0; i <= 40; i++) channels.telemetry(block(one.number, [i / 20 + 100]));
     expect(one.rate).toBeCloseTo(20, 6);
   });
 
-  it("takes no slow wire for silence", () => {
+  it("does not mistake a slow wire for silence", () => {
     const channels = new Channels(() => true);
     const one = channels.open({ axis: 0, signal: "velocity" }, 100, 64);
     const channel = one.number;
@@ -89,7 +89,7 @@ describe("channels", () => {
     expect(one.period_max).toBeCloseTo(5 / 16, 2);
   });
 
-  it("takes no silence for a slow wire", () => {
+  it("does not mistake silence for a slow wire", () => {
     const channels = new Channels(() => true);
     const one = channels.open({ axis: 0, signal: "velocity" }, 16, 256);
     const channel = one.number;

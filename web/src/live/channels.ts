@@ -6,7 +6,7 @@ import type { ClientMessage, ServerMessage } from "./message";
 import type { Block } from "./telemetry";
 
 const RATE_OVER_S = 1;
-/** What comes within this of the last sample is no silence, s. */
+/** A shorter pause after the last sample is no silence, s. */
 const SILENCE_MIN_S = 0.1;
 /** Spacings of samples whose median is the usual one; so many before there is one. */
 const SPACINGS = 15;
@@ -86,7 +86,7 @@ export class Channel {
     return period > 0 ? Math.max(5 * period, SILENCE_MIN_S) : 1;
   }
 
-  /** What is said to the server to have it. */
+  /** Subscription sent to the server. */
   get subscription(): ClientMessage {
     return { type: "subscribe", channel: this.number, ...this.source, hz: this.wanted };
   }
@@ -125,7 +125,7 @@ export class Channels {
     return channel ?? null;
   }
 
-  /** What the server says of a channel. False where the message is of something else. */
+  /** Handles a server message about a channel. Returns false for other messages. */
   told(message: ServerMessage): boolean {
     if (message.type === "subscribed") {
       const channel = this.all.get(message.channel);

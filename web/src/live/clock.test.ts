@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { Clock } from "./clock";
 
 describe("clock", () => {
-  it("takes the quickest round trip for the truth", () => {
+  it("trusts the quickest round trip", () => {
     const clock = new Clock();
     clock.pong(1000, 6100, 1200);
     clock.pong(2000, 7001, 2002);

@@ -24,7 +24,7 @@ export class Clock {
     this.samples = [{ offset: server - received, round: Number.MAX_VALUE }];
   }
 
-  /** What must be added to the page's clock: that of the quickest round trip, the least uncertain. */
+  /** Offset to add to the page's clock, from the quickest round trip, which is the least uncertain. */
   get offset(): number {
     return this.best?.offset ?? 0;
   }

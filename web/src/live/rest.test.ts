@@ -42,7 +42,7 @@ function begin(to: ServerResponse): void {
   to.write('{"axes":[');
 }
 
-it("takes an answer that breaks off for none", async () => {
+it("treats an incomplete answer as none", async () => {
   await serve((to) => {
     begin(to);
     setTimeout(() => to.destroy(), 20);
@@ -50,13 +50,13 @@ it("takes an answer that breaks off for none", async () => {
   expect((await problem()).refused.code).toBe(UNANSWERED);
 });
 
-it("takes an answer whose end comes too late for none", async () => {
+it("treats an answer whose end is late as none", async () => {
   await serve(begin);
   const { status, refused } = await problem(200);
   expect([status, refused.code]).toEqual([0, UNANSWERED]);
 });
 
-it("refuses an answer that is no JSON, but takes one without a body", async () => {
+it("refuses an answer that is no JSON, but accepts one without a body", async () => {
   await serve((to) => to.end("<html>"));
   expect((await problem()).refused.code).toBe("page.unexpected");
   await serve((to) => to.end());

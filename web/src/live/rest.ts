@@ -4,7 +4,7 @@
 import type { GatewayError } from "./message";
 
 const BASE = "/api/v1";
-/** The code of a request that may have left, and that nobody answered in time. */
+/** The code of a request that may have been sent, and was not answered in time. */
 export const UNANSWERED = "page.unanswered";
 
 /** The server's own refusal, or that it could not be asked. */

@@ -1,5 +1,5 @@
-// The WebSocket, opened again whenever it goes away. What was asked on one connection is not said
-// again on the next by itself: who needs that does it when it is told `open`.
+// The WebSocket, which reconnects by itself. Messages of an earlier connection are not repeated: callers
+// that need it do it on `open`.
 
 import { Clock } from "./clock";
 import type { ClientMessage, ServerMessage } from "./message";

@@ -10,7 +10,7 @@ const standing = (id: number): AxisStopReport => ({ id, class: "standing", ms: 1
 /** A server and the ways to it. */
 class World implements StopTransport {
   connected = true;
-  /** What HTTP comes to; null hangs. */
+  /** Result of HTTP requests; null hangs. */
   http: (() => AxisStopReport[]) | null = () => [];
   lives: (number[] | null)[] = [];
   posts: (number[] | null)[] = [];
@@ -86,7 +86,7 @@ describe("a stop of this page", () => {
     expect(world.ends).toEqual(["not_sent"]);
   });
 
-  it("is unanswered, and not on its way for ever, where the server hangs", async () => {
+  it("becomes unanswered if the server hangs", async () => {
     world.http = null;
     stops.request(null, "button");
     await pass(1499);
@@ -98,7 +98,7 @@ describe("a stop of this page", () => {
     expect(stops.last?.certain).toBe("accepted");
   });
 
-  it("may have left where nobody answers it, by whichever way it went", async () => {
+  it("may have been sent if no answer comes, over either connection", async () => {
     world.connected = false;
     world.http = () => {
       throw new Problem(0, refusal(UNANSWERED));
@@ -108,7 +108,7 @@ describe("a stop of this page", () => {
     expect(stops.last?.certain).toBe("unanswered");
   });
 
-  it("may have left where the connection ended behind it", async () => {
+  it("may have been sent if the connection ended after it", async () => {
     world.http = () => {
       throw unreachable();
     };
@@ -117,7 +117,7 @@ describe("a stop of this page", () => {
     expect(stops.last?.certain).toBe("unanswered");
   });
 
-  it("is refused where the page is not logged in", async () => {
+  it("is refused if the page is not logged in", async () => {
     world.connected = false;
     world.http = () => {
       throw new Problem(401, refusal("gateway.token"));
@@ -159,7 +159,7 @@ describe("a stop of this page", () => {
     expect(stops.last).toBeNull();
   });
 
-  it("of some axes is taken when each was told of", async () => {
+  it("of some axes is accepted when each is confirmed", async () => {
     world.http = null;
     stops.request([1, 2], "button");
     stops.reached([standing(1), standing(7)]);
@@ -170,7 +170,7 @@ describe("a stop of this page", () => {
     expect(stops.last?.certain).toBe("accepted");
   });
 
-  it("takes along what has not got through, and nothing else", async () => {
+  it("repeats the unconfirmed stops, and nothing else", async () => {
     world.die();
     stops.request([1], "button");
     stops.request([2, 1], "button");
@@ -185,7 +185,7 @@ describe("a stop of this page", () => {
     expect(stops.last?.axes).toEqual([4]);
   });
 
-  it("is not judged by what came of an earlier time", async () => {
+  it("is not judged by the result of an earlier one", async () => {
     let fail: (problem: Problem) => void = () => {};
     world.connected = false;
     world.post = () => new Promise((_, reject) => (fail = reject));
@@ -198,7 +198,7 @@ describe("a stop of this page", () => {
     expect(stops.last?.certain).toBe("sent");
   });
 
-  it("that was taken is forgotten with the connection: nobody tells of it any more", () => {
+  it("that was accepted is forgotten with the connection", () => {
     stops.request(null, "button");
     stops.locked();
     stops.disconnected();

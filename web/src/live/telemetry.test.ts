@@ -31,7 +31,7 @@ describe("telemetry", () => {
     expect([...(got?.values ?? [])]).toEqual([1.5, -2.25]);
   });
 
-  it("refuses what was cut short, grown, or is of another version", () => {
+  it("refuses data that are too short, too long, or of another version", () => {
     const whole = block([
       [0, 1],
       [1, 2],

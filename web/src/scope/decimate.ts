@@ -27,7 +27,7 @@ export class Columns {
 /**
  * Fills `out` with what is to be drawn between two times in seconds, a sample beyond either edge among
  * it. Columns begin at multiples of their width, so a curve that scrolls does not flicker. A line is
- * broken where the server told of a gap, and where two samples are more than `period_max` apart.
+ * broken where the server reported a gap, and where two samples are more than `period_max` apart.
  */
 export function decimate(
   trace: Trace,

@@ -9,7 +9,7 @@ function trace(samples: [number, number][]): Trace {
 }
 
 describe("CSV", () => {
-  it("has a line for each moment, and nothing where a channel has no sample", () => {
+  it("has a line for each moment, and empty cells for missing samples", () => {
     const a = trace([
       [0, 1],
       [1, 2],

@@ -67,7 +67,7 @@ describe("Parquet", () => {
     expect(read).toEqual([{ time: 69.999, "time 2": 69_999 % 7, "time 3": null }]);
   });
 
-  it("is a file where nothing was recorded, too", async () => {
+  it("is a valid file without samples, too", async () => {
     const file = parquet([{ name: "x", unit: "", trace: trace([]) }], 0, 1, ZERO);
     expect(await parquetReadObjects({ file })).toEqual([]);
   });

@@ -18,7 +18,7 @@ export interface Curve {
   columns: Columns;
   gaps: readonly Gap[];
   name: string;
-  /** What it is shown in; curves of one unit share an axis. */
+  /** Displayed unit; curves of one unit share an axis. */
   unit: string;
   factor: number;
   colour: string;
@@ -153,7 +153,7 @@ export class Plot {
     );
   }
 
-  /** What a custom property comes to, in the theme that is shown. */
+  /** Value of a custom property in the current theme. */
   private resolve(property: string): string {
     const probe = document.createElement("i");
     probe.style.color = `var(${property})`;
@@ -253,7 +253,7 @@ export class Plot {
       this.points(ctx, curve, x, base, up);
   }
 
-  /** Where samples are far apart each is a dot, so that nobody takes the line for one. */
+  /** Samples that are far apart are dots, so that the line is not taken for samples. */
   private points(
     ctx: CanvasRenderingContext2D,
     { columns, colour: fill }: Curve,
@@ -300,7 +300,7 @@ function width(ticks: string[] | null): number {
   return 26 + longest * 6.5;
 }
 
-/** What an axis is of: its signals, each once, and their unit. */
+/** Label of an axis: its signals, each once, and their unit. */
 function label(curves: Curve[], unit: string): string {
   const names = curves.filter((curve) => curve.unit === unit).map((curve) => curve.name);
   return `${[...new Set(names)].join(", ")}${unit && ` [${unit}]`}`;

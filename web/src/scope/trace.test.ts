@@ -106,7 +106,7 @@ describe("decimation", () => {
     );
   });
 
-  it("breaks the line at gaps that were told and where nothing came for long", () => {
+  it("breaks the line at reported gaps and at long pauses", () => {
     const trace = new Trace(256);
     for (const t of [0, 1, 2, 3, 9, 10]) trace.push(t, t);
     trace.gap({ from: 1.2, to: 1.8, lost: 5 });
@@ -127,7 +127,7 @@ describe("decimation", () => {
     expect(broken).toEqual([9]);
   });
 
-  it("finds nothing where nothing is", () => {
+  it("finds nothing without samples", () => {
     const out = new Columns(100);
     decimate(new Trace(64), 0, 1, out, 1);
     expect(out.count).toBe(0);

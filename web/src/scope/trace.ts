@@ -1,4 +1,4 @@
-// What one channel of the scope remembers: a ring of samples, with the least and greatest value of
+// Memory of one channel of the scope: a ring of samples, with the least and greatest value of
 // each block of it, so that minutes at 1 kHz are drawn without looking at every sample.
 
 export const BLOCK = 64;

@@ -9,7 +9,7 @@ function first(when: When, level: number, values: number[], armed = 0): number |
 }
 
 describe("trigger", () => {
-  it("goes off at the edge it was told, and at that alone", () => {
+  it("goes off at the selected edge, and at that alone", () => {
     expect(first("rising", 5, [9, 4, 6, 3, 7])).toBe(2);
     expect(first("falling", 5, [4, 6, 3, 7, 1])).toBe(2);
     expect(first("rising", 5, [9, 8, 7, 3, 2])).toBeNull();

@@ -1,4 +1,4 @@
-// When the scope's picture stands still: at an edge, at a level, at a fault.
+// Trigger of the scope, which freezes the picture: at an edge, at a level, at a fault.
 
 export type When = "off" | "rising" | "falling" | "above" | "below" | "fault";
 
@@ -35,7 +35,7 @@ export class Trigger {
     return this.when === "fault" && this.fire(time);
   }
 
-  /** What the picture shows once it has gone off: from, to in seconds. */
+  /** View after the trigger: from, to in seconds. */
   window(span: number): [number, number] | null {
     if (this.fired === null) return null;
     const from = this.fired - span * BEFORE;

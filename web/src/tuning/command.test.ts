@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { positionCourse, speedCourse } from "./command";
 
 describe("the commanded course", () => {
-  it("is the step itself where no ramp is known", () => {
+  it("is the step itself if no ramp is known", () => {
     const step = [
       [0, 1],
       [0, 5],

@@ -43,21 +43,21 @@ describe("step metrics", () => {
     expect(down?.settling?.seconds).toBeCloseTo(up?.settling?.seconds ?? 0, 9);
   });
 
-  it("say what did not happen", () => {
+  it("report what did not happen", () => {
     const half = { times: [0, 1, 2, 3], values: [0, 0.2, 0.5, 0.5], from: 0, to: 1 };
     expect(metrics(half)).toMatchObject({ rise: null, settling: null, remaining: 0.5 });
     expect(metrics({ ...half, to: 0 })).toBeNull();
     expect(metrics({ ...half, times: [-3, -2, -1, 0] })).toBeNull();
   });
 
-  it("do not call settled what left the tolerance again", () => {
+  it("do not count as settled what left the tolerance again", () => {
     const times = [0, 1, 2, 3, 4];
     expect(metrics({ times, values: [0, 1, 1, 1, 1.5], from: 0, to: 1 })?.settling).toBeNull();
     const late = metrics({ times, values: [0, 1, 1.2, 1, 1], from: 0, to: 1 })?.settling;
     expect(late?.seconds).toBeCloseTo(2.9, 9);
   });
 
-  it("leave out what was before the step and what is no number", () => {
+  it("leave out samples before the step and values that are no numbers", () => {
     const times = [-1, 0, 1, 2, 3];
     const values = [9, 0, 1, Number.NaN, 1];
     expect(metrics({ times, values, from: 0, to: 1 })?.overshoot).toBe(0);
@@ -75,7 +75,7 @@ describe("step metrics", () => {
       expect(isMeasurable(rise)).toBe(false);
       expect(Math.abs(rise.seconds - 0.046)).toBeLessThanOrEqual(rise.spread);
     }
-    // One that rises in 460 ms is measurable at this rate, and the truth is within what is told.
+    // One that rises in 460 ms is measurable at this rate, and the true value is within the reported bounds.
     for (let phase = 0; phase < 0.036; phase += 0.003) {
       const times = Array.from({ length: 80 }, (_, i) => phase + i * 0.036);
       const values = times.map((t) => 1 - Math.exp((-t * Math.log(9)) / 0.46));

@@ -1,4 +1,4 @@
-// What a step response is judged by. Shares are of the step's height: from where it began to where it
+// Metrics of a step response. Shares are of the step's height: from where it began to where it
 // was sent.
 
 /** A time that was found between samples. */
@@ -13,13 +13,13 @@ export interface Timed {
 export interface Metrics {
   /** From 10 % to 90 %; null where it did not come so far. */
   rise: Timed | null;
-  /** How far beyond the target, as a share of the step. */
+  /** Overshoot beyond the target, as a share of the step. */
   overshoot: number;
   /** From the step until it stays within the tolerance; null where it does not. */
   settling: Timed | null;
   /** From the step to the greatest value. */
   peak: Timed;
-  /** What is left between target and value at the end, in the signal's unit. */
+  /** Difference between target and value at the end, in the signal's unit. */
   remaining: number;
 }
 

@@ -58,7 +58,7 @@ function run(count: number, values: (i: number) => number): Run {
 }
 
 describe("the report", () => {
-  it("says nothing that a drive's name could make a script of", () => {
+  it("escapes a drive's name, so that it is no script", () => {
     const text = report([run(10, (i) => i)], words, "en");
     expect(text).not.toContain("<script");
     expect(text).toContain("&#60;script&#62;");
@@ -81,7 +81,7 @@ describe("the report", () => {
     expect(text).toContain(">154.00<");
   });
 
-  it("shows what was commanded, and the band of the tolerance", () => {
+  it("shows the commanded course, and the band of the tolerance", () => {
     const text = report([run(10, (i) => i)], words, "en");
     expect(text).toMatch(/<polyline [^>]*stroke-dasharray="5 4" points="(\S+,\S+ ?){4}"/);
     expect(text.match(/<rect /g)?.length).toBe(1);

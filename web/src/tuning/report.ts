@@ -19,9 +19,9 @@ export interface Words {
   rate: string;
   lost: string;
   note: string;
-  /** What is said of a time that the samples are too far apart for, from both in milliseconds. */
+  /** Text for a time that is shorter than the distance of samples, both in milliseconds. */
   too_short: (time: string, interval: string) => string;
-  /** What the picture's dashed lines and bands are. */
+  /** Legend of the picture's dashed lines and bands. */
   legend: string;
 }
 

@@ -9,12 +9,12 @@ export interface Run {
   axis: string;
   drive: string;
   signal: string;
-  /** Of the wire; `shown` is what people read. */
+  /** Unit on the wire; `shown` is the displayed one. */
   unit: string;
   shown: { unit: string; factor: number };
   from: number;
   to: number;
-  /** What was commanded, as far as it is known. */
+  /** The commanded course, if it is known. */
   course: Course;
   /** Samples a second, as they came. */
   rate: number;
