@@ -91,7 +91,8 @@ impl LocalAxis {
     ) -> Result<PlannedWrite, Error> {
         let parameter = self.required_parameter(id)?;
         if parameter.access == Access::Read {
-            return Err(Error::usage("E214", format!("`{}` can only be read", parameter.name), ""));
+            let what = format!("writing `{}`", parameter.name);
+            return Err(self.unsupported_error(&what, Unsupported::ReadOnly(id)));
         }
         let raw = match value {
             WriteValue::Raw(raw) => *raw,

@@ -106,7 +106,7 @@ impl Axis {
     /// The SI value of an argument of a verb.
     ///
     /// # Errors
-    /// As [`AxisInterface::argument`].
+    /// As [`AxisMotion::argument`](super::AxisMotion::argument).
     pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
         self.interface.argument(verb, which, amount)
     }
@@ -120,7 +120,7 @@ impl Axis {
     /// Every parameter.
     ///
     /// # Errors
-    /// As [`AxisInterface::parameters`].
+    /// As [`AxisParameters::parameters`](super::AxisParameters::parameters).
     pub fn parameters(&self) -> Result<Vec<ParameterDescription>, Error> {
         self.interface.parameters()
     }
@@ -231,7 +231,7 @@ impl Axis {
     /// Sends a request in the protocol's own text, and returns the value in the reply.
     ///
     /// # Errors
-    /// As [`AxisInterface::start_raw`].
+    /// As [`AxisMotion::start_raw`](super::AxisMotion::start_raw).
     pub fn raw(&self, text: &str) -> Result<i64, Error> {
         self.interface.start_raw(text)?.finish()?.raw(text)
     }
@@ -239,7 +239,7 @@ impl Axis {
     /// Arms the axis: motion commands are allowed. [`armed`](Self::armed) does it for a scope.
     ///
     /// # Errors
-    /// As [`AxisInterface::arm`].
+    /// As [`AxisControl::arm`](super::AxisControl::arm).
     pub fn arm(&self) -> Result<(), Error> {
         self.interface.arm()
     }
@@ -247,7 +247,7 @@ impl Axis {
     /// Disarms the axis.
     ///
     /// # Errors
-    /// As [`AxisInterface::disarm`].
+    /// As [`AxisControl::disarm`](super::AxisControl::disarm).
     pub fn disarm(&self) -> Result<(), Error> {
         self.interface.disarm()
     }
@@ -261,7 +261,7 @@ impl Axis {
     /// Starts a verb, and does not wait for its end.
     ///
     /// # Errors
-    /// As [`AxisInterface::start`].
+    /// As [`AxisMotion::start`](super::AxisMotion::start).
     pub fn start(&self, command: Command) -> Result<AxisRequest, Error> {
         self.interface.start(command)
     }
@@ -423,7 +423,7 @@ impl Axis {
     /// Stops the motor, and returns when standstill is confirmed.
     ///
     /// # Errors
-    /// As [`AxisInterface::stop`].
+    /// As [`AxisControl::stop`](super::AxisControl::stop).
     pub fn stop(&self) -> Result<(), Error> {
         self.interface.stop()
     }
@@ -439,7 +439,7 @@ impl Axis {
     /// Reads signals now, in SI.
     ///
     /// # Errors
-    /// As [`AxisInterface::signals`].
+    /// As [`AxisReadings::signals`](super::AxisReadings::signals).
     pub fn signals(&self, signals: &[Signal]) -> Result<Vec<SignalReading>, Error> {
         self.interface.signals(signals)
     }
@@ -476,7 +476,7 @@ impl Axis {
     /// Reads the device information: name, versions, motors.
     ///
     /// # Errors
-    /// As [`AxisInterface::device_details`].
+    /// As [`AxisReadings::device_details`](super::AxisReadings::device_details).
     pub fn device_details(&self) -> Result<Vec<DeviceDetail>, Error> {
         self.interface.device_details()
     }
@@ -492,7 +492,7 @@ impl Axis {
     /// Sets the drive's watchdog; `None` switches it off.
     ///
     /// # Errors
-    /// As [`AxisInterface::set_watchdog`].
+    /// As [`AxisReadings::set_watchdog`](super::AxisReadings::set_watchdog).
     pub fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogReport, Error> {
         self.interface.set_watchdog(after)
     }

@@ -108,7 +108,7 @@ fn is_name_char(c: char) -> bool {
     c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c)
 }
 
-/// Writes the memory of a profile as a set-up archive, which [`load`](super::load) reads again.
+/// Writes the memory of a profile as a set-up archive, which [`load_profile`](crate::load_profile) reads again.
 ///
 /// # Errors
 /// [`FileError`] for a profile that is no memory, and for a file that cannot be written.

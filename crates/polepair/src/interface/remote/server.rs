@@ -252,7 +252,7 @@ impl LeaseGuard {
     /// Acquires the lease and arms the axis.
     ///
     /// # Errors
-    /// As [`AxisInterface::arm`](crate::AxisInterface::arm).
+    /// As [`AxisControl::arm`](crate::interface::AxisControl::arm).
     pub fn arm(&self) -> Result<(), Error> {
         Ok(self.acquire_and_arm()?)
     }
