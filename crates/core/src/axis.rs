@@ -293,7 +293,7 @@ pub trait WriteRules {
 /// Parameters of any length: text and bytes.
 pub trait DataDriver: RequestEncoder {
     /// Returns the request that reads a parameter of any length (text or bytes). The host delivers the
-    /// bytes as they arrive ([`Host::poll_bytes`](crate::station::Host::poll_bytes)).
+    /// bytes as they arrive ([`HostData::poll_bytes`](crate::station::HostData::poll_bytes)).
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol has no such values.
@@ -305,7 +305,7 @@ pub trait DataDriver: RequestEncoder {
     ) -> Result<Self::Request, Unsupported>;
 
     /// The request that writes `size` bytes to a parameter of any length
-    /// ([`Host::feed_bytes`](crate::station::Host::feed_bytes)).
+    /// ([`HostData::feed_bytes`](crate::station::HostData::feed_bytes)).
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol has no such values.

@@ -277,7 +277,7 @@ pub trait FrameFormat {
     }
 
     /// The axis of a valid process data frame, which neither asks nor replies. Its meaning depends on the
-    /// conversation; [`explain`](Self::explain) alone knows less.
+    /// conversation; [`explain`](Dissector::explain) alone knows less.
     fn process_data_axis(&self, frame: &RawFrame<'_>) -> Option<u32> {
         let _ = frame;
         None

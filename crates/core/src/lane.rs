@@ -112,7 +112,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
     }
 
-    /// The lane with a factory, so that axes can [join](Axes::add_axis).
+    /// The lane with a factory, so that axes can [join](crate::axis::AxisDirectory::add_axis).
     #[must_use]
     pub fn with_driver_factory(self, make: DriverFactory<H::Request, H::Answer>) -> Self {
         Self { driver_factory: Some(make), ..self }

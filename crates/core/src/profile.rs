@@ -50,7 +50,8 @@ pub struct Profile {
     /// copies settings from one drive to another leaves them alone.
     pub link_settings: &'static [ParameterId],
     /// Parameters that a drive of this profile may lack, because the standard leaves them optional. A drive
-    /// without one is not at fault: see [`Axes::lacks_parameter`](crate::axis::Axes::lacks_parameter).
+    /// without one is not at fault: see
+    /// [`AxisDirectory::lacks_parameter`](crate::axis::AxisDirectory::lacks_parameter).
     pub optional: &'static [ParameterId],
     /// Reaction of the drive to the loss of the link.
     pub watchdog: Watchdog,

@@ -229,9 +229,9 @@ pub enum ProgramCommand {
     Abort,
     /// Run no program any more.
     End,
-    /// Report whether a program of the drive runs; [`Driver::is_program_running`] reads the answer.
+    /// Report whether a program of the drive runs; [`ProgramDriver::is_program_running`] reads the answer.
     ///
-    /// [`Driver::is_program_running`]: crate::axis::Driver::is_program_running
+    /// [`ProgramDriver::is_program_running`]: crate::axis::ProgramDriver::is_program_running
     QueryProgram,
     /// Reads whether a called routine is running: see [`MemoryRules::call_flag`].
     QueryCall,

@@ -92,8 +92,8 @@ pub trait Request: Copy + Send + 'static {
         Effect::from_class(self.class())
     }
 
-    /// Returns whether the caller has to read or feed bytes while it runs, with [`Host::poll_bytes`] and
-    /// [`Host::feed_bytes`].
+    /// Returns whether the caller has to read or feed bytes while it runs, with [`HostData::poll_bytes`] and
+    /// [`HostData::feed_bytes`].
     fn moves_bytes(&self) -> bool {
         false
     }

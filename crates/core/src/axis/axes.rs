@@ -224,7 +224,7 @@ pub trait AxisText {
         text: &str,
     ) -> Result<(), Unsupported>;
 
-    /// Shows what [`send_text`](Self::send_text) would send, without sending it.
+    /// Shows what [`send_text`](super::AxisText::send_text) would send, without sending it.
     ///
     /// # Errors
     /// [`Unsupported::BadText`] when the text is not valid in the protocol.
@@ -280,7 +280,7 @@ pub trait AxisData {
     ) -> Result<(), Unsupported>;
 
     /// Reads bytes of a long value that the protocol's own request under `ticket` is reading, and returns how
-    /// many; see [`send_text`](Self::send_text). The drive continues as the bytes are read; the request ends
+    /// many; see [`send_text`](super::AxisText::send_text). The drive continues as the bytes are read; the request ends
     /// with the last one. `None` when there is no such request, or it has not started.
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize>;
 

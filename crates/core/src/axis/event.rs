@@ -53,7 +53,7 @@ impl Presence {
     }
 }
 
-/// An event of an axis; see [`Axes::enable_events`](super::Axes::enable_events).
+/// An event of an axis; see [`AxisTraffic::enable_events`](super::AxisTraffic::enable_events).
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AxisEvent {
     /// Time of arrival or of detection.

@@ -11,7 +11,7 @@ pub struct ConversationContext<'a> {
     pub direction: Option<Direction>,
     /// The last request on the line that is not answered yet.
     pub open_request: Option<RawFrame<'a>>,
-    /// The last request to the axis that [set its reply format](super::Dissector::sets_reply_format).
+    /// The last request to the axis that [set its reply format](super::FrameConversation::sets_reply_format).
     pub format_request: Option<RawFrame<'a>>,
     /// The product's tables.
     pub profile: Option<&'static Profile>,

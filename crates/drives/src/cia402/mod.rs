@@ -1,7 +1,8 @@
 //! A simulated drive by the CiA 402 standard, with all modes and options. Only its two objects for transfer
 //! tests are its own.
 //!
-//! [`objects`] is the dictionary and the meaning of its values; [`shaft`] motor, loops and protections;
+//! [`objects`] is the dictionary and the meaning of its values;
+//! [`ServoShaft`](polepair_core::plant::ServoShaft) motor, loops and protections;
 //! [`units`] turns and rpm in the drive's numbers; [`drive`] connects them to the motion of
 //! [`proto::canopen`](polepair_core::proto::canopen::device::motion); [`faults`] error codes; [`transfer_objects`]
 //! objects of any length; [`device`] the bus.

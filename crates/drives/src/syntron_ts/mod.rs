@@ -1,7 +1,7 @@
 //! The SYNTRON TS servo drive and the similar DS102, on Modbus and CANopen.
 //!
 //! [`registers`] are Fn_00 to Fn_2FF with flash and its wear; [`paths`] and [`homing`] the registers of
-//! internal position mode; [`motion`] executes them; [`external`] other set-points; [`shaft`] motor, loops
+//! internal position mode; [`motion`] executes them; [`external`] other set-points; `shaft` motor, loops
 //! and protections; [`drive`] modes, power and alarms; [`panel`] keys and display; [`objects`] registers
 //! and drive profile in CANopen; [`device`] both wires and the environment.
 //!

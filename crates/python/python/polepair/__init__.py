@@ -196,7 +196,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_native.forked)
 
 
-# What takes long to import, and not every program uses.
+# Modules that take long to import, and that few programs use.
 _LATER = {
     "Arrays": "columns",
     "Capture": "captures",

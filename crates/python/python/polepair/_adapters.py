@@ -11,7 +11,7 @@ PAUSE = 0.05
 
 
 class SerialPort(Protocol):
-    """What a serial port of pyserial's has, and what is needed of one."""
+    """The used part of pyserial's port."""
 
     timeout: float | None
     baudrate: int
@@ -90,7 +90,7 @@ class SerialAdapter:
 
 
 def adapter(opened: Any) -> tuple[CanAdapter | SerialAdapter, str, bool]:
-    """What the native half takes, its name, and whether it is a bus."""
+    """The object for the native half, its name, and True for a bus."""
     if hasattr(opened, "recv") and hasattr(opened, "send"):
         return CanAdapter(opened), str(getattr(opened, "channel_info", "a bus")), True
     if hasattr(opened, "read") and hasattr(opened, "write"):

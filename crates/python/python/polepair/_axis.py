@@ -59,17 +59,17 @@ class AxisSteps:
 
     @property
     def number(self) -> int:
-        """Its address on the wire."""
+        """The address on the wire."""
         return self._native.number
 
     @property
     def name(self) -> str:
-        """Its name in the rack file, or empty."""
+        """The name in the rack file, or empty."""
         return self._native.name
 
     @property
     def label(self) -> str:
-        """Its label in messages."""
+        """The label in messages."""
         return self._native.label
 
     @property
@@ -89,17 +89,17 @@ class AxisSteps:
 
     @property
     def caution(self) -> str:
-        """What to check before the first motion."""
+        """Checks to make before the first motion."""
         return self._native.caution
 
     @property
     def signals(self) -> dict[str, str]:
-        """Its signals, each with the unit of the drive's parameter; on a server in SI."""
+        """The signals, each with the unit of the drive's parameter; on a server in SI."""
         return dict(self._native.signals())
 
     @property
     def verbs(self) -> list[str]:
-        """Its verbs."""
+        """The supported verbs."""
         return self._native.verbs()
 
     def __repr__(self) -> str:
@@ -229,7 +229,7 @@ class AxisSteps:
             try:
                 going = yield from self._begin("reached")
             except Unsupported as error:
-                # On a server only who has armed an axis commands it; whoever has not looks.
+                # On a server only the client that armed an axis commands it; others watch.
                 if error.code != "E219" or "reached" not in self.signals:
                     raise
                 return (yield from self._looked(timeout))
@@ -265,7 +265,7 @@ class AxisSteps:
             yield Call(self._native.sleep, min(LOOK, left))
 
     def _done(self, asked: Asked) -> Steps[bool]:
-        """Whether it has arrived."""
+        """True if the axis has arrived."""
         return self._arrived(asked, ANSWER if self._native.is_remote else 0.0)
 
     def _arrive(self, timeout: float = TIMEOUT, asked: Asked | None = None) -> Steps[None]:
@@ -431,7 +431,7 @@ class AxisSteps:
         try:
             yield Whole(self._native.arm, True)
         except PolepairError:
-            # What armed nothing has nothing to undo, and leaves an arming before it alone.
+            # Without an arming of its own there is nothing to undo, and an earlier arming stays.
             raise
         except BaseException:
             yield from self._disarm()
@@ -451,7 +451,7 @@ class AxisSteps:
             yield from self._enable()
         except BaseException:
             if "disable" in self.verbs:
-                # What went wrong before is what the caller wants to see.
+                # The earlier error is the one that the caller needs.
                 with suppress(PolepairError):
                     begun = yield from self._begin_own("disable")
                     if begun is not None:
@@ -459,7 +459,7 @@ class AxisSteps:
             raise
 
     def _disarm(self) -> Steps[None]:
-        # What went wrong before is what the caller wants to see.
+        # The earlier error is the one that the caller needs.
         with suppress(PolepairError):
             yield Whole(self._native.arm, False)
 
@@ -513,7 +513,7 @@ class AxisSteps:
         interrupt: KeyboardInterrupt | None = None
         try:
             if stop and "stop" in self.verbs and not (yield from self._stop_own()):
-                # It has been taken by somebody else.
+                # Another caller has taken it.
                 return None
         except PolepairError as error:
             failed = error

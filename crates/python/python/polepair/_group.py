@@ -25,7 +25,7 @@ class GroupSteps(Generic[A]):
     __slots__ = ("axes",)
 
     axes: tuple[A, ...]
-    """Its axes, in the given order."""
+    """The axes, in the given order."""
 
     def __init__(self, axes: Iterable[A]) -> None:
         self.axes = tuple(axes)

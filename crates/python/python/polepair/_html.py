@@ -1,4 +1,4 @@
-"""How objects show themselves in a notebook."""
+"""Notebook representations of objects."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class LinkOf(Generic[A]):
 
     @property
     def url(self) -> str:
-        """Its connection string."""
+        """The connection string."""
         return self._open().url
 
     @property
@@ -116,7 +116,7 @@ class LinkOf(Generic[A]):
         Armed axes are stopped, switched off and disarmed first. If this fails, the link is still
         closed, and the error names the motors that may turn.
         """
-        # What a fork's child inherited is not its own to stop, or to close.
+        # A forked child must neither stop nor close what it inherited.
         link = self._native if self._process == os.getpid() else None
         try:
             if link is not None:
@@ -161,7 +161,7 @@ class ParametersOf(Generic[A]):
         self._axis = axis
 
     def info(self, name: str) -> native.Parameter:
-        """Its description: unit, range, default, value names, manual section."""
+        """The description: unit, range, default, value names, manual section."""
         return self._axis._native.parameters()[self._axis._native.find(name)]
 
     def __iter__(self) -> Iterator[str]:

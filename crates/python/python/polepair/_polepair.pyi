@@ -196,20 +196,20 @@ class Events:
 
 @final
 class Parameter:
-    """What a drive has, as its profile says it."""
+    """A parameter of a drive, as its profile describes it."""
 
     @property
     def name(self) -> str:
         """The name that users type."""
     @property
     def symbol(self) -> str:
-        """What the manual calls it."""
+        """The name in the manual."""
     @property
     def about(self) -> str:
-        """What it does; empty where no source says."""
+        """The purpose; empty if no source gives it."""
     @property
     def unit(self) -> str:
-        """Its unit; empty for none."""
+        """The unit; empty for none."""
     @property
     def raw_range(self) -> tuple[int, int]:
         """Least and greatest raw value."""
@@ -222,7 +222,7 @@ class Parameter:
     def writable(self) -> bool: ...
     @property
     def persistence(self) -> str:
-        """What a written value survives: volatile, storable, always, unless-ram."""
+        """Storage of a written value: volatile, storable, always, unless-ram."""
     @property
     def moves(self) -> bool:
         """Writing it may move the motor: the axis must be armed."""
@@ -231,7 +231,7 @@ class Parameter:
         """Names of raw values."""
     @property
     def section(self) -> str:
-        """Its section in the manual."""
+        """The section in the manual."""
 
 @final
 class Request:
@@ -395,7 +395,7 @@ class Event:
 
     @property
     def number(self) -> int:
-        """Its number in the capture, from 1."""
+        """The number in the capture, from 1."""
     @property
     def time_ns(self) -> int | None:
         """Nanoseconds since the capture's epoch; None where the capture does not say."""
@@ -429,16 +429,16 @@ class Event:
         """The axis, station or module that it concerns."""
     @property
     def fields(self) -> dict[str, Any]:
-        """Its fields by name."""
+        """The fields by name."""
     @property
     def text(self) -> str:
         """The one-line meaning."""
     @property
     def error(self) -> str | None:
-        """What is wrong with it."""
+        """The violation of the protocol, or None."""
     @property
     def notices(self) -> list[tuple[str, dict[str, Any]]]:
-        """What its conversation tells at this frame: a kind, and its facts by name."""
+        """Events of the conversation at this frame, each a kind and values by name."""
 
 @final
 class CanWire:

@@ -17,11 +17,11 @@ class Fault(NamedTuple):
     name: str
     """The manual's short name."""
     text: str
-    """What happened."""
+    """The meaning of the fault."""
     cause: str
     """Why it usually happens."""
     remedy: str
-    """What to do."""
+    """A remedy."""
     warning: bool
     """True if the drive continues to work."""
 
@@ -59,7 +59,7 @@ class Losses(NamedTuple):
     """Losses and errors of a wire since it was opened."""
 
     wire: str
-    """Its name."""
+    """The name."""
     overrun: int
     """Frames or bytes that were dropped because they were not read in time."""
     malformed: int
@@ -74,7 +74,7 @@ class Found(NamedTuple):
     """A drive that answered a scan."""
 
     number: int
-    """Its address."""
+    """The address."""
     product: str
     """Name of the product in profiles."""
     title: str

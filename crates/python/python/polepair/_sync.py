@@ -206,7 +206,7 @@ class Motion:
         run(self._axis._arrive(timeout, self._asked))
 
     def done(self) -> bool:
-        """Whether it has arrived."""
+        """True if the axis has arrived."""
         return run(self._axis._done(self._asked))
 
     def cancel(self) -> None:
@@ -282,7 +282,7 @@ class GroupMotion:
         run(self._group._arrive(self._moving, timeout))
 
     def done(self) -> bool:
-        """Whether all have arrived."""
+        """True if all axes have arrived."""
         return all(axis.reached(0.0) for axis in self._moving)
 
     def cancel(self) -> None:

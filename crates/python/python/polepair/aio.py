@@ -93,7 +93,7 @@ def _stopping() -> ThreadPoolExecutor:
 
 
 async def _whole(future: asyncio.Future[R]) -> R:
-    """What comes of it. Who is cancelled meanwhile is told so when it has ended."""
+    """Returns the result. A cancellation takes effect when the request has ended."""
     cancelled: asyncio.CancelledError | None = None
     while not future.done():
         try:
@@ -108,7 +108,7 @@ async def _whole(future: asyncio.Future[R]) -> R:
 
 
 class _Waiting:
-    """Who waits for one request in one loop: it wakes the last who asked to be told."""
+    """The waiter for one request in one event loop; only the last registered waiter is woken."""
 
     __slots__ = ("count", "ended")
 
@@ -186,7 +186,7 @@ class Axis(AxisSteps):
 
     @property
     def params(self) -> Parameters:
-        """Its settings and readings by name: `await axis.params.set("max current", 1.2)`."""
+        """The parameters by name: `await axis.params.set("max current", 1.2)`."""
         return Parameters(self)
 
     enable = awaitable(AxisSteps._enable)
@@ -344,7 +344,7 @@ class Motion:
         await arun(self._axis._arrive(timeout, self._asked))
 
     async def done(self) -> bool:
-        """Whether it has arrived."""
+        """True if the axis has arrived."""
         return await arun(self._axis._done(self._asked))
 
     def __await__(self) -> Generator[None, None, None]:
@@ -544,7 +544,7 @@ class Link(LinkOf[Axis]):
         await self._closed()
 
     async def _closed(self) -> None:
-        """Closes it; a stop that takes its time keeps nobody else in the loop waiting."""
+        """Closes it; a slow stop does not block the event loop."""
         try:
             if self._native is not None and self._process == getpid():
                 loop = asyncio.get_running_loop()

@@ -26,13 +26,13 @@ from .errors import PolepairError
 __all__ = ["Bus"]
 
 WAITING_MAX = 1 << 16
-"""Frames that a bus keeps for who does not read them; further ones are lost, counted and told."""
+"""Unread frames that a bus keeps; further ones are lost, counted and reported."""
 
 LOG = logging.getLogger("can.polepair")
 
 
 class Channel:
-    """A wire, or none, and the buses of this process on it. Whoever waits first reads for all."""
+    """A wire, or none, and the buses of this process on it. The first waiting bus reads for all."""
 
     opened: ClassVar[dict[Hashable, Channel]] = {}
     opening: ClassVar[threading.Lock] = threading.Lock()
@@ -48,7 +48,7 @@ class Channel:
 
     @classmethod
     def join(cls, name: Hashable, bus: Bus) -> Channel:
-        """The channel of that name, opened if nobody has."""
+        """The channel of that name, opened at its first use."""
         with cls.opening:
             channel = cls.opened.get(name) or cls(name)
             cls.opened[name] = channel
@@ -67,7 +67,7 @@ class Channel:
 
     def send(self, bus: Bus, message: can.Message) -> None:
         """Sends a frame to the wire, and to the other buses of this process."""
-        # With the lock: nobody hears the answer before the question.
+        # Under the lock, so that no answer is delivered before its request.
         with self.changed:
             if self.wire is not None:
                 self.wire.send(
@@ -94,7 +94,7 @@ class Channel:
                     return None
                 if bus._is_shutdown and ends is None:
                     raise can.CanOperationError("this bus is shut down")
-                # One that is shut down hears nothing more, but whoever waits is not startled.
+                # A closed bus gets no more frames; its waiting reader ends without an error.
                 if self.wire is None or self.led or bus._is_shutdown:
                     over = not self.changed.wait(None if ends is None else left)
                 else:

@@ -44,7 +44,7 @@ class Capture:
 
     @property
     def damage(self) -> list[str]:
-        """Places that could not be read so far, by whoever iterates."""
+        """Unreadable places so far, over all iterators."""
         return self._decoder.damage
 
     def __iter__(self) -> Iterator[native.Event]:

@@ -72,7 +72,7 @@ class Table:
         return made
 
     def to_numpy(self) -> Arrays:
-        """Its columns as arrays, each made when it is first asked for; needs NumPy."""
+        """The columns as arrays, each made at its first use; needs NumPy."""
         extra("numpy", "numpy")
         return Arrays(self._native)
 

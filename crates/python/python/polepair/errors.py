@@ -1,4 +1,4 @@
-"""What can go wrong, by blame. Everything here is under `PolepairError`."""
+"""Errors, by their cause. All are subclasses of `PolepairError`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class PolepairError(Exception):
     """Something went wrong; `str()` is one sentence, notes say what to try.
 
     `code` stays the same over versions (`E401`); `executed` is True or False where it is known
-    whether the drive did what was asked, and None where nobody can know.
+    whether the drive executed the request, and None if that is unknown.
     """
 
     code: str
@@ -38,7 +38,7 @@ class PolepairError(Exception):
 
 
 class NoReply(PolepairError):
-    """Nobody answered."""
+    """No drive answered in time."""
 
 
 class Refused(PolepairError):

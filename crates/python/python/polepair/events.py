@@ -96,7 +96,7 @@ class FaultCleared:
 
 @dataclass(frozen=True, slots=True)
 class PresenceChanged:
-    """How a drive takes part in its network from now on."""
+    """A new network state of a drive."""
 
     time: float
     axis: int
@@ -175,7 +175,7 @@ def _happening(told: Told) -> Happening | None:
 
 
 class _Events:
-    """What happens from when this was made until it is closed. It keeps the link open."""
+    """Events from the creation of this object until it is closed. It keeps the link open."""
 
     __slots__ = ("__weakref__", "_native")
 
@@ -189,7 +189,7 @@ class _Events:
 
     @property
     def closed(self) -> bool:
-        """Whether it listens no more."""
+        """True once it is closed."""
         return self._native.closed
 
     def close(self) -> None:
@@ -203,7 +203,7 @@ class _Events:
         """
         while not self._native.closed:
             if self._native.in_virtual_time:
-                # Time passes only while somebody waits, here a second at most at once.
+                # Simulated time passes only during waits, here one second at most at once.
                 slice_s = 1.0 if timeout is None else timeout
                 told = yield Call(self._native.result, slice_s)
             else:

@@ -1,4 +1,4 @@
-"""What a frame or a code means, by itself: `polepair.explain`."""
+"""Explanations of single frames and codes: `polepair.explain`."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class Part:
     name: str
     """The protocol's name for it."""
     value: Any
-    """Its value: int, float, str, or a list of 16-bit words."""
+    """The value: int, float, str, or a list of 16-bit words."""
     meaning: str
-    """What the value means; empty where there is no name for it."""
+    """The meaning of the value; empty if it has no name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """What a frame means."""
+    """The explanation of a frame."""
 
     bytes: bytes
-    """Its bytes."""
+    """The bytes."""
     kind: str
     """The protocol's word for it."""
     axis: int | None
@@ -49,9 +49,9 @@ class Explained:
     text: str
     """The meaning in one line."""
     error: str | None
-    """What it breaks."""
+    """The violation of the protocol, or None."""
     parts: tuple[Part, ...]
-    """What every byte means, in their order."""
+    """The fields, in the order of their bytes."""
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -86,7 +86,7 @@ class Explained:
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What a number means."""
+    """The explanation of a number."""
 
     code: int
     """The number."""

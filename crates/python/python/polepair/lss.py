@@ -70,11 +70,11 @@ class LssMaster:
         return LssIdentity(*self._native.identity_of(node_id))
 
     def node_answers(self, node_id: int) -> bool:
-        """Whether a node answers. It is asked for its device type, 1000h."""
+        """True if the node answers a read of its device type, 1000h."""
         return self._native.node_answers(node_id)
 
     def has_unconfigured(self) -> bool:
-        """Whether at least one device without node-ID is on the bus (service 4Ch)."""
+        """True if at least one device without node-ID is on the bus (service 4Ch)."""
         return self._native.has_unconfigured()
 
     def find_unconfigured(self) -> LssIdentity | None:

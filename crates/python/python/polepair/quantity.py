@@ -19,7 +19,7 @@ class Quantity(float):
     __slots__ = ("raw", "text", "unit", "word")
 
     unit: str
-    """Its unit as people write it; empty for none."""
+    """The unit as people write it; empty for none."""
     raw: int | None
     """As it lies in the drive."""
     word: str | None
@@ -64,7 +64,7 @@ def _make(value: float, unit: str, raw: int | None, word: str | None, text: str)
 
 
 Amount: TypeAlias = Union[float, str, tuple[float, str]]  # noqa: UP007
-"""What a caller gives: a number, `"60 rpm"`, or `(60, "rpm")`."""
+"""An argument with or without a unit: a number, `"60 rpm"`, or `(60, "rpm")`."""
 
 
 def given(amount: Amount | None, unit: str | None = None) -> float | str | None:

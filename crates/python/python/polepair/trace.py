@@ -1,4 +1,4 @@
-"""What signals did over a while, and how good a step response was."""
+"""Recorded signals, and metrics of a step response."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TAIL = 0.1
 
 @dataclass(frozen=True, slots=True)
 class StepResponse:
-    """How a signal followed a step.
+    """Metrics of a step response.
 
     Shares are of the way from where it was to where it ended, as control engineers count: a signal
     that ends beside its target has a steady-state error, not an endless settling. Times are seconds
@@ -43,11 +43,11 @@ class StepResponse:
     delay: float
     """Until it had gone half of the way."""
     overshoot: float
-    """How far beyond the end it went, as a share of the way."""
+    """Overshoot beyond the end, as a share of the step."""
     peak: float
-    """Its furthest value in the step's direction."""
+    """Peak value in the direction of the step."""
     peak_time: float
-    """When that was."""
+    """Time of the peak."""
     settling: float
     """Until it stayed within `band` of the way around the end."""
     error: float
@@ -55,9 +55,9 @@ class StepResponse:
     band: float
     """The band of `settling`, as a share of the way."""
     times: tuple[float, ...]
-    """When it was read, from the step on."""
+    """Times of the samples, from the step on."""
     values: tuple[float, ...]
-    """What was read."""
+    """Values of the samples."""
     unit: str = ""
     """The unit of target, values, peak and error; empty if unknown."""
 
@@ -121,7 +121,7 @@ class Trace:
     """Samples of an axis' signals, in SI, each row with its time in seconds."""
 
     axis: str
-    """Of which axis."""
+    """Label of the axis."""
     times: list[float]
     """Time of each row; 0 is the start, or the time of the step."""
     columns: dict[str, list[float]]
@@ -248,7 +248,7 @@ def _at(times: Sequence[float], values: Sequence[float], when: float) -> float:
 
 
 def _crossed(times: Sequence[float], shares: Sequence[float], level: float) -> float:
-    """When the signal first came up to a level after the step."""
+    """Time at which the signal first reached a level after the step."""
     for before, share in enumerate(shares[1:]):
         time, earlier = times[before + 1], times[before]
         if time >= 0.0 and share >= level:
@@ -260,7 +260,7 @@ def _crossed(times: Sequence[float], shares: Sequence[float], level: float) -> f
 
 
 def _settled(times: Sequence[float], shares: Sequence[float], band: float) -> float:
-    """When the signal came into the band for good; NaN if only the last sample is in it."""
+    """Time from which the signal stays in the band; NaN if only the last sample is in it."""
     for before in range(len(shares) - 1, -1, -1):
         beyond = shares[before] - 1.0
         if abs(beyond) > band:

@@ -36,7 +36,7 @@ pub enum HostRequest {
         class: RequestClass,
     },
     /// Reads an object of any length. The bytes are read with
-    /// [`Host::poll_bytes`](crate::station::Host::poll_bytes).
+    /// [`HostData::poll_bytes`](crate::station::HostData::poll_bytes).
     Upload {
         /// Node-ID.
         node: u8,
@@ -48,7 +48,7 @@ pub enum HostRequest {
         max: u16,
     },
     /// Writes an object of any length. The bytes are fed with
-    /// [`Host::feed_bytes`](crate::station::Host::feed_bytes).
+    /// [`HostData::feed_bytes`](crate::station::HostData::feed_bytes).
     Download {
         /// Node-ID.
         node: u8,

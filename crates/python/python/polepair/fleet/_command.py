@@ -117,7 +117,7 @@ def _print_report(report: Report) -> None:
 
 
 class _ProgressLine:
-    """How far it is, in one line of a terminal."""
+    """Shows the progress in one line of a terminal."""
 
     def __init__(self) -> None:
         self._shown = sys.stderr.isatty()

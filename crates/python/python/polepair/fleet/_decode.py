@@ -29,7 +29,7 @@ TASKS_PER_CORE = 4
 RAY_TASKS = 2_000
 """Tasks that a Ray cluster is given at once."""
 RAY_RETRIES = 3
-"""How often Ray runs a task again whose node was lost."""
+"""Number of times Ray repeats a task whose node was lost."""
 DONE = "_done"
 """The folder with a note for each decoded capture, named by its content."""
 BEGUN = "_begun"
@@ -39,14 +39,14 @@ SOURCES = "_sources"
 SEEN = "_captures"
 """The folder with a note for each file of a decoded capture, so that the file is not read again."""
 VERSION_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified", "last_modified", "updated")
-"""What file systems call the version of a file."""
+"""The identity of a file's version on its file system."""
 
 
 class Capture(NamedTuple):
     """A file in the folder or bucket of captures."""
 
     name: str
-    """Its path below the folder, with `/`."""
+    """The path below the folder, with `/`."""
     size: int
     """Bytes."""
     version: str
@@ -54,14 +54,14 @@ class Capture(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What became of a capture."""
+    """The result of decoding a capture."""
 
     capture: Capture
     state: Literal["decoded", "present", "failed"]
     reason: str = ""
     """Why it was not decoded."""
     notes: tuple[str, ...] = ()
-    """What is uncertain or was left out: the protocol is a guess, lines are damaged."""
+    """Warnings: the protocol is a guess, lines are damaged."""
     retry: bool = False
     """Another attempt can succeed: a file could not be read or written."""
     content: str = ""
@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """How far a run is."""
+    """Progress of a run."""
 
     captures: int
     """Captures that are done, with those that failed."""
@@ -81,7 +81,7 @@ class Progress(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What became of all captures."""
+    """The results of all captures."""
 
     decoded: int
     present: int
@@ -183,14 +183,14 @@ class Job:
         return words
 
     def remaining(self, captures: Iterable[Capture]) -> list[Capture]:
-        """Those whose files, as listed, are not in the data set with these options."""
+        """The captures whose listed files are not in the data set with these options."""
         files, root = _file_system(self.out, self.storage_options)
         folder = f"{root}/{SEEN}"
         seen = {posixpath.basename(path) for path in files.find(folder)} if files.isdir(folder) else set()
         return [capture for capture in captures if self._seen_name(capture) not in seen]
 
     def _seen_name(self, capture: Capture) -> str:
-        """The name of its note in SEEN; empty where nobody knows whether the file changed."""
+        """The name of its note in SEEN; empty if changes of the file cannot be detected."""
         if not capture.version:
             return ""
         words = [capture.name, str(capture.size), capture.version, _inputs(tuple(self.options_for(capture)))]

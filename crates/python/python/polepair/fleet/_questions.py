@@ -34,7 +34,7 @@ _COLUMNS = {
     "events": _COMMON + "axis integer, event varchar, name varchar, code bigint, text varchar, cause varchar, "
     "remedy varchar, frame_seq bigint, ",
 }
-"""What a table has that no capture gave a row for."""
+"""Column types of tables, for data sets in which no capture has a row of the table."""
 
 
 class Question(NamedTuple):
