@@ -1,4 +1,4 @@
-//! What each fuzz target does with its input: shared by cargo-fuzz (`fuzz_targets/`, `make soak`) and
+//! Use of the input by each fuzz target: shared by cargo-fuzz (`fuzz_targets/`, `make soak`) and
 //! by the seeded form of the same (`crates/cli/tests/commands/fuzz.rs`, `make test`).
 //!
 //! Nothing panics, nothing goes on without end, and a cut never reaches beyond its input.
@@ -194,7 +194,7 @@ fn pairs() -> Vec<(HostProtocol, &'static Profile)> {
     serial.filter_map(with).collect()
 }
 
-/// Lets a node speak and time pass, at most so long.
+/// Lets a node speak and time pass, at most for this time.
 fn run(
     node: &mut dyn SimNode,
     now: &mut Instant,
@@ -303,13 +303,13 @@ pub fn setup(data: &[u8]) {
     }
 }
 
-/// What a host may be told in [`session`]: its requests are kept until they end.
+/// A host with its requests in [`session`], which are kept until they end.
 struct Spoke {
     node: Box<dyn SimNode>,
     profile: &'static Profile,
     now: Instant,
     open: Vec<Ticket>,
-    /// What it sent last.
+    /// Bytes that the host sent last.
     said: Vec<u8>,
 }
 

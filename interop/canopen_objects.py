@@ -39,7 +39,7 @@ def dictionary():
     for base in (0x1400, 0x1800):
         for n in range(4):
             RECORDS[base + n] = COMMUNICATION[: 6 if base == 0x1400 else 7]
-            # As records: the client finds no entry of an array whose length is 0.
+            # Records, because the client finds no entry of an array whose length is 0.
             RECORDS[base + 0x200 + n] = [U8] + 8 * [U32]
     for index, kinds in RECORDS.items():
         record = ODRecord(f"o{index:04X}", index)

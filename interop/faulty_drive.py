@@ -1,4 +1,4 @@
-"""A drive on a pty that answers well and misbehaves when told to.
+"""A drive on a pty that replies well and misbehaves on demand.
 
 TMCL: a read of parameter p gives 1000 p. Modbus RTU: register a holds a. Every write is counted,
 and every other request that is no read.

@@ -51,7 +51,7 @@ class OddDrive:
         self.ignores_halt, self.enable_s, self.sample_s = False, 0.0, 0.0
         # Bit 12 stays set after enabling, until bit 4 falls.
         self.keeps_ack = False
-        # What answers a frame in place of the drive: bytes, b"" for silence, None to let the drive answer.
+        # Reply to a frame in place of the drive: bytes, b"" for silence, None for the drive's own reply.
         self.hook = lambda frame: None
         # When each frame to the node came, and when each value of the controlword did.
         self.frames, self.controls = [], []
@@ -62,7 +62,7 @@ class OddDrive:
         self.fault_at, self.sto_at, self.fault_homing_after = None, None, None
         # It takes another mode never, or only while it is not enabled.
         self.keeps_mode = self.locks_mode = False
-        # So many looks at the statusword see the bits of an earlier homing.
+        # Number of readings of the statusword that still have the bits of an earlier homing.
         self.stale_reads, self.homing_s, self.homed = 0, 0.3, 0
         self.lock = threading.RLock()
         self.server = socket.create_server(("127.0.0.1", 0))

@@ -14,7 +14,7 @@ HOST = 2
 
 
 class Module:
-    """What a module answers, and its motors."""
+    """A TMCL module with configurable replies, and its motors."""
 
     def __init__(self, address=1, version=0x270F0130, position=0, motors=1, mirrors=False):
         self.address, self.version, self.motors, self.mirrors = address, version, motors, mirrors

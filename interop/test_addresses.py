@@ -122,7 +122,7 @@ def test_text_and_bytes(node, tmp_path):
     assert node.data_store[0x1F50][0] == given.read_bytes()
 
 
-def test_an_object_that_is_not_there_is_told_with_its_code(node):
+def test_a_missing_object_is_reported_with_its_code(node):
     done = polepair("get", URL, "0x2099:1:u8", check=False)
     assert done.returncode == 6 and "0x06020000" in done.stderr, done.stderr
     done = polepair("get", URL, "0x2099:1", "-o", "/dev/null", check=False)

@@ -94,7 +94,7 @@ def heard(bus, timeout=120):
 
 
 def own_echo(bus):
-    """Has `heard` pass over the echo of each frame that the bus sends."""
+    """Makes the bus skip the echo of each frame that it sends."""
     send = bus.send
 
     def noted(frame, timeout=None):
@@ -174,7 +174,7 @@ def test_our_clients_reach_our_servers_end_to_end(gateway):
         exchange(one, other, FRAMES)
 
 
-def test_a_wrong_bit_rate_neither_hears_nor_is_heard(gateway, tmp_path):
+def test_a_wrong_bit_rate_neither_receives_nor_is_received(gateway, tmp_path):
     path = tmp_path / "can"
     _, server = gateway(f"slcan-pty:{path}?{RATE}", "socketcand-listen:0/can0")
     with slcan(str(path), 250_000) as wrong, socketcand(server) as other:

@@ -59,7 +59,7 @@ def test_a_setting_is_written_and_read_back(node):
     assert "250" in polepair("get", URL, "heartbeat time").stdout
 
 
-def test_an_abort_is_told_with_its_code(node):
+def test_an_abort_is_reported_with_its_code(node):
     done = polepair("get", URL, "product code", check=False)
     assert done.returncode == 0
     del node.object_dictionary[0x1001]
@@ -72,6 +72,6 @@ def test_a_scan_finds_the_node_and_no_other(node):
     assert [line.split()[0] for line in said.splitlines() if line[:1].isdigit()] == [str(NODE)]
 
 
-def test_nobody_there_is_silence():
+def test_an_address_without_a_drive_is_silent():
     done = polepair("get", URL, "vendor id", check=False, silence=True)
     assert done.returncode != 0 and "E401" in done.stderr

@@ -135,7 +135,7 @@ def test_pdos_are_mapped_and_go_with_sync(node):
     heard = []
     back.add_callback(lambda pdo: heard.append([value.raw for value in pdo]))
     out.transmit()
-    # What is asked goes behind it on the same wire.
+    # A query is sent after it on the same wire.
     assert node.sdo[0x60FF].raw == 0, "it waits for SYNC"
     for n in range(1, 11):
         node.network.sync.transmit()
@@ -144,7 +144,7 @@ def test_pdos_are_mapped_and_go_with_sync(node):
     assert heard[-1][0] & 0x6F == 0x40
 
 
-def test_a_change_is_told_by_itself(node):
+def test_a_change_is_reported_unasked(node):
     node.pdo.read()
     heard = []
 

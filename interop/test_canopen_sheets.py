@@ -15,7 +15,7 @@ from test_canopen_nodes import network
 
 SHEETS = Path(__file__).resolve().parent / "sheets"
 NODE = 5
-# What a device tells of itself, and what python canopen reads otherwise from the file.
+# Objects with live values, and those that python canopen reads otherwise from the file.
 LIVE = {0x1010, 0x1011, 0x200D, 0x6041, 0x6061, 0x6064, 0x606C}
 # A type that python canopen gives as bytes.
 TIME_OF_DAY = 0x0C
@@ -160,7 +160,7 @@ def test_a_domain_keeps_what_is_written(motor, size):
         assert motor.sdo.upload(0x200C, 0) == pattern(size)[::-1]
 
 
-def test_what_the_sheet_maps_is_alive(motor):
+def test_the_mapping_of_the_sheet_is_live(motor):
     heard = {1: [], 2: []}
     for pdo in (*motor.tpdo.values(), *motor.rpdo.values()):
         pdo.read()
@@ -175,7 +175,7 @@ def test_what_the_sheet_maps_is_alive(motor):
     motor.sdo[0x2004].raw = 77
     motor.network.sync.transmit()
     wait_until("TPDO 2 follows SYNC", lambda: heard[2], lambda rows: rows == [[0, 77]])
-    # What the factory maps can be mapped again, though its entry does not say so.
+    # An object that is mapped by default can be mapped again, though its entry denies it.
     motor.nmt.state = "PRE-OPERATIONAL"
     motor.tpdo[2].save()
 

@@ -13,7 +13,7 @@ from importlib.metadata import version
 import pytest
 from conftest import BUILD
 
-# What they wait for, s, is too short for a busy machine, even where no bus is involved. Each of these
+# Their time-outs, s, are too short for a busy machine, even where no bus is involved. Each of these
 # texts is in their tests, and is replaced.
 PATIENCE = {
     "PERIOD * 10": "PERIOD * 300",

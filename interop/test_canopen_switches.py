@@ -42,7 +42,7 @@ def segmented(node):
 
 
 def selected(node):
-    """Whether LSS finds it by its numbers."""
+    """Returns whether LSS finds the node by its identity."""
     numbers = [node.sdo[0x1018][sub].raw for sub in IDENTITY]
     lss = node.network.lss
     lss.RESPONSE_TIMEOUT = 1
@@ -72,7 +72,7 @@ def guarded(node, patience=1):
     return heard
 
 
-def test_what_the_manual_does_not_name_is_not_answered(tmp_path):
+def test_a_request_outside_the_manual_gets_no_reply(tmp_path):
     with drive(tmp_path) as node:
         assert segmented(node) == REFUSED
         assert not selected(node)

@@ -40,7 +40,7 @@ def mapped(node):
 
 
 def work(drives, master, nodes):
-    """What a machine does in a few seconds."""
+    """Traffic of a machine in a few seconds."""
     for node in nodes:
         node.sdo.RESPONSE_TIMEOUT = 10
         assert node.sdo[0x1008].raw == NAME
@@ -109,7 +109,7 @@ def test_transfers_and_moved_process_data_are_named(capture):
     assert all(n["quality"] == "good" for n in places), places[:1]
 
 
-def test_what_is_planted_is_found_once(capture, tmp_path):
+def test_a_planted_fault_is_found_once(capture, tmp_path):
     lines = capture.read_text().splitlines()
 
     def odd(changed):

@@ -62,7 +62,7 @@ def written(path, text):
     return path
 
 
-# What each form has room for: TRC of python-can has no error frames, CSV no CAN FD.
+# Kinds of frames that each format can store: TRC of python-can has no error frames, CSV no CAN FD.
 PYTHON_CAN = {
     "log": ("data", "remote", "fd"),
     "asc": ("data", "remote", "fd"),
@@ -98,7 +98,7 @@ def test_python_can_reads_all_that_a_form_holds(kind, tmp_path):
 @pytest.mark.parametrize("kind", PYTHON_CAN)
 def test_we_read_all_that_python_can_writes(kind, tmp_path):
     source = written(tmp_path / "source.log", lines(kinds=PYTHON_CAN[kind]))
-    # Its log reader forgets the length of remote requests; its reader of our BLF does not.
+    # python-can's log reader forgets the length of remote requests; its reader of our BLF does not.
     exact, path = tmp_path / "source.blf", tmp_path / f"bus.{kind}"
     run("convert", str(source), str(exact))
     with can.LogReader(str(exact)) as reader, can.Logger(str(path)) as logger:
@@ -145,7 +145,7 @@ def test_tshark_and_editcap_agree_to_the_nanosecond(end, tmp_path):
         assert row[3] in ("", "0", "False") or rest.startswith("R"), (row, line)
         if rest.startswith("R"):
             assert int(row[2]) == int(rest[1:] or 0), (row, line)
-    # What Wireshark's own tool makes of it is read by us as it was.
+    # A file that Wireshark's own tool converted is read as the original.
     for form in ["pcapng", "nsecpcap"]:
         theirs = tmp_path / f"theirs.{form}"
         subprocess.run(["editcap", "-F", form, str(path), str(theirs)], check=True, timeout=MAX_WAIT)

@@ -170,7 +170,7 @@ def test_a_folder_becomes_a_data_set(tmp_path):
 
     made = decode(check=False)
     assert made and not list(out.rglob(".*"))
-    # What is decoded already is left as it is; the broken one is tried again.
+    # Captures that are already decoded are left as they are; the broken one is tried again.
     assert decode(check=False) == made
     (captures / "broken.pcap").unlink()
     assert decode(check=True) == made

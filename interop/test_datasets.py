@@ -148,7 +148,7 @@ def test_three_programs_decode_into_one_new_data_set(captures: Path, tmp_path: P
     assert not [part for part in dataset.rglob(".*.part")]
 
 
-def test_what_a_killed_program_began_is_taken_up_though_the_capture_has_grown(captures: Path, tmp_path: Path) -> None:
+def test_the_work_of_a_killed_program_is_resumed_though_the_capture_has_grown(captures: Path, tmp_path: Path) -> None:
     file, dataset = captures / "bus.log", tmp_path / "dataset"
     count = 0
     for n in range(12):

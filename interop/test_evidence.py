@@ -40,7 +40,7 @@ def test_a_limit_with_the_bit_of_an_arrival_is_a_limit(odd, at, turns):
 
 
 @pytest.mark.parametrize("after", [0.002, 0.004, 0.02])
-def test_a_relative_move_whose_frames_are_doubled_is_told(odd, after):
+def test_a_relative_move_whose_frames_are_doubled_is_reported(odd, after):
     drive = odd()
     drive.doubled_after = after
     moved = polepair("move", drive.url, "1turn", "--rel", "--vel", "120rpm", check=False)
@@ -218,7 +218,7 @@ def test_an_accepted_write_is_read_back():
 
     drive, url = modbus(later)
     try:
-        # Its registers hold their own number: this value is there already, the other never.
+        # Each register holds its own number: 48 is present already, 7 never is.
         polepair("set", url, "0x30:u16=48", "--arm")
         kept = polepair("set", url, "0x30:u16=7", "--arm", check=False)
         assert kept.returncode == 1 and "48" in kept.stdout + kept.stderr, kept

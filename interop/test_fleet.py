@@ -147,7 +147,7 @@ def test_a_bucket_is_source_and_target(captures: Path, single: dict[str, str], b
     ask = [sys.executable, "-m", "polepair", "fleet", "sql", f"s3://{bucket}/dataset", query]
     asked = subprocess.run(ask, capture_output=True, text=True, check=False, timeout=300)
     assert f"files: {COUNT}" in asked.stdout, asked.stderr
-    # What is there is not even read again.
+    # Captures that are already decoded are not read again.
     files.put_file(str(captures / "machine-0" / "0000.log"), f"{bucket}/captures/copy.log")
     again = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert again.stdout == f"0 decoded, {COUNT + 1} were decoded earlier, 0 failed\n", again.stderr

@@ -39,7 +39,7 @@ def messages(kinds, count=120):
 
 
 def facts(message):
-    """What a frame is, without its time."""
+    """Identity of a frame without its time."""
     data = bytes(message.data) if not message.is_remote_frame else b""
     return (message.arbitration_id, message.is_extended_id, message.is_remote_frame,
             message.is_fd and message.bitrate_switch, message.dlc, data)
@@ -96,7 +96,7 @@ def test_python_cans_files_mean_what_its_readers_say(end, tmp_path):
         expected = [(message.timestamp, facts(message)) for message in reader]
     assert len(expected) == 120
     found = ours(path)
-    # Its reader of ASC gives no date.
+    # python-can's reader of ASC ignores the date.
     compared(since_first(found) if end == "asc" else found, expected, tolerance)
 
 

@@ -1,4 +1,4 @@
-"""What is recorded at the full speed of a line and of a bus: everything, or the loss is told."""
+"""Recordings at the full speed of a line and of a bus are complete, or report their losses."""
 
 import os
 import pty
@@ -18,7 +18,7 @@ BIT_RATE, FRAME_BITS = 1_000_000, 130
 
 
 class Recorder:
-    """`polepair record`, until it is told to end."""
+    """A `polepair record` that runs until `ended`."""
 
     def __init__(self, url, path):
         words = [POLEPAIR, "record", url, "-o", str(path)]
@@ -27,7 +27,7 @@ class Recorder:
             assert line, "it ended"
 
     def ended(self):
-        """How many it says were dropped; its exit code says the same."""
+        """Ends it. Returns the number of dropped frames, which agrees with the exit code."""
         self.process.send_signal(signal.SIGINT)
         said = self.process.communicate(timeout=MAX_WAIT)[1]
         dropped = int(re.search(r"(\d+) dropped", said)[1])
@@ -36,7 +36,7 @@ class Recorder:
 
 
 def words_of(path):
-    """What a log holds behind its times."""
+    """Lines of a log without their times."""
     return [line.split(" ", 2)[2] for line in path.read_text().splitlines()]
 
 

@@ -71,7 +71,7 @@ def same(one, other):
 def test_ours_shows_what_theirs_shows(run, library, blocks):
     languages = [language for language, _ in blocks]
     if library == "TML_LIB":
-        # Its library is closed: what ours shows stands in the page.
+        # TML_LIB is a closed library: the page contains the output of ours.
         assert languages == ["c", "python", "text"]
         theirs, ours = blocks[2][1], run(library, blocks[1][1])
     else:

@@ -83,8 +83,8 @@ def test_our_host_reads_and_writes_its_node(program, gateway):  # noqa: F811
 
 
 def test_our_lss_master_gives_its_device_a_node_id(program, gateway):  # noqa: F811
-    """Its library answers no 4Ch, no selection and no inquiry of its node-ID; to inquiries of its
-    identity it answers the lowest bytes alone."""
+    """The library replies to no 4Ch, no selection and no inquiry of its node-ID; to inquiries of its
+    identity it sends the lowest bytes alone."""
     words, environment = program
     server, _ = gateway("socketcand-listen:0/can0", f"udp:{GROUP}:{free_port(socket.SOCK_DGRAM)}")
     host, port = server.rsplit(":", 1)

@@ -14,7 +14,7 @@ def last(drive, index):
     return [value for written, value in drive.writes if written == index][-1]
 
 
-# What a drive says of its units, units a turn, units of 1 rpm.
+# Objects with a drive's units, units a turn, units of 1 rpm.
 UNITS = [
     ({(0x60A8, 0): 0xFF410000, (0x60A9, 0): 0x00B44700, (0x608F, 1): 2000} | NANOTEC, 3600, 1),
     ({(0x60A8, 0): 0xFDB40000, (0x60A9, 0): 0xFEB40300}, 1000, 100 / 60),
@@ -42,7 +42,7 @@ def test_a_turn_and_a_speed_are_what_the_drive_counts(odd, objects, per_turn, pe
     assert "unit" in polepair("info", drive.url).stdout
 
 
-def test_what_contradicts_itself_has_no_unit(odd):
+def test_contradictory_scales_have_no_unit(odd):
     objects = {(0x60A8, 0): 0xFF410000, (0x6092, 1): 10_000, (0x6092, 2): 1}
     drive = odd(objects=objects)
     refused = polepair("spin", drive.url, "60rpm", "--for", "0.2s", check=False)
@@ -69,7 +69,7 @@ def test_a_count_of_zero_is_none(odd):
 
 
 @pytest.mark.parametrize("at", [1000, 4000])
-def test_a_fault_in_a_move_is_told_at_once(odd, at):
+def test_a_fault_in_a_move_is_reported_at_once(odd, at):
     drive = odd()
     drive.fault_at = at
     failed = polepair("move", drive.url, "1turn", "--rel", check=False)
@@ -77,14 +77,14 @@ def test_a_fault_in_a_move_is_told_at_once(odd, at):
     assert "following error" in failed.stderr, failed
 
 
-def test_power_that_is_taken_in_a_move_is_told_at_once(odd):
+def test_loss_of_power_in_a_move_is_reported_at_once(odd):
     drive = odd()
     drive.sto_at = 2500
     failed = polepair("move", drive.url, "1turn", "--rel", check=False)
     assert failed.returncode == 1 and "lost its power" in failed.stderr, failed
 
 
-def test_a_fault_in_homing_is_told_at_once(odd):
+def test_a_fault_in_homing_is_reported_at_once(odd):
     drive = odd()
     drive.homing_s, drive.fault_homing_after = 300, 0.2
     failed = polepair("home", drive.url, check=False)

@@ -65,7 +65,7 @@ def test_a_program_that_does_not_run_is_not_ended(wires):
     assert "program" not in stopped.stderr and STOP_PROGRAM not in opcodes(module), stopped
 
 
-def test_a_module_that_still_reports_its_program_is_told(wires):
+def test_a_module_that_still_reports_its_program_is_named(wires):
     module = Module()
     wire = wires(SerialLine, module)
     module.stays_running = True
@@ -88,14 +88,14 @@ def run_until(reports, exit_code, *words, after_each=lambda run: None):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0003, 0.002, 0.005, 0.017, 0.04])
-def test_two_modules_with_one_address_are_told_and_not_believed(wires, delay):
+def test_two_modules_with_one_address_are_reported_and_not_believed(wires, delay):
     twins = Module(5, position=100), Module(5, version=0x04D80322, position=200)
     wire = wires(SlcanBus, *twins, delay=delay)
     twice = "module 5 answers twice: two modules have this address"
 
     for words in (["get", wire.url + "#5", *VALUES], ["info", wire.url + "#5"], ["watch", wire.url + "#5", "--for", "1s"]):
         run_until(lambda run: "E502" in run.stderr and twice in run.stderr and run.stdout == "", 5, *words)
-    # Who names the product is told by the first value.
+    # With a named product the first value shows the clash.
     named = ["get", wire.url + "?profile=tmcm-171#5", "actual position"]
     run_until(lambda run: twice in run.stderr and run.stdout == "", 5, *named)
     run_until(lambda run: twice in run.stdout and "E104" in run.stderr, 1, "scan", wire.url, "--ids", "5")
@@ -132,7 +132,7 @@ def test_a_module_alone_is_believed(wires, delay):
 @pytest.mark.parametrize("address", [1, 5, 30])
 def test_a_module_that_ignores_its_address_is_one(wires, address):
     wire = wires(SerialLine, Module(address, position=4242), ignores_address=True)
-    # Whom nobody named is silent, and waited for as by a user.
+    # An address that was not named is silent, and has the usual time-out.
     scanned = polepair("scan", wire.url, silence=True)
     rows = [line for line in scanned.stdout.splitlines() if line[:1].isdigit()]
     assert len(rows) == 1 and rows[0].startswith(f"{address} "), scanned

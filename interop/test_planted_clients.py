@@ -1,5 +1,5 @@
-"""Recordings of other people's clients at work on our drives: nobody is accused in them as they are,
-and of a fault that is planted `summary` tells the time and the axis, and nothing else."""
+"""Recordings of foreign clients at work on our drives: as they are they have no anomaly,
+and for a planted fault `summary` names the time and the axis, and nothing else."""
 
 import json
 import os
@@ -25,11 +25,11 @@ from pytrinamic.connections.can_tmcl_interface import CanTmclInterface
 
 GROUP = "239.74.163.2"
 ROUNDS = 40
-# Whether a host takes turns is known after sixteen answers.
+# Exchanges after which the decoder knows whether a host takes turns: sixteen, and some more.
 LEARNT = 20
 # Time between two exchanges, s: there a fault has room.
 REST = 0.005
-# What a busy machine makes longer than this, s, is made as short: nobody's drive was that slow, and none answers
+# Longer pauses, s, are shortened to this: they come from a busy machine and not from a drive, and no drive replies
 # more slowly than this for long.
 LONGEST = 0.02
 SLOWEST = 0.001
@@ -121,7 +121,7 @@ def frames_of(path):
 
 
 def summary(frames, path):
-    """What `summary` tells of a capture, and whether its exit code says the same."""
+    """Runs `summary` on the frames. Returns its report, after a check that the exit code agrees."""
     path.write_text("".join(frame.line() for frame in frames))
     words = [POLEPAIR, "summary", str(path), "--format", "json"]
     done = subprocess.run(words, capture_output=True, timeout=MAX_WAIT, check=False)
@@ -282,7 +282,7 @@ def steady(frames, is_answer):
 
 
 @pytest.mark.parametrize("client", CLIENTS)
-def test_what_is_planted_is_found_and_nothing_else(client, sim, tmp_path):
+def test_a_planted_fault_is_found_and_nothing_else(client, sim, tmp_path):
     path, replies, axis = CLIENTS[client](sim, tmp_path)
     recorded = frames_of(path)
 

@@ -49,7 +49,7 @@ def test_examples_have_nothing_to_complain_of(checked):
     assert checked(examples) == (6, [])
 
 
-def test_what_is_wrong_is_told(checked):
+def test_wrong_settings_are_reported(checked):
     wrong = "import polepair as pp\nwith pp.connect('sim:tmcl') as link:\n    link.axis(1.5)\n"
     files, errors = checked({"wrong.py": wrong})
     assert files == 1 and len(errors) == 1 and "float" in errors[0]

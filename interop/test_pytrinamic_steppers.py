@@ -14,7 +14,7 @@ from pytrinamic.modules import TMCM6110
 from pytrinamic.tmcl import TMCLCommand
 
 SPEED = 1500
-# How many times faster motors and examples live than they would at the desk.
+# Factor by which motors and examples run faster than in reality.
 HURRY = 10
 SOURCES = pathlib.Path(sys.prefix) / "sources"
 

@@ -77,7 +77,7 @@ def test_a_module_is_found_at_its_rate_and_address(module):
     assert found[0]["drive"] == "tmcm-1140"
     # Reads and the version alone; nothing that moves, sets or stores.
     assert set(module.commands) <= {6, 10, 15, 31, 135, 136, 138}, module.commands
-    # What it prints can be pasted.
+    # The printed URL works when it is pasted.
     assert polepair("get", found[0]["url"], "actual position").stdout.strip()
     [head, row] = csv.reader(io.StringIO(polepair("scan", module.path, "--format", "csv", silence=True).stdout))
     assert dict(zip(head, row, strict=True))["url"] == found[0]["url"]

@@ -37,7 +37,7 @@ DRIVES = [
 
 
 def guest(*words):
-    """What a command says in the guest."""
+    """Runs a command in the guest, and returns its output."""
     done = subprocess.run(
         [HERE / "guest", *words], capture_output=True, text=True, timeout=400, check=False
     )

@@ -155,7 +155,7 @@ def test_a_modbus_drive_that_is_busy_is_stopped(code):
         drive.close()
 
 
-# --- A drive that does not tell now whether it stands.
+# --- A drive that refuses for the moment to report its speed.
 
 
 @pytest.mark.parametrize("code", [0x08000022, 0x08000020, 0x05040000, 0x06060000])

@@ -95,7 +95,7 @@ def test_a_thruster_runs_by_printed_frames(wire):
     assert controller.value("EF") == 0
 
 
-def test_silence_stops_it_and_the_fault_is_told_once(wire):
+def test_silence_stops_it_and_the_fault_is_reported_once(wire):
     _, controller = wire("thruster")
     for data in ["5443000000000000", "53540000000007D0", "5443000000000032"]:
         assert controller.ask(data) == bytes.fromhex(data)

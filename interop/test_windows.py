@@ -137,7 +137,7 @@ def speed(url):
     return abs(int(text.rsplit("=", 1)[1]))
 
 
-def test_it_says_what_it_is_and_lists_ports(wine):
+def test_it_describes_itself_and_lists_ports(wine):
     assert wine("--version").stdout.startswith("polepair ")
     assert "COM" in wine("ports").stdout
 
@@ -162,7 +162,7 @@ def test_tcp_and_every_can_link_reach_drives(wine, served):
     assert wine("scan", tcp.split("#")[0]).stdout.count("tmcm-171") == 1
 
 
-def test_what_linux_alone_has_is_refused_with_what_to_use_instead(wine):
+def test_a_linux_only_function_is_refused_with_an_alternative(wine):
     done = wine("info", "canopen+socketcan://can0#5", check=False)
     assert done.returncode == 2 and "SocketCAN is a part of Linux" in done.stderr, done.stderr
     assert "slcan" in done.stderr and "socketcand" in done.stderr, done.stderr
@@ -181,7 +181,7 @@ def test_a_serial_port_reaches_tmcl_and_tml(wine, com_port):
     assert moved.endswith(" turn\n") and abs(float(moved.split()[2]) - 0.25) < 0.01, moved
 
 
-def test_a_port_that_is_missing_is_told_with_those_that_exist(wine):
+def test_a_missing_port_is_reported_with_those_that_exist(wine):
     done = wine("info", "tmcl+serial://COM99#1", check=False)
     assert done.returncode == 3, done.stderr
     assert "error[E311]" in done.stderr and "Ports that exist: COM" in done.stderr, done.stderr

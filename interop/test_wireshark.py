@@ -119,7 +119,7 @@ def whole_number(text):
 
 
 def theirs(line):
-    """What Wireshark tells of a frame."""
+    """Explanation of a frame by Wireshark."""
     row = line.rstrip("\n").split("\t")
     if not row[0]:
         return None
@@ -155,7 +155,7 @@ TOGGLED = ("SDO write segment", "SDO written segment", "SDO read segment", "SDO 
 
 
 def ours(line):
-    """What we tell of a frame."""
+    """Explanation of a frame by polepair."""
     frame = json.loads(line)
     kind, fields, error = frame["kind"] or "canopen", frame["fields"], frame["error"]
     service = KINDS.get(kind) or kind.split(" ")[0]
@@ -175,7 +175,7 @@ def ours(line):
         told["data"] = frame["bytes"]
     if service in ("SYNC", "TIME", "LSS", "?"):
         node = None
-    # What a frame breaks while it still says something does not make it less than whole.
+    # A broken rule leaves a frame whole as long as its meaning is clear.
     whole = error is None or not error.startswith("length:")
     return service, node, whole, told, kind, error
 
@@ -235,7 +235,7 @@ def has_reserved_time(made, we, they):
 
 
 def is_above_nodes(made, we, they):
-    """An order to a node above 127: nobody's, we say; Wireshark shows it."""
+    """A command to a node above 127: polepair names no addressee, Wireshark the number."""
     return we[0] == "NMT" and made[2][1] > 127
 
 

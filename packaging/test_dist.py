@@ -1,4 +1,4 @@
-"""What is in `dist/`, installed as its users do: nothing of this repository and no Rust in sight.
+"""The files in `dist/`, installed as users do: nothing of this repository and no Rust in sight.
 
 `make dist` makes the files, `make try-dist` runs this.
 """
@@ -104,7 +104,7 @@ def page(folder: Path, command: list[str | Path]) -> None:
     try:
         assert server.stdout is not None
         url = server.stdout.readline().removeprefix("ready ").strip()
-        # Its first page lets the browser in by a cookie.
+        # The first page admits the browser by a cookie.
         browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
         with browser.open(url, timeout=30) as response:
             text = response.read().decode()
@@ -195,7 +195,7 @@ def test_a_debian_package_is_installed_used_and_removed(root: Root) -> None:
     exposure = root.run("systemd-analyze", "security", "--offline=true", "--no-pager", unit)
     level = re.search(r"Overall exposure level for .*: ([\d.]+)", exposure)
     assert level and float(level[1]) < 2.5, exposure[-500:]
-    # What the unit starts, as the user that it names.
+    # The command that the unit starts, as the user that the unit names.
     root.run("install", "-d", "-o", "polepair", "-g", "polepair", "-m", "700", "/var/lib/polepair")
     shown = root.run("sh", "-c", "polepair serve --state /var/lib/polepair --bind 127.0.0.1:0 >/tmp/served & "
                      "until grep -q ready /tmp/served; do sleep 0.1; done; kill $!; wait $!; cat /tmp/served",

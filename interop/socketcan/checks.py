@@ -1,4 +1,4 @@
-"""What the guest's checks share: each prints `ok NAME` or `failed NAME: why`."""
+"""Helpers of the guest's checks: each check prints `ok NAME` or `failed NAME: why`."""
 
 import os
 import select
@@ -28,7 +28,7 @@ def run_all():
 
 
 class Candump:
-    """What candump logs, without times, once it is known to hear every bus."""
+    """Log of candump without times, once it is known to receive every bus."""
 
     PROBE = "7E0#"
 
@@ -46,7 +46,7 @@ class Candump:
         self.text = b""
 
     def heard(self, seconds):
-        """What was logged so far, until there is silence of so many seconds, or no end to it."""
+        """Frames that were logged so far, read until the bus is silent for this time or five times that passed."""
         end = time.monotonic() + 5 * seconds
         while time.monotonic() < end and self.talks(seconds):
             self.text += os.read(self.process.stdout.fileno(), 65536)

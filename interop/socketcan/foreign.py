@@ -17,7 +17,7 @@ GATEWAY, POLEPAIR = sys.argv[1:3]
 
 @contextmanager
 def gateway(one, other):
-    """Joins two of our links; gives a list that holds what it told, once it has ended."""
+    """Joins two of our links. Returns a list that holds the gateway's output once it has ended."""
     process = subprocess.Popen(
         [GATEWAY, one, other],
         stdin=subprocess.PIPE,

@@ -70,7 +70,7 @@ fn data_alone_is_a_line_too() {
 }
 
 #[test]
-fn damage_is_told_in_words() {
+fn damage_is_reported_in_words() {
     assert_eq!(reason("(yesterday) can0 123#11"), "the time stamp is not seconds with decimals");
     assert_eq!(reason("(1.0 can0 123#11"), "the time stamp has no end");
     assert_eq!(reason("(1.0) ttyUSB0 > 01 0"), "a byte has only one hexadecimal digit");
@@ -137,7 +137,7 @@ fn times_keep_their_digits() {
 }
 
 #[test]
-fn what_is_no_frame_of_a_protocol_is_told() {
+fn a_frame_outside_the_protocol_is_reported() {
     let (out, damaged) =
         rendered("(1.0) can0 123##3112233445566778899AA\n(1.0) can0 20000044#0030");
     assert_eq!(damaged, [] as [&str; 0]);

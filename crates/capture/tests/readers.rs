@@ -131,7 +131,7 @@ fn frames() -> Vec<Frame> {
     ]
 }
 
-/// What goes over serial lines, in turns.
+/// Lines of serial traffic, written in turns.
 const SERIAL: [(char, &str); 8] = [
     ('>', "01 06 01 00 00 00 00 00 08"),
     ('<', "02 01 64 06 00 00 02 C7 36"),
@@ -370,7 +370,7 @@ impl Account {
     }
 }
 
-/// What the reader gives is what the decoder explains, to the byte.
+/// Reads the input in pieces, and checks that the decoder explains every byte that the reader returned.
 fn read(input: &[u8], format: Option<CaptureFormat>, piece: usize) {
     let mut records = Account::default();
     let mut reader = CaptureReader::new(format.into());

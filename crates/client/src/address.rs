@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_address_is_refused() {
+    fn a_text_that_is_no_address_is_refused() {
         let wrong = ["127.0.0.1:7365", "ftp://a", "http://", "http://a b", "http://a:b@localhost"];
         for url in wrong.into_iter().chain(["http://localhost:99999", "http://[::1"]) {
             assert_eq!(Address::parse(url).unwrap_err().code, "E256", "{url}");

@@ -181,7 +181,7 @@ impl<T> PendingOperation<T> {
 }
 
 impl<T: Clone> PendingOperation<T> {
-    /// Waits for the end, at most so long; `None` when it goes on.
+    /// Waits for the end, at most for this time; `None` if it continues.
     ///
     /// # Errors
     /// The reason of the failure; [`GatewayError::executed`] is `None` if the execution is unknown.

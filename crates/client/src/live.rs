@@ -144,7 +144,7 @@ impl LiveConnection {
         Ok(Lease::new(self.clone(), axis, epoch))
     }
 
-    /// Watches a signal, or a parameter, so often or as often as can be.
+    /// Watches a signal, or a parameter, at this rate or the highest possible.
     ///
     /// # Errors
     /// The error of the server.
@@ -336,7 +336,7 @@ impl SampleStream {
         self.buffer.poll_ready(waker) || self.live.cache().check_link(self.axis).is_err()
     }
 
-    /// Waits for a sample, at most so long.
+    /// Waits for a sample, at most for this time.
     pub fn wait(&self, within: Duration) {
         let ready =
             poll_fn(

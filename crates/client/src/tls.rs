@@ -282,7 +282,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_fingerprint_is_told_from_a_file() {
+    fn a_fingerprint_is_distinguished_from_a_file() {
         let printed = ["ab"; 32].join(":");
         assert_eq!(parse_fingerprint(&printed), Some("AB".repeat(32)));
         assert_eq!(parse_fingerprint("certificate.pem"), None);

@@ -1,4 +1,4 @@
-//! What a frame of a candump log costs: read, decoded into columns in memory, decoded into text.
+//! Cost of a frame of a candump log: read, decoded into columns in memory, decoded into text.
 //!
 //! Sixteen CANopen drives at 1 kHz whose mappings stand at the head of the log: SYNC, RPDO1, TPDO1 and
 //! TPDO2 in every cycle, heartbeats and reads of objects between. Targets on one core: 20, 30 and 60 ns.

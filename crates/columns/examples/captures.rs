@@ -1,4 +1,4 @@
-//! What a frame of the bench's log costs at best: the least disturbed of many short runs. With a
+//! Lowest cost of a frame of the bench's log: the least disturbed of many short runs. With a
 //! number: that many frames of the log, to stdout, for what the program itself costs.
 
 #[path = "../benches/work/mod.rs"]

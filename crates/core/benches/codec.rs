@@ -1,4 +1,4 @@
-//! What a message costs on the wire's side: encode a request, decode its reply.
+//! Cost of a message on the wire's side: encode a request, decode its reply.
 //!
 //! Targets (SPEED-6): Modbus RTU, ten registers, at most 22 ns; TMCL at most 10 ns; TML on a
 //! serial line at most 20 ns each way, on CAN at most 8 ns; CANopen's service data at most 6 ns (with

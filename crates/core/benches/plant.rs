@@ -1,4 +1,4 @@
-//! What the physics of a simulated drive cost: one tick of its servo loops and its motor.
+//! Cost of the physics of a simulated drive: one tick of its servo loops and its motor.
 //!
 //! A tick is a millisecond of the drive's time, so a second of a drive costs a thousand of them.
 
@@ -7,7 +7,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use polepair_core::plant::{Conditions, Goal, Motor, MotorParameters, Servo};
 
-/// Steps one motor on and on; `aim` is called whenever so many ticks have passed.
+/// Steps one motor on and on; `aim` is called each time this many ticks have passed.
 fn ticks(c: &mut Criterion, name: &str, every: u32, mut aim: impl FnMut(&mut Servo)) {
     let mut motor = Motor::new(MotorParameters::BLDC_24V);
     let mut servo = Servo::new(motor.parameters());

@@ -110,14 +110,14 @@ pub enum Step {
         read: ParameterId,
         /// The test.
         test: ParameterTest,
-        /// Give up after so long.
+        /// Time limit of the step.
         within_ms: u32,
         /// Giving up ends the plan; else it goes on.
         required: bool,
     },
     /// Waits for standstill of the motor, by measured values ([`judge`](crate::judge)).
     Standstill {
-        /// Give up after so long.
+        /// Time limit of the step.
         within_ms: u32,
     },
     /// Waits until the drive was seen to search its reference and passes the test.
@@ -126,7 +126,7 @@ pub enum Step {
         read: ParameterId,
         /// Passed when the search is over.
         test: ParameterTest,
-        /// Give up after so long.
+        /// Time limit of the step.
         within_ms: u32,
     },
     /// Waits until the last motion has ended, and compares the position with its target
@@ -135,7 +135,7 @@ pub enum Step {
         /// The drive's own report that the motion is over. `None` for the signals
         /// [`Reached`](crate::profile::Signal::Reached) and [`Moving`](crate::profile::Signal::Moving).
         flag: Option<(ParameterId, ParameterTest)>,
-        /// Give up after so long.
+        /// Time limit of the step.
         within_ms: u32,
     },
     /// Sends the protocol's own function, index and value: a request that is not a parameter.

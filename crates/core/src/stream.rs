@@ -142,7 +142,7 @@ impl BufferModel {
         self.sent
     }
 
-    /// A point that takes so long was sent.
+    /// A point with this duration was sent.
     pub const fn record_sent(&mut self, time_ns: u64) {
         let end = self.end_of(self.sent) + time_ns;
         self.sent += 1;
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_drive_says_sets_the_clock() {
+    fn the_drives_report_sets_the_clock() {
         let mut buffer = filled_buffer();
         buffer.start(Instant(1000 * MS));
         buffer.record_sent(20 * MS);

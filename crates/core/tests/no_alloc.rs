@@ -19,7 +19,7 @@ use polepair_core::time::Instant;
 struct Counting;
 
 thread_local! {
-    /// Of this thread: the test harness has one of its own, which may still be busy.
+    /// Allocations of this thread: the test harness has a thread of its own, which may still be busy.
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
 }
 

@@ -1,4 +1,4 @@
-//! What the erased layers add to a codec: submit a read through `dyn`, take its outcome.
+//! Cost of the erased layers on top of a codec: submit a read through `dyn`, take its outcome.
 //!
 //! Target (SPEED-6): at most 25 ns more than encoding the request and decoding the reply.
 

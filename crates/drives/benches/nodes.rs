@@ -24,7 +24,7 @@ use polepair_drives::{DeviceOptions, Family};
 
 const NODE: u8 = 5;
 const POSITION: ObjectIndex = ObjectIndex::new(0x6064, 0);
-/// Each case is measured for so long.
+/// Time for which each case is measured.
 const SPAN: Duration = Duration::from_secs(2);
 /// Rounds of a short run.
 const ROUNDS: u64 = 5000;
@@ -42,7 +42,7 @@ impl Arguments {
         Self { name, rounds: words.next().and_then(|word| word.parse().ok()) }
     }
 
-    /// Runs so many rounds at a time and prints the best.
+    /// Runs this many rounds at a time and prints the best.
     fn case(&self, name: &str, rounds: u64, mut run: impl FnMut(u64)) {
         if self.name.as_ref().is_some_and(|wanted| wanted != name) {
             return;

@@ -56,7 +56,7 @@ impl pp_request {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Goes on with it, at most so long.
+    /// Continues it, at most for this time.
     fn wait(&self, at_most: Duration) -> pp_status {
         let mut state = self.lock();
         let RequestProgress::Running(request) = &mut *state else {

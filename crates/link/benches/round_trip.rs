@@ -45,10 +45,10 @@ mod bench {
     /// Longer than the background thread waits behind the last caller.
     const PAUSE: Duration = Duration::from_millis(10);
 
-    /// What goes over the wire: the floor's request, and what the responder answers to any.
+    /// Bytes on the wire: the request of the floor, and the reply of the responder to any request.
     struct Exchange {
         name: &'static str,
-        /// What a read of the first parameter of the profile tells.
+        /// Value that a read of the profile's first parameter returns.
         value: i64,
         request: &'static [u8],
         reply: &'static [u8],
@@ -88,7 +88,7 @@ mod bench {
         wake_up();
     }
 
-    /// What a listener costs those who ask: back to back, and after a pause in which the background thread has
+    /// Cost of a listener for requests: back to back, and after a pause in which the background thread has
     /// begun to read for it.
     fn listened<P: Protocol<Medium = Stream>>(
         profile: &'static Profile,

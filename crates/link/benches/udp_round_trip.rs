@@ -50,11 +50,11 @@ mod bench {
     const GROUPS: [MulticastGroup; 4] =
         [group(43_215), group(43_216), group(43_217), group(43_218)];
     const NAMES: [&str; 5] = ["floor", "link", "TMCL", "SDO", "drive"];
-    /// What python-can makes of such a frame.
+    /// Size of such a frame as python-can packs it, bytes.
     const DATAGRAM: usize = 172;
     const NODE: u32 = 5;
 
-    /// What is sent, and the answer: identifier and data.
+    /// A request and its reply: identifier and data.
     pub(super) type Exchange = [(u16, &'static [u8]); 2];
     /// Read axis parameter 0 of module 1: 123456. TMCM-170/171 manual §2.1; a module's answers have
     /// the host's identifier.

@@ -29,7 +29,7 @@ use crate::descriptor::{ReadMode, timespec};
 const LINK_KEY: u64 = 0;
 const WAKER_KEY: u64 = 1;
 const TIMER_KEY: u64 = 2;
-/// A timer may ring so much later than asked; the kernel takes as much with a timeout.
+/// Greatest delay of a timer; the kernel takes as much with a timeout.
 const SLACK_NS: u64 = 50_000;
 
 /// A list of one link, its waker and an alarm.
@@ -163,7 +163,7 @@ mod tests {
 
     /// Nothing is left unread, whatever the size of a read, and an end is reported during a wait.
     #[test]
-    fn what_was_left_what_comes_later_and_the_end_are_told_at_once() {
+    fn leftovers_later_bytes_and_the_end_are_reported_at_once() {
         let (near, far) = std::os::unix::net::UnixStream::pair().unwrap();
         near.set_nonblocking(true).unwrap();
         let link = Descriptor::new(near.into(), "pair").unwrap();

@@ -31,7 +31,7 @@ use hardware_clock::HardwareClock;
 
 /// Size of the receive buffer that the kernel is asked for; it gives at most its limit.
 const RECEIVE_BUFFER: usize = 1 << 20;
-/// A full transmit queue is tried again so often, with a pause of about one frame's time.
+/// Number of attempts at a full transmit queue, with a pause of about one frame's time.
 const ATTEMPTS_MAX: u32 = 100;
 const ATTEMPT_INTERVAL: Duration = Duration::from_micros(200);
 /// Every class of error frame.

@@ -81,7 +81,7 @@ fn connect(link: Box<dyn LinkIo<Stream>>) -> Connection {
     connect_with_timeout(link, LONG_MS)
 }
 
-/// Connected by a lane that waits so long for an answer.
+/// Connected by a lane with this reply time-out.
 fn connect_with_timeout(link: Box<dyn LinkIo<Stream>>, reply_timeout_ms: u32) -> Connection {
     Connection::new(link, Box::new(ToyLane::with_reply_timeout(reply_timeout_ms)))
 }
@@ -157,7 +157,7 @@ fn two_hundred_threads_get_their_own_answers() {
 }
 
 #[test]
-fn busy_is_told_at_once_when_it_is_not_for_want_of_room() {
+fn busy_is_reported_at_once_when_it_is_not_for_want_of_room() {
     let (_drive, connection) = serve_and_connect(ToyDevice::with_delay(0));
     let mut calls = 0;
     let outcome = connection.request(long_deadline(), |_, _, _| {
@@ -186,7 +186,7 @@ fn the_next_waiter_leads_when_the_leader_leaves() {
 }
 
 #[test]
-fn a_plan_ends_though_nobody_waits() {
+fn a_plan_ends_without_a_waiter() {
     let (drive, connection) = serve_and_connect(ToyDevice::with_delay(0));
     drop(submit_command(&connection, Verb::MoveTo));
     wait_until(|| drive.request_count() == 10);
@@ -252,7 +252,7 @@ fn an_idle_link_is_read_while_somebody_listens() {
 }
 
 #[test]
-fn listeners_are_told_that_the_link_is_lost() {
+fn listeners_are_reported_that_the_link_is_lost() {
     let (drive, connection) = serve_and_connect(ToyDevice::with_delay(0));
     let mailbox = Mailbox::new(8);
     let _listening = connection.listen(&mailbox, 7, None);
@@ -300,7 +300,7 @@ fn a_waker_is_woken_once_by_the_keeper() {
 }
 
 #[test]
-fn what_nobody_waits_for_leaves_nothing_behind() {
+fn an_unawaited_request_leaves_nothing_behind() {
     let (drive, connection) = serve_and_connect(ToyDevice::with_delay(0));
     for value in 0..3000 {
         let mut pending = submit_write(&connection, value);

@@ -98,7 +98,7 @@ fn a_round_trip_allocates_nothing() {
     assert_eq!(ALLOCATIONS.get(), before + 1, "the counter counts");
 }
 
-/// What `act` allocates on this thread when it is done a thousand times more.
+/// Returns the number of allocations on this thread in a thousand further runs of `act`.
 fn allocated(mut act: impl FnMut()) -> u64 {
     act();
     let before = ALLOCATIONS.get();

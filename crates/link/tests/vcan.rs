@@ -18,7 +18,7 @@ const ANY: CanLine = CanLine { bit_rate: 0 };
 struct Bus(&'static str);
 
 impl Bus {
-    /// `None` where nobody promised that one can be made, and that nobody minds.
+    /// Makes an interface. Returns `None` if the environment does not promise that one can be made.
     fn new(name: &'static str) -> Option<Self> {
         if std::env::var_os("POLEPAIR_VCAN").is_none() {
             eprintln!("skipped: runs in the guest of interop/test_socketcan.py");
@@ -90,7 +90,7 @@ fn frames_of_every_kind_pass_and_are_stamped() {
 }
 
 #[test]
-fn what_the_kernel_had_no_room_for_is_counted() {
+fn frames_dropped_by_the_kernel_are_counted() {
     const BURST: u64 = 10_000;
     let Some(bus) = Bus::new("pp1") else { return };
     let (one, other) = (bus.open(), bus.open());

@@ -264,7 +264,7 @@ pub struct WatchdogView {
     pub set: WatchdogMode,
     /// State of the watchdog in words.
     pub text: String,
-    /// After so long a silence it stops, ms; `null` where it does not, or where that is not known.
+    /// Time of silence after which it stops, ms; `null` where it does not, or where that is not known.
     #[schema(required)]
     pub after_ms: Option<f64>,
     /// The parameter that is written to set it; `null` where the drive has none that can be set.
@@ -296,7 +296,7 @@ pub enum WatchdogMode {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SetWatchdog {
-    /// Stop after so long without a word of the host, ms; `null` and 0 are never.
+    /// Time without a message of the host after which it stops, ms; `null` and 0 are never.
     #[schema(required)]
     pub after_ms: Option<f64>,
     /// Epoch of the caller's lease.

@@ -18,14 +18,14 @@ fn a_command_is_read_with_its_time_to_live_by_default() {
 }
 
 #[test]
-fn an_argument_that_nobody_knows_is_refused() {
+fn an_unknown_argument_is_refused() {
     let text = r#"{"type":"command","axis":0,"id":"a","issued_ms":1,"epoch":3,"verb":"velocity",
                    "arguments":{"velocty":1.5}}"#;
     assert!(serde_json::from_str::<ClientMessage>(text).is_err());
 }
 
 #[test]
-fn what_may_be_left_out_may_be_left_out() {
+fn optional_parts_may_be_left_out() {
     assert_eq!(client(r#"{"type":"stop"}"#), ClientMessage::Stop(StopRequest::default()));
     assert_eq!(client(r#"{"type":"release"}"#), ClientMessage::Release);
     let lease = ClientMessage::Lease { axis: 1, act: LeaseAction::Take, epoch: 0 };
@@ -34,7 +34,7 @@ fn what_may_be_left_out_may_be_left_out() {
 
 /// Of a stop as much is obeyed as can be read, and the rest is named.
 #[test]
-fn what_can_be_read_of_a_stop_is_stopped() {
+fn the_readable_part_of_a_stop_is_executed() {
     let all: Option<&[u16]> = None;
     for (text, axes, unreadable) in [
         ("{}", all, &[][..]),

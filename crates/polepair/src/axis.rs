@@ -490,7 +490,7 @@ impl LocalAxis {
         self.run(Command::new(Verb::Home)).map(drop)
     }
 
-    /// Waits until the last move has ended, at most so long; false when it goes on. True means that its
+    /// Waits until the last move has ended, at most for this time; false when it goes on. True means that its
     /// position was measured within the window of the target.
     ///
     /// # Errors
@@ -552,7 +552,7 @@ impl LocalAxis {
         self.start(command)?.finish()
     }
 
-    /// Runs a verb to its end, at most so long. The value is the last one read.
+    /// Runs a verb to its end, at most for this time. The value is the last one read.
     ///
     /// # Errors
     /// [`Error::Failed`] `E101` when it has not ended in time: it goes on until a stop or a newer

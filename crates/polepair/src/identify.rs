@@ -99,13 +99,13 @@ impl<'a> Prober<'a> {
         self
     }
 
-    /// Waits for each answer at most so long, whatever the host would.
+    /// Sets the reply time-out of each query, in place of the host's own.
     pub(crate) fn with_timeout(mut self, patience: Option<Duration>) -> Self {
         self.reply_timeout = patience;
         self
     }
 
-    /// Asks each address at most so long, with all questions. What is not known by then stays unknown.
+    /// Asks each address, at most for this time, with all questions. What is not known by then stays unknown.
     pub(crate) fn with_time_limit(mut self, limit: Duration) -> Self {
         self.time_limit = Some(limit);
         self

@@ -327,7 +327,7 @@ Blink:
     }
 
     #[test]
-    fn a_wrong_text_is_told_by_its_place() {
+    fn a_wrong_text_is_reported_by_its_place() {
         for (text, told) in [
             (
                 "MVP ABS, 0, 1\nMPV ABS, 0, 1",

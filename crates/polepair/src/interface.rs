@@ -288,7 +288,7 @@ pub trait AxisReadings {
     /// By source.
     fn watchdog(&self) -> Result<WatchdogReport, Error>;
 
-    /// Sets the drive's watchdog: it stops after so long without a message of its host; `None` switches it off.
+    /// Sets the time without a message of its host after which the drive's watchdog stops it; `None` switches it off.
     ///
     /// # Errors
     /// `E213` for a drive without a watchdog that can be set; others by source.

@@ -262,7 +262,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_kind_is_told_with_its_counts_and_what_to_try() {
+    fn each_kind_is_reported_with_its_counts_and_what_to_try() {
         let counted = |change: fn(&mut Counters)| {
             let mut counters = Counters { sent: 3, resent: 2, silent: 1, ..Counters::default() };
             change(&mut counters);

@@ -88,7 +88,7 @@ pub fn format_amount(value: f64, unit: &str) -> String {
 /// ```
 ///
 /// # Errors
-/// [`Error::Usage`] `E217` for what is no number, is not finite, or has an unknown unit.
+/// [`Error::Usage`] `E217` for a text that is no number, is not finite, or has an unknown unit.
 pub fn parse(text: &str) -> Result<Measure, Error> {
     let text = text.trim();
     if let Some(number) = crate::toml_file::parse_number(text) {
@@ -248,7 +248,7 @@ mod tests {
     use polepair_core::units::{Quantity, Unit};
 
     #[test]
-    fn a_decimal_comma_is_told_with_the_point() {
+    fn a_decimal_comma_is_reported_with_the_point() {
         for (text, point) in [("1,5rad", "1.5rad"), ("-0,5 A", "-0.5 A"), ("2,5", "2.5")] {
             let error = parse(text).expect_err(text);
             assert_eq!(
@@ -264,13 +264,13 @@ mod tests {
     }
 
     #[test]
-    fn another_quantity_is_told_with_an_example() {
+    fn another_quantity_is_reported_with_an_example() {
         let error = parse("5 V").and_then(|five| five.si(Unit::Rpm)).expect_err("no speed");
         assert_eq!(error.hint(), "write it in rpm, such as `10 rpm`");
     }
 
     #[test]
-    fn numbers_and_units_are_told_apart() {
+    fn numbers_and_units_are_distinguished() {
         for (text, si, quantity) in [
             ("90 deg", core::f64::consts::FRAC_PI_2, Some(Quantity::Position)),
             ("-1.5e3 mA", -1.5, Some(Quantity::Current)),
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_measure_is_refused() {
+    fn a_text_that_is_no_measure_is_refused() {
         for text in ["", "fast", "3 parsecs", "nan", "inf rpm", "1e999 rpm", "--3"] {
             assert_eq!(parse(text).unwrap_err().code(), "E217", "{text}");
         }

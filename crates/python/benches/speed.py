@@ -1,4 +1,4 @@
-"""What the Python package costs, beside what it replaces and beside a floor in C, in one run.
+"""Cost of the Python package, beside the packages that it replaces and beside a floor in C, in one run.
 
     python crates/python/benches/speed.py [codec] [pty] [capture] [import] [--runs N]
 
@@ -210,7 +210,7 @@ def pty(runs: int) -> None:
 
 
 def mappings() -> Iterator[str]:
-    """What a master writes so that each PDO has three values: 16, 32 and 16 bits."""
+    """Writes of a master that map three values into each PDO: 16, 32 and 16 bits."""
     for node in range(1, 17):
         for index, objects in [
             (0x1600, (0x6040_0010, 0x607A_0020, 0x6071_0010)),

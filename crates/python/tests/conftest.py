@@ -1,4 +1,4 @@
-"""What tests share: drives in virtual time."""
+"""Fixtures of the tests: drives in virtual time."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ def link() -> Iterator[polepair.Link]:
 
 @pytest.fixture
 def axis(link: polepair.Link) -> polepair.Axis:
-    """Its one axis."""
+    """The one axis of the link."""
     return link.axes[0]

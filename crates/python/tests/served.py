@@ -1,4 +1,4 @@
-"""What tests of a running server share: the real `polepair serve`, and how they look at it."""
+"""Helpers for tests of a running server: the real `polepair serve`, and views of it."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def own_server(tmp_path: Path) -> Iterator[Server]:
 
 @pytest.fixture
 def joined_link(server: Server) -> Iterator[polepair.Link]:
-    """That server, joined."""
+    """A link to that server."""
     with server.join() as joined:
         yield joined
 

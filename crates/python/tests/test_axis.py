@@ -76,7 +76,7 @@ def test_parameters_are_a_mapping_with_units(axis: polepair.Axis) -> None:
     assert (info.symbol, info.unit, info.writable) == ("AP 6", "A", True)
 
 
-def test_what_cannot_be_is_refused_before_a_byte_is_sent(axis: polepair.Axis) -> None:
+def test_an_impossible_value_is_refused_before_a_byte_is_sent(axis: polepair.Axis) -> None:
     cases = [
         (lambda: axis.params.__setitem__("max current", 99), "E216"),
         (lambda: axis.params["max curent"], "E213"),
@@ -130,7 +130,7 @@ def test_a_heartbeat_is_watched_for_as_long_as_it_is_armed() -> None:
         assert refused.value.code == "E216" and not axis._native.is_armed
 
 
-def test_a_heartbeat_that_nobody_sends_guards_nothing() -> None:
+def test_a_heartbeat_without_a_producer_guards_nothing() -> None:
     with polepair.connect("sim:cia402:5?time=virtual") as link:
         axis = link.axes[0]
         with pytest.raises(polepair.Unsupported) as refused, axis.armed(watchdog=0.5):
@@ -140,7 +140,7 @@ def test_a_heartbeat_that_nobody_sends_guards_nothing() -> None:
 
 
 def ready(axis: polepair.Axis) -> None:
-    """A TS obeys Modbus only where it is told to."""
+    """Makes the axis obey: a TS obeys Modbus only in control mode 1."""
     if "control mode" in axis.params:
         axis.params["control mode"] = 1
 

@@ -29,7 +29,7 @@ def test_python_canopen_finds_and_moves_simulated_nodes() -> None:
     network = canopen.Network()
     network.connect(interface="polepair", channel="sim:syntron-ts-canopen:2,3")
     try:
-        # Its boot-up message makes a node known as well: the answers to the search are waited for.
+        # A boot-up message makes a node known as well: the replies to the search are waited for.
         answered: set[int] = set()
         for cob in (0x582, 0x583):
             network.subscribe(cob, lambda cob, _data, _at: answered.add(cob))
@@ -113,7 +113,7 @@ def test_programs_on_one_simulated_bus_hear_what_it_answers() -> None:
 
 
 @pytest.mark.parametrize("channel", ["test", "sim:tmcl+can"])
-def test_a_bus_that_is_shut_down_keeps_nobody_waiting_for_ever(channel: str) -> None:
+def test_a_bus_that_is_shut_down_keeps_no_caller_waiting(channel: str) -> None:
     bus = can.Bus(interface="polepair", channel=channel)
     told: list[str] = []
 
@@ -133,13 +133,13 @@ def test_a_bus_that_is_shut_down_keeps_nobody_waiting_for_ever(channel: str) -> 
         bus.recv(0)
 
 
-def test_what_cannot_be_opened_is_told_in_the_words_of_python_can() -> None:
+def test_an_adapter_that_cannot_be_opened_raises_python_cans_error() -> None:
     for channel, why in [("sim:tmcll", "tmcl"), ("sim:tmcl", "not one CAN bus")]:
         with pytest.raises(can.CanInitializationError, match=why):
             can.Bus(interface="polepair", channel=channel)
 
 
-def test_what_nobody_reads_is_bounded_and_counted() -> None:
+def test_unread_frames_are_bounded_and_counted() -> None:
     frame = can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)
     with (
         can.Bus(interface="polepair", channel="full") as speaks,
@@ -165,7 +165,7 @@ def test_any_bus_of_python_can_is_a_link() -> None:
         assert axis.read("position")["position"] == pytest.approx(0.5, abs=0.02)
 
 
-def test_what_an_adapter_delivers_and_nobody_takes_is_counted() -> None:
+def test_unread_frames_of_an_adapter_are_counted() -> None:
     with (
         can.Bus(interface="polepair", channel="sim:tmcl+can:3") as bus,
         can.Bus(interface="polepair", channel="sim:tmcl+can:3") as babbler,
@@ -182,7 +182,7 @@ def test_what_an_adapter_delivers_and_nobody_takes_is_counted() -> None:
         wait_until("frames are lost", overrun)
 
 
-def test_what_is_no_adapter_is_told() -> None:
+def test_a_device_that_is_no_adapter_is_reported() -> None:
     with pytest.raises(TypeError, match="neither"):
         polepair.connect(42, protocol="tmcl")  # type: ignore[arg-type]
     with can.Bus(interface="virtual", channel="nobody") as bus:

@@ -74,12 +74,12 @@ def test_numpy_is_lent_and_not_copied(log: Path) -> None:
     there = arrays["seq"]
     assert there.__array_interface__["data"][0] == arrow
     assert not there.flags.writeable and there.dtype == np.int64
-    # What is lent outlives whoever lent it.
+    # A borrowed array outlives its lender.
     del frames, arrays
     assert there.tolist() == list(range(1, 101))
 
 
-def test_what_is_missing_is_masked(capture: polepair.Capture) -> None:
+def test_missing_values_are_masked(capture: polepair.Capture) -> None:
     arrays = capture.to_numpy()
     assert isinstance(arrays["dir"], np.ma.MaskedArray) and bool(arrays["dir"].mask.all())
     assert not isinstance(arrays["can_id"], np.ma.MaskedArray)

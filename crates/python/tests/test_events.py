@@ -1,4 +1,4 @@
-"""What happens though nobody asked, for threads and for event loops."""
+"""Events without a request, for threads and for event loops."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_process_data_come_by_themselves() -> None:
         assert gaps == pytest.approx([0.01] * 99)
 
 
-def test_a_fault_is_told_with_its_remedy() -> None:
+def test_a_fault_is_reported_with_its_remedy() -> None:
     with polepair.connect(NODE) as link, link.axes[0].events() as heard:
         link.simulation.act("fault", 0x2310)
         event = next(event for event in heard if isinstance(event, FaultAppeared))
@@ -127,7 +127,7 @@ def test_a_function_hears_everything_even_after_it_raised() -> None:
     assert not any(isinstance(event, ArmedChanged) for event in list(heard.queue))
 
 
-def test_an_event_loop_is_told_too() -> None:
+def test_an_event_loop_gets_events_too() -> None:
     async def main() -> list[bool]:
         async with polepair.aio.connect("sim:cia402:2") as link:
             native = link.axes[0]._native

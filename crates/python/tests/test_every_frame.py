@@ -26,13 +26,13 @@ ALL = os.environ.get("POLEPAIR_FRAMES") == "all"
 SOME = 1
 AT_ONCE = 4
 TURNS = 6.0
-"""How fast it is told to turn, rad/s."""
+"""Commanded speed, rad/s."""
 STANDS = 0.5
-"""Slower than this a motor stands, rad/s."""
+"""A slower motor is at standstill, rad/s."""
 AWAY = 0.8
-"""How long a wire is away for a moment, s."""
+"""Duration of a short interruption of the wire, s."""
 MOVED = 1.0
-"""How far it is told to move, rad."""
+"""Commanded travel, rad."""
 
 
 def spin(axis: polepair.Axis) -> None:
@@ -81,7 +81,7 @@ class Drive:
         subprocess.run([str(POLEPAIR), verb, self.url, *rest], check=True, capture_output=True)
 
     def read(self, signal: str) -> float:
-        """What it says itself. Its line may still be busy with whom the wire was cut off from."""
+        """Value of the drive itself. Its line may still be busy with the client that was cut off."""
         end = time.monotonic() + MAX_WAIT
         while True:
             try:
@@ -97,7 +97,7 @@ class Drive:
 
 
 class Wire:
-    """What lies between the program and the drive: it counts what passes, and fails at one of them."""
+    """The wire between the program and the drive: it counts frames, and fails at one of them."""
 
     def __init__(self, url: str, fault: str, at: int | None) -> None:
         scheme, rest = url.split("://")
@@ -126,7 +126,7 @@ class Wire:
                 threading.Thread(target=self.carry, args=ends, daemon=True).start()
 
     def passes(self) -> bool:
-        """Whether what comes now gets through."""
+        """Returns whether the next frame gets through."""
         with self.lock:
             self.passed += 1
             if self.failed is None and self.passed == self.at:
@@ -157,7 +157,7 @@ class Wire:
 
 @dataclass
 class Seen:
-    """What became of a verb."""
+    """Result of a verb, and the state of the motor after it."""
 
     error: polepair.PolepairError | None
     connected: bool
@@ -191,7 +191,7 @@ def tried(word: str, verb: Verb, fault: str, at: int | None) -> Seen:
         except polepair.PolepairError as raised:
             error = raised
         wire.close()
-        # What was told to stop takes its time to.
+        # The motor needs some time to brake.
         end = time.monotonic() + 2.0
         while abs(velocity := drive.read("velocity")) > STANDS and time.monotonic() < end:
             pass
@@ -203,7 +203,7 @@ def tried(word: str, verb: Verb, fault: str, at: int | None) -> Seen:
 
 
 def wrong(verb: Verb, fault: str, seen: Seen) -> str | None:
-    """What is untrue, or turns on though it could be stopped."""
+    """Returns a wrong claim, or that the motor turns on though it could be stopped."""
     stands = abs(seen.velocity) < STANDS
     if seen.error is None:
         if not stands:
@@ -228,7 +228,7 @@ def wrong(verb: Verb, fault: str, seen: Seen) -> str | None:
 
 
 @pytest.mark.parametrize("word", FAMILIES)
-def test_what_a_verb_says_is_what_the_drive_did(word: str) -> None:
+def test_the_result_of_a_verb_is_what_the_drive_did(word: str) -> None:
     chance = random.Random(word)
     with ThreadPoolExecutor(AT_ONCE) as pool:
         sound = {verb: pool.submit(tried, word, verb, "cut", None) for verb in FAMILIES[word]}

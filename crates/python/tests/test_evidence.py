@@ -86,7 +86,7 @@ def test_a_server_raises_the_same(
             simulation.kill()
 
 
-def test_who_only_looks_takes_no_flag_for_an_arrival(tmp_path: Path) -> None:
+def test_a_flag_is_no_arrival_for_a_reader(tmp_path: Path) -> None:
     command = [str(POLEPAIR), "sim", "cia402:5", "--socketcand", "127.0.0.1:0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as simulation:
         try:

@@ -50,7 +50,7 @@ def rack(tmp_path: Path) -> str:
 
 
 class Book:
-    """What was asked, and what came of it."""
+    """Record of the requests and their results."""
 
     def __init__(self) -> None:
         self.answers = 0
@@ -74,7 +74,7 @@ class Book:
     def judge(self, at_least: int) -> None:
         assert not self.wrong, self.wrong[:5]
         assert self.answers >= at_least
-        # The line is bad, and not so bad that nobody is understood.
+        # The line is bad, and most replies still arrive.
         assert sum(self.errors.values()) < self.answers / 10, self.errors
 
 

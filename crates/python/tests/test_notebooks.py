@@ -17,7 +17,7 @@ NOTEBOOKS = sorted((Path(__file__).parents[3] / "docs" / "notebooks").glob("*.ip
 
 
 def texts(cell: Any) -> list[str]:
-    """What a cell shows, but for pictures: their bytes change with each matplotlib."""
+    """Output of a cell without pictures: their bytes change with each matplotlib."""
     return [
         str(output.get("text") or output["data"].get("text/plain"))
         for output in cell.get("outputs", [])
@@ -34,10 +34,10 @@ def test_there_are_three() -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_it_shows_what_it_showed(path: Path) -> None:
+def test_it_shows_the_same_as_before(path: Path) -> None:
     kept = nbformat.read(path, as_version=4)
     ran = nbformat.read(path, as_version=4)
-    # What a cell prints comes in as many pieces as the kernel sends: here they are one text.
+    # The kernel sends the output of a cell in any number of pieces: here they are one text.
     where = {"metadata": {"path": str(path.parent)}}
     NotebookClient(ran, timeout=300, resources=where, coalesce_streams=True).execute()
     if os.environ.get("POLEPAIR_NOTEBOOKS") == "write":

@@ -50,7 +50,7 @@ with polepair.connect('sim:tmcl') as link:
     assert "KeyboardInterrupt" in interrupted(program)
 
 
-def test_a_forks_child_is_told(link: polepair.Link, axis: polepair.Axis) -> None:
+def test_a_forks_child_gets_an_error(link: polepair.Link, axis: polepair.Axis) -> None:
     reads, writes = os.pipe()
     child = os.fork()
     if child == 0:
@@ -67,7 +67,7 @@ def test_a_forks_child_is_told(link: polepair.Link, axis: polepair.Axis) -> None
         with polepair.connect("sim:tmcl?time=virtual") as own:
             said.append(str(own.axes[0].raw("GAP 6, 0")))
         os.write(writes, " ".join(said).encode())
-        # What was inherited goes with the process, and waits for no thread that is not here.
+        # An inherited link ends with the process, and waits for no thread that is not here.
         link.close()
         del axis
         gc.collect()
@@ -82,7 +82,7 @@ def test_a_forks_child_is_told(link: polepair.Link, axis: polepair.Axis) -> None
     assert axis.raw("GAP 6, 0") >= 0
 
 
-def test_what_is_open_cannot_be_pickled(link: polepair.Link, axis: polepair.Axis) -> None:
+def test_an_open_object_cannot_be_pickled(link: polepair.Link, axis: polepair.Axis) -> None:
     for what in (link, axis):
         with pytest.raises(TypeError, match="connection string"):
             pickle.dumps(what)
@@ -138,8 +138,8 @@ def test_a_million_calls_leak_nothing(tmp_path: Path) -> None:
             gc.collect()
             return resident()
 
-        # What is cached is cached by then.
+        # By then every cache is filled.
         before = work(CALLS // 2)
         after = work(CALLS)
-    # So 17 bytes a call are seen in a million of them (make soak), 340 in fifty thousand.
+    # The limit finds 17 bytes a call in a million calls (make soak), 340 in fifty thousand.
     assert after - before < 8 << 20, f"{after - before} bytes more after {CALLS // 2} calls"

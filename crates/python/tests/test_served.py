@@ -45,7 +45,7 @@ server, link = own_server, joined_link
 
 
 def program(link: polepair.Link) -> dict[str, object]:
-    """What a user writes, whatever the link is."""
+    """A typical program of a user, for any link."""
     axis = link.axis(1)
     axis.params["max current"] = "1.2 A"
     kept = axis.params["max current"]
@@ -523,7 +523,7 @@ def test_a_server_that_wants_a_clients_certificate_is_shown_it(tmp_path: Path) -
         served.kill()
 
 
-def test_what_is_known_of_parameters_is_not_asked_for_in_the_loop(server: Server) -> None:
+def test_known_facts_of_parameters_are_not_queried_in_the_loop(server: Server) -> None:
     async def look() -> float:
         async with polepair.aio.connect(server.ws, token_file=server.tokens) as link:
             params = link.axis(1).params
@@ -565,7 +565,7 @@ def test_an_encrypted_server_is_joined_by_its_certificate(tmp_path: Path) -> Non
         served.kill()
 
 
-def test_what_a_server_does_not_lend_is_said(link: polepair.Link) -> None:
+def test_a_resource_that_a_server_does_not_lend_is_refused(link: polepair.Link) -> None:
     axis = link.axis(1)
     for what in (
         lambda: link.simulation, link.events, axis.events, link.losses, link.trace,
@@ -593,7 +593,7 @@ def test_asking_whether_it_arrived_does_not_pile_up(link: polepair.Link) -> None
         assert abs(axis.read("position")["position"] - 40.0) < 0.05
 
 
-def test_a_forks_child_is_told(link: polepair.Link) -> None:
+def test_a_forks_child_gets_an_error(link: polepair.Link) -> None:
     axis = link.axis(1)
     reads, writes = os.pipe()
     child = os.fork()

@@ -37,7 +37,7 @@ def take_and_turn(axis: polepair.Axis) -> polepair.Armed:
     return armed
 
 
-def test_the_end_of_a_block_stops_nobody_else(server: Server, link: polepair.Link) -> None:
+def test_the_end_of_a_block_stops_no_other_axis(server: Server, link: polepair.Link) -> None:
     ours = link.axis(1)
     with server.join() as other:
         theirs = other.axis(1)
@@ -62,7 +62,7 @@ def test_the_end_of_a_block_stops_nobody_else(server: Server, link: polepair.Lin
         armed.__exit__(None, None, None)
 
 
-def test_who_is_cancelled_while_it_arms_gives_the_axis_back(server: Server) -> None:
+def test_a_task_cancelled_while_arming_releases_the_axis(server: Server) -> None:
     async def hold(axis: polepair.aio.Axis) -> None:
         async with axis.armed():
             await asyncio.sleep(60)
@@ -104,7 +104,7 @@ def test_a_lease_is_given_back_whoever_looks_at_it(server: Server, link: polepai
             one.join()
 
 
-def test_what_can_be_watched_is_checked(link: polepair.Link) -> None:
+def test_watched_signals_are_checked(link: polepair.Link) -> None:
     axis = link.axis(1)
     for period in (math.nan, math.inf, -1.0):
         with pytest.raises(polepair.Unsupported, match="period") as wrong:
@@ -118,7 +118,7 @@ def test_what_can_be_watched_is_checked(link: polepair.Link) -> None:
     rows.close()
 
 
-def test_another_server_in_its_place_is_told(tmp_path: Path) -> None:
+def test_another_server_in_its_place_is_reported(tmp_path: Path) -> None:
     served = Server(tmp_path)
     port = served.url.rsplit(":", 1)[1].rstrip("/")
     with served.join() as link:
@@ -155,7 +155,7 @@ def reaches(axis: polepair.Axis) -> bool:
         return False
 
 
-def test_who_asks_whether_it_arrived_keeps_nobody_waiting(server: Server) -> None:
+def test_a_query_of_the_arrival_blocks_no_other_caller(server: Server) -> None:
     async def main() -> None:
         async with polepair.aio.connect(server.ws, token_file=server.tokens) as link:
             axis = link.axis(1)
@@ -169,7 +169,7 @@ def test_who_asks_whether_it_arrived_keeps_nobody_waiting(server: Server) -> Non
     asyncio.run(asyncio.wait_for(main(), 60))
 
 
-def test_who_only_asks_takes_the_axis_from_nobody(server: Server, link: polepair.Link) -> None:
+def test_a_query_takes_the_axis_from_no_other_client(server: Server, link: polepair.Link) -> None:
     axis = link.axis(1)
     assert isinstance(axis.reached(0.05), bool) and axis.state().owner is None
     with server.join() as other, other.axis(1).armed() as theirs:

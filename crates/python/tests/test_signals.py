@@ -88,7 +88,7 @@ ends.join()
 
 @pytest.fixture(autouse=True, scope="module")
 def _signals_as_ever() -> Iterator[None]:
-    """What a shell has ignored for what it runs behind would be ignored by every program here."""
+    """Restores the signals that a shell ignores for background jobs: each program here would inherit that."""
     names = [*ENDS, "SIGINT"]
     ignored = [signal.Signals[name] for name in names]
     ignored = [each for each in ignored if signal.getsignal(each) == signal.SIG_IGN]
@@ -100,7 +100,7 @@ def _signals_as_ever() -> Iterator[None]:
 
 
 class Wire:
-    """A TCP wire to a drive that is silent at will: what is said meanwhile is lost."""
+    """A TCP wire to a drive that falls silent on demand: bytes sent meanwhile are lost."""
 
     def __init__(self, drive: tuple[str, int]) -> None:
         self.silent = threading.Event()
@@ -228,7 +228,7 @@ def test_a_signal_while_a_block_ends_waits_for_its_stop(name: str, wire: Wire) -
     wire.silent.clear()
     said, told = process.communicate(timeout=120)
     assert "polepair: " not in told, told
-    # Who went on behind the block's end was ended there.
+    # A process that ran on after the end of the block was ended there.
     assert process.returncode == -signal.Signals[name] and said in ("", "ended\n")
     stands(wire.url)
 
@@ -250,7 +250,7 @@ def test_ctrl_z_stops_and_suspends(url: str) -> None:
     stands(url)
 
 
-def test_what_is_resumed_after_ctrl_z_is_not_armed(url: str) -> None:
+def test_a_process_resumed_after_ctrl_z_is_not_armed(url: str) -> None:
     process = begun(RESUMED, url)
     for _ in range(2):
         process.send_signal(signal.SIGTSTP)
@@ -338,7 +338,7 @@ def test_an_armed_axis_is_not_armed_again(axis: polepair.Axis) -> None:
         with pytest.raises(polepair.Unsupported) as refused, axis.armed():
             pass
         assert refused.value.code == "E220"
-        # What the first block does goes on.
+        # The motion of the first block continues.
         axis._native.sleep(0.5)
         assert abs(axis.read("velocity")["velocity"]) > 5
     with axis.armed():

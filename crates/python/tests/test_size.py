@@ -1,4 +1,4 @@
-"""What is installed: small, and nothing of it before it is needed."""
+"""The installed package is small, and nothing of it is loaded before it is needed."""
 
 from __future__ import annotations
 

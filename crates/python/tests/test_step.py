@@ -76,7 +76,7 @@ def test_a_signal_that_ends_beside_its_target_has_an_error() -> None:
     assert step.settling == pytest.approx(0.2 * math.log(50), rel=0.01)
 
 
-def test_what_is_no_step_is_told() -> None:
+def test_a_value_that_is_no_step_is_refused() -> None:
     still = polepair.Trace("plant", [0.0, 1.0, 2.0], {"v": [1.0, 1.0, 1.0]})
     with pytest.raises(ValueError, match="did not move"):
         still.step("v")

@@ -10,7 +10,7 @@ import pytest
 Drives = Callable[..., polepair.Link]
 
 
-def test_a_failed_test_shows_what_was_said_last(pytester: pytest.Pytester) -> None:
+def test_a_failed_test_shows_the_last_output(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
         def test_reads(polepair_drives):
@@ -63,7 +63,7 @@ def test_several_drives_with_trouble_on_their_bus(polepair_drives: Drives) -> No
 
 
 @pytest.mark.parametrize("word", ["tmcl:1", "tmcl+can:1", "technocan:5", "syntron-ts-canopen:2"])
-def test_what_is_lost_is_asked_again(polepair_drives: Drives, word: str) -> None:
+def test_a_lost_query_is_repeated(polepair_drives: Drives, word: str) -> None:
     def asked(faults: dict[str, float] | None) -> int:
         link = polepair_drives(word, seed=3, faults=faults, timeout=20)
         axis = link.axes[0]
@@ -86,6 +86,6 @@ def test_the_same_seed_is_the_same_trouble(polepair_drives: Drives) -> None:
     assert told(1) == told(1) != told(2)
 
 
-def test_what_no_word_means_is_told(polepair_drives: Drives) -> None:
+def test_an_unknown_word_is_refused(polepair_drives: Drives) -> None:
     with pytest.raises(polepair.Unsupported, match="tmcll"):
         polepair_drives("tmcll", faults={"lose": 0.1})

@@ -62,7 +62,7 @@ def test_a_group_of_an_event_loop() -> None:
     assert asyncio.run(main())[1] == pytest.approx(0.5, abs=0.01)
 
 
-def test_virtual_time_stands_still_between_calls_of_an_event_loop() -> None:
+def test_virtual_time_is_frozen_between_calls_of_an_event_loop() -> None:
     async def main() -> None:
         async with polepair.aio.connect("sim:cia402?time=virtual") as link:
             axis = link.axis(1)

@@ -1,4 +1,4 @@
-"""How the tests themselves wait."""
+"""Time limits of the tests themselves."""
 
 from __future__ import annotations
 

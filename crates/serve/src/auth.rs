@@ -197,7 +197,7 @@ impl Authenticator {
     /// Proof for a client at that address that this is the server of the file's first token.
     ///
     /// # Errors
-    /// `gateway.request` for what is no challenge, `gateway.missing` where there is no token.
+    /// `gateway.request` for a text that is no challenge, `gateway.missing` where there is no token.
     pub fn proof(&self, challenge: &str, address: SocketAddr) -> Result<Proof, GatewayError> {
         let challenge = parse_hex(challenge).ok_or_else(|| {
             GatewayError::new("gateway.request", "a challenge has 64 digits (hex)")

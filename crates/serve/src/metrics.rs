@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_counted_is_told() {
+    fn counters_are_reported() {
         let metrics = Metrics::default();
         metrics.count_response(200);
         metrics.count_refusal("gateway.host");

@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn no_name_stands_for_all() {
+    fn no_name_covers_all() {
         let mut options = ServerOptions::in_folder(PathBuf::new());
         for name in ["*", "*.example", "", "a b", "a/b", "a:", "a:0", "a:70000", "a:b", "[::1]8080"]
         {

@@ -69,7 +69,7 @@ struct Streamer {
 }
 
 impl Streamer {
-    /// What every drive is told before its points come.
+    /// Instructions that every drive gets before its points.
     const SET_UP: [Instruction; 5] = [
         Instruction::of(0x0020, []),               // ENDINIT
         Instruction::of(0x0102, []),               // AXISON

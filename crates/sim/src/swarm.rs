@@ -22,7 +22,7 @@ use crate::can_bus::InjectedCanFaults;
 use crate::check::Violation;
 use crate::fault::InjectedSerialFaults;
 
-/// After the last fault every axis must answer within so long.
+/// Time after the last fault within which every axis must reply.
 pub const RECOVERY_MS: u32 = 2_000;
 /// Violations that one report holds at most.
 pub const VIOLATIONS_MAX: usize = 8;

@@ -126,7 +126,7 @@ fn an_echoing_adapter_hears_itself() {
 }
 
 #[test]
-fn who_talks_on_half_duplex_hears_nothing_and_garbles_the_other() {
+fn talking_on_half_duplex_receives_nothing_and_garbles_the_other() {
     let mut link = link(SerialWireConfig::RS485, 9600, 1);
     let character = SerialLine::new_8n1(9600).characters_ns(1);
     link.send(Instant::ZERO, &[1, 2, 3, 4]);
@@ -266,7 +266,7 @@ fn seeds(all: u64) -> u64 {
     most.map_or(all, |most: u64| most.clamp(1, all))
 }
 
-/// Lives through so many seeds; what breaks an invariant is named with its seed.
+/// Runs this many seeds; a broken invariant is reported with its seed.
 fn run_seeds(medium: MediumKind, seeds: u64) -> WorldReport {
     let (mut total, mut reports) = (WorldReport::default(), Vec::new());
     for seed in 1..=seeds {

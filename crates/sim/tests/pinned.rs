@@ -25,7 +25,7 @@ const AXIS: AxisIndex = AxisIndex(0);
 /// Steps of the script, and how far they are apart.
 const STEPS: u32 = 500;
 const STEP_MS: u32 = 40;
-/// What everything adds up to. It changes with these drives and hosts only.
+/// Checksum over everything. It changes with these drives and hosts only.
 const PINNED: u64 = 0xDAA0_E887_D2AD_5CD1;
 const PINNED_ON_CAN: u64 = 0x12BB_E626_5BD8_C571;
 const BIT_RATE: u32 = 1_000_000;
@@ -108,7 +108,7 @@ impl WorldPart {
         Self { wire, host, drive }
     }
 
-    /// What the script asks at a step; refusals are answers too.
+    /// Submits the request of a step; refusals are results too.
     fn submit_step(&self, world: &mut World, step: u32) {
         let ticket = Ticket(step);
         let on_bus = world.bit_rate(self.wire) > 0;

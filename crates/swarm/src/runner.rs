@@ -27,14 +27,14 @@ use crate::{GatewayReport, HistorySink, VIOLATIONS_MAX, Violation};
 
 /// Verbs that power or move a motor.
 const MOTION_VERBS: [&str; 3] = ["velocity", "move-to", "enable"];
-/// A lease is renewed so often, ms.
+/// Interval at which a lease is renewed, ms.
 const RENEW_MS: u32 = 450;
 /// Time in which a request of unknown execution may still be executed, ms.
 const MAY_EXECUTE_MS: u32 = 4_000;
 /// Time after which no earlier request moves an axis, once its wire works and it must be at standstill.
 const SETTLE_TIME: Duration = Duration::from_millis(3_000);
 
-/// A world that lives on for so long after its last word does not end by itself.
+/// Time after its last event within which a world must end.
 const WORLD_MAX: Duration = Duration::from_secs(120);
 /// Age of a certain fact above which it is not compared with the present truth.
 const CERTAIN_MAX_AGE: Duration = Duration::from_millis(20);

@@ -20,7 +20,7 @@ use crate::{GatewayReport, HistorySink, Violation};
 /// Time of the faults, and of the watch after them, ms.
 const FAULTS_MS: (i64, i64) = (3_000, 9_000);
 const FAULT_FREE_MS: u32 = 9_500;
-/// Clients act so long after the last calamity.
+/// Time for which clients act after the last calamity.
 const CLIENTS_LINGER_MS: u32 = 1_500;
 
 /// Wires of a bench, as they are opened.

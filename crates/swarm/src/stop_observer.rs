@@ -17,9 +17,9 @@ const TURNING_SPEED: f64 = 1.0;
 const ARRIVAL_WINDOW: f64 = 0.03;
 /// Time in which an axis with a pending stop has executed it, once its wire works.
 const STOP_ARRIVAL: Duration = Duration::from_secs(3);
-/// The command worker checks its link so often at least; an alarm may be as late, and a little.
+/// Longest interval at which the command worker checks its link; an alarm may be as late, and a little.
 const ALARM_DELAY: Duration = Duration::from_millis(250);
-/// The stop of a lease's holder raises no alarm for so long, while it goes well.
+/// Time without an alarm that a stop of the lease's holder has while it goes well.
 const HOLDER_STOP_GRACE: Duration = Duration::from_secs(2);
 /// Shortest rest that is no turning point of a swinging motor.
 const REST_MIN: Duration = Duration::from_millis(60);

@@ -330,7 +330,7 @@ mod tests {
     use super::{gear_ratio, start, unless_zero};
 
     #[test]
-    fn a_motion_begins_where_and_when_it_is_told() {
+    fn a_motion_begins_where_and_when_it_is_commanded() {
         assert_eq!(start(Some(1), 1).expect("a start"), "TUM1;UPD");
         assert_eq!(start(Some(0), 0).expect("a start"), "TUM0;UPD!");
         assert_eq!(start(None, -1).expect("a start"), "");

@@ -129,7 +129,7 @@ pub extern "system" fn TS_QuickStopDecelerationRate(deceleration: f64) -> Bool {
     })
 }
 
-/// Has the axis send its time to the others so often, in slow loops; 0 ends it (`SETSYNC`).
+/// Makes the axis send its time to the others at this period, in slow loops; 0 ends it (`SETSYNC`).
 #[unsafe(no_mangle)]
 pub extern "system" fn TS_SendSynchronization(period: c_int) -> Bool {
     run_bool("TS_SendSynchronization", || target()?.execute(&format!("SETSYNC {period}")))

@@ -171,7 +171,7 @@ fn no_way_through_the_decoder_says_anything_else() {
     }
 }
 
-/// The lines of a log, in pieces of so many bytes.
+/// The lines of a log, in pieces of this many bytes.
 fn lines(log: &str, rules: &str, style: TextStyle, batches: Option<usize>) -> String {
     let mut decoder = CaptureDecoder::new(Rules::parse(rules).unwrap_or_default());
     let (mut text, mut out, mut batch) =

@@ -179,7 +179,7 @@ fn verdict(seed: u64) -> (&'static [Speaker], LinkDetection, String) {
 }
 
 #[test]
-fn unseen_captures_are_told_apart_or_left_undecided() {
+fn unseen_captures_are_distinguished_or_left_undecided() {
     let mut undecided = Vec::new();
     for seed in 0..SEEDS {
         let (speakers, verdict, log) = verdict(seed);

@@ -75,7 +75,7 @@ fn alike_is_alike() {
 }
 
 #[test]
-fn each_sort_of_difference_is_told() {
+fn each_sort_of_difference_is_reported() {
     let slower = diff_with_usual(Recipe { period_us: 2000, ..USUAL });
     assert_eq!(words(&slower)[0].0, "rate");
     assert!(slower.iter().all(|one| one.kind == "rate"), "{slower:?}");

@@ -50,7 +50,7 @@ fn plain(filter: &str) -> bool {
 }
 
 #[test]
-fn what_every_frame_has() {
+fn common_fields() {
     for yes in [
         "axis = 2",
         "axis == 2 and protocol = canopen",

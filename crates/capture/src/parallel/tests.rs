@@ -86,7 +86,7 @@ fn any_number_of_threads_makes_the_same() {
 }
 
 #[test]
-fn who_fails_stops_all() {
+fn a_failing_worker_stops_all() {
     let log = log("");
     for jobs in [1, 4] {
         for broken in [0, 3, 12] {
@@ -115,7 +115,7 @@ fn who_fails_stops_all() {
 
 /// Of a piece that is much longer unpacked nothing more is decoded once writing failed.
 #[test]
-fn who_fails_decodes_no_more() {
+fn a_failing_worker_decodes_no_more() {
     use std::io::Write as _;
 
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
@@ -149,7 +149,7 @@ fn who_fails_decodes_no_more() {
 /// A writer that gives up in the middle takes the others with it.
 #[test]
 #[should_panic(expected = "a scoped thread panicked")]
-fn who_falls_leaves_nobody_waiting() {
+fn a_panicking_worker_leaves_no_other_waiting() {
     /// Falls, or waits until another one does. It may wait because no batch fills within a piece:
     /// one that is made there is made in the decoder's turn, without which nobody else gets to fall.
     struct PanickingConsumer<'a>(bool, &'a AtomicBool);

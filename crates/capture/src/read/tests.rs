@@ -149,7 +149,7 @@ fn python_cans_csv() {
 }
 
 #[test]
-fn what_decode_prints_is_read_back() {
+fn the_output_of_decode_is_read_back() {
     let lines = [
         "(1700000000.000500) can0 30B#5443000000000005",
         "(1700000000.000501) ttyUSB0 > 01 0A FF",

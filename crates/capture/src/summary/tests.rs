@@ -86,7 +86,7 @@ fn faults_have_cause_and_remedy_and_states_their_time() {
 }
 
 #[test]
-fn what_is_left_open_counts() {
+fn an_open_transfer_counts() {
     let mut summary = summary(&[(0, vec![signal(2, "Actual/Position", 1.5)])]);
     let open =
         [exchange(2, 0, 0, ExchangeOutcome::Unanswered), anomaly(AnomalyKind::Unanswered, 2)];
@@ -118,7 +118,7 @@ fn memory_is_bounded_by_what_differs() {
     );
 }
 
-/// Frames back to back at a bit rate: so many of eight bytes, then silence.
+/// Frames back to back at a bit rate: this many of eight bytes, then silence.
 fn bus(rate: u64, frames: u64) -> BusLoad {
     let (mut load, mut time, mut capture) = (BusLoad::default(), BEGIN_NS, String::new());
     for n in 0..frames {
@@ -142,7 +142,7 @@ fn bus(rate: u64, frames: u64) -> BusLoad {
 }
 
 #[test]
-fn the_bit_rate_is_told_by_how_close_frames_come() {
+fn the_bit_rate_is_derived_from_frame_distances() {
     for rate in [125_000, 250_000, 500_000, 1_000_000] {
         assert_eq!(bus(rate, 400).estimated_bit_rate(), Some(rate as u32), "{rate}");
     }

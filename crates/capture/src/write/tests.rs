@@ -132,7 +132,7 @@ fn read(format: CaptureFormat, file: &[u8], size: usize) -> (Vec<OwnedRecord>, V
 }
 
 #[test]
-fn what_is_written_is_read_however_it_is_cut() {
+fn written_data_is_read_in_pieces_of_any_size() {
     for format in FORMATS {
         for packing in [None, Some(Compression::Gzip), Some(Compression::Zstd)] {
             let (file, expected) = written(format, packing, 300);
@@ -164,7 +164,7 @@ impl io::Write for SharedFile {
 }
 
 #[test]
-fn what_was_flushed_is_read_from_a_file_that_nobody_finished() {
+fn flushed_data_is_read_from_an_unfinished_file() {
     for format in FORMATS {
         for packing in [None, Some(Compression::Gzip), Some(Compression::Zstd)] {
             let file = SharedFile::default();
@@ -235,7 +235,7 @@ fn a_file_that_is_cut_off_is_read_to_the_cut() {
 }
 
 #[test]
-fn what_follows_damage_is_read() {
+fn data_after_damage_is_read() {
     for format in FORMATS {
         let (mut file, expected) = written(format, None, 30_000);
         let middle = file.len() / 2;

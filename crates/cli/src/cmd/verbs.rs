@@ -35,7 +35,7 @@ const CLEARED: &str = "faults are cleared";
 pub struct Enable {
     #[command(flatten)]
     target: DriveArgs,
-    /// Wait at most so long, such as for a commutation search [default: 10 s]
+    /// Longest wait, such as for a commutation search [default: 10 s]
     #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     timeout: Option<f64>,
     /// Print the frames, and send nothing

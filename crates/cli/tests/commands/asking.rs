@@ -1,4 +1,4 @@
-//! What a person asks of a capture: filter, summary, diff, plot, on a machine that misbehaved.
+//! Questions to a capture of a machine that misbehaved: filter, summary, diff, plot.
 
 use crate::run;
 

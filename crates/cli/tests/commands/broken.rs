@@ -36,7 +36,7 @@ impl Drop for Broken {
 }
 
 #[test]
-fn nobody_who_needs_nothing_of_a_broken_file_is_refused() {
+fn a_command_that_needs_nothing_of_a_broken_file_is_not_refused() {
     let broken = Broken::new("broken");
     for arguments in [
         &["stop", "sim:tmcl"][..],
@@ -55,7 +55,7 @@ fn nobody_who_needs_nothing_of_a_broken_file_is_refused() {
 }
 
 #[test]
-fn what_a_broken_file_could_name_is_refused_with_its_fault() {
+fn a_name_that_a_broken_file_could_define_is_refused_with_its_fault() {
     let broken = Broken::new("named");
     let ran = broken.run(&["stop", "@arm"]);
     assert!(ran.code == 2 && ran.err.contains("polepair.toml:1:"), "{}", ran.err);
@@ -67,7 +67,7 @@ fn what_a_broken_file_could_name_is_refused_with_its_fault() {
 }
 
 #[test]
-fn a_profile_that_nobody_knows_stands_in_no_stops_way() {
+fn an_unknown_profile_blocks_no_stop() {
     run::expect_silence();
     let broken = Broken::new("unknown");
     for drive in ["tmcl:1", "modbus-rtu:1", "tmcl+can:1", "cia402:5"] {

@@ -26,7 +26,7 @@ fn every_protocol_reads_by_number() {
 }
 
 #[test]
-fn what_no_table_describes_is_written_with_arm_alone() {
+fn an_undocumented_parameter_is_written_only_with_arm() {
     let served = Served::with(&["canopen:2", "--udp", "239.74.163.31:43131"]);
     let refused = polepair(&["set", &served.url, "0x2F01:1:u32=77"]);
     assert!(refused.code == 2 && refused.err.contains("E219"), "{}", refused.err);
@@ -135,7 +135,7 @@ fn a_request_in_the_protocols_own_text_has_its_reply_explained() {
 }
 
 #[test]
-fn what_may_start_a_motor_is_sent_with_arm_alone() {
+fn a_request_that_may_start_a_motor_is_sent_only_with_arm() {
     for (url, text) in [
         ("sim:tmcl", "ROR 0, 100"),
         ("sim:tml", "UPD"),
@@ -160,7 +160,7 @@ fn what_may_start_a_motor_is_sent_with_arm_alone() {
 }
 
 #[test]
-fn a_text_that_is_none_is_told_with_its_place() {
+fn a_text_that_is_none_is_reported_with_its_place() {
     for (url, text, part) in [
         ("sim:tmcl", "GAP x", "at `x`"),
         ("sim:canopen", "write 0x6040:0 u8 256", "at `256`"),

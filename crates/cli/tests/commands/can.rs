@@ -122,7 +122,7 @@ fn a_relay_is_one_drive_on_two_real_wires() {
     std::fs::remove_file(&rack).expect("removed");
 }
 
-/// The connection string with the drives' profile, so that nobody is asked for it.
+/// Adds the drives' profile to the connection string, so that it is not queried.
 fn profiled(url: &str) -> String {
     let (link, axes) = url.split_once('#').expect("axes");
     format!("{link}?profile=technosoft-f514l#{axes}")

@@ -62,7 +62,7 @@ fn identifiers_go_to_the_protocols_that_are_named() {
 }
 
 #[test]
-fn a_nodes_other_traffic_decides_whose_its_pdo2_is() {
+fn a_nodes_other_traffic_decides_the_protocol_of_its_pdo2() {
     // Node 2 boots, node 12 tells nothing else: 11 and 12 stay open, and are reported.
     let capture = "\
 (1.000) can0 702#00
@@ -150,7 +150,7 @@ fn paths_of_several_axes_go_out_on_sync() {
 
 /// The path of one axis with a buffer: each time counts from the line before.
 #[test]
-fn a_line_that_is_no_point_is_told_with_its_time() {
+fn a_line_that_is_no_point_is_reported_with_its_time() {
     let url = "sim:technosoft-f514l?time=virtual";
     for time in ["0", "-0.5"] {
         let file = Path::with(&format!("time{time}.csv"), &format!("0,0,0.2\n# one\n1,0,{time}\n"));
@@ -177,7 +177,7 @@ fn a_line_that_is_no_point_is_told_with_its_time() {
 }
 
 #[test]
-fn a_path_that_is_not_there_is_told_as_a_rack_that_is_not() {
+fn a_path_that_is_not_there_is_reported_as_a_rack_that_is_not() {
     let missing = std::env::temp_dir().join(format!("polepair-none-{}.csv", std::process::id()));
     let missing = missing.to_str().expect("a name");
     for more in [&[][..], &["--period", "2ms"]] {
@@ -191,7 +191,7 @@ fn a_path_that_is_not_there_is_told_as_a_rack_that_is_not() {
 
 /// A drive that does not tell its mode says so in its row.
 #[test]
-fn an_object_that_a_drive_lacks_is_told_in_its_row() {
+fn an_object_that_a_drive_lacks_is_reported_in_its_row() {
     let folder = Path(std::env::temp_dir().join(format!("polepair-lacks-{}", std::process::id())));
     std::fs::create_dir_all(&folder.0).expect("a folder");
     let text = include_str!("../../../../interop/sheets/motor.eds");

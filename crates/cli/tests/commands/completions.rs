@@ -1,8 +1,8 @@
-//! What shells complete, `help`, and `--quiet`.
+//! Shell completion, `help`, and `--quiet`.
 
 use crate::run::{self, ok, polepair};
 
-/// What may stand in the place of the last word.
+/// Completion candidates for the last word.
 fn candidates(words: &[&str]) -> Vec<String> {
     let index = (words.len() - 1).to_string();
     let output = run::command(&[&["--"], words].concat())

@@ -1,5 +1,5 @@
-//! Conversations with simulated drives, traced and read back: clean ones accuse nobody, and on a line
-//! that loses bytes what is lost is found.
+//! Conversations with simulated drives, traced and read back: clean ones report no anomaly, and on a line
+//! that loses bytes each loss is found.
 
 use crate::run;
 
@@ -9,7 +9,7 @@ use polepair_capture::session::{ExchangeOutcome, SessionNotice};
 use polepair_capture::{CaptureDecoder, Rules};
 use run::polepair;
 
-/// What a trace tells.
+/// Number of notices in a trace, by kind.
 #[derive(Default, Debug)]
 struct NoticeCounts {
     odd: BTreeMap<&'static str, Vec<String>>,
@@ -53,7 +53,7 @@ fn traced(name: &str, arguments: &[&str], protocol: &str) -> NoticeCounts {
 }
 
 #[test]
-fn clean_conversations_accuse_nobody() {
+fn clean_conversations_have_no_anomaly() {
     let clean = [
         ("sim:tmcl:1?time=virtual", "tmcl", "90deg"),
         ("sim:tmcl+can:1?time=virtual", "tmcl", "90deg"),
@@ -73,7 +73,7 @@ fn clean_conversations_accuse_nobody() {
 }
 
 #[test]
-fn what_a_line_loses_is_found() {
+fn losses_of_a_line_are_found() {
     run::expect_silence();
     let rack = std::env::temp_dir().join(format!("polepair-lossy-{}.toml", std::process::id()));
     for (profile, protocol) in [("tmcm-171", "tmcl"), ("syntron-ts", "modbus-rtu")] {

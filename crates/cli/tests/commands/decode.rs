@@ -78,7 +78,7 @@ fn every_modbus_vector_decodes() {
                 continue;
             }
             let axis = last["axis"].to_string();
-            // What is said for people beyond the language itself.
+            // Words for people that are not part of the language.
             let words = text(last, "text").replace(" registers", "").replace(" bits", "");
             let words = if words.contains(", register ") {
                 words.replace(", register 0x0031 =", ",").replace("write register", "write")
@@ -94,7 +94,7 @@ fn every_modbus_vector_decodes() {
 }
 
 #[test]
-fn what_breaks_is_named() {
+fn breakage_is_named() {
     let capture = "(1.0) a > 01 01 00 00 00 00 01 5E 60\n(1.0) b > 01 01 00 02 00 00 01 5E\n";
     let links = decode(capture, &["--as", "tmcl"]);
     assert_eq!(links["a"][0]["error"], "checksum: computed 61, found 60");
@@ -118,7 +118,7 @@ fn frames_split_over_lines_and_glued_are_found() {
 }
 
 #[test]
-fn a_host_that_hears_itself_is_told_from_a_reply() {
+fn an_echo_is_distinguished_from_a_reply() {
     let capture = "\
 (1.0) x > 01 06 01 00 00 00 00 00 08
 (1.1) x < 01 06 01 00 00 00 00 00 08 02 01 64 06 00 00 02 C7 36
@@ -165,7 +165,7 @@ fn a_live_capture_is_explained_line_by_line() {
     for _ in 0..3 {
         stdin.write_all(b"(1.0) x > 01 03 00 00 00 00 00 00 04\n").expect("written");
         // The next line is not written before this one is explained.
-        // That nothing answers is told on lines of its own.
+        // Missing replies are reported on lines of their own.
         let mut frames = lines.by_ref().map(|line| line.expect("text"));
         let line = frames.find(|line| !line.contains("! "));
         assert!(line.is_some_and(|line| line.contains("MST 0")));
@@ -175,7 +175,7 @@ fn a_live_capture_is_explained_line_by_line() {
 }
 
 #[test]
-fn what_decode_says_encode_understands() {
+fn encode_understands_the_texts_of_decode() {
     let vectors = vectors("tmcl");
     let requests = vectors.iter().filter(|vector| {
         let serial = text(vector, "transport") == "serial9";
@@ -214,7 +214,7 @@ fn the_examples_of_the_help_are_true() {
     );
 }
 
-/// What decode says of a request is what encode takes.
+/// The text that `decode` prints for a request is accepted by `encode`.
 #[test]
 fn every_request_encodes_from_its_text() {
     for (name, protocols) in [("modbus", &["modbus-rtu", "modbus-ascii"][..]), ("tmcl", &["tmcl"])]
@@ -297,7 +297,7 @@ fn any_number_of_threads_decodes_the_same() {
     std::fs::remove_dir_all(&folder).expect("removed");
 }
 
-/// What OUT ends in is the format, unless one is stated; an ending that is none gives lines of text.
+/// The format follows the extension of OUT unless one is stated; an unknown extension gives lines of text.
 #[test]
 fn the_format_is_what_the_output_ends_in() {
     let folder = std::env::temp_dir().join(format!("polepair-ending-{}", std::process::id()));

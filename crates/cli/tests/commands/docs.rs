@@ -1,4 +1,4 @@
-//! What the documentation prints works: blocks of commands are run, other `polepair` lines are checked against the
+//! The examples in the documentation work: blocks of commands are run, other `polepair` lines are checked against the
 //! command line's grammar, links lead somewhere.
 
 #[cfg(unix)]
@@ -9,7 +9,7 @@ use crate::run;
 use std::path::{Path, PathBuf};
 
 struct Block {
-    /// What stands behind the fence.
+    /// Language of the block, as written after the fence.
     mark: String,
     line: usize,
     text: String,

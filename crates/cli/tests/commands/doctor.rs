@@ -23,7 +23,7 @@ fn a_served_drive_is_sound() {
 }
 
 #[test]
-fn the_hosts_own_address_is_nobodys_fault() {
+fn the_hosts_own_address_is_no_anomaly() {
     run::expect_silence();
     let served = Served::new("tmcl:1");
     let found = ok(&["doctor", served.link()]);
@@ -32,7 +32,7 @@ fn the_hosts_own_address_is_nobodys_fault() {
 }
 
 #[test]
-fn who_is_not_there_is_told_with_the_exit_code() {
+fn a_missing_drive_is_reported_with_the_exit_code() {
     let served = Served::new("tmcl:1");
     let ran = polepair(&["doctor", &format!("{}#5", served.link()), "--format", "jsonl"]);
     assert_eq!(ran.code, 4, "{}{}", ran.out, ran.err);
@@ -48,7 +48,7 @@ fn a_machine_is_looked_at() {
     assert!(ran.out.contains("configuration: "), "{}{}", ran.out, ran.err);
 }
 
-/// A TCP connection to a served TMCL drive that can be cut, and tells when the motor was told to turn.
+/// A TCP connection to a served TMCL drive that can be cut. It reports when the motor got its command to turn.
 #[cfg(unix)]
 struct Relay {
     url: String,
@@ -98,7 +98,7 @@ impl Relay {
 
 #[cfg(unix)]
 #[test]
-fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
+fn an_interrupted_proof_stops_the_motor_and_restores_the_watchdog() {
     let served = Served::with(&["tmcl:1", "--tcp", "127.0.0.1:0"]);
     for name in ["INT", "TERM"] {
         let proof = Relay::to(&served).proof();
@@ -119,7 +119,7 @@ fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
 /// A TMCL module that says of a parameter that it has none such (status 4, 3 or 6).
 #[cfg(unix)]
 #[test]
-fn a_firmware_without_a_watchdog_is_told_so_and_is_not_wrong() {
+fn a_firmware_without_a_watchdog_is_reported_so_and_is_not_wrong() {
     for refusal in [3, 4, 6] {
         let request = |arguments: &[&str]| {
             let (url, module) = crate::stop::module(move |opcode, _| match opcode {
@@ -155,7 +155,7 @@ fn a_firmware_without_a_watchdog_is_told_so_and_is_not_wrong() {
 }
 
 #[test]
-fn a_family_without_a_watchdog_is_told_so_by_who_sets_it() {
+fn a_family_without_a_watchdog_is_reported_so_by_who_sets_it() {
     for url in ["sim:tml", "sim:modbus-rtu", "sim:technocan:5"] {
         for time in ["500ms", "off"] {
             let ran = polepair(&["watchdog", url, time]);
@@ -190,7 +190,7 @@ fn a_watchdog_that_ends_before_the_next_heartbeat_is_warned_of() {
 
 #[cfg(unix)]
 #[test]
-fn a_motor_that_a_proof_lost_is_told_as_turning() {
+fn a_motor_that_a_proof_lost_is_reported_as_turning() {
     run::expect_silence();
     let served = Served::with(&["tmcl:1", "--tcp", "127.0.0.1:0"]);
     let relay = Relay::to(&served);

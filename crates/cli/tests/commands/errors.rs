@@ -1,4 +1,4 @@
-//! What the user reads when something is wrong.
+//! Error messages that the user reads.
 
 use crate::run;
 
@@ -36,7 +36,7 @@ fn text_of_no_protocol_is_pointed_at() {
 }
 
 #[test]
-fn a_code_that_nobody_knows() {
+fn an_unknown_code() {
     let (text, code) = error(&["explain", "tmcl", "0x80000"]);
     assert!(text.starts_with("error[E110]: \"0x80000\" is unknown in tmcl.\n"), "{text}");
     assert_eq!(code, 1);

@@ -11,13 +11,13 @@ use polepair_test_support::Deadline;
 use crate::gateway::site::{Folder, Site, speed};
 use crate::run::{self, Ran, Served, ok, polepair};
 
-/// What ends a motion early.
+/// An event that ends a motion early.
 #[derive(Clone, Copy)]
 enum Event {
     /// Something that happens to the simulated drive, before the motion or during it.
     Before(&'static str),
     During(&'static str),
-    /// What another master sends during it.
+    /// Another master sends this request during the motion.
     Sent(&'static str),
 }
 
@@ -283,7 +283,7 @@ fn homing_that_homes_nothing_is_refused() {
 }
 
 #[test]
-fn a_group_tells_each_axis_and_a_stop_that_nobody_confirms_is_told_as_such() {
+fn a_group_commands_each_axis_and_an_unconfirmed_stop_is_reported_as_such() {
     let sim = Served::with(&["tmlcan:5,7", "--socketcand", "127.0.0.1:0"]);
     let link = sim.link().to_owned();
     ok(&["move", &format!("{link}#7"), "0.3turn"]);

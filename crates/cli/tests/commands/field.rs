@@ -27,7 +27,7 @@ fn a_position_beyond_the_greatest_is_refused() {
 }
 
 #[test]
-fn an_answer_behind_an_abort_is_late_and_nobody_elses() {
+fn a_reply_after_an_abort_is_late_and_belongs_to_no_other_request() {
     let frames = ["602#4000100000000000", "602#8000100000000405", "702#00", "582#4300100092010200"];
     let without_times = frames.join("\n") + "\n";
     let mut with_times = String::new();
@@ -78,7 +78,7 @@ fn a_count_of_zero_moves_by_the_drives_own_numbers_alone() {
 }
 
 #[test]
-fn what_all_drives_of_a_protocol_have_is_listed_as_the_hint_says() {
+fn common_parameters_of_a_protocol_are_listed_as_the_hint_says() {
     for (word, shown) in
         [("canopen", "1018h:1"), ("tmcl", "AP 1"), ("tml", "APOS"), ("tmcl+can", "AP 1")]
     {
@@ -92,7 +92,7 @@ fn what_all_drives_of_a_protocol_have_is_listed_as_the_hint_says() {
 
 /// D3: a module of another address that answers, and one that replies to another host, are named.
 #[test]
-fn who_answers_in_whose_place_is_named() {
+fn the_axis_that_replies_for_another_is_named() {
     for (reply_from, reply_to, text, hint) in [
         (3, 2, "address 3 answers here", "use `#3`"),
         (1, 3, "it replies to host 3", "open it with `?host=3`"),
@@ -109,7 +109,7 @@ fn who_answers_in_whose_place_is_named() {
 
 /// D3: the drive at the cable acknowledges requests to others.
 #[test]
-fn an_acknowledging_drive_of_another_axis_id_is_told_from_silence() {
+fn an_acknowledging_drive_of_another_axis_id_is_distinguished_from_silence() {
     let drive = Served::new("tml:200");
     let link = drive.link();
     let ran = polepair(&["scan", link, "--ids", "1"]);

@@ -60,7 +60,7 @@ fn mutate(random: &mut Random, stored: &[Vec<u8>]) -> Vec<u8> {
     bytes
 }
 
-/// What cargo-fuzz found and `fuzz/run --keep` took in, by name.
+/// The inputs that cargo-fuzz found and `fuzz/run --keep` stored, by target name.
 fn corpus(name: &str) -> Vec<Vec<u8>> {
     let folder = format!("{}/../../fuzz/corpus/{name}", env!("CARGO_MANIFEST_DIR"));
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();

@@ -13,7 +13,7 @@ use run::{Held, Ran, Served, Server, command, polepair, signal};
 use screen::Screen;
 
 #[test]
-fn what_is_there_is_shown_as_on_a_link() {
+fn a_server_shows_its_axes_as_a_link_does() {
     let server = Server::new(&["sim:tmcl?axes=2&baud=115200"]);
     let scan = server.ok(&["scan"]);
     assert_eq!(scan.lines().count(), 3, "{scan}");
@@ -124,9 +124,9 @@ fn a_wire_that_is_cut_ends_a_motion_alike() {
     }
 }
 
-/// What is shown of a drive that is silent is old, and its end says so.
+/// Values of a silent drive are shown as old, and the verb ends with an error.
 #[test]
-fn a_silent_drive_and_a_lost_link_are_told_with_what_is_known_of_them() {
+fn a_silent_drive_and_a_lost_link_are_reported_with_what_is_known_of_them() {
     run::expect_silence();
     let drive = Served::new("tmcl:1");
     let server = Server::new(&[&drive.url]);
@@ -146,7 +146,7 @@ fn a_silent_drive_and_a_lost_link_are_told_with_what_is_known_of_them() {
     wait_until("link 0 is lost", || server.run(&["info"]).err.contains("LINK 0 IS LOST"));
 }
 
-/// Who is in a hurry writes the options where they come to mind.
+/// Users in a hurry write options in any order.
 #[test]
 fn the_server_may_be_named_behind_the_verb() {
     let server = Server::new(&["sim:tmcl"]);
@@ -173,7 +173,7 @@ fn the_server_may_be_named_behind_the_verb() {
 }
 
 #[test]
-fn what_a_value_means_for_one_of_several_axes_names_that_axis() {
+fn the_meaning_of_a_value_for_one_of_several_axes_names_that_axis() {
     let server = Server::new(&["sim:tmcl?axes=2"]);
     let ran = server.run(&["spin", "all", "20mm/s", "--for", "1s"]);
     assert_eq!(ran.code, 2, "{}", ran.err);
@@ -413,7 +413,7 @@ fn ctrl_c_stops_what_it_started() {
 }
 
 #[test]
-fn of_two_the_second_is_told_who_commands_and_either_may_stop() {
+fn the_second_client_gets_the_name_of_the_first_and_either_may_stop() {
     let server = Server::new(&["sim:tmcl?axes=2"]);
     let held = server.held(&["spin", "1", "300rpm"]);
     let second = server.run(&["move", "1", "90deg"]);
@@ -434,7 +434,7 @@ fn of_two_the_second_is_told_who_commands_and_either_may_stop() {
 
 /// Nothing is asked before everything stops: asking takes time, and a right of its own.
 #[test]
-fn who_may_only_stop_stops_everything() {
+fn a_client_that_may_only_stop_stops_everything() {
     use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
     let folder = std::env::temp_dir().join(format!("polepair-may-stop-{}", std::process::id()));
     std::fs::DirBuilder::new().mode(0o700).create(&folder).expect("a folder");
@@ -451,7 +451,7 @@ fn who_may_only_stop_stops_everything() {
 }
 
 #[test]
-fn what_a_silent_drive_said_is_not_shown_as_now() {
+fn old_values_of_a_silent_drive_are_not_shown_as_new() {
     run::expect_silence();
     let drive = Served::new("tmcl");
     let server = Server::new(&[&drive.url]);
@@ -506,9 +506,9 @@ fn a_server_that_leaves_a_motor_unseen_does_not_end_well() {
     assert!(held.err.contains("The motor may still turn: cut its supply."), "{}", held.err);
 }
 
-/// Who commands is not told that the motor may turn where others have stopped it.
+/// A client whose axis was stopped by another client gets no warning that the motor may turn.
 #[test]
-fn who_is_stopped_by_others_hears_that_the_axis_was_left_standing() {
+fn a_client_stopped_by_others_reads_that_the_axis_was_left_at_standstill() {
     let drive = Served::new("tmcl:1");
     let mut server = Server::new(&[&drive.url]);
     let all_well = |ran: &Ran| !ran.err.contains("may still turn") && ran.code != 0;
@@ -539,7 +539,7 @@ fn who_is_stopped_by_others_hears_that_the_axis_was_left_standing() {
 
 /// A server that hangs tells nothing of its drives: none of them is blamed.
 #[test]
-fn a_server_that_hangs_is_not_told_as_a_silent_drive() {
+fn a_server_that_hangs_is_not_reported_as_a_silent_drive() {
     run::expect_silence();
     let drive = Served::new("tmcl:1");
     let server = Server::new(&[&drive.url]);
@@ -553,7 +553,7 @@ fn a_server_that_hangs_is_not_told_as_a_silent_drive() {
     assert!(ended.err.contains("The motor may still turn: cut its supply."), "{}", ended.err);
 }
 
-/// One that is not there keeps nobody else from being stopped, and is told.
+/// A missing axis does not keep others from being stopped, and it is reported.
 #[test]
 fn a_stop_names_the_axes_that_are_not_there_and_stops_the_others() {
     run::expect_silence();
@@ -583,7 +583,7 @@ fn a_stop_names_the_axes_that_are_not_there_and_stops_the_others() {
 }
 
 #[test]
-fn a_server_that_is_killed_leaves_nobody_waiting() {
+fn a_server_that_is_killed_leaves_no_client_waiting() {
     let drive = Served::new("tmcl:1");
     let mut server = Server::new(&[&drive.url]);
     let held = server.held(&["spin", "1", "300rpm"]);
@@ -613,7 +613,7 @@ fn a_server_that_is_killed_leaves_nobody_waiting() {
 }
 
 #[test]
-fn what_a_server_does_not_do_is_said_and_opens_no_link() {
+fn a_verb_that_a_server_does_not_have_is_refused_and_opens_no_link() {
     let server = Server::new(&["sim:tmcl", "sim:tmcl"]);
     let cases: &[(&[&str], &str)] = &[
         (&["record", "sim:tmcl", "-o", "/nowhere/x"], "E257"),

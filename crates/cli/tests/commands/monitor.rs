@@ -13,7 +13,7 @@ fn objects(text: &str) -> Vec<Value> {
 }
 
 #[test]
-fn once_asks_each_axis_and_prints_what_it_said() {
+fn once_queries_each_axis_and_prints_its_reply() {
     let out = ok(&["monitor", "sim:tmcl?axes=2&time=virtual", "--once"]);
     let line = |word: &str| out.lines().find(|line| line.starts_with(word)).expect(word).to_owned();
     assert!(line("axis ").contains("velocity") && line("3 ").contains("tmcm-171"), "{out}");
@@ -68,7 +68,7 @@ fn each_module_of_a_line_is_named_by_its_own_profile() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_before_anything_is_opened() {
+fn impossible_options_are_refused_before_anything_is_opened() {
     assert_eq!(polepair(&["monitor", "sim:tmcl", "--rate", "0"]).code, 2);
     assert_eq!(polepair(&["monitor", "sim:tmcl", "--as", "tmlc"]).code, 2);
     assert_eq!(polepair(&["monitor", "sim:tmcl", "--listen", "--once"]).code, 2);

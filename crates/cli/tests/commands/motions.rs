@@ -8,7 +8,7 @@ use run::{Held, Ran, Served, ok, polepair};
 /// A drive that motions are tried on.
 struct Kind {
     name: &'static str,
-    /// What is set before it moves.
+    /// Parameters that are set before the motion.
     prepare: &'static [&'static str],
     motions: &'static [&'static [&'static str]],
     power: &'static str,
@@ -38,7 +38,7 @@ fn served(kind: &Kind) -> Served {
     sim
 }
 
-/// Moves as told, with more arguments.
+/// Arguments of a motion verb, with more options.
 fn motion<'a>(sim: &'a Served, motion: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
     let (verb, value) = motion.split_first().expect("a verb");
     [&[*verb, sim.url.as_str()], value, more].concat()
@@ -185,7 +185,7 @@ fn limits_and_units_are_checked_before_anything_is_sent() {
         refused(&polepair(&["torque", &sim.url, torque, "--for", "1s"]), 2, code);
     }
     assert_eq!(polepair(&["jog", &sim.url, "--for", "1s", "--detach"]).code, 2);
-    // A module of this kind has its driver on from the beginning, and nobody switched it.
+    // A module of this kind has its driver enabled from power-on; the test did not enable it.
     assert_eq!((raw(&sim, KINDS[0].power), raw(&sim, KINDS[0].target)), (1, 0));
     sim.end();
     let sim = served(&KINDS[1]);

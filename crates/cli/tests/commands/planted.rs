@@ -1,5 +1,5 @@
 //! Captures of simulated drives that work, with one fault planted each, at several places: the
-//! summary finds it with its time and axis, and nothing else. Nobody says which protocol it is.
+//! summary finds it with its time and axis, and nothing else. The protocol is not stated.
 
 use crate::run;
 
@@ -80,7 +80,7 @@ const MOTOR: [&str; 2] = ["position", "velocity"];
 const MIXED: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml#spindle,x,gripper");
 
-/// Current and speed come also unasked, so a foreign one of them is nobody's fault.
+/// Current and speed are also sent without a request, so an additional one of them is no anomaly.
 const THRUSTER: [&str; 2] = ["voltage", "driver temperature"];
 
 const TALKS: [Talk; 10] = [
@@ -96,9 +96,9 @@ const TALKS: [Talk; 10] = [
     Talk { url: MIXED, signals: MOTOR, replies: &[("582", 2), ("17E", 5), ("07F", 0x61)] },
 ];
 
-/// What is asked at a capture's beginning may have been asked before, us.
+/// Time at the beginning of a capture in which a reply may belong to a request before it, in us.
 const BEGINNING: u64 = 150_000;
-/// What is asked in so many lines at its end may be answered after it.
+/// Number of lines at the end of a capture whose replies may come after it.
 const ENDING: usize = 16;
 
 /// Reads what a verb's conversation is.
@@ -138,7 +138,7 @@ fn recorded(talk: &Talk, nth: usize) -> (Vec<Line>, Vec<usize>) {
     panic!("{}: answers in recordings of {SECONDS:?} s: {counts:?}", talk.url);
 }
 
-/// What the summary of a capture holds.
+/// Returns the summary of a capture.
 fn summary(lines: &[Line]) -> Summary {
     let log: String = lines.iter().map(Line::write).collect();
     let mut judge = ProtocolDetector::new();
@@ -156,7 +156,7 @@ fn moments(summary: &Summary) -> Vec<&AnomalyBurst> {
     summary.anomalies.most_notable(100)
 }
 
-/// A fault: how it is planted at a line that is an answer, and what may be told of it.
+/// A fault: its name, how it is planted at a line with a reply, and the anomalies that may be reported.
 type Fault = (&'static str, fn(&mut Vec<Line>, usize), &'static [AnomalyKind]);
 
 const FAULTS: [Fault; 8] = [

@@ -129,7 +129,7 @@ fn a_program_is_loaded_called_and_run_until_ctrl_c() {
 }
 
 #[test]
-fn nothing_goes_to_the_eeprom_unasked_and_what_does_is_told() {
+fn nothing_goes_to_the_eeprom_unasked_and_each_write_is_reported() {
     let bench = Bench::new("eeprom");
     let moves = bench.file("moves.tml", MOVES);
     let words = bench.path("moves.sw");

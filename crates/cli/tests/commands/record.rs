@@ -24,7 +24,7 @@ fn written(name: &str, text: &str) -> String {
 
 #[cfg(unix)]
 #[test]
-fn what_passes_is_kept_while_it_passes_and_whole_at_the_end() {
+fn frames_are_stored_as_they_pass_and_complete_at_the_end() {
     let drive = run::Served::with(&["canopen:2", "--udp", "239.74.163.20:43120"]);
     for name in ["bus.log", "bus.pcapng.zst", "bus.blf"] {
         let file = scratch(name).display().to_string();
@@ -48,12 +48,12 @@ fn what_passes_is_kept_while_it_passes_and_whole_at_the_end() {
 
 #[cfg(unix)]
 #[test]
-fn a_pager_that_stands_still_holds_up_no_recording() {
+fn a_suspended_pager_blocks_no_recording() {
     let drive = run::Served::with(&["canopen:2", "--udp", "239.74.163.20:43121"]);
     let file = scratch("paged.log").display().to_string();
     let recorder = run::command(&["record", drive.link(), "-o", &file, "-v"]).spawn();
     let recorder = recorder.expect("starts");
-    // More lines than a pipe holds (64 KiB), and nobody reads it.
+    // Writes more lines than a pipe holds (64 KiB) without a reader.
     let is_stored = || std::fs::read_to_string(&file).map_or(0, |text| text.lines().count());
     wait_until("3000 frames are stored", || {
         ok(&["get", &drive.url, "velocity demand"]);
@@ -67,7 +67,7 @@ fn a_pager_that_stands_still_holds_up_no_recording() {
 }
 
 #[test]
-fn what_cannot_be_recorded_so_is_refused_before_anything_is_opened() {
+fn a_recording_that_is_impossible_is_refused_before_anything_is_opened() {
     let code = |arguments: &[&str]| polepair(&[&["record", "sim:tmcl"], arguments].concat()).code;
     assert_eq!(code(&[]), 2, "nowhere to put it");
     assert_eq!(code(&["-o", "bus.dat"]), 2, "no format");
@@ -80,7 +80,7 @@ const CAPTURE: &str = "\
 (1700000000.020500) ttyUSB0 < 02 01 64 06 00 00 02 c7 36
 ";
 
-/// What decode says of it, frame by frame.
+/// Output of `decode` for the capture, one value a frame.
 fn explained(capture: &str) -> Vec<Value> {
     let lines = ok(&["decode", capture, "--as", "tmcl", "--format", "jsonl"]);
     lines.lines().map(|line| serde_json::from_str(line).expect(line)).collect()

@@ -1,4 +1,4 @@
-//! What a recording holds when it is killed, and when it goes on in another file.
+//! Contents of a recording that is killed, and of one that continues in another file.
 #![cfg(unix)]
 
 use crate::run;
@@ -31,7 +31,7 @@ fn frames(file: &Path) -> Vec<String> {
 }
 
 #[test]
-fn what_is_killed_can_be_read_to_what_it_kept_last() {
+fn a_killed_recording_can_be_read_up_to_its_last_write() {
     let drive = Served::with(&["canopen:2", "--udp", "239.74.163.22:43123"]);
     let folder = folder("killed");
     let names = [
@@ -67,7 +67,7 @@ fn what_is_killed_can_be_read_to_what_it_kept_last() {
 }
 
 #[test]
-fn what_goes_on_in_another_file_lacks_nothing_between_them() {
+fn a_recording_in_several_files_has_no_gap_between_them() {
     let drive = Served::with(&["canopen:2", "--udp", "239.74.163.23:43124"]);
     for (how, name) in [("1kB", "size.log"), ("1s", "time.log"), ("1kB", "size.blf")] {
         let folder = folder(&format!("{name}-{how}"));

@@ -14,7 +14,7 @@ fn written(name: &str, text: &str) -> String {
     path.display().to_string()
 }
 
-/// A host that reads a position, and is answered. Who spoke is not said.
+/// A host that reads a position, and the reply. The lines have no direction.
 const READS: &str = "\
 (1700000000.000000) can0 602#4064600000000000
 (1700000000.001000) can0 582#4364600039300000
@@ -88,7 +88,7 @@ fn a_rehearsal_shows_what_would_be_sent() {
     assert!(ran.err.contains("none of this was sent"), "{}", ran.err);
 }
 
-/// What a usual drive's table calls harmless may move another one: axis parameter 4 is its top speed.
+/// A value that the usual table calls harmless may move another drive: axis parameter 4 is its top speed.
 #[test]
 fn a_table_vouches_for_the_drive_that_was_named_alone() {
     let capture = written("sets.log", "(1700000000.000000) ttyUSB0 > 01 05 04 00 00 00 00 64 6E\n");
@@ -101,7 +101,7 @@ fn a_table_vouches_for_the_drive_that_was_named_alone() {
 }
 
 #[test]
-fn who_is_played_and_where_is_said() {
+fn simulated_drives_are_printed_with_their_ports() {
     let capture = written("both.log", READS);
     let rows = |more: &[&str]| {
         let order = ["replay", capture.as_str(), "canopen+socketcan://can9", "--dry-run"];

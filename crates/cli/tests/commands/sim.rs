@@ -21,7 +21,7 @@ fn parameters_are_set_and_read_back() {
 }
 
 #[test]
-fn a_scan_passes_addresses_where_nobody_is() {
+fn a_scan_passes_addresses_without_a_drive() {
     // Address 2 is the host's own: no module can have it.
     let sim = Served::new("tmcl:1,3");
     let link = sim.url.split('#').next().expect("a link");
@@ -31,7 +31,7 @@ fn a_scan_passes_addresses_where_nobody_is() {
 }
 
 #[test]
-fn nobody_at_an_address_is_exit_code_4() {
+fn an_address_without_a_reply_is_exit_code_4() {
     let sim = Served::new("modbus-rtu:1");
     let link = sim.url.split('#').next().expect("a link");
     let ran = polepair(&["get", &format!("{link}?profile=syntron-ts#7"), "motor speed"]);
@@ -68,7 +68,7 @@ fn a_dry_run_sends_nothing_of_it() {
 }
 
 #[test]
-fn what_is_traced_can_be_decoded() {
+fn a_trace_can_be_decoded() {
     let sim = Served::new("modbus-rtu:1");
     let trace = std::env::temp_dir().join(format!("polepair-trace-{}.log", std::process::id()));
     let path = trace.to_str().expect("text");

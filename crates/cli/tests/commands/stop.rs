@@ -15,7 +15,7 @@ fn ok(arguments: &[&str]) -> String {
 }
 
 #[test]
-fn every_drive_is_told_as_soon_as_it_is_found() {
+fn every_drive_is_reported_as_soon_as_it_is_found() {
     let sim = Served::new("tmcl:1,5");
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
     run::expect_silence();
@@ -37,7 +37,7 @@ fn every_drive_is_told_as_soon_as_it_is_found() {
     sim.end();
 }
 
-/// Who stops can do without a file of frames, and hears that there is none.
+/// A stop works without its frame file, and warns that there is none.
 #[test]
 fn a_trace_that_cannot_be_written_keeps_no_motor_turning() {
     let sim = Served::new("tmcl:1");
@@ -59,7 +59,7 @@ fn a_trace_that_cannot_be_written_keeps_no_motor_turning() {
 }
 
 #[test]
-fn everybody_is_told_at_once_where_the_protocol_can() {
+fn all_axes_are_commanded_at_once_where_the_protocol_can() {
     run::expect_silence();
     let sim = Served::new("tml:255");
     let ran = polepair(&["stop", &format!("{}?timeout=300", sim.link()), "-v"]);
@@ -114,7 +114,7 @@ fn propellers_are_found_and_stopped_without_their_numbers() {
 }
 
 #[test]
-fn one_that_does_not_answer_keeps_no_other_turning() {
+fn a_silent_drive_keeps_no_other_turning() {
     let sim = Served::new("tmcl:3");
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
     run::expect_silence();
@@ -183,7 +183,7 @@ fn a_module_with_several_motors_has_all_of_them_stopped() {
     assert_eq!(&order[..2], &[0, 1]);
 }
 
-/// One with six motors, one of which is not answered: the further ones are told all the same.
+/// A module with six motors, one of which does not reply: the others get their stop all the same.
 #[test]
 fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
     run::expect_silence();
@@ -213,7 +213,7 @@ fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
 }
 
 #[test]
-fn a_stop_that_reaches_nobody_says_so() {
+fn a_stop_that_reaches_no_axis_reports_it() {
     run::expect_silence();
     let sim = Served::new("tmcl:40");
     let ran = polepair(&["stop", sim.link()]);
@@ -238,9 +238,9 @@ fn a_stop_that_the_protocol_cannot_send_says_that_nothing_was() {
     sim.end();
 }
 
-/// A module that answers to another host answers nobody here, and is no silence.
+/// A module that replies to another host does not reply to this one, and the line is not silent.
 #[test]
-fn what_came_where_nobody_answered_is_told() {
+fn bytes_received_instead_of_a_reply_are_reported() {
     run::expect_silence();
     let sim = Served::new("tmcl:1");
     let url = format!("{}?host=3&timeout=150", sim.link());
@@ -260,7 +260,7 @@ fn what_came_where_nobody_answered_is_told() {
 }
 
 #[test]
-fn one_that_does_not_answer_leaves_no_other_with_power() {
+fn a_silent_drive_leaves_no_other_with_power() {
     let sim = Served::new("tmcl:3");
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
     run::expect_silence();
@@ -284,7 +284,7 @@ fn an_axis_that_is_named_twice_is_stopped_once() {
 }
 
 #[test]
-fn who_holds_the_port_is_named_with_what_stops_him() {
+fn the_process_that_holds_the_port_is_named_with_its_stop() {
     let sim = Served::new("tmcl:1");
     let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "running; Ctrl-C stops it");
     let ran = polepair(&["stop", sim.link()]);
@@ -297,10 +297,10 @@ fn who_holds_the_port_is_named_with_what_stops_him() {
     sim.end();
 }
 
-/// A program that is suspended hears no signal but one; both signals are said in the order that works.
+/// A suspended program receives only SIGCONT; both signals are given in the order that works.
 #[cfg(target_os = "linux")]
 #[test]
-fn who_holds_the_port_and_is_suspended_is_named_with_what_wakes_him() {
+fn a_suspended_process_that_holds_the_port_is_named_with_its_wake_up() {
     let sim = Served::new("tmcl:1");
     let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "running; Ctrl-C stops it");
     let pid = holder.id();
@@ -346,7 +346,7 @@ fn lossy(url: &str, back: fn(&[u8], &mut Vec<u8>) -> Vec<u8>) -> String {
     format!("{}127.0.0.1:{port}{rest}", &url[..at])
 }
 
-/// Of a drive whose answers are lost it is not known what it is; what stops all that it may be goes out.
+/// A drive whose replies are lost cannot be identified, so the stops of all possible drives are sent.
 #[test]
 fn a_drive_that_cannot_be_identified_is_sent_the_stop_that_all_known_ones_share() {
     run::expect_silence();
@@ -387,7 +387,7 @@ fn crc(bytes: &[u8]) -> [u8; 2] {
     bytes.iter().fold(0xFFFF, step).to_le_bytes()
 }
 
-/// A device that answers every question with an exception is no known drive: it is told nothing.
+/// A device that replies to every query with an exception is no known drive: nothing is written to it.
 #[test]
 fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
     let server = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -413,7 +413,7 @@ fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
     assert!(functions.iter().all(|function| (1..=4).contains(function)), "{functions:?}");
 }
 
-/// Its own stop is told and seen as soon as it says what it is.
+/// Its own stop is sent and confirmed as soon as it identifies itself.
 #[test]
 fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
@@ -430,8 +430,8 @@ fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
     sim.end();
 }
 
-/// Answers that each come to the next question say nothing of what a drive is: it is no drive of a kind
-/// that nobody knows.
+/// Replies that each belong to the next query do not identify a drive; they do not prove that its kind is
+/// unknown either.
 #[test]
 fn answers_to_other_questions_keep_no_motor_turning() {
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
@@ -448,7 +448,7 @@ fn answers_to_other_questions_keep_no_motor_turning() {
 }
 
 #[test]
-fn who_cannot_be_identified_is_not_said_to_have_no_power() {
+fn an_unidentified_drive_is_not_reported_without_power() {
     run::expect_silence();
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
     let ran = polepair(&["disable", &lossy(&sim.url, |_, _| Vec::new())]);
@@ -478,7 +478,7 @@ fn a_module_in_download_mode_is_stopped_and_identified() {
         let ran = polepair(&["info", &sim.url]);
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert!(ran.out.contains("TMCM-171") && ran.err.contains("download mode"), "{}", ran.err);
-        // Nobody asks what it is; the refusal says what to do.
+        // The drive is not identified here; the refusal names the way out.
         ok(&["send", "--arm", &sim.url, "132, 0, 0, 0"]);
         let with_profile = sim.url.replace('#', "?profile=tmcm-171#");
         let ran = polepair(&["get", &with_profile, "actual velocity"]);

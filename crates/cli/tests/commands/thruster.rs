@@ -42,7 +42,7 @@ fn every_vector_decodes_and_encodes() {
 }
 
 #[test]
-fn nobody_guesses_whose_a_pdo2_is() {
+fn the_owner_of_a_pdo2_is_not_guessed() {
     let capture = "\
 (1.000) can0 30B#5443000000000005
 (1.001) can0 28B#5443000000000005

@@ -9,7 +9,7 @@ use polepair_test_support::wait_for;
 use run::{Served, ok, polepair, polepair_with, text, vectors};
 use serde_json::Value;
 
-/// A frame as it stands in a capture, and how it is called in `encode`.
+/// A frame as it appears in a capture, and its text for `encode`.
 struct Vector {
     name: String,
     wire: &'static str,
@@ -171,7 +171,7 @@ fn the_binary_code_viewer_prints_a_line_an_instruction() {
 }
 
 #[test]
-fn rules_of_the_wires_are_told_before_a_byte_is_printed() {
+fn rules_of_the_wires_are_reported_before_a_byte_is_printed() {
     let refused = |arguments: &[&str]| {
         let ran = polepair(&[&["encode", "tml"], arguments].concat());
         assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{arguments:?}");

@@ -1,4 +1,4 @@
-//! What is said agrees with what went over the wire.
+//! Printed results agree with the frames on the wire.
 #![cfg(unix)]
 
 use crate::run;
@@ -20,7 +20,7 @@ fn file(name: &str, text: &str) -> PathBuf {
     path
 }
 
-/// A drive behind a wire that is cut when the host has sent so many bytes.
+/// A drive behind a wire that is cut when the host has sent this many bytes.
 fn cut_after(served: &Served, bytes: usize) -> String {
     let to = served.link().rsplit("//").next().expect("an address").to_owned();
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -88,7 +88,7 @@ fn points_that_begin_elsewhere_power_nothing() {
 }
 
 #[test]
-fn what_is_refused_before_a_link_is_open_says_that_nothing_was_sent() {
+fn a_refusal_before_the_link_is_open_states_that_nothing_was_sent() {
     let ran = polepair(&["spin", "sim:tmcl?no=1", "1rpm"]);
     assert!(ran.code == 2 && ran.err.contains("Nothing was sent."), "{}", ran.err);
     let ran = polepair(&["spin", "sim:tmcl", "1e6rpm"]);
@@ -147,7 +147,7 @@ fn axes_that_answer_are_shown_though_one_is_dead() {
     assert!(ran.err.contains("error[E704]: 1 of 3 axes could not be read."), "{}", ran.err);
 }
 
-/// A drive of which nobody has said what its numbers mean.
+/// Profile of a drive without units.
 const UNITLESS: &str = "\
 name = \"unitless\"
 protocol = \"tmcl\"
@@ -172,7 +172,7 @@ steps = [\"send 3 0 0\"]
 ";
 
 #[test]
-fn a_number_that_nobody_can_scale_moves_nothing() {
+fn a_number_without_a_scale_moves_nothing() {
     let profile = file("unitless.toml", UNITLESS).display().to_string();
     let on = |words: &[&str]| {
         let url = "sim:tmcl?profile=unitless";

@@ -1,4 +1,4 @@
-//! What a number means without a unit, in each family.
+//! Meaning of a number without a unit, in each family.
 
 use crate::run::{self, polepair};
 
@@ -30,7 +30,7 @@ fn a_position_without_a_unit_is_refused_in_every_family() {
     }
 }
 
-/// What a manual or a vendor's program writes behind its own symbol is what the drive gets.
+/// A number after the manual's or the vendor's own symbol is sent to the drive unchanged.
 #[test]
 fn behind_the_makers_symbol_a_bare_number_is_the_drives_own() {
     for (url, written, shown) in [
@@ -59,7 +59,7 @@ fn behind_the_makers_symbol_a_bare_number_is_the_drives_own() {
 }
 
 #[test]
-fn what_the_drive_cannot_count_is_not_rounded() {
+fn a_value_between_two_counts_is_not_rounded() {
     for (url, written, hint) in [
         ("sim:tmcl", "AP 6=1.2", "try: write 1.2A, or 1.2 for `max current`"),
         ("sim:tml", "POSOKLIM=0.5", "try: write 0.5turn, or 0.5 for `settle band`"),

@@ -13,7 +13,7 @@ use run::{Ran, command, ended, environment, ok, polepair, program, signal};
 
 const CAPTURE: &str = "(1700000000.000500) ttyUSB0 > 01 06 01 00 00 00 00 00 08\n\
                        (1700000000.020500) ttyUSB0 < 02 01 64 06 00 00 02 C7 36\n";
-/// What a target holds before.
+/// Contents of a target file before the command runs.
 const OLD: &str = "what was there before\n";
 
 /// A folder of a test's own, which goes with it.

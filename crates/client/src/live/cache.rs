@@ -332,7 +332,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_who_watches_fills_the_memory() {
+    fn viewers_do_not_fill_the_memory() {
         let buffer = SampleBuffer::default();
         let samples = |from: u64| -> Vec<Sample> {
             (from..from + SAMPLES_MAX as u64).map(|t_us| Sample { t_us, value: 0.0 }).collect()
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_back_is_renewed_no_more_and_a_newer_lease_stays() {
+    fn a_returned_lease_is_not_renewed_and_a_newer_one_stays() {
         let known = LiveCache::new("ann 1".into(), 0.0);
         known.set_lease(1, Ok(7));
         assert!(!known.end_lease(1, 6) && known.leases() == [(1, 7)]);

@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_alone_is_refused_at_once_and_leaves_nothing() {
+    fn an_exclusive_request_is_refused_at_once_and_leaves_nothing() {
         let mut pending = PendingLeaseRequests::default();
         pending.push(one(LeaseAction::Drop, 3));
         assert!(pending.match_reply(2, false).is_none(), "of another lease");

@@ -368,7 +368,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lease_that_ended_with_its_link_is_nobodys_stop() {
+    fn a_lease_that_ended_with_its_link_causes_no_stop() {
         let lost = GatewayError::new("E313", "the link of axis 1 went away").hint("cut its supply");
         assert_eq!(lease_end_error(&lost), lost);
         let stopped = lease_end_error(&GatewayError::new(

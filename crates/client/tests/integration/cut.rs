@@ -1,4 +1,4 @@
-//! A wire in front of a server that can fall silent, as a pulled plug does: neither end is told.
+//! A wire in front of a server that can fall silent, as a pulled plug does: neither end gets a notice.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};

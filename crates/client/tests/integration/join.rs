@@ -155,7 +155,7 @@ fn parameters_are_planned_written_and_read() {
 }
 
 #[test]
-fn of_two_clients_the_second_is_told_who_commands() {
+fn the_second_of_two_clients_gets_the_name_of_the_first() {
     let site = Site::new();
     let (ann, bob) = (site.join().live().unwrap(), site.join().live().unwrap());
     assert_ne!(ann.session(), bob.session(), "one token, two clients");
@@ -216,7 +216,7 @@ fn a_lost_server_stops_the_axis_and_leaves_the_outcome_unknown() {
 }
 
 #[test]
-fn what_is_watched_comes_as_samples() {
+fn watched_signals_come_as_samples() {
     let site = Site::new();
     let live = site.join().live().unwrap();
     let watched = live.subscribe(0, Some("position"), None, 50.0).unwrap();
@@ -279,7 +279,7 @@ fn where_clients_show_certificates_ours_is_shown() {
     }
     let (certificate, key) = vouched_by(&signers[1]);
     private(&own, &format!("{certificate}{key}"));
-    // The server hangs up, and what it said before that may be lost on the way.
+    // The server closes the connection, and its last message may be lost on the way.
     let stranger = Gateway::new(&right).unwrap();
     let refused = stranger.bench().unwrap_err();
     assert!(["E256", "E313"].contains(&&*refused.code), "{refused}");
@@ -291,7 +291,7 @@ fn where_clients_show_certificates_ours_is_shown() {
 
 /// A server that is started anew, without `--client-ca` now, lets in who asked the one before it.
 #[test]
-fn what_one_server_wants_is_not_held_against_the_next() {
+fn a_limit_of_one_server_does_not_apply_to_the_next() {
     let site = Site::with(|folder| {
         authority(&folder.join("ours"));
         polepair_serve::ServerOptions {
@@ -325,7 +325,7 @@ fn private(path: &Path, text: &str) {
 }
 
 #[test]
-fn without_a_token_of_it_nothing_is_told() {
+fn without_a_token_nothing_is_revealed() {
     let site = Site::new();
     let file = site.folder.join("another");
     private(&file, &"0".repeat(64));
@@ -336,7 +336,7 @@ fn without_a_token_of_it_nothing_is_told() {
 }
 
 #[test]
-fn nobody_there_is_said_so() {
+fn a_missing_server_is_reported() {
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = free.local_addr().unwrap().port();
     drop(free);

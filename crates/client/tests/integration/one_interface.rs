@@ -36,7 +36,7 @@ fn ended(result: Result<(), polepair::Error>) -> String {
     outcome(result.map(|()| "done"))
 }
 
-/// What a program does with an axis, and what it gets.
+/// Runs the calls of a typical program on an axis, and returns their results.
 fn session(link: &Link) -> Vec<String> {
     let axis = &link.axis(3).unwrap();
     let facts = axis.facts();
@@ -146,7 +146,7 @@ fn axes_of_a_gateway_are_selected_by_name() {
 }
 
 #[test]
-fn what_a_gateway_does_not_offer_is_one_error() {
+fn calls_that_a_gateway_does_not_offer_have_one_error() {
     let site = Site::new();
     let link = served(&site, site.port(), "");
     let axis = &link.axes()[0];

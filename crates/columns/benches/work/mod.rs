@@ -90,7 +90,7 @@ pub fn log(frames: usize) -> String {
     log.text
 }
 
-/// A decoder that is told the protocol.
+/// A decoder with a stated protocol.
 pub fn stated() -> CaptureDecoder {
     CaptureDecoder::new(Rules::parse("canopen").unwrap_or_default())
 }

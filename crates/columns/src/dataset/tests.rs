@@ -215,7 +215,7 @@ fn a_capture_that_changes_while_it_is_read_is_not_stored() {
 
 /// A program that was killed while its parts took their places left a note in `_begun`, and some of them.
 #[test]
-fn what_a_killed_program_left_is_replaced() {
+fn the_file_of_a_killed_program_is_replaced() {
     let folder = TestFolder::new("killed");
     let site = site_in(&folder);
     let first = decode(&site, "", &[TableKind::Frames]);

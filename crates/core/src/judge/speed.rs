@@ -84,7 +84,7 @@ impl SpeedJudge {
         let moved = self.setpoint.map_or(moved, |setpoint| moved.min(setpoint.abs() * MOVED_TIME));
         let fast = self.fastest.map(|fastest| fastest > slow);
         let far = self.way.map(|way| way > moved);
-        // A position that was read once, or is as old as the start, shows no way; so much speed is no noise.
+        // A position that was read once, or is as old as the start, shows no travel; a high speed is no noise.
         let much = self.setpoint.map_or(f64::INFINITY, |setpoint| setpoint.abs() * TURNING_SHARE);
         if self.fastest.is_some_and(|fastest| fastest >= much.max(NOISE_SHARE * slow)) {
             return true;

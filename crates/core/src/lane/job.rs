@@ -155,7 +155,7 @@ impl InFlight {
     }
 }
 
-/// Steps that wait for so long at least wait for a motion, others for a drive that changes its state.
+/// Steps with a longer time limit wait for a motion, others for a drive that changes its state.
 const MOTION_WAIT_MIN_MS: u32 = 10_000;
 
 /// Limit of repetitions of a step that readings prove not executed.

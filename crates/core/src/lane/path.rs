@@ -19,7 +19,7 @@ use core::time::Duration;
 /// Interval of reading the drive's buffer: seldom enough for a line that points nearly fill, and often enough for
 /// clocks that differ by a thousandth.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
-/// After the last point's time the drive must be through within so long.
+/// Time after the last point within which the drive must have finished.
 const GRACE: Duration = Duration::from_secs(2);
 /// Times a point that was lost on the way is sent again; its number makes that harmless.
 const RESENDS_MAX: u8 = 3;

@@ -212,7 +212,7 @@ fn a_scale_that_cannot_be_is_asked_again() {
 /// A shift goes on, and the question before may be the same each time: once 167 steps a turn were said twice
 /// and believed (swarm seed can:1020091). So a host that can is told before anything else is asked.
 #[test]
-fn who_says_a_scale_that_cannot_be_is_mistrusted_at_once() {
+fn an_impossible_scale_is_distrusted_at_once() {
     let mut bench = LaneFixture::new();
     bench.lane.host.wrong_answers = std::vec![(0, 167), (1, 168)];
     bench.lane.read_parameter(bench.now, Ticket(1), AXIS, POSITION).unwrap();
@@ -222,7 +222,7 @@ fn who_says_a_scale_that_cannot_be_is_mistrusted_at_once() {
 }
 
 #[test]
-fn a_drive_that_has_an_odd_scale_says_it_twice_and_nobody_asks_for_ever() {
+fn an_odd_scale_is_read_twice_and_not_for_ever() {
     let mut bench = LaneFixture::new();
     bench.lane.host.registers = [0, 24, 12, 1, 0, 0];
     bench.lane.read_parameter(bench.now, Ticket(1), AXIS, POSITION).unwrap();
@@ -238,7 +238,7 @@ fn a_drive_that_has_an_odd_scale_says_it_twice_and_nobody_asks_for_ever() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_before_a_byte_is_sent() {
+fn an_impossible_value_is_refused_before_a_byte_is_sent() {
     let mut bench = LaneFixture::new();
     let out_of_range =
         Unsupported::OutOfRange { parameter: SPEED, value: 3001, min: -3000, max: 3000 };
@@ -328,7 +328,7 @@ fn set_silenced(bench: &mut LaneFixture, hush: bool) {
 }
 
 #[test]
-fn what_is_not_on_the_wire_yet_makes_way_for_a_stop_and_is_asked_after_it() {
+fn a_queued_request_yields_to_a_stop_and_is_sent_after_it() {
     let mut bench = LaneFixture::new();
     for ticket in 10..13 {
         bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
@@ -525,7 +525,7 @@ fn a_rehearsal_shows_what_would_be_sent_and_sends_nothing() {
 }
 
 #[test]
-fn what_the_host_itself_forbids_ends_at_once() {
+fn a_request_that_the_host_forbids_ends_at_once() {
     let mut bench = LaneFixture::new();
     bench.lane.host.forbids = Some(MODE.0);
     bench.lane.read_parameter(bench.now, Ticket(1), AXIS, MODE).unwrap();

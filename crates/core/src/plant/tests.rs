@@ -244,7 +244,7 @@ fn an_s_curve_arrives_exactly_with_bounded_jerk() {
 /// Swarm can:13500: told to stop within an S-curve, a set-point first comes to the speed that was
 /// asked for, and is held to that.
 #[test]
-fn an_s_curve_that_is_told_to_stop_is_held_to_what_it_still_smooths() {
+fn the_stop_of_an_s_curve_may_take_its_smoothing_time() {
     let limits =
         Limits { velocity: 50.0, acceleration: 300.0, deceleration: 300.0, smoothing_s: 0.08 };
     let mut t = Trajectory::new(limits, 0.0);

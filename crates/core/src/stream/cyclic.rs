@@ -184,7 +184,7 @@ pub struct CycleStatistics {
     pub syncs: u64,
     /// Set-points of the motion that went out, for each axis.
     pub cycles: u64,
-    /// Beats that were left out because the host was late; the motion took so much longer.
+    /// Beats that were left out because the host was late; the motion took longer by these.
     pub missed_cycles: u64,
     /// Number of times a drive had not reported its state before the next beat.
     pub late_reports: u64,

@@ -331,7 +331,7 @@ impl Objects {
         self.value(tag).cast_unsigned() & 0xFFFF
     }
 
-    /// The slope of a ramp that takes so long to 3000 rpm, rad/s²; 0 is no ramp.
+    /// Slope of a ramp with this duration to 3000 rpm, rad/s²; 0 is no ramp.
     fn slope(&self, tag: u16) -> f64 {
         let ms = self.real_value(tag);
         if ms > 0.0 { RAMP_END_SPEED / ms * 1000.0 } else { 0.0 }

@@ -6,7 +6,7 @@
 use super::alarm::Alarm;
 use polepair_core::time::Instant;
 
-/// Holding SET for so long is a long press (§1.4.2: "one second").
+/// Duration of a long press of SET (§1.4.2: "one second").
 pub const LONG_PRESS_MS: u32 = 1000;
 /// Half a period of whatever blinks `[I]`.
 const BLINK_MS: u64 = 250;

@@ -155,7 +155,7 @@ fn the_counter_is_set_without_moving() {
 /// What is more than the current can turn costs whole periods of four full steps, and the module does not
 /// know it.
 #[test]
-fn steps_are_lost_by_load_and_not_told() {
+fn steps_are_lost_by_load_and_not_reported() {
     let mut rig = Rig::six();
     rig.ok(SAP, 6, 0, 60);
     rig.ok(ROR, 0, 0, 500);
@@ -184,7 +184,7 @@ fn steps_are_lost_by_load_and_not_told() {
 }
 
 #[test]
-fn a_stall_stops_the_motor_where_it_is_told_to() {
+fn a_stall_stops_the_motor_where_that_is_set() {
     let mut rig = Rig::new(&profile::TMCM_1140, &[]);
     rig.ok(SAP, 181, 0, 100);
     rig.ok(ROR, 0, 0, 1000);
@@ -290,7 +290,7 @@ fn standing_motors_have_their_standby_current_or_none() {
 
 /// 138 tells which of the motors that it was asked about have arrived (TMCL reference).
 #[test]
-fn arrived_motors_are_told_by_their_bits() {
+fn arrived_motors_are_recognised_by_their_bits() {
     let mut rig = Rig::six();
     rig.ok(MVP, 0, 2, 2_000);
     rig.ok(MVP, 0, 5, 60_000);
@@ -320,7 +320,7 @@ fn ports_and_identity() {
 }
 
 #[test]
-fn a_motor_that_stands_at_its_target_is_told_at_once() {
+fn a_motor_at_its_target_is_reported_at_once() {
     let mut rig = Rig::six();
     rig.ok(138, 0, 0, 1 << 2);
     rig.wait(20);

@@ -1,4 +1,4 @@
-//! Frames explained, and every text that is told encoded again.
+//! Frames explained, and every printed text encoded again.
 
 use polepair_core::error::WireError;
 use polepair_core::explain::{
@@ -10,7 +10,7 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::CanopenDissector;
 use polepair_core::proto::canopen::sdo::{ObjectIndex, SdoReply, SdoRequest, Segment};
 
-/// What an explainer found, as text.
+/// Findings of an explainer, as text.
 #[derive(Default)]
 struct RecordingSink {
     kind: String,
@@ -138,7 +138,7 @@ fn every_printed_frame_is_explained_and_encoded_again() {
     }
 }
 
-/// What the vector says that the frame means.
+/// Checks that the explanation has the meaning that the vector states.
 fn agrees(meaning: &str, found: &RecordingSink) {
     let output = found.text.to_ascii_lowercase();
     let object = |text: &str| {
@@ -178,7 +178,7 @@ impl Random {
 }
 
 #[test]
-fn whatever_is_told_encodes_to_the_same_frame() {
+fn every_explanation_encodes_to_the_same_frame() {
     let mut random = Random(4);
     let functions = [0, 0x80, 0x100, 0x180, 0x200, 0x280, 0x380, 0x500, 0x580, 0x600, 0x700];
     let profiles = [None, profile("syntron-ts-canopen"), profile("cia402")];
@@ -294,7 +294,7 @@ fn a_profile_names_objects_and_faults() {
 }
 
 #[test]
-fn what_breaks_is_named() {
+fn breakage_is_named() {
     let short = |need, found| Some(WireError::Short { need, found });
     let unexpected = |at, found| Some(WireError::Unexpected { at, found });
     let wrong = [

@@ -1,5 +1,5 @@
 //! Our CANopen host and a simulated drive on one wire that loses, repeats and holds back frames:
-//! every request ends once, and what is said to be done is done.
+//! every request ends once, and one that ends as done was done.
 
 use std::collections::VecDeque;
 
@@ -20,7 +20,7 @@ const FRAME_NS: u64 = 250_000;
 /// Steps of the wire that one request may take.
 const STEPS_MAX: usize = 200_000;
 
-/// Of a thousand frames so many are lost, repeated, and held back.
+/// Number of frames in a thousand that are lost, repeated, and delayed.
 #[derive(Clone, Copy)]
 struct Faults {
     lost: u32,
@@ -60,7 +60,7 @@ impl Wire {
         Self { host, drive, flying: VecDeque::new(), last, now: Instant::ZERO, faults, random }
     }
 
-    /// True so many times of a thousand.
+    /// Returns true this many times of a thousand.
     fn chance(&mut self, of_thousand: u32) -> bool {
         self.random ^= self.random << 13;
         self.random ^= self.random >> 7;

@@ -1,10 +1,10 @@
-//! What requests of every protocol may do.
+//! Effects of requests of every protocol.
 
 use polepair_core::explain::{Effect, EncodeOptions, RawFrame};
 use polepair_core::proto::find_dissector;
 use polepair_drives::{assumed_profile, profiles};
 
-/// Of a text in a protocol's own language.
+/// Returns the effect of a text in a protocol's own language.
 fn effect_of(protocol: &str, text: &str) -> Effect {
     let dissector = find_dissector(protocol).expect("a protocol");
     let speaks = |p: &&&'static polepair_core::profile::Profile| dissector.language() == p.protocol;
@@ -17,7 +17,7 @@ fn effect_of(protocol: &str, text: &str) -> Effect {
 }
 
 #[test]
-fn what_asks_or_stops_does_nothing() {
+fn queries_and_stops_have_no_effect() {
     for (protocol, text) in [
         ("tmcl", "GAP 1, 0"),
         ("tmcl", "MST 0"),
@@ -35,7 +35,7 @@ fn what_asks_or_stops_does_nothing() {
 }
 
 #[test]
-fn what_may_move_a_motor_is_told_from_what_only_sets() {
+fn requests_that_may_move_a_motor_are_distinguished_from_settings() {
     for (protocol, text, effect) in [
         ("tmcl", "ROR 0, 350", Effect::MOTION),
         ("tmcl", "SAP 6, 0, 100", Effect::SETTINGS),
@@ -52,7 +52,7 @@ fn what_may_move_a_motor_is_told_from_what_only_sets() {
 }
 
 #[test]
-fn what_reaches_permanent_memory_is_told() {
+fn writes_to_permanent_memory_are_reported() {
     for (protocol, text) in [
         ("tmcl", "STAP 6, 0"),
         ("modbus-rtu", "write 0x63 1"),

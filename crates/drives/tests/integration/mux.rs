@@ -29,7 +29,7 @@ fn make_lane(address: u32, host: u32) -> BoxedLane {
     ))
 }
 
-/// A module told, over its serial end, to use other identifiers.
+/// A module that was set over its serial end to use other identifiers.
 fn make_device(can_id: i32, reply_id: i32) -> Tmcm171Device {
     let options = DeviceOptions {
         address: None,
@@ -58,7 +58,7 @@ fn make_device(can_id: i32, reply_id: i32) -> Tmcm171Device {
     device
 }
 
-/// Lets everything that wants to be sent arrive, for so long.
+/// Delivers everything that is sent within this time.
 fn run(
     mux: &mut Mux,
     devices: &mut [Tmcm171Device],

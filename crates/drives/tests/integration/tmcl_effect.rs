@@ -1,4 +1,4 @@
-//! What requests may do to a module.
+//! Effects of requests on a module.
 
 use polepair_core::explain::{Effect, FrameConversation, Impact, RawFrame};
 use polepair_core::proto::tmcl::TmclDissector;
@@ -15,7 +15,7 @@ fn effect(opcode: Opcode, kind: u8, value: i32) -> Effect {
         .effect(&RawFrame { bytes: &bytes, ..RawFrame::default() }, assumed_profile(&TmclDissector))
 }
 
-/// What a host never sends twice is never told as harmless, nor what only reads as anything else.
+/// A request that a host never repeats is never reported as harmless, and only a query is reported as one.
 #[test]
 fn effects_agree_with_the_classes_of_requests() {
     for number in 0..=255 {

@@ -1,4 +1,4 @@
-//! What people are shown: pieces of streams, fields, answers, refusals.
+//! Explanations for people: pieces of streams, fields, replies, refusals.
 
 use polepair_core::error::WireError;
 use polepair_core::explain::{
@@ -150,7 +150,7 @@ fn streams_are_cut_and_cut_again_behind_junk() {
     assert_eq!(cut(&format!("{wrong} {ASK}"), false), FrameBoundary::Corrupt(12));
     // A serial server made up a byte that could be a length.
     assert_eq!(cut(&format!("0A {TAKE}"), false), FrameBoundary::Skip(1));
-    // A byte was lost: the next frame's length stands where the sum should.
+    // A byte was lost: the length of the next frame is at the place of the checksum.
     assert_eq!(cut(&format!("06 0F F0 20 5E 05 88 {ASK}"), false), FrameBoundary::Corrupt(7));
     assert_eq!(serial(&wrong, &Context::default()).field("value"), "289");
 }
@@ -178,7 +178,7 @@ fn refusal(dissector: &dyn Dissector, text: &str, addressing: EncodeOptions) -> 
 }
 
 #[test]
-fn what_a_wire_forbids_is_refused_in_a_sentence() {
+fn a_request_that_the_wire_forbids_is_refused_in_a_sentence() {
     let to = |axis| EncodeOptions { axis: Some(axis), ..EncodeOptions::default() };
     let group = EncodeOptions { groups: true, wire: WireKind::Rs485, ..to(1) };
     let forbidden = |rule: WireRule| EncodeError::Forbidden(rule.sentence());
@@ -198,7 +198,7 @@ fn what_a_wire_forbids_is_refused_in_a_sentence() {
 }
 
 #[test]
-fn the_answer_is_told_as_far_as_it_is_known() {
+fn the_answer_is_reported_as_far_as_it_is_known() {
     let expected = |dissector: &dyn Dissector, text: &str, addressing: EncodeOptions| {
         let mut bytes = [0; 14];
         let encoded = dissector.encode(text, &addressing, &mut bytes).expect("a message");
@@ -224,7 +224,7 @@ fn the_answer_is_told_as_far_as_it_is_known() {
 }
 
 #[test]
-fn a_register_is_told_bit_by_bit() {
+fn a_register_is_reported_bit_by_bit() {
     let named = |name: &str, value| {
         let mut seen = ExplainedFields::default();
         let found = SERIAL.explain_named_value(name, value, Some(&TECHNOSOFT_F514L), &mut seen);

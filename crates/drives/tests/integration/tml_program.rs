@@ -68,7 +68,7 @@ fn labels_stand_for_where_they_are() {
 }
 
 #[test]
-fn what_is_listed_assembles_to_the_same_words() {
+fn a_listing_assembles_to_the_same_words() {
     let (words, _) = assemble(MOVES).unwrap();
     let text = listing(&words);
     assert!(text.contains("\nCALL 0x4016\n") && text.contains("\n[5] {STOP}\n"), "{text}");
@@ -112,7 +112,7 @@ fn errors_name_line_place_and_what_should_stand_there() {
 }
 
 #[test]
-fn memory_is_told_by_its_addresses() {
+fn memory_is_recognised_by_its_addresses() {
     assert_eq!(RULES.memory_at(0x4000, 0x4000), Some(MemoryKind::Permanent));
     assert_eq!(RULES.memory_at(0x4000, 0x4001), None, "it begins in one and ends in another");
     assert_eq!(RULES.memory_at(0x8270, 1), Some(MemoryKind::Volatile));

@@ -112,7 +112,7 @@ fn frames_in(bytes: &[u8]) -> (Vec<u32>, u32) {
 }
 
 #[test]
-fn junk_costs_the_line_it_stands_in() {
+fn junk_costs_the_line_that_contains_it() {
     assert_eq!(frames_in(b"t1110\rt\xFF220\rt3330\r"), (vec![0x111, 0x333], 1));
     assert_eq!(frames_in(b"t1110t2220\r"), (vec![0x222], 1));
     assert_eq!(frames_in(b"\xFEt0000\r\nt1110\r\n"), (vec![0x111], 1));
@@ -169,7 +169,7 @@ fn an_adapter_is_set_up_used_and_closed() {
 
 /// It was closed just before: its answer to that comes now, and it refuses to close once more.
 #[test]
-fn late_answers_to_an_earlier_program_are_nobodys() {
+fn late_replies_to_an_earlier_program_belong_to_no_request() {
     let pty = Pty::open(None).unwrap();
     let path = pty.path().to_owned();
     let adapter = thread::spawn(move || {
@@ -304,7 +304,7 @@ fn an_adapter_answers_as_the_manual_says() {
 }
 
 #[test]
-fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
+fn an_adapter_of_another_bit_rate_neither_receives_nor_is_received() {
     let mut adapter = SlcanSession::new(LINE);
     let shown = |adapter: &SlcanSession| {
         let mut buffer = [0; crate::hub::OUTPUT_MAX];
@@ -391,7 +391,7 @@ fn an_unplugged_adapter_is_reported_and_opened_again() {
 
 /// A client that does not read does not block others; its losses are counted.
 #[test]
-fn a_client_that_does_not_read_loses_frames_and_nobody_else_does() {
+fn a_client_that_does_not_read_loses_frames_and_no_other_does() {
     let bus = listen("0", LINE).unwrap();
     let address = bus.address().unwrap().to_string();
     let on_event = |ms| bus.receive(&mut Frame::default(), clock::now().plus_ms(ms)).unwrap();

@@ -49,7 +49,7 @@ pub(super) fn pack(frame: &Frame) -> [u8; FRAME_LEN] {
     out
 }
 
-/// `None` for what is no classic frame.
+/// `None` for a text that is no classic frame.
 pub(super) fn unpack(bytes: &[u8]) -> Option<UnpackedFrame> {
     let bytes: &[u8; FRAME_LEN] = bytes.try_into().ok()?;
     let word = u32::from_ne_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);

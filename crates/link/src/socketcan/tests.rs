@@ -29,7 +29,7 @@ fn frames_are_packed_as_the_kernel_wants_them() {
 
 /// Classes and details of `linux/can/error.h`, as the kernel's slcan driver makes them.
 #[test]
-fn error_frames_are_told_by_what_they_mean() {
+fn error_frames_are_described_by_their_meaning() {
     let error = |class: u32, controller| {
         let mut packed = [0; FRAME_LEN];
         packed[..4].copy_from_slice(&(0x2000_0000 | class).to_ne_bytes());
@@ -139,7 +139,7 @@ fn interfaces_are_read_from_netlink() {
 }
 
 #[test]
-fn an_interface_that_is_not_there_is_told_with_what_to_try() {
+fn an_interface_that_is_not_there_is_reported_with_what_to_try() {
     let error = open("nocan7", CanLine { bit_rate: 0 }).unwrap_err();
     assert!(matches!(error.cause(), Cause::NotFound | Cause::Unsuitable | Cause::Permission));
     assert!(error.hint().contains("CAN"), "{}", error.hint());

@@ -60,7 +60,7 @@ fn frames_are_written_and_read_as_the_protocol_prints_them() {
 }
 
 #[test]
-fn what_is_no_frame_is_refused() {
+fn a_line_that_is_no_frame_is_refused() {
     let requests = ["send 123 9 1 2 3 4 5 6 7 8 9", "send 123 1", "send 800 0", "send 20000000 0"];
     for wrong in requests.into_iter().chain(["send 123 1 100", "send xyz 0", "open", "", "send"]) {
         assert_eq!(ClientRequest::parse(wrong.as_bytes()), ClientRequest::Unknown, "{wrong}");
@@ -76,7 +76,7 @@ fn what_is_no_frame_is_refused() {
 }
 
 #[test]
-fn junk_costs_the_element_it_stands_in() {
+fn junk_costs_the_element_that_contains_it() {
     let some = |text: &str| Some(text.to_owned());
     assert_eq!(split_elements(b"xx< hi >\n< ok ><a>"), [some(" hi "), some(" ok "), some("a")]);
     assert_eq!(split_elements(b"< frame 12< ok >"), [None, some(" ok ")]);

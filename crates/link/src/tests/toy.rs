@@ -23,7 +23,7 @@ use polepair_core::time::{Instant, earliest};
 
 /// Asked by a stop.
 pub(super) const STOP_VALUE: u32 = 0x5709_5709;
-/// A lane holds so many jobs, whatever the number of threads.
+/// Number of jobs that a lane holds, whatever the number of threads.
 const QUEUE_MAX: usize = 64;
 const BAUD: u32 = 115_200;
 
@@ -51,7 +51,7 @@ pub(super) struct ToyLane {
 }
 
 impl ToyLane {
-    /// It waits so long for an answer.
+    /// Reply time-out of the lane.
     pub(super) fn with_reply_timeout(reply_timeout_ms: u32) -> Self {
         Self { reply_timeout_ms, ..Self::default() }
     }
@@ -502,7 +502,7 @@ impl AxisTraffic for ToyLane {
 pub(super) struct ToyDevice {
     received: Vec<u8>,
     replies: VecDeque<(Instant, [u8; 8])>,
-    /// Answers so much later, and not at all when that is none.
+    /// Delay of the reply; `None` for no reply.
     pub(super) delay_ms: Option<u32>,
     pub(super) request_count: u32,
 }

@@ -47,7 +47,7 @@ fn ipv6_is_a_bus_as_well() {
 /// Datagrams that overflow the socket's buffer are counted; our own are not.
 #[cfg(target_os = "linux")]
 #[test]
-fn what_nobody_reads_in_time_is_counted() {
+fn unread_frames_are_counted() {
     const BURST: u64 = 5000;
     let group = group(43_118);
     let (one, other) = (open(group).unwrap(), open(group).unwrap());
@@ -159,7 +159,7 @@ fn damaged_datagrams_do_no_harm() {
 
 /// Datagrams of another program on the port are counted and ignored.
 #[test]
-fn what_is_no_frame_is_counted() {
+fn a_datagram_that_is_no_frame_is_counted() {
     let group = group(43_119);
     let (link, udp_link) = (open(group).unwrap(), open(group).unwrap());
     for hex in ["00", ERROR, FD] {

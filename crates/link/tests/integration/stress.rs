@@ -1,4 +1,4 @@
-//! Nobody waits for what is there already: threads ask, lead in turns, interrupt and stop each
+//! A reply that has arrived is delivered at once: threads ask, lead in turns, interrupt and stop each
 //! other, clients come and go, and no answer lies unread though its leader sleeps.
 //!
 //! `POLEPAIR_EXCHANGES=1000000 cargo test --release -p polepair-link --test integration stress:: -- --nocapture`
@@ -28,9 +28,9 @@ use polepair_link::udp::{self, MulticastGroup};
 use polepair_link::{Connection, LinkIo, LinkWaker, Received, WaitResult, clock, serial};
 
 const AXIS: AxisIndex = AxisIndex(0);
-/// An answer that nobody was told of is found when its time is over, at the latest.
+/// A reply without a wake-up is found when its time limit is over, at the latest.
 const REPLY_TIMEOUT_MS: u32 = 60_000;
-/// So an exchange that took this long was not told of, or the machine stood still.
+/// An exchange that took this long had no wake-up, or the machine was suspended.
 const LATE: Duration = Duration::from_secs(50);
 const ASKERS: usize = 3;
 /// Connections made one after another to the same far end.

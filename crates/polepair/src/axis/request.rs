@@ -109,7 +109,7 @@ impl RunningRequest {
         }
     }
 
-    /// Waits for the end at most so long; `None` when it goes on.
+    /// Waits for the end, at most for this time; `None` if it continues.
     ///
     /// # Errors
     /// As [`finish`](Self::finish).

@@ -320,7 +320,7 @@ impl StopSupervisor {
         self.attempt.as_ref().map_or(Duration::ZERO, StopAttempt::elapsed)
     }
 
-    /// Returns whether it has ended well, and this was reported for so long.
+    /// Returns whether it has ended well, and this was reported for the given time.
     #[must_use]
     pub fn is_expired(&self, reported_for: Duration) -> bool {
         let age = self.axis.connection.now().since(self.sent_at);
@@ -605,7 +605,7 @@ impl StopSupervisor {
         self.result = self.standstill.take().map(|standstill| StopResult { standstill, power_off });
     }
 
-    /// Waits for its end, at most so long. Returns early with news.
+    /// Waits for its end, at most for this time. Returns early with news.
     pub fn wait(&mut self, airtime: &mut WireAirtime, at_most: Duration) -> Option<StopNotice> {
         let end = self.axis.connection.now() + at_most;
         loop {

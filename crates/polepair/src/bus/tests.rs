@@ -11,7 +11,7 @@ fn seats(all: &[(&str, u32)]) -> Vec<BusAddress> {
 }
 
 #[test]
-fn those_that_agree_share_a_bus() {
+fn drives_that_agree_share_a_bus() {
     let all = [("canopen", 2), ("technocan", 5), ("technocan", 7), ("tmcl", 0x61), ("tmlcan", 5)];
     assert_eq!(
         find_clash(&seats(&[&all[..], &[("thruster", 11), ("thruster", 12)]].concat())),
@@ -20,7 +20,7 @@ fn those_that_agree_share_a_bus() {
 }
 
 #[test]
-fn clashes_are_told_with_the_identifier() {
+fn clashes_are_reported_with_the_identifier() {
     for (all, text) in [
         ([("canopen", 11), ("thruster", 11)], "both use the identifier 28Bh"),
         ([("technocan", 5), ("tmcl", 1)], "both use the identifier 1h"),

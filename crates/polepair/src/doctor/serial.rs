@@ -281,7 +281,7 @@ mod tests {
     use polepair_core::proto;
 
     #[test]
-    fn frames_are_told_from_noise() {
+    fn frames_are_distinguished_from_noise() {
         let Some(tmcl) = proto::find_dissector("tmcl") else { return };
         let frame = [0x01, 0x01, 0, 0, 0, 0, 0x01, 0x5E, 0x61];
         let noisy = [&[0xFF, 0x00][..], &frame, &[0x55], &frame].concat();

@@ -26,7 +26,7 @@ fn a_sound_line_is_sound() {
 }
 
 #[test]
-fn an_echo_is_told_and_overcome() {
+fn an_echo_is_reported_and_overcome() {
     let mut found = Vec::new();
     let connector = Connector::default();
     let url = connector.url("sim:tmcl?time=virtual&echo=yes").expect("a string");
@@ -41,7 +41,7 @@ fn an_echo_is_told_and_overcome() {
 }
 
 #[test]
-fn a_drive_in_a_mode_of_text_is_told_with_the_way_back() {
+fn a_drive_in_a_mode_of_text_is_reported_with_the_way_back() {
     let mut found = Vec::new();
     let connector = Connector::default();
     let url = connector.url("sim:tmcm-1140?time=virtual").expect("a string");
@@ -58,7 +58,7 @@ fn a_drive_in_a_mode_of_text_is_told_with_the_way_back() {
 }
 
 #[test]
-fn a_port_that_is_not_there_is_told_with_its_exit_code() {
+fn a_port_that_is_not_there_is_reported_with_its_exit_code() {
     let found = checks("tmcl+serial:///dev/no-such-port");
     assert_eq!((found.len(), found[0].exit), (1, Exit::Adapter), "{found:?}");
 }

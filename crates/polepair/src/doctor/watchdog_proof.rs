@@ -318,7 +318,7 @@ impl ArmedMotor<'_> {
         }
     }
 
-    /// Has it turn, and looks what it does after so long a silence.
+    /// Turns the motor, and reads its state after this time of silence.
     fn observe_silence(
         &mut self,
         silence: Duration,

@@ -88,7 +88,7 @@ fn a_vendors_sheet_is_read() {
 
 /// An EDS with the identifiers of one node: python canopen's e35.eds is such a file.
 #[test]
-fn a_value_of_one_node_is_nobody_elses() {
+fn a_value_of_one_node_belongs_to_no_other() {
     let object = |value: i64| {
         format!(
             "{SHEET}[1014]\r\nParameterName=Emergency\r\nObjectType=7\r\nDataType=7\r\nAccessType=rw\r\n\
@@ -174,7 +174,7 @@ fn oddities_are_taken_with_a_warning_that_names_the_line() {
 }
 
 #[test]
-fn what_is_no_sheet_is_refused() {
+fn a_file_that_is_no_data_sheet_is_refused() {
     for text in ["", "[1000", "PK\u{3}\u{4}", "[FileInfo]\nFileName=x\n"] {
         let error = parse("x.eds", text).expect_err(text);
         assert_eq!(error.to_string(), "x.eds: no object in it: an EDS has sections such as [1000]");
@@ -288,7 +288,7 @@ fn objects_of_every_type_are_parameters() {
 }
 
 #[test]
-fn what_of_a_sheet_is_left_out_is_told() {
+fn omissions_from_a_data_sheet_are_reported() {
     let folder = std::env::temp_dir().join(format!("polepair-eds-left-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join("wide.eds");

@@ -382,7 +382,7 @@ impl Axis {
         self.run(Command::new(Verb::Home))
     }
 
-    /// Waits until the last move has arrived, at most so long; false if it has not.
+    /// Waits until the last move has arrived, at most for this time; false if it has not.
     ///
     /// # Errors
     /// [`Error`] by source.

@@ -27,7 +27,7 @@ const LOOKAHEAD: Duration = Duration::from_millis(150);
 const TURNING_SHARE: f64 = 0.5;
 /// The motor is at standstill if it is slower than this share of the commanded speed.
 const STANDSTILL_SHARE: f64 = 0.02;
-/// A motor that has turned may be at standstill for so long.
+/// Longest standstill of a motor that has turned and goes on.
 const STANDSTILL_MAX: Duration = Duration::from_secs(1);
 
 /// Checks a motor that this program holds in motion: another client, an input, a fault or the drive itself may

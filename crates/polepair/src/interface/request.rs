@@ -47,7 +47,7 @@ impl AxisRequest {
         }
     }
 
-    /// Waits for the end, at most so long; `None` if the request continues.
+    /// Waits for the end, at most for this time; `None` if the request continues.
     ///
     /// # Errors
     /// As [`finish`](Self::finish).

@@ -100,7 +100,7 @@ fn target(verb: Verb, at: f64) -> Command {
 }
 
 #[test]
-fn a_speed_that_leaves_the_limits_is_told() {
+fn a_speed_that_leaves_the_limits_is_reported() {
     let limits = "limits = { position = ['-1 turn', '1 turn'] }";
     let link = opened("spin", &format!("{TMCM}{limits}"));
     let axis = link.axes()[0].armed().expect("it can be enabled");
@@ -131,7 +131,7 @@ fn a_path_is_looked_at_between_its_points() {
 }
 
 #[test]
-fn wrong_files_are_told_with_line_and_reason() {
+fn wrong_files_are_reported_with_line_and_reason() {
     for (drive, output) in [
         ("lead = '5 deg'", "r.toml:4:8: `5 deg`: the axis is linear, but the value is an angle"),
         ("lead = '5'", "r.toml:4:8: `5`: add a unit, such as mm"),

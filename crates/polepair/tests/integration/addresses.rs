@@ -46,7 +46,7 @@ fn a_type_of_ones_own_shows_the_plain_number() {
 }
 
 #[test]
-fn what_the_standard_has_is_named_by_it() {
+fn standard_objects_have_their_standard_names() {
     let link = open("sim:canopen");
     let axis = &link.axes()[0];
     let id = axis.find("0x1008").unwrap();
@@ -59,7 +59,7 @@ fn what_the_standard_has_is_named_by_it() {
 }
 
 #[test]
-fn what_no_table_describes_needs_an_armed_axis() {
+fn an_undocumented_request_needs_an_armed_axis() {
     for (url, address) in [
         ("sim:canopen", "0x2030:1:u16"),
         ("sim:modbus-rtu", "0x3333"),
@@ -98,7 +98,7 @@ fn values_that_the_type_cannot_hold_are_refused() {
 }
 
 #[test]
-fn what_is_no_address_says_how_one_is_written() {
+fn a_wrong_address_is_refused_with_the_right_form() {
     let link = open("sim:canopen");
     let axis = &link.axes()[0];
     for (text, part) in [

@@ -1,4 +1,4 @@
-//! What a request in a protocol's own words may move decides whether the axis has to be armed for it.
+//! A request in a protocol's own language needs an armed axis if it may move the motor.
 
 use polepair::{Error, LocalAxis, connect_local};
 

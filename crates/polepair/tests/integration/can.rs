@@ -172,7 +172,7 @@ fn an_address_that_a_request_cannot_hold_is_refused() {
 }
 
 #[test]
-fn groups_are_told_and_not_asked() {
+fn groups_are_commanded_and_not_queried() {
     let link = connect_local("sim:tmlcan:5,7?time=virtual#5,g1").unwrap();
     let group = &link.axes()[1];
     assert_eq!((group.label().as_str(), group.identified()), ("axes g1", &Identification::Group));
@@ -218,10 +218,10 @@ fn words_choose_the_medium() {
     }
 }
 
-/// What SR has a drive send is its axis' state without a question, from the next interval on, and ends
+/// SR makes a drive send its axis' state without a request, from the next interval on, and ends
 /// with none (thruster family, section 2.5).
 #[test]
-fn reports_bring_signals_that_nobody_asked_for() {
+fn reports_bring_signals_without_a_query() {
     let watcher = Watcher::default();
     let link = tapped("sim:thruster:11?time=virtual", watcher.clone()).unwrap();
     let axis = link.axis(11).unwrap();

@@ -14,7 +14,7 @@ fn a_module_with_an_identifier_of_eleven_bits_is_commanded() {
     }
     let frames = link.axis(0x702).unwrap().rehearse_raw("GAP 1").unwrap().frames;
     assert_eq!(frames[0].frame.unwrap().id, 0x702);
-    // Their replies could not be told apart.
+    // Their replies could not be distinguished.
     let link =
         connect_local("sim:tmcm-1140+can:0x101,0x201?time=virtual&profile=tmcm-1140#0x101,0x201")
             .unwrap();
@@ -24,7 +24,7 @@ fn a_module_with_an_identifier_of_eleven_bits_is_commanded() {
 }
 
 #[test]
-fn a_module_that_answers_another_host_is_said_to() {
+fn a_reply_to_another_host_is_reported() {
     for (url, setting) in [
         ("sim:tmcm-1140?time=virtual", "host address"),
         ("sim:tmcm-1140+can?time=virtual", "can reply id"),

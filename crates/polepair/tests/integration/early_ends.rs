@@ -19,7 +19,7 @@ struct Family {
     off: Option<(&'static str, i64)>,
     /// A fault code that stops the motor, where its profile knows one.
     fault: Option<u32>,
-    /// Its position is measured: a stepper module counts the steps that it has asked for.
+    /// True if the position is measured: a stepper module without an encoder counts its own steps.
     measured: bool,
 }
 
@@ -101,7 +101,7 @@ const FAMILIES: [Family; 11] = [
     },
 ];
 
-/// What ends the motion.
+/// An event that ends the motion.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Event {
     Fault,
@@ -225,7 +225,7 @@ fn the_same_motions_arrive_when_nothing_happens() {
     }
 }
 
-/// The power of a drive goes off and on after so many steps of a command. Some drives move then, which have their
+/// The power of a drive goes off and on after this many steps of a command. Some drives move then, which have their
 /// motor powered from the start; false if one does not, and the command claims to be done. The last reply may have
 /// left it just before that. `None` if the command was over.
 fn is_true_after_power_cycle(family: &Family, verb: Verb, steps: u32) -> Option<bool> {

@@ -1,4 +1,4 @@
-//! What happens on a link though nobody asked, from simulated drives in virtual time.
+//! Events on an idle link, from simulated drives in virtual time.
 
 use polepair::connect_local;
 use polepair::events::{EVENTS_MAX, Event, EventKind, Events};
@@ -53,11 +53,11 @@ fn first(events: &Events, mut wanted: impl FnMut(&EventKind) -> bool) -> Event {
 }
 
 #[test]
-fn process_data_of_an_idle_link_are_all_told() {
+fn process_data_of_an_idle_link_are_all_reported() {
     let (link, axis) = sending("sim:cia402:2?time=virtual");
     let events = link.events().unwrap();
     axis.raw("nmt start").unwrap();
-    // Nobody asks anything: the link is idle.
+    // No request is sent: the link is idle.
     let mut stamps: Vec<Instant> = Vec::new();
     while stamps.len() < 5_000 {
         let event = events.next(SECOND).expect("the next one");
@@ -73,7 +73,7 @@ fn process_data_of_an_idle_link_are_all_told() {
 }
 
 #[test]
-fn what_was_mapped_by_others_is_learnt() {
+fn a_mapping_by_another_master_is_learnt() {
     let link = connect_local("sim:cia402:2?time=virtual").unwrap();
     let axis = &link.axes()[0];
     let events = axis.events().unwrap();
@@ -94,7 +94,7 @@ fn what_was_mapped_by_others_is_learnt() {
 }
 
 #[test]
-fn a_fault_is_told_with_its_cause_and_remedy_and_when_it_is_over() {
+fn a_fault_is_reported_with_its_cause_and_remedy_and_when_it_is_over() {
     let link = connect_local("sim:cia402:2?time=virtual").unwrap();
     let events = link.events().unwrap();
     let known = link.axes()[0].profile().faults;
@@ -142,7 +142,7 @@ fn two_listeners_hear_the_same() {
 }
 
 #[test]
-fn a_slow_listener_is_told_what_it_lost() {
+fn a_slow_listener_gets_the_number_of_its_losses() {
     let (link, axis) = sending("sim:cia402:2?time=virtual");
     let events = link.events().unwrap();
     axis.raw("nmt start").unwrap();

@@ -6,7 +6,7 @@ use std::process::Command;
 /// Lines that a program has at most: it is meant to be read at a glance.
 const LINES_MAX: usize = 60;
 
-/// What each program prints, in order: those of Python print the same.
+/// Expected output of each program, in order: those of Python print the same.
 fn programs() -> Vec<(String, Vec<String>)> {
     let expected = std::fs::read_to_string(root().join("examples/expected.txt"));
     let program = |line: &str| {

@@ -1,4 +1,4 @@
-//! Silence in which something was heard: each kind is told apart, with what was counted.
+//! Silence in which other bytes were received: each kind has its own message, with counts.
 #![cfg(unix)]
 
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use polepair::{Error, connect_local};
 use polepair_link::pty::Pty;
 use polepair_link::{LinkIo as _, Received, clock};
 
-/// The far end of a line: gives so much for whatever it hears.
+/// The far end of a line: sends a fixed number of bytes for each request.
 struct OddDrive {
     over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -38,7 +38,7 @@ impl OddDrive {
         Self { over, thread: Some(thread), path }
     }
 
-    /// What a read of a parameter of axis `number` is told.
+    /// Reads a parameter of axis `number`. Returns the details and the message of the error.
     fn query_drive(
         &self,
         protocol: &str,
@@ -81,7 +81,7 @@ fn tmcl(module: u8, wrong: u8) -> Vec<u8> {
 }
 
 #[test]
-fn on_a_line_of_tmcl_each_kind_is_told() {
+fn on_a_line_of_tmcl_each_kind_is_reported() {
     let reported = |answer: fn(&[u8]) -> Vec<u8>| {
         OddDrive::giving(answer).query_drive("tmcl", "tmcm-171", 1, "max current")
     };
@@ -115,7 +115,7 @@ fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
     assert!(text.contains("the axis behind it does not"), "{text}");
 }
 
-/// A drive that takes its stop and then tells nothing was told to stop, and may turn.
+/// A drive that replies to its stop and then falls silent got its stop, and its motor may turn.
 #[test]
 fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
     let odd_drive = OddDrive::giving(|_| vec![b'O']);
@@ -137,7 +137,7 @@ fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
 }
 
 #[test]
-fn a_wrong_check_on_modbus_is_told() {
+fn a_wrong_check_on_modbus_is_reported() {
     // One register, with the sum of another value.
     let odd_drive = OddDrive::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
     let (details, text) = odd_drive.query_drive("modbus-rtu", "syntron-ts", 1, "motor speed");
@@ -145,7 +145,7 @@ fn a_wrong_check_on_modbus_is_told() {
 }
 
 #[test]
-fn who_connects_without_a_profile_is_told_as_well() {
+fn a_connection_without_a_profile_reports_it_as_well() {
     let odd_drive = OddDrive::giving(|_| tmcl(1, 7));
     let url = format!("tmcl+serial://{}?timeout=100#1", odd_drive.path);
     let (details, text) = failed(connect_local(&url).map(drop));

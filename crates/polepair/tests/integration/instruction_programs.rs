@@ -27,7 +27,7 @@ fn variable(axis: &LocalAxis, number: u16) -> i64 {
     axis.get_raw(&format!("GP {number}.2")).unwrap()
 }
 
-/// What a program leaves in user variable 1.
+/// Returns the value of user variable 1 after a program.
 fn result(text: &str) -> i64 {
     let link = connect_local("sim:tmcm-6110?time=virtual#1").unwrap();
     let axis = link.axis(1).unwrap();
@@ -138,9 +138,9 @@ fn no_program_is_stored_while_a_motor_of_the_module_turns() {
     turning.stop().unwrap();
 }
 
-/// A module that another host has told to store instructions carries out nothing, a stop neither.
+/// A module that another host has set to store instructions executes nothing, not even a stop.
 #[test]
-fn a_module_that_stores_instructions_is_not_said_to_have_done_anything() {
+fn a_module_that_stores_instructions_is_not_reported_to_have_executed_any() {
     let link = connect_local("sim:tmcm-1140?time=virtual").unwrap();
     let axis = link.axis(1).unwrap();
     let armed = axis.armed().unwrap();

@@ -277,7 +277,7 @@ fn the_protocols_own_bytes_are_held_to_its_words() {
     assert!(foreign.to_string().contains("for axis 2"), "{foreign}");
     let broken = axis.raw_bytes(&[1, 6, 6, 0, 0, 0, 0, 0, 14], None).unwrap_err();
     assert!(broken.to_string().contains("checksum"), "{broken}");
-    // What moves the motor needs an armed axis, however it is said.
+    // A request that moves the motor needs an armed axis, in whatever form it is sent.
     let turning = axis.raw_bytes(&[1, 1, 0, 0, 0, 0, 1, 0x5E, 0x61], None).unwrap_err();
     assert_eq!(turning.code(), "E219");
     assert_eq!(link.counters(axis).sent, sent);

@@ -124,7 +124,7 @@ fn a_look_that_is_broken_off_leaves_the_link_as_it_was() {
 }
 
 #[test]
-fn an_axis_that_is_gone_is_told_of() {
+fn a_missing_axis_is_reported() {
     let link = open("sim:tmcl?axes=3&time=virtual#1,3");
     link.simulation().expect("a simulation").act(
         0,
@@ -203,7 +203,7 @@ fn a_drive_joins_once_and_not_with_the_hosts_own_address() {
 }
 
 #[test]
-fn a_bus_whose_drives_must_hear_the_host_is_not_lent() {
+fn a_bus_whose_drives_need_the_hosts_heartbeat_is_not_lent() {
     let link = open("sim:thruster?time=virtual");
     link.axes()[0].set_raw("command timeout", 300).expect("a watchdog");
     let connector = Connector::default();

@@ -47,7 +47,7 @@ fn devices_without_node_id_are_found_and_get_one() {
 }
 
 #[test]
-fn what_is_not_there_or_not_alone_is_refused() {
+fn a_missing_or_ambiguous_name_is_refused() {
     let lss = open();
     let unknown = LssIdentity { vendor: 1, product: 2, revision: 3, serial: 4 };
     assert!(!lss.select(unknown).expect("asked"));

@@ -153,7 +153,7 @@ fn a_stop_of_the_module_reaches_all_of_its_motors() {
     let labels: Vec<&str> = stopped.axes.iter().map(|(label, _)| label.as_str()).collect();
     assert_eq!(labels, ["axis 1 (x)", "axis 1.1 (y)", "axis 1.4 (z)", "axis 2", "axis 3"]);
     assert!(stopped.axes.iter().all(|(_, ended)| ended.is_ok()), "{:?}", stopped.axes);
-    // The motors that the file does not list are told too.
+    // Motors that the file does not list are stopped too.
     assert_eq!(stopped.motors[0].confirmed, [2, 3, 5]);
 }
 
@@ -179,7 +179,7 @@ fn an_arrival_is_the_event_of_its_motor() {
 
 /// A motor with 400 full steps needs twice the microsteps for a turn.
 #[test]
-fn full_steps_of_a_motor_are_told_by_url_or_rack() {
+fn full_steps_of_a_motor_are_stated_by_url_or_rack() {
     let turned = |link: &polepair::LocalLink, number: &str, motor| {
         let axis = link.axis_named(number).unwrap();
         let armed = axis.armed().unwrap();

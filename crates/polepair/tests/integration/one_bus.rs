@@ -44,7 +44,7 @@ fn axes_are_named_by_words() {
     assert_eq!(error.code(), "E212", "{error}");
 }
 
-/// Some seconds of all at once: everybody turns, nobody's frame is another's answer.
+/// All drives turn at once for some seconds, and each reply belongs to its own request.
 #[test]
 fn all_turn_on_one_wire() {
     let link = open("#spindle,x,y,gripper,port,starboard");

@@ -80,7 +80,7 @@ fn speed(link: &LocalLink) -> f64 {
     link.simulation().unwrap().truth(0, 0).unwrap().velocity
 }
 
-/// What the object of an index is called by a profile.
+/// Returns whether the profile has a parameter for the object of this index.
 fn has(axis: &LocalAxis, index: u16) -> bool {
     axis.params().iter().any(|p| p.index == index)
 }
@@ -135,7 +135,7 @@ fn walk(about: &str, link: &LocalLink, axis: &LocalAxis, lacking: &[u16]) {
         fine("wait", axis.wait(Duration::from_secs(20)));
     }
     fine("stop", axis.stop());
-    // 37: homed where it stands.
+    // Method 37: the present position becomes the home position.
     fine("homing method", axis.set_raw("homing method", 37));
     fine("home", axis.home());
     fine("release", armed.release());
@@ -156,7 +156,7 @@ fn the_doctor_says_absent_and_not_wrong() {
 }
 
 #[test]
-fn what_is_absent_is_asked_for_once() {
+fn an_absent_object_is_queried_once() {
     let files = Files::without(&[0x6071, 0x606C]);
     let [url, _] = files.urls();
     let link = polepair::connect_local(&url).unwrap();
@@ -168,19 +168,19 @@ fn what_is_absent_is_asked_for_once() {
     let before = link.counters(axis);
     axis.stop().unwrap();
     let sent = link.counters(axis).sent - before.sent;
-    // Statusword, target velocity, and the statusword until it says that the motor stands; then two
+    // Statusword, target velocity, and the statusword until it reports standstill; then two
     // positions.
     assert!(sent <= 6, "{sent} requests");
     assert!(!has(axis, 0x2345));
 }
 
 #[test]
-fn what_has_no_scale_has_no_unit() {
+fn a_value_without_a_scale_has_no_unit() {
     let files = Files::without(&[0x608F]);
     for url in files.urls() {
         let link = polepair::connect_local(&url).unwrap();
         let axis = &link.axes()[0];
-        // Its boot-up message, which disarms, is heard.
+        // The drive's boot-up message, which disarms the axis, is received.
         axis.stop().unwrap();
         let armed = axis.armed().unwrap();
         if axis.profile().name == "cia402" {

@@ -90,7 +90,7 @@ fn names_of_a_file_move_the_real_machine() {
 }
 
 #[test]
-fn a_name_stands_for_all_links_of_a_file() {
+fn a_name_covers_all_links_of_a_file() {
     let machine = Machine::new("names", &cell(), &cell());
     let connector = machine.connector();
     let link = connector.connect_local("@machine").expect("all answer");
@@ -147,7 +147,7 @@ fn several_protocols_are_asked_without_harm() {
 
 /// Two nodes of one number are two on a real bus, where their answers do not come at one instant.
 #[test]
-fn a_number_that_answers_twice_is_told() {
+fn a_number_that_answers_twice_is_reported() {
     let there =
         "[[link]]\nname = 'l'\nkind = 'can'\n[[link.drive]]\nprofile = 'cia402'\naddress = 2\n";
     let machine = Machine::new("twice", there, there);
@@ -170,8 +170,8 @@ fn a_number_that_answers_twice_is_told() {
     twin.join().expect("it served to the end");
 }
 
-/// What a rack says of its bus is what it then is: SYNC and PDOs aside, which nobody sends here, the
-/// bus' own measure holds for whoever asks.
+/// The planned load of a rack's bus is the real one: without SYNC and PDOs, which are not sent here, the
+/// bus' own measure holds for each master.
 #[test]
 fn a_bus_is_as_busy_as_was_counted() {
     let rack = rack_of_file(Path::new(CELL), 1).expect("a rack");

@@ -1,4 +1,4 @@
-//! Ramps of drives that are told how long these take.
+//! Ramps of drives that take the duration of a ramp as a setting.
 
 use polepair::{LocalAxis, LocalLink};
 use polepair_core::axis::{Command, Verb};

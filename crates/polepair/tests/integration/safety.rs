@@ -37,7 +37,7 @@ fn speed(link: &LocalLink) -> f64 {
     link.simulation().unwrap().truth(0, 0).unwrap().velocity.abs()
 }
 
-/// Turns the motor, with a watchdog or without, says nothing any more, and tells whether it stands.
+/// Turns the motor, with a watchdog or without, falls silent, and returns whether the motor came to standstill.
 fn stands_in_silence(line: &Line, watched: bool) -> bool {
     let (link, about) = (open(line), line.drive);
     let axis = &link.axes()[0];

@@ -44,7 +44,7 @@ fn a_sheets_drive_turns_though_its_ramps_are_left_at_0() {
 }
 
 #[test]
-fn what_has_no_motor_has_no_verbs() {
+fn a_device_without_a_motor_has_no_verbs() {
     let link = device("inputs.eds");
     let axis = link.axis(5).unwrap();
     assert_eq!(axis.raw("read 0x6000:1").unwrap(), 0x81);
@@ -80,7 +80,7 @@ fn a_rack_names_a_sheet_beside_it() {
 }
 
 #[test]
-fn a_sheets_slips_are_told_and_other_drives_have_none() {
+fn a_sheets_slips_are_reported_and_other_drives_have_none() {
     let mut description = rack_of_words(&["canopen:5"], 1).unwrap();
     let sheet = format!("{SHEETS}/motor.eds");
     let slips: Vec<FileError> = description.apply_sheet(0, Path::new(&sheet)).unwrap();

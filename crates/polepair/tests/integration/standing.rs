@@ -49,7 +49,7 @@ fn may_turn(url: &str, ended: &Result<(), Error>) {
 }
 
 #[test]
-fn a_motor_that_its_load_turns_is_not_told_as_stopped() {
+fn a_motor_that_its_load_turns_is_not_reported_as_stopped() {
     for url in BLIND {
         let link = turned_by_its_load(url);
         may_turn(url, &link.axes()[0].stop());
@@ -75,7 +75,7 @@ fn a_mode_is_named_by_the_signals_words_or_its_parameters() {
 }
 
 #[test]
-fn a_turning_motor_stands_when_its_stop_returns() {
+fn a_turning_motor_is_at_standstill_when_its_stop_returns() {
     for url in BLIND {
         let link = connect_local(url).unwrap_or_else(|error| panic!("{url}: {error}"));
         let axis = &link.axes()[0];
@@ -92,8 +92,8 @@ fn a_turning_motor_stands_when_its_stop_returns() {
     }
 }
 
-/// A TMCL module made from the protocol's manual: it tells a speed of `speed`, and its position goes on by so
-/// many counts a second until it was told to stop so often. 4000 counts are a turn. Returns where it listens.
+/// A TMCL module made from the protocol's manual: it reports a speed of `speed`, and its position changes by this
+/// number of counts a second until it got `stops` stops. 4000 counts are a turn. Returns its address.
 fn module_whose_position_runs(speed: i32, counts_per_s: f64, stops: u32) -> String {
     module_that_loses(0, speed, counts_per_s, stops)
 }
@@ -122,7 +122,7 @@ fn module_that_loses(lost: u32, speed: i32, counts_per_s: f64, stops: u32) -> St
                     (3, _) => (100, 0),
                     // A count that goes up and down by one, as an encoder between two counts tells.
                     (6, 1) => (100, stands_at.unwrap_or(position) + position % 2),
-                    // One that turns fast tells when it stands.
+                    // A fast motor reports its standstill.
                     (6, 3) if speed > 100 && stands_at.is_some() => (100, 0),
                     (6, 3) => (100, speed),
                     (6, 210 | 250) => (100, 4000),
@@ -160,17 +160,17 @@ fn a_motor_whose_position_runs_does_not_stand() {
     );
 }
 
-/// The stop is said again to such a motor, and it is believed to stand once its position stays.
+/// The stop is repeated to such a motor, and standstill is confirmed once its position stays.
 #[test]
-fn a_motor_whose_position_runs_is_told_to_stop_again() {
+fn a_motor_whose_position_runs_is_commanded_to_stop_again() {
     let link = connect_local(&module_whose_position_runs(0, 20_000.0, 3)).expect("a module");
     link.axes()[0].stop().expect("the third stop is obeyed");
 }
 
-/// A motor that turns on though its drive answered the stop: that is said again at once, not after the
+/// If a motor turns on though its drive replied to the stop, the stop is repeated at once, not after the
 /// time that a motor has to brake.
 #[test]
-fn a_motor_that_turns_on_is_told_to_stop_again() {
+fn a_motor_that_turns_on_is_commanded_to_stop_again() {
     for way in 0..3 {
         let link = connect_local(&module_whose_position_runs(300, 20_000.0, 3)).expect("a module");
         let started_at = Instant::now();
@@ -184,7 +184,7 @@ fn a_motor_that_turns_on_is_told_to_stop_again() {
     }
 }
 
-/// The time of a link goes on when it is closed: who waits for its motor to stand is told.
+/// The time of a closed link goes on, so a wait for standstill ends with an error.
 #[test]
 fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
     let link =
@@ -209,7 +209,7 @@ fn a_look_that_is_lost_is_asked_for_again() {
     link.axes()[0].stop().expect("it stands");
 }
 
-/// An encoder that goes up and down by one stands, a motor that creeps at 4 rpm does not.
+/// A motor whose encoder toggles by one count is at standstill; one that creeps at 4 rpm is not.
 #[test]
 fn standstill_is_slower_than_half_a_turn_in_a_minute() {
     for (speed, counts_per_s, stands) in [(0, 0.0, true), (0, 10.0, true), (4, 266.0, false)] {

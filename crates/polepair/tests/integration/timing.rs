@@ -26,7 +26,7 @@ const DRIVES: [(&str, &str); 4] = [
 const TIMINGS: [&str; 4] = ["uart", "cdc", "ftdi-16ms", "tcp"];
 
 #[test]
-fn a_motor_turns_and_stands_behind_each_port() {
+fn a_motor_turns_and_stops_behind_each_port() {
     for (profile, protocol) in DRIVES {
         for (timing, keys) in TIMINGS.map(|timing| (timing, "")).into_iter().chain([
             // Who knows that the baud rate is fiction says so.
@@ -86,7 +86,7 @@ fn answers_take_what_the_port_takes() {
 }
 
 #[test]
-fn a_wrong_timing_is_told_with_its_line() {
+fn a_wrong_timing_is_reported_with_its_line() {
     for (timing, baud, words) in [
         ("ftdi", "", "`ftdi` is none of uart, cdc, ftdi-16ms, tcp"),
         ("tcp", "baud = 0\n", "`tcp` has a baud rate"),

@@ -1,4 +1,4 @@
-//! Every form of a connection string, and what each mistake is told.
+//! Every form of a connection string, and the message for each mistake.
 
 use polepair::url::{LinkTarget, Url};
 
@@ -59,7 +59,7 @@ fn short_forms_mean_the_long_ones() {
 }
 
 #[test]
-fn mistakes_are_told_with_the_nearest_word() {
+fn mistakes_are_reported_with_the_nearest_word() {
     for (text, code, output) in [
         ("tmlc+serial:///dev/ttyUSB0", "E203", "did you mean `tmcl`?"),
         ("modbus-rtx+tcp://a:1", "E203", "did you mean `modbus-rtu`?"),

@@ -18,7 +18,7 @@ fn name(axis: &LocalAxis) -> &'static str {
     id.and_then(|id| axis.profile().parameter(id)).map_or("", |parameter| parameter.name)
 }
 
-/// What was proven, and what was said of the setting that was made for that.
+/// Returns the result of the watchdog's proof, and the check of the setting made for it.
 fn proven(axis: &LocalAxis, after: Option<Duration>) -> (CheckResult, Option<CheckResult>) {
     let mut checks = Vec::new();
     prove_watchdog(axis, after, &mut |check| checks.push(check)).unwrap();
@@ -123,7 +123,7 @@ fn a_heartbeat_that_is_watched_has_to_lead_to_something() {
     assert_eq!(axis.get_raw("lost connection option").unwrap(), 3, "quick stop");
     let (check, _) = proven(axis, None);
     assert!(check.found.contains("sends none"), "{check:#?}");
-    // What it watches nobody may send: that is said with the state.
+    // The request that it watches is not sent by this host: its state states that.
     let text = axis.describe_watchdog(axis.watchdog().unwrap());
     assert!(
         text.contains("watches node 127") && text.contains("this connection sends none"),
@@ -157,7 +157,7 @@ fn speed(link: &LocalLink) -> f64 {
 }
 
 #[test]
-fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
+fn an_interrupted_proof_stops_the_motor_and_restores_the_watchdog() {
     for url in ["sim:tmcl?", "sim:tmcl+can:3?", "sim:cia402:5?heartbeat=100&"] {
         let link = open(url);
         let axis = &link.axes()[0];
@@ -167,7 +167,7 @@ fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
         assert!(matches!(*unproven.error, Error::Interrupted { .. }), "{url}: {unproven:?}");
         assert!(unproven.moved && !unproven.may_turn, "{url}: {unproven:?}");
         assert!(!unproven.to_string().contains("may still turn"), "{url}: {unproven}");
-        // Nobody waited for its watchdog: it was stopped.
+        // The watchdog was not needed: the motor was stopped.
         assert!(speed(&link) < 0.1, "{url}: {}", speed(&link));
         assert_eq!(axis.watchdog().unwrap(), before, "{url}");
         let [last] = &ends.found[..] else { panic!("{url}: {:?}", ends.found) };
@@ -176,8 +176,8 @@ fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
     }
 }
 
-/// A TMCL module made from the protocol's manual. It turns when it is told to, and answers nobody any more
-/// once it has told its speed so often since. Returns where it listens.
+/// A TMCL module made from the protocol's manual. It turns on request, and stops replying after
+/// this number of speed readings. Returns its address.
 fn module_that_falls_silent(after: u32) -> String {
     module(after, 100)
 }
@@ -234,7 +234,7 @@ fn a_firmware_that_has_none_has_nothing_proven_and_does_not_move() {
     }
 }
 
-/// Hears what is found, and has a lost stop said again so often.
+/// Records the findings, and repeats a lost stop this many times.
 struct Patient {
     left: u32,
     turns: bool,

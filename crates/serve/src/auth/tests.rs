@@ -138,7 +138,7 @@ fn a_browser_is_still_let_in_by_the_server_that_is_started_again() {
 }
 
 #[test]
-fn the_file_lets_nobody_in_by_what_stands_there() {
+fn the_contents_of_the_file_admit_no_client() {
     let (file, token) = (SessionTestFile::new("digests"), AccessToken::generate().unwrap());
     let cookie = enter(&start_server(&file, &token, ALL), &token);
     let (_, secret) = cookie.split_once('=').unwrap();
@@ -153,7 +153,7 @@ fn the_file_lets_nobody_in_by_what_stands_there() {
 }
 
 #[test]
-fn a_time_that_is_over_or_that_nobody_was_given_lets_nobody_in() {
+fn an_expired_or_unknown_token_admits_no_client() {
     let (file, token) = (SessionTestFile::new("times"), AccessToken::generate().unwrap());
     let cookie = enter(&start_server(&file, &token, ALL), &token);
     let text = file.read();
@@ -175,7 +175,7 @@ fn a_time_that_is_over_or_that_nobody_was_given_lets_nobody_in() {
 
 #[cfg(unix)]
 #[test]
-fn a_file_that_others_may_read_or_that_is_broken_lets_nobody_in_and_is_made_anew() {
+fn a_readable_or_broken_token_file_admits_no_client_and_is_made_anew() {
     use std::os::unix::fs::PermissionsExt as _;
 
     let (file, token) = (SessionTestFile::new("broken"), AccessToken::generate().unwrap());

@@ -61,7 +61,7 @@ mod tests {
     use super::AppendOnlyVec;
 
     #[test]
-    fn what_is_in_it_stays_while_it_grows() {
+    fn contents_stay_while_it_grows() {
         let grown = AppendOnlyVec::new(3, ["a", "b"]);
         let first = &grown[0];
         assert_eq!((grown.push("c"), grown.push("d")), (Some(2), None));

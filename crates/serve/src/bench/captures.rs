@@ -66,7 +66,7 @@ impl Bench {
     /// Opens a capture, and returns its summary and its first frames. It takes a while.
     ///
     /// # Errors
-    /// `gateway.size` for one that is too long, `E510` for what is no capture.
+    /// `gateway.size` for one that is too long, `E510` for a text that is no capture.
     pub fn open_capture(&self, name: &str, bytes: Vec<u8>) -> Result<OpenedCapture, GatewayError> {
         // Unpacked once and for all: a page of what is packed can be larger than there is memory.
         let bytes = unpack_bounded(bytes, CAPTURE_MAX).ok_or_else(|| {
@@ -109,7 +109,7 @@ impl Bench {
     /// Some frames of a capture from the one of that number on: those that a filter wants.
     ///
     /// # Errors
-    /// `gateway.missing` for one that is kept no more, `gateway.request` for what is no filter.
+    /// `gateway.missing` for one that is kept no more, `gateway.request` for a text that is no filter.
     pub fn capture_page(
         &self,
         id: &str,

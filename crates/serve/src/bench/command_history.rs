@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn an_id_is_carried_out_once_and_its_outcome_told_to_all() {
+    fn an_id_is_executed_once_and_its_outcome_sent_to_all() {
         let mut once = CommandHistory::default();
         let stale = Instant::ZERO.plus_ms(500);
         assert!(matches!(once.register("a", key(0), stale, Instant::ZERO), Ok(CommandLookup::New)));

@@ -44,7 +44,7 @@ const CLOCK_AHEAD_MAX_MS: f64 = 1000.0;
 /// Between two looks at what is under way: while it is fresh, and later.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
 const SLOW_POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// For so long it is fresh.
+/// Time for which a request counts as fresh.
 const FAST_POLL_TIME: Duration = Duration::from_millis(20);
 /// Between two looks when nothing is under way: a link may be lost.
 const IDLE: Duration = Duration::from_millis(100);

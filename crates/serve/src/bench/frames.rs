@@ -88,7 +88,7 @@ impl Bench {
     /// Watches the frames that pass from now on, those that a filter wants.
     ///
     /// # Errors
-    /// `gateway.request` for what is no filter, `gateway.limit` when too many watch.
+    /// `gateway.request` for a text that is no filter, `gateway.limit` when too many watch.
     pub fn subscribe_frames(
         &self,
         filter: Option<&str>,
@@ -144,7 +144,7 @@ impl FrameSubscription {
     /// Watches those that another filter wants, from now on.
     ///
     /// # Errors
-    /// `gateway.request` for what is no filter: all stays as it was.
+    /// `gateway.request` for a text that is no filter: all stays as it was.
     pub fn set_filter(&mut self, filter: Option<&str>) -> Result<(), GatewayError> {
         let filter = parse_optional_filter(filter)?;
         *lock_unpoisoned(&self.queue) = FrameQueue { filter, items: VecDeque::new(), lost: 0 };

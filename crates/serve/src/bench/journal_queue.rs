@@ -27,7 +27,7 @@ use crate::message::{GatewayError, JournalAction};
 /// what was done finds room.
 const ENTRIES_MAX: usize = 4096;
 const BYTES_MAX: usize = 4 << 20;
-/// A disk that has taken nothing for so long stalls: nothing more is announced.
+/// Time without progress after which a disk counts as stalled: nothing more is announced.
 // A disk that takes longer is not merely slow; commands are refused while people still watch the
 // motor.
 const STALLED_AFTER: Duration = Duration::from_secs(1);

@@ -24,7 +24,7 @@ use crate::message::{
     UnreachedTarget,
 };
 
-/// For so long what is commanded behind a stop waits for the motor to be seen standing.
+/// Time for which a command after a stop waits until the motor is at standstill.
 // A motor that brakes on a ramp obeys; an alarm for each usual stop would be ignored (STOP-7).
 const BRAKING_GRACE: Duration = Duration::from_secs(2);
 /// Time limit of the reply to a stop.

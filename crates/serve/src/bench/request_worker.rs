@@ -70,7 +70,7 @@ impl RequestWorker {
         job.map(|job| job(Ok(()))).is_some()
     }
 
-    /// Waits for a job, at most so long.
+    /// Waits for a job, at most for this time.
     pub fn wait(&self, at_most: Duration) {
         let jobs = lock_unpoisoned(&self.jobs);
         if jobs.is_empty() {

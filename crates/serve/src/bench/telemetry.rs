@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn who_falls_behind_loses_the_oldest_and_is_told() {
+    fn a_slow_reader_loses_the_oldest_and_gets_their_number() {
         let source = Arc::new(TelemetrySource::new(WatchTarget::Signal(Signal::Velocity), "rad/s"));
         let (mut slow, mut quick) =
             (source.clone().open_channel(20.0), source.clone().open_channel(50.0));
@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_lost_on_the_way_here_is_told_once_to_each() {
+    fn a_loss_on_the_way_here_is_reported_once_to_each() {
         let source = Arc::new(TelemetrySource::new(WatchTarget::Signal(Signal::Velocity), ""));
         let mut channel = source.clone().open_channel(20.0);
         let mut out = Vec::new();

@@ -21,7 +21,7 @@ fn write_journal(name: &str, count: u16) -> PathBuf {
 }
 
 #[test]
-fn what_was_written_is_verified_and_read_again() {
+fn a_written_journal_is_verified_and_read_again() {
     let path = write_journal("whole", 600);
     let verified = verify(&path).unwrap().unwrap();
     assert_eq!((verified.records, verified.truncated_bytes), (600, 0));
@@ -78,7 +78,7 @@ fn a_record_that_is_taken_out_is_missed() {
 }
 
 #[test]
-fn a_last_line_cut_anywhere_is_told_and_the_chain_goes_on() {
+fn a_last_line_cut_anywhere_is_reported_and_the_chain_goes_on() {
     let path = write_journal("cut", 2);
     let whole = std::fs::read(&path).unwrap();
     let first = whole.iter().position(|b| *b == b'\n').unwrap() + 1;
@@ -103,7 +103,7 @@ fn two_servers_do_not_write_one_journal() {
 }
 
 #[test]
-fn a_broken_journal_names_whom_it_owes_a_stop() {
+fn a_broken_journal_names_the_axes_with_pending_stops() {
     let path = write_journal("owing", 2);
     let (journal, _) = JournalFile::open(&path).unwrap();
     let pending = |number: u32| json!({ "link": "tmcl:///dev/ttyUSB0#1,3", "number": number });

@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_voids_what_was_said_before_it_and_would_move_its_axes() {
+    fn a_stop_voids_earlier_commands_that_would_move_its_axes() {
         assert_eq!(
             (void(Some(&[])), void(Some(&[0])), void(Some(&[0, 1])), void(None)),
             (0, 2, 4, 5)
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_ends_motion_waits_for_no_answer_that_is_not_taken() {
+    fn the_end_of_a_motion_does_not_wait_for_a_reply_that_is_not_read() {
         let mut waiting = IncomingQueue::default();
         assert_eq!(waiting.next_output(), None);
         waiting.push(request(json!({ "type": "ping", "client_ms": 1 })), 1);
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_is_bounded_by_number_and_length() {
+    fn waiting_messages_are_bounded_by_number_and_length() {
         let ping = || request(json!({ "type": "ping", "client_ms": 1 }));
         let mut waiting = IncomingQueue::default();
         (0..WAITING_MAX).for_each(|_| waiting.push(ping(), 10));
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn who_said_its_messages_long_ago_does_not_wait() {
+    fn a_client_with_old_messages_does_not_wait() {
         let mut pace = RateLimiter { count: MESSAGES_MAX, ..RateLimiter::default() };
         clock::sleep_until(pace.since + WINDOW);
         // Not even for a timer's next tick.

@@ -295,7 +295,7 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
     assert_eq!((&*refused.code, refused.executed), ("E218", Some(false)));
 }
 
-/// Keeps what it is told, or refuses it.
+/// A journal that keeps its records, or refuses them.
 #[derive(Default)]
 struct Kept {
     notes: Mutex<Vec<(String, JournalAction)>>,
@@ -314,7 +314,7 @@ impl JournalSink for Kept {
 }
 
 #[test]
-fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
+fn a_command_without_a_journal_record_is_not_executed_except_a_stop() {
     let ann: SessionName = "ann".into();
     let stored = Arc::new(Kept::default());
     let options = BenchOptions { journal: stored.clone(), ..BenchOptions::default() };
@@ -480,7 +480,7 @@ impl Crowd {
         self.fixture.bench.truth(0).unwrap().starts
     }
 
-    /// What holds at any time.
+    /// Checks the invariants that hold at any time.
     fn check(&mut self) {
         self.replies.retain_mut(|reply| reply.try_recv().is_none());
         if self.locked {
@@ -504,7 +504,7 @@ fn whoever_loses_touch_nothing_moves_but_under_its_lease() {
             crowd.fixture.bench.advance_time(span * MS);
             crowd.check();
         }
-        // All of them lose touch: a lease later, and a ramp, it stands.
+        // All clients disconnect: after a lease and a ramp the motor is at standstill.
         crowd.fixture.bench.advance_time(5000 * MS);
         assert!(crowd.fixture.speed() < 0.1, "seed {seed}: {}", crowd.fixture.speed());
         assert!(!crowd.fixture.bench.axis_state(0).unwrap().armed, "seed {seed}");
@@ -556,7 +556,7 @@ fn a_capture_is_summed_up_and_shown_page_by_page() {
 }
 
 #[test]
-fn a_drive_that_answers_twice_looks_like_two_with_one_address_and_is_told() {
+fn a_drive_that_answers_twice_looks_like_two_with_one_address_and_is_reported() {
     let file = std::env::temp_dir().join(format!("polepair-clash-{}.toml", std::process::id()));
     let open = |faults: &str| {
         let drive = "[[link.drive]]\nprofile = \"tmcm-171\"\n";

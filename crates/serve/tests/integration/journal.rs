@@ -14,7 +14,7 @@ use polepair_serve::message::{
 use polepair_test_support::WAIT_MAX;
 use serde_json::Value;
 
-/// A journal's file on a disk that stalls when it is told to.
+/// A journal file on a disk that stalls on demand.
 struct Disk {
     journal: JournalFile,
     stalls: Mutex<bool>,
@@ -136,7 +136,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     assert_eq!(error.code, "gateway.journal");
     let released = site.bench.release(&site.ann, site.bench.lock_count()).wait().unwrap_err();
     assert_eq!(released.code, "gateway.journal");
-    // Of a reason that nobody would read to its end, the beginning is kept.
+    // Only the beginning of a very long reason is kept.
     let reason = "\u{1F6D1}".repeat(50_000);
     (0..MANY).for_each(|_| site.stop(&reason));
     pause(1000);
@@ -172,7 +172,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
 }
 
 #[test]
-fn what_waits_for_the_disk_is_not_done_behind_a_stop() {
+fn a_command_that_waits_for_the_disk_is_not_executed_after_a_stop() {
     for how in ["stop", "disarm", "bob"] {
         let mut site = Site::new(how);
         let starts = site.starts();

@@ -221,7 +221,7 @@ fn a_bus_of_several_protocols_gets_axes_of_each() {
 }
 
 #[test]
-fn nobody_looks_where_something_may_move_nor_twice_and_nobody_commands_meanwhile() {
+fn a_search_is_refused_during_motion_and_during_another_and_excludes_commands() {
     let other = "sim:tmcl?time=virtual";
     let mut fixture = TestBench::new(&["sim:tmcl?axes=3&time=virtual#1", other]);
     let refused = |fixture: &TestBench| {
@@ -325,7 +325,7 @@ fn a_stop_breaks_a_look_off_and_waits_for_one_question_at_most() {
 }
 
 #[test]
-fn a_drive_that_is_gone_is_told_of_and_one_that_clashes_is_not_taken_in() {
+fn a_missing_drive_is_reported_and_a_clashing_one_is_not_adopted() {
     let fixture = TestBench::new(&["sim:tmcl?axes=3&time=virtual#1,3"]);
     let act = SimulationAction { act: "supply".into(), value: Some(0.0) };
     fixture.hear(fixture.bench.apply_action(&fixture.ann, 0, 1, &act)).unwrap();
@@ -356,7 +356,7 @@ fn a_drive_that_is_gone_is_told_of_and_one_that_clashes_is_not_taken_in() {
     assert_eq!(error.code, "gateway.missing", "{error}");
 }
 
-/// What was done, by whom.
+/// A journal that keeps each action with its client.
 #[derive(Default)]
 struct Notes(Mutex<Vec<(String, JournalAction)>>);
 
@@ -368,7 +368,7 @@ impl JournalSink for Notes {
 }
 
 #[test]
-fn who_looked_and_who_took_in_is_written_down() {
+fn searches_and_adoptions_are_journalled_with_their_client() {
     let notes = Arc::new(Notes::default());
     let options = BenchOptions { journal: notes.clone(), ..BenchOptions::default() };
     let fixture = TestBench::with(&["sim:tmcl?axes=2&time=virtual#1"], options);

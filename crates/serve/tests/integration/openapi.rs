@@ -10,7 +10,7 @@ fn the_committed_description_is_the_servers() {
     assert!(committed == polepair_serve::openapi_json(), "stale: {again}");
 }
 
-/// What clients rely on: paths, operations, parameters, and for each schema its properties and words.
+/// Parts of the interface that clients use: paths, operations, parameters, and each schema's properties and words.
 /// Schemas are not named, for their names go over no wire.
 fn interface() -> String {
     let description: Value = serde_json::from_str(&polepair_serve::openapi_json()).unwrap();

@@ -1,4 +1,4 @@
-//! Searches of ports: refused, broken off, and what is told of a port on which nobody replies.
+//! Searches of ports: refused, broken off, and the message for a port without replies.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! A server of its own for each test, on a free port, and clients that say exactly what they are told.
+//! A server for each test, on a free port, and clients that send exactly the given bytes.
 
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
@@ -80,7 +80,7 @@ impl Site {
         format!("Authorization: Bearer {}\r\n", self.token(name))
     }
 
-    /// Sends a request as it stands, with `Host` in front; the connection is closed after it.
+    /// Sends a request line as it is, with `Host` after it; the connection is closed at the end.
     pub fn send(&self, line: &str, heads: &str, body: &str) -> Answer {
         let host = format!("Host: {}\r\n", self.address);
         self.say(&format!(
@@ -102,7 +102,7 @@ impl Site {
 
     pub fn say(&self, text: &str) -> Answer {
         let mut stream = self.connect();
-        // It may be refused before it has been said.
+        // The server may refuse it before it is sent completely.
         let _ = stream.write_all(text.as_bytes());
         let mut bytes = Vec::new();
         let _ = stream.read_to_end(&mut bytes);
@@ -156,7 +156,7 @@ impl Site {
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 
-    /// What the bench is, but for ages and what the simulation does by itself.
+    /// State of the bench without ages and without the values that the simulation changes by itself.
     pub fn state(&self) -> Value {
         let bench = self.server.as_ref().unwrap().bench();
         let snapshot = serde_json::to_value(bench.snapshot()).unwrap();
@@ -225,8 +225,8 @@ pub fn samples(bytes: &[u8]) -> (u16, Vec<(u64, f64)>) {
     (channel, rows)
 }
 
-/// Whether the test has the process to itself, for what is measured of a process. Where it has not, it is
-/// run once more in one of its own, and that counts.
+/// Returns whether the test has the process to itself, for measurements of a process. If not, the test is
+/// run again in a process of its own, whose result counts.
 pub fn is_alone(test: &str) -> bool {
     const MARK: &str = "POLEPAIR_ALONE";
     if std::env::var_os(MARK).is_some() {

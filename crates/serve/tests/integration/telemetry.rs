@@ -152,7 +152,7 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
 }
 
 #[test]
-fn what_a_drive_does_not_send_is_asked_for_at_the_rate_that_is_wanted() {
+fn a_signal_that_a_drive_does_not_send_is_queried_at_the_wanted_rate() {
     let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
     let mut speed = bench.subscribe(0, Some("velocity"), None, 20.0).unwrap();
     let mut current = bench.subscribe(0, None, Some("max current"), 5.0).unwrap();
@@ -177,7 +177,7 @@ fn what_a_drive_does_not_send_is_asked_for_at_the_rate_that_is_wanted() {
 }
 
 #[test]
-fn what_is_wanted_oftener_than_the_wire_carries_does_not_keep_the_rest_from_being_asked_for() {
+fn a_rate_beyond_the_wire_does_not_keep_other_signals_from_being_queried() {
     let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
     let watch = |signal| bench.subscribe(0, Some(signal), None, 1000.0).unwrap();
     let mut channels =

@@ -71,7 +71,7 @@ fn data(id: u16, byte: u8) -> Frame {
 }
 
 #[test]
-fn of_those_ready_at_one_instant_the_lowest_identifier_goes_first() {
+fn the_lowest_identifier_of_frames_ready_at_one_instant_goes_first() {
     let mut world = World::new(1);
     let bus = world.add_can(BUS);
     plug(&mut world, bus, vec![data(0x300, 1), data(0x100, 1)]);
@@ -118,7 +118,7 @@ fn one_identifier_with_different_data_at_once_puts_both_senders_off_the_bus() {
 /// What excuses a program whose link goes: another had the same identifier, each time that it tried
 /// (swarm seed can:216699).
 #[test]
-fn two_hosts_that_go_bus_off_by_each_other_are_told_from_all_others() {
+fn two_hosts_that_cause_each_others_bus_off_are_identified() {
     let mut world = World::new(1);
     let bus = world.add_can(BUS);
     let talker = |world: &mut World, byte| {
@@ -194,7 +194,7 @@ fn a_controller_that_is_switched_off_hears_nothing_and_comes_back() {
 }
 
 #[test]
-fn outside_ends_are_heard_and_hear() {
+fn outside_ends_send_and_receive() {
     let mut world = World::new(1);
     let bus = world.add_can(BUS);
     let (_, seen) = plug(&mut world, bus, vec![data(0x300, 1), data(0x300, 2)]);

@@ -24,7 +24,7 @@ use crate::world::{NodeId, WireId, World};
 const OPEN_MAX: usize = 64;
 /// Answers that are kept as still to come, because something else was taken for them.
 const OUTSTANDING_MAX: usize = 16;
-/// Such an answer comes within so long, or not at all, ms.
+/// Longest time of such a reply, ms.
 const OUTSTANDING_MS: u32 = 1_000;
 
 /// Age above which a request counts as given up: no host waits less, ms. A newer one is still to be answered; so is a

@@ -14,7 +14,7 @@ use crate::world::{NodeId, WireId, World};
 
 /// Limit of the list of changed requests that a drive accepted.
 const MISTAKEN_MAX: usize = 16;
-/// Every question must have ended after so long; homing is the longest.
+/// Time within which every request must have ended; homing is the longest.
 const ANSWER_MAX_MS: u32 = 120_000;
 
 /// The identifier by which a network is commanded (CiA 301), and that it is a standard one.

@@ -14,15 +14,15 @@ use polepair_drives::surroundings::{GroundTruth, ServoBounds};
 /// which is greatest at ωt = 2. The step may be from as fast the other way: a set-point that stops at once, as AXISON
 /// has it on an axis that is on, leaves the motor's speed to the loops.
 const OVERSHOOT: (f64, f64) = (0.136, 5.0);
-/// After so long, ms, nothing of that is left: e^-ωt (ωt - 1) at 120 rad/s is below 0.04.
+/// Time, ms, after which nothing of that is left: e^-ωt (ωt - 1) at 120 rad/s is below 0.04.
 const SETTLED_MS: u32 = 40;
 /// And a current by this share.
 const RIPPLE: f64 = 0.05;
 /// Tolerance for rounding.
 const ROUNDING: f64 = 1e-6;
-/// A ramp that starts anew from the motor starts so much, rad/s, above its set-point.
+/// Greatest excess of a new ramp's first speed over its set-point, rad/s.
 const LEAD: f64 = 0.1;
-/// A motor may leave the way of a move by so much, rad.
+/// Greatest deviation of a motor from the path of a move, rad.
 const STRAY_MAX: f64 = 0.3;
 /// Looks at speed and current are so far apart, ms, that the loops have settled between them.
 const CHECK_INTERVAL_MS: u32 = 10;

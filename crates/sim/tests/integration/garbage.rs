@@ -21,7 +21,7 @@ use polepair_sim::rack::RackDrive;
 use polepair_sim::random::{Ppm, Random};
 
 const AXIS: AxisIndex = AxisIndex(0);
-/// A request must have ended after so long.
+/// Time within which a request must have ended.
 const PATIENCE_MS: u32 = 60_000;
 /// Longer than any drive's silence between frames and any host's guard time.
 const REST_MS: u32 = 12;
@@ -34,7 +34,7 @@ fn frames() -> u64 {
     full.unwrap_or(200_000)
 }
 
-/// What was done to a good frame.
+/// Damage to a good frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Harm {
     OneBit,

@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
 
 const BIT_RATE: u32 = 1_000_000;
-/// Seconds, if nothing else is said.
+/// Duration of the test in seconds, unless the environment states another.
 const SECONDS: u64 = 60;
 /// The shares of the bus that the plan of these drives has (`docs/examples/one-bus.toml`).
 const PLANNED: std::ops::Range<f64> = 0.40..0.55;
@@ -41,7 +41,7 @@ fn profile(name: &str) -> &'static Profile {
     polepair_drives::profiles().iter().find(|profile| profile.name == name).unwrap()
 }
 
-/// What the protocol, the product and the number of each axis are.
+/// Protocol, product and number of each axis.
 const DRIVES: [(&str, &str, u32); 6] = [
     ("canopen", "syntron-ts-canopen", 2),
     ("technocan", "technosoft-f514l", 5),
@@ -88,7 +88,7 @@ impl Station<Can> for Ear {
     }
 }
 
-/// Who commands the spindle by process data: set-point, ramp speed and SYNC each millisecond.
+/// A master that commands the spindle by process data: set-point, ramp speed and SYNC each millisecond.
 struct Cycle {
     /// Target velocity, 0.1 rpm.
     target: Arc<AtomicI32>,
@@ -199,7 +199,7 @@ impl Bus {
         ticket
     }
 
-    /// What was asked must be done; returns the tickets that were waited for.
+    /// Waits until every request is done; returns the tickets that were waited for.
     fn settle(&mut self) -> Vec<Ticket> {
         let mut done = Vec::new();
         let next = |node: &mut dyn polepair_sim::node::SimNode, _| node.axes()?.poll_outcome();
@@ -293,7 +293,7 @@ impl Bus {
         }
     }
 
-    /// One second in which everybody is told something new, and must have done it at its end.
+    /// One second in which every drive gets a new command, and must have executed it at the end.
     fn second(&mut self, n: u64) {
         let speed = if n.is_multiple_of(2) { 20.0 } else { -20.0 };
         for axis in [GRIPPER, PORT, STARBOARD] {

@@ -408,7 +408,7 @@ fn a_stop_overtakes_a_download_and_ends_it() {
 }
 
 #[test]
-fn what_a_drive_runs_or_locks_is_not_written() {
+fn a_running_or_locked_program_is_not_overwritten() {
     let mut bench = Bench::new("tml", "tmlcan", &[1], 1);
     let (words, _) = assemble("BEGIN; loop: GOTO loop", EEPROM);
     assert!(matches!(bench.write(EEPROM, &words), Outcome::Done(_)));
@@ -508,6 +508,6 @@ fn a_lost_acknowledgement_is_no_reason_to_write_twice() {
     let outcome = bench.write(0x5000, &words);
     assert!(bench.world.injected_faults(bench.wire).replies_lost > 2);
     assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}");
-    // The wire loses what drives say, never what they are told: each word was written once.
+    // The wire loses replies and no requests: each word was written once.
     assert_eq!((bench.progress().repeated, bench.truth().flash_writes), (0, 80));
 }

@@ -124,7 +124,7 @@ fn a_fresh_drive_is_brought_to_the_lines_rate_and_back_to_it() {
 }
 
 #[test]
-fn where_several_drives_share_a_line_none_is_told_another_rate() {
+fn where_several_drives_share_a_line_none_is_set_to_another_rate() {
     let options =
         HostOptions { standard: Some(SerialStandard::Rs485), ..HostOptions::new(115_200) };
     let mut bench = Bench::new(SerialWireConfig::RS485, options, &[1, 2]);

@@ -6,7 +6,7 @@ use crate::drives::DRIVE_KINDS;
 /// An axis that turned when the server ended was told of, and its wire was not well in time; nothing else is
 /// taken.
 #[test]
-fn only_an_axis_that_was_told_of_may_turn_when_the_server_has_ended() {
+fn only_a_reported_axis_may_turn_when_the_server_has_ended() {
     let kind = &DRIVE_KINDS[0];
     let mut watch = StopObserver::new(kind, 0);
     let now = Instant::ZERO.plus_ms(100_000);

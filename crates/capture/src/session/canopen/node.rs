@@ -18,7 +18,7 @@ use crate::timestamp::Timestamp;
 
 /// Time in which a node that was stopped may still send frames that were on their way.
 const QUIET_NS: u64 = 100_000_000;
-/// A state that goes back and forth so often without an order is two nodes'.
+/// A state that alternates this many times without a command comes from two nodes with one number.
 const FLIPS_MAX: u8 = 3;
 /// Repetitions of the same state that are possible for one node.
 const SAME_MAX: u8 = 4;

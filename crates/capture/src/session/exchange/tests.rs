@@ -127,7 +127,7 @@ fn position(module: u8, value: i32) -> Vec<u8> {
     reply(module, Opcode::Gap, Status::Ok, value)
 }
 
-/// A host that reads positions of axes 1 and 2, so often.
+/// A host that reads positions of axes 1 and 2 this many times.
 fn polls(tape: &mut SerialLog, rounds: i32) {
     for n in 0..rounds {
         for axis in [1, 2] {
@@ -137,7 +137,7 @@ fn polls(tape: &mut SerialLog, rounds: i32) {
 }
 
 #[test]
-fn a_clean_conversation_accuses_nobody() {
+fn a_clean_conversation_has_no_anomaly() {
     let mut tape = SerialLog::default();
     polls(&mut tape, 20);
     let report = tape.report("tmcl");
@@ -148,7 +148,7 @@ fn a_clean_conversation_accuses_nobody() {
 }
 
 #[test]
-fn what_was_cut_off_accuses_nobody() {
+fn a_capture_that_was_cut_off_reports_no_anomaly() {
     let mut tape = SerialLog::default();
     tape.reply(&position(7, 1)[4..]).reply(&position(9, 1));
     polls(&mut tape, 3);
@@ -290,7 +290,7 @@ fn a_lost_answer_on_can_does_not_shift_the_others() {
 }
 
 #[test]
-fn an_answer_that_is_cut_is_told_once() {
+fn an_answer_that_is_cut_is_reported_once() {
     let mut tape = SerialLog::default();
     polls(&mut tape, 4);
     tape.after(200).request(&gap(1, 1)).reply(&position(1, 7)[..4]);
@@ -527,7 +527,7 @@ fn variables_of_tml_have_names_and_faults_words() {
 }
 
 #[test]
-fn commands_on_tmlcan_are_owed_nothing() {
+fn commands_on_tmlcan_get_no_reply() {
     let mut out = [0; 20];
     let addressing = EncodeOptions { axis: Some(3), ..EncodeOptions::default() };
     let mut tape = SerialLog::default();

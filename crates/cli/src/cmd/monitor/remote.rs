@@ -558,7 +558,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_that_fell_silent_while_it_turned_is_told_with_what_stops_it() {
+    fn a_motor_that_fell_silent_while_it_turned_is_reported_with_what_stops_it() {
         let (signal, unit) = (Signal::Velocity.name().to_owned(), "rad/s".to_owned());
         let read = SignalValue { signal, value: Some(31.5), unit, age_ms: 9000.0 };
         let mut state = AxisState {

@@ -43,7 +43,7 @@ impl TestScreen {
         screen
     }
 
-    /// Lets so many rounds of questions pass.
+    /// Lets this many rounds of queries pass.
     fn wait(&mut self, rounds: u32) {
         for _ in 0..rounds {
             self.monitor.poll(&mut |_| ()).expect("a link");
@@ -238,7 +238,7 @@ fn frames_are_filtered_halted_and_gathered_by_kind() {
 }
 
 #[test]
-fn every_protocol_of_a_bus_is_told_by_its_own_words() {
+fn every_protocol_of_a_bus_is_described_in_its_own_words() {
     let mut entry = TestScreen::new(&one_bus(), 120, 40);
     entry.wait(12);
     assert_eq!(entry.monitor.traffic.counts().1, 0, "no frame breaks its protocol");
@@ -255,7 +255,7 @@ fn every_protocol_of_a_bus_is_told_by_its_own_words() {
 }
 
 #[test]
-fn without_colours_nothing_is_told_by_colour() {
+fn without_colours_nothing_is_shown_by_colour_alone() {
     let mut screen = TestScreen::new("sim:tmcl?time=virtual", 100, 24);
     let coloured = screen.screen();
     assert_eq!(screen.screen_in(Theme { colour: false }), coloured);
@@ -264,7 +264,7 @@ fn without_colours_nothing_is_told_by_colour() {
 }
 
 #[test]
-fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
+fn help_is_closed_by_the_key_that_opened_it_and_accepts_stops() {
     let mut screen = TestScreen::new("sim:tmcl?time=virtual", 80, 24);
     screen.type_in("?");
     assert!(screen.screen().contains("stop all axes of this view"));

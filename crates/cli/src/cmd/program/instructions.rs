@@ -191,7 +191,7 @@ fn instruction_problem(what: String) -> Problem {
     Problem::usage("E242", what)
 }
 
-/// Starts the program and waits until it ends, or for so long.
+/// Starts the program and waits until it ends, or the time is over.
 pub fn run(
     session: &LocalSession,
     axis: &LocalAxis,

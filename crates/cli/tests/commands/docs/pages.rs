@@ -1,7 +1,7 @@
-//! What a page shows is run: `sh` blocks as scripts, `console` blocks command by command.
+//! The commands of a page are run: `sh` blocks as scripts, `console` blocks command by command.
 //!
 //! The output behind a `$` command must be the command's, and a `text` block behind a block that was run must be
-//! in its output. Numbers are masked, because a motor does not stop at the same count twice; `…` stands for the
+//! in its output. Numbers are masked, because a motor does not stop at the same count twice; `…` replaces the
 //! rest of a line or, alone, for any lines.
 //!
 //! Simulated drives stand ready, fresh for each page: what the page calls `/dev/ttyUSB0` or `/tmp/motor` is a
@@ -19,7 +19,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// What a page writes for the port, the name of the simulated one, and the drives on it.
+/// The port as a page writes it, the name of the simulated one, and the drives on it.
 const PORTS: [(&str, &str, &str); 6] = [
     ("/tmp/motor", "motor", "tmcl:1"),
     ("/tmp/servo", "servo", "modbus-rtu:1"),
@@ -52,7 +52,7 @@ const NOT_RUN: [(&str, &str); 16] = [
     ("#2 ", "an address that does not answer"),
 ];
 
-/// What a command prints that goes on until Ctrl-C.
+/// Line that a command prints which runs until Ctrl-C.
 const WAITS: &str = "running; Ctrl-C stops it";
 
 #[test]
@@ -107,7 +107,7 @@ struct PageBench {
     page: PathBuf,
     blocks: Vec<Block>,
     folder: PathBuf,
-    /// What stands in the page, and what is run or printed instead.
+    /// Names in the page, each with its replacement in commands and output.
     names: Vec<(String, String)>,
     drives: Vec<Drive>,
     ran: usize,
@@ -376,7 +376,7 @@ fn commands(block: &Block) -> Vec<(usize, String, Option<Vec<String>>)> {
     commands
 }
 
-/// Whether all lines are as shown.
+/// Compares the output with the lines of the page.
 fn compare(expected: &[String], output: &str) -> Result<(), String> {
     let shown = expected.join("\n");
     let differs = || Err(format!("shown:\n{shown}\nprinted:\n{output}"));
@@ -393,7 +393,7 @@ fn compare(expected: &[String], output: &str) -> Result<(), String> {
     if lines.next().is_some() { differs() } else { Ok(()) }
 }
 
-/// Whether a line is as shown, where `…` is any text.
+/// Returns whether a line matches, where `…` is any text.
 fn matches(wanted: &str, printed: &str) -> bool {
     let Some((start, rest)) = wanted.split_once('…') else { return wanted == printed };
     let Some(mut left) = printed.strip_prefix(start.trim_end()) else { return false };

@@ -9,7 +9,7 @@ use super::site::{Folder, Site};
 use super::wire::Drive;
 use crate::run::{self, Served};
 
-/// An address at which nobody listens.
+/// Returns an address on which no server listens.
 fn free() -> String {
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     free.to_string()
@@ -89,7 +89,7 @@ fn a_pending_stop_of_the_previous_server_is_sent_when_its_dead_link_opens() {
     drive.unplug();
     live.until("bench", |bench| state_of(bench, 1) == "lost");
     live.until("axis", |state| state["id"] == 1 && !state["pending_stop"].is_null());
-    // What it has noted is in the system's hands before it is told.
+    // A record is flushed to the operating system before it is reported.
     site.signal("KILL");
     drop(site);
     assert!(drive.truth().velocity.abs() > 10.0, "nobody reached it");
@@ -126,7 +126,7 @@ fn dismissing(words: &str) -> [&str; 6] {
     ["dismiss", words, "--reason", "drive-gone", "--note", "scrapped"]
 }
 
-/// A drive that was taken away for good would be told of for ever.
+/// Without this, a drive that was removed for good would be reported for ever.
 #[test]
 fn a_pending_stop_of_the_previous_server_for_a_missing_drive_can_be_dismissed() {
     let folder = Folder::new();

@@ -1,5 +1,5 @@
 //! A server that is killed or held up, with a motor that turns: the motor does what its drive's own
-//! watchdog does, nothing that was said before is carried out after, and the journal is whole.
+//! watchdog does, no earlier command is carried out afterwards, and the journal is whole.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::run;
 
 /// TMCL's commands that start motion: ROR, ROL, MVP.
 const STARTS: [u8; 3] = [1, 2, 4];
-/// Its stop.
+/// Instruction number of TMCL's motor stop.
 const MST: u8 = 3;
 /// Longer than a lease, a command's time and a heartbeat.
 const AWAY: Duration = Duration::from_secs(4);
@@ -40,7 +40,7 @@ impl Bench {
         self.drive.truth().velocity.abs() > 1.0
     }
 
-    /// Whether the journal is whole, by the command for it.
+    /// Verifies the journal with `polepair journal verify`, and returns the output.
     fn verified(&self) -> String {
         run::ok(&["journal", "verify", &self.folder.path("state/journal.jsonl")])
     }
@@ -83,7 +83,7 @@ fn a_killed_server_leaves_the_motor_to_the_drives_watchdog() {
 }
 
 #[test]
-fn a_record_that_a_kill_cut_off_is_taken_out_and_told() {
+fn a_record_that_a_kill_cut_off_is_taken_out_and_reported() {
     let bench = Bench::new();
     let mut site = bench.serve();
     site.signal("KILL");

@@ -8,7 +8,7 @@ use crate::run::{self, Served};
 /// Blocks of 512 or 1024 bytes, as the shell counts.
 const BLOCKS: u32 = 8;
 
-/// No server runs that could stop anything: who asked for it is told what does.
+/// Without a running server nothing can be stopped, so the refusal names another way to stop.
 #[test]
 fn a_server_that_cannot_write_its_first_record_says_that_it_stops_nothing() {
     let folder = Folder::new();
@@ -48,7 +48,7 @@ fn a_journal_at_its_files_limit_keeps_the_server_and_its_stops() {
     assert!(length <= u64::from(BLOCKS) * 1024, "{length}");
     let stopped = site.run(&["stop", "1"]);
     assert_eq!(stopped.code, 0, "{stopped:?}");
-    // What was not written is said at the end; the axis stands.
+    // Records that could not be written are counted in the last output; the axis is at standstill.
     assert_eq!(site.signal("INT"), Some(0));
     assert!(site.output().contains("journal"), "{}", site.output());
 }

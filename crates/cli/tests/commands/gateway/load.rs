@@ -20,13 +20,13 @@ use serde_json::json;
 use super::site::{Folder, Live, Site};
 use super::wire::{Drive, Log, Passed};
 
-/// What an idle viewer says so that it is not taken for one that is gone: an empty pong.
+/// An empty pong, which an idle viewer sends so that the server does not take it for disconnected.
 const PONG: [u8; 6] = [0x8A, 0x80, 0, 0, 0, 0];
 /// Between two pongs, and between two looks at idle sockets.
 const PULSE: Duration = Duration::from_secs(1);
 /// How long the thread sleeps that shows what the machine does.
 const FLOOR_EVERY: Duration = Duration::from_millis(1);
-/// Messages of its own that a client has said just before its stop.
+/// Messages that a client sends just before its own stop.
 const OWN_BEFORE: usize = 150;
 /// How often viewers take what came: they share this machine's processors with the server.
 const READ_EVERY: Duration = Duration::from_millis(20);
@@ -223,17 +223,17 @@ impl Bench {
     }
 }
 
-/// Whether a request stops the motor: TMCL's MST, or the first write.
+/// Returns whether a request stops the motor: TMCL's MST, or the first write.
 fn stops(axis: usize, passed: &Passed) -> bool {
     passed.is(if axis == 0 { &[3] } else { &[6, 16] })
 }
 
-/// When a stop that was said at `since` was on the wire, and how much later that is than it could have
-/// been for what passed before, ms.
+/// Returns when the stop that was requested at `since` was on the wire, and how much later that is than the
+/// frames before it allowed, in ms.
 fn on_wire(axis: usize, since: Instant, passed: &[Passed]) -> Option<(f64, f64)> {
     let sent = passed.iter().position(|p| p.at >= since && stops(axis, p))?;
     let ms = |at: Instant| at.since(since).as_secs_f64() * 1e3;
-    // A question was on its way when it was said: the wire was free after its answer and a pause.
+    // A query was in flight at that time: the wire was free after its reply and a pause.
     let before = passed[..sent].iter().rposition(|p| p.to_drive && p.at < since);
     let free = before.map_or(since, |question| {
         let answer = passed[question..sent].iter().find(|p| !p.to_drive);
@@ -267,7 +267,7 @@ fn measure(
         // The last exchange before it may be needed.
         let mut passed = bench.logs[axis].drain();
         passed.drain(..passed.len().saturating_sub(4));
-        // They lie in a buffer until something is told.
+        // They stay in a buffer until the next message is sent.
         for client_ms in 0..own_before {
             live.write(&json!({ "type": "ping", "client_ms": client_ms }));
         }

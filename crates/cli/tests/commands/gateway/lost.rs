@@ -21,7 +21,7 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
     let site = Site::new(folder, &[url]);
     let (mut live, mut other) = (site.live(), site.live());
     live.spin(0, 20.0);
-    // Held up, it takes what is said and answers nothing; then it is gone.
+    // A suspended process accepts bytes and replies to none; then it is gone.
     run::signal("STOP", drive.id());
     let order = live.order(0, "velocity", Some(30.0));
     live.send(&order);
@@ -38,7 +38,7 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
     live.until("error", |error| error["error"]["code"] == "E313");
     let drive = Served::with(arguments);
     other.until("bench", is_link("open"));
-    // The drive has had no supply: it stands, and goes on standing.
+    // The drive was without supply: its motor is at standstill and stays there.
     other.until("axis", |state| speed(state).is_some_and(|speed| speed.abs() < 0.1));
     other.until("axis", |state| state["pending_stop"].is_null());
     live.lease(0, "take");
@@ -52,7 +52,7 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
 }
 
 #[test]
-fn a_line_that_is_unplugged_is_told_and_opened_again_and_nothing_moves_by_itself() {
+fn a_line_that_is_unplugged_is_reported_and_opened_again_and_nothing_moves_by_itself() {
     run::expect_silence();
     let folder = Folder::new();
     let path = folder.path("line");
@@ -60,7 +60,7 @@ fn a_line_that_is_unplugged_is_told_and_opened_again_and_nothing_moves_by_itself
 }
 
 #[test]
-fn a_tcp_connection_that_breaks_is_told_and_opened_again_and_nothing_moves_by_itself() {
+fn a_tcp_connection_that_breaks_is_reported_and_opened_again_and_nothing_moves_by_itself() {
     run::expect_silence();
     let folder = Folder::new();
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
@@ -86,7 +86,7 @@ fn watch(live: &mut Live) {
 }
 
 #[test]
-fn a_viewer_that_falls_asleep_lets_go_of_its_motor_and_keeps_nobody_waiting() {
+fn a_sleeping_viewer_releases_its_motor_and_blocks_no_other() {
     run::expect_silence();
     let (drive, folder, site) = bench();
     let (mut asleep, mut awake) = (site.live(), site.live());
@@ -123,7 +123,7 @@ fn a_viewer_that_falls_asleep_lets_go_of_its_motor_and_keeps_nobody_waiting() {
 }
 
 #[test]
-fn who_takes_over_gets_a_motor_that_stands() {
+fn a_takeover_gets_a_motor_at_standstill() {
     let (drive, folder, site) = bench();
     let (mut ann, mut bob) = (site.live(), site.live());
     ann.spin(0, 20.0);
@@ -148,7 +148,7 @@ fn who_takes_over_gets_a_motor_that_stands() {
     assert!(folder.journal().iter().any(|record| record["deed"] == "take_over"));
 }
 
-/// Late answers are this server's own: they accuse nobody of being another master.
+/// Late replies belong to this server's own requests, so they are no evidence of another master.
 #[test]
 fn a_drive_that_stalls_again_and_again_is_no_other_master() {
     run::expect_silence();

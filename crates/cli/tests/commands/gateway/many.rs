@@ -12,7 +12,7 @@ const CONNECTIONS: usize = 600;
 
 /// Threat 11: those that only open sockets make room, whoever has shown a token stays.
 #[test]
-fn idle_sockets_beyond_what_can_be_open_keep_nobody_out() {
+fn idle_sockets_beyond_the_limit_keep_no_client_out() {
     let folder = Folder::new();
     let site = Site::limited(&folder, &["sim:tmcl"], &format!("-n {FILES}"));
     let mut first = site.live();

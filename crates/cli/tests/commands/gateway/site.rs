@@ -50,7 +50,7 @@ pub struct Site {
     pub address: SocketAddr,
     token: String,
     folder: String,
-    /// What it said on stderr so far.
+    /// Text that the server printed on stderr so far.
     said: Arc<Mutex<String>>,
     reads: Option<std::thread::JoinHandle<()>>,
 }
@@ -98,13 +98,13 @@ impl Site {
         Self { child, address, token, folder: state, said: text, reads: Some(reads) }
     }
 
-    /// Everything that it said on stderr, once it has ended.
+    /// All text that the server printed on stderr, once it has ended.
     pub fn output(&mut self) -> String {
         self.reads.take().into_iter().for_each(|reads| reads.join().unwrap());
         self.said.lock().unwrap().clone()
     }
 
-    /// What the command line says when it asks this server.
+    /// Runs the command line against this server.
     pub fn run(&self, arguments: &[&str]) -> run::Ran {
         let (url, tokens) = (format!("http://{}", self.address), format!("{}/tokens", self.folder));
         let own = ["--server", &url, "--token-file", &tokens];
@@ -146,7 +146,7 @@ impl Site {
         live
     }
 
-    /// What it answers to a GET.
+    /// Returns the response to a GET.
     pub fn get(&self, path: &str) -> String {
         let mut stream = self.connect();
         let heads = format!(
@@ -203,7 +203,7 @@ impl Live {
         self.socket.flush().unwrap();
     }
 
-    /// Has something told with what is told next.
+    /// Queues a message, which is sent together with the next one.
     pub fn write(&mut self, message: &Value) {
         self.socket.write(Message::text(message.to_string())).unwrap();
     }
@@ -242,7 +242,7 @@ impl Live {
         self.epoch = self.next("leased")["epoch"].as_u64().unwrap();
     }
 
-    /// A command as it is said now.
+    /// Builds a command with a new id and the present time.
     pub fn order(&mut self, axis: u16, verb: &str, velocity: Option<f64>) -> Value {
         self.ids += 1;
         let arguments = velocity.map_or(json!({}), |velocity| json!({ "velocity": velocity }));

@@ -18,7 +18,7 @@ pub struct Passed {
     pub bytes: Vec<u8>,
 }
 
-/// What passed so far.
+/// Frames that passed so far.
 #[derive(Clone, Default)]
 pub struct Log(Arc<Mutex<Vec<Passed>>>);
 
@@ -68,12 +68,12 @@ impl Drive {
         self.served = Some(self.line.clone().serve(stamped));
     }
 
-    /// What is true of its motor, whoever talks to it or not.
+    /// True state of the simulated motor, read beside the wire.
     pub fn truth(&self) -> GroundTruth {
         self.line.with_bench(0, |bench| bench.ground_truth(clock::now())).expect("it has a motor")
     }
 
-    /// Waits until its motor stands.
+    /// Waits until the motor is at standstill.
     pub fn wait_standstill(&self) {
         wait_for("the motor stands", || match self.truth() {
             truth if truth.velocity.abs() <= 0.1 => Ok(()),

@@ -22,7 +22,7 @@ thread_local! {
     static TIMEOUT_SCALE: Cell<u32> = const { Cell::new(REPLY_TIMEOUT_SCALE) };
 }
 
-/// What programs under test are started with: they print plain text, and their time-outs are long enough
+/// Environment of programs under test: they print plain text, and their time-outs are long enough
 /// for a machine that is busy with other things.
 pub fn environment() -> [(&'static str, String); 2] {
     let scale = TIMEOUT_SCALE.get().to_string();
@@ -43,7 +43,7 @@ pub fn expecting_replies<R>(run: impl FnOnce() -> R) -> R {
     result
 }
 
-/// What a run printed, and how it ended.
+/// Output and exit code of a run.
 #[derive(Debug)]
 pub struct Ran {
     pub out: String,
@@ -123,7 +123,7 @@ pub fn hex(vector: &serde_json::Value) -> String {
     text(vector, "bytes").replace(' ', "").to_uppercase()
 }
 
-/// What a run that must succeed prints.
+/// Output of a run that must succeed.
 pub fn ok(arguments: &[&str]) -> String {
     let ran = polepair(arguments);
     assert_eq!(ran.code, 0, "{arguments:?}: {}{}", ran.out, ran.err);
@@ -165,7 +165,7 @@ impl Served {
         self.child.0.id()
     }
 
-    /// Its URL without axes.
+    /// URL of the link, without axes.
     pub fn link(&self) -> &str {
         self.url.split(['?', '#']).next().expect("a link")
     }
@@ -176,7 +176,7 @@ impl Served {
     }
 }
 
-/// Sends a process a signal. One that is told to stand still does so when this returns.
+/// Sends a signal to a process. After SIGSTOP it waits until the process is suspended.
 pub fn signal(name: &str, pid: u32) {
     let text = pid.to_string();
     Command::new("kill").args([&format!("-{name}"), text.as_str()]).status().expect("kill");
@@ -194,14 +194,14 @@ pub fn signal(name: &str, pid: u32) {
 /// A run that lasts until it is interrupted.
 pub struct Held {
     child: Ours,
-    /// What it prints is read as it comes: a full pipe would hold it up.
+    /// Output, which is read while the program runs: a full pipe would block it.
     stdout: JoinHandle<Vec<u8>>,
     stderr: BufReader<ChildStderr>,
     said: String,
 }
 
 impl Held {
-    /// Waits until it has said a line.
+    /// Starts a program, and waits until it has printed this line.
     pub fn new(arguments: &[&str], line: &str) -> Self {
         let mut child = command(arguments).spawn().expect("starts");
         let mut stderr = BufReader::new(child.stderr.take().expect("a pipe"));

@@ -1,4 +1,4 @@
-//! A terminal on which a program draws, and what stands there.
+//! A terminal on which a program draws, and its contents.
 
 use std::fs::File;
 use std::process::{Child, Command, Stdio};
@@ -49,13 +49,13 @@ impl Screen {
         Self { pty, child: child.expect("starts"), cells, at: (0, 0), rest: Vec::new() }
     }
 
-    /// What stands there.
+    /// Text on the screen.
     pub fn text(&self) -> String {
         let line = |row: &Vec<char>| row.iter().collect::<String>().trim_end().to_owned() + "\n";
         self.cells.iter().map(line).collect()
     }
 
-    /// Waits until something stands there.
+    /// Waits until this text is on the screen.
     pub fn until(&mut self, wanted: &str) {
         let deadline = Deadline::new(wanted);
         while !self.text().contains(wanted) {

@@ -56,12 +56,12 @@ impl Server {
         ran.out
     }
 
-    /// A verb that lasts, once it has said so.
+    /// Starts a verb that runs until Ctrl-C, and waits for its first line.
     pub fn held(&self, verb: &[&str]) -> Held {
         Held::new(&self.words(&self.tokens(), verb), "running; Ctrl-C stops it")
     }
 
-    /// What is known of axis 1, a space wherever its table has some.
+    /// Output of `info` for axis 1, with columns separated by one space.
     pub fn info(&self) -> String {
         self.ok(&["info", "1"]).split_whitespace().collect::<Vec<_>>().join(" ")
     }

@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_address_is_refused() {
+    fn a_text_that_is_no_address_is_refused() {
         for text in ["max current", "2030", "beach", "", "h", "0x"] {
             assert_eq!(DISSECTOR.parse_address(text), None, "{text}");
         }

@@ -85,7 +85,7 @@ pub struct CanHost {
     events: EventRing<Answer, EVENTS_MAX>,
     counters: Counters,
     timeout_ns: u64,
-    /// A request and its reply take at least so long. What comes sooner is the second copy of an
+    /// Shortest time of a request and its reply. An earlier reply is the second copy of an
     /// older reply, which a disturbed last bit makes its sender repeat.
     min_exchange_ns: u64,
     /// When a stop that waits for a node's answer waits no more.

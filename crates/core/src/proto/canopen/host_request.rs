@@ -84,7 +84,7 @@ pub enum HostRequest {
     WatchHeartbeat {
         /// Node-ID.
         node: u8,
-        /// Within so long, ms.
+        /// Time limit, ms.
         ms: u16,
     },
     /// The time of day. It has no reply.

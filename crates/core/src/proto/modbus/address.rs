@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_register_is_refused() {
+    fn a_name_that_is_no_register_is_refused() {
         for text in ["51", "internal speed", "Fn_33", "R", "R x", ""] {
             assert_eq!(DISSECTOR.parse_address(text), None, "{text}");
         }

@@ -18,7 +18,7 @@ use crate::time::Instant;
 
 /// Bytes kept of what arrived and was not carried out yet. What does not fit is lost and counted.
 const BUFFER_MAX: usize = 2 * ADU_MAX;
-/// An unfinished frame is given up after so long without a byte: longer than any adapter pauses,
+/// An unfinished frame is discarded after this time without a byte: longer than any adapter pauses,
 /// shorter than any host waits for a reply.
 const STALE_MS: u32 = 50;
 /// Longest search for the end of a function without a known length, bytes.

@@ -110,7 +110,7 @@ impl PendingExchange {
     }
 }
 
-/// A request and its reply take at least so long. What comes sooner is the second copy of an older
+/// Shortest time of a request and its reply. An earlier reply is the second copy of an older
 /// reply, which a disturbed last bit makes its sender repeat.
 #[derive(Clone, Copy, Debug)]
 pub struct MinExchangeTime {

@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_parameter_is_refused() {
+    fn a_name_that_is_no_parameter_is_refused() {
         for text in ["AP", "AP x", "max current", "6", "GP 1.x"] {
             assert_eq!(DISSECTOR.parse_address(text), None, "{text}");
         }

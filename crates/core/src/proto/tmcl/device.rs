@@ -128,7 +128,7 @@ pub struct Quirks {
     pub settings_before_reply: bool,
     /// Replies on CAN have eight data bytes.
     pub eight_bytes: bool,
-    /// After a datagram for another module, requests are ignored for so long, ms: the RS-485 fault
+    /// Time for which requests are ignored after a datagram for another module, ms: the RS-485 fault
     /// of TMCM-171 firmware before 1.03 (hardware manual, firmware history).
     pub ignore_after_foreign_ms: u32,
 }

@@ -372,7 +372,7 @@ pub struct CanHost {
     session: Session,
     reply_id: u16,
     bit_rate: u32,
-    /// A request and its reply take at least so long. What comes sooner is the second copy of an
+    /// Shortest time of a request and its reply. An earlier reply is the second copy of an
     /// older reply, which a disturbed last bit makes its sender repeat.
     min_exchange_ns: u64,
     eight_bytes: bool,

@@ -46,7 +46,7 @@ const EVENT_ROOM_MIN: usize = 4;
 const RECENT_MAX: usize = 8;
 /// Replies remembered of a suspect: to three attempts and every probe.
 const OUTSTANDING_MAX: usize = 10;
-/// After "wrong checksum" the true reply of another module may still come for so long.
+/// Time for which the true reply of another module may still come after "wrong checksum".
 const GRACE_NS: u64 = 20_000_000;
 
 /// A module's reply, after the host's checks. Refusals are [`Failure::Refused`].

@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_address_is_refused() {
+    fn a_text_that_is_no_address_is_refused() {
         for text in ["APOS", "0x228", "rom@0x1", "@", "@x"] {
             assert_eq!(DISSECTOR.parse_address(text), None, "{text}");
         }

@@ -53,7 +53,7 @@ pub struct SerialHost {
     untimed: bool,
     deframer: Deframer,
     gap_ns: u64,
-    /// A frame that pauses for so long inside is none.
+    /// A pause of this length ends a frame, which is then incomplete.
     stale_ns: u64,
     last_byte: Instant,
     sent: Option<Message>,

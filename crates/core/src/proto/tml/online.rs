@@ -82,7 +82,7 @@ impl PvtPoint {
     pub const POSITION_MAX: i32 = 0x7F_FFFF;
     /// Longest time to a point, slow-loop periods.
     pub const TIME_MAX: u16 = 0x1FF;
-    /// The counter wraps after so much.
+    /// Value at which the counter wraps.
     pub const COUNTER_MAX: u8 = 0x7F;
 
     /// Returns whether all values fit into the wire's bits; a point needs a time above 0.
@@ -232,7 +232,7 @@ pub enum OnlineMessage {
     Synchronisation,
     /// The master's time at the last synchronisation, slow-loop periods.
     MasterTime(u32),
-    /// From now on be the master and synchronise everybody so often, slow-loop periods; 0 ends it.
+    /// Makes the axis the time master, which synchronises all others at this period, in slow loops; 0 ends it.
     SetSync(u32),
     /// The next point of a PVT path.
     Pvt(PvtPoint),

@@ -178,7 +178,7 @@ impl MultiAxisFixture {
         self.lane.start_cyclic(self.now, Ticket(1), &following)
     }
 
-    /// Feeds that motion of so many cycles as room comes free, until it ends or `more` says stop.
+    /// Feeds a motion of this many cycles as room comes free, until it ends or `more` returns false.
     fn stream(
         &mut self,
         cycles: usize,
@@ -381,7 +381,7 @@ fn a_host_that_hangs_stops_the_drives_and_itself_when_it_wakes() {
 }
 
 #[test]
-fn a_hiccup_is_counted_and_made_up_for_by_nobody() {
+fn a_hiccup_is_counted_and_not_made_up_for() {
     let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowPosition);
     rig.follow(SetpointKind::Position, SetpointBounds::default()).expect("follows");
@@ -423,7 +423,7 @@ fn a_stop_of_one_stops_all_at_once() {
 }
 
 #[test]
-fn what_lies_apart_or_goes_too_fast_moves_nothing() {
+fn points_too_far_apart_or_too_fast_move_nothing() {
     let bounds = SetpointBounds {
         position: Some((-0.3, 0.3)),
         velocity: Some(20.0),

@@ -7,7 +7,7 @@ fn emergency(fixture: &DriveFixture) -> Option<Vec<u8>> {
 }
 
 #[test]
-fn a_fault_is_told_shown_and_reset() {
+fn a_fault_is_reported_shown_and_reset() {
     let faults: [(Act, Act, u16, u8); 5] = [
         (Act::Supply(80.0), Act::Supply(48.0), 0x3210, 0x05),
         (Act::Supply(10.0), Act::Supply(48.0), 0x3220, 0x05),

@@ -71,7 +71,7 @@ fn quick_stops_end_as_their_option_says() {
 }
 
 #[test]
-fn disabling_brakes_first_if_told_so() {
+fn disabling_brakes_first_if_requested() {
     let mut fixture = DriveFixture::enabled(3);
     fixture.write(0x60FF, 0, 50_000);
     fixture.advance(200);

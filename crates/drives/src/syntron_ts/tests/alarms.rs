@@ -3,7 +3,7 @@ use super::*;
 use polepair_core::profile::Severity;
 use std::string::ToString;
 
-/// Fn_00 = 1, RAM, so many rpm, on.
+/// Fn_00 = 1, RAM, this speed in rpm, on.
 fn turning(rpm: i16) -> DriveFixture {
     let mut fixture = DriveFixture::new();
     for (number, value) in [(0x00, 1), (0x99, 1), (0x33, rpm as u16), (0x38, 1)] {

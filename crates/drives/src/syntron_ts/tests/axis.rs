@@ -155,7 +155,7 @@ fn moves_reach_degrees_of_the_shaft() {
 /// Swarm serial:10219: an overload from the move before came while path 32 was written. The drive
 /// took the trigger, as every register, and did not move.
 #[test]
-fn an_alarm_between_the_first_look_and_the_trigger_is_told() {
+fn an_alarm_between_the_first_look_and_the_trigger_is_reported() {
     let mut pair = HostAndDrive::new(usual());
     pair.fixture.write(fn_registers::MODE, 14);
     let command = Command { target: Some(radians(90.0)), ..Command::new(Verb::MoveBy) };
@@ -200,7 +200,7 @@ fn home_finds_the_switch() {
 }
 
 #[test]
-fn an_alarm_stops_the_plans_and_the_way_out_is_told() {
+fn an_alarm_stops_the_plans_and_its_remedy_is_reported() {
     let mut pair = HostAndDrive::new(usual());
     pair.fixture.write(fn_registers::MODE, 1);
     pair.done(Command::new(Verb::Clear));

@@ -352,7 +352,7 @@ fn alarms_are_two_bytes_and_state_0088() {
 }
 
 #[test]
-fn limit_switches_are_told_and_a_lost_heartbeat_is_err_lo() {
+fn limit_switches_are_reported_and_a_lost_heartbeat_is_err_lo() {
     let mut bus = CanopenFixture::new();
     bus.act(Act::Switch { which: 1, at: 20.0 });
     bus.send_lines(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 10 27 00 00"]);

@@ -88,7 +88,7 @@ fn a_mechanical_stop_is_a_zero() {
 }
 
 #[test]
-fn what_follows_the_zero_is_the_digits_a() {
+fn the_digits_after_the_zero_are_parsed() {
     let switch = Act::Switch { which: 0, at: 20.0 };
     for (a, at_zero) in [(0, true), (33, false)] {
         let mut fixture = DriveFixture::positioning(&[]);

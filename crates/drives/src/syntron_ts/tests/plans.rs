@@ -81,7 +81,7 @@ fn no_plan_sets_going_without_leaving_flash_alone_first() {
 }
 
 #[test]
-fn what_the_drive_cannot_do_has_no_plan() {
+fn a_verb_that_the_drive_lacks_has_no_plan() {
     let profile = SyntronTs::profiles()[0];
     assert!(profile.plan(Verb::Torque).is_none(), "torque follows the analog input");
     assert!(profile.plan(Verb::Store).is_none(), "flash is written register by register");

@@ -169,7 +169,7 @@ fn a_limit_switch_keeps_the_motor_from_going_on() {
 
 /// Fn_99 = 1 was kept, so the power-on state is that of flash (§2.5).
 #[test]
-fn what_is_in_ram_is_gone_after_power_off() {
+fn values_in_ram_are_lost_after_power_off() {
     let mut fixture = DriveFixture::new();
     for (number, value) in [(0x00, 1), (0x99, 1), (0x33, 200), (0x38, 1)] {
         fixture.write(number, value);

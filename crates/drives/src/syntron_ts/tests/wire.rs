@@ -162,7 +162,7 @@ fn variants_refuse_modes_they_were_not_bought_with() {
 }
 
 #[test]
-fn a_password_locks_what_it_is_told_to() {
+fn a_password_locks_the_chosen_range() {
     let mut fixture = DriveFixture::with(&[("locked", "00+3A")]);
     assert_eq!(fixture.try_write(0x00, 1), Err(4));
     assert_eq!(fixture.try_write(0x3A, 5), Err(4));

@@ -17,7 +17,7 @@ const MODE_CS: [u16; 2] = [0xB7C6, 0x8706];
 const SEGMENT_DUE: u16 = 1 << 10;
 
 impl DriveFixture {
-    /// SEG: so many slow loops, a step of so much in each.
+    /// SEG: a number of slow loops, and the step in each.
     fn segment(&mut self, periods: u16, step: f64) {
         let [low, high] = low_first(((step * 65536.0) as i32).cast_unsigned());
         self.send_instruction(0x7800, &[periods, low, high]);

@@ -217,7 +217,7 @@ fn position_triggers_tell_what_was_reached() {
 }
 
 #[test]
-fn an_update_while_the_axis_is_being_switched_on_is_ignored_and_told() {
+fn an_update_while_the_axis_is_being_switched_on_is_ignored_and_reported() {
     let mut fixture = DriveFixture::with(&[("axison-ms", "300")]);
     fixture.send_instruction(0x0020, &[]);
     fixture.send_instruction(0x0102, &[]);

@@ -8,7 +8,7 @@ use polepair_core::proto::tml::wire::IdCode;
 
 /// TML communication manual, chapter 3, example 3.
 #[test]
-fn motion_complete_is_told_as_printed() {
+fn motion_complete_is_reported_as_printed() {
     let mut fixture = DriveFixture::new();
     fixture.axis_on();
     fixture.word(0x0962, 0x0400);
@@ -24,7 +24,7 @@ fn motion_complete_is_told_as_printed() {
 }
 
 #[test]
-fn the_start_of_a_motion_is_told_too() {
+fn the_start_of_a_motion_is_reported_too() {
     let mut fixture = DriveFixture::new();
     fixture.axis_on();
     fixture.word(0x0962, 0x0400);
@@ -45,7 +45,7 @@ fn the_start_of_a_motion_is_told_too() {
 }
 
 #[test]
-fn an_error_is_told_by_its_mask() {
+fn an_error_is_named_by_its_mask() {
     let mut fixture = DriveFixture::new();
     fixture.axis_on();
     fixture.word(0x0965, 1 << 12);
@@ -63,7 +63,7 @@ fn an_error_is_told_by_its_mask() {
 }
 
 #[test]
-fn on_rs485_nobody_speaks_unasked() {
+fn on_rs485_no_drive_sends_unasked() {
     let mut fixture = DriveFixture::at(Some(1), &[("wire", "rs485")]);
     fixture.send_instruction(0x0020, &[]);
     fixture.send_instruction(0x0102, &[]);

@@ -32,7 +32,7 @@ fn every_drive_starts_in_group_1_and_can_change() {
 }
 
 #[test]
-fn an_invalid_setup_table_is_told_and_keeps_the_axis_off() {
+fn an_invalid_setup_table_is_reported_and_keeps_the_axis_off() {
     let mut fixture = DriveFixture::with(&[("setup", "invalid")]);
     assert_eq!(fixture.read(0x08FC), 0x0004);
     fixture.send_instruction(0x0020, &[]);
@@ -73,7 +73,7 @@ fn status_cannot_be_written() {
 }
 
 #[test]
-fn what_no_firmware_knows_is_a_command_error() {
+fn an_instruction_that_no_firmware_has_is_a_command_error() {
     let mut fixture = DriveFixture::new();
     fixture.send_instruction(0x6000, &[]);
     assert_eq!(fixture.read(0x08FC), 0x4000);

@@ -36,7 +36,7 @@ fn a_lost_byte_is_made_up_for_by_synchronisation() {
 }
 
 #[test]
-fn on_rs485_one_axis_acknowledges_and_nobody_else_does() {
+fn on_rs485_one_axis_acknowledges_and_no_other_does() {
     let mut fixture = DriveFixture::at(Some(1), &[("wire", "rs485")]);
     assert_eq!(fixture.read(0x030B), 1, "CSR");
     let order = Instruction::of(0x205E, [7]);

@@ -165,7 +165,7 @@ fn limits_hold_before_a_byte_is_sent() {
 }
 
 #[test]
-fn a_servo_goes_where_it_is_told_and_says_when_it_is_there() {
+fn a_servo_goes_to_its_target_and_reports_its_arrival() {
     let mut pair = Pair::new(&profile::THRUSTER_SERVO);
     pair.lane.set_armed(X, true);
     assert!(matches!(pair.verb(Verb::Enable), Outcome::Done(_)));
@@ -194,7 +194,7 @@ fn a_servo_goes_where_it_is_told_and_says_when_it_is_there() {
 }
 
 #[test]
-fn reports_that_nobody_asked_for_are_heard() {
+fn reports_without_a_query_are_received() {
     let mut pair = Pair::new(&profile::THRUSTER);
     pair.lane.set_armed(X, true);
     assert!(matches!(pair.verb(Verb::Enable), Outcome::Done(_)));
@@ -233,7 +233,7 @@ fn the_timeout_stop_is_fed_while_the_program_lives() {
 
 /// AZ, RZ, RC, MQ, ML, MM and the two ends of SPLA by name (sections 2.1, 4.1, 4.2).
 #[test]
-fn what_the_manual_names_is_a_parameter() {
+fn each_name_of_the_manual_is_a_parameter() {
     let mut pair = Pair::new(&profile::THRUSTER_SERVO);
     pair.lane.set_armed(X, true);
     assert!(matches!(pair.command(moving(Verb::MoveTo, 30.0, Some(60.0))), Ok(Outcome::Done(_))));

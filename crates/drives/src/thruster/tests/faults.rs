@@ -69,7 +69,7 @@ fn output_is_forbidden_until_the_signal_was_zero() {
 }
 
 #[test]
-fn silence_stops_the_motor_and_is_told_once() {
+fn silence_stops_the_motor_and_is_reported_once() {
     let mut rig = running();
     rig.ok("53 54 00 00 00 00 01 F4");
     for _ in 0..10 {

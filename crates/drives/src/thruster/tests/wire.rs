@@ -36,7 +36,7 @@ fn the_printed_frames_are_answered_as_printed() {
 }
 
 #[test]
-fn what_is_not_understood_is_refused_and_not_for_it_ignored() {
+fn an_unknown_instruction_is_refused_and_not_ignored() {
     let mut rig = DriveFixture::thruster();
     rig.refused("58 58 00 00");
     rig.refused("54 43 00 00");

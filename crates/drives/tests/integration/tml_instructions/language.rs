@@ -141,13 +141,13 @@ fn inputs_outputs_and_events() {
 }
 
 #[test]
-fn what_no_source_codes_is_refused() {
+fn an_instruction_without_a_documented_code_is_refused() {
     let error = error("SOUT#3");
     assert_eq!((error.at, error.expected.contains("no source gives")), (0, true));
 }
 
 #[test]
-fn words_that_nobody_knows_stay_words() {
+fn unknown_words_stay_words() {
     let unknown = Instruction::of(0x7777, [1, 2]);
     assert_eq!(text(&unknown, &F514L), ".word 0x7777, 0x0001, 0x0002");
     assert_eq!(words(".word 0x7777, 1, 2"), unknown);

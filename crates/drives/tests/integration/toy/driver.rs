@@ -73,7 +73,7 @@ impl RequestEncoder for ToyDriver {
         Ok(ToyRequest { is_stop: class == RequestClass::Stop, ..request })
     }
 
-    /// Its only function stops.
+    /// The drive's only function is a stop.
     fn function_request(
         &self,
         _function: u8,

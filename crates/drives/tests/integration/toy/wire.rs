@@ -5,7 +5,7 @@ use polepair_core::medium::Frame;
 const REQUESTS: u32 = 0x300;
 const REPLIES: u32 = 0x380;
 
-/// What a frame carries, in both directions.
+/// Contents of a frame, in both directions.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ToyMessage {
     pub address: u8,

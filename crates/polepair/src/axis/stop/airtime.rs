@@ -28,7 +28,7 @@ pub struct WireAirtime {
 }
 
 impl WireAirtime {
-    /// A stop that took so long had no reply: the wire is the others' for a while.
+    /// A stop that took this long had no reply: the wire belongs to others for a while.
     pub(super) fn reserve(&mut self, now: Instant, took: Duration) {
         self.free_at = now + took.min(ATTEMPT_TIME_MAX) * AIRTIME_DIVISOR;
     }

@@ -168,7 +168,7 @@ impl StopAttempt {
         }
     }
 
-    /// Waits until there is something to [`poll`](Self::poll), at most so long.
+    /// Waits until there is something to [`poll`](Self::poll), at most for this time.
     pub fn wait(&mut self, axis: &LocalAxis, at_most: Duration) {
         match &mut self.stage {
             StopStage::CheckingRamMode(running, _)

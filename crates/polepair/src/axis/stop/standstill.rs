@@ -24,7 +24,7 @@ use polepair_core::units::Unit;
 /// Interval of the checks of standstill.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const POLL_INTERVAL_MAX: Duration = Duration::from_secs(2);
-/// For so long a motor that brakes is read without a pause.
+/// Time for which a motor that brakes is read without a pause.
 const BRAKING_TIME: Duration = Duration::from_secs(2);
 /// After that the pause is this multiple of the time of a reading: a motor that turns on takes 5 % of its wire.
 // After two seconds of braking the readings take 5 % of the wire, as repetitions do.
@@ -136,7 +136,7 @@ impl StandstillMonitor {
         self.rate.filter(|_| self.is_turning)
     }
 
-    /// Waits for the reading under way, or until the next is due, at most so long.
+    /// Waits for the reading under way, or until the next is due, at most for this time.
     pub fn wait(&mut self, axis: &LocalAxis, at_most: Duration) {
         match &mut self.in_flight {
             Some((running, ..)) => drop(running.wait(at_most)),

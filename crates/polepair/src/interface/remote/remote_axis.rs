@@ -99,7 +99,7 @@ impl RemoteAxis {
         Ok(Some(RemoteRequest::command(started).into()))
     }
 
-    /// Waits until no other thread acquires or releases the lease of this axis, at most so long.
+    /// Waits until no other thread acquires or releases the lease of this axis, at most for this time.
     #[must_use]
     pub fn lock_lease_within(&self, within: Duration) -> Option<LeaseGuard> {
         self.server.lock_slot_within(self.info.id, within)

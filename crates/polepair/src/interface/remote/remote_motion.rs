@@ -236,7 +236,7 @@ mod tests {
     use polepair_client::message::SignalValue;
 
     #[test]
-    fn what_was_read_before_the_motion_does_not_end_it() {
+    fn a_reading_from_before_the_motion_does_not_end_it() {
         let read = |age_ms| SignalValue {
             signal: Signal::Fault.name().to_owned(),
             value: Some(4.0),

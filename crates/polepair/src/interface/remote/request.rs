@@ -46,7 +46,7 @@ impl RemoteRequest {
         }
     }
 
-    /// Waits for the end, at most so long.
+    /// Waits for the end, at most for this time.
     pub(crate) fn wait(&mut self, at_most: Duration) -> Result<Option<Reply>, Error> {
         self.wait_reply(at_most).map_err(Error::from)
     }

@@ -34,7 +34,7 @@ impl SampleRows {
         Self { subscriptions, lost }
     }
 
-    /// Waits for the next row, at most so long.
+    /// Waits for the next row, at most for this time.
     ///
     /// # Errors
     /// `E313` without a gateway.

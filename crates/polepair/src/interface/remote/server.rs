@@ -167,7 +167,7 @@ impl Server {
         state.lease.clone().filter(|_| state.armed)
     }
 
-    /// Waits until no other thread changes the lease of an axis, at most so long.
+    /// Waits until no other thread changes the lease of an axis, at most for this time.
     pub fn lock_slot_within(self: &Arc<Self>, axis: u16, within: Duration) -> Option<LeaseGuard> {
         let changed = &self.slots[usize::from(axis)].1;
         let waited = changed.wait_timeout_while(self.slot(axis), within, |state| state.locked);

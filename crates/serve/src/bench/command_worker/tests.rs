@@ -52,7 +52,7 @@ fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
 }
 
 #[test]
-fn a_stop_that_is_said_after_a_dismissal_is_not_dismissed() {
+fn a_stop_after_a_dismissal_is_not_dismissed() {
     let link = polepair::connect_local("sim:tmcl?time=virtual").unwrap();
     let (wire, worker) = test_wire(&link);
     let dismiss = || {

@@ -1,4 +1,4 @@
-//! What viewers are shown by the WebSocket of a real server: telemetry, frames, and that one who is slow
+//! Messages to viewers over the WebSocket of a real server: telemetry, frames, and that one who is slow
 //! or gone takes nothing from the others.
 
 use crate::site;
@@ -28,7 +28,7 @@ fn subscribe(socket: &mut Socket, channel: u16, axis: u16, signal: &str) {
     );
 }
 
-/// What the server counts by that name.
+/// Value of a counter of the server.
 fn counted(site: &Site, name: &str) -> u64 {
     let text = site.get("/metrics", &site.bearer("viewer")).body;
     let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
@@ -90,7 +90,7 @@ fn frames_arrive_filtered_and_are_taken_apart() {
 }
 
 #[test]
-fn a_stop_goes_before_what_its_viewer_said_before_it() {
+fn a_stop_overtakes_earlier_messages_of_its_viewer() {
     let site = Site::new();
     let mut ann = site.live_as("operator");
     next(&mut ann, "welcome");
@@ -119,7 +119,7 @@ fn a_stop_goes_before_what_its_viewer_said_before_it() {
 }
 
 #[test]
-fn who_watches_sees_the_motors_stop_when_the_server_ends() {
+fn viewers_see_the_motors_stop_when_the_server_ends() {
     let mut site = Site::new();
     let mut ann = site.live_as("operator");
     next(&mut ann, "welcome");
@@ -155,7 +155,7 @@ fn who_watches_sees_the_motors_stop_when_the_server_ends() {
 }
 
 #[test]
-fn who_takes_nothing_is_closed_and_another_goes_on() {
+fn a_viewer_that_reads_nothing_is_closed_and_another_goes_on() {
     let site = Site::new();
     let (mut deaf, mut ann) = (site.live_as("viewer"), site.live_as("viewer"));
     for socket in [&mut deaf, &mut ann] {

@@ -19,7 +19,7 @@ pub fn heard<T>(bench: &Bench, mut reply: PendingReply<T>) -> Result<T, GatewayE
     panic!("no answer within thirty seconds of virtual time");
 }
 
-/// A command that is said now, with an id of its own.
+/// Sends a new command with its own id.
 pub fn order(
     bench: &Bench,
     id: u32,

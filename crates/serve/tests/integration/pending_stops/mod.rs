@@ -23,10 +23,10 @@ use polepair_test_support::{WAIT_MAX, wait_for, wait_until};
 use proxy::{Mode, Proxy};
 use serde_json::Value;
 
-/// A motor stands that is slower, rad/s: what the drives' own stops take for standing.
+/// A motor below this speed is at standstill, rad/s: the limit that the drives' own stops use.
 const STANDS: f64 = 0.6;
 
-/// Keeps what it is told.
+/// A journal that keeps its records in memory.
 #[derive(Default)]
 struct RecordedJournal(Mutex<Vec<(String, JournalAction, Value)>>);
 
@@ -86,7 +86,7 @@ impl Site {
         let options = BenchOptions {
             journal: stored.clone(),
             inherited_stops: pending_before,
-            // Nobody renews here while something else is waited for.
+            // The lease is not renewed here while something else is waited for.
             lease_duration: WAIT_MAX,
             ..BenchOptions::default()
         };
@@ -207,7 +207,7 @@ fn turn_all(url: &str, line: &DriveLine) {
 const KINDS: [(&str, &str); 2] = [("tmcl:1", "tmcl"), ("modbus-rtu:1", "modbus-rtu")];
 
 #[test]
-fn a_stop_that_is_said_while_the_port_is_refused_arrives_once_it_is_open() {
+fn a_stop_while_the_port_is_refused_is_sent_once_it_is_open() {
     for (word, scheme) in KINDS {
         let mut site = Site::new(word, scheme);
         site.spin();
@@ -243,14 +243,14 @@ fn a_stop_outlives_a_port_that_takes_connections_and_drops_them() {
 }
 
 #[test]
-fn a_stop_into_silence_is_said_until_the_motor_stands_and_never_called_taken_before() {
+fn a_stop_into_silence_is_repeated_until_standstill_and_not_confirmed_before() {
     for (word, scheme) in KINDS {
         let mut site = Site::new(word, scheme);
         site.spin();
         let mut events = site.bench.subscribe_events();
         site.proxy.set(Mode::Silent);
         let lost = site.proxy.lost();
-        // Its client is gone: nobody says STOP.
+        // The client is gone without a stop.
         site.bench.end_session(&site.ann);
         site.wait_pending_stop("it was said again", |pending| {
             pending.attempts >= 3 && pending.error.is_some()
@@ -266,7 +266,7 @@ fn a_stop_into_silence_is_said_until_the_motor_stands_and_never_called_taken_bef
     }
 }
 
-/// A frame that writes nothing but the last of what a TS is told to stop it.
+/// Returns whether a frame writes the speed, which is the last write of a TS' stop.
 fn is_first_of_a_stop(frame: &[u8]) -> bool {
     // Fn_33, the speed: Modbus function 06 or 16.
     matches!(frame.get(1), Some(6 | 16)) && frame.get(2..4) == Some(&[0x00, 0x33])
@@ -287,10 +287,10 @@ fn a_stop_with_only_its_last_step_answered_is_pending() {
     site.ended("standing");
 }
 
-/// Whoever holds the lease says stop, and the wire is silent: that one is said again as well, and whoever
-/// said it hears of it when the motor stands.
+/// A stop by the holder of the lease on a silent wire is repeated too, and the client is notified when the motor
+/// is at standstill.
 #[test]
-fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
+fn a_stop_under_a_lease_is_repeated_until_standstill() {
     for (word, scheme) in KINDS {
         let mut site = Site::new(word, scheme);
         let epoch = site.spin();

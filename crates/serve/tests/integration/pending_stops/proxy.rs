@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// What the wire does.
+/// Behaviour of the wire.
 #[derive(Clone, Copy)]
 pub enum Mode {
     /// It works.

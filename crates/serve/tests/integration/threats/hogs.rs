@@ -39,7 +39,7 @@ fn t11_heads_are_bounded() {
     site.end();
 }
 
-/// Whether it is closed: within 5 s, and what a busy machine adds.
+/// Returns whether the connection is closed within 5 s, longer on a busy machine.
 fn is_closed(mut stream: TcpStream) -> bool {
     stream.set_read_timeout(Some(WAIT_MAX)).unwrap();
     stream.read_to_end(&mut Vec::new()).is_ok()
@@ -67,7 +67,7 @@ fn t11_who_does_not_greet_an_encrypted_server_is_closed() {
     site.end();
 }
 
-/// Whether the server ends this viewer. What it is shown meanwhile has an end.
+/// Returns whether the server disconnects this viewer after a bounded number of messages.
 fn is_ended(mut viewer: WebSocket<TcpStream>) -> bool {
     let deadline = Deadline::new("the server ends this viewer");
     while !deadline.has_passed() {
@@ -92,7 +92,7 @@ fn t11_messages_are_bounded() {
     site.end();
 }
 
-/// 2,000 a second: what is more waits in its socket, where it is nobody's but its sender's.
+/// The limit is 2,000 a second: further messages wait in the socket, and only their sender is delayed.
 #[test]
 fn t11_messages_are_taken_one_after_the_other() {
     const PINGS: u32 = 3000;
@@ -159,7 +159,7 @@ fn t11_a_stop_gets_through_idle_sockets_and_a_flood() {
     drop(idle);
 }
 
-/// Frames within a message are seen by nobody who counts messages: they have a bound of their own, and
+/// A limit on messages does not count the frames within one: frames have a limit of their own, and
 /// whoever floods with them is closed while others stop.
 #[test]
 fn t11_a_message_has_not_any_number_of_frames() {

@@ -320,7 +320,7 @@ fn t07_one_commands_an_axis_and_anybody_may_stop_it() {
 }
 
 #[test]
-fn t08_what_is_late_or_said_twice_is_not_carried_out() {
+fn t08_a_late_or_repeated_command_is_not_executed() {
     let site = Site::new();
     let mut ann = site.live_as("operator");
     send_message(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));

@@ -75,7 +75,7 @@ fn t09_a_raw_request_is_sent_once_and_its_motion_ends_with_the_lease() {
         renewed();
         speed() > 1.0
     });
-    // Nobody renews it.
+    // The lease is not renewed.
     wait_until("it stands", || speed() < 1e-3);
     site.post("POST /api/v1/stop", "expert", "{}");
     let locked = say(&site, "after", &lease(&site), "ROR 0, 500");

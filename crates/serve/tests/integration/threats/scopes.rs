@@ -1,4 +1,4 @@
-//! Scopes: what each lets through, told here once more and not asked of the server.
+//! Scopes: the requests that each allows, stated here once more and independent of the server's own table.
 
 use std::net::TcpStream;
 
@@ -30,7 +30,7 @@ fn site(scopes: &str) -> Site {
     Site::with(ServerOptions { scopes: scopes.parse().unwrap(), ..options(folder) })
 }
 
-/// Who may.
+/// Returns the scopes that may use a route.
 fn may(route: &ApiRoute) -> &'static [&'static str] {
     match (route.method, route.path) {
         ("GET", _) | (_, "/api/v1/captures") => &["read"],
@@ -47,7 +47,7 @@ fn may(route: &ApiRoute) -> &'static [&'static str] {
     }
 }
 
-/// Whether a request is refused for its scope alone.
+/// Returns whether a request is refused because of its scope alone.
 fn is_denied(site: &Site, route: &ApiRoute, who: &str) -> bool {
     let line = format!("{} {}", route.method, filled(route.path));
     // What is let through is stopped by what is wrong with it.
@@ -79,7 +79,7 @@ fn t10_a_token_grants_no_more_than_its_server() {
     site.end();
 }
 
-/// Whether a refusal for want of a scope comes before the answer to a ping.
+/// Returns whether a refusal because of a missing scope comes before the reply to a ping.
 fn is_denied_by_now(socket: &mut WebSocket<TcpStream>) -> bool {
     send_message(socket, &json!({ "type": "ping", "client_ms": 0 }));
     let mut denied = false;
@@ -110,7 +110,7 @@ fn t10_the_websocket_asks_for_the_same_scopes() {
         for (message, may) in &lines {
             send_message(&mut socket, message);
             let expected = !may.contains(&word);
-            // A refusal may be overtaken by an answer to what was said later.
+            // A reply to a later message may overtake a refusal.
             let pings = if expected { PATIENCE } else { 3 };
             let denied = (0..pings).any(|_| is_denied_by_now(&mut socket));
             assert_eq!(denied, expected, "{message} as {word}");

@@ -1,4 +1,4 @@
-//! T18: a stop is done, whatever was said before it and however it is written.
+//! T18: a stop is executed, whatever was sent before it and however it is written.
 
 use serde_json::{Value, json};
 
@@ -109,7 +109,7 @@ fn t18_a_page_with_another_authorization_stops() {
     site.end();
 }
 
-/// What nobody would find any more is not done; a stop is.
+/// A command whose record would be lost is refused; a stop is executed.
 #[cfg(unix)]
 #[test]
 fn t14_motion_needs_the_journal_at_its_place() {

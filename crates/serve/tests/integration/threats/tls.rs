@@ -36,7 +36,7 @@ fn client(site: &Site, shown: Option<Shown>) -> StreamOwned<ClientConnection, Tc
     StreamOwned::new(ClientConnection::new(Arc::new(config), name).unwrap(), site.connect())
 }
 
-/// The first line of what is answered to a request with a token; empty where nobody answers.
+/// First line of the response to a request with a token; empty without a response.
 fn status_line(site: &Site, shown: Option<Shown>) -> String {
     let mut stream = client(site, shown);
     let request = format!(

@@ -33,7 +33,7 @@ fn invariant(found: Option<MotionViolation>) -> Option<&'static str> {
 }
 
 #[test]
-fn what_nobody_waits_for_is_noticed() {
+fn an_unawaited_outcome_is_noticed() {
     let started = GroundTruth { starts: 1, ..held() };
     assert_eq!(invariant(rested().check(at(1_001), started, false)), Some("I4"));
     assert_eq!(rested().check(at(1_001), started, true), None, "somebody waits for it");
@@ -45,7 +45,7 @@ fn what_nobody_waits_for_is_noticed() {
 }
 
 #[test]
-fn what_is_executed_twice_is_noticed() {
+fn a_request_executed_twice_is_noticed() {
     let mut witness = rested();
     witness.record_verb(at(1_001), &held(), None);
     assert_eq!(witness.check(at(1_002), GroundTruth { unrepeatable: 1, ..held() }, true), None);
@@ -77,7 +77,7 @@ fn a_ramp_may_start_anew_from_the_motor() {
 }
 
 #[test]
-fn what_is_beyond_a_bound_is_noticed() {
+fn a_value_beyond_a_bound_is_noticed() {
     let set = |velocity| Some(Setpoint { velocity, ..Setpoint::default() });
     let cases = [
         (GroundTruth { setpoint: set(0.9), velocity: 1.1, current: 1.9, ..held() }, None),

@@ -7,7 +7,7 @@ use polepair_sim::node::{CAN_PORT, SimNode};
 
 use super::*;
 
-/// Wins against everybody, and is nobody's.
+/// An identifier that wins arbitration against every node, and belongs to none.
 const FOREMOST: u16 = 0x001;
 
 #[test]
@@ -162,7 +162,7 @@ fn two_nodes_of_one_number_that_answer_at_once_are_silent_and_move_nothing() {
             .position;
         assert!(elsewhere > 0.1, "{elsewhere} rad");
         assert_eq!(bench.read(0, "serial number"), Outcome::NotDone(Failure::Silent));
-        // It is told why: both had to leave the bus.
+        // The fault states the reason: both had to leave the bus.
         bench.pass(20);
         assert!([0x8130, 0x8140].contains(&bench.fault(0)), "{:#x}", bench.fault(0));
         // To be enabled takes a reading of the position, which they do not share.
@@ -174,9 +174,9 @@ fn two_nodes_of_one_number_that_answer_at_once_are_silent_and_move_nothing() {
     });
 }
 
-/// One answers a moment after the other: every answer comes twice, and that is told.
+/// One node replies a moment after the other: every reply comes twice, and that is reported.
 #[test]
-fn two_nodes_of_one_number_that_answer_in_turn_are_told_and_not_moved() {
+fn two_nodes_of_one_number_that_answer_in_turn_are_reported_and_not_moved() {
     seeds(|seed| {
         let mut bench = Bench::new(seed, &[cia402(), cia402()]);
         let late_us = 50 + bench.random.below(150);

@@ -1,4 +1,4 @@
-//! What the analyser makes of our buses: nothing odd of those that are well, and what is planted.
+//! Findings of the analyser on our buses: none on healthy ones, and the planted fault on others.
 
 use polepair_capture::session::{AnomalyKind, SessionNotice};
 use polepair_capture::{CaptureDecoder, Rules, Timestamp};
@@ -6,7 +6,7 @@ use polepair_sim::world::{Reception, ReceptionData};
 
 use super::*;
 
-/// What is odd with what everybody heard, as the kinds and the sentences.
+/// Anomalies in the frames that every node received, as kinds and sentences.
 fn odds(bench: &mut Bench) -> Vec<(AnomalyKind, String)> {
     let mut decoder = CaptureDecoder::new(Rules::parse("canopen").unwrap());
     let (mut odds, mut seen) = (Vec::new(), None);

@@ -32,7 +32,7 @@ fn until_it_reacts(bench: &mut Bench, limit: u32) -> u32 {
     bench.world.now().since(started_at).as_millis() as u32
 }
 
-/// What must have become of the axis once its master is lost.
+/// Checks the state of the axis after the loss of its master.
 fn has_ended(bench: &mut Bench, option: i64) {
     let truth = bench.truth(0);
     match option {
@@ -42,7 +42,7 @@ fn has_ended(bench: &mut Bench, option: i64) {
         _ => assert_eq!(truth.fault, 0, "{truth:?}"),
     }
     bench.rests(0);
-    // The one that watches nobody goes on.
+    // The node without a heartbeat consumer keeps turning.
     bench.turns(1, SPEED);
 }
 
@@ -78,7 +78,7 @@ fn a_program_that_asks_nothing_any_more_is_a_lost_master() {
         if option == 1 {
             assert_eq!(bench.fault(0), LOST, "the host is told");
         }
-        // It wakes up: the motor stands until somebody has it turn again.
+        // The master is back: the motor stays at standstill until a new command.
         done(bench.read(0, "statusword"));
         bench.pass(200);
         bench.rests(0);
@@ -88,7 +88,7 @@ fn a_program_that_asks_nothing_any_more_is_a_lost_master() {
 }
 
 #[test]
-fn a_lost_node_is_told_and_the_others_stay_under_command() {
+fn a_lost_node_is_reported_and_the_others_stay_under_command() {
     seeds(|seed| {
         let mut bench = Bench::new(seed, &[cia402(), cia402(), cia402()]);
         let period = 50 + 10 * seed as u32;
@@ -124,7 +124,7 @@ fn a_lost_node_is_told_and_the_others_stay_under_command() {
 }
 
 #[test]
-fn a_node_that_restarts_is_told_and_stands_until_somebody_arms_it() {
+fn a_node_that_restarts_is_reported_and_does_not_move_until_armed() {
     seeds(|seed| {
         let mut bench = Bench::new(seed, &[cia402(), cia402()]);
         bench.spin(0, SPEED);

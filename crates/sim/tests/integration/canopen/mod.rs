@@ -93,7 +93,7 @@ struct Bench {
     drives: Vec<NodeId>,
     profiles: Vec<&'static Profile>,
     tickets: u32,
-    /// Those that ended while something else was waited for.
+    /// Requests that ended while another was waited for.
     ends: Vec<(Ticket, Outcome)>,
 }
 
@@ -103,7 +103,7 @@ impl Bench {
         Self::beating(seed, None, profiles)
     }
 
-    /// The program's heartbeat comes so often, ms, while the program asks something.
+    /// Period of the program's heartbeat, ms, while the program sends requests.
     fn beating(seed: u64, heartbeat_ms: Option<u32>, profiles: &[&'static Profile]) -> Self {
         let mut world = World::new(seed);
         let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
@@ -122,7 +122,7 @@ impl Bench {
         bench
     }
 
-    /// Lets so many ms pass.
+    /// Lets this many ms pass.
     fn pass(&mut self, ms: u32) {
         let until = self.world.now().plus_ms(ms);
         self.world.run_until(until);
@@ -255,7 +255,7 @@ impl Bench {
         self.pass(2);
     }
 
-    /// Somebody says that frame again and again: so many times, so many µs apart.
+    /// Sends a frame repeatedly: number of times, and µs between two.
     fn flood(&mut self, frame: Frame, times: u32, every_us: u64) {
         let talker =
             self.world.add_node(Box::new(CanStationNode(Talker::new(frame, times, every_us))));

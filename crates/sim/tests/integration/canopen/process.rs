@@ -24,14 +24,14 @@ fn sync(bench: &mut Bench) {
     bench.pass(500);
 }
 
-/// Increments a second of so many rad/s.
+/// Converts rad/s to increments a second.
 fn target(rad_per_s: f64) -> [u8; 4] {
     let increments = rad_per_s / std::f64::consts::TAU * cia402::objects::INCREMENTS as f64;
     (increments.round() as i32).to_le_bytes()
 }
 
 #[test]
-fn a_pdo_too_short_moves_nothing_and_is_told() {
+fn a_pdo_too_short_moves_nothing_and_is_reported() {
     for kind in [255, 1] {
         seeds(|seed| {
             let mut bench = commanded_by_pdo(seed, kind);
@@ -57,7 +57,7 @@ fn a_pdo_too_short_moves_nothing_and_is_told() {
 
 /// CiA 301 has its first bytes count; what is behind them moves nothing.
 #[test]
-fn of_a_pdo_too_long_the_first_bytes_count_and_it_is_told() {
+fn a_pdo_too_long_is_reported_and_its_first_bytes_count() {
     for kind in [255, 1] {
         seeds(|seed| {
             let mut bench = commanded_by_pdo(seed, kind);
@@ -96,7 +96,7 @@ fn a_ts_takes_of_a_short_pdo_what_is_whole() {
 
 /// Emergencies of a node as fast as the bus takes them, and faster than their inhibit time is.
 #[test]
-fn a_storm_of_emergencies_keeps_nobody_from_working() {
+fn a_storm_of_emergencies_blocks_no_request() {
     seeds(|seed| {
         let mut bench = Bench::new(seed, &[cia402(), cia402()]);
         bench.spin(1, 20.0);
@@ -128,9 +128,9 @@ fn a_storm_of_emergencies_keeps_nobody_from_working() {
     });
 }
 
-/// Whoever takes no events loses what is said unasked, and it is counted; answers are kept.
+/// A host that takes no events loses unrequested messages, which are counted; replies are kept.
 #[test]
-fn a_storm_that_nobody_listens_to_is_bounded_and_counted() {
+fn a_storm_without_a_listener_is_bounded_and_counted() {
     seeds(|seed| {
         let mut world = World::new(seed);
         let wire = world.add_can(CanLine { bit_rate: BIT_RATE });

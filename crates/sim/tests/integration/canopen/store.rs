@@ -38,7 +38,7 @@ fn power_lost_in_a_store_leaves_the_old_settings_or_the_new() {
         bench.pass(100);
         let found = stored_outcomes(&mut bench);
         match outcome {
-            // The drive said that it has stored.
+            // The drive acknowledged that it has stored the value.
             Outcome::Done(_) => assert_eq!(found, new, "{pause} us"),
             Outcome::Unknown(Failure::Silent) => {}
             outcome => panic!("{outcome:?} after {pause} us"),

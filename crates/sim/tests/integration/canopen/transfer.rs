@@ -11,10 +11,10 @@ const STREAM: ObjectIndex = ObjectIndex::new(0x2F01, 2);
 const LENGTH: ObjectIndex = ObjectIndex::new(0x2F01, 1);
 const SIZE: u32 = 3_000;
 
-/// What happens to the node in the middle.
+/// Loss of the node in the middle of a transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Loss {
-    /// Its connector is pulled, and put in again when all is over.
+    /// The connector is pulled, and put in again at the end.
     Pulled,
     /// It loses its supply for a moment.
     Powered,

@@ -12,10 +12,10 @@ const SETTINGS: [(&str, i64, i64); 4] = [
     ("homing delay", 400, 450),
 ];
 
-/// Every alarm of the manual: a turning motor is stopped by it, the host is told, a stop is obeyed and
+/// Every alarm of the manual: it stops a turning motor, the host is notified, a stop is obeyed and
 /// moves nothing, and once the alarm is cleared the drive obeys as before.
 #[test]
-fn each_alarm_stops_is_told_and_is_cleared() {
+fn each_alarm_stops_is_reported_and_is_cleared() {
     let faults = ts().faults.iter().filter(|fault| fault.severity == Severity::Fault);
     let mut count = 0;
     for fault in faults {
@@ -65,7 +65,7 @@ fn each_stop_brings_it_to_rest_from_every_speed() {
 }
 
 /// Each register is written to flash by itself, at once: power that goes between two leaves those
-/// that were told as kept new, the others old, and the one in question either.
+/// that were reported as stored new, the others old, and the one in question either.
 #[test]
 fn power_lost_while_registers_are_kept_leaves_each_old_or_new() {
     seeds(|seed| {

@@ -115,7 +115,7 @@ impl Bench {
         Self::drifting("0", bus, options, axes, on_bus)
     }
 
-    /// The drives' clocks are fast by so many parts per million.
+    /// Error of the drives' clocks, parts per million.
     fn drifting(ppm: &str, bus: &str, options: HostOptions, axes: &[u32], on_bus: &[u32]) -> Self {
         let mut world = World::new(1);
         let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
@@ -330,7 +330,7 @@ fn a_question_to_a_group_on_rs485_is_refused_before_a_byte_is_sent() {
 }
 
 #[test]
-fn behind_a_technocan_relay_nobody_speaks_but_when_asked() {
+fn behind_a_technocan_relay_no_drive_sends_unasked() {
     let options = HostOptions { relay_axis_max: Some(31), ..HostOptions::new(9600) };
     let mut world = World::new(1);
     let (wire, can) =
@@ -364,7 +364,7 @@ fn the_wrong_host_id_is_refused_with_its_reason() {
     let _ = bench.wire;
 }
 
-/// Streams a sine of so many points and returns how it ended.
+/// Streams a sine of this many points and returns how it ended.
 fn stream(bench: &mut Bench, axis: u8, count: usize, time: f64) -> Outcome {
     stream_as(PathKind::Pvt, bench, axis, count, time)
 }
@@ -499,7 +499,7 @@ fn a_stop_ends_a_path() {
 }
 
 #[test]
-fn a_path_that_starves_is_told() {
+fn a_path_that_starves_is_reported() {
     let mut bench = Bench::can("tmlcan", HostOptions::new(BIT_RATE), &[1], &[1]);
     assert!(done(bench.verb(0, Verb::Enable)));
     let ticket = Ticket(900);

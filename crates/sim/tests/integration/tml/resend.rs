@@ -1,5 +1,5 @@
-//! What is sent again after one lost message (TML communication manual, chapter 3, step 3 of both
-//! lists for synchronisation), and what never is.
+//! Messages that are sent again after one lost message (TML communication manual, chapter 3, step 3 of both
+//! lists for synchronisation), and those that never are.
 
 use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome};
@@ -128,9 +128,9 @@ fn one_lost_message_fails_neither_enable_nor_move() {
     }
 }
 
-/// While a fault stands nothing but settings is written again.
+/// During a fault only settings are written again.
 #[test]
-fn nothing_is_switched_on_again_while_a_fault_stands() {
+fn nothing_is_switched_on_again_during_a_fault() {
     for kept in 0..8 {
         let mut bench = Bench::serial(false);
         bench.lose(&[kept]);

@@ -1,4 +1,4 @@
-//! What the manual says of set-up, relay and addresses, seen on the wire.
+//! Set-up, relay axis and addresses as the manual describes them, observed on the wire.
 
 use polepair_core::error::Outcome;
 use polepair_core::medium::Frame;

@@ -1,4 +1,4 @@
-//! What an axis can be told, on the wires that tell it.
+//! Verbs of an axis, and their messages on the wire.
 
 use super::{BIT_RATE, Bench, done, hint};
 use polepair_core::axis::{Command, Verb};

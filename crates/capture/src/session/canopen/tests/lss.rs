@@ -49,7 +49,7 @@ fn four_numbers_select_one_device_and_silence_says_that_there_is_none() {
 }
 
 #[test]
-fn a_setting_that_is_not_answered_or_refused_or_answered_twice_is_told() {
+fn a_setting_that_is_not_answered_or_refused_or_answered_twice_is_reported() {
     let set = || lss::LssRequest::SetNode(5).emit();
     let mut bus = CanopenLog::default();
     select(&mut bus).frame(set()).wait(3000).send(0x80, &[]);

@@ -27,7 +27,7 @@ fn without_a_heartbeat_the_order_is_the_state() {
 }
 
 #[test]
-fn a_start_in_use_is_told() {
+fn a_start_in_use_is_reported() {
     let mut bus = CanopenLog::default();
     bus.heartbeats(5, 100, 10).send(BEAT, &[0]).heartbeats(0x7F, 100, 10);
     bus.report().assert_only(AnomalyKind::Restart);
@@ -51,7 +51,7 @@ fn a_request_that_meets_the_boot_up_is_answered_by_one_node() {
 }
 
 #[test]
-fn a_heartbeat_that_stays_out_is_told_once() {
+fn a_heartbeat_that_stays_out_is_reported_once() {
     let mut bus = CanopenLog::default();
     bus.heartbeats(5, 100, 10);
     (0..50).for_each(|_| {
@@ -80,7 +80,7 @@ fn a_configured_heartbeat_is_missed_from_its_first() {
 }
 
 #[test]
-fn a_capture_that_pauses_accuses_no_node() {
+fn a_pause_in_a_capture_is_no_anomaly() {
     let mut bus = CanopenLog::default();
     for part in 0..2 {
         for _ in 0..10 {
@@ -207,7 +207,7 @@ fn two_bytes_are_a_ts_drive_s() {
 }
 
 #[test]
-fn a_storm_is_told_once() {
+fn a_storm_is_reported_once() {
     let mut bus = CanopenLog::default();
     (0..50).for_each(|n: u8| {
         bus.send(0x085, &[n % 3, 0x10, 1, 0, 0, 0, 0, 0]);

@@ -48,7 +48,7 @@ fn a_pdo_that_moved_is_recognised_and_its_old_identifier_is_not() {
 }
 
 #[test]
-fn another_length_than_mapped_is_told_once() {
+fn another_length_than_mapped_is_reported_once() {
     let mut bus = CanopenLog::default();
     bus.map(0x185, &[(0x6041, 16), (0x6064, 32)]).send(0x185, &[0x37, 6, 0, 0, 0, 0]);
     bus.send(0x185, &[0x37, 6]).send(0x185, &[0x37, 6]);
@@ -58,7 +58,7 @@ fn another_length_than_mapped_is_told_once() {
 }
 
 #[test]
-fn what_is_not_known_is_not_guessed() {
+fn unknown_values_are_not_guessed() {
     let mut bus = CanopenLog::default();
     let report = bus.send(0x185, &[1, 2, 3]).send(0x205, &[1, 2]).report();
     report.assert_clean();
@@ -112,7 +112,7 @@ fn sync_counts_on() {
 }
 
 #[test]
-fn a_beat_that_was_steady_and_slips_is_told_once() {
+fn a_beat_that_was_steady_and_slips_is_reported_once() {
     let mut bus = CanopenLog::default();
     (0..40).for_each(|n| {
         bus.send(0x80, &[]).wait(if n == 30 { 25 } else { 9 });

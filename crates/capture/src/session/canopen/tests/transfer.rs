@@ -82,7 +82,7 @@ fn blocks_are_written() {
 }
 
 #[test]
-fn what_of_a_block_did_not_arrive_goes_again() {
+fn missing_segments_of_a_block_are_sent_again() {
     let mut bus = CanopenLog::default();
     block_download(&mut bus, &noise(100), 4, 2, 0);
     let report = bus.reply(SdoReply::WriteBlockDone).report();
@@ -92,7 +92,7 @@ fn what_of_a_block_did_not_arrive_goes_again() {
 }
 
 #[test]
-fn a_wrong_check_of_a_block_is_told_once() {
+fn a_wrong_check_of_a_block_is_reported_once() {
     let mut bus = CanopenLog::default();
     block_download(&mut bus, &noise(100), 20, 0, 1);
     let report = bus.reply(SdoReply::Abort(ObjectIndex::new(0x1F50, 1), AbortCode::CRC)).report();
@@ -148,7 +148,7 @@ fn a_refusal_has_its_meaning() {
 }
 
 #[test]
-fn a_wrong_toggle_is_told_once() {
+fn a_wrong_toggle_is_reported_once() {
     for from_node in [false, true] {
         let mut bus = CanopenLog::default();
         bus.read_long(NAME, &noise(30));
@@ -161,7 +161,7 @@ fn a_wrong_toggle_is_told_once() {
 }
 
 #[test]
-fn who_goes_on_leaves_a_transfer_incomplete() {
+fn a_client_that_goes_on_leaves_a_transfer_incomplete() {
     let mut bus = CanopenLog::default();
     bus.read_long(NAME, &noise(30)).frames.truncate(6);
     let report = bus.read(WORD, 0, 2).report();
@@ -174,7 +174,7 @@ fn who_goes_on_leaves_a_transfer_incomplete() {
 }
 
 #[test]
-fn silence_is_told_when_the_time_is_over() {
+fn silence_is_reported_after_the_time_limit() {
     let mut bus = CanopenLog::default();
     bus.read(WORD, 0, 2).request(SdoRequest::Read(NAME)).wait(1500).send(0x80, &[]);
     let report = bus.report();
@@ -187,7 +187,7 @@ fn silence_is_told_when_the_time_is_over() {
 }
 
 #[test]
-fn who_does_not_answer_any_more_is_told_once() {
+fn a_node_that_falls_silent_is_reported_once() {
     let mut bus = CanopenLog::default();
     bus.read(WORD, 0, 2);
     for _ in 0..5 {
@@ -222,7 +222,7 @@ fn the_same_request_again_is_a_retry() {
 }
 
 #[test]
-fn an_answer_that_nobody_asked_for_is_foreign() {
+fn a_reply_without_a_request_is_foreign() {
     let mut bus = CanopenLog::default();
     bus.read(WORD, 0, 2).wait(2000);
     bus.reply(SdoReply::Value(NAME, ExpeditedData { bits: 7, len: 4 }));
@@ -255,7 +255,7 @@ fn an_answer_twice_is_one_node_s_and_always_twice_is_two_nodes() {
 }
 
 #[test]
-fn nobody_is_accused_of_what_came_before_the_capture() {
+fn traffic_before_the_capture_is_no_anomaly() {
     let mut bus = CanopenLog::default();
     bus.read_long(NAME, &noise(60));
     download(&mut bus, ObjectIndex::new(0x2001, 1), &noise(60));
@@ -271,7 +271,7 @@ fn nobody_is_accused_of_what_came_before_the_capture() {
 }
 
 #[test]
-fn who_looks_for_nodes_accuses_none_of_not_being_there() {
+fn a_scan_for_nodes_reports_no_missing_node() {
     let mut bus = CanopenLog::default();
     for node in 1..=127 {
         bus.frame(SdoRequest::Read(ObjectIndex::new(0x1000, 0)).emit(node)).wait(50);

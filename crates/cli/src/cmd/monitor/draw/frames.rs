@@ -13,7 +13,7 @@ const BYTES_SHOWN: [usize; 2] = [9, 16];
 /// Columns from which on bytes are set apart by spaces, from which on protocols are named, and from
 /// which on more bytes are shown.
 const WIDTH_STEPS: [u16; 3] = [80, 100, 120];
-/// A kind of frame that did not come for so long is shown as old.
+/// Time without a frame after which its kind is shown as old.
 const OLD_NS: u64 = 2_000_000_000;
 
 /// Title of the list.

@@ -29,7 +29,7 @@ struct NetworkNode {
     state: Option<NmtState>,
     /// Answers to guarding alternate; the next one has this toggle, once one came.
     guard_toggle: Option<bool>,
-    /// The node's heartbeat comes within so long; 0 is never.
+    /// Longest time between two heartbeats of the node; 0 is no limit.
     heartbeat_timeout_ms: u32,
     heartbeat_due: Option<Instant>,
 }

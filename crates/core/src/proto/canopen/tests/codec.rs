@@ -292,7 +292,7 @@ fn a_mapping_has_64_bits() {
 }
 
 #[test]
-fn what_is_put_into_a_field_comes_out_and_nothing_else_changes() {
+fn a_field_returns_its_value_and_changes_no_other() {
     for at in 0..64 {
         for bits in 1..=64 - at {
             let field = BitField { start: at, bits };

@@ -275,7 +275,7 @@ fn a_dead_node_ends_every_request() {
 }
 
 #[test]
-fn what_nobody_answers_is_done_when_it_is_sent() {
+fn a_request_without_a_reply_is_done_when_it_is_sent() {
     let mut b = HostFixture::new();
     b.submit(1, HostRequest::Nmt(NmtMessage { command: NmtCommand::Start, node: 6 }));
     assert_eq!(b.events(), []);
@@ -529,7 +529,7 @@ fn a_stop_does_not_wait_for_an_answer_that_never_comes() {
 }
 
 #[test]
-fn what_comes_before_the_question_is_out_is_no_answer() {
+fn bytes_before_the_query_is_out_are_no_reply() {
     let mut b = HostFixture::new();
     b.submit(1, read(2, STATUS));
     b.receive("582#4B41600037000000");

@@ -218,7 +218,7 @@ fn reply<'a>(random: &mut Random, data: &'a [u8]) -> ReplyPdu<'a> {
 }
 
 #[test]
-fn what_is_emitted_parses_to_the_same() {
+fn an_emitted_frame_parses_to_the_same_message() {
     let mut random = Random(1);
     let mut out = [0; 260];
     for _ in 0..20_000 {

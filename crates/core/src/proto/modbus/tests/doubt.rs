@@ -27,7 +27,7 @@ fn in_doubt(format: WireFormat, baud: u32, seed: u32) -> TestWorld {
     TestWorld::new(format, Framing::Length, &options)
 }
 
-/// The reply to an older read of so many registers, all of them `word`.
+/// The reply to an older read of this many registers, all of them `word`.
 fn owed_read(count: u8, word: u16) -> Vec<u8> {
     let mut adu = vec![1, 3, 2 * count];
     (0..count).for_each(|_| adu.extend(word.to_be_bytes()));
@@ -46,7 +46,7 @@ fn with_owed_replies(world: &mut TestWorld, every_ms: u64, pending: Vec<Vec<u8>>
 }
 
 #[test]
-fn the_answer_owed_to_an_earlier_program_is_not_taken() {
+fn the_reply_to_an_earlier_program_is_not_taken() {
     for baud in [0, 9600] {
         for seed in 0..40 {
             for every_ms in [1, 25, 60, 90] {

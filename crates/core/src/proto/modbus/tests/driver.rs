@@ -104,7 +104,7 @@ fn a_write_has_the_class_it_is_given() {
 }
 
 #[test]
-fn what_cannot_be_written_is_refused() {
+fn an_unwritable_message_is_refused() {
     assert_eq!(axis().write_request(&SPEED, 40_000, NoRetry), Err(Unsupported::BadArgument));
     assert_eq!(axis().write_request(&PLACE, 1 << 31, NoRetry), Err(Unsupported::BadArgument));
     assert!(matches!(axis().write_request(&LINE, 1, NoRetry), Err(Unsupported::Forbidden(_))));

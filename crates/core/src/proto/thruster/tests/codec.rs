@@ -167,7 +167,7 @@ fn each_text_that_decode_prints_is_read_again() {
 }
 
 #[test]
-fn what_people_write() {
+fn texts_of_users() {
     for (text, frame) in [
         ("TC -5", "30B 54 43 00 00 00 00 FF FB"),
         ("tc 5%", "30B 54 43 00 00 00 00 00 05"),
@@ -270,7 +270,7 @@ fn identifiers_of_others_are_not_claimed() {
 }
 
 #[test]
-fn lengths_that_are_none_are_told() {
+fn impossible_lengths_are_reported() {
     for len in [0, 1, 3, 5, 7] {
         let found = explain(&Frame::standard(0x30B, &[0x54; 8][..len]), None);
         assert!(matches!(found.error, Some(WireError::Short { .. })), "{len}");

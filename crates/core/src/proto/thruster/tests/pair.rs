@@ -347,7 +347,7 @@ fn a_refusal_is_explained_by_the_fault_word() {
 }
 
 #[test]
-fn what_comes_back_changed_was_not_accepted() {
+fn a_value_echoed_changed_was_not_accepted() {
     let mut wire = TestWire::new();
     let ticket = wire.submit(with(CommandWord::TC, 5));
     wire.transmit();
@@ -470,7 +470,7 @@ fn the_late_echo_of_a_start_is_not_the_answer_to_a_stop() {
 }
 
 #[test]
-fn a_dead_link_ends_everything_and_feeds_nobody() {
+fn a_dead_link_ends_everything_and_feeds_no_watchdog() {
     let mut wire = TestWire::new();
     assert!(wire.request(with(CommandWord::ST, 300)).is_ok());
     wire.rest(350);

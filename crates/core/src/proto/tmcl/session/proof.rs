@@ -19,7 +19,7 @@ pub(super) const PROOFS_NEEDED: u8 = 3;
 pub(super) const SECOND_REPLY_NS: u64 = 50_000_000;
 /// Probes in a row that were answered twice, after which two modules have the address.
 const SECOND_REPLIES_MIN: u8 = 3;
-/// A module is proven again for a second reply at most once in so long.
+/// Shortest time between two proofs of a module because of a second reply.
 const RECHECK_NS: u64 = 1_000_000_000;
 /// Probes into silence to a module that answered before.
 const KNOWN_PROBES_MAX: u8 = 2 * PROOFS_NEEDED;

@@ -21,7 +21,7 @@ fn without_baud_rate(mut wire: TestWire, ms: u32) -> TestWire {
 }
 
 #[test]
-fn answers_of_a_port_whose_baud_rate_is_fiction_are_believed_from_the_first_on() {
+fn replies_of_a_port_without_a_real_baud_rate_are_accepted_from_the_first_on() {
     for baud in [9_600, 115_200] {
         for doubt in [None, Some(1), Some(2), Some(77)] {
             let mut wire = without_baud_rate(TestWire::new(baud, Quirks::default()), 1);
@@ -42,7 +42,7 @@ fn a_copy_that_an_earlier_request_owns_is_not_believed_on_a_real_line() {
     assert_eq!(sixty_reads(&mut wire, 0).0, 0);
 }
 
-/// What is owed to a program that has ended comes in: `owed` replies, one in so many ms.
+/// Replies to a program that has ended arrive: `owed` of them, one in this many ms.
 fn sixty_reads_behind(seed: u32, every_ms: u32, pending: &[(Opcode, i32)]) -> (u32, u32) {
     let mut wire = TestWire::new(9600, Quirks::default());
     wire.host = SerialHost::new(&HostOptions { probe_seed: Some(seed), ..HostOptions::new(9600) });
@@ -56,7 +56,7 @@ fn sixty_reads_behind(seed: u32, every_ms: u32, pending: &[(Opcode, i32)]) -> (u
 }
 
 #[test]
-fn the_answer_owed_to_an_earlier_program_is_not_taken() {
+fn the_reply_to_an_earlier_program_is_not_taken() {
     for seed in 0..40 {
         for every_ms in [1, 25, 60, 110, 250] {
             let gap = [(Opcode::Gap, 4_711); 3];

@@ -44,7 +44,7 @@ fn a_request_that_the_module_calls_spoiled_is_counted() {
 }
 
 #[test]
-fn a_late_answer_is_nobody_elses() {
+fn a_late_reply_belongs_to_no_other_request() {
     let mut wire = TestWire::new(9600, Quirks::default());
     wire.host = SerialHost::new(&HostOptions { probe_seed: Some(7), ..HostOptions::new(9600) });
     wire.replies = Box::new(|_, r| Some(Vec::from([(250, r.to_vec())])));

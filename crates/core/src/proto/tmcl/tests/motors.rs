@@ -75,7 +75,7 @@ fn a_late_reply_counts_for_no_other_motor() {
 
 /// What an earlier program is owed counts for no motor either.
 #[test]
-fn a_reply_owed_to_an_earlier_program_counts_for_no_motor() {
+fn a_reply_to_an_earlier_program_counts_for_no_motor() {
     for seed in 0..40 {
         for at_ms in [20, 30, 60] {
             for (motor, status, own) in

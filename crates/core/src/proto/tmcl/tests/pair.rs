@@ -117,7 +117,7 @@ impl Firmware for TestFirmware {
     }
 }
 
-/// What becomes of a run of bytes: later by so many ms, these bytes.
+/// Result of a faulty wire for a run of bytes: these bytes, this many ms later.
 pub type WireFault = Box<dyn FnMut(u32, &[u8]) -> Option<Vec<(u32, Vec<u8>)>>>;
 
 pub fn no_fault() -> WireFault {

@@ -105,7 +105,7 @@ fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
 /// A module that drops what is not whole after a pause is heard soon after its answers come through again,
 /// however long they were lost, and whoever told it to stop meanwhile.
 #[test]
-fn a_module_that_knows_a_pause_is_heard_when_its_answers_come_again() {
+fn a_module_that_pauses_is_received_when_its_replies_come_again() {
     for pause_ms in [5, 20, 40, 60, 80, 99] {
         for (baud, lost_ms) in [(9600, 700), (9600, 2000), (0, 2000), (0, 2600), (115_200, 4100)] {
             for stops in [1, 2, 5, 100] {
@@ -269,7 +269,7 @@ impl HostActivity {
 /// A module in step whose wire was silent answers soon after its wire is well, whatever pause it knows; and
 /// an acknowledged stop is taken for that.
 #[test]
-fn a_module_in_step_is_heard_soon_after_a_silence() {
+fn a_module_in_step_is_received_soon_after_a_silence() {
     let pauses = [None, Some(5), Some(30), Some(40), Some(99), Some(130), Some(200), Some(500)];
     let silences = (1..30).map(|n| n * 97).chain([4003, 10_007]);
     let mut slow = Vec::new();

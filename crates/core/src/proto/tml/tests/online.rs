@@ -93,7 +93,7 @@ fn instruction(words: &[u16]) -> Instruction {
 }
 
 #[test]
-fn what_is_exchanged_reads_and_writes() {
+fn exchanged_messages_are_read_and_written() {
     for (words, online) in EXCHANGES {
         let instruction = instruction(words);
         assert_eq!(OnlineMessage::parse(&instruction), Some(*online), "{instruction:?}");
@@ -136,7 +136,7 @@ fn an_answer_is_for_its_request() {
 }
 
 #[test]
-fn points_that_do_not_fit_are_told() {
+fn points_that_do_not_fit_are_reported() {
     let velocity = 0x1234_5600;
     let point = PvtPoint { position: -0x7E_DCBA, velocity, time: 511, counter: 127 };
     assert!(point.fits());

@@ -77,7 +77,7 @@ impl Firmware for Toy {
     }
 }
 
-/// What becomes of a run of bytes: later by so many ms, these bytes. Runs are counted from 0.
+/// Result of a faulty wire for a run of bytes: these bytes, this many ms later. Runs are counted from 0.
 type Fault = Box<dyn FnMut(u32, &[u8]) -> Option<Vec<(u32, Vec<u8>)>>>;
 
 fn sound() -> Fault {
@@ -334,7 +334,7 @@ fn a_corrupt_answer_is_asked_for_again() {
 }
 
 #[test]
-fn a_late_answer_is_nobodys_answer() {
+fn a_late_reply_replies_to_no_request() {
     // The answer comes when the question was given up, or asked again, or another one is out.
     for ms in [90, 110, 125, 150, 200, 250, 300, 330, 400] {
         let mut line = Line::rs232();
@@ -354,7 +354,7 @@ fn a_late_answer_is_nobodys_answer() {
 }
 
 #[test]
-fn a_late_acknowledgement_is_nobodys_acknowledgement() {
+fn a_late_acknowledgement_acknowledges_no_request() {
     for ms in [21, 25, 30, 45, 60] {
         let mut line = Line::rs232();
         assert_eq!(line.value(KPP), Ok(5));
@@ -377,7 +377,7 @@ fn a_late_acknowledgement_is_nobodys_acknowledgement() {
 /// asked (swarm seed serial:7004261): its acknowledgements are not those of the next motion, and its answers
 /// not those of the next question.
 #[test]
-fn what_was_kept_back_until_a_question_ended_proves_nothing() {
+fn frames_held_back_until_a_query_ended_prove_nothing() {
     for (variable, ms) in
         [TICKS, SRL].into_iter().flat_map(|v| (250..700).step_by(25).map(move |ms| (v, ms)))
     {
@@ -406,7 +406,7 @@ fn what_was_kept_back_until_a_question_ended_proves_nothing() {
 /// The acknowledgement of the message before came twice, and UPD with one byte too many: 94 behind
 /// its length (swarm seed serial:519690). A question that the drive answers then proves nothing.
 #[test]
-fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
+fn an_acknowledgement_that_came_too_soon_completes_no_motion() {
     for (lost, stops) in [(false, false), (true, false), (false, true), (true, true)] {
         let mut line = Line::rs232();
         assert_eq!(line.value(KPP), Ok(5));
@@ -452,7 +452,7 @@ fn a_copy_of_an_answer_is_not_the_next_one() {
 }
 
 #[test]
-fn what_serial_servers_add_is_skipped() {
+fn bytes_added_by_serial_servers_are_skipped() {
     for junk in [&[0x00][..], &[0x0D], &[0x0A], &[0x0A, 0x0D, 0x00], &[0x0C, 0xFF], &[0x08, 0x0F]] {
         let mut line = Line::rs232();
         line.replies = Box::new(move |_, bytes| Some(std::vec![(0, [junk, bytes].concat())]));
@@ -465,7 +465,7 @@ fn what_serial_servers_add_is_skipped() {
 }
 
 #[test]
-fn a_dead_line_is_told_in_time_and_comes_back() {
+fn a_dead_line_is_reported_in_time_and_comes_back() {
     let mut line = Line::rs232();
     line.requests = Box::new(|_, _| Some(Vec::new()));
     let started_at = line.now;
@@ -552,7 +552,7 @@ fn several_drives_on_rs485_hear_no_sync() {
 /// A probe whose acknowledgement is late is being answered: the next question would end in that
 /// answer (swarm seed serial:517790).
 #[test]
-fn nobody_speaks_on_rs485_while_a_probe_may_be_answered() {
+fn rs485_stays_silent_while_a_probe_may_be_answered() {
     for axes in [&[AXIS][..], &[AXIS, 9]] {
         let mut line = Line::new(SerialStandard::Rs485, axes);
         assert_eq!(line.value(KPP), Ok(5));

@@ -253,7 +253,7 @@ impl Homing {
         self.run_toward(0.0, self.settings.slow, scene);
     }
 
-    /// The other way, at most so often.
+    /// Reverses the search, at most this many times.
     fn reverse<T: MotionSettings>(
         &mut self,
         speed: f64,

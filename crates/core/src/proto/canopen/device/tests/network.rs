@@ -24,7 +24,7 @@ fn orders_lead_from_state_to_state() {
 }
 
 #[test]
-fn a_lost_heartbeat_is_told_and_obeyed() {
+fn a_lost_heartbeat_is_reported_and_obeyed() {
     let mut fixture = NodeFixture::operational();
     fixture.write(0x1016, 1, 127 << 16 | 50, 4).unwrap();
     assert_eq!(fixture.write(0x1016, 2, 127 << 16 | 20, 4), Err(AbortCode::INCOMPATIBLE));

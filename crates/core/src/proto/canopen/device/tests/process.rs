@@ -28,7 +28,7 @@ fn values_are_taken_as_mapped() {
 }
 
 #[test]
-fn a_pdo_of_another_length_is_told_and_a_short_one_not_used() {
+fn a_pdo_of_another_length_is_reported_and_a_short_one_not_used() {
     let mut fixture = NodeFixture::new();
     fixture.map(0, 255, &[U8, I16]);
     started(&mut fixture);
@@ -203,7 +203,7 @@ fn the_counter_starts_pdos_at_its_value() {
 }
 
 #[test]
-fn what_comes_after_the_window_is_dropped() {
+fn bytes_after_the_window_are_dropped() {
     let mut fixture = NodeFixture::new();
     fixture.write(0x1007, 0, 1000, 4).unwrap();
     fixture.map(0, 1, &[U8]);

@@ -266,7 +266,7 @@ fn values_have_lengths_signs_limits_and_rights() {
 }
 
 #[test]
-fn a_short_request_is_not_heard_unless_lenient() {
+fn a_short_request_is_ignored_unless_lenient() {
     let short = frame(0x605, &[0x2F, 0x00, 0x20, 0, 7, 0, 0]);
     assert_eq!(NodeFixture::new().answers(short), []);
     let mut lenient =
@@ -290,7 +290,7 @@ fn a_short_request_is_not_heard_unless_lenient() {
 }
 
 #[test]
-fn a_stopped_node_serves_nobody() {
+fn a_stopped_node_serves_no_request() {
     let mut fixture = NodeFixture::new();
     fixture.receive(frame(0, &[2, 0]));
     assert_eq!(fixture.answers(SdoRequest::Read(FILE).emit(5)), []);

@@ -28,7 +28,7 @@ fn longer_values_come_in_segments() {
 }
 
 #[test]
-fn of_a_string_the_first_eight_bytes_are_enough() {
+fn the_first_eight_bytes_of_a_string_are_enough() {
     let mut b = HostFixture::new();
     let name = ObjectIndex::new(0x1008, 0);
     b.submit(1, read(2, name));
@@ -58,7 +58,7 @@ fn a_wrong_toggle_ends_a_transfer() {
 }
 
 #[test]
-fn a_node_lost_in_the_middle_is_told_so() {
+fn a_node_lost_in_the_middle_is_reported_so() {
     let mut b = HostFixture::new();
     b.submit(1, read(2, ObjectIndex::new(0x1008, 0)));
     b.sent_frames();
@@ -146,7 +146,7 @@ fn blocks_are_read_and_what_was_lost_is_asked_again() {
 }
 
 #[test]
-fn a_wrong_check_over_blocks_is_told() {
+fn a_wrong_check_over_blocks_is_reported() {
     let mut b = HostFixture::new();
     b.submit(
         1,
