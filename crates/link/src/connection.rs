@@ -26,7 +26,7 @@ use polepair_core::time::Instant;
 use crate::clock;
 use crate::error::LinkError;
 use crate::link::{LinkIo, Losses};
-use erased::{ErasedConnection, SubmitFn};
+use erased::ErasedConnection;
 use slots::RequestSlots;
 use state::ConnectionState;
 
@@ -59,30 +59,22 @@ impl Connection {
     /// [`PENDING_MAX`] requests are pending.
     pub fn submit(
         &self,
-        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+        request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<PendingRequest, Unsupported> {
-        // Called once; the erased signature cannot state it.
-        let mut request = Some(request);
-        let (ticket, interrupts) = self.0.0.submit(
-            &mut |axes, now, ticket| {
-                request.take().map_or(Err(Unsupported::Busy), |request| request(axes, now, ticket))
-            },
-            None,
-        )?;
-        Ok(PendingRequest { connection: self.clone(), ticket, interrupts, outcome: None })
+        self.submit_in_turn(Instant::ZERO, request)
     }
 
     /// Submits a request. While many others are pending and the lane takes no more, it waits for its
-    /// turn, at most until `deadline`, and calls `request` again.
+    /// turn until `deadline`, and calls `request` again.
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
-    pub fn submit_when_ready(
+    pub fn submit_in_turn(
         &self,
         deadline: Instant,
         mut request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<PendingRequest, Unsupported> {
-        let (ticket, interrupts) = self.0.0.submit(&mut request, Some(deadline))?;
+        let (ticket, interrupts) = self.0.0.submit(deadline, &mut request)?;
         Ok(PendingRequest { connection: self.clone(), ticket, interrupts, outcome: None })
     }
 
@@ -96,7 +88,7 @@ impl Connection {
         deadline: Instant,
         request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<Option<Outcome>, Unsupported> {
-        Ok(match self.submit_when_ready(deadline, request)?.wait(deadline) {
+        Ok(match self.submit_in_turn(deadline, request)?.wait(deadline) {
             WaitResult::Ended(outcome) => Some(outcome),
             WaitResult::TimedOut | WaitResult::Interrupted => None,
         })

@@ -14,7 +14,7 @@ use super::{ConnectionInner, WaitResult, background, borrow, leader};
 use crate::error::LinkError;
 use crate::link::Losses;
 
-/// Function that submits a request; called at most once.
+/// Function that submits a request. It is called again after [`Unsupported::Busy`].
 pub(super) type SubmitFn<'a> =
     dyn FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported> + 'a;
 
@@ -53,8 +53,8 @@ pub(super) trait ConnectionControl {
 pub(super) trait ErasedConnection: Send + Sync + ConnectionInfo + ConnectionControl {
     fn submit(
         &self,
+        wait_until: Instant,
         request: &mut SubmitFn<'_>,
-        wait_until: Option<Instant>,
     ) -> Result<(Ticket, u64), Unsupported>;
 
     fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult;
@@ -129,43 +129,6 @@ impl<M: Medium> ConnectionControl for ConnectionInner<M> {
 
     fn borrow_link(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError> {
         borrow::borrow_link(self, until)
-    }
-}
-
-impl<M: Medium> ErasedConnection for ConnectionInner<M> {
-    fn submit(
-        &self,
-        request: &mut SubmitFn<'_>,
-        wait_until: Option<Instant>,
-    ) -> Result<(Ticket, u64), Unsupported> {
-        leader::submit(self, request, wait_until)
-    }
-
-    fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult {
-        leader::wait(self, ticket, deadline, interrupts)
-    }
-
-    fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome> {
-        leader::poll_or_wake(self, ticket, waker)
-    }
-
-    fn abandon(&self, ticket: Ticket) {
-        leader::abandon(self, ticket);
-    }
-
-    fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant)) {
-        let mut state = self.lock();
-        let now = state.link.now();
-        query(&mut *state.lane, now);
-        // Arming changes there.
-        if !state.listeners.is_empty() {
-            state.deliver_axis_events(now);
-            leader::release_lock(self, state);
-        }
-    }
-
-    fn catch_up(&self) {
-        leader::catch_up(self);
     }
 }
 

@@ -5,15 +5,17 @@ use std::sync::{Arc, MutexGuard};
 use std::task;
 use std::time::Duration;
 
+use polepair_core::axis::Axes;
 use polepair_core::error::{Outcome, Unsupported};
 use polepair_core::medium::Medium;
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 use super::background;
+use super::erased::{ErasedConnection, SubmitFn};
 use super::mailbox::{Mailbox, MailboxListener};
 use super::state::{ConnectionState, Leader};
-use super::{ConnectionInner, NOT_SENT_OUTCOME, SubmitFn, WaitResult};
+use super::{ConnectionInner, NOT_SENT_OUTCOME, WaitResult};
 use crate::link::Received;
 
 /// Reads before a submission, to drop what arrived while no thread read.
@@ -35,110 +37,139 @@ pub(super) const REOPEN_INTERVAL_NS: u64 = 250_000_000;
 
 pub(super) type StateGuard<'a, M> = MutexGuard<'a, ConnectionState<M>>;
 
-/// Submits a request. With `wait_until` it waits for its turn while many others are pending.
-pub(super) fn submit<M: Medium>(
-    shared: &ConnectionInner<M>,
-    request: &mut SubmitFn<'_>,
-    wait_until: Option<Instant>,
-) -> Result<(Ticket, u64), Unsupported> {
-    loop {
-        let (state, submitted) = try_submit(shared, shared.lock(), request);
-        // Under the lock of the refusal: a moment later there may be room, and busy means something else.
-        let is_crowded = state.slots.pending().count() >= BUSY_PENDING_MIN;
-        let left = wait_until.map_or(Duration::ZERO, |until| until.since(state.link.now()));
-        release_lock(shared, state);
-        match submitted {
-            Err(Unsupported::Busy) if is_crowded && !left.is_zero() => {
-                wait_for_room(shared, left.min(PARK_MAX));
+impl<M: Medium> ErasedConnection for ConnectionInner<M> {
+    fn submit(
+        &self,
+        wait_until: Instant,
+        request: &mut SubmitFn<'_>,
+    ) -> Result<(Ticket, u64), Unsupported> {
+        loop {
+            let mut state = self.lock();
+            if state.link_error.is_some() {
+                state = reopen_link(self, state);
             }
-            submitted => return submitted,
+            let now = read_unread(&mut state);
+            let interrupts = state.interrupts;
+            let submitted = match state.slots.open_slot() {
+                None => Err(Unsupported::Busy),
+                Some(ticket) if state.link_error.is_some() => {
+                    state.end_request(ticket, NOT_SENT_OUTCOME);
+                    Ok((ticket, interrupts))
+                }
+                Some(ticket) => match request(&mut *state.lane, now, ticket) {
+                    Ok(()) => {
+                        state.pump(now);
+                        Ok((ticket, interrupts))
+                    }
+                    Err(unsupported) => {
+                        state.slots.free_slot(ticket);
+                        Err(unsupported)
+                    }
+                },
+            };
+            // Under the lock of the refusal: a moment later there may be room, and busy means something else.
+            let is_crowded = state.slots.pending().count() >= BUSY_PENDING_MIN;
+            let left = wait_until.since(state.link.now());
+            release_lock(self, state);
+            match submitted {
+                Err(Unsupported::Busy) if is_crowded && !left.is_zero() => {
+                    wait_for_room(self, left.min(PARK_MAX));
+                }
+                submitted => return submitted,
+            }
         }
     }
-}
 
-fn try_submit<'a, M: Medium>(
-    shared: &'a ConnectionInner<M>,
-    mut state: StateGuard<'a, M>,
-    request: &mut SubmitFn<'_>,
-) -> (StateGuard<'a, M>, Result<(Ticket, u64), Unsupported>) {
-    if state.link_error.is_some() {
-        state = reopen_link(shared, state);
-    }
-    let Some(ticket) = state.slots.open_slot() else { return (state, Err(Unsupported::Busy)) };
-    let interrupts = state.interrupts;
-    let mut now = state.link.now();
-    // Replies that wait in the system are read before the request is judged: they may free its place.
-    let unread = state.leader == Leader::Nobody && now >= state.read_at.plus_ns(FRESH_NS);
-    if unread && state.link_error.is_none() {
-        read_stale(&mut state, STALE_READS_MAX);
-        now = state.link.now();
-    }
-    if state.link_error.is_some() {
-        state.end_request(ticket, NOT_SENT_OUTCOME);
-        return (state, Ok((ticket, interrupts)));
-    }
-    if let Err(unsupported) = request(&mut *state.lane, now, ticket) {
-        state.slots.free_slot(ticket);
-        return (state, Err(unsupported));
-    }
-    state.pump(now);
-    (state, Ok((ticket, interrupts)))
-}
-
-pub(super) fn wait<M: Medium>(
-    shared: &ConnectionInner<M>,
-    ticket: Ticket,
-    deadline: Instant,
-    interrupts: &mut u64,
-) -> WaitResult {
-    let mut buffer = M::buffer();
-    let mut state = shared.lock();
-    let mut last_look = false;
-    loop {
-        let waited = if let Some(outcome) = state.slots.take_outcome(ticket) {
-            Some(WaitResult::Ended(outcome))
-        } else if state.interrupts != *interrupts {
-            *interrupts = state.interrupts;
-            Some(WaitResult::Interrupted)
-        } else {
-            last_look.then_some(WaitResult::TimedOut)
-        };
-        if let Some(waited) = waited {
-            state.slots.set_thread(ticket, None);
-            hand_over_lead(&state);
-            release_lock(shared, state);
-            return waited;
+    fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult {
+        let mut buffer = M::buffer();
+        let mut state = self.lock();
+        let mut last_look = false;
+        loop {
+            let waited = if let Some(outcome) = state.slots.take_outcome(ticket) {
+                Some(WaitResult::Ended(outcome))
+            } else if state.interrupts != *interrupts {
+                *interrupts = state.interrupts;
+                Some(WaitResult::Interrupted)
+            } else {
+                last_look.then_some(WaitResult::TimedOut)
+            };
+            if let Some(waited) = waited {
+                state.slots.set_thread(ticket, None);
+                hand_over_lead(&state);
+                release_lock(self, state);
+                return waited;
+            }
+            // By a time that may be stale: then the next round finds out, and does not wait.
+            last_look = deadline <= state.latest_time;
+            state = match state.leader {
+                Leader::Nobody => lead_round(self, state, Leader::Caller, deadline, &mut buffer),
+                _ if last_look => state,
+                _ => follow_leader(self, state, ticket, deadline),
+            };
         }
-        // By a time that may be stale: then the next round finds out, and does not wait.
-        last_look = deadline <= state.latest_time;
-        state = match state.leader {
-            Leader::Nobody => lead_round(shared, state, Leader::Caller, deadline, &mut buffer),
-            _ if last_look => state,
-            _ => follow_leader(shared, state, ticket, deadline),
-        };
+    }
+
+    fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome> {
+        let mut state = self.lock();
+        let outcome = state.slots.take_outcome(ticket);
+        if outcome.is_none() {
+            state.slots.set_waker(ticket, waker);
+            background::request_lead(self, &mut state);
+        }
+        release_lock(self, state);
+        outcome
+    }
+
+    fn abandon(&self, ticket: Ticket) {
+        // Called while unwinding, too.
+        let Ok(mut state) = self.state.lock() else { return };
+        state.slots.abandon(ticket);
+        release_lock(self, state);
+    }
+
+    fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant)) {
+        let mut state = self.lock();
+        let now = state.link.now();
+        query(&mut *state.lane, now);
+        // Arming changes there.
+        if !state.listeners.is_empty() {
+            state.deliver_axis_events(now);
+            release_lock(self, state);
+        }
+    }
+
+    /// Reads pending data for listeners, unless a caller reads. The background thread gives way. A lost link in
+    /// virtual time, which no background thread opens again, is tried here.
+    fn catch_up(&self) {
+        let mut state = self.lock();
+        if state.link_error.is_some() && !state.link.is_real_time() {
+            state = reopen_link(self, state);
+        }
+        if state.leader == Leader::Background {
+            let Some(ticket) = state.slots.open_slot() else { return };
+            while state.leader == Leader::Background {
+                state = follow_leader(self, state, ticket, Instant::FAR_FUTURE);
+            }
+            state.slots.free_slot(ticket);
+        }
+        if state.leader == Leader::Nobody && state.link_error.is_none() {
+            state.read_count = state.read_count.wrapping_add(1);
+            read_stale(&mut state, CATCH_UP_READS_MAX);
+        }
+        hand_over_lead(&state);
+        release_lock(self, state);
     }
 }
 
-pub(super) fn poll_or_wake<M: Medium>(
-    shared: &ConnectionInner<M>,
-    ticket: Ticket,
-    waker: &task::Waker,
-) -> Option<Outcome> {
-    let mut state = shared.lock();
-    let outcome = state.slots.take_outcome(ticket);
-    if outcome.is_none() {
-        state.slots.set_waker(ticket, waker);
-        background::request_lead(shared, &mut state);
+/// Reads replies that wait in the system before a request is judged: they may free its place. Returns the time.
+fn read_unread<M: Medium>(state: &mut ConnectionState<M>) -> Instant {
+    let now = state.link.now();
+    let is_fresh = now < state.read_at.plus_ns(FRESH_NS);
+    if is_fresh || state.leader != Leader::Nobody || state.link_error.is_some() {
+        return now;
     }
-    release_lock(shared, state);
-    outcome
-}
-
-pub(super) fn abandon<M: Medium>(shared: &ConnectionInner<M>, ticket: Ticket) {
-    // Called while unwinding, too.
-    let Ok(mut state) = shared.state.lock() else { return };
-    state.slots.abandon(ticket);
-    release_lock(shared, state);
+    read_stale(state, STALE_READS_MAX);
+    state.link.now()
 }
 
 /// Reads once as `leader`, without the lock while waiting, and pumps.
@@ -287,28 +318,6 @@ pub(super) fn remove_listener<M: Medium>(
             state.link.waker().wake();
         }
     }
-    release_lock(shared, state);
-}
-
-/// Reads pending data for listeners, unless a caller reads. The background thread gives way. A lost link in virtual
-/// time, which no background thread opens again, is tried here.
-pub(super) fn catch_up<M: Medium>(shared: &ConnectionInner<M>) {
-    let mut state = shared.lock();
-    if state.link_error.is_some() && !state.link.is_real_time() {
-        state = reopen_link(shared, state);
-    }
-    if state.leader == Leader::Background {
-        let Some(ticket) = state.slots.open_slot() else { return };
-        while state.leader == Leader::Background {
-            state = follow_leader(shared, state, ticket, Instant::FAR_FUTURE);
-        }
-        state.slots.free_slot(ticket);
-    }
-    if state.leader == Leader::Nobody && state.link_error.is_none() {
-        state.read_count = state.read_count.wrapping_add(1);
-        read_stale(&mut state, CATCH_UP_READS_MAX);
-    }
-    hand_over_lead(&state);
     release_lock(shared, state);
 }
 

@@ -5,7 +5,7 @@
 use super::failure::RequestKind;
 use super::start_together::{check_one_wire, require_plan, run_all};
 use super::streaming::SETTLING_MAX;
-use super::{LocalAxis, RunningRequest, STOP_RETRY_MAX, StopOptions, StopResult, stop_axes};
+use super::{LocalAxis, STOP_RETRY_MAX, StopOptions, StopResult, stop_axes};
 use crate::error::Error;
 use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -240,16 +240,10 @@ impl CyclicAxes {
             period: self.period,
             timeout_scale: first.connection.timeout_scale(),
         };
-        let submit =
+        let submitted =
             first.connection.submit(|axes, now, ticket| axes.start_cyclic(now, ticket, &following));
-        let pending = submit.map_err(|why| first.unsupported_error(WHAT, why))?;
-        let ticket = pending.ticket();
-        let mut running = RunningRequest {
-            axis: first.clone(),
-            pending,
-            what: WHAT.to_owned(),
-            kind: RequestKind::Command,
-        };
+        let mut running = first.running(WHAT, RequestKind::Command, submitted)?;
+        let ticket = running.pending.ticket();
         // Whole cycles only: an axis without its set-point in a cycle would follow an old one.
         let (mut rest, chunk_len) = (setpoints.into_iter().fuse(), CYCLES_MAX * self.axes.len());
         let mut chunk: Vec<f64> = Vec::with_capacity(chunk_len);

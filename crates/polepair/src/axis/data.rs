@@ -4,11 +4,11 @@ use super::failure::RequestKind;
 use super::{LocalAxis, RunningRequest};
 use crate::amount::Value;
 use crate::error::Error;
-use polepair_core::axis::Axes;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::escape::EscapedText;
 use polepair_core::profile::{Encoding, ParameterId};
 use polepair_core::proto;
+use polepair_core::time::Instant;
 use std::fmt;
 use std::time::Duration;
 
@@ -138,9 +138,10 @@ impl LocalAxis {
         max: u16,
     ) -> Result<RunningRequest, Error> {
         let what = format!("reading `{}`", self.required_parameter(id)?.name);
-        self.submit(what, RequestKind::Query, |axes: &mut dyn Axes, now, ticket| {
+        let submitted = self.connection.submit_in_turn(Instant::FAR_FUTURE, |axes, now, ticket| {
             axes.read_data(now, ticket, self.index, id, block, max)
-        })
+        });
+        self.running(what, RequestKind::Query, submitted)
     }
 
     /// Reads a short text; `None` if it does not end after `max` bytes or within the time.
@@ -184,10 +185,10 @@ impl LocalAxis {
         let what = format!("setting `{}`", self.required_parameter(id)?.name);
         // The size of an SDO download has 32 bits (CiA 301).
         let size = u32::try_from(data.len()).map_err(|_| too_long_error())?;
-        let mut running: RunningRequest =
-            self.submit(what, RequestKind::Command, |axes, now, ticket| {
-                axes.write_data(now, ticket, self.index, id, size, block)
-            })?;
+        let submitted = self.connection.submit_in_turn(Instant::FAR_FUTURE, |axes, now, ticket| {
+            axes.write_data(now, ticket, self.index, id, size, block)
+        });
+        let mut running = self.running(what, RequestKind::Command, submitted)?;
         let ticket = running.pending.ticket();
         let mut sent = 0;
         loop {

@@ -1,7 +1,7 @@
 //! Programs in the memory of a drive: loaded, verified, read, run.
 
+use super::LocalAxis;
 use super::failure::RequestKind;
-use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use crate::program::{AssemblyContext, Program};
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -10,6 +10,7 @@ use polepair_core::program::{
     MemoryKind, MemoryRules, ProgramCommand, ProgramLanguage, TransferProgress,
 };
 use polepair_core::proto;
+use polepair_core::time::Instant;
 use std::time::Duration;
 
 /// Interval of progress reports of a transfer.
@@ -171,10 +172,10 @@ impl LocalAxis {
     }
 
     pub(super) fn run_order(&self, what: &str, command: ProgramCommand) -> Result<i64, Error> {
-        self.submit(what.to_owned(), RequestKind::Command, |axes, now, ticket| {
+        let submitted = self.connection.submit_in_turn(Instant::FAR_FUTURE, |axes, now, ticket| {
             axes.send_program_command(now, ticket, self.index, command)
-        })?
-        .finish()
+        });
+        self.running(what, RequestKind::Command, submitted)?.finish()
     }
 
     fn run_transfer(
@@ -184,18 +185,12 @@ impl LocalAxis {
         pieces: &[MemoryBlock],
         mut show: impl FnMut(TransferProgress),
     ) -> Result<TransferProgress, Error> {
-        let pending = self
+        let submitted = self
             .connection
-            .submit(|axes, now, ticket| axes.start_transfer(now, ticket, self.index, kind, pieces))
-            .map_err(|why| self.unsupported_error(what, why))?;
+            .submit(|axes, now, ticket| axes.start_transfer(now, ticket, self.index, kind, pieces));
         let request_kind =
             if kind == TransferKind::Write { RequestKind::Command } else { RequestKind::Query };
-        let mut running = RunningRequest {
-            axis: self.clone(),
-            pending,
-            what: what.to_owned(),
-            kind: request_kind,
-        };
+        let mut running = self.running(what, request_kind, submitted)?;
         loop {
             let ended = running.wait(PROGRESS_INTERVAL)?;
             let progress = self.transfer_progress();

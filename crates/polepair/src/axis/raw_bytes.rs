@@ -3,10 +3,10 @@
 use super::failure::RequestKind;
 use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
-use polepair_core::axis::Axes;
 use polepair_core::error::{Unsupported, WireError};
 use polepair_core::explain::{Context, Direction, ExplainSink, Field, RawFrame};
 use polepair_core::proto;
+use polepair_core::time::Instant;
 
 /// The greatest CAN identifier of 11 bits.
 const STANDARD_MAX: u32 = 0x7FF;
@@ -31,10 +31,11 @@ impl LocalAxis {
         self.check_bytes(bytes, id, extended)?;
         let frame = RawFrame { bytes, id, extended };
         let digits: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-        let send_request =
-            |axes: &mut dyn Axes, now, ticket| axes.send_frame(now, ticket, self.index, &frame);
-        let started =
-            self.submit(format!("`{}`", digits.join(" ")), RequestKind::Command, send_request);
+        let submitted = self.connection.submit_in_turn(Instant::FAR_FUTURE, |axes, now, ticket| {
+            axes.send_frame(now, ticket, self.index, &frame)
+        });
+        let what = format!("`{}`", digits.join(" "));
+        let started = self.running(what, RequestKind::Command, submitted);
         started.map_err(|error| match error {
             Error::Unsupported { why: Unsupported::BadBytes, .. } => {
                 self.bad_request_error("these bytes are not a request to this axis")

@@ -4,11 +4,11 @@ use super::failure::RequestKind;
 use super::{LocalAxis, Rehearsal, RunningRequest};
 use crate::error::Error;
 use crate::url::AxisNumber;
-use polepair_core::axis::Axes;
 use polepair_core::convert::text_from;
 use polepair_core::error::Unsupported;
 use polepair_core::explain::{EncodeError, EncodeOptions, Impact};
 use polepair_core::medium::STREAM_UNIT_MAX;
+use polepair_core::time::Instant;
 
 /// Rehearsal of a request in the protocol's own text: see [`LocalAxis::rehearse_raw`].
 #[derive(Clone, PartialEq, Debug)]
@@ -39,9 +39,10 @@ impl LocalAxis {
     pub fn start_raw(&self, text: &str) -> Result<RunningRequest, Error> {
         self.rehearse_raw(text)?;
         let what = format!("`{text}`");
-        let request =
-            |axes: &mut dyn Axes, now, ticket| axes.send_text(now, ticket, self.index, text);
-        let started = self.submit(what, RequestKind::Command, request);
+        let submitted = self.connection.submit_in_turn(Instant::FAR_FUTURE, |axes, now, ticket| {
+            axes.send_text(now, ticket, self.index, text)
+        });
+        let started = self.running(what, RequestKind::Command, submitted);
         started.map_err(|error| self.locate_in_text(text, error))
     }
 

@@ -3,10 +3,9 @@
 use super::LocalAxis;
 use super::failure::RequestKind;
 use crate::error::Error;
-use polepair_core::axis::{Axes, Command, Verb};
+use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Outcome, Unsupported};
 use polepair_core::profile::ParameterId;
-use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 use polepair_link::{PendingRequest, WaitResult};
 use std::task;
@@ -28,14 +27,15 @@ impl PreparedCommand {
     pub fn start(&self) -> Result<RunningRequest, Error> {
         let Self { axis, command } = self;
         let verb = command.verb.name();
-        let pending = axis
+        let submitted = axis
             .connection
-            .submit(|axes, now, ticket| axes.command(now, ticket, axis.index, *command))
-            .map_err(|why| axis.unsupported_error(verb, why))?;
+            .submit(|axes, now, ticket| axes.command(now, ticket, axis.index, *command));
+        let mut running = axis.running(verb, RequestKind::Verb(command.verb), submitted)?;
         // It is the move that arrived or did not.
-        let what = if command.verb == Verb::Reached { "move" } else { verb };
-        let (what, request_kind) = (what.to_owned(), RequestKind::Verb(command.verb));
-        Ok(RunningRequest { axis: axis.clone(), pending, what, kind: request_kind })
+        if command.verb == Verb::Reached {
+            "move".clone_into(&mut running.what);
+        }
+        Ok(running)
     }
 }
 
@@ -57,13 +57,12 @@ impl LocalAxis {
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start_read(&self, id: ParameterId) -> Result<RunningRequest, Error> {
         let what = format!("reading `{}`", self.required_parameter(id)?.name);
-        let request =
-            |axes: &mut dyn Axes, now, ticket| axes.read_parameter(now, ticket, self.index, id);
-        self.submit(what, RequestKind::Query, request)
+        let submitted = self.connection.submit_in_turn(Instant::FAR_FUTURE, |axes, now, ticket| {
+            axes.read_parameter(now, ticket, self.index, id)
+        });
+        self.running(what, RequestKind::Query, submitted)
     }
-}
 
-impl LocalAxis {
     /// Begins to write a parameter, raw, and does not wait until it is done: as
     /// [`write`](Self::write).
     ///
@@ -78,21 +77,25 @@ impl LocalAxis {
         let what = format!("setting `{}`", self.required_parameter(id)?.name);
         // Before it is submitted, so that a value outside of a file's limits costs no byte.
         self.check_write(id, raw)?;
-        self.submit(what, RequestKind::Write(id, raw, keep), |axes: &mut dyn Axes, now, ticket| {
+        let submitted = self.connection.submit_in_turn(Instant::FAR_FUTURE, |axes, now, ticket| {
             axes.write_parameter(now, ticket, self.index, id, raw, keep)
-        })
+        });
+        self.running(what, RequestKind::Write(id, raw, keep), submitted)
     }
 
-    pub(super) fn submit(
+    /// A request of this axis that was submitted, with its description.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] if it was not.
+    pub(super) fn running(
         &self,
-        what: String,
-        request_kind: RequestKind,
-        request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+        what: impl Into<String>,
+        kind: RequestKind,
+        submitted: Result<PendingRequest, Unsupported>,
     ) -> Result<RunningRequest, Error> {
-        // Waits for its turn: reads of several threads on one axis queue up and are not refused as busy.
-        let pending = self.connection.submit_when_ready(Instant::FAR_FUTURE, request);
-        let pending = pending.map_err(|why| self.unsupported_error(&what, why))?;
-        Ok(RunningRequest { axis: self.clone(), pending, what, kind: request_kind })
+        let what = what.into();
+        let pending = submitted.map_err(|why| self.unsupported_error(&what, why))?;
+        Ok(RunningRequest { axis: self.clone(), pending, what, kind })
     }
 }
 

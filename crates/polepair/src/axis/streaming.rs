@@ -1,7 +1,7 @@
 //! Paths that are sent point by point to a buffer of the drive.
 
+use super::LocalAxis;
 use super::failure::RequestKind;
-use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
 use crate::interface::AxisReadings;
 use polepair_core::error::{Failure, Outcome};
@@ -70,17 +70,11 @@ impl LocalAxis {
     ) -> Result<i64, Error> {
         const WHAT: &str = "streaming a path";
         let mut rest = self.apply_mounting_to_path(kind, points.into_iter())?.fuse();
-        let pending = self
+        let submitted = self
             .connection
             .submit(|axes, now, ticket| axes.start_path(now, ticket, self.index, kind));
-        let pending = pending.map_err(|why| self.unsupported_error(WHAT, why))?;
-        let ticket = pending.ticket();
-        let mut running = RunningRequest {
-            axis: self.clone(),
-            pending,
-            what: WHAT.to_owned(),
-            kind: RequestKind::Command,
-        };
+        let mut running = self.running(WHAT, RequestKind::Command, submitted)?;
+        let ticket = running.pending.ticket();
         let mut chunk: Vec<Point> = Vec::with_capacity(CHUNK_POINTS);
         loop {
             chunk.extend(rest.by_ref().take(CHUNK_POINTS - chunk.len()));

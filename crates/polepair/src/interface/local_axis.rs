@@ -114,7 +114,7 @@ impl AxisParameters for LocalAxis {
         let changes = plan.writes.iter().map(|write| self.planned_change(&plan, write, false));
         let changes = changes.collect::<Result<Vec<_>, Error>>()?;
         for (write, change) in plan.writes.iter().zip(&changes) {
-            self.write(write.id, write.raw, store)?;
+            self.start_write(write.id, write.raw, store)?.finish()?;
             if each(change).is_break() {
                 break;
             }

@@ -3,12 +3,9 @@
 use crate::axis::failure::RequestKind;
 use crate::axis::{LocalAxis, RunningRequest};
 use crate::error::Error;
-use polepair_core::axis::{Axes, Command, StopPart, Verb};
-use polepair_core::error::Unsupported;
+use polepair_core::axis::{Command, StopPart, Verb};
 use polepair_core::plan::Step;
 use polepair_core::profile::{ParameterId, Persistence, RamMode};
-use polepair_core::station::Ticket;
-use polepair_core::time::Instant;
 
 impl LocalAxis {
     /// The setting that keeps the writes of a stop out of permanent memory, if there is one.
@@ -35,14 +32,15 @@ impl LocalAxis {
         once: bool,
     ) -> Result<RunningRequest, Error> {
         let kind = RequestKind::Verb(command.verb);
-        self.submit_now(command.verb.name().to_owned(), kind, |axes, now, ticket| {
+        let submitted = self.connection.submit(|axes, now, ticket| {
             // Submitted and marked under one lock, so that no attempt leaves in between.
             axes.stop(now, ticket, self.index, command, part)?;
             if once {
                 axes.disable_retries(ticket);
             }
             Ok(())
-        })
+        });
+        self.running(command.verb.name(), kind, submitted)
     }
 
     /// Reads the setting that a repeated stop depends on.
@@ -72,23 +70,13 @@ impl LocalAxis {
         kind: RequestKind,
         once: bool,
     ) -> Result<RunningRequest, Error> {
-        self.submit_now(what, kind, |axes, now, ticket| {
+        let submitted = self.connection.submit(|axes, now, ticket| {
             axes.read_parameter(now, ticket, self.index, id)?;
             if once {
                 axes.disable_retries(ticket);
             }
             Ok(())
-        })
-    }
-
-    fn submit_now(
-        &self,
-        what: String,
-        request_kind: RequestKind,
-        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
-    ) -> Result<RunningRequest, Error> {
-        let pending =
-            self.connection.submit(request).map_err(|why| self.unsupported_error(&what, why))?;
-        Ok(RunningRequest { axis: self.clone(), pending, what, kind: request_kind })
+        });
+        self.running(what, kind, submitted)
     }
 }
