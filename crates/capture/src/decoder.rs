@@ -14,7 +14,7 @@ use polepair_core::profile::Profile;
 
 use crate::conversation::Conversation;
 use crate::defect::FrameDefect;
-use crate::detector::{LinkDetection, LookAhead};
+use crate::detection::{LinkDetection, ProtocolSource};
 use crate::explanation::{CAN_FD, ERROR_FRAME, Explanation};
 use crate::format::CaptureFormat;
 use crate::line_layout::LineLayout;
@@ -134,7 +134,7 @@ pub struct CaptureDecoder {
     /// Rules came from weighing: a CAN frame that no protocol claims stays unexplained.
     detected: bool,
     /// Detects while frames are decoded; `None` when all is detected or stated.
-    look_ahead: Option<LookAhead>,
+    protocol_source: Option<Box<dyn ProtocolSource>>,
     detections: Vec<LinkDetection>,
     /// Detections before the first frame was decoded.
     first_detections: Vec<LinkDetection>,
@@ -193,7 +193,7 @@ impl CaptureDecoder {
         Self {
             rules,
             detected: false,
-            look_ahead: None,
+            protocol_source: None,
             detections: Vec::new(),
             first_detections: Vec::new(),
             profiles: StatedProfiles::default(),

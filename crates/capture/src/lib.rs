@@ -31,6 +31,7 @@ mod conversation;
 mod date;
 mod decoder;
 mod defect;
+mod detection;
 mod detector;
 pub mod diff;
 mod explanation;
@@ -60,7 +61,8 @@ pub use batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateConte
 pub use byte_changes::{ByteChanges, meaning_text, visit_frame_key};
 pub use decoder::{CaptureDecoder, DecodedFrame, TimeReversal};
 pub use defect::FrameDefect;
-pub use detector::{LinkDetection, ProtocolDetector};
+pub use detection::LinkDetection;
+pub use detector::ProtocolDetector;
 pub use explanation::{CAN_FD, ERROR_FRAME, Explanation, ExplanationField, ExplanationValue};
 pub use filter::{FilterError, FrameFilter, Glob};
 pub use follow::{FollowEvent, FollowReader};

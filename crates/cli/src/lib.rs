@@ -6,6 +6,7 @@
 mod capture;
 mod cmd;
 mod control;
+mod data_output;
 #[cfg(test)]
 mod every_frame;
 mod interrupt;

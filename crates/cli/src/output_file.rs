@@ -2,50 +2,14 @@
 
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use clap::Args;
 use polepair_capture::Compression;
 use polepair_files::{AtomicFile, ExistingFile, create_growing, is_same_file};
 
 use crate::interrupt;
 use crate::problem::{self, Problem, Result};
 use crate::terminal::print_note;
-use crate::trace::{FrameTrace, create_trace};
-
-/// Option --trace, and what becomes of a file that is there.
-#[derive(Args, Debug)]
-pub struct TraceArgs {
-    /// File for the frames, in a format that `decode` reads; an existing one is not overwritten
-    #[arg(long, value_name = "FILE")]
-    trace: Option<PathBuf>,
-    /// Replace the file of --trace if it exists
-    #[arg(long, requires = "trace")]
-    force: bool,
-    /// Write behind the content of the file of --trace if it exists
-    #[arg(long, requires = "trace", conflicts_with = "force")]
-    append: bool,
-}
-
-impl TraceArgs {
-    /// The file, if there is to be one.
-    pub fn path(&self) -> Option<&Path> {
-        self.trace.as_deref()
-    }
-
-    /// Treatment of an existing file.
-    pub const fn existing(&self) -> ExistingFile {
-        existing_file(self.force, self.append)
-    }
-
-    /// Makes the file, for the frames of a link.
-    ///
-    /// # Errors
-    /// As for [`create_recording`].
-    pub fn create(&self, url: &str) -> Result<Option<FrameTrace>> {
-        self.path().map(|path| create_trace(path, self.existing(), url)).transpose()
-    }
-}
 
 /// Treatment of an existing file by the options --force and --append.
 pub const fn existing_file(force: bool, append: bool) -> ExistingFile {

@@ -16,14 +16,15 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_link::tap::{Tap, TapDirection};
 
+use crate::data_output::DataOutput;
 use crate::outcome;
-use crate::output_file::TraceArgs;
 use crate::problem::{Exit, Problem, Result};
 use crate::profile_args::warn_ignored_file;
 use crate::remote::{self, ServerArgs};
 use crate::session::{LocalSession, Session};
 use crate::tap_queue::{QueueTap, TapQueue};
-use crate::terminal::{self, DataOutput, print_note, print_warning};
+use crate::terminal::{self, print_note, print_warning};
+use crate::trace::TraceArgs;
 use crate::trace::{self, FrameTrace};
 
 /// A drive, and options to show the frames exchanged with it.

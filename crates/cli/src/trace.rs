@@ -2,23 +2,55 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use polepair_files::ExistingFile;
 use polepair_link::tap::TraceWriter;
 
-use crate::output_file::create_recording;
+use crate::output_file::{create_recording, existing_file};
 use crate::problem::Result;
 use crate::terminal::print_warning;
 
 /// Frames as a capture that `polepair decode` reads.
 pub type FrameTrace = TraceWriter<TraceFile>;
 
+/// Option --trace, and the treatment of an existing file.
+#[derive(Args, Debug)]
+pub struct TraceArgs {
+    /// File for the frames, in a format that `decode` reads; an existing one is not overwritten
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Replace the file of --trace if it exists
+    #[arg(long, requires = "trace")]
+    force: bool,
+    /// Write behind the content of the file of --trace if it exists
+    #[arg(long, requires = "trace", conflicts_with = "force")]
+    append: bool,
+}
+
+impl TraceArgs {
+    /// The file, if there is to be one.
+    pub fn path(&self) -> Option<&Path> {
+        self.trace.as_deref()
+    }
+
+    /// Treatment of an existing file.
+    pub const fn existing(&self) -> ExistingFile {
+        existing_file(self.force, self.append)
+    }
+
+    /// Makes the file, for the frames of a link.
+    ///
+    /// # Errors
+    /// As for [`create_recording`].
+    pub fn create(&self, url: &str) -> Result<Option<FrameTrace>> {
+        self.path().map(|path| create_trace(path, self.existing(), url)).transpose()
+    }
+}
+
 /// Makes the file, for the frames of a link.
-///
-/// # Errors
-/// As for [`create_recording`].
-pub fn create_trace(path: &Path, existing: ExistingFile, url: &str) -> Result<FrameTrace> {
+fn create_trace(path: &Path, existing: ExistingFile, url: &str) -> Result<FrameTrace> {
     let file = create_recording(path, existing)?;
     let name = path.display().to_string();
     let file = TraceFile { file: BufWriter::new(file), name, has_failed: false };

@@ -12,14 +12,14 @@ use hyper::header::HOST;
 use hyper_util::rt::TokioIo;
 use polepair_link::clock;
 use polepair_messages::{PROOF_BYTES, Proof, token_proof};
-use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 use crate::GatewayError;
 use crate::address::Address;
-use crate::rest::server_lost;
+use crate::failure::{server_lost, unreachable_error};
 use crate::secret::{Secret, VARIABLE};
+use crate::server_stream::ServerStream;
 use crate::tls::{self, ClientTls};
 
 /// Time limit of a connection attempt. An unreachable host would otherwise keep a command for minutes.
@@ -27,10 +27,6 @@ const CONNECT_MAX: Duration = Duration::from_secs(5);
 
 /// Bytes of the answer by which a server proves to be our own.
 const PROOF_MAX: usize = 4096;
-
-/// Either end of what bytes go through.
-pub(crate) trait ServerStream: AsyncRead + AsyncWrite + Unpin + Send {}
-impl<T: AsyncRead + AsyncWrite + Unpin + Send> ServerStream for T {}
 
 /// The server's address and the credentials for it.
 #[derive(Clone)]
@@ -135,10 +131,6 @@ impl Dialer {
     fn unreachable(&self, why: &str) -> GatewayError {
         unreachable_error(&self.address, why)
     }
-}
-
-pub(crate) fn unreachable_error(address: &Address, why: &str) -> GatewayError {
-    GatewayError::new("E315", format!("{} cannot be reached: {why}", address.authority()))
 }
 
 /// Nothing that may move something has been sent yet.

@@ -6,15 +6,14 @@ use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use polepair_messages::{
-    AxisState, CommandArguments, CommandOutcome, CommandRequest, DEFAULT_TTL_MS, LeaseAction,
-    OutcomeKind, RawRequest,
+    AxisState, CommandArguments, CommandRequest, DEFAULT_TTL_MS, LeaseAction, RawRequest,
 };
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 use tokio::time::timeout;
 
+use crate::failure::{action_error, outcome_result, server_lost};
 use crate::live::{LiveConnection, LiveRequest};
-use crate::rest::{action_error, server_lost};
 use crate::{Gateway, GatewayError};
 
 /// Message for a command whose end was not received.
@@ -206,16 +205,14 @@ impl<T: Clone> PendingOperation<T> {
     }
 }
 
-/// The result of a command.
-pub(crate) fn outcome_result(outcome: CommandOutcome) -> Result<(), GatewayError> {
-    match (outcome.outcome, outcome.error) {
-        (_, Some(error)) => Err(error),
-        (OutcomeKind::Done, None) => Ok(()),
-        (OutcomeKind::NotDone, None) => Err(GatewayError::new("E601", "it was not executed")),
-        (OutcomeKind::Unknown, None) => Err(GatewayError {
-            executed: None,
-            ..GatewayError::new("E401", "it may have been executed")
-        }),
+impl LiveConnection {
+    /// Acquires the lease of an axis, if it is free.
+    ///
+    /// # Errors
+    /// `gateway.lease` names the session that holds it.
+    pub fn acquire_lease(&self, axis: u16) -> Result<Lease, GatewayError> {
+        let epoch = self.request_lease(axis, LeaseAction::Take, 0)?;
+        Ok(Lease::new(self.clone(), axis, epoch))
     }
 }
 

@@ -13,12 +13,14 @@
 
 mod address;
 mod dialer;
+mod failure;
 mod gateway;
 mod lease;
 mod live;
 mod rest;
 mod secret;
 mod select;
+mod server_stream;
 #[cfg(feature = "tls")]
 mod tls;
 #[cfg(not(feature = "tls"))]

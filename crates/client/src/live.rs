@@ -20,8 +20,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 
 use crate::dialer::Dialer;
-use crate::lease::Lease;
-use crate::rest::{action_error, query_error, server_lost};
+use crate::failure::{action_error, query_error, server_lost};
 use crate::{Gateway, GatewayError};
 pub(crate) use cache::{FrameBuffer, LiveCache, SampleBuffer};
 
@@ -133,15 +132,6 @@ impl LiveConnection {
     #[must_use]
     pub fn silence(&self) -> Duration {
         self.cache().silence()
-    }
-
-    /// Acquires the lease of an axis, if it is free.
-    ///
-    /// # Errors
-    /// `gateway.lease` names the session that holds it.
-    pub fn acquire_lease(&self, axis: u16) -> Result<Lease, GatewayError> {
-        let epoch = self.request_lease(axis, LeaseAction::Take, 0)?;
-        Ok(Lease::new(self.clone(), axis, epoch))
     }
 
     /// Watches a signal, or a parameter, at this rate or the highest possible.

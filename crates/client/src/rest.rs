@@ -17,6 +17,7 @@ use tokio::time::timeout;
 
 use crate::GatewayError;
 use crate::dialer::{Dialer, connection_error};
+use crate::failure::{action_error, invalid_response, query_error, server_lost};
 
 /// Time limit of a reply: a request may need many reads of a drive.
 const ANSWER_MAX: Duration = Duration::from_secs(30);
@@ -152,38 +153,4 @@ fn late_error(within: Duration) -> GatewayError {
 
 fn to_json(body: &impl Serialize) -> Result<Bytes, GatewayError> {
     serde_json::to_vec(body).map(Bytes::from).map_err(|error| invalid_response(&error.to_string()))
-}
-
-/// The server went away: what it was asked to do it may have done.
-pub(crate) fn server_lost(why: &str) -> GatewayError {
-    GatewayError {
-        executed: None,
-        ..GatewayError::new("E313", format!("the server went away: {why}"))
-    }
-}
-
-/// Error of an action: motors are not stopped until the server is back.
-pub(crate) fn action_error(refused: GatewayError) -> GatewayError {
-    if refused.code == "E313" && refused.executed.is_none() && refused.hint.is_empty() {
-        refused.hint(
-            "moving motors may still turn: cut their supply, or stop them directly with `polepair \
-             stop URL`",
-        )
-    } else {
-        refused
-    }
-}
-
-/// Error of a read, which moves nothing.
-pub(crate) fn query_error(refused: GatewayError) -> GatewayError {
-    GatewayError { executed: Some(false), ..refused }
-}
-
-/// Error for a reply that no gateway sends.
-pub(crate) fn invalid_response(why: &str) -> GatewayError {
-    GatewayError {
-        executed: None,
-        ..GatewayError::new("E501", format!("that is not a reply of a polepair server: {why}"))
-    }
-    .hint("check that it is `polepair serve` of this version")
 }

@@ -25,8 +25,9 @@ use tokio_rustls::rustls::{
 };
 
 use crate::address::Address;
-use crate::dialer::{ServerStream, unreachable_error};
+use crate::failure::unreachable_error;
 use crate::secret::{open_private, state_folder, unreadable};
+use crate::server_stream::ServerStream;
 use crate::{GatewayError, GatewayOptions};
 
 /// The certificate's file in a server's folder.

@@ -3,7 +3,7 @@
 use tokio::net::TcpStream;
 
 use crate::address::Address;
-use crate::dialer::ServerStream;
+use crate::server_stream::ServerStream;
 use crate::{GatewayError, GatewayOptions};
 
 /// Encryption that nothing can make.

@@ -6,7 +6,7 @@ use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use crate::dataset::escape;
+use crate::path_word::escape;
 
 const READ_SIZE: usize = 1 << 18;
 /// Magic number of BLF, and the bytes of its header, in which a recorder keeps counts up to date.

@@ -8,7 +8,6 @@ mod notes;
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use arrow_array::cast::AsArray;
@@ -19,8 +18,10 @@ use arrow_schema::ArrowError;
 use polepair_files::SealedFile;
 
 use crate::capture_file::CaptureFile;
+use crate::path_word::{NO_DATE, escape};
+use crate::provenance::{DECODER, Provenance};
 use crate::schema::{SCHEMA_ID, TableKind};
-use crate::table_file::{BatchSink, ColumnFormat, DECODER, Provenance, TableFile, TableFileError};
+use crate::table_file::{BatchSink, ColumnFormat, TableFile, TableFileError};
 use notes::{DONE, DatasetNotes};
 pub use notes::{DatasetLock, text_hash};
 
@@ -31,8 +32,6 @@ const PARTS_MAX: usize = 1 << 15;
 /// Characters of a site or a link in the name of a folder, which a file system limits to 255.
 const NAME_MAX: usize = 200;
 const DAY_NS: i64 = 86_400_000_000_000;
-/// Date of rows without a time: readers of partitions take it for null.
-const NO_DATE: &str = "__HIVE_DEFAULT_PARTITION__";
 
 /// Location of a data set, and the site and gateway of the captures.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -269,16 +268,6 @@ fn format_date(day: i64) -> String {
     let month = if mp < 10 { mp + 3 } else { mp - 9 };
     let year = yoe + era * 400 + i64::from(month <= 2);
     format!("{year:04}-{month:02}-{:02}", doy - (153 * mp + 2) / 5 + 1)
-}
-
-/// A word as part of a path, other signs than letters, digits, `-`, `_` and `.` by their bytes: `%2F`.
-pub(crate) fn escape(word: &str) -> String {
-    let mut out = String::new();
-    for byte in word.bytes() {
-        let plain = byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
-        if plain { out.push(byte.into()) } else { _ = write!(out, "%{byte:02X}") }
-    }
-    if out.is_empty() { NO_DATE.to_owned() } else { out }
 }
 
 /// A word as the name of a folder. A long one is cut, and gets its hash as a suffix.

@@ -21,8 +21,10 @@ mod dataset;
 mod dictionary_merger;
 #[cfg(feature = "files")]
 mod parquet_file;
-pub mod schema;
 #[cfg(feature = "files")]
+mod path_word;
+mod provenance;
+pub mod schema;
 mod table_file;
 mod tables;
 
@@ -34,9 +36,8 @@ pub use capture_file::{CaptureContent, CaptureFile};
 #[cfg(feature = "files")]
 pub use dataset::{DatasetLock, DatasetSite, DatasetWriter, DecodeRecord, note_copy, text_hash};
 pub use dictionary_merger::DictionaryMerger;
-pub use schema::{SCHEMA_ID, TableKind};
 #[cfg(feature = "files")]
-pub use table_file::{
-    BatchSink, ColumnFormat, DECODER, Provenance, TableFile, TableFileError, TableFiles,
-};
+pub use provenance::{DECODER, Provenance};
+pub use schema::{SCHEMA_ID, TableKind};
+pub use table_file::{BatchSink, ColumnFormat, TableFile, TableFileError, TableFiles};
 pub use tables::{CaptureOrigin, ROWS_MAX, TablesBuilder};

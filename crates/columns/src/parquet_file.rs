@@ -18,8 +18,8 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::ColumnPath;
 use polepair_files::AtomicFile;
 
+use crate::provenance::{DECODER, Provenance};
 use crate::schema::TableKind;
-use crate::table_file::{DECODER, Provenance};
 
 /// Rows of a row group.
 const GROUP_ROWS: usize = 1 << 20;

@@ -28,6 +28,7 @@ pub mod judge;
 pub mod lane;
 pub mod medium;
 pub mod mux;
+mod parameter_id;
 pub mod plan;
 pub mod plant;
 pub mod profile;

@@ -4,7 +4,7 @@
 //! its manual. Steps name parameters of the profile, or the protocol's function, index and value. So plans
 //! have the same form for every protocol, and can be written in TOML.
 
-use crate::profile::ParameterId;
+use crate::parameter_id::ParameterId;
 use crate::units::Unit;
 use crate::verb::Verb;
 

@@ -9,12 +9,9 @@ use crate::plan::{ARRIVAL, ParameterTest, Plan};
 use crate::units::Unit;
 use crate::verb::Verb;
 
+pub use crate::parameter_id::ParameterId;
 pub use address::{ParameterAddress, encoding_word, parse_address_number, parse_encoding};
 pub use encoding::Encoding;
-
-/// Position of a parameter in [`Profile::parameters`].
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub struct ParameterId(pub u16);
 
 /// The description of one product for the upper layers.
 #[derive(Clone, Debug)]

@@ -11,9 +11,10 @@ use polepair::interface::{AxisRequest, Reply};
 use polepair_core::profile::AxisKind;
 
 use crate::error::{CallError, ErrorSlot, PP_OK, pp_error, pp_status};
+use crate::fixed_text::copy_text;
 use crate::handle::{Handle, return_handle, run, take_back, with_handle};
 use crate::link::{check_open, copy_error, copy_error_text, pp_link, read_seconds};
-use crate::text::{SizedStruct, copy_text, read_text, write_bytes, write_struct, write_value};
+use crate::text::{SizedStruct, read_text, write_bytes, write_struct, write_value};
 
 /// One axis of a link: a motor. Several handles may stand for the same axis.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use polepair::Error;
 
-use crate::text::copy_text;
+use crate::fixed_text::copy_text;
 
 /// Result of a call: `PP_OK`, or one of the other `PP_` codes. Codes below 64 are the exit codes of the command line
 /// (docs/reference/exit-codes.md).

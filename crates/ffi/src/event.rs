@@ -4,16 +4,17 @@
 use std::ffi::{c_char, c_void};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use polepair::events::{Event, EventKind, Events};
 
 use crate::error::{CallError, PP_NOTHING, PP_OK, pp_status};
+use crate::fixed_text::copy_text;
 use crate::handle::{run, with_handle};
 use crate::link::{pp_link, read_seconds};
+use crate::link_events::{CallbackThread, LinkEvents};
 use crate::signal::{pp_signal, signal_number};
-use crate::text::{SizedStruct, copy_text, write_struct};
+use crate::text::{SizedStruct, write_struct};
 
 /// Kind of an event.
 pub type pp_event_kind = i32;
@@ -68,33 +69,6 @@ unsafe impl SizedStruct for pp_event {}
 
 /// A function that is called for each event. `event` is valid during the call.
 pub type pp_event_handler = Option<extern "C" fn(event: *const pp_event, user: *mut c_void)>;
-
-/// Received events of a link.
-#[derive(Debug)]
-pub struct LinkEvents {
-    events: Arc<Events>,
-    handler: Option<CallbackThread>,
-}
-
-#[derive(Debug)]
-struct CallbackThread {
-    ended: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Drop for LinkEvents {
-    fn drop(&mut self) {
-        let Some(handler) = &mut self.handler else { return };
-        handler.ended.store(true, Ordering::SeqCst);
-        self.events.interrupt();
-        if let Some(thread) = handler.thread.take() {
-            // A handler that closes its own link would wait for itself.
-            if thread.thread().id() != std::thread::current().id() {
-                let _ = thread.join();
-            }
-        }
-    }
-}
 
 /// Begins to listen: events from now on wait for `pp_link_next_event`, at most 8192; then the oldest go. PP_USAGE
 /// with E257 on a server, and if the link listens already.

@@ -17,8 +17,10 @@
 pub mod axis;
 pub mod error;
 pub mod event;
+mod fixed_text;
 mod handle;
 pub mod link;
+mod link_events;
 pub mod motion;
 pub mod parameter;
 pub mod request;

@@ -12,10 +12,10 @@ use polepair::{Axis, Error, Link};
 use crate::error::{
     CallError, ErrorSlot, PP_FORKED, PP_NOTHING, PP_OK, PP_USAGE, pp_error, pp_status,
 };
-use crate::event::LinkEvents;
 use crate::handle::{
     Handle, defect, is_forked, return_handle, run, take_back, watch_forks, with_handle,
 };
+use crate::link_events::LinkEvents;
 use crate::text::{SizedStruct, read_text, write_bytes, write_struct, write_value};
 
 /// A link: a serial port, a CAN bus, a simulation, or the axes of a running server.

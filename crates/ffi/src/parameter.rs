@@ -9,8 +9,9 @@ use polepair_core::profile::ParameterId;
 
 use crate::axis::pp_axis;
 use crate::error::{CallError, PP_OK, pp_status};
+use crate::fixed_text::copy_text;
 use crate::handle::{run, with_handle};
-use crate::text::{SizedStruct, copy_text, read_text, write_bytes, write_struct, write_value};
+use crate::text::{SizedStruct, read_text, write_bytes, write_struct, write_value};
 
 /// Reads a number in the unit of its parameter: "max current" in A, for example.
 ///

@@ -7,9 +7,10 @@ use std::ops::ControlFlow;
 use polepair::scan::{ScanReport, scan};
 
 use crate::error::{CallError, ErrorSlot, PP_OK, PP_USAGE, pp_error, pp_status};
+use crate::fixed_text::copy_text;
 use crate::handle::{Handle, defect, return_handle, run, take_back};
 use crate::link::{copy_error, copy_error_text};
-use crate::text::{SizedStruct, copy_text, read_text, write_struct, write_value};
+use crate::text::{SizedStruct, read_text, write_struct, write_value};
 
 /// Result of a scan.
 #[derive(Debug)]

@@ -7,8 +7,9 @@ use polepair_core::profile::Signal;
 
 use crate::axis::pp_axis;
 use crate::error::{CallError, PP_NOTHING, PP_OK, pp_status};
+use crate::fixed_text::copy_text;
 use crate::handle::{run, with_handle};
-use crate::text::{SizedStruct, copy_text, write_struct, write_value};
+use crate::text::{SizedStruct, write_struct, write_value};
 
 /// A signal. Values are SI: rad, rad/s, N·m (or what the drive has in its place), A, V, K; m and m/s on a linear
 /// axis. Flags are 0 or 1; codes and modes are the drive's own numbers.

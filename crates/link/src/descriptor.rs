@@ -3,9 +3,8 @@
 
 use std::time::Duration;
 
-use polepair_core::convert::saturating;
 use polepair_core::time::Instant;
-use rustix::event::{Nsecs, PollFd, PollFlags, Timespec, poll};
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
 
@@ -14,20 +13,12 @@ use crate::clock;
 use crate::epoll_set::EpollSet;
 use crate::error::{Cause, LinkError};
 use crate::link::Received;
+use crate::read_mode::{ReadMode, timespec};
 use crate::waker::LinkWaker;
 
 /// Time limit of a send to a far end that takes no bytes, before the unit is given up. The lock of a connection is held
 /// meanwhile, so it is short.
 const SEND_STALL_MAX: Duration = Duration::from_millis(20);
-
-/// Amount that one read takes of the received data.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum ReadMode {
-    /// All bytes for which the buffer has room.
-    Stream,
-    /// One piece of perhaps several: a datagram, a frame.
-    Messages,
-}
 
 #[derive(Debug)]
 pub(crate) struct Descriptor {
@@ -205,8 +196,4 @@ pub(crate) fn read_bytes(fd: &OwnedFd, buffer: &mut [u8]) -> Result<usize, Errno
 #[cfg(windows)]
 pub(crate) fn write_bytes(fd: &OwnedFd, bytes: &[u8]) -> Result<usize, Errno> {
     rustix::net::send(fd, bytes, rustix::net::SendFlags::empty())
-}
-
-pub(crate) fn timespec(span: Duration) -> Timespec {
-    Timespec { tv_sec: saturating(span.as_secs()), tv_nsec: span.subsec_nanos() as Nsecs }
 }

@@ -24,7 +24,7 @@ use rustix::time::{
 };
 
 use crate::clock;
-use crate::descriptor::{ReadMode, timespec};
+use crate::read_mode::{ReadMode, timespec};
 
 const LINK_KEY: u64 = 0;
 const WAKER_KEY: u64 = 1;

@@ -11,13 +11,14 @@ use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
 
 use crate::clock;
-use crate::descriptor::{read_bytes, timespec, write_bytes};
+use crate::descriptor::{read_bytes, write_bytes};
 use crate::error::LinkError;
 use crate::hex::TextWriter;
 use crate::inbox::Inbox;
 use crate::link::{LinkIo, Losses, Received};
 #[cfg(unix)]
 use crate::pty::Pty;
+use crate::read_mode::timespec;
 use crate::waker::LinkWaker;
 
 /// Clients at a time; one more is turned away.

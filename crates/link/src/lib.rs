@@ -39,6 +39,7 @@ pub mod ports;
 mod process;
 #[cfg(unix)]
 pub mod pty;
+mod read_mode;
 pub mod serial;
 pub mod serve;
 pub mod slcan;

@@ -13,10 +13,11 @@ use rustix::io::Errno;
 use rustix::net::sockopt;
 
 use crate::clock;
-use crate::descriptor::{Descriptor, ReadMode};
+use crate::descriptor::Descriptor;
 use crate::error::{Cause, LinkError};
 use crate::link::{LinkIo, Losses, Received};
 use crate::ports::{Port, PortKind};
+use crate::read_mode::ReadMode;
 use crate::sys::{self, OverrunCounter};
 use crate::waker::LinkWaker;
 

@@ -17,9 +17,10 @@ use rustix::net::{
 };
 
 use crate::clock;
-use crate::descriptor::{Descriptor, ReadMode};
+use crate::descriptor::Descriptor;
 use crate::error::{Cause, LinkError};
 use crate::link::{LinkIo, Losses, Received};
+use crate::read_mode::ReadMode;
 use crate::waker::LinkWaker;
 
 pub mod datagram;

@@ -90,7 +90,7 @@ struct WakeSignal {
 impl WakeSignal {
     fn sleep(&self, span: Option<Duration>) {
         use rustix::event::{PollFd, PollFlags, poll};
-        let timeout = span.map(crate::descriptor::timespec);
+        let timeout = span.map(crate::read_mode::timespec);
         // A signal ends it early: the caller looks again.
         let _ = poll(&mut [PollFd::new(&self.read_end, PollFlags::IN)], timeout.as_ref());
     }

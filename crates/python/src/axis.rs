@@ -3,9 +3,7 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use polepair::interface::{
-    AxisRequest, FaultReport, ParameterDescription, Reply, WatchdogKind, WriteValue,
-};
+use polepair::interface::{AxisRequest, ParameterDescription, Reply, WatchdogKind, WriteValue};
 use polepair::{Amount, Axis as Inner, Error, start_together};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
@@ -13,12 +11,13 @@ use polepair_core::profile::{ParameterId, Signal};
 use pyo3::prelude::*;
 use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
-use crate::blocking::{Blocking, wait_sliced};
+use crate::blocking::{Blocking, WAIT_SLICE, wait_sliced};
 use crate::errors::{to_py_error, usage_error};
 use crate::events::PyEvents;
+use crate::fault::{FaultTuple, fault_tuple};
 use crate::guard;
 use crate::process_local::ProcessLocal;
-use crate::request::{PyReading, PyRequest, WAIT_SLICE};
+use crate::request::{PyReading, PyRequest};
 use crate::watch::PyWatch;
 
 /// Hint for bytes on a gateway.
@@ -559,16 +558,6 @@ pub fn begin_together(py: Python<'_>, moves: Vec<SyncedMove<'_>>) -> PyResult<()
     });
     let moves = ProcessLocal::from(moves.collect::<PyResult<Vec<_>>>()?);
     py.detach(|| start_together(&moves)).map_err(|error| to_py_error(py, &error))
-}
-
-/// Code, name, text, cause, remedy, and whether it is a warning only.
-pub type FaultTuple =
-    (u32, Cow<'static, str>, Cow<'static, str>, Cow<'static, str>, Cow<'static, str>, bool);
-
-/// A fault as a caller has it.
-pub fn fault_tuple(fault: FaultReport) -> FaultTuple {
-    let FaultReport { code, name, text, cause, remedy, is_warning } = fault;
-    (code, name, text, cause, remedy, is_warning)
 }
 
 impl PyAxis {

@@ -8,7 +8,9 @@ use polepair::remote::Gateway;
 use pyo3::prelude::*;
 
 use crate::errors::{to_py_error, usage_error};
-use crate::request::WAIT_SLICE;
+
+/// Length of a wait between two checks for Ctrl-C.
+pub const WAIT_SLICE: Duration = Duration::from_millis(50);
 
 /// A call that waits for a gateway, on a thread of its own. Dropped before its end, it continues.
 pub struct Blocking<T>(Receiver<Result<T, Error>>);

@@ -11,9 +11,9 @@ use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
+use crate::blocking::WAIT_SLICE;
 use crate::errors::{to_py_error, usage_error};
 use crate::process_local::ProcessLocal;
-use crate::request::WAIT_SLICE;
 
 /// A CAN wire.
 #[pyclass(frozen, module = "polepair._polepair")]

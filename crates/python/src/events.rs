@@ -10,9 +10,10 @@ use polepair_core::profile;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
 
-use crate::axis::{FaultTuple, fault_tuple};
+use crate::blocking::WAIT_SLICE;
+use crate::fault::{FaultTuple, fault_tuple};
 use crate::process_local::ProcessLocal;
-use crate::request::{WAIT_SLICE, WakeCallback};
+use crate::request::WakeCallback;
 
 /// Events of a link from its creation until the link is closed.
 #[pyclass(frozen, name = "Events", module = "polepair._polepair")]

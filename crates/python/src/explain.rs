@@ -8,9 +8,9 @@ use polepair_core::proto;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::axis::{FaultTuple, fault_tuple};
 use crate::capture::item_value;
 use crate::errors::usage_error;
+use crate::fault::{FaultTuple, fault_tuple};
 
 /// First byte, byte after the last, name, value, meaning.
 type PartTuple<'py> = (u16, u16, &'static str, Bound<'py, PyAny>, &'static str);

@@ -21,6 +21,7 @@ mod dataset;
 mod errors;
 mod events;
 mod explain;
+mod fault;
 mod guard;
 mod layout;
 mod link;

@@ -2,7 +2,6 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Wake, Waker};
-use std::time::Duration;
 
 use polepair::interface::{AxisRequest, ReadValue, Reply};
 use pyo3::prelude::*;
@@ -10,9 +9,6 @@ use pyo3::prelude::*;
 use crate::blocking::wait_sliced;
 use crate::errors::{to_py_error, usage_error};
 use crate::process_local::ProcessLocal;
-
-/// Length of a wait between two checks for Ctrl-C.
-pub const WAIT_SLICE: Duration = Duration::from_millis(50);
 
 /// A request that is being executed. Dropped before its end, it continues.
 #[pyclass(frozen, name = "Request", module = "polepair._polepair")]

@@ -13,134 +13,23 @@ mod search;
 
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Method;
 use axum::routing::{MethodRouter, delete, get, post};
-use tokio::sync::Semaphore;
 
-use crate::auth::{Authenticator, Caller};
-use crate::bench::{Bench, CAPTURE_MAX, SessionName};
-use crate::guard::{AllowedHosts, guard};
-use crate::journal::JournalFile;
+use crate::access::{AccessRule, LEASE_SCOPES};
+use crate::app_state::{AppState, SharedAppState};
+use crate::bench::CAPTURE_MAX;
 use crate::live;
 use crate::message::GatewayError;
-use crate::metrics::Metrics;
-use crate::scope::{Scope, Scopes};
+use crate::scope::Scope;
 
-pub(crate) use bench::bench_view as bench_of;
 pub use openapi::openapi_json;
 
 /// Bytes of a body.
 pub const BODY_MAX: usize = 1 << 20;
-/// Captures that are taken in at once.
-const UPLOADS_MAX: usize = 2;
-
-/// State shared by all routes.
-#[derive(Debug)]
-pub(crate) struct AppState {
-    pub bench: Bench,
-    pub authenticator: Authenticator,
-    pub hosts: AllowedHosts,
-    pub journal: Arc<JournalFile>,
-    pub metrics: Metrics,
-    pub broadcaster: live::Broadcaster,
-    pub uploads: Arc<Semaphore>,
-    /// Runtimes for writers of viewers, apart from the readers of commands.
-    pub runtimes: live::LiveRuntimes,
-    sessions: AtomicU64,
-}
-
-pub(crate) type SharedAppState = Arc<AppState>;
-
-impl AppState {
-    pub fn new(
-        bench: Bench,
-        authenticator: Authenticator,
-        hosts: AllowedHosts,
-        journal: Arc<JournalFile>,
-        runtimes: live::LiveRuntimes,
-    ) -> Self {
-        let (metrics, broadcaster) = (Metrics::default(), live::Broadcaster::default());
-        let (uploads, sessions) = (Arc::new(Semaphore::new(UPLOADS_MAX)), AtomicU64::new(1));
-        Self {
-            bench,
-            authenticator,
-            hosts,
-            journal,
-            metrics,
-            broadcaster,
-            uploads,
-            runtimes,
-            sessions,
-        }
-    }
-
-    /// A name for a client that stays.
-    pub fn new_session(&self, caller: &Caller) -> SessionName {
-        let n = self.sessions.fetch_add(1, Ordering::Relaxed);
-        // A token's name has no space in it, so this name is unique.
-        format!("{} {n}", caller.name).into()
-    }
-}
-
-/// Session of a REST client, by the name of the token: leases last from one request to the next.
-pub(crate) fn rest_session(caller: &Caller) -> SessionName {
-    caller.name.as_str().into()
-}
-
-/// [`rest_session`], or the session of a page that has the lease by its WebSocket and asks by REST, if the caller has
-/// the same name and knows the epoch.
-pub(crate) fn lease_session(
-    app_state: &SharedAppState,
-    caller: &Caller,
-    axis: u16,
-    epoch: u64,
-) -> SessionName {
-    let lease = app_state.bench.axis_state(axis).ok().and_then(|state| state.lease);
-    match lease.filter(|lease| lease.epoch == epoch && is_callers(&lease.owner, &caller.name)) {
-        Some(lease) => lease.owner.into(),
-        None => rest_session(caller),
-    }
-}
-
-fn is_callers(owner: &str, caller_name: &str) -> bool {
-    owner.split(' ').next() == Some(caller_name)
-}
-
-/// Access rule of a route.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AccessRule {
-    /// Not even a token.
-    Public,
-    /// One of these scopes.
-    AnyOf(&'static [Scope]),
-}
-
-impl AccessRule {
-    /// Returns whether these scopes are enough.
-    #[must_use]
-    pub fn is_met_by(self, scopes: Scopes) -> bool {
-        match self {
-            Self::Public => true,
-            Self::AnyOf(any) => any.iter().any(|scope| scopes.contains(*scope)),
-        }
-    }
-}
-
-impl fmt::Display for AccessRule {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self::AnyOf(any) = self else { return f.write_str("nothing") };
-        let mut between = "";
-        for scope in *any {
-            write!(f, "{between}{scope}")?;
-            between = " or ";
-        }
-        Ok(())
-    }
-}
 
 /// A route.
 #[derive(Clone, Copy)]
@@ -182,8 +71,6 @@ const STOP: &[Scope] = &[Scope::Stop];
 const MOVE: &[Scope] = &[Scope::Move];
 const CONFIGURE: &[Scope] = &[Scope::Configure];
 const RAW: &[Scope] = &[Scope::Raw];
-/// Scopes of which a lease needs one.
-pub(crate) const LEASE_SCOPES: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw];
 
 /// Opening a capture moves nothing and writes nothing, so it needs only the scope to see.
 const CAPTURES_PATH: &str = "/api/v1/captures";
@@ -248,7 +135,7 @@ impl ApiRoute {
     }
 }
 
-/// Every route, behind the guard.
+/// Every route. The server puts its guard in front.
 pub(crate) fn router(state: &SharedAppState) -> Router {
     let mut router = Router::new();
     for route in ROUTES {
@@ -256,10 +143,7 @@ pub(crate) fn router(state: &SharedAppState) -> Router {
         let answers = (route.handler)().layer(DefaultBodyLimit::max(max_value));
         router = router.route(route.path, answers);
     }
-    router
-        .fallback(login::serve_page)
-        .layer(axum::middleware::from_fn_with_state(Arc::clone(state), guard))
-        .with_state(Arc::clone(state))
+    router.fallback(login::serve_page).with_state(Arc::clone(state))
 }
 
 /// Result of a route.

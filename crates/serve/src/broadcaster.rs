@@ -16,9 +16,7 @@ use tokio::sync::{Semaphore, broadcast, oneshot};
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tokio_tungstenite::tungstenite::Utf8Bytes;
 
-use super::to_json;
-use crate::api::SharedAppState;
-use crate::bench::BenchEvent;
+use crate::bench::{Bench, BenchEvent};
 use crate::error::SetupError;
 use crate::message::{AxisState, BenchView, ServerMessage, StopReport};
 
@@ -37,10 +35,10 @@ const EVENTS_MAX: usize = 1024;
 #[derive(Debug, Clone)]
 pub(crate) struct Broadcaster {
     /// States of axes, which may be missed: the next one has it all.
-    pub(super) states: broadcast::Sender<Utf8Bytes>,
+    pub(crate) states: broadcast::Sender<Utf8Bytes>,
     /// Events for viewers.
-    pub(super) events: broadcast::Sender<BroadcastEvent>,
-    pub(super) viewer_slots: Arc<Semaphore>,
+    pub(crate) events: broadcast::Sender<BroadcastEvent>,
+    pub(crate) viewer_slots: Arc<Semaphore>,
     cache: Arc<Mutex<BroadcastCache>>,
 }
 
@@ -66,7 +64,7 @@ struct PublishedState {
 
 /// Something that happened.
 #[derive(Debug, Clone)]
-pub(super) enum BroadcastEvent {
+pub(crate) enum BroadcastEvent {
     Message(Utf8Bytes),
     /// The bench changed: each viewer gets it with its own scopes.
     BenchChanged,
@@ -88,57 +86,59 @@ impl Default for Broadcaster {
 impl Broadcaster {
     /// Has a thread look after it until that ends.
     pub fn start(
-        state: SharedAppState,
+        &self,
+        bench: Bench,
         mut end: oneshot::Receiver<()>,
     ) -> Result<JoinHandle<()>, SetupError> {
+        let broadcaster = self.clone();
         let runtime = Builder::new_current_thread().enable_time().build().map_err(thread_error)?;
         std::thread::Builder::new()
             .name("broadcaster".into())
             .spawn(move || {
                 runtime.block_on(async {
-                    let mut events = state.bench.subscribe_events();
+                    let mut events = bench.subscribe_events();
                     let ended = tokio::select! {
-                        () = Self::run(&state, &mut events) => return,
+                        () = broadcaster.run(&bench, &mut events) => return,
                         // The sender of the end may be gone as well.
                         ended = &mut end => ended,
                     };
                     // Events of the last stops are still sent.
                     while let Ok(event) = events.try_recv() {
-                        state.broadcaster.publish_event(&state, event);
+                        broadcaster.publish_event(&bench, event);
                     }
                     if ended.is_ok() {
-                        state.broadcaster.publish_final_states(&state);
+                        broadcaster.publish_final_states(&bench);
                         // There may be no viewer.
-                        let _ = state.broadcaster.events.send(BroadcastEvent::Closed);
+                        let _ = broadcaster.events.send(BroadcastEvent::Closed);
                     }
                 });
             })
             .map_err(thread_error)
     }
 
-    async fn run(state: &SharedAppState, events: &mut broadcast::Receiver<BenchEvent>) {
+    async fn run(&self, bench: &Bench, events: &mut broadcast::Receiver<BenchEvent>) {
         let mut looks = interval(POLL_INTERVAL);
         looks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         loop {
             tokio::select! {
                 biased;
                 event = events.recv() => match event {
-                    Ok(event) => state.broadcaster.publish_event(state, event),
-                    Err(RecvError::Lagged(_)) => state.broadcaster.resync(state),
+                    Ok(event) => self.publish_event(bench, event),
+                    Err(RecvError::Lagged(_)) => self.resync(bench),
                     Err(RecvError::Closed) => return,
                 },
-                _ = looks.tick() => state.broadcaster.poll_states(state),
+                _ = looks.tick() => self.poll_states(bench),
             }
         }
     }
 
     /// The bench as it was last looked at.
-    pub(super) fn cached_bench(&self) -> Option<BenchView> {
+    pub(crate) fn cached_bench(&self) -> Option<BenchView> {
         self.lock_cache().bench.clone()
     }
 
     /// The axes' states as they were last looked at, and as old as they are by now.
-    pub(super) fn cached_axes(&self) -> Vec<AxisState> {
+    pub(crate) fn cached_axes(&self) -> Vec<AxisState> {
         let now = clock::now();
         self.lock_cache().axes.iter().map(|shown| shown.with_current_age(now)).collect()
     }
@@ -147,29 +147,29 @@ impl Broadcaster {
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn refresh_bench(&self, state: &SharedAppState) {
-        let bench = state.bench.snapshot();
-        self.lock_cache().bench = Some(bench);
+    fn refresh_bench(&self, bench: &Bench) {
+        let view = bench.snapshot();
+        self.lock_cache().bench = Some(view);
     }
 
-    fn poll_states(&self, app_state: &SharedAppState) {
+    fn poll_states(&self, bench: &Bench) {
         // The first viewer must not wait for a change of the bench.
         if self.lock_cache().bench.is_none() {
-            self.refresh_bench(app_state);
+            self.refresh_bench(bench);
         }
         if self.states.receiver_count() == 0 {
             // States are not read without viewers: each reading takes the locks that workers need.
             return self.lock_cache().axes.clear();
         }
         for id in 0..=u16::MAX {
-            let Ok(state) = app_state.bench.axis_state(id) else { break };
+            let Ok(state) = bench.axis_state(id) else { break };
             self.publish_state(state);
         }
     }
 
     /// Publishes the final state of each axis.
-    fn publish_final_states(&self, app_state: &SharedAppState) {
-        for state in (0..=u16::MAX).map_while(|id| app_state.bench.axis_state(id).ok()) {
+    fn publish_final_states(&self, bench: &Bench) {
+        for state in (0..=u16::MAX).map_while(|id| bench.axis_state(id).ok()) {
             // There may be no viewer.
             let _ = self.events.send(BroadcastEvent::Message(to_json(&ServerMessage::Axis(state))));
         }
@@ -183,9 +183,9 @@ impl Broadcaster {
     }
 
     /// Sends everything again to all viewers.
-    fn resync(&self, state: &SharedAppState) {
-        self.refresh_bench(state);
-        self.poll_states(state);
+    fn resync(&self, bench: &Bench) {
+        self.refresh_bench(bench);
+        self.poll_states(bench);
         // The last one may just have gone.
         let _ = self.events.send(BroadcastEvent::Resync);
     }
@@ -213,7 +213,7 @@ impl Broadcaster {
         let _ = self.states.send(to_json(&ServerMessage::Axis(state)));
     }
 
-    fn publish_event(&self, app_state: &SharedAppState, event: BenchEvent) {
+    fn publish_event(&self, bench: &Bench, event: BenchEvent) {
         // Also without viewers: the next one finds it.
         if matches!(
             event,
@@ -223,14 +223,14 @@ impl Broadcaster {
                 | BenchEvent::Scan(_)
                 | BenchEvent::Search(_)
         ) {
-            self.refresh_bench(app_state);
+            self.refresh_bench(bench);
         }
         if self.events.receiver_count() == 0 {
             return;
         }
         let message = match event {
             BenchEvent::Lease { axis, .. } | BenchEvent::PendingStop(axis) => {
-                match app_state.bench.axis_state(axis) {
+                match bench.axis_state(axis) {
                     Ok(state) => ServerMessage::Axis(state),
                     Err(_) => return,
                 }
@@ -273,4 +273,8 @@ fn without_ages(state: &AxisState) -> AxisState {
         lease.expires_ms = 0.0;
     }
     state
+}
+
+pub(crate) fn to_json(message: &ServerMessage) -> Utf8Bytes {
+    serde_json::to_string(message).expect("a message is of strings and finite numbers").into()
 }

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use axum::extract::Request;
 use tokio::sync::oneshot;
 
 /// Limit of simultaneous connections, where the system allows that many.
@@ -129,6 +130,12 @@ impl Drop for ConnectionSlot {
         open.unauthenticated.remove(&self.0.id);
         open.authenticated.remove(&self.0.id);
     }
+}
+
+/// Address of the client, by its socket.
+pub(crate) fn peer(request: &Request) -> IpAddr {
+    let connection = request.extensions().get::<PeerConnection>();
+    connection.map_or(IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED), |connection| connection.peer)
 }
 
 #[cfg(test)]

@@ -7,12 +7,16 @@
 //! This is not a certified safety function: use hard-wired STO and an emergency stop.
 #![forbid(unsafe_code)]
 
+mod access;
 mod api;
+mod app_state;
 mod auth;
 pub mod bench;
+mod broadcaster;
 mod connections;
 mod error;
 mod guard;
+mod hosts;
 pub mod journal;
 mod live;
 mod metrics;
@@ -26,7 +30,8 @@ mod tls;
 mod tls;
 mod token;
 
-pub use api::{AccessRule, ApiRoute, BODY_MAX, ROUTES, openapi_json};
+pub use access::AccessRule;
+pub use api::{ApiRoute, BODY_MAX, ROUTES, openapi_json};
 pub use auth::TRIES_MAX;
 pub use error::SetupError;
 pub use message::PORT;

@@ -7,7 +7,6 @@
 //! ([`split_socket`]), so no stop waits for them. A viewer that accepts no data for five seconds is disconnected; its
 //! leases end.
 
-mod broadcaster;
 mod incoming;
 mod split_socket;
 mod subscriptions;
@@ -23,7 +22,6 @@ use axum::response::{IntoResponse as _, Response};
 use futures_util::{SinkExt as _, StreamExt as _};
 use hyper::upgrade::Upgraded;
 use polepair_link::clock;
-use tokio::runtime::Handle;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::mpsc::Permit;
 use tokio::sync::{Semaphore, broadcast, mpsc};
@@ -32,20 +30,19 @@ use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
-use crate::api::{self, AccessRule, LEASE_SCOPES, SharedAppState};
+use crate::access::{AccessRule, LEASE_SCOPES};
+use crate::app_state::SharedAppState;
 use crate::auth::Caller;
 use crate::bench::SessionName;
+use crate::broadcaster::{BroadcastEvent, to_json};
 use crate::message::{
     ClientMessage, CommandOutcome, CommandRequest, DismissStop, ErrorBody, GatewayError,
     LeaseAction, OutcomeKind, ServerMessage, StopRequest, WEBSOCKET_PROTOCOL, Welcome,
 };
 use crate::scope::Scope;
-use broadcaster::BroadcastEvent;
 use incoming::{IncomingQueue, OutputQueue, QueuedMessage, RateLimiter};
 use split_socket::{SocketReader, SocketWriter, SplitSocket};
 use subscriptions::{SubscriptionRequest, SubscriptionRound, Subscriptions};
-
-pub(crate) use broadcaster::Broadcaster;
 
 /// Bytes of a message.
 pub const MESSAGE_MAX: usize = 64 * 1024;
@@ -108,17 +105,6 @@ fn offers_protocol(headers: &HeaderMap) -> bool {
     let offers = headers.get_all(header::SEC_WEBSOCKET_PROTOCOL).into_iter();
     let mut words = offers.flat_map(|offer| offer.as_bytes().split(|byte| *byte == b','));
     words.any(|word| word.trim_ascii() == WEBSOCKET_PROTOCOL.as_bytes())
-}
-
-/// The runtimes that serve viewers.
-#[derive(Debug)]
-pub(crate) struct LiveRuntimes {
-    /// They receive messages of authenticated viewers and execute them.
-    pub inbound: Handle,
-    /// They send to viewers.
-    pub outbound: Handle,
-    /// True if connections are encrypted; else those that write stand back.
-    pub encrypted: bool,
 }
 
 /// A message's turn, with the place that what comes of it has.
@@ -200,7 +186,7 @@ impl Viewer {
             scopes: self.caller.scopes.iter().collect(),
             lease_ms: saturating(bench.lease_duration().as_millis()),
         });
-        let view = ServerMessage::Bench(api::bench_of(&self.state, &self.caller));
+        let view = ServerMessage::Bench(self.state.bench_view(&self.caller));
         let states =
             (0..=u16::MAX).map_while(|id| bench.axis_state(id).ok()).map(ServerMessage::Axis);
         [welcome, view]
@@ -574,10 +560,6 @@ fn type_and_access(message: &ClientMessage) -> (&'static str, AccessRule) {
 
 const fn any_of(scopes: &'static [Scope]) -> AccessRule {
     AccessRule::AnyOf(scopes)
-}
-
-fn to_json(message: &ServerMessage) -> Utf8Bytes {
-    serde_json::to_string(message).expect("a message is of strings and finite numbers").into()
 }
 
 fn error_message(error: GatewayError, about: Option<&str>, subject: Option<u16>) -> ServerMessage {

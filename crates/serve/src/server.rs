@@ -25,14 +25,15 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{oneshot, watch};
 use tower::ServiceExt as _;
 
-use crate::api::{self, AppState, SharedAppState};
+use crate::api;
+use crate::app_state::{AppState, LiveRuntimes, SharedAppState};
 use crate::auth::Authenticator;
 use crate::bench::{self, Bench};
 use crate::connections::{ConnectionLimiter, ConnectionSlot, LocalAddress};
 use crate::error::SetupError;
-use crate::guard::AllowedHosts;
+use crate::guard::guard;
+use crate::hosts::AllowedHosts;
 use crate::journal::JournalFile;
-use crate::live::{self, Broadcaster};
 use crate::message::{GatewayError, JournalAction};
 use crate::options::ServerOptions;
 use crate::tls::{self, ServerTls};
@@ -156,12 +157,13 @@ impl GatewayServer {
         };
         let (inbound, outbound) =
             (runtimes.inbound.handle().clone(), runtimes.outbound.handle().clone());
-        let threads = live::LiveRuntimes { inbound, outbound, encrypted: encrypts };
+        let threads = LiveRuntimes { inbound, outbound, encrypted: encrypts };
         let app_state = Arc::new(AppState::new(bench, authenticator, hosts, journal, threads));
         let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
         let (end, ended) = watch::channel(false);
         let (board_ends, board_ended) = oneshot::channel();
-        let board = Some((Broadcaster::start(Arc::clone(&app_state), board_ended)?, board_ends));
+        let board =
+            Some((app_state.broadcaster.start(app_state.bench.clone(), board_ended)?, board_ends));
         runtimes.http.spawn(accept_connections(listener, Arc::clone(&app_state), tls, ended));
         let shown = SocketAddr::new(browser_ip(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
@@ -341,7 +343,9 @@ async fn accept_connections(
         return tracing::error!("the operating system closed the listening socket");
     };
     let files = polepair_link::raise_file_limit();
-    let (app, connections) = (api::router(&state), ConnectionLimiter::new(files));
+    let guarding = axum::middleware::from_fn_with_state(Arc::clone(&state), guard);
+    let app = api::router(&state).layer(guarding);
+    let connections = ConnectionLimiter::new(files);
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,

@@ -172,3 +172,10 @@ impl RandomRack {
         Self { text, axes, wires }
     }
 }
+
+/// Draws a speed for a kind of drive, rad/s: both directions.
+pub fn random_speed(kind: &DriveKind, random: &mut Random) -> f64 {
+    let (min, max) = kind.speeds;
+    let speed = random.between(i64::from(min), i64::from(max)) as f64;
+    if random.chance(Ppm(500_000)) { speed } else { -speed }
+}

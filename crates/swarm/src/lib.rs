@@ -8,6 +8,7 @@
 
 mod client;
 mod drives;
+mod history;
 mod runner;
 mod scenario;
 mod schedule;

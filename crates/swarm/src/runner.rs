@@ -19,7 +19,8 @@ use polepair_sim::random::{HistoryHash, Ppm, Random};
 
 use crate::client::{ClientAction, ClientPresence, GatewayClient, LeaseProgress};
 use crate::drives::RandomRack;
-use crate::scenario::{hash_text, random_speed, seconds};
+use crate::drives::random_speed;
+use crate::history::{hash_text, seconds};
 use crate::schedule::{DriveEvent, DriveEventKind, WireDisturbance};
 use crate::stop_observer::{StopObserver, StopViolation};
 use crate::wire::{AnyPort, UnitOutcome, WireCondition};
@@ -622,7 +623,7 @@ impl WorldRunner {
                 Some(polepair_serve::message::FrameDirection::Rx) => '<',
                 None => '?',
             };
-            let at = item.t_us / 1e6 + crate::scenario::seconds(self.begin);
+            let at = item.t_us / 1e6 + seconds(self.begin);
             let line = format!("{at:10.6}   wire {} {way} {} | {}", item.link, item.raw, item.text);
             self.history_sink.iter().for_each(|report_line| report_line(&line));
         }

@@ -9,9 +9,10 @@ use polepair::Connector;
 use polepair::simulate::Simulation;
 use polepair_core::time::Instant;
 use polepair_serve::bench::{Bench, BenchOptions};
-use polepair_sim::random::{HistoryHash, Ppm, Random};
+use polepair_sim::random::Random;
 
 use crate::drives::RandomRack;
+use crate::history::seconds;
 use crate::runner::WorldRunner;
 use crate::schedule;
 use crate::wire::{self, AnyPort};
@@ -134,21 +135,4 @@ fn open_bench(rack: &RandomRack, seed: u64, ports: &SharedPorts) -> Result<Bench
     // It may be gone already; the next seed of this thread writes its own.
     let _ = std::fs::remove_file(&file);
     opened.map_err(|refused| format!("{}\n{}", refused.message, rack.text))
-}
-
-/// Seconds.
-pub fn seconds(instant: Instant) -> f64 {
-    instant.0 as f64 / 1e9
-}
-
-/// Draws a speed for a kind of drive, rad/s: both directions.
-pub fn random_speed(kind: &crate::drives::DriveKind, random: &mut Random) -> f64 {
-    let (min, max) = kind.speeds;
-    let speed = random.between(i64::from(min), i64::from(max)) as f64;
-    if random.chance(Ppm(500_000)) { speed } else { -speed }
-}
-
-/// The hash of a word.
-pub fn hash_text(history: &mut HistoryHash, word: &str) {
-    history.add_bytes(word.as_bytes());
 }

@@ -11,7 +11,7 @@ use polepair_core::proto::{AxisNumber, GROUP};
 
 use crate::call::{CallResult, TmlError};
 use crate::execute::Target;
-use crate::message::{MessageListener, MessageQueue, MessageTap};
+use crate::message_queue::{MessageListener, MessageQueue, MessageTap};
 
 /// Channel types as programs number them.
 pub mod channel_type {

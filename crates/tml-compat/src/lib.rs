@@ -24,6 +24,7 @@ pub mod event;
 pub mod line;
 pub mod memory;
 pub mod message;
+mod message_queue;
 pub mod motion;
 pub mod path;
 pub mod power;

@@ -1,129 +1,21 @@
 //! Messages that drives send without being asked.
 #![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
 
-use std::collections::VecDeque;
 use std::ffi::c_long;
-use std::sync::{Arc, Mutex, PoisonError};
-
-use polepair::LocalAxis;
-use polepair_core::medium::{Can, Frame, Stream};
-use polepair_core::proto::tml::online::OnlineMessage;
-use polepair_core::proto::tml::serial::{Deframer, RecoveryPolicy, SerialPiece};
-use polepair_core::proto::tml::wire::Instruction;
-use polepair_core::proto::tml::{technocan, tmlcan};
-use polepair_core::time::Instant;
-use polepair_link::{ListenerGuard, Mailbox, Tap, TapDirection};
+use std::sync::{Mutex, PoisonError};
 
 use crate::Bool;
 use crate::call::{TmlError, run_bool};
 use crate::channel::{messages, target};
+use crate::message_queue::DriveMessage;
 
 /// A function of the program: axis ID, address in data memory, value.
 pub type Handler = extern "system" fn(axis: u16, address: u16, value: c_long);
 
 static HANDLER: Mutex<Option<Handler>> = Mutex::new(None);
 
-/// Messages that wait for [`TS_CheckForUnrequestedDriveMessages`] at most; then the oldest go.
-const QUEUE_MAX: usize = 4096;
 /// Bit 0 of MASTERID: the receiver is a host. Bits 4 to 11 are its axis ID.
 const HOST_BIT: u16 = 1;
-
-/// One value that a drive sent.
-#[derive(Clone, Copy, Debug)]
-struct DriveMessage {
-    axis: u8,
-    address: u16,
-    value: u32,
-    long: bool,
-}
-
-/// The messages of a channel that were not handed over yet.
-#[derive(Clone, Debug, Default)]
-pub struct MessageQueue(Arc<Mutex<VecDeque<DriveMessage>>>);
-
-impl MessageQueue {
-    fn push(&self, message: DriveMessage) {
-        let mut queue = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if queue.len() == QUEUE_MAX {
-            queue.pop_front();
-        }
-        queue.push_back(message);
-    }
-
-    fn pop(&self) -> Option<DriveMessage> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
-    }
-}
-
-/// Sees everything on a channel's wire. Values that this library asks for come as TakeData; TakeData2 is what
-/// drives send by themselves.
-#[derive(Debug)]
-pub struct MessageTap {
-    queue: MessageQueue,
-    deframer: Deframer,
-}
-
-impl MessageTap {
-    /// A tap that fills a queue.
-    pub fn new(queue: MessageQueue) -> Self {
-        Self { queue, deframer: Deframer::new(RecoveryPolicy::Search) }
-    }
-
-    fn see(&self, instruction: &Instruction) {
-        if let Some(OnlineMessage::TakeData2 { sender, address, long, value }) =
-            OnlineMessage::parse(instruction)
-        {
-            self.queue.push(DriveMessage { axis: sender, address, value, long });
-        }
-    }
-}
-
-impl Tap<Stream> for MessageTap {
-    fn record_unit(&mut self, _at: Instant, direction: TapDirection, unit: &[u8]) {
-        if direction == TapDirection::ToDrive {
-            return;
-        }
-        for byte in unit {
-            self.deframer.push(*byte);
-            while let Some(piece) = self.deframer.next_piece() {
-                if let SerialPiece::Message(message) = piece {
-                    self.see(&message.instruction);
-                }
-            }
-        }
-    }
-}
-
-impl Tap<Can> for MessageTap {
-    fn record_unit(&mut self, _at: Instant, direction: TapDirection, frame: &Frame) {
-        if direction == TapDirection::ToDrive {
-            return;
-        }
-        if frame.extended {
-            if let Ok(message) = tmlcan::decode(frame) {
-                self.see(&message.instruction);
-            }
-        } else if let Ok(content) = technocan::decode(frame) {
-            self.see(&content.instruction);
-        }
-    }
-}
-
-/// Keeps a channel reading while no request is under way.
-#[derive(Debug)]
-pub struct MessageListener {
-    _mailbox: Mailbox,
-    _guard: ListenerGuard,
-}
-
-impl MessageListener {
-    /// Begins to read.
-    pub fn start(axis: &LocalAxis) -> Self {
-        let mailbox = Mailbox::new(1);
-        let guard = axis.connection().listen(&mailbox, 0, None);
-        Self { _mailbox: mailbox, _guard: guard }
-    }
-}
 
 /// Sets the function that [`TS_CheckForUnrequestedDriveMessages`] calls, for the whole process. NULL removes it.
 #[unsafe(no_mangle)]

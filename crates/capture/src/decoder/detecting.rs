@@ -1,12 +1,9 @@
 //! Detects the protocols of a capture while it is decoded.
 
-use std::io::Read;
-
 use polepair_core::medium::Frame;
 
 use super::CaptureDecoder;
-use crate::detector::{LinkDetection, LookAhead, ProtocolDetector};
-use crate::read::ReadOptions;
+use crate::detection::{DetectedProtocols, LinkDetection, ProtocolSource};
 use crate::record::STANDARD_MAX;
 
 /// Identifiers of 11 bits for which the detection holds.
@@ -34,26 +31,20 @@ impl CoveredIds {
 }
 
 impl CaptureDecoder {
-    /// A decoder that detects the protocols itself. `source` is the capture from its beginning: it is
-    /// read ahead of what is fed, until the result is certain for the links and identifiers that have
-    /// come, and further when a new one comes.
-    ///
-    /// # Errors
-    /// The source cannot be read.
-    pub fn detect(source: Box<dyn Read + Send>, options: ReadOptions) -> std::io::Result<Self> {
-        let detector = ProtocolDetector::with_read_options(options);
-        let mut look_ahead = LookAhead::new(source, detector);
-        let verdict = look_ahead.read(None)?;
-        let decoder = Self::from_detection(verdict.rules, verdict.echo_links);
-        Ok(Self {
-            look_ahead: Some(look_ahead),
-            first_detections: verdict.links.clone(),
-            detections: verdict.links,
-            ..decoder.with_read_options(options)
-        })
+    /// A decoder by the protocols found so far, which finds those of new links and identifiers in `source`.
+    pub(crate) fn with_protocol_source(
+        found: DetectedProtocols,
+        source: Box<dyn ProtocolSource>,
+    ) -> Self {
+        Self {
+            protocol_source: Some(source),
+            first_detections: found.links.clone(),
+            detections: found.links,
+            ..Self::from_detection(found.rules, found.echo_links)
+        }
     }
 
-    /// Protocols of each link, as far as they were [detected](Self::detect) by now.
+    /// Protocols of each link, as far as they were detected by now.
     #[must_use]
     pub fn detections(&self) -> &[LinkDetection] {
         &self.detections
@@ -71,7 +62,7 @@ impl CaptureDecoder {
     /// Before a frame is decoded: detects further if its identifier is new.
     #[inline]
     pub(super) fn detect_for_frame(&mut self, at: usize, frame: &Frame) {
-        if self.look_ahead.is_none() || self.links[at].covered.contains(frame) {
+        if self.protocol_source.is_none() || self.links[at].covered.contains(frame) {
             return;
         }
         let name = std::sync::Arc::clone(&self.links[at].name);
@@ -82,18 +73,18 @@ impl CaptureDecoder {
 
     /// Detects further if a link, or the identifier of a frame on it, is new.
     pub(super) fn detect_for(&mut self, link: &str, frame: Option<&Frame>) {
-        let Some(look_ahead) = &mut self.look_ahead else { return };
-        if look_ahead.covers(link, frame) {
+        let Some(source) = &mut self.protocol_source else { return };
+        if source.covers(link, frame) {
             return;
         }
         // An error in reading ahead occurs again in decoding, and is reported there.
-        let Ok(verdict) = look_ahead.read(Some((link, frame))) else { return };
-        (self.detections, self.echo_links) = (verdict.links, verdict.echo_links);
+        let Ok(found) = source.read(Some((link, frame))) else { return };
+        (self.detections, self.echo_links) = (found.links, found.echo_links);
         // Routes are thrown away for new rules alone: they are what makes decoding fast.
-        if self.rules == verdict.rules {
+        if self.rules == found.rules {
             return;
         }
-        self.rules = verdict.rules;
+        self.rules = found.rules;
         for wire in &mut self.links {
             wire.rules = self.rules.for_link(&wire.name);
         }

@@ -1,18 +1,21 @@
 //! Reads ahead of a decoder to detect what is spoken.
 
 use core::fmt;
-use std::io::Read;
+use std::io::{self, Read};
 
 use polepair_core::medium::Frame;
 use polepair_core::proto;
 
-use super::{ProtocolDetector, Verdict, score};
+use super::{ProtocolDetector, score};
+use crate::decoder::CaptureDecoder;
+use crate::detection::{DetectedProtocols, ProtocolSource};
+use crate::read::ReadOptions;
 
 /// Bytes that are read at once.
 const PIECE_BYTES: u64 = 1 << 16;
 
 /// A detector that reads a capture by itself, as far as it has to.
-pub(crate) struct LookAhead {
+struct LookAhead {
     /// The capture from its beginning.
     source: Box<dyn Read + Send>,
     detector: ProtocolDetector,
@@ -26,12 +29,13 @@ impl fmt::Debug for LookAhead {
 }
 
 impl LookAhead {
-    pub fn new(source: Box<dyn Read + Send>, detector: ProtocolDetector) -> Self {
+    fn new(source: Box<dyn Read + Send>, detector: ProtocolDetector) -> Self {
         Self { source, detector, ended: false }
     }
+}
 
-    /// Reads until the result is certain, and `frame` of `link` has come; else to the end.
-    pub fn read(&mut self, met: Option<(&str, Option<&Frame>)>) -> std::io::Result<Verdict> {
+impl ProtocolSource for LookAhead {
+    fn read(&mut self, met: Option<(&str, Option<&Frame>)>) -> io::Result<DetectedProtocols> {
         let mut piece = Vec::with_capacity(PIECE_BYTES as usize);
         while !self.ended {
             let sampler = &self.detector.weighing.sampler;
@@ -50,14 +54,28 @@ impl LookAhead {
                 self.detector.feed(&piece)
             }
         }
-        Ok(self.detector.weighing.verdict())
+        Ok(self.detector.weighing.verdict().found)
     }
 
-    /// Returns whether the result holds for a frame of a link too, or for a link without a frame.
-    pub fn covers(&self, link: &str, frame: Option<&Frame>) -> bool {
+    fn covers(&self, link: &str, frame: Option<&Frame>) -> bool {
         self.ended
             || self.detector.weighing.sampler.has_seen(link, frame)
             || frame.is_some_and(|frame| !is_claimed_frame(frame))
+    }
+}
+
+impl CaptureDecoder {
+    /// A decoder that detects the protocols itself. `source` is the capture from its beginning: it is
+    /// read ahead of what is fed, until the result is certain for the links and identifiers that have
+    /// come, and further when a new one comes.
+    ///
+    /// # Errors
+    /// The source cannot be read.
+    pub fn detect(source: Box<dyn Read + Send>, options: ReadOptions) -> io::Result<Self> {
+        let detector = ProtocolDetector::with_read_options(options);
+        let mut look_ahead = LookAhead::new(source, detector);
+        let found = look_ahead.read(None)?;
+        Ok(Self::with_protocol_source(found, Box::new(look_ahead)).with_read_options(options))
     }
 }
 

@@ -6,17 +6,13 @@ use polepair_core::explain::Dissector;
 
 use super::pairs::PROOF_PAIRS;
 use super::score::{CandidateProtocol, CandidateScores, LinkScore};
-use super::{
-    CERTAIN_BITS, CERTAIN_CONFIDENCE, CHANCE_SHARE, EXPLAINED_MIN, LinkDetection, TIE_MARGIN,
-};
+use super::{CERTAIN_BITS, CERTAIN_CONFIDENCE, CHANCE_SHARE, EXPLAINED_MIN, TIE_MARGIN};
+use crate::detection::{DetectedProtocols, LinkDetection};
 use crate::rules::{Rule, RuleScope, Rules};
 
 /// Detected protocols, by the evaluated records.
-pub(crate) struct Verdict {
-    pub links: Vec<LinkDetection>,
-    pub rules: Rules,
-    /// Links on which the host receives its own requests.
-    pub echo_links: Vec<String>,
+pub(super) struct Verdict {
+    pub found: DetectedProtocols,
     /// Each protocol of each link has enough evidence, and no other one has any.
     is_proven: bool,
     /// An identifier may belong to a protocol that is none of its link's.
@@ -28,7 +24,7 @@ impl Verdict {
     pub fn is_certain(&self) -> bool {
         self.is_proven
             && !self.has_unclaimed
-            && self.links.iter().all(|link| {
+            && self.found.links.iter().all(|link| {
                 link.protocol.is_some()
                     && link.confidence >= CERTAIN_CONFIDENCE
                     && link.shared_axes.is_empty()
@@ -69,7 +65,8 @@ pub(super) fn judge(
         })
         .map(|link| link.link.clone())
         .collect();
-    Verdict { links, rules: Rules(rules), echo_links, is_proven, has_unclaimed: false }
+    let found = DetectedProtocols { links, rules: Rules(rules), echo_links };
+    Verdict { found, is_proven, has_unclaimed: false }
 }
 
 /// Detects the protocols of a link, and whether each of them is proven and no other one is possible.

@@ -5,10 +5,11 @@ use polepair::simulate::{ACTS, ActValue, parse_act, parse_act_value};
 use polepair_client::Gateway;
 
 use crate::control::{self, ActReply};
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, ServerArgs};
-use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
+use crate::terminal::{TextTable, colour_out, print_note};
 
 /// Changes a simulated drive from outside: load, fault, input, supply.
 ///

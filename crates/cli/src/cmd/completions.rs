@@ -20,8 +20,8 @@ use polepair_core::profile::{Access, Profile};
 use polepair_core::proto::OptionKind;
 use polepair_link::PortKind;
 
+use crate::data_output::DataOutput;
 use crate::problem::{Exit, Result};
-use crate::terminal::DataOutput;
 
 /// The variable that names the shell that asks.
 const ASKING_SHELL: &str = "POLEPAIR_COMPLETE";

@@ -11,13 +11,14 @@ use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
 use polepair_core::profile::Signal;
 
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::output_file;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::session::{LocalSession, read_signal};
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{self, DataOutput, TextTable, colour_out, print_note, print_warning};
+use crate::terminal::{self, TextTable, colour_out, print_note, print_warning};
 use crate::value::plural;
 
 /// Saves, compares and restores a drive's settings. The file has one sorted line for each setting, with its

@@ -19,9 +19,10 @@ use polepair_capture::FrameFilter;
 use polepair_capture::text::{NoticeLevel, TextStyle};
 
 use crate::capture::{CaptureArgs, EventSink, is_stream, job_count, report_left_out};
+use crate::data_output::DataOutput;
 use crate::output_file;
 use crate::problem::{Problem, Result};
-use crate::terminal::{self, DataOutput};
+use crate::terminal;
 use crate::value;
 use expect::Expectation;
 use filtered_sink::FilteredSink;

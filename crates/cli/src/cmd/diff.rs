@@ -9,8 +9,9 @@ use polepair_capture::summary::Summary;
 
 use super::summary::{require_frames, summarize};
 use crate::capture::CaptureArgs;
+use crate::data_output::DataOutput;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, DataOutput, TextTable, print_note};
+use crate::terminal::{self, TextTable, print_note};
 
 /// Compares the behaviour of two captures, not their bytes.
 ///

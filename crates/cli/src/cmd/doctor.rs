@@ -9,12 +9,13 @@ use polepair::{Connector, Error, LocalAxis};
 use polepair_capture::jsonl;
 
 use crate::cmd::watchdog::parse_time;
+use crate::data_output::DataOutput;
 use crate::interrupt;
 use crate::motion::StopPrinter;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::LocalSession;
-use crate::terminal::{DataOutput, colour_out, draw, print_warning};
+use crate::terminal::{colour_out, draw, print_warning};
 
 /// Checks a link step by step, from the cable to the drive, and suggests what to try.
 ///

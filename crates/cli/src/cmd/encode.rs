@@ -8,8 +8,9 @@ use polepair_core::explain::{
 };
 use polepair_core::proto;
 
+use crate::data_output::DataOutput;
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{DataOutput, print_warning};
+use crate::terminal::print_warning;
 
 /// The longest frame there is.
 const FRAME_MAX: usize = polepair_core::medium::STREAM_UNIT_MAX;

@@ -6,9 +6,10 @@ use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::{Fault, Profile, Severity};
 use polepair_core::proto;
 
+use crate::data_output::DataOutput;
 use crate::outcome::faults;
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{DataOutput, TextTable, colour_out};
+use crate::terminal::{TextTable, colour_out};
 
 /// Explains a code, a register value, or every byte of a frame.
 ///

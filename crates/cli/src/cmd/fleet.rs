@@ -5,8 +5,8 @@ use std::process::{Command, Stdio};
 
 use clap::Args;
 
+use crate::data_output::DataOutput;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::DataOutput;
 
 /// Interpreters by name, in the order in which they are tried.
 const INTERPRETERS: [&str; 3] = ["python3", "python", "py"];

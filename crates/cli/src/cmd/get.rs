@@ -9,13 +9,14 @@ use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
 use polepair_core::profile::ParameterId;
 
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::remote::ServerArgs;
 use crate::session::Session;
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{DataOutput, csv_line, print_note, print_warning};
+use crate::terminal::{csv_line, print_note, print_warning};
 use crate::value::plural;
 
 /// The columns after the axis.

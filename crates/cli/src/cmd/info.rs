@@ -10,12 +10,13 @@ use polepair_client::message::{AxisState, SignalValue};
 use polepair_core::profile::Signal;
 
 use crate::cmd::watchdog::watchdog_text;
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::ServerArgs;
 use crate::session::read_signal;
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, TextTable, print_note, print_warning};
+use crate::terminal::{TextTable, print_note, print_warning};
 
 /// Shows the identity of a drive, its state, and its faults in words.
 #[derive(Args, Debug)]

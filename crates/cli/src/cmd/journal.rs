@@ -6,8 +6,9 @@ use clap::{Args, Subcommand};
 use polepair_serve::journal::verify;
 
 use super::serve;
+use crate::data_output::DataOutput;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::print_note;
 
 /// The journal of `polepair serve`.
 #[derive(Subcommand, Debug)]

@@ -7,11 +7,12 @@ use clap::Args;
 use polepair::lss::{LssIdentity, LssMaster, bit_rate_index};
 use polepair::url::{Url, shell_word};
 
+use crate::data_output::DataOutput;
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{self, DataOutput, TextTable, colour_out, csv_line, print_note};
+use crate::terminal::{self, TextTable, colour_out, csv_line, print_note};
 
 /// Shows and sets node-IDs and bit rates of CANopen devices by LSS (CiA 305).
 #[derive(Args, Debug)]

@@ -18,10 +18,10 @@ use clap::{Args, ValueEnum};
 use polepair_capture::Rules;
 
 use crate::outcome;
-use crate::output_file::TraceArgs;
 use crate::problem::{self, Problem, Result};
 use crate::remote::{ALL, RemoteSession, ServerArgs, unsupported_problem};
 use crate::tap_queue::TapQueue;
+use crate::trace::TraceArgs;
 use crate::{terminal, value};
 use local::{LocalSource, Polling};
 use model::Monitor;

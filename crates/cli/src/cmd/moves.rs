@@ -8,12 +8,12 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 
+use crate::data_output::DataOutput;
 use crate::motion::{self, MotionMode, parse_argument};
 use crate::problem::Result;
 use crate::remote::ServerArgs;
 use crate::session::Session;
 use crate::target::DriveArgs;
-use crate::terminal::DataOutput;
 use crate::value;
 
 /// Speed of a jog without a given one.

@@ -6,8 +6,9 @@ use polepair_core::profile::{
     Access, Certainty, Encoding, Parameter, ParameterId, Persistence, Profile,
 };
 
+use crate::data_output::DataOutput;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
+use crate::terminal::{TextTable, colour_out, print_note};
 use crate::value::{format_amount, format_number, in_own_unit};
 
 /// Lists the parameters of a drive: names, units, ranges, defaults, manual sections.

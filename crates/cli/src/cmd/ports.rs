@@ -3,8 +3,9 @@
 use clap::Args;
 use polepair_link::{Port, PortKind, ports};
 
+use crate::data_output::DataOutput;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{DataOutput, TextTable, colour_out};
+use crate::terminal::{TextTable, colour_out};
 
 /// Lists the serial and CAN adapters of this machine, with the reason if one is unusable.
 #[derive(Args, Debug)]

@@ -7,13 +7,14 @@ use polepair_capture::{CaptureDecoder, Rules, jsonl};
 use polepair_core::proto::drive_address;
 use polepair_link::tap::TapDirection;
 
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, ServerArgs};
 use crate::session::Session;
 use crate::tap_queue::{TapQueue, UnitBuf};
 use crate::target::{DriveArgs, UnitRef, describe_step};
-use crate::terminal::{DataOutput, print_note, print_warning};
+use crate::terminal::{print_note, print_warning};
 
 /// Sends requests in the protocol's own text, and explains the replies.
 #[derive(Args, Debug)]

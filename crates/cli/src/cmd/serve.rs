@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use polepair_serve::{GatewayServer, PORT, Scopes, ServerOptions, SetupError};
 
+use crate::data_output::DataOutput;
 use crate::outcome::to_sentence;
 use crate::problem::{Exit, Problem, Result};
 use crate::profile_args::ProfileFile;
-use crate::terminal::{DataOutput, print_note, print_warning};
+use crate::terminal::{print_note, print_warning};
 use tracing_subscriber::EnvFilter;
 
 /// Opens links and serves them to browsers and programs until Ctrl-C.

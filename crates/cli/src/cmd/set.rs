@@ -11,12 +11,13 @@ use polepair::interface::WriteValue;
 use polepair::{Amount, Axis, LocalAxis};
 use polepair_core::profile::Persistence;
 
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, ServerArgs};
 use crate::session::Session;
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::print_note;
 use crate::value;
 use data_write::DataWrite;
 use readdress::AddressChange;

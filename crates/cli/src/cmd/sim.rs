@@ -15,10 +15,11 @@ use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
 use polepair_link::{slcan, socketcand, tcp::TcpServer, udp};
 
 use crate::control::{ControlServer, ServedDrives};
+use crate::data_output::DataOutput;
 use crate::local_wire;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, DataOutput, print_note};
+use crate::terminal::{self, print_note};
 
 /// Simulates drives for any program, until Ctrl-C.
 ///

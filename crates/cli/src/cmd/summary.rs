@@ -8,9 +8,10 @@ use polepair_capture::summary::{Summary, SummaryStyle, render_text, to_json};
 use polepair_capture::{CaptureDecoder, DecodedFrame, FrameBatch};
 
 use crate::capture::{CaptureArgs, CaptureSource, EventSink, is_stream, report_left_out};
+use crate::data_output::DataOutput;
 use crate::output_file;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, DataOutput};
+use crate::terminal;
 
 /// Summarises a capture: axes, states, response times, faults.
 ///

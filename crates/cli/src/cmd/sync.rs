@@ -11,12 +11,13 @@ use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 use polepair_link::clock;
 
+use crate::data_output::DataOutput;
 use crate::motion::parse_argument;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{LocalSession, read_signal, run_verb};
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, print_note, print_warning};
+use crate::terminal::{print_note, print_warning};
 use crate::value::format_number;
 
 /// Time for drives to adopt the master's time, ms.

@@ -12,13 +12,14 @@ use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
+use crate::data_output::DataOutput;
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, ServerArgs};
 use crate::session::Session;
 use crate::target::DriveArgs;
-use crate::terminal::{self, DataOutput};
+use crate::terminal;
 use crate::value;
 
 /// Longest wait between two checks for Ctrl-C, ms.

@@ -6,11 +6,12 @@ use clap::Args;
 use polepair::interface::{WatchdogKind, WatchdogReport};
 use polepair::{Axis, LocalAxis};
 
+use crate::data_output::DataOutput;
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::ServerArgs;
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, print_note, print_warning};
+use crate::terminal::{print_note, print_warning};
 use crate::value;
 
 /// Shows or sets the reaction of drives to a silent host.

@@ -8,10 +8,11 @@ use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 
 use super::{CTRL_C_STOPS, LEFT_RUNNING};
+use crate::data_output::DataOutput;
 use crate::outcome::to_problem;
 use crate::problem::Result;
 use crate::session::{self, LocalSession, Session};
-use crate::terminal::{DataOutput, is_quiet, print_note};
+use crate::terminal::{is_quiet, print_note};
 
 /// Prints one line for each product before anything moves: the way to stop the motor, and the drive's reaction when its
 /// host falls silent. Its watchdog is read for that, because a setting is more certain than a rule. The cautions of the

@@ -13,7 +13,7 @@ use polepair_messages::{
 };
 
 use crate::GatewayError;
-use crate::rest::{action_error, query_error, server_lost};
+use crate::failure::{action_error, query_error, server_lost};
 
 /// Samples that are stored for a reader; the oldest are dropped first, and counted.
 const SAMPLES_MAX: usize = 65_536;

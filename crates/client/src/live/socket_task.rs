@@ -20,9 +20,9 @@ use tokio_tungstenite::{WebSocketStream, client_async};
 use super::lease_requests::{PendingLeaseRequest, PendingLeaseRequests};
 use super::{ChannelInfo, FrameBuffer, LiveCache, LiveRequest, ResponseSender, SampleBuffer};
 use crate::GatewayError;
-use crate::dialer::{Dialer, ServerStream, connection_error};
-use crate::lease::outcome_result;
-use crate::rest::{action_error, invalid_response, query_error, server_lost};
+use crate::dialer::{Dialer, connection_error};
+use crate::failure::{action_error, invalid_response, outcome_result, query_error, server_lost};
+use crate::server_stream::ServerStream;
 
 /// Interval of lease renewals: a third of a lease's duration, so that two may be lost.
 const RENEW: Duration = Duration::from_millis(500);

@@ -9,8 +9,9 @@ use super::{
     DatasetSite, DatasetWriter, DecodeRecord, escape, escape_name, format_date, note_copy,
 };
 use crate::capture_file::CaptureFile;
+use crate::provenance::Provenance;
 use crate::schema::TableKind;
-use crate::table_file::{BatchSink, Provenance, TableFileError};
+use crate::table_file::{BatchSink, TableFileError};
 use crate::tables::{CaptureOrigin, TablesBuilder};
 
 /// A folder that goes with the test.

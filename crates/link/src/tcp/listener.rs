@@ -5,9 +5,10 @@ use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::time::Instant;
 
 use crate::clock;
-use crate::descriptor::{Descriptor, ReadMode};
+use crate::descriptor::Descriptor;
 use crate::error::LinkError;
 use crate::link::{LinkIo, Received};
+use crate::read_mode::ReadMode;
 use crate::waker::LinkWaker;
 use rustix::event::{PollFd, PollFlags, poll};
 
@@ -77,7 +78,7 @@ impl TcpServer {
                 PollFd::new(&self.listener, PollFlags::IN),
                 PollFd::from_borrowed_fd(self.waker.as_fd(), PollFlags::IN),
             ];
-            let timeout = (until != Instant::FAR_FUTURE).then(|| crate::descriptor::timespec(left));
+            let timeout = (until != Instant::FAR_FUTURE).then(|| crate::read_mode::timespec(left));
             let _ = poll(&mut fds, timeout.as_ref());
             if !fds[1].revents().is_empty() && self.waker.take_wakeup() {
                 return Ok(Some(Received::Woken));

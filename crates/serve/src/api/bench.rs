@@ -3,8 +3,9 @@
 use axum::Json;
 use axum::extract::{Extension, Path, State};
 
+use super::ApiResult;
 use super::input::{JsonBody, parse_index};
-use super::{ApiResult, SharedAppState, rest_session};
+use crate::app_state::{SharedAppState, rest_session};
 use crate::auth::Caller;
 use crate::message::{BenchView, ErrorBody, SetTimeScale, SimulationAction};
 
@@ -19,12 +20,7 @@ pub(super) async fn show(
     State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
 ) -> Json<BenchView> {
-    Json(bench_view(&state, &caller))
-}
-
-/// The bench as a caller sees it.
-pub(crate) fn bench_view(state: &SharedAppState, caller: &Caller) -> BenchView {
-    BenchView { scopes: caller.scopes.iter().collect(), ..state.bench.snapshot() }
+    Json(state.bench_view(&caller))
 }
 
 /// Meddle with a simulated drive

@@ -8,7 +8,8 @@ use axum::extract::{Path, Query, Request, State};
 use serde::Deserialize;
 
 use super::input::read_body;
-use super::{ApiResult, SharedAppState, run_blocking};
+use super::{ApiResult, run_blocking};
+use crate::app_state::SharedAppState;
 use crate::message::{CapturePage, ErrorBody, ExplainedField, GatewayError, OpenedCapture};
 
 /// Frames of a page, if the request has no count.

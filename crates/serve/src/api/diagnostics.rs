@@ -7,7 +7,8 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use serde::Deserialize;
 
-use super::{ApiResult, SharedAppState, openapi_json};
+use super::{ApiResult, openapi_json};
+use crate::app_state::SharedAppState;
 use crate::journal::RECORDS_MAX;
 use crate::message::{ErrorBody, GatewayError, JournalRecord};
 

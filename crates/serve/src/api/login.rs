@@ -7,10 +7,11 @@ use axum::response::{IntoResponse as _, Response};
 use serde_json::json;
 
 use super::input::JsonBody;
-use super::{ApiResult, SharedAppState, run_blocking};
+use super::{ApiResult, run_blocking};
+use crate::app_state::SharedAppState;
 use crate::auth::Caller;
 use crate::connections::LocalAddress;
-use crate::guard::peer;
+use crate::connections::peer;
 use crate::message::{ErrorBody, GatewayError, JournalAction, Login, Proof, SessionInfo};
 use crate::page;
 

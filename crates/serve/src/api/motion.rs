@@ -5,8 +5,9 @@ use axum::extract::{Extension, Path, Request, State};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
+use super::ApiResult;
 use super::input::{JsonBody, parse_index, parse_json, read_body};
-use super::{ApiResult, SharedAppState, lease_session, rest_session};
+use crate::app_state::{SharedAppState, lease_session, rest_session};
 use crate::auth::Caller;
 use crate::bench::PendingReply;
 use crate::message::{

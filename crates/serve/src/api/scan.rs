@@ -3,8 +3,9 @@
 use axum::Json;
 use axum::extract::{Extension, Path, State};
 
+use super::ApiResult;
 use super::input::{JsonBody, parse_index};
-use super::{ApiResult, SharedAppState, rest_session};
+use crate::app_state::{SharedAppState, rest_session};
 use crate::auth::Caller;
 use crate::message::{AddDrives, AddedAxes, ErrorBody, ScanRequest, ScanView};
 

@@ -4,7 +4,8 @@ use axum::Json;
 use axum::extract::{Extension, State};
 
 use super::input::JsonBody;
-use super::{ApiResult, SharedAppState, rest_session, run_blocking};
+use super::{ApiResult, run_blocking};
+use crate::app_state::{SharedAppState, rest_session};
 use crate::auth::Caller;
 use crate::message::{ErrorBody, SearchRequest, SearchView};
 

@@ -12,7 +12,7 @@ use super::{
     WorldRunner, error_text,
 };
 use crate::client::{HeldLease, LeaseProgress};
-use crate::scenario::seconds;
+use crate::history::seconds;
 use crate::stop_observer::STOP_REPLY_MAX;
 
 /// A command of a client, as it was sent.

@@ -12,8 +12,9 @@ use serde_json::Value;
 
 use super::filtered_sink::FilteredSink;
 use crate::capture::{CaptureSource, EventSink, report_left_out};
+use crate::data_output::DataOutput;
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::print_note;
 
 /// Number of frames and lines in which the next agreement is searched.
 const LOOKAHEAD: usize = 64;

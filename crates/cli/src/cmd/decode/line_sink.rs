@@ -6,8 +6,8 @@ use polepair_capture::parallel::BatchConsumer;
 use polepair_capture::{CaptureDecoder, DecodedFrame, FrameBatch, jsonl, text};
 
 use crate::capture::{CaptureSource, EventSink, check_readable};
+use crate::data_output::DataOutput;
 use crate::problem::Result;
-use crate::terminal::DataOutput;
 
 /// Writes a line a frame.
 pub struct LineSink {

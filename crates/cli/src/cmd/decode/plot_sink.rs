@@ -6,8 +6,9 @@ use polepair_capture::plot::Plot;
 use polepair_capture::{DecodedFrame, Glob};
 
 use crate::capture::EventSink;
+use crate::data_output::DataOutput;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, DataOutput, print_warning};
+use crate::terminal::{self, print_warning};
 
 /// Signals that are named when none of those wanted is there.
 const NAMED_MAX: usize = 12;

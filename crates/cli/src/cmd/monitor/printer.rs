@@ -11,9 +11,10 @@ use polepair_link::clock;
 use super::model::Monitor;
 use super::source::{AxisActivity, AxisRow, LinkReport, ShownFrame, SignalRow, format_age};
 use super::traffic::FrameRow;
+use crate::data_output::DataOutput;
 use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, DataOutput, TextTable, print_note};
+use crate::terminal::{self, TextTable, print_note};
 
 /// Interval of polling received frames.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);

@@ -10,12 +10,13 @@ use polepair_core::program::{MemoryKind, ProgramLanguage, TransferProgress, chec
 use polepair_core::proto;
 
 use super::{instructions, module_axis, parse_address};
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::output_file;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::print_note;
 
 /// Words that are read at a time while the end of a program is looked for.
 const CHUNK: usize = 64;

@@ -13,6 +13,7 @@ use polepair_core::time::Instant;
 
 use super::ending::{end_program, is_powered};
 use super::module_axis;
+use crate::data_output::DataOutput;
 use crate::interrupt;
 use crate::motion;
 use crate::outcome;
@@ -20,7 +21,7 @@ use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::session::LocalSession;
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, print_note, print_warning};
+use crate::terminal::{print_note, print_warning};
 use crate::value;
 
 /// Interval of reading a program's address.

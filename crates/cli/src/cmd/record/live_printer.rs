@@ -6,8 +6,9 @@ use std::thread::JoinHandle;
 
 use polepair_capture::{CaptureDecoder, Record, Rules, text};
 
+use crate::data_output::DataOutput;
 use crate::problem::Result;
-use crate::terminal::{self, DataOutput};
+use crate::terminal;
 
 /// Lines that wait for stdout, in bytes; what comes when there are more is not shown.
 const WAITING_MAX: usize = 1 << 20;

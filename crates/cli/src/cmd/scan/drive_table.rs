@@ -6,9 +6,10 @@ use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
 use polepair_client::message::{AxisInfo, FoundDrive};
 
+use crate::data_output::DataOutput;
 use crate::problem::Result;
 use crate::target::OutputFormat;
-use crate::terminal::{DataOutput, TextTable, colour_out, csv_line};
+use crate::terminal::{TextTable, colour_out, csv_line};
 
 /// A column of drives.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -5,11 +5,12 @@ use polepair::{Connector, LocalAxis};
 use polepair_core::convert::saturating;
 use polepair_core::profile::{AddressRole, ParameterId};
 
+use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{LocalSession, read_parameter};
 use crate::target::DriveArgs as Drive;
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::print_note;
 
 /// A setting that changes how its drive is reached.
 #[derive(Clone, Copy)]
