@@ -175,7 +175,7 @@ fn a_line_that_is_too_long_is_damaged() {
     }
 }
 
-/// A bus on which everything is said: mappings that change in the middle, identifiers that are moved,
+/// A bus with every kind of message: mappings that change in the middle, identifiers that are moved,
 /// service data, states, faults, remote requests, strangers.
 fn mixed_bus(mut seed: u64) -> String {
     use std::fmt::Write as _;

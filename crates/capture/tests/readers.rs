@@ -60,7 +60,7 @@ fn budget() -> Duration {
     Duration::from_secs_f64(seconds.and_then(|text| text.parse().ok()).unwrap_or(1.0))
 }
 
-/// The most memory that this process has had, where the system says so.
+/// Highest memory use of this process, where the system reports it.
 fn peak() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -278,7 +278,7 @@ impl Dice {
     }
 }
 
-/// Says which input it was, whatever ends the attempt.
+/// Prints the input at the end of an attempt, also after a panic.
 struct Tried<'a>(&'a str, u64, &'a [u8]);
 
 impl Drop for Tried<'_> {
@@ -289,7 +289,7 @@ impl Drop for Tried<'_> {
     }
 }
 
-/// Tries mutated captures as long as there is time, and tells how many.
+/// Tries mutated captures for the given time, and returns their number.
 fn attack(name: &str, format: Option<CaptureFormat>, seeds: &[Vec<u8>]) -> u64 {
     let mut dice = Dice(name.bytes().map(u64::from).sum());
     let mut stored = seeds.to_vec();

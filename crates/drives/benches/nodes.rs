@@ -2,7 +2,7 @@
 //! drives on a bus.
 //!
 //! Each figure is the best of many short runs in a bare loop, because on a busy machine the least
-//! disturbed run is the one that repeats. `cargo bench --bench nodes -- NAME ROUNDS` makes so many
+//! disturbed run is the one that repeats. `cargo bench --bench nodes -- NAME ROUNDS` makes this number of
 //! rounds of one case and measures nothing: run twice under `valgrind --tool=callgrind`, the
 //! difference is the instructions of a round.
 
@@ -135,7 +135,7 @@ fn write(device: &mut impl Station<Can>, index: u16, sub: u8, value: u32, len: u
     assert!(written, "{index:04X}:{sub}");
 }
 
-/// In cyclic synchronous position mode, powered: RPDO3 is controlword and target, TPDO3 statusword
+/// A node in cyclic synchronous position mode, powered: RPDO3 is controlword and target, TPDO3 statusword
 /// and position with each SYNC.
 fn node() -> Device {
     let mut device = Device::new(Drive::new(NODE, 1, 1_000_000));

@@ -1,12 +1,12 @@
-//! Joins two CAN links, so that each hears what is sent on the other:
+//! Joins two CAN links, so that each receives the frames sent on the other:
 //!
 //! ```text
 //! can_gateway socketcan:vcan0 slcan-pty:/tmp/can
 //! can_gateway udp:239.74.163.2 socketcand-listen:29536/can0
 //! ```
 //!
-//! It prints a `ready` line for each once it can be used, and runs until one of them is lost or
-//! its standard input ends.
+//! Prints a `ready` line for each once it can be used, and runs until one of them is lost or
+//! standard input ends.
 
 #[cfg(not(unix))]
 fn main() {}
@@ -57,7 +57,7 @@ mod gateway {
             match from.receive(&mut frame, Instant::FAR_FUTURE)? {
                 Received::Bytes { .. } => match to.send(&frame) {
                     Err(error) if error.is_gone() => return Err(error),
-                    // It cannot be carried there, or nobody takes it.
+                    // It cannot be carried there, or no receiver takes it.
                     _ => {}
                 },
                 Received::Line { event, .. } => println!("{}: {event:?}", from.describe()),

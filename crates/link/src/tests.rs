@@ -33,7 +33,7 @@ const LOST: Outcome = Outcome::Unknown(Failure::LinkDown);
 const SILENT: WaitResult = WaitResult::Ended(Outcome::Unknown(Failure::Silent));
 /// Longer than anything takes that works, however busy the machine.
 const LONG_MS: u32 = 60_000;
-/// How long a lane waits for an answer where none is to come.
+/// Time that a lane waits for a reply in tests without one.
 const SOON_MS: u32 = 150;
 
 /// A served toy drive. Dropping it unplugs the drive.
@@ -242,7 +242,7 @@ fn an_idle_link_is_read_while_somebody_listens() {
     pty.send(&[0; 8]).unwrap();
     assert_eq!(wait_for_late(&connection, 2), 2);
     drop(other);
-    // Nobody listens: it lies there until somebody asks something. The background thread has left by now.
+    // Without a listener it stays unread until the next request. The background thread has left by now.
     connection.catch_up();
     pty.send(&[0; 8]).unwrap();
     thread::sleep(Duration::from_millis(100));
@@ -402,7 +402,7 @@ fn unplugging_ends_every_request_at_once_and_nothing_spins() {
         quickest = quickest.min(reports.max().unwrap());
         connection = Some(lost);
     }
-    // A follower that nobody told would look by itself after 500 ms.
+    // A follower without a wake-up would look by itself after 500 ms.
     assert!(quickest < Duration::from_millis(250), "{quickest:?}");
     let connection = connection.unwrap();
     let before = calls.load(Ordering::SeqCst);
@@ -422,7 +422,7 @@ fn plugging_in_again_brings_the_line_up() {
     let connection = connect(Box::new(port));
     assert_eq!(submit_write(&connection, 1).wait(long_deadline()), done(2));
     drop(drive);
-    // Nobody reads an idle line; the next request finds it dead.
+    // An idle line has no reader; the next request finds it dead.
     let lost = submit_write(&connection, 1).wait(long_deadline());
     assert!(matches!(lost, WaitResult::Ended(Outcome::NotDone(_) | LOST)), "{lost:?}");
     assert!(!alias.exists(), "the alias outlived its pty");

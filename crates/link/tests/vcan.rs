@@ -1,5 +1,5 @@
 //! The kernel's CAN interfaces, where there are some: `interop/test_socketcan.py` runs this in a
-//! guest that has. Elsewhere each test says that it is skipped.
+//! guest that has them. Elsewhere each test prints that it is skipped.
 //!
 //! A program of its own: it is carried into that guest.
 #![cfg(target_os = "linux")]

@@ -32,7 +32,7 @@ fn optional_parts_may_be_left_out() {
     assert_eq!(client(r#"{"type":"lease","axis":1,"act":"take"}"#), lease);
 }
 
-/// Of a stop as much is obeyed as can be read, and the rest is named.
+/// The readable part of a stop is obeyed, and the rest is named.
 #[test]
 fn the_readable_part_of_a_stop_is_executed() {
     let all: Option<&[u16]> = None;

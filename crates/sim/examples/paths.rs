@@ -1,4 +1,4 @@
-//! How fast a CAN bus of drives goes that follow paths: 31 axes on TechnoCAN at 1 Mbit/s, each with
+//! Speed of a CAN bus of drives that follow paths: 31 axes on TechnoCAN at 1 Mbit/s, each with
 //! a PVT point every 10 ms.
 //!
 //! `cargo run --release -p polepair-sim --example paths [SECONDS]`

@@ -1,4 +1,4 @@
-//! How fast a world goes: every drive of the registry's first two protocols on a link of its own,
+//! Speed of a world: every drive of the registry's first two protocols on a link of its own,
 //! polled back to back at 115200 baud, and the same through two bare stations.
 //!
 //! `cargo run --release -p polepair-sim --example speed [SECONDS]`

@@ -260,7 +260,7 @@ fn random_numbers_are_the_published_ones() {
 const SEEDS: u64 = 500;
 const CAN_SEEDS: u64 = 300;
 
-/// How many seeds to run: at most `POLEPAIR_SEEDS`, which `make check` sets.
+/// Number of seeds to run: at most `POLEPAIR_SEEDS`, which `make check` sets.
 fn seeds(all: u64) -> u64 {
     let most = std::env::var("POLEPAIR_SEEDS").ok().and_then(|text| text.parse().ok());
     most.map_or(all, |most: u64| most.clamp(1, all))

@@ -51,7 +51,7 @@ const FAULTS: SerialFaults = SerialFaults {
     ..SerialFaults::NONE
 };
 
-/// The same on a bus.
+/// Faults of a bus.
 const CAN_FAULTS: CanFaults = CanFaults {
     error: Ppm(20_000),
     last_bit: Ppm(2_000),

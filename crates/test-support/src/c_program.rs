@@ -14,15 +14,15 @@ const LIBRARY_PATH: &str = "LD_LIBRARY_PATH";
 const TIMEOUT_SCALE_VARIABLE: &str = "POLEPAIR_TIMEOUT_SCALE";
 /// The factor on time-outs of a program: the machine may be busy with other tests.
 const TIMEOUT_SCALE: &str = "10";
-/// The same for one under valgrind, which runs it about 50 times slower.
+/// Time-out scale of a program under valgrind, which runs it about 50 times slower.
 const VALGRIND_TIMEOUT_SCALE: &str = "100";
 
 /// A library with its header.
 #[derive(Clone, Copy, Debug)]
 pub struct CLibrary {
-    /// Its folder in `crates`.
+    /// Folder of its package in `crates`.
     pub package: &'static str,
-    /// Its header, in the package's folder `include`.
+    /// Header, in the package's folder `include`.
     pub header: &'static str,
     /// The name for the linker: `TML_lib`.
     pub name: &'static str,
@@ -55,7 +55,7 @@ pub fn test_folder(name: &str) -> PathBuf {
     folder
 }
 
-/// Whether a program is installed.
+/// Returns whether a program is installed.
 #[must_use]
 pub fn is_there(program: &str) -> bool {
     // The Pascal compiler knows no --version.
@@ -92,7 +92,7 @@ impl CLibrary {
     /// Builds a program without a warning, and returns its path.
     ///
     /// # Panics
-    /// If the compiler says anything.
+    /// If the compiler prints anything.
     #[must_use]
     pub fn build(&self, compiler: &str, source: &Path, options: &[&str]) -> PathBuf {
         let name = source.file_stem().expect("a name").to_string_lossy().into_owned();
@@ -159,7 +159,7 @@ impl CLibrary {
     /// Asserts that the header is C and C++ without a warning.
     ///
     /// # Panics
-    /// If a compiler says anything.
+    /// If a compiler prints anything.
     pub fn check_header(&self) {
         let header = self.include().join(self.header);
         for (compiler, language) in

@@ -1,5 +1,5 @@
-//! What tests share: programs in C, and how to wait. Tests wait for a condition, never for a duration. A wait
-//! that fails says what was waited for, what was seen instead, and how busy the machine was.
+//! Helpers of tests: programs in C, and waits. Tests wait for a condition, never for a duration. A wait
+//! that fails prints its condition, the last observation, and how busy the machine was.
 #![forbid(unsafe_code)]
 
 pub mod c_program;
@@ -48,7 +48,7 @@ impl<'a> Deadline<'a> {
         Self { what, began: Instant::now() }
     }
 
-    /// Whether the wait has lasted too long.
+    /// Returns whether the wait has lasted too long.
     #[must_use]
     pub fn has_passed(&self) -> bool {
         self.began.elapsed() >= WAIT_MAX
@@ -74,7 +74,7 @@ impl<'a> Deadline<'a> {
     }
 }
 
-/// How busy the machine is.
+/// Load of the machine, in words.
 #[must_use]
 pub fn machine_load() -> String {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);

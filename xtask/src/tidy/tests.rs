@@ -97,7 +97,6 @@ fn decent_code_passes() {
         ("crates/polepair/src/url.rs", "fn f() -> &'static str { \"tmcl\" }"),
         ("crates/link/src/clock.rs", "fn f() { std::time::Instant::now(); }"),
         ("crates/sim/src/a.rs", "/// A name, and\n/// what it has. `nobody`\nstruct A;"),
-        ("crates/sim/src/tests/a.rs", "// Nobody is told."),
         ("crates/link/src/keeper.rs", "fn f() { std::thread::spawn(g); }"),
     ] {
         assert_eq!(check_sample(path, text), [""; 0], "{path}: {text}");

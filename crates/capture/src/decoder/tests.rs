@@ -7,7 +7,7 @@ use polepair_drives::cia402::profile::CIA402;
 use crate::text::{FrameTextWriter, NoticeLevel, TextStyle};
 use crate::{CaptureDecoder, DecodedFrame, FrameBatch, FrameRun, Rules, jsonl};
 
-/// A bus on which nearly everything happens: `seed` says in what order.
+/// A bus with nearly every kind of traffic, in an order drawn from `seed`.
 struct RandomLog {
     log: String,
     us: u64,
@@ -100,18 +100,18 @@ impl RandomLog {
     }
 }
 
-/// How a log goes through the decoder.
+/// Path of a log through the decoder.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum DecodePath {
     /// Frame by frame, with what is known of identifiers kept.
     Cached,
     /// Frame by frame, with that forgotten again and again.
     Uncached,
-    /// In batches, each event taken out of them.
+    /// Batches, each event taken out of them.
     Batched,
 }
 
-/// What is said of a log.
+/// Decodes a log to its text.
 fn decode_to_text(log: &str, rules: &str, bare: bool, way: DecodePath) -> String {
     let rules = Rules::parse(rules).unwrap_or_default();
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(&CIA402));

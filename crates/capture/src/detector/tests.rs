@@ -1,5 +1,5 @@
 //! Captures that are made anew for each seed, of one protocol on CAN or of two that share a bus: the
-//! detector names the protocol, or leaves it to a person; it names nobody else.
+//! detector names the protocol, or leaves it to a person; it names no other protocol.
 
 use core::fmt::Write as _;
 use std::io::{Cursor, Read};
@@ -53,7 +53,7 @@ impl GeneratedBus {
     }
 }
 
-/// Who speaks, its word, and one exchange of it.
+/// A protocol's word, and one exchange of it.
 type Speaker = (&'static str, fn(&mut GeneratedBus));
 
 const TMCL: Speaker = ("tmcl", |bus| {
@@ -93,7 +93,7 @@ const TECHNOCAN: Speaker = ("technocan", |bus| {
     bus.pair(&frame(&ask), &frame(&take));
 });
 
-/// A group is told something, on an identifier that a TMCL module may have.
+/// A command to a group, on an identifier that a TMCL module may have.
 const GROUP: Speaker = ("technocan", |bus| {
     let to = IdCode::groups(1 << bus.random(5));
     let words = [bus.random(9) as u16, bus.random(9) as u16, 0];
@@ -266,7 +266,7 @@ fn a_decoder_that_reads_ahead_explains_what_comes_late() {
     assert!(later > 0);
 }
 
-/// The same bytes in the same order: a drive answers at once, mapped values that look alike do not.
+/// Equal bytes in the same order: a drive answers at once, mapped values that look alike do not.
 #[test]
 fn where_bytes_leave_doubt_the_time_to_answer_decides() {
     let proven = |after: u32| {

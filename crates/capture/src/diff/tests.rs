@@ -1,11 +1,11 @@
-//! What differs between made captures.
+//! Differences between generated captures.
 
 use super::{Difference, diff};
 use crate::fixtures::{FixtureCapture, anomaly, change, exchange, fault, signal};
 use crate::session::{AnomalyKind, ExchangeOutcome};
 use crate::summary::Summary;
 
-/// What a capture is made of.
+/// Contents of a capture.
 #[derive(Clone, Copy)]
 struct Recipe {
     period_us: u64,

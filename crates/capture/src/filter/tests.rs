@@ -9,7 +9,7 @@ use crate::session::{
 };
 use crate::{DecodedFrame, Explanation, FrameDefect, Timestamp};
 
-/// One frame, and what a filter says of it.
+/// Applies a filter to one frame.
 fn filter_matches(filter: &str, notices: &[SessionNotice], wrong: Option<FrameDefect>) -> bool {
     let mut explained = Explanation::default();
     explained.kind("SDO write");

@@ -1,4 +1,4 @@
-//! Any number of threads makes the same of a capture, and nobody waits for ever.
+//! Any number of threads decodes a capture to the same result, and no thread waits for ever.
 
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -38,7 +38,7 @@ fn log(extra: &str) -> String {
     log
 }
 
-/// What several threads make of a log.
+/// Decodes a log with several threads.
 fn decode_log(log: &str, jobs: usize) -> (String, Vec<String>, u64) {
     let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
     let mut makers: Vec<TextLines> = (0..jobs).map(|_| TextLines::default()).collect();
@@ -113,7 +113,7 @@ fn a_failing_worker_stops_all() {
     }
 }
 
-/// Of a piece that is much longer unpacked nothing more is decoded once writing failed.
+/// After a failed write no more of a piece is decoded that is much longer unpacked.
 #[test]
 fn a_failing_worker_decodes_no_more() {
     use std::io::Write as _;
@@ -151,7 +151,7 @@ fn a_failing_worker_decodes_no_more() {
 #[should_panic(expected = "a scoped thread panicked")]
 fn a_panicking_worker_leaves_no_other_waiting() {
     /// Falls, or waits until another one does. It may wait because no batch fills within a piece:
-    /// one that is made there is made in the decoder's turn, without which nobody else gets to fall.
+    /// one that is made there is made in the decoder's turn, without which no other consumer panics.
     struct PanickingConsumer<'a>(bool, &'a AtomicBool);
     impl BatchConsumer for PanickingConsumer<'_> {
         fn consume(&mut self, _: &FrameBatch) {

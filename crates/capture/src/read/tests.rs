@@ -217,7 +217,7 @@ fn peak_trc_between_the_versions() {
     assert_eq!(read(third), (vec!["(0000000001.059900) can0 300#0011 T".to_owned()], vec![]));
 }
 
-/// Where records begin is told, however the file is cut.
+/// The positions of records are found, however the file is cut.
 #[test]
 fn places_of_lines() {
     let file = b"# a comment\n(1.5) can0 123#01\nnonsense\n(1.5) can0 123#02\n01 02";

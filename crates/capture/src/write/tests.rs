@@ -41,7 +41,7 @@ impl OwnedRecord {
     }
 }
 
-/// What a format keeps of a record.
+/// The part of a record that a format stores.
 fn as_stored(format: CaptureFormat, mut record: OwnedRecord) -> OwnedRecord {
     let reported = match format {
         CaptureFormat::Csv | CaptureFormat::Pcap => false,

@@ -18,7 +18,7 @@ fn describe(command: &Command, path: &str, lines: &mut Vec<String>) {
     }
 }
 
-/// What a user writes for one argument: its options, value names, possible values and default.
+/// Words that a user types for one argument: its options, value names, possible values and default.
 fn words(argument: &Arg) -> String {
     let mut words = Vec::new();
     words.extend(argument.get_short().map(|short| format!("-{short}")));
@@ -70,7 +70,7 @@ fn every_word_of_the_command_line_is_pinned() {
 }
 
 /// Commands that the program's own texts name: hints that are a command as a whole, and commands in
-/// backticks. Each has the file that it stands in.
+/// backticks. Each with its file.
 fn commands_in_sources() -> Vec<(String, String)> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     let mut found = Vec::new();

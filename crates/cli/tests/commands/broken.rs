@@ -1,4 +1,4 @@
-//! Files of the configuration that are wrong: whoever stops needs none of them.
+//! Wrong configuration files: a stop needs none of them.
 #![cfg(unix)]
 
 use crate::run;
@@ -61,7 +61,7 @@ fn a_name_that_a_broken_file_could_define_is_refused_with_its_fault() {
     assert!(ran.code == 2 && ran.err.contains("polepair.toml:1:"), "{}", ran.err);
     let ran = broken.run(&["info", "sim:tmcl?profile=mine"]);
     assert!(ran.code == 2 && ran.err.contains("mine.toml:2:"), "{}", ran.err);
-    // Whoever stops takes the drive for what it answers.
+    // A stop identifies the drive by its replies.
     let ran = broken.run(&["disable", "sim:tmcl?profile=mine"]);
     assert_eq!(ran.code, 0, "{}", ran.err);
 }
@@ -90,7 +90,7 @@ fn an_unknown_profile_blocks_no_stop() {
     }
     let ran = broken.run(&["info", "sim:tmcl?profile=feeder"]);
     assert!(ran.code == 2 && ran.err.contains("error[E213]"), "{}", ran.err);
-    // Of a drive that speaks another protocol.
+    // A drive with another protocol.
     let ran = broken.run(&["stop", "sim:tmcl?profile=ts-rtu"]);
     assert_eq!(ran.code, 0, "{}", ran.err);
 }

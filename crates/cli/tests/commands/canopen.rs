@@ -63,7 +63,7 @@ fn identifiers_go_to_the_protocols_that_are_named() {
 
 #[test]
 fn a_nodes_other_traffic_decides_the_protocol_of_its_pdo2() {
-    // Node 2 boots, node 12 tells nothing else: 11 and 12 stay open, and are reported.
+    // Node 2 boots, node 12 sends nothing else: 11 and 12 stay open, and are reported.
     let capture = "\
 (1.000) can0 702#00
 (1.001) can0 302#5443000000000005
@@ -189,7 +189,7 @@ fn a_path_that_is_not_there_is_reported_as_a_rack_that_is_not() {
     }
 }
 
-/// A drive that does not tell its mode says so in its row.
+/// A drive that does not report its mode has a note in its row.
 #[test]
 fn an_object_that_a_drive_lacks_is_reported_in_its_row() {
     let folder = Path(std::env::temp_dir().join(format!("polepair-lacks-{}", std::process::id())));

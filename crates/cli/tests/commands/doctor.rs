@@ -116,7 +116,7 @@ fn an_interrupted_proof_stops_the_motor_and_restores_the_watchdog() {
     served.end();
 }
 
-/// A TMCL module that says of a parameter that it has none such (status 4, 3 or 6).
+/// A TMCL module that refuses a parameter as missing (status 4, 3 or 6).
 #[cfg(unix)]
 #[test]
 fn a_firmware_without_a_watchdog_is_reported_so_and_is_not_wrong() {

@@ -1,4 +1,4 @@
-//! A verb that ends with exit code 0 says what was measured; any other end says where the axis is, and why.
+//! A verb that ends with exit code 0 prints a measurement; any other end prints the axis' position, and why.
 //! On simulated drives behind real sockets, and the same through a gateway.
 #![cfg(unix)]
 

@@ -60,7 +60,7 @@ fn a_link_of_a_capture_reaches_no_terminal() {
     let _ = std::fs::remove_file(other);
 }
 
-/// In a capture of another format that names its interfaces.
+/// Foreign text in the interface names of a capture of another format.
 #[test]
 fn an_interface_of_a_pcapng_file_reaches_no_terminal() {
     let log = capture("interface");

@@ -22,7 +22,7 @@ fn budget() -> Duration {
     seconds.map_or(Duration::from_secs(6), Duration::from_secs)
 }
 
-/// Says which input it was, whatever ends the body.
+/// Prints the input at the end of a body, also after a panic.
 struct Tried<'a>(&'a str, &'a [u8]);
 
 impl Drop for Tried<'_> {

@@ -107,7 +107,7 @@ fn verbs_print_the_same_on_a_link_and_on_a_server() {
     }
 }
 
-/// A wire that is cut ends a motion alike, and says the same of the motor.
+/// A cut wire ends a motion alike, with the same statement on the motor.
 #[test]
 fn a_wire_that_is_cut_ends_a_motion_alike() {
     let (near, far) = (Served::new("tmcl:1"), Served::new("tmcl:1"));
@@ -204,7 +204,7 @@ fn a_server_looks_for_drives_and_takes_them_in() {
     assert_eq!(alone.lines().count(), 1, "{alone}");
 }
 
-/// Whoever has the token of the server here moves the motors here.
+/// A client with the token of the server here moves the motors here.
 #[test]
 fn the_token_of_ones_own_server_goes_to_no_other_host() {
     let name = format!("polepair-own-{}", std::process::id());
@@ -249,8 +249,8 @@ fn the_token_of_ones_own_server_goes_to_no_other_host() {
     std::fs::remove_dir_all(home).expect("removed");
 }
 
-/// Somebody else on a port of this machine, who answers everything with nothing, or passes it on by the
-/// name to which it belongs; and what they hear.
+/// Another program on a port of this machine, which replies to everything with nothing, or passes it on by the
+/// name to which it belongs; and the bytes that it received.
 fn stranger(relayed: Option<String>) -> (String, Arc<Mutex<Vec<u8>>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let here = listener.local_addr().expect("an address").to_string();
@@ -537,7 +537,7 @@ fn a_client_stopped_by_others_reads_that_the_axis_was_left_at_standstill() {
     assert!(ended.err.contains("standstill is confirmed"), "{}", ended.err);
 }
 
-/// A server that hangs tells nothing of its drives: none of them is blamed.
+/// A hanging server sends nothing about its drives: none of them is blamed.
 #[test]
 fn a_server_that_hangs_is_not_reported_as_a_silent_drive() {
     run::expect_silence();

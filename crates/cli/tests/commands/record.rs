@@ -15,7 +15,7 @@ fn scratch(name: &str) -> PathBuf {
     folder.join(name)
 }
 
-/// The same with this in it; its name.
+/// Writes a file with this text, and returns its name.
 fn written(name: &str, text: &str) -> String {
     let path = scratch(name);
     std::fs::write(&path, text).expect("a file");

@@ -245,7 +245,7 @@ fn acts_are_done_to_a_simulation_that_runs() {
     assert!(ok(&["act"]).contains("jam"));
 }
 
-/// The same by the URL of a link.
+/// A simulation by the URL of a link.
 #[test]
 fn an_act_finds_its_simulation_by_the_url() {
     let sim = Served::new("thruster-servo:11");

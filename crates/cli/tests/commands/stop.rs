@@ -52,7 +52,7 @@ fn a_trace_that_cannot_be_written_keeps_no_motor_turning() {
         let warnings = ran.err.lines().filter(|line| line.starts_with("warning: "));
         assert_eq!(warnings.filter(|line| line.contains(text)).count(), 1, "{}", ran.err);
     }
-    // Whoever looks wants the frames.
+    // A verb that reads needs its file of frames.
     let ran = polepair(&["get", &sim.url, "actual velocity", "--trace", missing]);
     assert_eq!((ran.code, ran.err.contains("error[E301]")), (3, true), "{}", ran.err);
     sim.end();
@@ -102,7 +102,7 @@ fn propellers_are_found_and_stopped_without_their_numbers() {
         ok(&["spin", axis, "300rpm", "--detach"]);
     }
     let ran = polepair(&["stop", sim.link()]);
-    // A busy machine has no time for the last addresses, and says so.
+    // A busy machine has no time for the last addresses, and reports that.
     assert!(ran.code == 0 || ran.err.contains("error[E703]"), "{}", ran.err);
     for text in ["axis 11 is stopped\n", "axis 12 is stopped\n"] {
         assert!(ran.err.contains(text), "{}", ran.err);
@@ -157,7 +157,7 @@ fn a_module_with_several_motors_has_all_of_them_stopped() {
     let (sender, commands) = mpsc::channel();
     let mut turns = true;
     let (url, module) = module(move |opcode, motor| match (opcode, motor) {
-        // No profile describes it, and it tells a position of any motor.
+        // No profile describes it, and it reports a position of any motor.
         (136, _) => Some((100, 0x0FA0_0112)),
         (3, 0..2) => {
             turns &= motor != 0;
@@ -224,7 +224,7 @@ fn a_stop_that_reaches_no_axis_reports_it() {
     sim.end();
 }
 
-/// The rules of the protocol forbid it: what may not be sent tells nothing of the drive.
+/// The rules of the protocol forbid it: a request that may not be sent proves nothing about the drive.
 #[test]
 fn a_stop_that_the_protocol_cannot_send_says_that_nothing_was() {
     let sim = Served::new("technosoft-f514l:255");
@@ -413,7 +413,7 @@ fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
     assert!(functions.iter().all(|function| (1..=4).contains(function)), "{functions:?}");
 }
 
-/// Its own stop is sent and confirmed as soon as it identifies itself.
+/// The drive's own stop is sent and confirmed as soon as it identifies itself.
 #[test]
 fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);

@@ -49,7 +49,7 @@ fn decode(capture: &str, arguments: &[&str]) -> Vec<Value> {
     ran.out.lines().map(|line| serde_json::from_str(line).expect("one object a line")).collect()
 }
 
-/// Whom a frame is for, as `--axis` has it; none where no host can send it.
+/// Receiver of a frame, as for `--axis`; `None` if no host can send it.
 fn axis(frame: &Value) -> Option<String> {
     let to = text(&frame["fields"], "to");
     match to.split_once(' ') {

@@ -1,4 +1,4 @@
-//! Joins a real server: what it says, what it refuses, what becomes of motion when it is gone.
+//! Joins a real server: its replies, its refusals, and the end of motion when it is gone.
 
 use crate::{authority, cut};
 use polepair_test_support::{WAIT_MAX, wait_until};
@@ -66,7 +66,7 @@ impl Site {
         self.server.address().port()
     }
 
-    /// How somebody joins it who has its folder.
+    /// Options of a client that has the server's folder.
     pub fn options(&self, scheme: &str) -> GatewayOptions {
         GatewayOptions {
             url: format!("{scheme}://127.0.0.1:{}", self.port()),
@@ -188,7 +188,7 @@ fn whoever_stops_an_axis_ends_its_lease() {
     assert_eq!(lease.check().unwrap_err().code, "gateway.lease");
 }
 
-/// The wire between client and server falls silent in the middle of a motion: neither end hears of it.
+/// The wire between client and server falls silent in the middle of a motion: neither end gets a notice.
 #[test]
 fn a_lost_server_stops_the_axis_and_leaves_the_outcome_unknown() {
     let site = Site::new();

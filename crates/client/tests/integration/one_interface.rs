@@ -65,7 +65,7 @@ fn session(link: &Link) -> Vec<String> {
     keep(ended(axis.set("max current", "3 rpm")));
     keep(outcome(axis.get("max curent")));
 
-    // Requests in the protocol's own text, and what drives tell of themselves.
+    // Requests in the protocol's own text, and facts that drives report.
     keep(outcome(axis.raw("GAP 6")));
     keep(outcome(axis.raw("no request")));
     keep(format!("{:?}", axis.device_details().unwrap()));

@@ -129,7 +129,7 @@ fn parts_by_table_site_date_and_bus() {
     assert_eq!(files(&folder.0.join("frames")), expected);
 }
 
-/// Rows of a row group need not be in the order of time, and readers believe what a file says.
+/// Rows of a row group need not be in the order of time, and readers trust the statistics of a file.
 #[test]
 fn files_promise_no_order_of_their_rows() {
     let folder = TestFolder::new("order");

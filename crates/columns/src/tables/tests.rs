@@ -8,7 +8,7 @@ use polepair_capture::{CaptureDecoder, Rules};
 use super::{CaptureOrigin, TablesBuilder};
 use crate::schema::TableKind;
 
-/// All rows of a capture that speaks `rules`.
+/// All rows of a capture, decoded by `rules`.
 fn tables(rules: &str, capture: &str) -> Vec<(TableKind, RecordBatch)> {
     let origin = CaptureOrigin { source: "cell-3".to_owned(), file: "a.log".to_owned() };
     let mut tables = TablesBuilder::new(&TableKind::ALL, &origin);

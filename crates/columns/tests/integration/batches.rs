@@ -1,4 +1,4 @@
-//! Rows of batches are those of events, whoever builds them.
+//! Rows of batches are those of events, for every builder.
 
 use arrow_array::Array as _;
 use arrow_array::cast::AsArray as _;

@@ -191,7 +191,7 @@ fn a_scale_is_read_before_the_value_that_needs_it() {
     assert_eq!(bench.lane.host.log.len(), 2);
 }
 
-/// Where answers do not say what they answer, a copy of an earlier one shifts those behind it: once
+/// If replies do not name their request, a copy of an earlier one shifts those behind it: once
 /// 25 steps a turn were believed for good (swarm seed serial:519195).
 #[test]
 fn a_scale_that_cannot_be_is_asked_again() {
@@ -209,8 +209,8 @@ fn a_scale_that_cannot_be_is_asked_again() {
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
 }
 
-/// A shift goes on, and the question before may be the same each time: once 167 steps a turn were said twice
-/// and believed (swarm seed can:1020091). So a host that can is told before anything else is asked.
+/// A shift goes on, and the question before may be the same each time: once 167 steps a turn were read twice
+/// and believed (swarm seed can:1020091). A host that can prove the order does it before the next request.
 #[test]
 fn an_impossible_scale_is_distrusted_at_once() {
     let mut bench = LaneFixture::new();

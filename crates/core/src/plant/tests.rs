@@ -241,7 +241,7 @@ fn an_s_curve_arrives_exactly_with_bounded_jerk() {
     }
 }
 
-/// Swarm can:13500: told to stop within an S-curve, a set-point first comes to the speed that was
+/// Swarm can:13500: after a stop within an S-curve, a set-point first comes to the speed that was
 /// asked for, and is held to that.
 #[test]
 fn the_stop_of_an_s_curve_may_take_its_smoothing_time() {

@@ -39,7 +39,7 @@ impl DriveFixture {
         fixture
     }
 
-    /// The same with the motor powered in that mode.
+    /// A fixture with the motor powered in this mode.
     fn enabled(mode: i8) -> Self {
         let mut fixture = Self::new();
         fixture.write(0x6060, 0, mode.into());

@@ -80,7 +80,7 @@ impl DriveFixture {
         Some(pdu.to_vec())
     }
 
-    /// What the drive sends within 50 ms.
+    /// Bytes that the drive sends within 50 ms.
     fn reply(&mut self) -> Option<Vec<u8>> {
         let mut out = [0; STREAM_UNIT_MAX];
         for _ in 0..50 {

@@ -44,7 +44,7 @@ const EEPROM_MS_MAX: u32 = 100;
 struct DriveFixture {
     device: Device,
     now: Instant,
-    /// What came behind acknowledgements, unasked.
+    /// Messages after acknowledgements, unasked.
     unsolicited: Vec<Message>,
 }
 

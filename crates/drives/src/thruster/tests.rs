@@ -23,7 +23,7 @@ struct DriveFixture {
     now: Instant,
 }
 
-/// Data bytes of what is heard, and what a refusal ends with.
+/// Data bytes of a received frame, and the end of a refusal.
 type Data = Vec<u8>;
 
 impl DriveFixture {
@@ -76,7 +76,7 @@ impl DriveFixture {
         answers[0].bytes().to_vec()
     }
 
-    /// What a query reads.
+    /// Value that a query reads.
     fn value(&mut self, letters: &str) -> i16 {
         let mut bytes = letters.as_bytes().to_vec();
         bytes.extend([0, 0]);

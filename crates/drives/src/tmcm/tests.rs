@@ -152,8 +152,8 @@ fn the_counter_is_set_without_moving() {
     assert!((turned - 5000.0).abs() < 30.0, "{turned}");
 }
 
-/// What is more than the current can turn costs whole periods of four full steps, and the module does not
-/// know it.
+/// A load beyond the current's torque costs whole periods of four full steps, and the module does not
+/// notice it.
 #[test]
 fn steps_are_lost_by_load_and_not_reported() {
     let mut rig = Rig::six();
@@ -288,7 +288,7 @@ fn standing_motors_have_their_standby_current_or_none() {
     assert!(rig.truth(0).enabled);
 }
 
-/// 138 tells which of the motors that it was asked about have arrived (TMCL reference).
+/// 138 reports which of the motors in its mask have arrived (TMCL reference).
 #[test]
 fn arrived_motors_are_recognised_by_their_bits() {
     let mut rig = Rig::six();

@@ -382,7 +382,7 @@ fn the_commands_size_says_how_many_bytes_are_the_value() {
         assert!(found.text.contains(remark), "{line}: {}", found.text);
         assert_eq!(found.text.contains("unused"), !remark.is_empty(), "{line}: {}", found.text);
     }
-    // A drive that is known to have more bytes than its manual's commands say (TS, chapter 3).
+    // A drive that is known to have more bytes than the commands of its manual state (TS, chapter 3).
     let position =
         explain_with(&frame("602#2B7A6000A0860100"), None, profile("syntron-ts-canopen"));
     assert_eq!(position.value("value"), "100000");

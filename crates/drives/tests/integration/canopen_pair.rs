@@ -74,7 +74,7 @@ impl Wire {
             return;
         }
         let held = if self.chance(held) { 300_000_000 } else { 0 };
-        // Whoever holds a frame back holds back what is behind it: a bus keeps the order.
+        // A delayed frame delays those behind it: a bus keeps the order.
         let behind = self.last[usize::from(to_drive)];
         let mut at = self.now.max(behind).plus_ns(FRAME_NS + held);
         self.flying.push_back((at, to_drive, frame));
@@ -85,7 +85,7 @@ impl Wire {
         self.last[usize::from(to_drive)] = at;
     }
 
-    /// Lets both say what they have to say, and time go on to what happens next.
+    /// Lets both ends send their frames, and time go on to the next event.
     fn step(&mut self) {
         let mut frame = Frame::default();
         while Station::<Can>::poll_transmit(&mut self.host, self.now, &mut frame).is_some() {

@@ -11,7 +11,7 @@ use polepair_core::time::Instant;
 
 use crate::toy;
 
-/// Takes each protocol of this test with a drive that speaks it.
+/// Visits each protocol of this test with a drive for it.
 trait TestProtocolVisitor {
     fn visit_protocol<P: Protocol<Medium = Can>>(&mut self, device: &mut dyn Station<Can>);
 }

@@ -1,5 +1,5 @@
-//! The programs in `examples/c` and those of other languages do what they say, on simulated drives, as far as
-//! their compilers are there.
+//! The programs in `examples/c` and those of other languages work, on simulated drives, if
+//! their compilers are installed.
 
 use std::path::PathBuf;
 use std::process::Command;

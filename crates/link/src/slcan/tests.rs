@@ -167,7 +167,7 @@ fn an_adapter_is_set_up_used_and_closed() {
     assert_eq!(String::from_utf8(received).unwrap(), "\rC\rS6\rO\rt1231AB\rF\rC\r");
 }
 
-/// It was closed just before: its answer to that comes now, and it refuses to close once more.
+/// An adapter that was closed just before: its reply to that comes now, and it refuses to close once more.
 #[test]
 fn late_replies_to_an_earlier_program_belong_to_no_request() {
     let pty = Pty::open(None).unwrap();

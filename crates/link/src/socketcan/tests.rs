@@ -62,7 +62,7 @@ fn a_controllers_clock_is_followed_without_the_kernels_delays() {
         worst = worst.max(if n < 16 { 0 } else { error });
     }
     assert!(worst <= 15_000, "{worst} ns");
-    // Somebody set the kernel's clock back by a minute.
+    // Another program set the kernel's clock back by a minute.
     let hardware = 7_000_000 + 3_000_300_000;
     let back = origin - 60_000_000_000;
     assert_eq!(clock.kernel_time(hardware, back), back);

@@ -554,7 +554,7 @@ impl Station<Stream> for ToyDevice {
     }
 }
 
-/// What is on the wire, either way.
+/// Bytes of a frame, in either direction.
 pub(super) fn frame(number: u32, value: u32) -> [u8; 8] {
     (u64::from(value) << 32 | u64::from(number)).to_le_bytes()
 }

@@ -129,7 +129,7 @@ fn stop(axes: &mut dyn Axes, now: Instant, ticket: Ticket) -> Result<(), Unsuppo
     axes.send_text(now, ticket, AXIS, "MST 0")
 }
 
-/// How long it took, interrupts and all.
+/// Exchanges a request for its reply. Returns the time with all interrupts.
 fn exchange(connection: &Connection, request: Ask) -> Duration {
     let began = Clock::now();
     let deadline = clock::now().plus_ms(2 * REPLY_TIMEOUT_MS);

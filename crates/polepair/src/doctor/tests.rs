@@ -31,7 +31,7 @@ fn an_echo_is_reported_and_overcome() {
     let connector = Connector::default();
     let url = connector.url("sim:tmcl?time=virtual&echo=yes").expect("a string");
     let (mut lines, _simulation) = connector.open_lines(&url).expect("a line");
-    // The string forgets to say what the adapter does.
+    // The string lacks the property of the adapter.
     lines[0].options.echo = false;
     let on_event = &mut |check| found.push(check);
     super::check_line(&connector, &url, &mut lines[0], true, &mut false, on_event).expect("a line");

@@ -23,7 +23,7 @@ fn position(axis: &LocalAxis) -> f64 {
     axis.signals(&[Signal::Position]).expect("it tells its position")[0].value
 }
 
-/// What the motor itself did, rad.
+/// Travel of the motor itself, rad.
 fn turned(link: &LocalLink) -> f64 {
     link.simulation().expect("simulated").truth(0, 0).expect("a drive").position
 }

@@ -1,4 +1,4 @@
-//! What a bad profile is told, and what a good one becomes.
+//! Messages for a bad profile, and the result of a good one.
 
 use super::{BaseProfiles, load_own_file as load, parse, remove_missing, resolve};
 use polepair_core::axis::Verb;
@@ -364,7 +364,7 @@ fn both_firmwares_of_technosoft_have_every_verb_and_reading() {
     assert_eq!(counts[0], counts[1]);
 }
 
-/// A TMCL module of which somebody wrote down one verb.
+/// A TMCL module with a profile of one verb.
 const BARE: &str = r#"
 name = "bare"
 family = "tmcm17x"

@@ -212,7 +212,7 @@ fn a_motion_that_ends_early_is_no_arrival() {
     assert!(tried >= 50, "{tried} of the table");
 }
 
-/// The same motions without an event, so that the table proves what it says.
+/// The motions of the table without an event, which proves its entries.
 #[test]
 fn the_same_motions_arrive_when_nothing_happens() {
     for family in &FAMILIES {

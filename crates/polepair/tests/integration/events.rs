@@ -77,7 +77,7 @@ fn a_mapping_by_another_master_is_learnt() {
     let link = connect_local("sim:cia402:2?time=virtual").unwrap();
     let axis = &link.axes()[0];
     let events = axis.events().unwrap();
-    // After a restart the mapping is the drive's own, and unknown until somebody asks.
+    // After a restart the mapping is the drive's own, and unknown until it is read.
     assert!(link.simulation().unwrap().act(0, 0, Act::PowerCycle));
     let restarted = first(&events, |kind| matches!(kind, EventKind::Presence(_)));
     assert_eq!(restarted.kind, EventKind::Presence(Presence::Restarted));
@@ -119,7 +119,7 @@ fn a_heartbeat_that_fails_to_come_disarms() {
     axis.arm(true);
     assert_eq!(first(&events, |_| true).kind, EventKind::Armed);
     first(&events, |kind| matches!(kind, EventKind::Presence(_)));
-    // Somebody else on the bus takes the node's heartbeat away.
+    // Another master on the bus takes the node's heartbeat away.
     let AnyLink::Can(stranger) = link.simulation().unwrap().open(0).unwrap() else { panic!() };
     let none = Frame::standard(0x602, &[0x2B, 0x17, 0x10, 0, 0, 0, 0, 0]);
     stranger.send(&none).unwrap();

@@ -1,4 +1,4 @@
-//! The programs in `examples/rust` do what they say, on simulated drives.
+//! The programs in `examples/rust` work on simulated drives.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -50,9 +50,9 @@ fn the_picture_of_a_step_is_what_the_program_draws() {
     );
 }
 
-/// Builds them; what cargo says of that. The whole workspace's, as tests are: this package alone would have
-/// other features, and everything below it be built anew. So it would be with what cargo tells a test of its
-/// package: build scripts of `ring` run again whenever that changes.
+/// Builds them, and returns cargo's output. The whole workspace's, as tests are: this package alone would have
+/// other features, and everything below it would be built anew. The same would happen with the environment of a
+/// test: build scripts of `ring` run again whenever that changes.
 fn built() -> String {
     let mut cargo = Command::new(env!("CARGO"));
     for (name, _) in std::env::vars_os() {
@@ -71,7 +71,7 @@ fn built() -> String {
     String::from_utf8_lossy(&built.stdout).into_owned()
 }
 
-/// Where cargo says that it put a program.
+/// Path of a program, by cargo's output.
 fn executable(output: &str, name: &str) -> PathBuf {
     let mut paths =
         output.split("\"executable\":\"").skip(1).filter_map(|part| part.split('"').next());

@@ -30,7 +30,7 @@ impl OddDrive {
                 let until = clock::now() + Duration::from_millis(20);
                 if let Ok(Received::Bytes { len, .. }) = pty.receive(&mut received, until) {
                     let given = answer(&received[..len]);
-                    // Whoever asked may have gone.
+                    // The client may have gone.
                     let _ = if given.is_empty() { Ok(()) } else { pty.send(&given) };
                 }
             }

@@ -26,8 +26,8 @@ fn numbers(link: &LocalLink) -> Vec<u32> {
     link.axes().iter().map(LocalAxis::number).collect()
 }
 
-/// Tells an axis to turn, and sees that it does. A servo amplifier waits for an input first: it is
-/// asked for its position.
+/// Turns an axis, and checks its motor. A servo amplifier waits for an input first: it is
+/// read for its position.
 fn turns(link: &LocalLink, axis: &LocalAxis) {
     if axis.protocol() == "modbus-rtu" {
         axis.arm(true);
@@ -85,7 +85,7 @@ fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
     assert_eq!(names(&link), ["spindle", "port", "x", "y", "starboard"]);
     turns(&link, &link.axes()[0]);
     turns(&link, &link.axes()[3]);
-    // An axis that joined tells its news as itself.
+    // An axis that joined sends events as itself.
     while events.poll().is_some() {}
     let (seen, all) = (link.events().expect("all tell"), [0, 1, 2, 3, 4]);
     for index in all {

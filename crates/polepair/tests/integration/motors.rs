@@ -157,7 +157,7 @@ fn a_stop_of_the_module_reaches_all_of_its_motors() {
     assert_eq!(stopped.motors[0].confirmed, [2, 3, 5]);
 }
 
-/// 138 tells of each motor by its bit.
+/// Instruction 138 reports each motor by its bit.
 #[test]
 fn an_arrival_is_the_event_of_its_motor() {
     let link = connect_local("sim:tmcm-6110+can?time=virtual").unwrap();
@@ -240,7 +240,7 @@ fn every_stepper_of_the_catalogue_is_known_and_moves_in_turns() {
         armed.wait(Duration::from_secs(60)).unwrap();
         let position = truth().position;
         assert!((position - TAU / 2.0).abs() < 0.02, "{}: {position}", module.name);
-        // Of one module no source tells the unit of its speeds.
+        // For one module no source states the unit of its speeds.
         let turned = armed.velocity("60 rpm").map_err(|error| error.code().to_owned());
         if module.name == "tmcm-1021" {
             assert_eq!(turned, Err("E217".to_owned()));

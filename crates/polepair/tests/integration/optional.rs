@@ -1,5 +1,5 @@
 //! Drives that lack what CiA 402-2 leaves to their makers: by the generic profile, which learns it from
-//! their refusals, and by data sheets, which say it.
+//! their refusals, and by data sheets, which state it.
 
 use polepair::doctor::{self, Grade};
 use polepair::{Amount, Connector, LocalAxis, LocalLink};
@@ -60,7 +60,7 @@ impl Files {
         Self(folder)
     }
 
-    /// By the generic profile, and by the sheet's own.
+    /// URLs with the generic profile, and with the sheet's own.
     fn urls(&self) -> [String; 2] {
         let folder = self.0.display();
         [

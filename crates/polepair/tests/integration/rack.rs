@@ -16,14 +16,14 @@ use polepair_test_support::wait_until;
 
 const CELL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/cell.toml");
 
-/// A served rack, and a folder with a `polepair.toml` that says where it is.
+/// A served rack, and a folder with a `polepair.toml` that names its port.
 struct Machine {
     folder: PathBuf,
     served: Option<ServeThread>,
 }
 
 impl Machine {
-    /// Serves the rack `there` and has the file say `here` of it, with `connect` put in.
+    /// Serves the rack `there` and writes `here` about it to the file, with `connect` put in.
     fn new(name: &str, there: &str, here: &str) -> Self {
         let rack = rack_of_text("rack.toml", there, 1).expect("a rack");
         let line = drive_lines(&rack, 1).expect("drives").remove(0);

@@ -46,7 +46,7 @@ fn stands_in_silence(line: &Line, watched: bool) -> bool {
     }
     let armed = axis.armed().unwrap_or_else(|error| panic!("{about}: {error}"));
     axis.velocity("60 rpm").unwrap_or_else(|error| panic!("{about}: {error}"));
-    // Whoever watches is spoken to meanwhile.
+    // The watchdog gets messages meanwhile.
     for _ in 0..20 {
         link.sleep(AFTER / 5);
         let _ = axis.moving(&axis.state());

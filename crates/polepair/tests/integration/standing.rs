@@ -1,5 +1,5 @@
-//! A stop is over when the motor is seen to stand by what is measured of it, not by what a trajectory
-//! or an acknowledgement says.
+//! A stop is over when the motor is at standstill by measurement, not by a trajectory
+//! or an acknowledgement.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
@@ -62,7 +62,7 @@ fn a_motor_that_its_load_turns_is_not_reported_as_stopped() {
     }
 }
 
-/// The mode that a drive has when its motion runs is named, though it tells it with other bits then.
+/// The mode of a drive during its motion is named, though it reports the mode with other bits then.
 #[test]
 fn a_mode_is_named_by_the_signals_words_or_its_parameters() {
     let link = connect_local("sim:technosoft-f514l?time=virtual").expect("a drive");
@@ -120,7 +120,7 @@ fn module_that_loses(lost: u32, speed: i32, counts_per_s: f64, stops: u32) -> St
                 }
                 let (status, value): (u8, i32) = match (request[1], request[2]) {
                     (3, _) => (100, 0),
-                    // A count that goes up and down by one, as an encoder between two counts tells.
+                    // A count that toggles by one, as an encoder between two counts reports it.
                     (6, 1) => (100, stands_at.unwrap_or(position) + position % 2),
                     // A fast motor reports its standstill.
                     (6, 3) if speed > 100 && stands_at.is_some() => (100, 0),
@@ -144,7 +144,7 @@ fn module_that_loses(lost: u32, speed: i32, counts_per_s: f64, stops: u32) -> St
 
 #[test]
 fn a_motor_whose_position_runs_does_not_stand() {
-    // 300 rpm, of which the drive tells nothing.
+    // 300 rpm, of which the drive reports nothing.
     let link = connect_local(&module_whose_position_runs(0, 20_000.0, u32::MAX)).expect("a module");
     let Err(error) = link.axes()[0].stop() else { panic!("it turns") };
     assert!(error.may_turn(), "{error}");

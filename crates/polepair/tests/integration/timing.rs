@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use polepair::connect_local;
 
-/// Where a rack of one drive behind such a port is, with the drive at its factory's address.
+/// Address of a rack with one drive behind such a port, at the factory's address.
 fn rack(profile: &str, protocol: &str, timing: &str) -> PathBuf {
     let text = format!(
         "[[link]]\nprotocol = \"{protocol}\"\ntiming = \"{timing}\"\n\
@@ -29,7 +29,7 @@ const TIMINGS: [&str; 4] = ["uart", "cdc", "ftdi-16ms", "tcp"];
 fn a_motor_turns_and_stops_behind_each_port() {
     for (profile, protocol) in DRIVES {
         for (timing, keys) in TIMINGS.map(|timing| (timing, "")).into_iter().chain([
-            // Who knows that the baud rate is fiction says so.
+            // A user who knows that the baud rate is not real states it.
             ("cdc", "&timing=off"),
         ]) {
             let case = format!("{profile} by {protocol}, {timing}{keys}");

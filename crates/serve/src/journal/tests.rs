@@ -112,7 +112,7 @@ fn a_broken_journal_names_the_axes_with_pending_stops() {
     journal.write("server", JournalAction::StopEnded, Some(0), &pending(1)).unwrap();
     drop(journal);
     let mut bytes = std::fs::read(&path).unwrap();
-    // Nobody's text any more.
+    // A text without an author.
     bytes[20] = 0xFF;
     std::fs::write(&path, bytes).unwrap();
     let refusal = JournalFile::open(&path).unwrap_err();

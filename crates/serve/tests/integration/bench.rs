@@ -357,7 +357,7 @@ struct Crowd {
 struct Client {
     name: SessionName,
     epoch: u64,
-    /// It hears nothing and says nothing until then, ms.
+    /// End of the client's silence, ms.
     away_until: f64,
     last: Option<CommandRequest>,
 }
@@ -427,7 +427,7 @@ impl Crowd {
         }
     }
 
-    /// Says a command, perhaps one that was long on its way.
+    /// Sends a command, perhaps one that was long on its way.
     fn say(&mut self, n: usize, verb: &str, velocity: Option<f64>, late_ms: f64) {
         let (who, epoch) = (self.clients[n].name.clone(), self.clients[n].epoch);
         let mut request = self.fixture.order(epoch, verb, velocity);
@@ -436,7 +436,7 @@ impl Crowd {
         self.send(&who, request);
     }
 
-    /// Says the last command once more.
+    /// Sends the last command once more.
     fn again(&mut self, n: usize) {
         let Some(request) = self.clients[n].last.clone() else { return };
         let who = self.clients[n].name.clone();

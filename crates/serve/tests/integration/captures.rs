@@ -85,7 +85,7 @@ fn t12_what_is_packed_twice_is_not_unpacked_twice() {
 fn t12_containers_of_a_blf_count_unpacked() {
     const OBJECTS: usize = 8 << 20;
     let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
-    // One frame, and then nothing that is an object; each container says what it unpacks to.
+    // One frame, and then nothing that is an object; each container states its unpacked size.
     let mut frame = b"LOBJ".to_vec();
     frame.extend([16, 0, 1, 0, 48, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
     frame.extend([0; 12]);
@@ -119,7 +119,7 @@ fn t12_containers_of_a_blf_count_unpacked() {
         let refused = bench.open_capture("bomb.blf", bomb).unwrap_err();
         assert_eq!(refused.code, "gateway.size", "{refused}");
     }
-    // What understates it comes to no more than it says, also behind one that made room.
+    // A container that understates its size gives no more than that, also after one that made room.
     let small = [file(1, OBJECTS), container(frame.len()), container(0)].concat();
     let opened = bench.open_capture("less.blf", small).unwrap();
     assert_eq!(opened.page.total, 2, "{}", opened.summary);

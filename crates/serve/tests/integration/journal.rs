@@ -129,7 +129,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     assert!(site.bench.truth(0).unwrap().velocity.abs() < 0.1);
     assert!(late.try_recv().is_none() && site.starts() == starts, "not kept, not done");
     pause(1100);
-    // Each is refused at once: whoever waited for the disk would wait for ever.
+    // Each is refused at once: a wait for the disk would never end.
     let refused = site.start_command("velocity", Some(20.0)).wait().unwrap();
     assert_eq!((refused.outcome, code(&refused)), (OutcomeKind::NotDone, "gateway.journal"));
     let error = site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait().unwrap_err();
@@ -144,7 +144,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     let late = late.wait().unwrap();
     assert_eq!((late.outcome, code(&late)), (OutcomeKind::NotDone, "gateway.journal"));
     assert_eq!(site.starts(), starts, "what was announced long ago is not done");
-    // What waited is written, and motion is let again.
+    // The queued records are written, and motion is allowed again.
     let end = Instant::now() + WAIT_MAX;
     site.epoch = loop {
         match site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait() {

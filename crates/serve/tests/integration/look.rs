@@ -17,7 +17,7 @@ use polepair_serve::message::{
 
 const BUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml");
 
-/// A bench, and somebody who works at it.
+/// A bench with one client.
 struct TestBench {
     bench: Bench,
     ann: SessionName,
@@ -121,7 +121,7 @@ impl TestBench {
         self.bench.snapshot().axes.iter().map(|axis| axis.number).collect()
     }
 
-    /// How often a signal of an axis comes within a second.
+    /// Number of samples of an axis in a second.
     fn samples(&self, axis: u16) -> usize {
         let info = &self.bench.snapshot().axes[usize::from(axis)];
         let signal = info.signals[0].signal.clone();
@@ -391,7 +391,7 @@ fn searches_and_adoptions_are_journalled_with_their_client() {
     assert_eq!(noted, expected);
 }
 
-/// In the time of everybody's clock, with all threads.
+/// A bench in real time, with all threads.
 #[test]
 fn another_link_is_moved_and_watched_while_somebody_looks() {
     let mut fixture = TestBench::new(&["sim:tmcl?axes=3#1", "sim:tmcl"]);

@@ -136,7 +136,7 @@ impl Site {
         }
     }
 
-    /// The same with a token.
+    /// A WebSocket with this client's token.
     pub fn live_as(&self, name: &str) -> WebSocket<TcpStream> {
         self.live(&[("Authorization", format!("Bearer {}", self.token(name)))]).unwrap()
     }
@@ -247,7 +247,7 @@ pub fn memory() -> u64 {
     resident.unwrap_or(0) * 4096
 }
 
-/// Now, as commands say it.
+/// The present time in the form of commands, ms.
 pub fn now_ms() -> f64 {
     polepair_link::clock::wall_ns(polepair_link::clock::now()) as f64 / 1e6
 }

@@ -79,7 +79,7 @@ impl Trace {
         }
     }
 
-    /// By the samples' own times.
+    /// Rate by the samples' own times.
     fn hz(&self) -> f64 {
         (self.count - 1) as f64 * 1e6 / (self.last_us - self.first_us) as f64
     }
@@ -134,7 +134,7 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
     }
     for trace in &traces {
         assert!((trace.hz() - 1000.0).abs() < 20.0, "{} Hz", trace.hz());
-        // However little of the time the machine gave the simulation, it tells the rate.
+        // However little time the machine gave the simulation, this shows the rate.
         assert!(trace.count > 200, "{} samples", trace.count);
     }
     let grown = memory().saturating_sub(started_at);

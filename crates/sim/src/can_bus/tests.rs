@@ -14,7 +14,7 @@ use crate::world::{NodeId, WireId, World};
 
 const BUS: CanLine = CanLine { bit_rate: 500_000 };
 
-/// Sends its frames one by one and keeps what it hears.
+/// A station that sends its frames one by one and keeps all that it receives.
 #[derive(Debug)]
 struct ScriptedStation {
     to_send: Vec<Frame>,
@@ -115,7 +115,7 @@ fn one_identifier_with_different_data_at_once_puts_both_senders_off_the_bus() {
     }
 }
 
-/// What excuses a program whose link goes: another had the same identifier, each time that it tried
+/// An excuse for a program whose link is lost: another had the same identifier at each of its attempts
 /// (swarm seed can:216699).
 #[test]
 fn two_hosts_that_cause_each_others_bus_off_are_identified() {
@@ -214,7 +214,7 @@ fn outside_ends_send_and_receive() {
     );
 }
 
-/// Bit by bit, as the standard tells it.
+/// Counts bits as the standard describes it.
 fn count_bits(frame: &Frame) -> u32 {
     let mut bits = vec![];
     let mut put = |value: u32, width: u32| bits.extend((0..width).rev().map(|at| value >> at & 1));

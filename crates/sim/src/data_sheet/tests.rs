@@ -26,7 +26,7 @@ fn number(index: u16, kind: u8, number: i64) -> DataSheetEntry {
     listed(index, 0, kind, FactoryValue::Number(number))
 }
 
-/// A device that has said that it boots.
+/// A device that has sent its boot-up message.
 fn device(listed: &[DataSheetEntry]) -> DataSheetDevice {
     let mut device = DataSheetDevice::new(Arc::new(DataSheet::new(listed, true)), NODE, 9);
     let booted = answers(&mut device);
@@ -42,7 +42,7 @@ fn answers(device: &mut DataSheetDevice) -> Vec<Frame> {
     all
 }
 
-/// What an SDO request is answered with.
+/// Reply to an SDO request.
 fn sdo_reply_to(device: &mut DataSheetDevice, request: [u8; 8]) -> [u8; 8] {
     device.handle_input(Instant::ZERO, &Frame::standard(0x600 + u16::from(NODE), &request));
     answers(device)[0].data

@@ -274,7 +274,7 @@ fn replies(
     all
 }
 
-/// Every protocol with every product that speaks it.
+/// Every protocol with every product that has it.
 fn pairs() -> Vec<(HostProtocol, &'static dyn Dissector, &'static Profile)> {
     let mut all = Vec::new();
     for protocol in host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial) {

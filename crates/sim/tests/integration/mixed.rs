@@ -2,7 +2,7 @@
 //!
 //! A TS in profile velocity whose set-points and readings go with SYNC a thousand times a second, two
 //! TechnoCAN axes that follow points (PVT), a TMCL module and two thrusters that are read and commanded,
-//! each a hundred times a second. `POLEPAIR_BUS_SECONDS` says for how long; a minute is usual, `make soak`
+//! each a hundred times a second. `POLEPAIR_BUS_SECONDS` sets the duration; a minute is usual, `make soak`
 //! takes an hour.
 
 use polepair_core::axis::{Axes, Command, Verb};
@@ -355,7 +355,7 @@ fn every_protocol_shares_one_bus_for_as_long_as_is_asked() {
         bus.second(n);
     }
     let counters = bus.world.inspect(bus.host, |node, _| node.axes().unwrap().counters());
-    // Every lane hears all frames, so others' are foreign to it.
+    // Every lane receives all frames, so others' are foreign to it.
     assert_eq!((counters.late, counters.silent, counters.resent), (0, 0, 0), "{counters:?}");
     let made = bus.world.injected_can_faults(bus.wire);
     assert_eq!((made.collided, made.errors, made.bus_off), (0, 0, 0), "{made:?}");

@@ -247,7 +247,7 @@ loop: CPOS = 20000L; CALL move
 move: MODE PP; CPA; TUM1; UPD; !MC; WAIT!; RET
 ";
 
-/// So many words without a pattern.
+/// Words without a pattern.
 fn noise(count: u16) -> Vec<u16> {
     (0..count).map(|n| n.wrapping_mul(0x9E37).rotate_left(u32::from(n) % 13)).collect()
 }
@@ -432,7 +432,7 @@ fn a_running_or_locked_program_is_not_overwritten() {
     }
 }
 
-/// After a transfer on a bad wire, the drive has the words or the outcome says that it may not.
+/// After a transfer on a bad wire, the drive has the words or the outcome states that it may not.
 fn judge(bench: &mut Bench, outcome: Outcome, words: &[u16], start: u16) -> bool {
     if let Some(faults) = bench.world.serial_faults(bench.wire) {
         *faults = SerialFaults::NONE;

@@ -3,8 +3,8 @@
 use super::*;
 use crate::drives::DRIVE_KINDS;
 
-/// An axis that turned when the server ended was told of, and its wire was not well in time; nothing else is
-/// taken.
+/// An axis that turned when the server ended was reported, and its wire was not well in time; nothing else is
+/// accepted.
 #[test]
 fn only_a_reported_axis_may_turn_when_the_server_has_ended() {
     let kind = &DRIVE_KINDS[0];
@@ -25,8 +25,8 @@ fn only_a_reported_axis_may_turn_when_the_server_has_ended() {
     );
 }
 
-/// A stop that its lease's holder said is owed like any other, its alarm comes later, and what the holder has
-/// it do next ends it.
+/// A stop by its lease's holder is pending like any other, its alarm comes later, and the holder's next
+/// command ends it.
 #[test]
 fn a_stop_of_the_holder_is_pending_until_it_continues() {
     let kind = &DRIVE_KINDS[0];

@@ -1,5 +1,5 @@
-//! Buses as they should be, of which nothing odd is told, and with one thing planted each, which is
-//! told once.
+//! Healthy buses, on which no anomaly is reported, and buses with one planted anomaly each, which is
+//! reported once.
 
 mod garbage;
 mod lss;
@@ -29,7 +29,7 @@ struct CanopenLog {
     now: u64,
 }
 
-/// What was told of it.
+/// Reports of the tracker.
 #[derive(Debug, Default)]
 struct TrackerReport {
     notices: Vec<SessionNotice>,
@@ -104,7 +104,7 @@ impl CanopenLog {
         self.report_from(0)
     }
 
-    /// What is told when the capture begins with that frame.
+    /// Reports of a capture that begins with this frame.
     fn report_from(&self, first: usize) -> TrackerReport {
         let (mut report, rules) =
             (TrackerReport::default(), Rules::parse("canopen").expect("a protocol"));
@@ -148,7 +148,7 @@ impl TrackerReport {
         self
     }
 
-    /// That alone is odd.
+    /// Checks that this is the only anomaly.
     fn assert_only(&self, kind: AnomalyKind) -> &Self {
         assert_eq!(self.anomalies(), [kind], "{:?}\n{:#?}", self.texts(), self.lines);
         self
@@ -199,7 +199,7 @@ fn segments(value: &[u8]) -> impl Iterator<Item = Segment> + '_ {
     })
 }
 
-/// The same in segments of blocks, the last of which is marked.
+/// Segments of a block with this value; the last one is marked.
 fn block_segments(value: &[u8]) -> Vec<BlockSegment> {
     let parts = segments(value).zip((1..=127).cycle());
     parts.map(|(s, number)| BlockSegment { number, last: s.last, data: s.data }).collect()

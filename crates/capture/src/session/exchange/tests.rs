@@ -61,7 +61,7 @@ impl SerialLog {
         self
     }
 
-    /// What its conversations tell.
+    /// Report of the conversations.
     fn report(&self, protocol: &str) -> ConversationReport {
         let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
         let mut received = ConversationReport::default();
@@ -75,7 +75,7 @@ impl SerialLog {
 /// Lets a tape be, that was written on.
 fn discard(_: &mut SerialLog) {}
 
-/// What was told, as words.
+/// Reported notices, as words.
 #[derive(Default, Debug)]
 struct ConversationReport {
     anomalies: Vec<String>,
@@ -577,7 +577,7 @@ fn planted_in_a_thruster() {
     assert_eq!(planted(&|_| ()), [""; 0]);
     assert_eq!(planted(&|t| discard(t.can(&order(CommandWord::ST, 500)))), ["unanswered"]);
     assert_eq!(planted(&|t| discard(t.can(&tc).can(&echo(CommandWord::TC, 0xEEEE)))), ["refused"]);
-    // Silent: nothing is owed, and an echo shows that it was forgotten.
+    // Silent: no reply is outstanding, and an echo shows that the request was forgotten.
     assert_eq!(
         planted(&|t| {
             set(t, 0x0200);

@@ -301,7 +301,7 @@ fn the_picture_of_the_guide() {
     std::fs::write(path, coloured(screen.terminal.backend().buffer())).expect("a file");
 }
 
-/// The screen as a terminal is told of it.
+/// The screen as escape sequences for a terminal.
 fn coloured(buffer: &Buffer) -> String {
     let mut text = String::new();
     for row in buffer.content().chunks(usize::from(buffer.area.width)) {

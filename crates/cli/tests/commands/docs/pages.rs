@@ -215,7 +215,7 @@ impl PageBench {
         for (line, command, expected) in commands(block) {
             let words = command.split(" #").next().unwrap_or_default();
             let skip = |(part, _why): &&(&str, &str)| format!("{command} \0").contains(part);
-            // Whoever searches all ports opens those of this machine.
+            // A search of all ports opens those of this machine.
             let searches = words.starts_with("polepair scan") && !command.contains("://");
             let is_ours = words.starts_with("polepair ") || words == "polepair";
             if !is_ours || searches || NOT_RUN.iter().any(|entry| skip(&entry)) {

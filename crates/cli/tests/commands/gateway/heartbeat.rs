@@ -41,12 +41,12 @@ fn a_motor_stops_when_the_server_that_its_drive_watches_is_killed() {
     site.signal("KILL");
     drop(site);
     wait_until("the motor stands", || velocity(&witness).abs() <= 1.0);
-    // Whoever ends in order leaves no drive that waits for a heartbeat.
+    // A server that ends in order leaves no drive that waits for a heartbeat.
     let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=300#5")]);
     watched(&folder, 2);
     assert_eq!(site.signal("TERM"), Some(0));
     let after = run::ok(&["watchdog", &witness]);
-    // It was so when that server came. The observer sends no heartbeat, and says so.
+    // The setting is older than the server. The observer sends no heartbeat, and prints that.
     let watches = "watches node 127 and stops 900 ms after the last one; without heartbeat= this";
     assert!(after.contains(watches), "{after}");
     assert!(run::ok(&["info", &witness]).contains(watches));

@@ -1,4 +1,4 @@
-//! A journal that meets the limit of a file's size, which the kernel tells by SIGXFSZ.
+//! A journal at the limit of a file's size, which the kernel reports by SIGXFSZ.
 
 use std::process::Command;
 

@@ -1,9 +1,9 @@
-//! How soon commands and stops are on the wire while many watch, sockets idle and somebody floods.
+//! Time from commands and stops to the wire, beside viewers, idle sockets and a flood of messages.
 //!
-//! It needs a machine that does nothing else, so it runs in `make soak` alone. `POLEPAIR_LOAD_STOPS`,
-//! `POLEPAIR_LOAD_COMMANDS`, `POLEPAIR_LOAD_IDLE`, `POLEPAIR_LOAD_VIEWERS` and `POLEPAIR_LOAD_RUNS` say how
-//! many; else there are a few of each. Times are printed and not judged: they are the machine's as much as
-//! ours. How late a thread wakes that only sleeps is printed beside them: it is what the machine alone does
+//! The test needs an idle machine, so it runs in `make soak` alone. `POLEPAIR_LOAD_STOPS`,
+//! `POLEPAIR_LOAD_COMMANDS`, `POLEPAIR_LOAD_IDLE`, `POLEPAIR_LOAD_VIEWERS` and `POLEPAIR_LOAD_RUNS` set the
+//! numbers; the default is a few of each. Times are printed and not judged: they depend on the machine as well.
+//! The lateness of a thread that only sleeps is printed beside them: it shows the load of the machine
 //! meanwhile.
 
 use std::io::{Read as _, Write as _};
@@ -24,11 +24,11 @@ use super::wire::{Drive, Log, Passed};
 const PONG: [u8; 6] = [0x8A, 0x80, 0, 0, 0, 0];
 /// Between two pongs, and between two looks at idle sockets.
 const PULSE: Duration = Duration::from_secs(1);
-/// How long the thread sleeps that shows what the machine does.
+/// Sleep of the thread that measures the machine's lateness.
 const FLOOR_EVERY: Duration = Duration::from_millis(1);
 /// Messages that a client sends just before its own stop.
 const OWN_BEFORE: usize = 150;
-/// How often viewers take what came: they share this machine's processors with the server.
+/// Interval at which viewers read: they share this machine's processors with the server.
 const READ_EVERY: Duration = Duration::from_millis(20);
 
 fn env_count(name: &str, usual: usize) -> usize {
@@ -51,7 +51,7 @@ impl Beside {
         self.threads.push(std::thread::spawn(move || work(&over)));
     }
 
-    /// Reads all that comes, and looks at nothing; says now and then that it is there.
+    /// Reads all messages and ignores them; sends a pong now and then.
     fn drain(&mut self, mut streams: Vec<TcpStream>) {
         streams.iter().for_each(|stream| stream.set_nonblocking(true).unwrap());
         self.go_on(move |over| {
@@ -84,7 +84,7 @@ impl Beside {
         self.drain(streams);
     }
 
-    /// Sockets that say nothing, opened again when they are closed: the server waits five seconds for
+    /// Silent sockets, opened again when they are closed: the server waits five seconds for
     /// a request's head, so a fifth of them are new each second.
     fn idle(&mut self, site: &Site, count: usize) {
         let address = site.address;
@@ -113,7 +113,7 @@ impl Beside {
         });
     }
 
-    /// One who asks without end, and hears the answers.
+    /// A client that sends without end, and reads the replies.
     fn flood(&mut self, site: &Site) {
         let live = site.live();
         let mut stream = live.socket.get_ref().try_clone().unwrap();
@@ -141,7 +141,7 @@ impl Drop for Beside {
     }
 }
 
-/// How late a thread wakes that sleeps and does nothing else.
+/// Lateness of a thread that only sleeps.
 struct Floor {
     late: Arc<Mutex<Vec<f64>>>,
     _thread: Beside,
@@ -177,7 +177,7 @@ impl Times {
         Self(all)
     }
 
-    /// So many of them are no greater (nearest rank).
+    /// The value at a share of all values (nearest rank).
     fn at(&self, share: f64) -> f64 {
         let rank = (self.0.len() as f64 * share).ceil() as usize;
         self.0.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
@@ -243,7 +243,7 @@ fn on_wire(axis: usize, since: Instant, passed: &[Passed]) -> Option<(f64, f64)>
     Some((took, took - ms(free.max(since))))
 }
 
-/// Says something over and over, and tells when it was on the wire after the instant that `say` tells.
+/// Sends a message repeatedly, and measures its time on the wire from the instant that the closure returns.
 fn measure(
     bench: &Bench,
     live: &mut Live,
@@ -293,8 +293,8 @@ fn stop(axis: usize) -> impl FnMut(&mut Live) -> Instant {
     }
 }
 
-/// A command. The lease that it needs is taken before: on a machine that stood still for longer than a
-/// lease lasts it is over.
+/// A command. Its lease is acquired first: after a suspension of the machine that is longer than a
+/// lease the old one is over.
 fn command(live: &mut Live) -> Instant {
     live.lease(0, "take");
     let since = clock::now();

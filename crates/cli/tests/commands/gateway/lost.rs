@@ -100,7 +100,7 @@ fn a_sleeping_viewer_releases_its_motor_and_blocks_no_other() {
         let line = text.lines().find_map(|line| line.strip_prefix("polepair_viewers "));
         line.unwrap_or_else(|| panic!("{text}")).parse::<u32>().unwrap()
     };
-    // It reads and says nothing from now on, and its socket stays open.
+    // The client reads and sends nothing from now on, and its socket stays open.
     let (mut stood, mut longest, mut last) = (None, Duration::ZERO, Instant::now());
     while viewers() > 1 {
         deadline.check(|| "it is still there".to_owned());
@@ -132,7 +132,7 @@ fn a_takeover_gets_a_motor_at_standstill() {
     drive.log.drain();
     bob.lease(0, "take_over");
     assert!(bob.epoch > ann.epoch);
-    // What she says meanwhile is not carried out.
+    // Her commands meanwhile are not executed.
     let refused = ann.command(0, "velocity", Some(30.0));
     assert_eq!(refused["error"]["code"], "gateway.lease", "{refused}");
     bob.until("stopped", |value| value["axes"][0]["class"] == "standing");

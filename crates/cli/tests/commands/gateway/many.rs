@@ -10,7 +10,7 @@ use super::site::{Folder, Site};
 const FILES: u32 = 300;
 const CONNECTIONS: usize = 600;
 
-/// Threat 11: those that only open sockets make room, whoever has shown a token stays.
+/// Threat 11: clients that only open sockets make room, clients with a token stay.
 #[test]
 fn idle_sockets_beyond_the_limit_keep_no_client_out() {
     let folder = Folder::new();

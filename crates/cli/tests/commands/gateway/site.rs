@@ -63,7 +63,7 @@ impl Site {
         Self::of(folder, run::command(&[&own[..], urls].concat()))
     }
 
-    /// The same by a process with a limit of the shell's `ulimit`: `-n 64`.
+    /// A server in a process with a limit of the shell's `ulimit`: `-n 64`.
     pub fn limited(folder: &Folder, urls: &[&str], limit: &str) -> Self {
         let state = folder.path("state");
         let own = ["serve", "--bind", "127.0.0.1:0", "--state", &state];
@@ -115,7 +115,7 @@ impl Site {
         self.child.id()
     }
 
-    /// Says so, and waits until it has ended.
+    /// Sends the signal, and waits until the server has ended.
     pub fn signal(&mut self, name: &str) -> Option<i32> {
         run::signal(name, self.child.id());
         self.child.wait().unwrap().code()

@@ -29,7 +29,7 @@ pub fn environment() -> [(&'static str, String); 2] {
     [("NO_COLOR", "1".to_owned()), ("POLEPAIR_TIMEOUT_SCALE", scale)]
 }
 
-/// Shortens the time-outs of the programs that this test starts from now on: it waits for somebody who is
+/// Shortens the time-outs of the programs that this test starts from now on: it waits for a drive that is
 /// silent on purpose.
 pub fn expect_silence() {
     TIMEOUT_SCALE.set(2);
@@ -152,7 +152,7 @@ impl Served {
         Self::with(&[drive])
     }
 
-    /// Served as these arguments say.
+    /// Serves drives with these arguments.
     pub fn with(arguments: &[&str]) -> Self {
         let mut child = command(&[&["sim"], arguments].concat()).spawn().expect("starts");
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();

@@ -8,11 +8,11 @@ use polepair_link::pty::Pty;
 use polepair_link::{LinkIo as _, Received, clock};
 use polepair_test_support::Deadline;
 
-/// How large it is.
+/// Size of the terminal.
 const ROWS: usize = 30;
 const COLUMNS: usize = 110;
 
-/// It, and the program, which ends with it.
+/// A terminal with its program, which ends with it.
 pub struct Screen {
     pty: Pty,
     child: Child,

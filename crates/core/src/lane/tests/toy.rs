@@ -83,7 +83,7 @@ pub(super) struct ToyHost {
     pub(super) wrong_answers: Vec<(usize, i64)>,
     pub(super) refuse: Option<u16>,
     pub(super) forbids: Option<u16>,
-    /// How many requests had been answered whenever something was said that cannot be.
+    /// Number of replies at each quarantine.
     pub(super) quarantines: Vec<usize>,
     pub(super) out: Option<(Ticket, ToyRequest)>,
     /// The wire has to be silent for a while: nothing is sent.

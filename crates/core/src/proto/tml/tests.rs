@@ -1,4 +1,4 @@
-//! What the wire carries, and how.
+//! Messages of the wire, and their encapsulations.
 
 mod codec;
 mod garbage;

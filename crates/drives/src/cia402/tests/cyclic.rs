@@ -35,7 +35,7 @@ struct MultiAxisFixture {
     unplugged: Option<usize>,
     /// The host's program hangs.
     frozen: bool,
-    /// What a frame takes.
+    /// Duration of a frame.
     frame_ns: u64,
     syncs: u32,
     sent: Vec<Frame>,
@@ -69,7 +69,7 @@ impl MultiAxisFixture {
         (0..AXES as u8).map(AxisIndex).collect()
     }
 
-    /// Everything that somebody has to say is said, and heard by all others.
+    /// Sends all pending frames of all nodes, each to all others.
     fn settle(&mut self) {
         let mut frame = Frame::default();
         for _ in 0..10_000 {
@@ -340,7 +340,7 @@ fn a_drive_that_is_unplugged_stops_all_within_its_watch() {
     assert_eq!(outcome, Some(Outcome::Unknown(Failure::Silent)));
     rig.advance(WATCH_MS + 100);
     assert!(!rig.moves(), "all of them, the lost one too");
-    // Nobody goes on by itself, nor when told so without being armed anew.
+    // No drive continues by itself, nor on a command without being armed anew.
     rig.unplugged = None;
     let syncs = rig.syncs;
     rig.advance(500);

@@ -10,7 +10,7 @@ const METHODS: [i8; 31] = [
 const LIMITS: (f64, f64) = (-30.0, 30.0);
 const HOME: (f64, f64) = (2.0, 9.0);
 
-/// Where the zero must be: an edge, or the first index pulse beyond it going that way.
+/// Expected zero: an edge, or the first index pulse beyond it in that direction.
 fn expected(method: i8, start: f64) -> f64 {
     let before = |x: f64| libm::floor(x / TAU) * TAU;
     let behind = |x: f64| libm::ceil(x / TAU) * TAU;

@@ -11,7 +11,7 @@ fn compute(rule: &ScaleRule, drive: Drive<'_>) -> Result<f64, NoScale> {
 }
 
 /// Units of position in a turn, of velocity in 1 rpm, of acceleration in 1 rpm/s; 0 where the drive's
-/// objects do not tell.
+/// objects do not report it.
 fn units(drive: Drive<'_>) -> [f64; 3] {
     [&POSITION, &VELOCITY, &ACCELERATION].map(|rule| compute(rule, drive).map_or(0.0, |f| 1.0 / f))
 }

@@ -37,7 +37,7 @@ impl HostAndDrive {
         self.run_while(command, |_, _| ())
     }
 
-    /// The same; `meanwhile` is done to the drive after each request that it heard.
+    /// Runs a verb; `meanwhile` is done to the drive after each request that it received.
     fn run_while(
         &mut self,
         command: Command,

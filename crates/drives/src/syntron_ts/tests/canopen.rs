@@ -217,7 +217,7 @@ fn thirty_two_set_points_wait_and_the_next_is_lost() {
         assert_eq!(full, n > 32, "{n}: bit 12 stays when no other has room");
     }
     bus.advance(10_000);
-    // One ran and 32 waited: what came behind them is lost.
+    // One ran and 32 waited: later ones are lost.
     assert!((bus.read(0x6064, 0) - 33 * 500).abs() <= 5, "{}", bus.read(0x6064, 0));
 }
 
@@ -460,7 +460,7 @@ fn the_objects_of_sync_and_time_are_there() {
     assert!((9_000..12_000).contains(&passed), "{passed} µs");
 }
 
-/// No manual lets NMT stop raise an alarm: the motor goes on as it was told.
+/// No manual lets NMT stop raise an alarm: the motor continues as commanded.
 #[test]
 fn nmt_stop_raises_no_alarm() {
     let mut bus = CanopenFixture::new();
@@ -477,7 +477,7 @@ fn nmt_stop_raises_no_alarm() {
     assert_eq!(bus.read(0x603F, 0), 0);
 }
 
-/// A frame that ends within the controlword is no controlword: an emergency says so (CiA 301, 8210h), with
+/// A frame that ends within the controlword is no controlword: an emergency reports it (CiA 301, 8210h), with
 /// bit 0 beside the communication's in the error register.
 #[test]
 fn one_byte_for_the_controlword_is_an_emergency() {

@@ -20,7 +20,7 @@ impl DriveFixture {
         self.advance(100);
     }
 
-    /// What is shown while the blinking part is lit.
+    /// Digits while the blinking part is lit.
     fn lit(&mut self) -> std::string::String {
         while (self.now.0 / 250_000_000) % 2 == 1 {
             self.advance(10);
@@ -28,7 +28,7 @@ impl DriveFixture {
         self.shown()
     }
 
-    /// What is shown while it is dark.
+    /// Digits while it is dark.
     fn dark(&mut self) -> std::string::String {
         while (self.now.0 / 250_000_000).is_multiple_of(2) {
             self.advance(10);

@@ -24,7 +24,7 @@ fn plan(verb: Verb) -> (&'static Profile, &'static Plan) {
     (profile, profile.plan(verb).unwrap())
 }
 
-/// Whether `some` come in `all` in that order.
+/// Returns whether `some` come in `all` in that order.
 fn in_order(all: &[(&str, i64)], some: &[(&str, i64)]) -> bool {
     let mut all = all.iter();
     some.iter().all(|one| all.any(|other| other == one))

@@ -113,7 +113,7 @@ fn lines_are_read_eight_at_once() {
     fixture.act(Act::Fault(0x1614));
     assert_eq!(fixture.request(&[1, 0, 0, 0, 4]).unwrap(), [1, 1, 0b0110]);
     fixture.act(Act::Input(8, true));
-    // The shaft stands forward of the home switch, so input 5 is closed too.
+    // The shaft is forward of the home switch, so input 5 is closed too.
     assert_eq!(fixture.request(&[2, 0, 0, 0, 1]).unwrap(), [2, 1, 0b1001_0000]);
     assert_eq!(fixture.request(&[2, 0, 4, 0, 2]).unwrap(), [2, 1, 1]);
     assert_eq!(fixture.request(&[1, 0, 4, 0, 1]).unwrap(), [0x81, 2]);

@@ -16,7 +16,7 @@ use polepair_core::proto::tml::wire::Instruction;
 const VARIABLE: u16 = 0x0366;
 const POINTER: u16 = 0x032B;
 
-/// What STARTLOG and STOPLOG set, and PROD.
+/// Register of STARTLOG, STOPLOG and PROD.
 const LOGGER: u16 = 0x0365;
 const PRODUCT: u16 = 0x030E;
 

@@ -1,4 +1,4 @@
-//! What switches the motor off, and limits.
+//! Protections that switch the motor off, and limits.
 
 use super::DriveFixture;
 use crate::surroundings::{Act, SurroundingsControl};

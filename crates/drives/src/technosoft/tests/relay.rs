@@ -49,7 +49,7 @@ impl RelayFixture {
         panic!("the bus never rests");
     }
 
-    /// What the host hears after having sent that.
+    /// Bytes that the host receives after it has sent these.
     fn host(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut received = self.desks[0].bytes(bytes);
         self.settle();

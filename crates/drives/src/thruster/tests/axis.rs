@@ -127,7 +127,7 @@ fn a_thruster_is_enabled_spun_and_stopped() {
     let mut pair = Pair::new(&profile::THRUSTER);
     assert_eq!(pair.command(turning(500.0)), Err(Unsupported::NotArmed));
     pair.lane.set_armed(X, true);
-    // Without the zero signal the drive refuses, and says why.
+    // Without the zero signal the drive refuses, with the reason.
     let result = pair.command(turning(500.0));
     assert_eq!(result, Ok(Outcome::NotDone(Failure::Faulted { code: 0x0400 })));
     assert!(matches!(pair.verb(Verb::Enable), Outcome::Done(_)));

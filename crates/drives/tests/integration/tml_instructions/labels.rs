@@ -54,7 +54,7 @@ fn labels() -> Vec<Label> {
     json["vectors"].as_array().unwrap().iter().map(label).collect()
 }
 
-/// Labels leave out who asks or answers: it stood in another field.
+/// Labels leave out sender and receiver: they were in another field.
 fn scope(instruction: &Instruction) -> LanguageScope<'static> {
     let online = OnlineMessage::parse(instruction);
     let answered = online.and_then(|it| it.answered_by()).map(IdCode::axis);

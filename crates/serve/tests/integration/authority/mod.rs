@@ -1,4 +1,4 @@
-//! Somebody who vouches for clients, for tests of both ends.
+//! A certificate authority, for tests of both ends.
 
 use std::path::Path;
 

@@ -177,7 +177,7 @@ fn a_viewer_that_reads_nothing_is_closed_and_another_goes_on() {
     site.end();
 }
 
-/// Somebody who watches, and goes without a word.
+/// A viewer that leaves without a message.
 fn visit(site: &Site) -> Value {
     let mut ann = site.live_as("viewer");
     let welcome = next(&mut ann, "welcome");

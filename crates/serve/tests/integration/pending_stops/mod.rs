@@ -70,7 +70,7 @@ impl Site {
         })
     }
 
-    /// As above, with something done to the drive before, and a stop pending since then.
+    /// A site with an act on the drive, and a stop pending since then.
     fn with_pending_stop(
         (word, scheme, axes): (&str, &str, &str),
         before: impl FnOnce(&str, &DriveLine, &Proxy) -> Vec<(String, u32)>,

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Behaviour of the wire.
 #[derive(Clone, Copy)]
 pub enum Mode {
-    /// It works.
+    /// The wire works.
     Pass,
     /// The port is refused.
     Refuse,
@@ -121,7 +121,7 @@ fn both(host: TcpStream, drive: SocketAddr) -> std::io::Result<(TcpStream, TcpSt
     Ok((host, drive))
 }
 
-/// Hands on what came. False when one end is gone.
+/// Copies received bytes. Returns false when one end is gone.
 fn copy(
     from: &mut TcpStream,
     to: &mut TcpStream,

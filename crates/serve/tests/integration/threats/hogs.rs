@@ -1,4 +1,4 @@
-//! Whoever wants more than their share: each guard has a test of its own.
+//! Clients that want more than their share: each limit has a test of its own.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -14,7 +14,7 @@ use tungstenite::{Message, WebSocket};
 use super::JSON;
 use super::site::{Site, folder, next, options, send_message};
 
-/// How long a stop may take beside a flood, ms: a busy machine adds to it, and the flood has no end.
+/// Longest time of a stop beside a flood, ms: a busy machine adds to it, and the flood has no end.
 const STOP_MS_MAX: f64 = 10_000.0;
 
 #[test]
@@ -160,7 +160,7 @@ fn t11_a_stop_gets_through_idle_sockets_and_a_flood() {
 }
 
 /// A limit on messages does not count the frames within one: frames have a limit of their own, and
-/// whoever floods with them is closed while others stop.
+/// a client that floods with them is closed while others stop.
 #[test]
 fn t11_a_message_has_not_any_number_of_frames() {
     let site = Site::new();

@@ -443,7 +443,7 @@ fn t14_what_was_done_is_written_and_cannot_be_changed_unseen() {
     std::fs::write(&copy, bytes).unwrap();
     let broken = polepair_serve::journal::verify(&copy).unwrap().unwrap_err();
     assert_eq!(broken.record, 1);
-    // Whoever changes a record and gives it a hash that fits breaks the chain behind it.
+    // A changed record with a hash that fits breaks the chain behind it.
     let text = std::fs::read_to_string(&file).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     let hash = |line: &str| blake3::Hash::from_hex(&line[line.len() - 66..][..64]).unwrap();

@@ -50,7 +50,7 @@ fn may(route: &ApiRoute) -> &'static [&'static str] {
 /// Returns whether a request is refused because of its scope alone.
 fn is_denied(site: &Site, route: &ApiRoute, who: &str) -> bool {
     let line = format!("{} {}", route.method, filled(route.path));
-    // What is let through is stopped by what is wrong with it.
+    // A request that passes the guard is refused for its wrong body.
     let heads = format!("{}{}", site.bearer(who), marked(route));
     site.send(&line, &heads, "{\"nonsense\":").status == 403
 }

@@ -1,4 +1,4 @@
-//! Encryption, and who is let in by a certificate.
+//! Encryption, and access by a certificate.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;

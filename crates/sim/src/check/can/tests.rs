@@ -1,4 +1,4 @@
-//! What the checker of a bus excuses.
+//! Excuses of the checker of a bus.
 
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::ParameterId;

@@ -1,4 +1,4 @@
-//! What counts as the same place.
+//! Positions that count as equal.
 
 use polepair_core::axis::Verb;
 use polepair_core::error::{Extent, Failure, Outcome};
@@ -6,7 +6,7 @@ use polepair_core::time::Instant;
 
 use super::{HomingIdle, POSITION_ERROR_MAX, offset_error};
 
-/// A thruster tells tenths of a degree in 16 bits (swarm seed can:211831: it was past 3276.7 degrees).
+/// A thruster reports tenths of a degree in 16 bits (swarm seed can:211831: it was past 3276.7 degrees).
 #[test]
 fn a_position_of_16_bits_begins_again_and_is_held_to_all_others() {
     let step = 0.1_f64.to_radians();
@@ -20,7 +20,7 @@ fn a_position_of_16_bits_begins_again_and_is_held_to_all_others() {
     assert!(offset_error(0.0, 65_536.0 * step, None) > 100.0, "what has more bits does not");
 }
 
-/// A drive that was told to home sets its zero when it has, also where the host's job was cut short
+/// A drive sets its zero at the end of a homing, also if the host's job was cut short
 /// (swarm seed can:629487: a position was read between the two).
 #[test]
 fn a_homing_that_was_cut_short_goes_on_until_a_stop() {

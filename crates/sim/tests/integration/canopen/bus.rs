@@ -1,4 +1,4 @@
-//! A bus that somebody keeps busy, controllers that leave it, and two nodes with one number.
+//! A bus under full load, controllers that leave it, and two nodes with one number.
 
 use std::collections::VecDeque;
 
@@ -199,7 +199,7 @@ fn two_nodes_of_one_number_that_answer_in_turn_are_reported_and_not_moved() {
         assert!(matches!(outcome, Outcome::NotDone(Failure::NotReady { .. })), "{outcome:?}");
         assert_eq!((bench.truth(0).starts, starts(&mut bench, twin)), (0, 0));
         bench.spin(1, 20.0);
-        // A stop goes out whoever answers.
+        // A stop goes out whichever node replies.
         done(bench.verb(0, Verb::Disable));
         // Once one of them is gone, the other obeys.
         bench.world.set_unplugged(bench.wire, twin, true);
@@ -222,7 +222,7 @@ impl Late {
         Self { drive, late_us, held: VecDeque::new() }
     }
 
-    /// Takes what the drive has to say.
+    /// Takes the frames that the drive sends.
     fn hold(&mut self, now: Instant) {
         let mut frame = Frame::default();
         while let Some(end) = self.drive.can(CAN_PORT)

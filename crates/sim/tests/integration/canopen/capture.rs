@@ -20,7 +20,7 @@ fn odds(bench: &mut Bench) -> Vec<(AnomalyKind, String)> {
     };
     for Reception { at, data, .. } in bench.world.take_log() {
         let ReceptionData::Frame(frame, _) = data else { continue };
-        // Everybody hears a frame at the same time.
+        // All nodes receive a frame at the same time.
         if seen.replace((at, frame)) == Some((at, frame)) {
             continue;
         }

@@ -8,7 +8,7 @@ const LOST: i64 = 0x8130;
 const OPTIONS: [i64; 4] = [0, 1, 2, 3];
 const SPEED: f64 = 20.0;
 
-/// A turning axis that watches its master for `within` ms and then does as `option` says.
+/// A turning axis that watches its master for `within` ms and then acts by `option`.
 fn watched(seed: u64, option: i64, within: u32) -> Bench {
     let mut bench = Bench::beating(seed, Some(within / 3), &[cia402(), cia402()]);
     let watch = i64::from(HOST << 16 | within);
@@ -18,7 +18,7 @@ fn watched(seed: u64, option: i64, within: u32) -> Bench {
     bench
 }
 
-/// Lives on until the motor is not driven as before, at most for `limit` ms; tells for how long it was.
+/// Runs until the motor is not driven as before, at most for `limit` ms. Returns the time.
 fn until_it_reacts(bench: &mut Bench, limit: u32) -> u32 {
     let started_at = bench.world.now();
     while bench.world.now() < started_at.plus_ms(limit) {

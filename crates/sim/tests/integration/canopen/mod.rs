@@ -52,7 +52,7 @@ fn seeds(test: impl Fn(u64)) {
     }
 }
 
-/// Tells how to live through a seed again, if the test fails.
+/// Prints the command that repeats a seed, if the test fails.
 struct Named(u64);
 
 impl Drop for Named {
@@ -249,7 +249,7 @@ impl Bench {
         self.world.set_unplugged(self.wire, self.drives[usize::from(axis)], away);
     }
 
-    /// Says a frame from elsewhere on the bus.
+    /// Sends a frame from elsewhere on the bus.
     fn say(&mut self, id: u16, data: &[u8]) {
         self.flood(Frame::standard(id, data), 1, 0);
         self.pass(2);
@@ -268,7 +268,7 @@ fn done(outcome: Outcome) {
     assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}");
 }
 
-/// Says one frame again and again.
+/// A sender that repeats one frame.
 struct Talker {
     frame: Frame,
     left: u32,

@@ -74,7 +74,7 @@ fn a_pdo_too_long_is_reported_and_its_first_bytes_count() {
     }
 }
 
-/// The TS tells nothing, and takes the values that are whole.
+/// The TS reports nothing, and takes the values that are whole.
 #[test]
 fn a_ts_takes_of_a_short_pdo_what_is_whole() {
     let mut bench = Bench::new(1, &[ts()]);

@@ -16,7 +16,7 @@ const SIZE: u32 = 3_000;
 enum Loss {
     /// The connector is pulled, and put in again at the end.
     Pulled,
-    /// It loses its supply for a moment.
+    /// The supply is lost for a moment.
     Powered,
 }
 
@@ -63,7 +63,7 @@ impl HostAndNode {
         ticket
     }
 
-    /// Lives on until that ends: what came of it, and the bytes that were read.
+    /// Runs until the transfer ends. Returns its result, and the bytes that were read.
     fn finish(&mut self, ticket: Ticket, until: Instant) -> Option<Result<Answer, Failure>> {
         while self.bench.world.now() < until {
             let mut bytes = [0; 100];
@@ -107,7 +107,7 @@ fn download(block: bool) -> HostRequest {
     HostRequest::Download { node: NODE, object: STREAM, block, size: SIZE }
 }
 
-/// The node is lost somewhere within the transfer; the ticket ends, whoever is asked next is
+/// The node is lost somewhere within the transfer; the ticket ends, the next request is
 /// answered, and the same transfer goes through.
 fn lost_in_the_middle(request: HostRequest) {
     seeds(|seed| {

@@ -1,4 +1,4 @@
-//! TML from both ends, in virtual time: what the manual's chapters tell, and what goes wrong.
+//! TML from both ends, in virtual time: the rules of the manual's chapters, and faults.
 
 mod clash;
 mod resend;
@@ -34,7 +34,7 @@ struct Bench {
     parts: Vec<(u32, i64)>,
     /// Messages of the host that the wire loses, by their place among all that it sends.
     losing: Vec<u64>,
-    /// How many were lost before the one to be lost next.
+    /// Number of frames before the next loss.
     lost_before: u64,
     /// Happens when one was lost.
     act_at_loss: Option<Act>,

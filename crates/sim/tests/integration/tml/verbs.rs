@@ -53,7 +53,7 @@ impl Bench {
         }
     }
 
-    /// Waits for the end of a move and tells where it rests, counts.
+    /// Waits for the end of a move. Returns the resting position, counts.
     #[track_caller]
     fn rest(&mut self) -> i64 {
         assert!(done(self.verb(0, Verb::Reached)));

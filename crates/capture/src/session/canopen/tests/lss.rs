@@ -1,4 +1,4 @@
-//! Layer setting, and which drive a node says that it is.
+//! Layer setting, and the identity that a node reports.
 
 use polepair_core::proto::canopen::lss::{self, IdentityNumber};
 

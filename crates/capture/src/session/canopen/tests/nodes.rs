@@ -127,7 +127,7 @@ fn a_node_may_say_0_until_it_is_started() {
     bus.send(BEAT, &[0]).read(WORD, 0, 2).write(ObjectIndex::new(0x1017, 0), 100, 2);
     bus.heartbeats(0, 100, 5).read(WORD, 0, 2).heartbeats(0, 100, 5).send(0x000, &[1, 0]);
     bus.heartbeats(5, 100, 5).send(0x000, &[0x81, 0]).heartbeats(0, 100, 8).report().assert_clean();
-    // Set where nobody hears it.
+    // Set without a receiver.
     let mut bus = CanopenLog::default();
     bus.send(BEAT, &[0]).send(BEAT, &[0]).wait(99).read(WORD, 0, 2).wait(97);
     bus.heartbeats(0, 100, 5).report().assert_clean();

@@ -1,4 +1,4 @@
-//! Process data, SYNC, and what a drive's words tell.
+//! Process data, SYNC, and the meaning of a drive's words.
 
 use super::*;
 use crate::session::Quality;
@@ -63,7 +63,7 @@ fn unknown_values_are_not_guessed() {
     let report = bus.send(0x185, &[1, 2, 3]).send(0x205, &[1, 2]).report();
     report.assert_clean();
     assert!(report.signals("statusword").is_empty());
-    // The device type says that it is a drive: then the usual mapping is likely.
+    // The device type is that of a drive: then the usual mapping is likely.
     let mut bus = CanopenLog::default();
     let report =
         bus.read(ObjectIndex::new(0x1000, 0), 0x0002_0192, 4).send(0x185, &[0x37, 6]).report();

@@ -296,7 +296,7 @@ fn other_channels_are_followed_once_configured() {
     assert!(report.lines[5].starts_with("SDO value: value 0x1008:0"), "{:#?}", report.lines);
 }
 
-/// The node took so long that the client gave up, and starts meanwhile: its answer is late, and nobody else's.
+/// The node took so long that the client gave up, and starts meanwhile: the answer is late, and no other request's.
 #[test]
 fn an_answer_to_what_was_given_up_is_late_behind_a_boot_up() {
     let object = ObjectIndex::new(0x1000, 0);

@@ -221,7 +221,7 @@ impl NodeFixture {
         core::iter::from_fn(|| next(self)).collect()
     }
 
-    /// What it sends to one frame.
+    /// Frames that it sends for one frame.
     fn answers(&mut self, frame: Frame) -> Vec<Frame> {
         self.receive(frame);
         self.sent()
@@ -294,7 +294,7 @@ fn remote(id: u16) -> Frame {
     Frame { id: id.into(), remote: true, ..Frame::default() }
 }
 
-/// As [`NodeFixture::map`]'s PDO: the n-th that is sent.
+/// Identifier of the n-th TPDO of [`NodeFixture::map`].
 const fn tpdo(n: u16) -> u16 {
     0x400 + n
 }

@@ -1,4 +1,4 @@
-//! The generic driver: objects from parameters and back, and what nodes say unasked.
+//! The generic driver: objects from parameters and back, and messages that nodes send unasked.
 
 use crate::axis::{AnswerDecoder, DriveReport, Driver, Presence, RequestEncoder};
 use crate::error::Unsupported;
@@ -112,7 +112,7 @@ fn process_data_mean_something_once_their_mapping_is_known() {
         [None; 4],
         "too short"
     );
-    // After a restart nobody knows.
+    // After a restart it is unknown.
     let gone = axis.decode_unsolicited(&Answer::State(nmt::NmtState::BootUp));
     assert_eq!(gone[0], Some(DriveReport::Presence(Presence::Restarted)));
     assert_eq!(axis.decode_unsolicited(&data), [None; 4]);

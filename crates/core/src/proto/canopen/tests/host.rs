@@ -1,4 +1,4 @@
-//! The host against frames laid out by hand: what it says, and what it makes of what comes.
+//! The host against frames laid out by hand: the frames it sends, and its reading of those it receives.
 
 extern crate std;
 
@@ -21,7 +21,7 @@ const STATUS: ObjectIndex = ObjectIndex::new(0x6041, 0);
 const CONTROL: ObjectIndex = ObjectIndex::new(0x6040, 0);
 const T_MS: u32 = 200;
 
-/// A host, its time, and what it said.
+/// A host, its time, and the frames that it sent.
 struct HostFixture {
     host: CanHost,
     now: Instant,
@@ -42,7 +42,7 @@ impl HostFixture {
         self.host.submit(self.now, Ticket(n), request).expect("taken");
     }
 
-    /// Everything that it has to say, as candump's log has it.
+    /// All frames that it sends now, as in candump's log.
     fn sent_frames(&mut self) -> Vec<String> {
         let mut lines = Vec::new();
         let mut frame = Frame::default();
@@ -210,7 +210,7 @@ fn a_stop_goes_ahead_of_the_probe_and_again_behind_it() {
     assert_eq!(b.one(), Ok(Answer::Written { object: CONTROL, bits: 2 }));
 }
 
-/// A cut frame says less than it claims (swarm seed can:86), and one that is heard before the request
+/// A cut frame has less than it claims (swarm seed can:86), and one that is received before the request
 /// can have left is the second copy of an older one (can:178).
 #[test]
 fn a_short_answer_and_one_too_soon_are_none() {
@@ -228,7 +228,7 @@ fn a_short_answer_and_one_too_soon_are_none() {
     assert_eq!(b.one(), Ok(Answer::Value { object: STATUS, bits: 0x50, len: 2 }));
 }
 
-/// What is above has forgotten every request then, so none may end later.
+/// The layer above has forgotten every request then, so none may end later.
 #[test]
 fn bus_off_ends_every_request_at_once() {
     let mut b = HostFixture::new();

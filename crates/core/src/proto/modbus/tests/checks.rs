@@ -1,4 +1,4 @@
-//! What the checks of both formats cannot see: changed replies that pass them, and those of them
+//! Errors that the checks of both formats cannot see: changed replies that pass them, and those of them
 //! that the host takes for an answer.
 
 extern crate std;
@@ -17,7 +17,7 @@ use crate::time::Instant;
 const BODY: [u8; 5] = [1, 3, 2, 0x03, 0xEF];
 const VALUE: u16 = 0x03EF;
 
-/// It as a frame.
+/// The reply as a frame.
 fn reply(format: WireFormat) -> Vec<u8> {
     let mut out = [0; 32];
     let put = |out: &mut [u8]| ReplyPdu::Read { space: Space::Holding, data: &BODY[3..] }.emit(out);
@@ -28,7 +28,7 @@ fn reply(format: WireFormat) -> Vec<u8> {
     out[..len].to_vec()
 }
 
-/// How many there are, how many the check lets through, how many the host takes.
+/// Number of frames, of those that pass the check, and of those that the host accepts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct SweepCount {
     changed: usize,
@@ -55,7 +55,7 @@ impl SweepCount {
     }
 }
 
-/// Whether some frame in it passes its check and holds other bytes than the good reply. A small
+/// Returns whether some frame in it passes its check and holds other bytes than the good reply. A small
 /// letter for a capital is no other byte.
 fn passes(format: WireFormat, frame: &[u8]) -> bool {
     if format == WireFormat::Rtu {
@@ -69,7 +69,7 @@ fn passes(format: WireFormat, frame: &[u8]) -> bool {
     })
 }
 
-/// Whether the host answers its caller with another value.
+/// Returns whether the host returns another value to its caller.
 fn takes(format: WireFormat, frame: &[u8]) -> bool {
     let mut host = SerialHost::new(format, &UNTIMED);
     let query = RequestBody::Read { space: Space::Holding, start: 3, count: 1 };

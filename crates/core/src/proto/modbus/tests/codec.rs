@@ -23,7 +23,7 @@ use crate::time::Instant;
 
 const VECTORS: &str = include_str!("../../../../../../vectors/modbus.json");
 
-/// What a sink was told.
+/// Calls that a sink received.
 #[derive(Default, Debug)]
 pub struct RecordingSink {
     pub kind: String,

@@ -1,4 +1,4 @@
-//! A session that begins in doubt: an earlier program may be owed replies.
+//! A session that begins in doubt: replies to an earlier program may be outstanding.
 
 extern crate std;
 
@@ -35,7 +35,7 @@ fn owed_read(count: u8, word: u16) -> Vec<u8> {
     adu
 }
 
-/// Every reply comes as late, those that an earlier program is owed first.
+/// Every reply comes as late, those to an earlier program first.
 fn with_owed_replies(world: &mut TestWorld, every_ms: u64, pending: Vec<Vec<u8>>) {
     let mut outstanding = VecDeque::from(pending);
     world.fault = Box::new(move |_, bytes| {
@@ -127,7 +127,7 @@ fn silence_ends_what_waits_for_a_proof() {
     assert_eq!(world.read(7, 1).map(|answer| answer.raw()), Ok(7 * 257));
 }
 
-/// A line with a delay of seconds, and somebody who says STOP again and again: more replies may come than
+/// A line with a delay of seconds, and a client that sends STOP again and again: more replies may come than
 /// are kept in mind, and the last stop ends nevertheless.
 #[test]
 fn more_stops_than_replies_that_are_kept_in_mind_all_end() {

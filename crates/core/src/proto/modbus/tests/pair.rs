@@ -206,7 +206,7 @@ fn an_echo_is_never_the_reply() {
                 assert_eq!(world.write(0x100 + n, n).unwrap().words[0], n);
             }
             assert!(world.host.counters().echoed >= 40, "{:?}", world.host.counters());
-            // The drive is gone: its host hears only itself.
+            // The drive is gone: its host receives only its own frames.
             world.drive.address = 99;
             let writes = world.drive.writes.len();
             assert_eq!(world.write(1, 1), Err(Failure::Silent), "{format:?} {baud} {known}");

@@ -1,4 +1,4 @@
-//! What explaining a request says encodes to that request again.
+//! The explanation of a request encodes to that request again.
 
 extern crate std;
 

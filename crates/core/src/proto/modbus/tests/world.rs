@@ -121,7 +121,7 @@ impl Firmware for RegisterDrive {
     }
 }
 
-/// What becomes of a reply on its way: when, after it was sent, which bytes arrive.
+/// Fault of a wire for a reply: the bytes that arrive, each with its time after the reply was sent.
 pub type ReplyFault = std::boxed::Box<dyn FnMut(usize, Vec<u8>) -> Vec<(u64, Vec<u8>)>>;
 
 /// Host and drive on one wire.
@@ -134,7 +134,7 @@ pub struct TestWorld {
     /// Applied to each reply, counted from 1.
     pub fault: ReplyFault,
     pub replies: usize,
-    /// The host hears itself.
+    /// The host receives its own frames.
     pub echo: bool,
     /// The largest piece in which bytes arrive.
     pub piece: usize,

@@ -16,7 +16,7 @@ use crate::proto::thruster::wire::{CommandWord, DriveMessage, Request, Width, no
 
 const VECTORS: &str = include_str!("../../../../../../vectors/thruster.json");
 
-/// What an explainer found, as text.
+/// Findings of an explainer, as text.
 #[derive(Default)]
 pub struct RecordingSink {
     pub kind: String,

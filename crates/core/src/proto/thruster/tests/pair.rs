@@ -18,7 +18,7 @@ use crate::proto::thruster::wire::{CommandWord, REFUSED, Reply, Request};
 use crate::station::{EventSubject, Host, LineEvent, RequestClass, Station, Ticket, Timed};
 use crate::time::{Instant, earliest};
 
-/// What a fault makes of the n-th frame of its way: when it arrives, ms, as often as listed.
+/// Fault of a wire for the n-th frame of its direction: times of arrival, ms, one for each copy.
 type FrameFault = Box<dyn Fn(u32) -> Option<Vec<u32>>>;
 
 fn no_fault() -> FrameFault {
@@ -29,7 +29,7 @@ fn fault_on(nth: u32, what: &'static [u32]) -> FrameFault {
     Box::new(move |n| (n == nth).then(|| what.to_vec()))
 }
 
-/// A drive that notes what it is told and has a number for every question.
+/// A drive that records its requests and has a number for every query.
 #[derive(Default)]
 struct RecordingDrive {
     id: u8,
@@ -262,7 +262,7 @@ fn a_lost_or_late_reply_gives_no_wrong_value_and_no_error() {
             let reported = value(wire.request(plain(command)));
             match command {
                 CommandWord::QP => assert_eq!(reported, 480, "{name}"),
-                // QV tells how much was asked before: an older answer would be smaller.
+                // QV counts the queries before it: an older answer would be smaller.
                 CommandWord::QV => assert!(reported > before, "{name}: {reported} after {before}"),
                 _ => assert_eq!(reported, 7, "{name}"),
             }
@@ -372,7 +372,7 @@ fn the_forms_of_vm_are_all_understood() {
     let result = wire.request(with(CommandWord::TC, 5));
     assert!(matches!(result, Ok(Answer::Report(report)) if report.part == 3), "{result:?}");
     assert_eq!(wire.unsolicited.len(), 3, "each report is told");
-    // The status in it says that there is no output.
+    // The status in it has no output.
     assert!(wire.request(vm(0x0002)).is_ok());
     wire.notes().faults = fault::ZERO_POINT;
     assert_eq!(wire.request(with(CommandWord::TC, 5)), Err(Failure::Faulted { code: 0x0400 }));
@@ -506,7 +506,7 @@ fn foreign_frames_are_passed_over() {
     assert!(counters.foreign >= 2 && counters.late >= 2, "{counters:?}");
 }
 
-/// A reply that is disturbed in its last bit is heard twice, the second time before the next request
+/// A reply that is disturbed in its last bit is received twice, the second time before the next request
 /// can have left (swarm seed can:187).
 #[test]
 fn a_copy_that_comes_too_soon_is_no_answer() {

@@ -13,7 +13,7 @@ use crate::proto::tmcl::device::Quirks;
 use crate::proto::tmcl::{Answer, HostRequest, Opcode, Reply, SerialHost, Status};
 use crate::station::{EventSubject, Host, Ticket};
 
-/// As `/dev/ttyACM0`: a baud rate is set, and the answer is there a millisecond after the request.
+/// A wire like `/dev/ttyACM0`: a baud rate is set, and the answer is there a millisecond after the request.
 fn without_baud_rate(mut wire: TestWire, ms: u32) -> TestWire {
     wire.baud = 0;
     wire.replies = Box::new(move |_, reply| Some(Vec::from([(ms, reply.to_vec())])));
@@ -42,7 +42,7 @@ fn a_copy_that_an_earlier_request_owns_is_not_believed_on_a_real_line() {
     assert_eq!(sixty_reads(&mut wire, 0).0, 0);
 }
 
-/// Replies to a program that has ended arrive: `owed` of them, one in this many ms.
+/// Replies to a program that has ended arrive: those of `pending`, one in this many ms.
 fn sixty_reads_behind(seed: u32, every_ms: u32, pending: &[(Opcode, i32)]) -> (u32, u32) {
     let mut wire = TestWire::new(9600, Quirks::default());
     wire.host = SerialHost::new(&HostOptions { probe_seed: Some(seed), ..HostOptions::new(9600) });
@@ -65,7 +65,7 @@ fn the_reply_to_an_earlier_program_is_not_taken() {
     }
 }
 
-/// What remains: replies of just the opcodes that are drawn, in their order.
+/// The remaining risk: replies of just the opcodes that are drawn, in their order.
 #[test]
 fn only_replies_in_the_order_that_is_drawn_pass_the_probes() {
     let pending =
@@ -108,7 +108,7 @@ fn silence_ends_what_waits_for_a_proof() {
     assert_eq!(wire.read(1), Ok(1007));
 }
 
-/// What several programs before were owed comes in one burst: what they asked to be sure, and a value.
+/// Replies to several earlier programs come in one burst: to their probes, and to a query.
 #[test]
 fn a_backlog_of_earlier_programs_is_not_taken() {
     let probes = [Opcode::Version, Opcode::Ggp, Opcode::Gap, Opcode::ProgramStatus, Opcode::Gio];

@@ -212,7 +212,7 @@ fn what_the_sum_cannot_see() {
     assert!(noise.1 < 1000 && noise.2 == 0, "{noise:?}");
 }
 
-/// How many there are, how many the sum accepts, how many the host answers its caller with.
+/// Number of frames, of those that the sum accepts, and of those that the host returns to its caller.
 fn measure(frames: &[Vec<u8>], good: &[u8]) -> (usize, usize, usize) {
     let passed = frames.iter().filter(|f| f[..] != *good && Reply::parse(f).is_ok()).count();
     let mut consumed = 0;

@@ -1,4 +1,4 @@
-//! What is counted of a question that brings no answer.
+//! Counters of a query that gets no reply.
 
 extern crate std;
 

@@ -1,4 +1,4 @@
-//! Several motors behind one address: the reply to a stop does not say whose it is.
+//! Several motors behind one address: the reply to a stop does not name its motor.
 
 extern crate std;
 
@@ -26,7 +26,7 @@ fn wire(motors: u8, doubt: Option<u32>, replies: WireFault) -> TestWire {
     wire
 }
 
-/// Stops motor after motor, as `polepair stop` does, several times; what came of each is true.
+/// Stops motor after motor, as `polepair stop` does, several times; each outcome is true.
 fn stops_are_true(wire: &mut TestWire, context: &str, answered: bool) {
     let motors = wire.firmware.motors;
     for round in 0..8 {
@@ -65,7 +65,7 @@ fn a_late_reply_counts_for_no_other_motor() {
             for doubt in [None, Some(1), Some(77)] {
                 let late = move |_, r: &[u8]| Some(Vec::from([(late_ms, r.to_vec())]));
                 let wire = &mut wire(motors, doubt, Box::new(late));
-                // The first stop of motor 0 belongs to nobody else; later ones are looked at for refusals.
+                // The first stop of motor 0 belongs to no other request; later ones are checked for refusals.
                 let context = std::format!("{motors} motors, late by {late_ms} ms, {doubt:?}");
                 stops_are_true(wire, &context, false);
             }
@@ -73,7 +73,7 @@ fn a_late_reply_counts_for_no_other_motor() {
     }
 }
 
-/// What an earlier program is owed counts for no motor either.
+/// Replies to an earlier program count for no motor either.
 #[test]
 fn a_reply_to_an_earlier_program_counts_for_no_motor() {
     for seed in 0..40 {

@@ -33,7 +33,7 @@ pub struct TestFirmware {
     pub baud: u32,
     pub ascii: Option<crate::proto::tmcl::device::AsciiEcho>,
     pub done: Vec<Request>,
-    /// How many motors it has; it refuses the stop of any other.
+    /// Number of motors; it refuses the stop of any other.
     pub motors: u8,
     /// A motor whose stop it does not answer.
     pub silent: Option<u8>,
@@ -536,8 +536,8 @@ fn ascii_mode_on_the_wire() {
     assert_eq!(wire.read(4), Ok(4007));
 }
 
-/// What an intruder requested in the program's name is answered before the program's own request can have left, or
-/// a module at last says what it was asked before others kept the bus for seconds: once the bit rate was taken
+/// Requests of an intruder in the program's name are answered before the program's own request can have left, or
+/// a module at last replies to queries from before others kept the bus for seconds: once the bit rate was taken
 /// for fiction, and each answer for the next question's (swarm seeds can:1011309, can:1084928).
 #[test]
 fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
@@ -569,7 +569,7 @@ fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
 }
 
 /// A copy of a reply came when an answer could, and each answer then is the one to the question before: once
-/// a wrong scale was so said twice (swarm seed can:1020091). A probe of another opcode ends that.
+/// a wrong scale was read twice in this way (swarm seed can:1020091). A probe of another opcode ends that.
 #[test]
 fn nothing_older_is_taken_from_a_module_that_is_mistrusted() {
     let mut host = CanHost::new(&HostOptions::new(250_000));

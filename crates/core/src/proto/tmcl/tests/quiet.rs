@@ -15,7 +15,7 @@ use crate::proto::tmcl::{Answer, HostRequest, Opcode, SerialHost};
 use crate::station::Host;
 use crate::time::Instant;
 
-/// So soon a module in step answers after its wire is well, ms. Where it got all that was sent, and only its
+/// Time in which a module in step answers after its wire is well, ms. If it received everything, and only the
 /// answers were lost, it may have lost count.
 const SOON_MS: [u128; 2] = [2_500, 1_400];
 
@@ -33,7 +33,7 @@ fn stop(wire: &mut TestWire) -> bool {
     matches!(wire.request(HostRequest::of(request(Opcode::Mst, 0, 0))), Ok(Answer::Reply(_)))
 }
 
-/// A stop arrives at once, whoever asks it of a module of which nothing is known yet; and the module
+/// A stop arrives at once at a module of which nothing is known yet; and the module
 /// is in step again soon.
 #[test]
 fn a_stop_reaches_a_module_that_lost_count() {
@@ -80,7 +80,7 @@ fn a_module_that_is_late_stays_in_step() {
     }
 }
 
-/// On two wires nothing is heard of a module while the host sends: the stop alone that follows is
+/// On two wires nothing is received from a module while the host sends: the stop alone that follows is
 /// answered.
 #[test]
 fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
@@ -102,8 +102,8 @@ fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
     }
 }
 
-/// A module that drops what is not whole after a pause is heard soon after its answers come through again,
-/// however long they were lost, and whoever told it to stop meanwhile.
+/// A module that drops incomplete requests after a pause is received soon after its answers come through again,
+/// however long they were lost, and whatever host stopped it meanwhile.
 #[test]
 fn a_module_that_pauses_is_received_when_its_replies_come_again() {
     for pause_ms in [5, 20, 40, 60, 80, 99] {
@@ -157,7 +157,7 @@ fn a_motor_that_is_silent_leaves_its_module_in_step() {
     }
 }
 
-/// A module that is gone puts none out of step that answers, however often it is told to stop.
+/// A missing module puts none out of step that answers, however many stops it gets.
 #[test]
 fn a_module_that_is_gone_leaves_the_others_in_step() {
     for (baud, doubt) in [(9600, None), (9600, Some(5)), (0, Some(5))] {
@@ -209,7 +209,7 @@ fn a_new_session_reaches_a_module_that_lost_count() {
     assert!(wire.now.since(start).as_millis() < 150, "{:?}", wire.host);
 }
 
-/// Where a module is not in step, what it takes for a request must be none.
+/// A module that is not in step must not read a request in the bytes that it gets.
 #[test]
 fn a_stop_that_is_shifted_is_no_other_request() {
     for address in 1..=u8::MAX {
@@ -239,13 +239,13 @@ fn mute(wire: &mut TestWire, silence_ms: u32, both: bool) -> Instant {
     until
 }
 
-/// What the program does while it hears nothing: reads, stops, or a stop and then reads of standing.
+/// Acts of the program during silence: reads, stops, or a stop and then reads of standstill.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum HostActivity {
     Reads,
     Stops,
     Both,
-    /// As the command line does after Ctrl-C: with pauses between.
+    /// Pauses between requests, as the command line has after Ctrl-C.
     Pauses,
 }
 
@@ -309,7 +309,7 @@ fn a_module_in_step_is_received_soon_after_a_silence() {
     assert!(slow.is_empty(), "{}: {:?}", slow.len(), &slow[..slow.len().min(12)]);
 }
 
-/// On two wires nothing is heard of what goes out for every place: a module that lost count is brought back
+/// On two wires nothing is received of requests to all positions: a module that lost count is brought back
 /// all the same, by reads or by stops.
 #[test]
 fn a_module_that_lost_count_on_two_wires_is_brought_back() {

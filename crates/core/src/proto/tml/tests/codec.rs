@@ -79,7 +79,7 @@ fn every_vector_in_both_directions() {
             }
             "technocan" => {
                 let content = technocan::decode(&frame(v)).expect(&v.name);
-                // The class does not say whom TakeData2 is for: any host will do.
+                // The class does not name the receiver of TakeData2: any host will do.
                 let to = content.to.unwrap_or(IdCode::host_at(9));
                 let again = Message { to, instruction: content.instruction };
                 assert_eq!(technocan::encode(&again), Ok(frame(v)), "{}", v.name);

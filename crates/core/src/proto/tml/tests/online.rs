@@ -1,11 +1,11 @@
-//! What is exchanged on-line, as the manual's examples and captures have it.
+//! Messages that are exchanged on-line, as the manual's examples and captures have it.
 
 use crate::proto::tml::online::{Cell, MemorySpace, OnlineMessage, PtPoint, PvtPoint};
 use crate::proto::tml::wire::{IdCode, Instruction, operand_address, short_operand};
 
 const HOST: IdCode = IdCode::host_at(255);
 
-/// The instruction's words, and what they say, in both directions.
+/// The instruction's words, and their meaning, in both directions.
 const EXCHANGES: &[(&[u16], OnlineMessage)] = &[
     (
         &[0xB004, 0x0FF1, 0x025E],

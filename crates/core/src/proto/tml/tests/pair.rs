@@ -187,7 +187,7 @@ impl Line {
         }
     }
 
-    /// Whatever the drives say from now on arrives at `until`, if that is later.
+    /// All frames that the drives send from now on arrive at `until`, if that is later.
     fn hold_replies(&mut self, until: Instant) {
         self.replies_held_until = until;
     }
@@ -373,9 +373,9 @@ fn a_late_acknowledgement_acknowledges_no_request() {
     }
 }
 
-/// A serial server keeps back what the drive says until the question was given up, however often it was
-/// asked (swarm seed serial:7004261): its acknowledgements are not those of the next motion, and its answers
-/// not those of the next question.
+/// A serial server holds back the drive's replies until the query was given up, however often it was
+/// repeated (swarm seed serial:7004261): the acknowledgements are not those of the next motion, and the answers
+/// not those of the next query.
 #[test]
 fn frames_held_back_until_a_query_ended_prove_nothing() {
     for (variable, ms) in

@@ -1,4 +1,4 @@
-//! EMCY: what is told, remembered and held back.
+//! EMCY: sent, remembered and held back.
 
 use super::*;
 

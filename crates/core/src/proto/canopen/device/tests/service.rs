@@ -281,7 +281,7 @@ fn a_short_request_is_ignored_unless_lenient() {
         assert_eq!(lenient.answers(frame(0x605, cut)), [], "{cut:02X?}");
     }
     assert_eq!(lenient.toy.values[usize::from(I16_AT)], 13);
-    // One byte told, two meant: 2F with an object of two bytes.
+    // A size of one byte, two meant: 2F with an object of two bytes.
     lenient.answers(frame(0x605, &[0x2F, 0x01, 0x20, 0, 0xE8, 0x03, 0, 0]));
     assert_eq!(lenient.toy.values[usize::from(I16_AT)], 1000);
     let mut plain = NodeFixture::with(Quirks { segmented_sdo: false, ..Quirks::STRICT });

@@ -1,4 +1,4 @@
-//! The same module on CAN.
+//! A TMCL module on CAN.
 
 use super::{
     Answer, CanEndpoint, CanHost, Frame, HostOptions, HostRequest, Instant, Opcode, Quirks,
@@ -46,12 +46,12 @@ pub(super) fn ask_position(host: &mut CanHost, now: Instant) {
     host.poll_transmit(now, &mut Frame::default()).unwrap();
 }
 
-/// What it says.
+/// Frame of its reply.
 pub(super) fn position(value: u8) -> Frame {
     Frame::standard(2, &[1, 100, 6, 0, 0, 0, value])
 }
 
-/// A reply disturbed in its last bit is heard twice, the second time before the next request can
+/// A reply disturbed in its last bit is received twice, the second time before the next request can
 /// have left (swarm seed can:9).
 #[test]
 fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
