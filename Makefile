@@ -195,7 +195,7 @@ python-tests:
 	cd crates/python && $(PYTEST)
 
 python-command:
-	RUST_TEST_THREADS=2 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
+	RUST_TEST_THREADS=2 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that holds_the_port
 
 # Tools that build what users install.
 $(VENV)/packaging: $(VENV)/ready packaging/requirements.txt packaging/tools.txt
