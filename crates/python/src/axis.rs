@@ -66,6 +66,21 @@ pub struct PyParameter {
     pub section: Cow<'static, str>,
 }
 
+#[pymethods]
+impl PyParameter {
+    fn __repr__(&self) -> String {
+        let Self { name, symbol, unit, raw_range: (min, max), readable, writable, .. } = self;
+        let symbol = if symbol.is_empty() { String::new() } else { format!(" ({symbol})") };
+        let unit = if unit.is_empty() { String::new() } else { format!(" in {unit}") };
+        let access = match (readable, writable) {
+            (true, false) => ", read only",
+            (false, true) => ", write only",
+            _ => "",
+        };
+        format!("<Parameter {name}{symbol}{unit}: raw {min} to {max}{access}>")
+    }
+}
+
 impl From<ParameterDescription> for PyParameter {
     fn from(described: ParameterDescription) -> Self {
         let ParameterDescription { name, symbol, about, unit, raw_range, raw_default, .. } =

@@ -45,6 +45,16 @@ pub struct Truth {
     flash_writes: u64,
 }
 
+#[pymethods]
+impl Truth {
+    fn __repr__(&self) -> String {
+        let Self { position, velocity, current, enabled, fault, .. } = self;
+        let power = if *enabled { "powered" } else { "without power" };
+        let fault = if *fault == 0 { String::new() } else { format!(", fault {fault}") };
+        format!("<Truth {position:.3} rad, {velocity:.3} rad/s, {current:.3} A, {power}{fault}>")
+    }
+}
+
 /// The one link that a word such as `cia402:1,2` means: whether it is a bus, its protocol's word, and
 /// of each drive the product's name and the address.
 #[pyfunction]

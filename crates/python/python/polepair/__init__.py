@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import sys
 from collections.abc import Callable, Iterable
 from os import PathLike
 from typing import TYPE_CHECKING
@@ -31,7 +32,7 @@ from ._sync import (
     Watch,
 )
 from .errors import DriveFault, NoReply, PolepairError, ProtocolError, Refused, Unsupported
-from .quantity import Amount, Quantity
+from .quantity import Amount, PositionUnit, Quantity, Signal, TorqueUnit, VelocityUnit
 
 if TYPE_CHECKING:
     import can
@@ -72,20 +73,24 @@ __all__ = [
     "Parameters",
     "Part",
     "PolepairError",
+    "PositionUnit",
     "ProtocolError",
     "Quantity",
     "RawParameters",
     "Reading",
     "Refused",
+    "Signal",
     "Simulation",
     "State",
     "StepResponse",
     "Subscription",
     "Table",
     "Tables",
+    "TorqueUnit",
     "Trace",
     "Truth",
     "Unsupported",
+    "VelocityUnit",
     "Watch",
     "__version__",
     "aio",
@@ -94,6 +99,7 @@ __all__ = [
     "encode",
     "events",
     "explain",
+    "lss",
     "profiles",
     "scan",
 ]
@@ -112,7 +118,8 @@ def connect(
     client_cert: str | PathLike[str] | None = None,
     client_key: str | PathLike[str] | None = None,
 ) -> Link:
-    """Opens a link: `tmcl+serial:///dev/ttyUSB0:9600#1`, `canopen+socketcan://can0#2`, `sim:tmcl`.
+    """Opens a link: `connect("tmcl+serial:///dev/ttyUSB0:9600#1")`, `connect("canopen+socketcan://can0#2")`,
+    `connect("sim:tmcl")`.
 
     The URL of a `polepair serve` uses its links: `ws://127.0.0.1:7365`, `wss://HOST:7365`. The token is
     the first of `token_file`, else `POLEPAIR_TOKEN`, else that of your own server on this machine.
@@ -149,7 +156,7 @@ def scan(
     profile: str | PathLike[str] | None = None,
     progress: Callable[[int, int, int], bool | None] | None = None,
 ) -> list[Found]:
-    """Finds the drives on a link, by reads only. Nothing moves.
+    """Finds the drives on a link, by reads only. Nothing moves. `scan("tmcl+serial:///dev/ttyUSB0")`
 
     `first` and `last` limit the addresses. `progress(address, done, of)` is called before each address,
     and ends the scan by returning False; the drives found so far are returned.
@@ -231,4 +238,17 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
+
+
+def _load_in_ipython() -> None:
+    """Adds Tab completion of names to the IPython shell that imports this package, if one does."""
+    shell = sys.modules.get("IPython")
+    instance = None if shell is None else getattr(shell, "get_ipython", lambda: None)()
+    if instance is not None:
+        from ._ipython import load
+
+        load(instance)
+
+
+_load_in_ipython()

@@ -10,7 +10,7 @@ from . import _polepair as native
 from ._records import Fault, Reading, State
 from ._steps import Call, Steps, Urgent, Wait, Whole
 from .errors import NoReply, PolepairError, Unsupported
-from .quantity import Amount, Quantity, given
+from .quantity import Amount, Quantity, Signal, TorqueUnit, VelocityUnit, given
 
 if TYPE_CHECKING:
     from .trace import StepResponse, Trace
@@ -112,8 +112,8 @@ class AxisSteps:
             ("product", self.title),
             ("protocol", self.protocol),
             ("armed", "yes" if self._native.is_armed else "no"),
-            ("tells", ", ".join(self.signals)),
-            ("can", ", ".join(self.verbs)),
+            ("signals", ", ".join(self.signals)),
+            ("verbs", ", ".join(self.verbs)),
             ("caution", self.caution),
         ]
         return table(["", self.label], rows)
@@ -172,12 +172,15 @@ class AxisSteps:
     def _spin(
         self,
         speed: Amount,
-        unit: str | None = None,
+        unit: VelocityUnit | None = None,
         *,
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Steps[None]:
-        """rad/s (m/s) or with a unit: turns at a constant speed."""
+        """rad/s (m/s) or with a unit: turns at a constant speed.
+
+        `axis.spin(60, "rpm")`, `axis.spin("60 rpm", acceleration="600 rpm/s")`
+        """
         return self._run(
             "velocity",
             velocity=given(speed, unit),
@@ -185,8 +188,11 @@ class AxisSteps:
             deceleration=given(deceleration),
         )
 
-    def _press(self, torque: Amount, unit: str | None = None) -> Steps[None]:
-        """N·m or with a unit: turns with a constant torque."""
+    def _press(self, torque: Amount, unit: TorqueUnit | None = None) -> Steps[None]:
+        """N·m or with a unit: turns with a constant torque.
+
+        `axis.torque(0.2)`, `axis.torque(200, "mNm")`
+        """
         return self._run("torque", torque=given(torque, unit))
 
     def _set_out(
@@ -207,7 +213,10 @@ class AxisSteps:
         )
 
     def _home(self, *, velocity: Amount | None = None, timeout: float = TIMEOUT) -> Steps[None]:
-        """Searches the reference position, and waits for it, at most `timeout` seconds."""
+        """Searches the reference position, and waits for it, at most `timeout` seconds.
+
+        `axis.home()`, `axis.home(velocity="30 rpm", timeout=120)`
+        """
         started = yield from self._begin("home", velocity=given(velocity))
         if (yield Wait(started, timeout)) is None:
             what = f"{self.label}: homing did not end within {timeout:g} s"
@@ -215,6 +224,8 @@ class AxisSteps:
 
     def _reached(self, timeout: float = TIMEOUT) -> Steps[bool]:
         """Waits until the last move has arrived, at most `timeout` seconds; False if it has not.
+
+        `axis.reached(5.0)`
 
         Errors: E106 with both positions if it ended elsewhere. On a server, an axis that this program has not
         armed has arrived when the drive says so and its position is at the target that the drive reports; a
@@ -275,10 +286,12 @@ class AxisSteps:
             hint = "look for a limit, a fault or a load; the axis goes on until it is stopped"
             raise PolepairError(what, "E101", False, hint)
 
-    def _read(self, *signals: str) -> Steps[dict[str, float]]:
+    def _read(self, *signals: Signal | str) -> Steps[dict[str, float]]:
         """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC.
 
         Any other name is a parameter, or an address such as `0x2030:1:u16`, in the parameter's unit.
+
+        `axis.read("position", "velocity")` returns `{"position": 1.57, "velocity": 0.0}`.
         """
         named = [name for name in signals if native.is_signal(name)]
         values: dict[str, float] = {}
@@ -299,11 +312,13 @@ class AxisSteps:
         return float((yield from self._get(name)))
 
     def _capture(
-        self, signals: Sequence[str], *, rate: float = 100.0, seconds: float = 1.0
+        self, signals: Sequence[Signal | str], *, rate: float = 100.0, seconds: float = 1.0
     ) -> Steps[Trace]:
         """Reads signals `rate` times a second for `seconds`, and returns the trace.
 
         A slower drive gives fewer samples, each with its own time.
+
+        `axis.capture(["position", "velocity"], rate=200, seconds=2).plot()`
         """
         return self._sampled(signals, rate, self._native.now, seconds)
 
@@ -340,6 +355,8 @@ class AxisSteps:
         The axis must be armed, and keeps the new set-point. It is read `rate` times a second for
         `seconds`. `band` is the tolerance of settling, as a share of the step. Errors: `Unsupported`
         E213 for another signal; ValueError if it did not move.
+
+        `axis.step("velocity", 60, "rpm").rise_time`
         """
         if signal not in STEPS:
             what = f"a step is of {', '.join(STEPS)}, not of `{signal}`"
@@ -402,18 +419,26 @@ class AxisSteps:
         yield Wait(self._native.start_write(at, raw, keep))
 
     def _read_bytes(self, name: str) -> Steps[bytes]:
-        """Reads a parameter that holds bytes, such as a domain of CANopen, by name or address."""
+        """Reads a parameter that holds bytes, such as a domain of CANopen, by name or address.
+
+        `axis.read_bytes("0x1F50:1")`
+        """
         at = yield from self._find(name)
         return bytes((yield Call(self._native.read_data, at)))
 
     def _read_text(self, name: str) -> Steps[str]:
-        """Reads a parameter that holds text, such as `1008h` of CANopen, by name or address."""
+        """Reads a parameter that holds text, such as `1008h` of CANopen, by name or address.
+
+        `axis.read_text("0x1008")`
+        """
         return (yield from self._read_bytes(name)).decode("utf-8", "replace")
 
     def _write_bytes(self, name: str, data: bytes) -> Steps[None]:
         """Writes all bytes of a parameter by name or address, by block transfer if the drive supports it.
 
         It is not repeated after a lost reply, because the drive may have stored a part.
+
+        `axis.write_bytes("0x1F50:1", firmware)`
         """
         at = yield from self._find(name)
         yield Whole(self._native.write_data, at, data)

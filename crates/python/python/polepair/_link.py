@@ -78,7 +78,10 @@ class LinkOf(Generic[A]):
 
     def axis(self, which: int | str) -> A:
         """The axis with this number, or this name in the rack file. `LINK#NUMBER` if several links of a
-        server have the number."""
+        server have the number.
+
+        `link.axis(1)`, `link.axis("left")`
+        """
         link = self._open()
         return self._axis(link.axis(which) if isinstance(which, int) else link.named(which))
 
@@ -161,7 +164,10 @@ class ParametersOf(Generic[A]):
         self._axis = axis
 
     def info(self, name: str) -> native.Parameter:
-        """The description: unit, range, default, value names, manual section."""
+        """The description: unit, range, default, value names, manual section.
+
+        `axis.params.info("max current").unit`
+        """
         return self._axis._native.parameters()[self._axis._native.find(name)]
 
     def __iter__(self) -> Iterator[str]:
@@ -172,6 +178,10 @@ class ParametersOf(Generic[A]):
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and self._axis._native.has(name)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """Names that IPython and notebooks complete: `axis.params["ma<Tab>`."""
+        return list(self)
 
     def __repr__(self) -> str:
         return f"<{len(self)} parameters of {self._axis.label}>"
@@ -186,6 +196,9 @@ class ArmedOf(Generic[A]):
         self._axis = axis
         self._watchdog = watchdog
         self._before: Settings = []
+
+    def __repr__(self) -> str:
+        return f"<Armed {self._axis.label}>"
 
 
 def not_stopped(failed: PolepairError, error: BaseException | None) -> None:
@@ -210,6 +223,9 @@ class Simulation:
 
     def __init__(self, simulation: native.Simulation) -> None:
         self._native = simulation
+
+    def __repr__(self) -> str:
+        return f"<Simulation at {self.now:.3f} s>"
 
     @property
     def now(self) -> float:

@@ -14,7 +14,7 @@ from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
 from ._records import Fault
 from ._steps import Steps, blocking, next_row, run
 from .errors import PolepairError
-from .quantity import Amount, Quantity
+from .quantity import Amount, PositionUnit, Quantity, Signal
 
 if TYPE_CHECKING:
     from .events import Events, Happening, Subscription
@@ -73,6 +73,8 @@ class Axis(AxisSteps):
 
         Bytes are a complete frame to this axis, on CAN with its identifier. Errors: `Unsupported`
         E221 if it is not a request to this axis; nothing was sent.
+
+        `axis.raw("GAP 1")`, `axis.raw(b"...", id=0x601)`
         """
         return self._native.raw(said, id)
 
@@ -89,7 +91,7 @@ class Axis(AxisSteps):
     def move(
         self,
         target: Amount,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
@@ -98,6 +100,8 @@ class Axis(AxisSteps):
         """rad (m) or with a unit: starts a move to a position. The axis must be armed.
 
         Returns as soon as the drive has acknowledged the start; `wait` on the result waits for the end.
+
+        `axis.move(90, "deg", velocity="60 rpm").wait()`
         """
         run(self._set_out("move-to", target, unit, velocity, acceleration, deceleration))
         return Motion(self)
@@ -105,13 +109,16 @@ class Axis(AxisSteps):
     def move_by(
         self,
         distance: Amount,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
         deceleration: Amount | None = None,
     ) -> Motion:
-        """rad (m) or with a unit: starts a move by a distance from the actual position. Never sent twice."""
+        """rad (m) or with a unit: starts a move by a distance from the actual position. Never sent twice.
+
+        `axis.move_by(-5, "mm").wait()`
+        """
         run(self._set_out("move-by", distance, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
@@ -120,15 +127,19 @@ class Axis(AxisSteps):
 
         `watchdog`: seconds without a message after which the drive stops; `Unsupported` if it has no
         watchdog.
+
+        `with axis.armed(watchdog=0.5): axis.spin(60, "rpm")`
         """
         return Armed(self, watchdog)
 
     def watch(
-        self, *signals: str, period: float = 0.1, seconds: float | None = None
+        self, *signals: Signal | str, period: float = 0.1, seconds: float | None = None
     ) -> Watch:
         """Reads signals periodically: seconds since the start, and values in SI.
 
         A server sends them by itself; `lost` of the result counts missing samples.
+
+        `for time, values in axis.watch("velocity", period=0.05, seconds=2): print(time, values["velocity"])`
         """
         if self._native.is_remote:
             stream = self._native.watch(list(signals), period)
@@ -164,6 +175,9 @@ class Watch(Iterator[Row]):
 
     def __next__(self) -> Row:
         return next(self._rows)
+
+    def __repr__(self) -> str:
+        return f"<Watch: {self.lost} samples lost>"
 
     @property
     def lost(self) -> int:
@@ -235,7 +249,7 @@ class Group(GroupSteps[Axis]):
     def move(
         self,
         targets: Targets,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
@@ -246,6 +260,8 @@ class Group(GroupSteps[Axis]):
         With `sync` each drive is prepared, and one message on the bus starts all of them. Errors:
         `Unsupported` E218 for drives without this function; nothing was sent. Without `sync`, they are
         started one directly after the other.
+
+        `group.move({1: "90 deg", 2: "45 deg"}).wait()`, `group.move([90, 45], "deg")`
         """
         moving = run(self._set_out("move-to", targets, unit, velocity, acceleration, sync))
         return GroupMotion(self, moving)
@@ -253,18 +269,24 @@ class Group(GroupSteps[Axis]):
     def move_by(
         self,
         distances: Targets,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
         sync: bool = True,
     ) -> GroupMotion:
-        """rad (m) or with a unit: starts moves by distances from the actual positions. Never sent twice."""
+        """rad (m) or with a unit: starts moves by distances from the actual positions. Never sent twice.
+
+        `group.move_by([10, -10], "deg").wait()`
+        """
         moving = run(self._set_out("move-by", distances, unit, velocity, acceleration, sync))
         return GroupMotion(self, moving)
 
     def armed(self, watchdog: float | None = None) -> GroupArmed:
-        """Arms the axes during a `with` block, whose end stops and disables all of them."""
+        """Arms the axes during a `with` block, whose end stops and disables all of them.
+
+        `with link.group(1, 2).armed() as both: both.move([1.0, 0.5]).wait()`
+        """
         return GroupArmed(self, watchdog)
 
 
@@ -302,6 +324,9 @@ class GroupArmed:
         self._group = group
         self._watchdog = watchdog
         self._before: list[Settings] = []
+
+    def __repr__(self) -> str:
+        return f"<Armed group of {', '.join(axis.label for axis in self._group.axes)}>"
 
     def __enter__(self) -> Group:
         self._before = run(self._group._arm(self._watchdog))
@@ -359,7 +384,10 @@ class Parameters(ParametersOf[Axis], MutableMapping[str, Quantity]):
         run(self._axis._set(name, amount))
 
     def keep(self, name: str, amount: Amount) -> None:
-        """Writes a parameter, and stores it in permanent memory."""
+        """Writes a parameter, and stores it in permanent memory.
+
+        `axis.params.keep("max current", "1.2 A")`
+        """
         run(self._axis._set(name, amount, keep=True))
 
     def __delitem__(self, name: str) -> None:
@@ -387,7 +415,10 @@ class Link(LinkOf[Axis]):
         return Axis(axis)
 
     def group(self, *which: int | str) -> Group:
-        """A group of axes by number or name; without arguments, all axes."""
+        """A group of axes by number or name; without arguments, all axes.
+
+        `link.group(1, 2)`, `link.group("left", "right")`
+        """
         return Group(self._chosen(which))
 
     def events(self) -> Events:
@@ -399,6 +430,8 @@ class Link(LinkOf[Axis]):
     def on_event(self, function: Callable[[Happening], object]) -> Subscription:
         """Calls a function with each event, in its own thread, until `end` of the result, or until the
         link is closed. Exceptions of the function are reported, and the next event is still delivered.
+
+        `link.on_event(print)`
         """
         return self._subscribed(function)
 
@@ -407,7 +440,10 @@ class Link(LinkOf[Axis]):
         self._open().stop_all()
 
     def sleep(self, seconds: float) -> None:
-        """Waits on the link's clock. In virtual time this returns at once."""
+        """Waits for seconds on the link's clock. In virtual time this returns at once.
+
+        `link.sleep(0.5)`
+        """
         self._open()
         self._axes[0]._native.sleep(seconds)
 

@@ -29,7 +29,7 @@ from ._records import Fault
 from ._steps import Call, Steps, Urgent, Wait, Whole, next_row
 from ._sync import Row
 from .errors import PolepairError
-from .quantity import Amount, Quantity
+from .quantity import Amount, PositionUnit, Quantity, Signal
 
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
@@ -202,7 +202,7 @@ class Axis(AxisSteps):
     state = awaitable(AxisSteps._state)
     step = awaitable(AxisSteps._step)
 
-    async def read(self, *signals: str) -> dict[str, float]:
+    async def read(self, *signals: Signal | str) -> dict[str, float]:
         """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC.
 
         Any other name is a parameter, or an address such as `0x2030:1:u16`, in the parameter's unit.
@@ -242,7 +242,7 @@ class Axis(AxisSteps):
     async def move(
         self,
         target: Amount,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
@@ -255,7 +255,7 @@ class Axis(AxisSteps):
     async def move_by(
         self,
         distance: Amount,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
@@ -269,7 +269,7 @@ class Axis(AxisSteps):
         """Lets it move within an `async with` block, whose end stops and disables it."""
         return Armed(self, watchdog)
 
-    def watch(self, *signals: str, period: float = 0.1) -> Watch:
+    def watch(self, *signals: Signal | str, period: float = 0.1) -> Watch:
         """Reads signals periodically: seconds since the start, and values in SI.
 
         A server sends them by itself; `lost` of the result counts missing samples.
@@ -318,6 +318,9 @@ class Watch(AsyncIterator[Row]):
             self._stream = row
             return await self.__anext__()
         return row
+
+    def __repr__(self) -> str:
+        return f"<Watch: {self.lost} samples lost>"
 
     @property
     def lost(self) -> int:
@@ -368,7 +371,7 @@ class Group(GroupSteps[Axis]):
     async def move(
         self,
         targets: Targets,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
@@ -381,7 +384,7 @@ class Group(GroupSteps[Axis]):
     async def move_by(
         self,
         distances: Targets,
-        unit: str | None = None,
+        unit: PositionUnit | None = None,
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
@@ -416,6 +419,9 @@ class GroupMotion:
         """Stops the group."""
         await self._group.stop()
 
+    def __repr__(self) -> str:
+        return f"<Motion of {', '.join(axis.label for axis in self._moving)}>"
+
 
 class GroupArmed:
     """Axes that may move, for as long as an `async with` block lasts."""
@@ -426,6 +432,9 @@ class GroupArmed:
         self._group = group
         self._watchdog = watchdog
         self._before: list[Settings] = []
+
+    def __repr__(self) -> str:
+        return f"<Armed group of {', '.join(axis.label for axis in self._group.axes)}>"
 
     async def __aenter__(self) -> Group:
         self._before = await arun(self._group._arm(self._watchdog))
@@ -572,6 +581,9 @@ class Opening:
     def __init__(self, open_it: Callable[[], native.Link]) -> None:
         self._open_it = open_it
         self._link: Link | None = None
+
+    def __repr__(self) -> str:
+        return "<Opening of a link>" if self._link is None else f"<Opening of {self._link!r}>"
 
     async def _open(self) -> Link:
         loop = asyncio.get_running_loop()

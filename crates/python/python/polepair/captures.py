@@ -125,10 +125,10 @@ def decode(
     profile: str | None = None,
     format: str | None = None,
 ) -> Capture:
-    """Explains every frame of a capture file.
+    """Explains every frame of a capture file. `for event in decode("machine.log"): print(event.text)`
 
-    `protocols` says who speaks, as the command line's `--as`: `canopen@2,thruster@11`. Without it
-    the whole file is weighed first. `profile` is the product whose names are used. Errors: `OSError`
-    where the file cannot be read, `Unsupported` for unknown words.
+    `protocols` states the protocols as the command line's `--as` does: `canopen@2,thruster@11`. Without it
+    they are detected in the file first. `profile` is the product whose names are used. Errors: `OSError`
+    if the file cannot be read, `Unsupported` for unknown words.
     """
     return Capture(native.Decoder(path, protocols, profile, format), os.fspath(path))

@@ -295,9 +295,12 @@ class Subscription:
                 told = (*sys.exc_info(), threading.current_thread())
                 threading.excepthook(threading.ExceptHookArgs(told))
 
+    def __repr__(self) -> str:
+        return f"<Subscription of {self._function!r}: {self.lost} events lost>"
+
     @property
     def lost(self) -> int:
-        """Events that were thrown away so far because the function took too long."""
+        """Events that were discarded so far because the function took too long."""
         return self._events.lost
 
     def end(self) -> None:

@@ -109,12 +109,12 @@ def explain(
     extended: bool = False,
     to_drive: bool | None = None,
 ) -> Explained | Meaning:
-    """Says what a frame means byte by byte, or what a code means. Nothing is sent.
+    """Explains a frame byte by byte, or the meaning of a code. Nothing is sent.
 
     `protocol` is a protocol's word or a product's name. `what` is a frame: bytes (on CAN with `id`,
     and `extended` for 29 bits), a message of python-can, or text as captures have it, `30B#5443`; or
-    a number: a status, an exception, fault bits. `to_drive` says who sent the frame where its bytes
-    do not tell. Errors: `Unsupported` E203 for a protocol, E241 for an unknown text.
+    a number: a status, an exception, fault bits. `to_drive` states the direction of the frame where its bytes
+    do not show it. Errors: `Unsupported` E203 for a protocol, E241 for an unknown text.
 
     >>> import polepair
     >>> print(polepair.explain("tmcl", bytes.fromhex("01 06 01 00 00 00 00 00 08")).kind)

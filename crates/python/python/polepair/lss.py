@@ -46,7 +46,7 @@ class LssMaster:
     Methods raise `NoReply` where no device answers, `Refused` where the device refuses.
     """
 
-    __slots__ = ("_native",)
+    __slots__ = ("_native", "_url")
 
     def __init__(self, url: str, *, profile: str | PathLike[str] | None = None) -> None:
         """Opens the bus. Devices that another master left in LSS configuration leave it.
@@ -54,6 +54,10 @@ class LssMaster:
         Raises `Unsupported` E242 for a link on which no drive speaks CANopen.
         """
         self._native = native.LssMaster(url, profile)
+        self._url = url
+
+    def __repr__(self) -> str:
+        return f"<LssMaster of {self._url}>"
 
     def __enter__(self: _Self) -> _Self:
         return self

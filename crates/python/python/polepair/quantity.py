@@ -1,10 +1,41 @@
-"""Values with units, on their way back and forthm a drive."""
+"""Values with units, and the words of units and signals."""
 
 from __future__ import annotations
 
-from typing import TypeAlias, Union
+from typing import Literal, TypeAlias, Union
 
-__all__ = ["Amount", "Quantity"]
+__all__ = ["Amount", "PositionUnit", "Quantity", "Signal", "TorqueUnit", "VelocityUnit"]
+
+PositionUnit: TypeAlias = Literal[
+    "rad", "deg", "degrees", "°", "turn", "turns", "rev", "m", "cm", "mm", "um", "µm"
+]
+"""Units of positions and distances: of rotation, or of linear motion."""
+
+VelocityUnit: TypeAlias = Literal["rad/s", "deg/s", "turn/s", "rpm", "m/s", "mm/s"]
+"""Units of velocities: of rotation, or of linear motion."""
+
+TorqueUnit: TypeAlias = Literal["Nm", "N·m", "N*m", "mNm", "Ncm"]
+"""Units of torques."""
+
+Signal: TypeAlias = Literal[
+    "position",
+    "velocity",
+    "torque",
+    "current",
+    "voltage",
+    "temperature",
+    "target position",
+    "target velocity",
+    "fault",
+    "enabled",
+    "moving",
+    "reached",
+    "mode",
+    "time",
+    "positive limit",
+    "negative limit",
+]
+"""Signals of drives. `Axis.signals` has those of one axis."""
 
 
 class Quantity(float):
