@@ -13,6 +13,7 @@ mod man;
 mod pages;
 mod picture;
 mod pytrinamic;
+mod release;
 mod swarm;
 mod tidy;
 
@@ -27,6 +28,7 @@ usage: cargo xtask COMMAND
   man DIR             the command line's man pages, written into a folder
   picture             a terminal's output on stdin as an SVG picture on stdout
   pytrinamic PACKAGE  profiles of Trinamic's modules from the folder of an installed pytrinamic
+  release VERSION [--dry-run]  one version in all files, the changelog's section, a commit and a tag
   swarm [--help] ...  seeded worlds with faults; `swarm --help` explains all of it";
 
 fn main() -> ExitCode {
@@ -40,6 +42,8 @@ fn main() -> ExitCode {
         ["man", folder] => man::run(Path::new(folder)),
         ["picture"] => picture::run(),
         ["pytrinamic", package] => pytrinamic::run(&root(), Path::new(package)),
+        ["release", version] => release::run(&root(), version, false),
+        ["release", version, "--dry-run"] => release::run(&root(), version, true),
         ["swarm", "--help" | "-h" | "help"] => {
             println!("{}", swarm::HELP);
             Ok(())
