@@ -23,7 +23,7 @@ SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib
 .PHONY: demo test installing-steps checking-steps process-steps client-steps unit-step page-step \
 	windows-step wine-step documentation-steps check quick-tests lints features dependencies spelling build packages web \
 	page-units page page-tests site site-pages interop windows windows-tests windows-program windows-files macos \
-	package python python-tests python-command wheel deb dist try-dist swarm threads soak bench clean
+	package python python-tests python-command wheel deb dist try-dist swarm threads soak bench coverage release clean
 
 # It is built soon rather than fast (BUILD-5).
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
@@ -268,6 +268,19 @@ soak:
 	$(MAKE) --no-print-directory swarm SEEDS=1000000 GATEWAY_SEEDS=100000
 	$(MAKE) --no-print-directory threads
 	fuzz/run $(or $(FUZZ_SECONDS),60)
+
+## coverage: lines of the crates that the unit tests execute, as a table and as target/lcov.info
+coverage:
+	rustup component add llvm-tools >/dev/null
+	packaging/install-tools cargo-llvm-cov
+	POLEPAIR_SEEDS=100 PATH="$(CURDIR)/target/tools/bin:$$PATH" $(CARGO) llvm-cov test --locked --quiet --workspace \
+		--lib --bins --no-report
+	PATH="$(CURDIR)/target/tools/bin:$$PATH" $(CARGO) llvm-cov report --lcov --output-path target/lcov.info
+	PATH="$(CURDIR)/target/tools/bin:$$PATH" $(CARGO) llvm-cov report --summary-only
+
+## release: a commit and a tag for VERSION=X.Y.Z, with the changes of `changes/` in the changelog; nothing is uploaded; with --dry-run what would be
+release:
+	+@$(CARGO) run --quiet --locked --package xtask -- release "$(VERSION)" $(if $(findstring n,$(firstword -$(MAKEFLAGS))),--dry-run)
 
 ## bench: the codecs, the layers, the round trip beside the raw pty
 bench:
