@@ -1,6 +1,8 @@
 //! Settings of drives as a text file: sorted, with units, one line each.
 //!
 //! ```toml
+//! version = 1
+//!
 //! [axis.1]
 //! count = 2
 //! profile = "tmcm-171"
@@ -23,7 +25,7 @@ use crate::eds::Eds;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::profile::read_text;
-use crate::toml_file::{FileError, FileLocation, Located, SourceText, TomlTable};
+use crate::toml_file::{FILE_VERSION, FileError, FileLocation, Located, SourceText, TomlTable};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{
     Access, Certainty, Parameter, ParameterId, Persistence, Profile, encoding_word,
@@ -201,6 +203,7 @@ impl fmt::Display for Settings {
     /// Formats the settings as a file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("# `polepair config diff URL FILE` compares, `polepair config apply URL FILE` writes.\n")?;
+        writeln!(f, "version = {FILE_VERSION}")?;
         self.axes.iter().try_for_each(|axis| write!(f, "\n{axis}"))
     }
 }

@@ -11,6 +11,9 @@ use std::sync::Arc;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
+/// Version of settings files, racks, profiles and configuration files: their key `version`.
+pub(crate) const FILE_VERSION: i64 = 1;
+
 /// Error in a file, with its place.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FileError {
@@ -130,7 +133,17 @@ impl<'a> SourceText<'a> {
             let location = self.location_at(error.span().map_or(0, |span| span.start));
             location.error(error.message().lines().collect::<Vec<_>>().join("; "))
         })?;
-        read(TomlTable::new(self, parsed.get_ref(), 0, known)?)
+        let table = parsed.get_ref();
+        // Before the keys: a newer file may have keys that this program does not know.
+        let version = TomlTable { text: self, table, start: 0 }.integer("version")?;
+        if let Some(version) = version.filter(|found| found.value != FILE_VERSION) {
+            let reason = format!(
+                "the file has version {}; this program reads version {FILE_VERSION}: use a newer polepair",
+                version.value
+            );
+            return Err(version.location.error(reason));
+        }
+        read(TomlTable::new(self, table, 0, &[known, &["version"]].concat())?)
     }
 
     fn location_at(&self, offset: usize) -> FileLocation {

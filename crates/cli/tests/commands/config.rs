@@ -42,7 +42,7 @@ fn settings_go_from_one_drive_to_another_and_leave_its_address_alone() {
     let text = file.text();
     assert_eq!(ok(&["config", "save", &first.url, "-"]), text);
     let names = text.lines().filter_map(|line| line.split_once(" = ")).map(|(name, _)| name);
-    let names: Vec<&str> = names.skip(3).map(|name| name.trim_matches('"')).collect();
+    let names: Vec<&str> = names.skip(4).map(|name| name.trim_matches('"')).collect();
     assert!(names.is_sorted() && names.len() > 30, "{text}");
     let current = ok(&["get", &first.url, "max current"]);
     let shown = current.trim().trim_start_matches("max current = ");

@@ -1,7 +1,7 @@
 //! Values that are written together with what scales them, and whether a motor is shown as moving.
 
 use polepair::axis::PendingWrites;
-use polepair::settings::Settings;
+use polepair::settings::{AxisSettings, Settings};
 use polepair::{Amount, LocalLink};
 use polepair_core::profile::Signal;
 use std::time::Duration;
@@ -79,4 +79,25 @@ fn a_motor_that_turns_at_a_speed_is_shown_as_moving() {
         assert_eq!(moving(), Some(false), "{url}: it stands");
         armed.release().unwrap();
     }
+}
+
+/// A file of a later version is refused with its line, before its keys are read; one without a version is of the first.
+#[test]
+fn a_file_of_a_later_version_is_refused() {
+    let parse = |text: &str| Settings::parse("file.toml", text).map_err(|error| error.to_string());
+    for head in ["", "version = 1\n"] {
+        assert!(
+            parse(&format!("{head}[axis.1]\nprofile = \"tmcm-171\"\n[axis.1.settings]\n")).is_ok(),
+            "{head}"
+        );
+    }
+    let later = parse("# saved\nversion = 2\nnew_key = 1\n[axis.1]\n").unwrap_err();
+    let reason = "the file has version 2; this program reads version 1: use a newer polepair";
+    assert_eq!(later, format!("file.toml:2:11: {reason}"));
+    assert!(parse("version = \"1\"\n").unwrap_err().contains("`version` is a string"));
+    let link = polepair::connect_local("sim:tmcl?time=virtual").unwrap();
+    let axes = vec![AxisSettings::read(&link.axes()[0], &mut |_, _| {}).unwrap()];
+    let saved = Settings { axes }.to_string();
+    assert!(saved.contains("\nversion = 1\n"), "{saved}");
+    assert!(parse(&saved).is_ok());
 }
