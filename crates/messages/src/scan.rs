@@ -78,7 +78,7 @@ pub struct FoundDrive {
     /// Source of the identification, with the firmware if known.
     pub known: String,
     /// Device information: name, versions, motors; may be empty.
-    pub says: String,
+    pub reported: String,
     /// The device with the same address or identifier, in a sentence; `null` if there is none.
     #[schema(required)]
     pub clash: Option<String>,

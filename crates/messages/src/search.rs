@@ -48,7 +48,7 @@ pub struct SearchedDrive {
     /// The product's full name.
     pub drive: String,
     /// Device information: name, versions, motors; may be empty.
-    pub says: String,
+    pub reported: String,
 }
 
 /// A port on which no drive was found.

@@ -106,7 +106,7 @@ fn differences_table(found: &[Difference]) -> String {
 }
 
 fn write_json(one: &Difference, out: &mut Vec<u8>) {
-    let words = [("what", one.kind), ("of", &one.subject), ("a", &one.a), ("b", &one.b)];
+    let words = [("kind", one.kind), ("subject", &one.subject), ("a", &one.a), ("b", &one.b)];
     for (n, (key, word)) in words.into_iter().enumerate() {
         out.push(if n == 0 { b'{' } else { b',' });
         jsonl::write_string(out, key);

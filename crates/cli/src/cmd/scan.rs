@@ -19,7 +19,7 @@ use crate::progress::Progress;
 use crate::remote::{self, RemoteSession, ServerArgs};
 use crate::target::{DriveArgs, OutputFormat};
 use crate::terminal::{print_note, print_warning};
-use drive_table::DriveColumn::{Axis, Clash, Drive, Known, Link, Name, Product, Says};
+use drive_table::DriveColumn::{Axis, Clash, Drive, Known, Link, Name, Product, Reported};
 use drive_table::{DriveRow, print_drives};
 
 /// Finds the drives on a link, by reads only.
@@ -98,7 +98,7 @@ impl ScanCommand {
         drop(bar);
         let scan = scan.map_err(outcome::to_problem)?;
         let drives: Vec<DriveRow> = scan.found.iter().map(DriveRow::from).collect();
-        print_drives(&drives, &[Axis, Drive, Known, Product, Clash, Says], self.format)?;
+        print_drives(&drives, &[Axis, Drive, Known, Product, Clash, Reported], self.format)?;
         // To standard error, so that a table in a file stays a table.
         scan.tried.iter().for_each(|tried| print_note(&format!("tried {tried}")));
         if let Some(lost) = &scan.link_error {

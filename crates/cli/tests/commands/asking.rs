@@ -71,7 +71,7 @@ fn a_capture_does_not_differ_from_itself() {
     assert_eq!(other.code, 1, "{}", other.err);
     let first: Value =
         serde_json::from_str(other.out.lines().next().expect("a line")).expect("JSON");
-    assert_eq!(first["what"], "axis");
+    assert_eq!(first["kind"], "axis");
 }
 
 #[test]

@@ -23,6 +23,7 @@ mod gateway;
 mod joined;
 mod monitor;
 mod motions;
+mod pinned_json;
 mod planted;
 mod program;
 mod rack;

@@ -213,7 +213,7 @@ fn note_report(view: &mut SearchView, report: SearchReport) {
             url: format!("{url}#{}", AxisNumber(drive.number)),
             profile: drive.profile.name.to_owned(),
             drive: drive.profile.title.to_owned(),
-            says: summarize_details(&drive.details),
+            reported: summarize_details(&drive.details),
         })
     });
     view.found = drives.collect();

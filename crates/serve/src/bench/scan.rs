@@ -158,7 +158,7 @@ impl LinkScanner {
             profile: found.profile.name.to_owned(),
             drive: found.profile.title.to_owned(),
             known: found.identified.to_string(),
-            says: summarize_details(&found.details),
+            reported: summarize_details(&found.details),
             clash: found.clash.clone(),
             axis: None,
         }

@@ -31,10 +31,10 @@ pub enum DriveColumn {
     /// Conflict with another device.
     Clash,
     /// Device information.
-    Says,
+    Reported,
 }
 
-use DriveColumn::{Axis, Clash, Drive, Known, Link, Name, Product, Says, Url};
+use DriveColumn::{Axis, Clash, Drive, Known, Link, Name, Product, Reported, Url};
 
 impl DriveColumn {
     const fn word(self) -> &'static str {
@@ -47,7 +47,7 @@ impl DriveColumn {
             Known => "known",
             Product => "product",
             Clash => "clash",
-            Says => "says",
+            Reported => "reported",
         }
     }
 
@@ -72,7 +72,7 @@ pub struct DriveRow {
     pub product: String,
     pub known: String,
     pub clash: Option<String>,
-    pub says: String,
+    pub reported: String,
     /// Device information item by item; `None` from a server, which sends it in one line.
     pub details: Option<Vec<DeviceDetail>>,
     /// True if the drive replies to every address.
@@ -87,7 +87,7 @@ impl From<&DetectedDrive> for DriveRow {
             product: found.profile.title.to_owned(),
             known: found.identified.to_string(),
             clash: found.clash.clone(),
-            says: summarize_details(&found.details),
+            reported: summarize_details(&found.details),
             details: Some(found.details.clone()),
             ignores_address: found.ignores_address,
             ..Self::default()
@@ -105,7 +105,7 @@ impl DriveRow {
             product: found.drive.clone(),
             known: found.known.clone(),
             clash: found.clash.clone(),
-            says: found.says.clone(),
+            reported: found.reported.clone(),
             ..Self::default()
         }
     }
@@ -132,7 +132,7 @@ impl DriveRow {
             Known => self.known.clone(),
             Product => self.product.clone(),
             Clash => self.clash.clone().unwrap_or_default(),
-            Says => self.says.clone(),
+            Reported => self.reported.clone(),
         }
     }
 

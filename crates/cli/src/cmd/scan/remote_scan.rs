@@ -6,7 +6,7 @@ use std::time::Duration;
 use polepair_client::message::{AddDrives, AxisInfo, ScanRequest, ScanState, ScanView};
 use polepair_link::clock;
 
-use super::drive_table::DriveColumn::{Axis, Clash, Drive, Known, Link, Product, Says};
+use super::drive_table::DriveColumn::{Axis, Clash, Drive, Known, Link, Product, Reported};
 use super::drive_table::{DriveRow, print_drives};
 use super::{conflicts_result, report_unconfigured};
 use crate::interrupt;
@@ -49,7 +49,7 @@ pub fn run_remote_scan(
         views.iter().flat_map(|view| view.found.iter().map(move |found| (view.link, found)));
     let drives: Vec<DriveRow> =
         found.map(|(link, found)| DriveRow::found_by_server(link, found)).collect();
-    print_drives(&drives, &[Axis, Link, Drive, Known, Product, Clash, Says], format)?;
+    print_drives(&drives, &[Axis, Link, Drive, Known, Product, Clash, Reported], format)?;
     for view in &views {
         report_scan(server, view);
     }

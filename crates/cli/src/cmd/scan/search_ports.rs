@@ -8,7 +8,7 @@ use polepair::scan::DetectedDrive;
 use polepair::search::{FoundLink, SearchReport, SearchStep, SilentPort, search};
 use polepair::url::{AxisNumber, shell_word};
 
-use super::drive_table::DriveColumn::{self, Axis, Clash, Drive, Known, Product, Says, Url};
+use super::drive_table::DriveColumn::{self, Axis, Clash, Drive, Known, Product, Reported, Url};
 use super::drive_table::{DriveRow, print_drives};
 use crate::problem::{Exit, Problem, Result};
 use crate::target::OutputFormat;
@@ -92,8 +92,8 @@ fn print_found(report: &SearchReport, format: OutputFormat) -> Result<()> {
         })
         .collect();
     let columns: &[DriveColumn] = match format {
-        OutputFormat::Text => &[Url, Drive, Product, Says],
-        _ => &[Url, Axis, Drive, Known, Product, Clash, Says],
+        OutputFormat::Text => &[Url, Drive, Product, Reported],
+        _ => &[Url, Axis, Drive, Known, Product, Clash, Reported],
     };
     print_drives(&drives, columns, format)
 }
