@@ -159,3 +159,24 @@ fn valgrind_finds_nothing() {
 fn the_headers_are_c_and_cpp() {
     LIBRARY.check_header();
 }
+
+/// The first program of `docs/guides/c.md` compiles without warnings, runs, and checks each status.
+#[test]
+fn the_guides_first_program_runs() {
+    let guide = std::fs::read_to_string(root().join("docs/guides/c.md")).expect("a guide");
+    let (_, after) = guide.split_once("```c\n").expect("a program");
+    let (program, _) = after.split_once("```\n").expect("its end");
+    let source = test_folder("c/guide").join("guide.c");
+    std::fs::write(&source, program).expect("written");
+    for compiler in COMPILERS.into_iter().filter(|compiler| is_there(compiler)) {
+        let built = LIBRARY.build(compiler, &source, &["-std=c11"]);
+        let text = run(Command::new(built).env("LD_LIBRARY_PATH", installed_library()));
+        let speed = text.trim().strip_suffix(" rad/s").and_then(|text| text.parse::<f64>().ok());
+        assert!(speed.is_some_and(|speed| (5.5..7.0).contains(&speed)), "{compiler}: {text}");
+    }
+    for line in program.lines().filter(|line| line.contains("pp_") && line.contains('(')) {
+        // A call whose status is dropped begins its line.
+        let dropped = line.trim_start().starts_with("pp_") && line.trim_end().ends_with(';');
+        assert!(!dropped || line.contains("pp_axis_close(") || line.contains(" = "), "{line}");
+    }
+}

@@ -130,7 +130,10 @@ impl PageBench {
             return None;
         }
         let stem = page.file_stem().expect("a name").to_string_lossy().into_owned();
-        let folder = std::env::temp_dir().join(format!("pp-{}-{stem}", std::process::id()));
+        // Several folders have a README.
+        let name = page.strip_prefix(root()).unwrap_or(page).with_extension("");
+        let name = name.display().to_string().replace('/', "-");
+        let folder = std::env::temp_dir().join(format!("pp-{}-{name}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a folder");
         for entry in ["docs", "vectors", "examples", "crates"] {
             let _ = std::os::unix::fs::symlink(root().join(entry), folder.join(entry));
