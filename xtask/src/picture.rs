@@ -42,7 +42,7 @@ fn draw(text: &str) -> String {
         let x = LEFT + 18.0 * n as f64;
         let _ = writeln!(svg, "<circle cx=\"{x}\" cy=\"18\" r=\"5\" fill=\"{colour}\"/>");
     }
-    let _ = writeln!(svg, "<g font-family=\"{FAMILY}\" font-size=\"13\" xml:space=\"preserve\">");
+    let _ = writeln!(svg, "<g font-family=\"{FAMILY}\" font-size=\"13\">");
     for (n, line) in lines.iter().enumerate() {
         let y = TOP + n as f64 * LINE;
         let _ =
@@ -76,7 +76,8 @@ fn spans(line: &str) -> String {
         let capacity = COLUMNS.saturating_sub(column);
         let cut: String = text.chars().take(capacity).collect();
         column += cut.chars().count();
-        let text = cut.replace('&', "&amp;").replace('<', "&lt;");
+        // Browsers collapse plain spaces, and columns with them.
+        let text = cut.replace('&', "&amp;").replace('<', "&lt;").replace(' ', "\u{a0}");
         match colour(code) {
             Some(colour) if !text.is_empty() => {
                 let _ = write!(out, "<tspan fill=\"{colour}\">{text}</tspan>");
@@ -108,7 +109,10 @@ mod tests {
 
     #[test]
     fn colours_become_spans_and_markup_is_escaped() {
-        assert_eq!(spans("a \x1b[32m<ok>\x1b[0m b"), "a <tspan fill=\"#56d364\">&lt;ok></tspan> b");
+        assert_eq!(
+            spans("a \x1b[32m<ok>\x1b[0m b"),
+            "a\u{a0}<tspan fill=\"#56d364\">&lt;ok></tspan>\u{a0}b"
+        );
         assert_eq!(spans("\x1b[2K\x1b[1mbold"), "bold");
     }
 
