@@ -195,7 +195,7 @@ def profiles() -> list[tuple[str, str, str]]:
     return _native.profiles()
 
 
-# Whatever is armed by a thread that the interpreter leaves behind.
+# Axes that are still armed by a daemon thread at the end of the interpreter.
 atexit.register(_native.stop_armed)
 
 if hasattr(os, "register_at_fork"):

@@ -228,7 +228,7 @@ class AxisSteps:
         `axis.reached(5.0)`
 
         Errors: E106 with both positions if it ended elsewhere. On a server, an axis that this program has not
-        armed has arrived when the drive says so and its position is at the target that the drive reports; a
+        armed has arrived when the drive reports it and its position is at the target that the drive reports; a
         drive that reports no target is believed."""
         return (yield from self._arrived([], timeout))
 
@@ -558,7 +558,7 @@ class AxisSteps:
             raise interrupt
         if failed is not None:
             return failed
-        # So that `state()` tells what is now, not what was in the block.
+        # So that `state()` has values from after the block.
         told = [name for name in ("enabled", "moving") if name in self.signals]
         try:
             for name, raw in before:

@@ -1,6 +1,6 @@
 """One implementation for threads and for event loops.
 
-What takes time is written once, as a generator that yields what it waits for: a `Call` that may
+A method that takes time is written once, as a generator that yields each wait: a `Call` that may
 block for a moment, or a `Wait` for a request that is under way. `blocking` makes a method of it that
 carries it out in the caller's thread; `aio.awaitable` one for the caller's event loop (PY-1).
 """
@@ -33,7 +33,7 @@ class Call:
 
 
 class Whole(Call):
-    """One that goes on to its end even where its caller is cancelled: only then it can be undone."""
+    """A call that runs to its end even if its caller is cancelled: only then it can be undone."""
 
     __slots__ = ()
 
@@ -62,7 +62,7 @@ class Wait:
 def next_row(
     stream: SampleStream, label: str, within: float | None = None
 ) -> Steps[tuple[float, list[float]] | None]:
-    """The next row of what a server sends; None when it did not come within so many seconds.
+    """The next row of samples of a server; None if there was none `within` seconds.
 
     `NoReply` when the drive should have answered several times.
     """

@@ -1,4 +1,4 @@
-"""The same links and axes for programs with an event loop: what waits is awaited.
+"""Links and axes for programs with an event loop: methods that wait are awaited.
 
 >>> import asyncio, polepair
 >>> async def main() -> float:
@@ -229,7 +229,7 @@ class Axis(AxisSteps):
         return await self._in_turn(self._raw(said, id))
 
     async def events(self) -> AsyncEvents:
-        """Listens to what happens to this axis and its link: `async for event in await …`."""
+        """Events of this axis and its link: `async for event in await axis.events()`."""
         from .events import AsyncEvents
 
         loop = asyncio.get_running_loop()
@@ -491,7 +491,7 @@ class Parameters(ParametersOf[Axis]):
         return await self._axis._in_turn(self._axis._get(name))
 
     async def get_raw(self, name: str) -> int:
-        """Reads a parameter as it lies in the drive."""
+        """Reads a parameter as the raw number of the drive."""
         return await self._axis._in_turn(self._axis._get_raw(name))
 
     async def set(self, name: str, amount: Amount, *, keep: bool = False) -> None:
@@ -499,7 +499,7 @@ class Parameters(ParametersOf[Axis]):
         await self._axis._in_turn(self._axis._set(name, amount, keep=keep))
 
     async def set_raw(self, name: str, raw: int, *, keep: bool = False) -> None:
-        """Writes a parameter as it lies in the drive."""
+        """Writes a parameter as the raw number of the drive."""
         await self._axis._in_turn(self._axis._set_raw(name, raw, keep=keep))
 
 
@@ -520,7 +520,7 @@ class Link(LinkOf[Axis]):
         return Group(self._chosen(which))
 
     async def events(self) -> AsyncEvents:
-        """Listens to what happens on every wire and axis: `async for event in await …`."""
+        """Events of all wires and axes: `async for event in await link.events()`."""
         from .events import AsyncEvents
 
         loop = asyncio.get_running_loop()
@@ -529,9 +529,9 @@ class Link(LinkOf[Axis]):
         )
 
     def on_event(self, function: Callable[[Happening], object]) -> Subscription:
-        """Has a function called in this event loop with each event, until `end` of what it returns.
+        """Calls a function in this event loop with each event, until `end` of the result.
 
-        What it raises goes to the loop's exception handler.
+        Exceptions of the function go to the loop's exception handler.
         """
         loop = asyncio.get_running_loop()
 
@@ -565,7 +565,7 @@ class Link(LinkOf[Axis]):
 def _known(
     open_it: Callable[[], native.Link],
 ) -> native.Link:
-    """Opens a link, and has a server tell its parameters: in the loop nothing asks for them."""
+    """Opens a link, and reads the parameters of a server's axes, which the loop must not wait for."""
     link = open_it()
     if link.is_remote:
         for axis in link.axes():

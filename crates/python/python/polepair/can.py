@@ -2,7 +2,7 @@
 
     bus = can.Bus(interface="polepair", channel="canopen+udp://239.74.163.2:43113")
     bus = can.Bus(interface="polepair", channel="sim:canopen:2")
-    bus = can.Bus(interface="polepair", channel="test")     # nobody but this process
+    bus = can.Bus(interface="polepair", channel="test")     # only within this process
 
 So canopen and cantools run over every adapter that Polepair opens, and against its simulated drives.
 Buses of one channel share it, as programs share an interface of the kernel's: each hears what the
@@ -134,8 +134,8 @@ class Channel:
 class Bus(can.BusABC):
     """A CAN wire that Polepair opened.
 
-    `channel` is a connection string without axes; whatever is none is a bus within this process.
-    Frames of CAN FD are refused: no drive here speaks it.
+    `channel` is a connection string without axes; any other text is a bus within this process.
+    Frames of CAN FD are refused: no supported drive uses them.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ class Capture:
 
     @property
     def verdicts(self) -> list[str]:
-        """Detected protocol of each link with its certainty, by what was read so far.
+        """Detected protocol of each link with its certainty, by the frames read so far.
 
         Empty if `protocols` was given.
         """

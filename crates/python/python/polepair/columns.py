@@ -1,7 +1,7 @@
 """Tables of a decoded capture, as they are and for Arrow, NumPy, pandas and Polars.
 
 Columns and their types are those of `docs/reference/columns.md`. None of these libraries is needed
-until it is asked for; whatever reads Arrow's PyCapsule interface takes a `Table` as it is.
+until it is asked for; any reader of Arrow's PyCapsule interface takes a `Table` as it is.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SHOWN = 10
 
 
 def extra(module: str, install: str) -> Any:
-    """A library that is not needed otherwise, or an error that says how to get it."""
+    """An optional library, or an error with the command that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError as missing:
@@ -54,7 +54,7 @@ class Table:
 
     @property
     def columns(self) -> dict[str, str]:
-        """Each column's name and its type, as Arrow says it."""
+        """Each column's name and its Arrow type."""
         return dict(self._native.fields())
 
     def __len__(self) -> int:
@@ -120,7 +120,7 @@ class Arrays(Mapping[str, "numpy.ndarray[Any, Any]"]):
     capture or 32,768 frames), else they are put together once, when first asked for. A column with rows that have no
     value is a masked array, times without a value are NaT. Words are object arrays of str; `codes`
     gives them as numbers. `data` is `uint8` of shape (rows, longest), filled up with zeros;
-    `data_len` says how long each is.
+    `data_len` has their lengths.
     """
 
     __slots__ = ("_made", "_names", "_native")

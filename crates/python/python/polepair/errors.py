@@ -13,7 +13,7 @@ __all__ = [
 
 
 class PolepairError(Exception):
-    """Something went wrong; `str()` is one sentence, notes say what to try.
+    """An error of Polepair: `str()` is one sentence, notes have the remedy.
 
     `code` stays the same over versions (`E401`); `executed` is True or False where it is known
     whether the drive executed the request, and None if that is unknown.

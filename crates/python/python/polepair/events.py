@@ -54,12 +54,12 @@ class SignalSent:
     value: float
     """In SI; NaN while a setting that the scale depends on was never read."""
     raw: int
-    """As it lies in the drive."""
+    """Raw number of the drive."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterSent:
-    """A drive sent the value of a parameter that no signal tells."""
+    """A drive sent the value of a parameter that is no signal."""
 
     time: float
     axis: int
@@ -69,7 +69,7 @@ class ParameterSent:
     """In `unit`."""
     unit: str
     raw: int
-    """As it lies in the drive."""
+    """Raw number of the drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,8 +275,8 @@ class AsyncEvents(_Events, AsyncIterator[Happening]):
 class Subscription:
     """A function that is called with each event, in a thread of its own, until `end`.
 
-    What it raises is reported as for any thread (`threading.excepthook`), and the next event comes
-    all the same.
+    Exceptions of the function are reported as for any thread (`threading.excepthook`), and the next event is
+    still delivered.
     """
 
     __slots__ = ("_events", "_function", "_thread")

@@ -22,7 +22,7 @@ class CanFrame(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Some bytes of a frame, and what they mean."""
+    """Some bytes of a frame, and their meaning."""
 
     start: int
     """First byte, counted from 0."""

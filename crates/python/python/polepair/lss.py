@@ -40,18 +40,17 @@ class LssIdentity(NamedTuple):
 
 
 class LssMaster:
-    """The LSS master of a CAN bus. Where it is closed, devices that it brought to LSS configuration
-    leave it.
+    """The LSS master of a CAN bus. When it is closed, devices that it set to LSS configuration leave that state.
 
-    Methods raise `NoReply` where no device answers, `Refused` where the device refuses.
+    Errors: `NoReply` if no device replies, `Refused` if the device refuses.
     """
 
     __slots__ = ("_native", "_url")
 
     def __init__(self, url: str, *, profile: str | PathLike[str] | None = None) -> None:
-        """Opens the bus. Devices that another master left in LSS configuration leave it.
+        """Opens the bus. Devices that another master left in LSS configuration leave that state.
 
-        Raises `Unsupported` E242 for a link on which no drive speaks CANopen.
+        Errors: `Unsupported` E242 for a link without CANopen.
         """
         self._native = native.LssMaster(url, profile)
         self._url = url

@@ -50,13 +50,13 @@ class Quantity(float):
     __slots__ = ("raw", "text", "unit", "word")
 
     unit: str
-    """The unit as people write it; empty for none."""
+    """Symbol of the unit; empty for none."""
     raw: int | None
-    """As it lies in the drive."""
+    """Raw number of the drive."""
     word: str | None
-    """The value's name in the manual, where it has one."""
+    """Name of the value in the manual, if it has one."""
     text: str
-    """With no more digits than the drive has."""
+    """Text with the digits that the drive has, and the unit."""
 
     def __new__(
         cls,

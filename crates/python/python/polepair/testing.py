@@ -48,8 +48,8 @@ def polepair_drives(
 ) -> Generator[Callable[..., polepair.Link], None, None]:
     """Opens simulated drives: `polepair_drives("tmcl", seed=7, faults={"lose": 0.01})`.
 
-    The first argument is what follows `sim:` in a connection string, or a rack file. `seed` decides
-    whatever is random. `faults` are those of a rack file: chances of `flip`, `lose`, `duplicate`,
+    The first argument is the part after `sim:` of a connection string, or a rack file. `seed` decides
+    all random values. `faults` are those of a rack file: chances of `flip`, `lose`, `duplicate`,
     `late` and others on a serial line, of `error`, `twice`, `lose` on a bus. Further keywords are
     keys of the connection string. Each link is closed when the test ends.
     """

@@ -24,14 +24,14 @@ TAIL = 0.1
 class StepResponse:
     """Metrics of a step response.
 
-    Shares are of the way from where it was to where it ended, as control engineers count: a signal
+    Shares are of the change from the initial to the final value, as control engineers count: a signal
     that ends beside its target has a steady-state error, not an endless settling. Times are seconds
-    from the step on; between samples the signal is taken to go straight. What did not happen within
-    the trace is NaN.
+    after the step; between samples the signal is interpolated linearly. A metric that the trace does not reach
+    is NaN.
     """
 
     signal: str
-    """Which signal."""
+    """Name of the signal."""
     target: float
     """Where it should have gone."""
     initial: float
@@ -127,7 +127,7 @@ class Trace:
     columns: dict[str, list[float]]
     """Every signal's values, a row each."""
     units: dict[str, str] = field(default_factory=dict)
-    """The signals' units, as people write them; what is not named has none that anybody knows."""
+    """Unit of each signal; a signal without an entry has no known unit."""
 
     def __len__(self) -> int:
         return len(self.times)

@@ -22,7 +22,7 @@ from ..errors import PolepairError, Unsupported
 __all__ = ["Capture", "Job", "Outcome", "Progress", "Report", "decode"]
 
 BATCH_BYTES = 64 << 20
-"""Bytes of captures that one task takes at most: a lost node costs what its tasks had done."""
+"""Longest captures of one task, bytes: a lost node costs the work of its tasks."""
 BATCH_CAPTURES = 200
 TASKS_PER_CORE = 4
 """Tasks for each core where there are enough captures, so that all cores end at about the same time."""
@@ -33,7 +33,7 @@ RAY_RETRIES = 3
 DONE = "_done"
 """The folder with a note for each decoded capture, named by its content."""
 BEGUN = "_begun"
-"""The same while the parts of a capture take their places: what a killed task leaves is found by it."""
+"""Note of a capture whose parts are being placed: the leftovers of a killed task are found by it."""
 SOURCES = "_sources"
 """The folder with a note for each capture, named by its name, of the contents that it had."""
 SEEN = "_captures"
@@ -50,7 +50,7 @@ class Capture(NamedTuple):
     size: int
     """Bytes."""
     version: str
-    """Changes when the file does; empty where the file system does not say."""
+    """Changes with the file; empty if the file system has none."""
 
 
 class Outcome(NamedTuple):
@@ -89,7 +89,7 @@ class Report(NamedTuple):
     failed: tuple[Outcome, ...]
     """In the order of their names. The next run tries them again."""
     notes: tuple[tuple[str, str], ...]
-    """Names of captures, and what is uncertain or was left out of each."""
+    """Names of captures, each with its doubts and omissions."""
 
     def __str__(self) -> str:
         return f"{self.decoded} decoded, {self.present} were decoded earlier, {len(self.failed)} failed"
@@ -97,10 +97,10 @@ class Report(NamedTuple):
 
 @dataclass(frozen=True)
 class Job:
-    """Where captures are, where their rows go, and how they are decoded. It can be pickled.
+    """Source of captures, destination of their rows, and options of the decoder. It can be pickled.
 
     A cluster of another kind decodes with three calls: `captures` lists, `batches` makes tasks of the list, and
-    `decode` does one task, on whatever machine. A task may run twice, and on two machines at once: the parts of a
+    `decode` does one task, on any machine. A task may run twice, and on two machines at once: the parts of a
     capture are named by its content, and the note that ends it is written last.
     """
 
@@ -323,8 +323,8 @@ def decode(
 ) -> Report:
     """Decodes a folder or bucket of captures to a partitioned data set of Parquet files.
 
-    Each capture's rows are in the data set exactly once. What it has already, decoded with the same options, is left
-    as it is; so the same call goes on after an interruption. A capture that fails is tried again `retries` times if
+    Each capture's rows are in the data set exactly once. Captures that are already decoded with the same options are
+    left as they are, so the same call continues after an interruption. A capture that fails is tried again `retries` times if
     its files could not be read or written, and is named in the report.
 
     `ray` is the address of a Ray cluster (`auto` for the one of this machine or job, `local` to start one here);
@@ -400,7 +400,7 @@ def _settle_copies(job: Job, outcomes: dict[str, Outcome]) -> None:
 
 
 Runner = Callable[[list[list[Capture]]], Iterator[list[Outcome]]]
-"""Decodes batches, and gives what became of each as it ends."""
+"""Decodes batches, and yields the outcome of each as it ends."""
 
 
 def _lost(batch: Sequence[Capture], error: Exception) -> list[Outcome]:

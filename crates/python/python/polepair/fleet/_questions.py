@@ -158,7 +158,7 @@ QUESTIONS = {
 class Dataset:
     """A data set as DuckDB's views `frames`, `signals`, `transactions` and `events`.
 
-    `connection` is DuckDB's own: what it can do with them, programs may do. Close it with `close()` or by `with`.
+    `connection` is DuckDB's own, for any further query. Close it with `close()` or by `with`.
     """
 
     __slots__ = ("connection", "root")
