@@ -123,9 +123,8 @@ impl SlcanLink {
                 Err(LinkError::new(&name, Cause::Unsuitable).with_hint(&hint))
             }
             Some(SetupStep::Open) => {
-                let hint = "The adapter does not connect to the bus: switch it off and on, and \
-                 check \
-                            that it speaks slcan (Lawicel's ASCII commands).";
+                let hint = "The adapter does not connect to the bus: switch it off and on, and check that \
+                            it has slcan (Lawicel's ASCII commands).";
                 Err(LinkError::new(&name, Cause::Refused).with_hint(hint))
             }
         }

@@ -283,7 +283,7 @@ impl CanopenTracker {
         let paused = count > 1 && self.last_time.is_some_and(|latest| latest < first);
         if let (true, Some(latest)) = (paused, self.last_time) {
             let ms = now.since(latest) / 1_000_000;
-            let text = format!("nobody said anything for {ms} ms, {count} heartbeats stayed out");
+            let text = format!("no frame of any node for {ms} ms, {count} heartbeats are missing");
             let (kind, axis, time) = (AnomalyKind::Silent, None, Some(latest));
             notices.push(SessionNotice::Anomaly(AnomalyNotice { kind, axis, time, text }));
         }

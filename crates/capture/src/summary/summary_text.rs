@@ -255,7 +255,7 @@ impl SummaryWriter {
 
     fn write_footer(&mut self, summary: &Summary) {
         if summary.dropped > 0 {
-            let more = "notices were left out: more different things than are told apart";
+            let more = "notices were left out: more kinds than are counted";
             let _ = writeln!(self.out, "{} {more}", summary.dropped);
         }
         let counts: Vec<String> = summary

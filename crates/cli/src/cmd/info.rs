@@ -139,7 +139,7 @@ impl AxisReport {
             Ok(faults) => report.faults = faults,
             Err(problem) => {
                 let why = absent_text(local, Signal::Fault, problem)?;
-                report.push("faults", format!("not told: {why}"));
+                report.push("faults", format!("not known: {why}"));
                 return Ok(report);
             }
         }

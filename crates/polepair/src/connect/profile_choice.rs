@@ -107,7 +107,7 @@ impl Connector {
         let known: Vec<&str> = self.config.all_profiles().filter(speaks).map(|p| p.name).collect();
         let names = known.iter().copied().chain(listed.iter().map(|module| module.name));
         let near = spelling::suggestion(name, names);
-        let what = format!("no profile `{name}` speaks {}{near}", protocol.name);
+        let what = format!("no profile `{name}` of {}{near}", protocol.name);
         let more = match listed.len() {
             0 => String::new(),
             count => format!(", and {count} more that `polepair params` lists"),

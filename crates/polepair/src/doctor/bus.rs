@@ -76,7 +76,7 @@ pub(super) fn check_traffic(
     }
     for (who, count) in count_senders(line, &bus_sample.frames).into_iter().take(SENDERS_SHOWN_MAX)
     {
-        on_event(CheckResult::ok("heard", format!("{who}: {count} frames")));
+        on_event(CheckResult::ok("received", format!("{who}: {count} frames")));
     }
     Ok(())
 }

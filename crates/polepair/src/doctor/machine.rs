@@ -55,7 +55,7 @@ fn check_port(port: &Port) -> CheckResult {
             CheckResult::suspicious(&port.path, "CAN interface without a bit rate", remedy)
         }
         PortKind::Slcan => {
-            CheckResult::ok(&port.path, describe_adapter(port, "a CAN adapter that speaks slcan"))
+            CheckResult::ok(&port.path, describe_adapter(port, "a CAN adapter with slcan"))
         }
         PortKind::Bytes => CheckResult::ok(&port.path, describe_adapter(port, "a serial port")),
     }

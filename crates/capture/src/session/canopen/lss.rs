@@ -172,7 +172,7 @@ impl LssTracker {
                 notices.push(anomaly(AnomalyKind::DuplicateAddress, text));
             }
             _ if self.sees_requests => {
-                let text = "an answer to layer setting that nobody asked for".to_owned();
+                let text = "an answer to layer setting without a request".to_owned();
                 notices.push(anomaly(AnomalyKind::ForeignReply, text));
             }
             _ => {}

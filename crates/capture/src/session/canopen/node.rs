@@ -339,7 +339,7 @@ impl NodeTracker {
             && now.is_some_and(|now| now.since(when) > QUIET_NS)
             && !core::mem::replace(&mut self.forbidden_reported, true)
         {
-            let text = format!("sends process data although it was told to be {}", state.name());
+            let text = format!("sends process data although a command set it to {}", state.name());
             notices.push(anomaly(AnomalyKind::Malformed, self.id, text));
         }
     }

@@ -380,7 +380,7 @@ impl Pairing {
             None if !reports && self.is_past_start(observed.time) => {
                 let axis =
                     explanation.axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
-                let text = format!("an answer{axis} ({}) that nobody asked for", explanation.kind);
+                let text = format!("an answer{axis} ({}) without a request", explanation.kind);
                 notices.push(anomaly(AnomalyKind::ForeignReply, explanation.axis, text));
             }
             _ => {}
@@ -516,7 +516,7 @@ impl Pairing {
         let before = u16::from(request.answers);
         request.answers = request.answers.saturating_add(1);
         let (kind, text) = if expected == 0 {
-            (AnomalyKind::ForeignReply, format!("{whose}: answered, though nobody should"))
+            (AnomalyKind::ForeignReply, format!("{whose}: answered, though it gets no answer"))
         } else if before < expected.saturating_mul(1 + request.exchange.retries) {
             (AnomalyKind::LateReply, format!("{whose}: answered once more, to its repetition"))
         } else if request.answer == observed.raw.bytes {

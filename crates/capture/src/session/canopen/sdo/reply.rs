@@ -48,7 +48,7 @@ impl SdoChannel {
             // A transfer that began before the capture goes on as long as its frames come in time.
             self.unsynced_since = at.1;
         } else {
-            self.report_foreign(bytes, "nobody asked for", notices);
+            self.report_foreign(bytes, "belongs to no request", notices);
             self.state = ChannelState::Idle;
         }
         TransferPart::Plain
@@ -76,7 +76,7 @@ impl SdoChannel {
         if soon && (bytes == before || same) {
             self.report_double(bytes, before, notices);
         } else {
-            self.report_foreign(bytes, "nobody asked for", notices);
+            self.report_foreign(bytes, "belongs to no request", notices);
         }
         TransferPart::Plain
     }

@@ -167,7 +167,7 @@ pub(super) struct Recipient(pub Option<IdCode>);
 impl fmt::Display for Recipient {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
-            None => f.write_str("whoever listens"),
+            None => f.write_str("any receiver"),
             Some(to) if to.is_broadcast() => f.write_str("everybody"),
             Some(IdCode { group: true, id, .. }) => {
                 let many = if id.is_power_of_two() { "group" } else { "groups" };
