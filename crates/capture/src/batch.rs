@@ -15,7 +15,7 @@ use crate::session::SessionNotice;
 use crate::session::canopen::ProcessData;
 use crate::timestamp::Timestamp;
 
-/// Frames of one batch: what they take of memory stays bounded, whatever the capture holds.
+/// Frames of one batch: its memory stays bounded, whatever the capture holds.
 const FRAMES_MAX: usize = 1 << 15;
 /// Limit of stored frames and their explanations, bytes.
 const STORED_BYTES_MAX: usize = 1 << 23;

@@ -14,7 +14,7 @@ const KINDS_MAX: usize = 2_000;
 /// Fields with the subject of a frame, not its value.
 const SUBJECT: [&str; 6] = ["index", "sub", "type", "motor", "start", "variable"];
 
-/// The last frame of each kind: link, identifier, direction, and what it is about.
+/// The last frame of each kind: link, identifier, direction, and subject.
 #[derive(Clone, Debug, Default)]
 pub struct ByteChanges {
     last_bytes: HashMap<u64, Vec<u8>>,
@@ -80,7 +80,7 @@ pub fn meaning_text<'a>(event: &DecodedFrame<'a>) -> &'a str {
     }
 }
 
-/// A bit for each of the first 64 bytes that is not what it was.
+/// A bit for each of the first 64 bytes that has changed.
 fn changed_mask(before: &[u8], now: &[u8]) -> u64 {
     let differs = |(at, byte): (usize, &u8)| before.get(at) != Some(byte);
     let bits = now.iter().enumerate().take(64).filter(|found| differs(*found));

@@ -8,7 +8,7 @@ use crate::intern::{InternedName, intern};
 
 /// The kind of a CAN FD frame.
 pub const CAN_FD: &str = "can-fd";
-/// The kind of what a CAN controller reports.
+/// The kind of a frame with errors of a CAN controller.
 pub const ERROR_FRAME: &str = "error-frame";
 /// Text of a remote request that no protocol explains.
 pub(crate) const REMOTE_REQUEST: &str = "remote request";

@@ -43,7 +43,7 @@ impl FrameFilter {
     /// Reads a filter.
     ///
     /// # Errors
-    /// [`FilterError`] with the place and what was expected there.
+    /// [`FilterError`] with the place and the expected words.
     pub fn parse(text: &str) -> Result<Self, FilterError> {
         parser::parse_filter(text).map(|test| Self { test, first_time: None })
     }
@@ -56,7 +56,7 @@ impl FrameFilter {
 }
 
 impl fmt::Display for FilterError {
-    /// The text, a caret below the place, and what was expected.
+    /// The text, a caret below the place, and the expected words.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (at, len) = (self.position, self.len.max(1));
         write!(f, "{}\n{:at$}{:^<len$} {}", self.text, "", "", self.message)

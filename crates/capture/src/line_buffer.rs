@@ -94,7 +94,7 @@ static DIGITS: [u32; 256] = {
 
 /// Lines that are not yet where they belong.
 pub(crate) struct LineBuffer {
-    /// A page, and what is copied beyond its end at most.
+    /// A page, and room for the longest copy beyond its end.
     bytes: Box<[u8; BUFFER_BYTES + COPY_BYTES]>,
     position: usize,
     /// The second that was written last: when it begins, and its digits.
@@ -141,7 +141,7 @@ impl LineBuffer {
         self.position
     }
 
-    /// Takes back what was put since.
+    /// Removes everything that was put since `to`.
     pub const fn rewind(&mut self, to: usize) {
         self.position = to;
     }

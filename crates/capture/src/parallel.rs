@@ -27,11 +27,11 @@ pub trait BatchConsumer: Send {
 
 /// Appends up to this many bytes of the capture; none at its end.
 pub type FillCallback<'a, E> = &'a mut (dyn FnMut(&mut Vec<u8>, usize) -> Result<(), E> + Send);
-/// Hands over what was made since the last time.
+/// Hands over the output since the last call.
 pub type OutputCallback<'a, M, E> = &'a mut (dyn FnMut(&mut M) -> Result<(), E> + Send);
 
 /// Decodes a capture to its end, with a thread for each of `makers`. The order in which they hand
-/// over is that of the capture, and what they make hangs on how the capture is cut alone, which is
+/// over is that of the capture, and the output depends only on how the capture is cut, which is
 /// always the same.
 ///
 /// # Errors

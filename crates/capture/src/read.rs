@@ -3,7 +3,7 @@
 //! ```text
 //!   bytes     pieces of a file, of stdin, of a file that still grows
 //!    └ unpack gzip or Zstandard, by the first bytes
-//!       └ FormatReader   one for each format: takes whole records off the head of what is there
+//!       └ FormatReader   one for each format: takes whole records off the head of the bytes
 //! ```
 //! Damage is named by its place and skipped; reading goes on where the format lets it.
 
@@ -66,7 +66,7 @@ impl fmt::Display for ReadError {
 pub enum CapturePosition {
     /// The line of that number, from 1.
     Line(u64),
-    /// The byte of that number, from 0; of what was unpacked, if the file is compressed.
+    /// The byte of that number, from 0; of the unpacked bytes, if the file is compressed.
     Byte(u64),
     /// The row of that number, from 1, of a database.
     Row(u64),

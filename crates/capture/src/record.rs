@@ -16,7 +16,7 @@ pub struct Record<'a> {
     pub direction: Option<Direction>,
     /// Content of the record.
     pub data: RecordData<'a>,
-    /// Byte of the capture at which it begins; of what was unpacked, if the file is compressed.
+    /// Byte of the capture at which it begins; of the unpacked bytes, if the file is compressed.
     pub offset: u64,
 }
 
@@ -110,7 +110,7 @@ impl CanErrorFrame {
         "transmit passive",
         "error active again",
     ];
-    /// The class of what a controller reports.
+    /// Class of errors that a controller reports.
     pub(crate) const CONTROLLER_CLASS: u32 = 4;
     /// The class of an error frame without details.
     pub(crate) const BUS_ERROR: u32 = 0x80;

@@ -88,7 +88,7 @@ impl SerialFlow {
         self.last_time = origin.time;
     }
 
-    /// Lets go of what was given out, also when a rest always waits for its frame's end.
+    /// Drops bytes that were given out, also when a rest always waits for its frame's end.
     fn drop_consumed(&mut self) {
         self.bytes.drain(..self.head);
         for (start, _) in &mut self.origins {

@@ -112,7 +112,7 @@ pub struct Summary {
     kinds: Vec<FrameKind>,
     /// Numbers of kinds, by the hash of their key.
     kind_numbers: HashMap<u64, usize>,
-    /// Requests by what was asked of whom.
+    /// Requests by their subject and axis.
     pub requests: IndexedMap<(AxisKey, InternedName), RequestSummary>,
     /// Values by name.
     pub values: IndexedMap<(AxisKey, InternedName), ValueSummary>,

@@ -26,7 +26,7 @@ const BYTES_WIDTH: usize = 26;
 pub struct TextStyle {
     /// With ANSI colours.
     pub colour: bool,
-    /// A `'` behind each byte that is not what it was in the last frame of its kind; in colour these
+    /// A `'` behind each byte that differs from the last frame of its kind; in colour these
     /// bytes are underlined anyway.
     pub marks: bool,
     /// Notices to print.
@@ -240,7 +240,7 @@ impl FrameTextWriter {
 
 /// Bytes that a line mostly needs at most.
 const LINE_ROOM: usize = 256;
-/// Columns of a time and what is behind it.
+/// Columns of a time and the marks behind it.
 const TIME_WIDTH: usize = 13;
 
 /// Nanoseconds as a person reads them: `812 us`, `2.10 ms`, `1.50 s`.
@@ -343,7 +343,7 @@ fn append_padded(text: &str, width: usize, out: &mut Vec<u8>) {
     out.resize(out.len() + width.saturating_sub(out.len() - begin), b' ');
 }
 
-/// Escapes the control characters of what was appended from `begin` on: a file may name its links as it likes.
+/// Escapes the control characters of the text from `begin` on: a file may name its links as it likes.
 fn escape_tail(begin: usize, out: &mut Vec<u8>) {
     if !is_plain(&out[begin..]) {
         let tail = String::from_utf8_lossy(&out.split_off(begin)).into_owned();

@@ -53,7 +53,7 @@ trait FormatWriter: fmt::Debug + Send {
     /// Appends a record. Nothing is appended where it does not fit.
     fn append_record(&mut self, record: &Record<'_>, out: &mut Vec<u8>)
     -> Result<(), &'static str>;
-    /// Appends what is held back of the records so far.
+    /// Appends the part of the records so far that is held back.
     fn append_pending(&mut self, _out: &mut Vec<u8>) {}
     /// Appends the end of the file.
     fn append_end(&mut self, _out: &mut Vec<u8>) {}
@@ -154,7 +154,7 @@ impl<W: Write> CaptureWriter<W> {
         Ok(())
     }
 
-    /// Passes on what was gathered, compressed or not.
+    /// Passes on the buffered bytes, compressed or not.
     fn flush_buffer(&mut self) -> io::Result<()> {
         let out: &mut dyn Write = match &mut self.out {
             OutputStream::Plain(out) => out,

@@ -191,7 +191,7 @@ impl CaptureSource {
         Self { progress, ..self }
     }
 
-    /// Decodes a capture file with a thread for each of `makers`; what they make is handed over in
+    /// Decodes a capture file with a thread for each of `makers`; their output is handed over in
     /// the capture's order.
     pub fn decode_parallel<M: BatchConsumer>(
         mut self,
@@ -223,7 +223,7 @@ impl CaptureSource {
         Ok(decoder)
     }
 
-    /// A decoder by what is stated, else by these rules.
+    /// A decoder by the stated rules, else by these.
     pub fn decoder_or(&self, rules: &Rules) -> CaptureDecoder {
         self.build_decoder(self.rules.as_ref().unwrap_or(rules).clone())
     }
@@ -294,7 +294,7 @@ impl CaptureSource {
         Ok(decoder)
     }
 
-    /// Gathers a stream until it ends or pauses, detects its protocol, and explains what was gathered.
+    /// Gathers a stream until it ends or pauses, detects its protocol, and explains the gathered frames.
     fn gather_stream(
         &self,
         source: &FollowReader,
@@ -403,7 +403,7 @@ pub fn detection_text(detected: &LinkDetection) -> String {
     format!("{detected}{advice}")
 }
 
-/// Returns whether a person should look at what was detected.
+/// Returns whether a user should check the detected protocol.
 pub fn is_doubtful(detected: &LinkDetection) -> bool {
     detected.protocol.is_none() || detected.confidence < 0.5
 }
@@ -455,7 +455,7 @@ impl Remark {
     }
 }
 
-/// Prints what was detected on the way, and what was left out of a capture that was read. The result is
+/// Prints late detections, and the parts that were left out of a capture that was read. The result is
 /// [`Exit::Partial`] where frames were.
 pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
     decoder.later_detections().for_each(print_detection);
@@ -482,7 +482,7 @@ pub fn remarks(decoder: &CaptureDecoder) -> Vec<Remark> {
     remarks
 }
 
-/// Prints what was not read: damaged places, and objects of other kinds. A file without a single record is
+/// Prints the parts that were not read: damaged places, and objects of other kinds. A file without a single record is
 /// not a capture.
 pub fn report_damage(tally: &ReadStatistics) -> Result {
     read_remarks(tally).iter().for_each(Remark::print);

@@ -34,7 +34,7 @@ impl DataOutput {
         Self { is_text, ..self }
     }
 
-    /// A file, which is there after [`finish`](Self::finish). What it replaces is left alone until then.
+    /// A file, which is there after [`finish`](Self::finish). A file that it replaces is left alone until then.
     pub fn file(path: &Path) -> Result<Self> {
         Ok(Self::new(OutputFile::create(path)?, &path.display().to_string()))
     }

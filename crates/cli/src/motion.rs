@@ -149,7 +149,7 @@ pub const fn command_word(verb: Verb) -> &'static str {
     }
 }
 
-/// Runs a motion on each axis, and stops what it started when it ends early.
+/// Runs a motion on each axis, and stops all of them if it ends early.
 pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
     execute_motion(
         session,
@@ -365,7 +365,7 @@ impl StartedMotion {
         self.started.clear();
     }
 
-    /// Stops what was started, all at once, and takes the power off that was put on.
+    /// Stops the started axes, all at once, and takes the power off that this program put on.
     fn finish(mut self, arrived: bool) -> Result<()> {
         stop_started(&std::mem::take(&mut self.started), arrived)
     }
@@ -457,7 +457,7 @@ fn watch_motion(
     Ok(())
 }
 
-/// The clock that is waited on: what it shows, and who waits until an instant of it.
+/// The clock of waits: its time, and a sleep until an instant of it.
 pub type ClockFns<'a> = (&'a dyn Fn() -> Instant, &'a dyn Fn(Instant));
 
 /// Waits for `seconds`, or until Ctrl-C, as long as `query` finds no error.

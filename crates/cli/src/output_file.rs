@@ -1,4 +1,4 @@
-//! Files that verbs write: what they may replace, and when.
+//! Files that verbs write: whether they may replace others, and when.
 
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write};
@@ -20,7 +20,7 @@ pub const fn existing_file(force: bool, append: bool) -> ExistingFile {
     }
 }
 
-/// Refuses an output that is one of the inputs, whatever name it has: it would be replaced by what is made of it.
+/// Refuses an output that is one of the inputs, whatever name it has: the output would replace it.
 ///
 /// # Errors
 /// `E258`.

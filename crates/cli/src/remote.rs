@@ -236,7 +236,7 @@ fn axes_argument(url: Arg, all: &AxesScope) -> Arg {
     if *all == AxesScope::AllUnlessNamed { url.required(false).default_value(ALL) } else { url }
 }
 
-/// A server, and what it has.
+/// A server, and its links.
 pub struct RemoteSession {
     pub gateway: Gateway,
     pub bench: BenchView,

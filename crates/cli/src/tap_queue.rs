@@ -53,7 +53,7 @@ pub struct QueueTap {
 }
 
 impl TapQueue {
-    /// A tap that also writes what it receives as a capture.
+    /// A tap that also writes its frames as a capture.
     pub fn with_trace(trace: Option<FrameTrace>) -> Self {
         Self(Arc::new(Mutex::new(TapBuffer { trace, ..TapBuffer::default() })))
     }

@@ -71,7 +71,7 @@ impl DriveArgs {
         Self { stops: true, ..self }
     }
 
-    /// Opens the link and finds out what is there.
+    /// Opens the link and identifies its drives.
     pub fn open(&self) -> Result<LocalSession> {
         self.open_url(&self.url)
     }
@@ -117,7 +117,7 @@ impl DriveArgs {
         Ok(&self.url)
     }
 
-    /// Opens the link; a queue gets a copy of what passes on it.
+    /// Opens the link; a queue gets a copy of its frames.
     pub fn open_with_queue(&self, queue: &TapQueue) -> Result<LocalSession> {
         self.open_with(&self.build_connector(Some(queue))?, &self.url)
     }
@@ -248,7 +248,7 @@ pub fn warn_ignored_files(connector: &Connector) {
     }
 }
 
-/// One step of a plan: its bytes, and what they do.
+/// One step of a plan: its bytes, and their meaning.
 pub fn describe_step(axis: &LocalAxis, step: &Rehearsal) -> String {
     let does = match step.step {
         RehearsalAction::Read(id) => format!("read {}", parameter_name(id, axis)),

@@ -11,7 +11,7 @@ pub use polepair_capture::plural;
 /// A span of time in seconds, with its unit: `2s`, `500ms`, `1min`; `0` needs none.
 ///
 /// # Errors
-/// What is wrong with it, in words.
+/// The fault of the text, in words.
 pub fn parse_span(text: &str) -> Result<f64, String> {
     let measure =
         polepair::quantity::parse(text).map_err(|error| duration_error(error.to_string()))?;

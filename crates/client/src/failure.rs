@@ -10,7 +10,7 @@ pub(crate) fn unreachable_error(address: &Address, why: &str) -> GatewayError {
     GatewayError::new("E315", format!("{} cannot be reached: {why}", address.authority()))
 }
 
-/// The server went away: what it was asked to do it may have done.
+/// The server went away: the request may have been executed.
 pub(crate) fn server_lost(why: &str) -> GatewayError {
     GatewayError {
         executed: None,

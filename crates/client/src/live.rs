@@ -184,7 +184,7 @@ impl LiveConnection {
     /// Checks that the server is connected and has the link of an axis.
     ///
     /// # Errors
-    /// `E313` names what is missing.
+    /// `E313` names the missing link.
     pub fn check_link(&self, axis: u16) -> Result<(), GatewayError> {
         self.cache().check_link(axis)
     }

@@ -1,4 +1,4 @@
-//! A capture as a file: the fingerprint of its content, what it has grown from, and whether it changes.
+//! A capture as a file: the fingerprint of its content, its earlier states, and whether it changes.
 
 use polepair_core::convert::saturating;
 use std::fs::{File, Metadata};

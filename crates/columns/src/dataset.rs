@@ -2,7 +2,7 @@
 //!
 //! The name of a part is the BLAKE3 hash of its capture, so decoding it again replaces the part. A capture
 //! is complete when its note in `_done` is written, which is the last step. A capture that has grown since replaces
-//! the parts of what it was.
+//! the parts of its earlier state.
 
 mod notes;
 
@@ -47,12 +47,12 @@ pub struct DatasetSite {
 pub struct DecodeRecord {
     /// BLAKE3 of the capture, hexadecimal.
     pub blake3: String,
-    /// All that what is decoded depends on beside the capture.
+    /// All inputs of the decoder beside the capture.
     pub inputs: String,
 }
 
 impl DecodeRecord {
-    /// A capture, and what was stated for its decoding.
+    /// A capture, and the statements for its decoding.
     #[must_use]
     pub fn new(site: &DatasetSite, blake3: &str, stated: &str, tables: &[TableKind]) -> Self {
         let tables: Vec<&str> = tables.iter().map(|table| table.name()).collect();
@@ -140,8 +140,8 @@ impl DatasetWriter {
         }
     }
 
-    /// Gives the parts their names. What they replace is removed: parts of an earlier decode, and those of what the
-    /// capture was before it grew.
+    /// Gives the parts their names. Replaced parts are removed: those of an earlier decode, and those of the
+    /// capture before it grew.
     fn publish(
         &self,
         sealed: Vec<SealedFile>,

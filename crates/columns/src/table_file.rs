@@ -146,7 +146,7 @@ impl TableFile {
         Ok(())
     }
 
-    /// Writes what is gathered in memory, and closes the file until the next rows.
+    /// Writes the rows in memory, and closes the file until the next rows.
     ///
     /// # Errors
     /// [`TableFileError`] when it cannot be written.

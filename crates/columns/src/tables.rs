@@ -15,7 +15,7 @@ use polepair_core::convert::saturating;
 use crate::column::NumberColumn;
 use crate::schema::TableKind;
 
-/// Rows of one batch. Small enough that what is written stays in the processor's cache.
+/// Rows of one batch. Small enough that written rows stay in the processor's cache.
 pub const ROWS_MAX: usize = 1 << 16;
 /// Bytes of the frames of one batch.
 const BYTES_MAX: usize = 1 << 24;

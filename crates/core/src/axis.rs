@@ -26,7 +26,7 @@ pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
 pub use rehearsal::{RehearsalAction, RehearsalStep, TextRehearsal};
 pub use status::{AxisStatus, MotionReport, ProgramEnd, Reading};
 
-/// A part of what stops an axis.
+/// A part of an axis' stop.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StopPart {
     /// All that takes motion out of the drive: it stops the motor, and ends the drive's own program,
@@ -183,7 +183,7 @@ pub trait RequestEncoder {
     /// Builds a request that carries more of the command than one value: a target and its speed.
     ///
     /// # Errors
-    /// As [`function_request`](Self::function_request), or what is wrong with the command's other arguments.
+    /// As [`function_request`](Self::function_request), or the fault of the command's other arguments.
     fn command_request(
         &self,
         command: &Command,
@@ -218,7 +218,7 @@ pub trait RequestEncoder {
     fn decode_request(&self, frame: &RawFrame<'_>) -> Result<Self::Request, Unsupported>;
 }
 
-/// The replies of a drive, and what it sends by itself.
+/// The replies of a drive, and its unsolicited messages.
 pub trait AnswerDecoder {
     /// The protocol's answer.
     type Answer: Copy + 'static;
@@ -343,7 +343,7 @@ pub trait CyclicDriver: RequestEncoder {
         command: CycleOrder,
     ) -> Option<Self::Request>;
 
-    /// The request that makes all drives of the wire take over what they were brought.
+    /// The request that makes all drives of the wire apply their prepared values.
     fn sync_request(&self) -> Option<Self::Request>;
 
     /// Bits that a cycle of this drive takes of the wire at most, and apart from it the beat for all.

@@ -333,7 +333,7 @@ pub trait AddressNotation {
     }
 }
 
-/// Frames in their conversation: requests, replies, and what they do to a drive.
+/// Frames in their conversation: requests, replies, and their effect on a drive.
 pub trait FrameConversation {
     /// Returns whether a frame to a drive is a request with a reply. True by default for every frame on a serial line.
     fn is_request(&self, frame: &RawFrame<'_>) -> bool {

@@ -50,7 +50,7 @@ pub enum MotionGoal {
     Idle,
 }
 
-/// Values that were measured, or reported, after a command was started. What was not read now is `None`.
+/// Values that were measured, or reported, after a command was started. `None` for values that were not read now.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Observation {
     /// Actual position, raw.

@@ -59,7 +59,7 @@ fn is_wait_step(step: &Step) -> bool {
 pub enum Step {
     /// Writes a parameter.
     Write(ParameterId, Operand),
-    /// Reads a parameter first and writes it only if it differs. For what goes to flash: the write,
+    /// Reads a parameter first and writes it only if it differs. For values in flash: the write,
     /// if any, is announced and counted.
     Ensure(ParameterId, i64),
     /// Reads a parameter, so that the axis' state has a fresh value.

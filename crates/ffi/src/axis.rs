@@ -1,4 +1,4 @@
-//! Axes: what they are, arming, stopping, faults.
+//! Axes: descriptions, arming, stopping, faults.
 #![allow(unsafe_code, reason = "programs in C call it, with pointers of theirs")]
 
 use std::ffi::c_char;

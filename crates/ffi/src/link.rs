@@ -271,7 +271,7 @@ pub(crate) fn read_seconds(seconds: f64) -> Result<Duration, CallError> {
         .map_err(|_| CallError::usage(format!("{seconds} s is no time"), "pass seconds from 0 on"))
 }
 
-/// Refuses what is asked of a link that was closed, or in a fork's child.
+/// Refuses a call on a link that was closed, or in a fork's child.
 pub(crate) fn check_open(closed: &AtomicBool) -> Result<(), CallError> {
     if is_forked() || closed.load(Ordering::SeqCst) {
         return Err(CallError::usage("the link of this handle was closed", "open it again"));

@@ -16,7 +16,7 @@ const NAME_MAX: usize = 200;
 /// A file that is written beside its place and takes it in [`commit`](Self::commit), in one step.
 ///
 /// A file that was there keeps its content until then, and for ever if this value is dropped; its permissions go over
-/// to the new one. A symbolic link stays, and what it leads to is replaced. What is no file (a terminal, a pipe,
+/// to the new one. A symbolic link stays, and its target is replaced. A path that is no file (a terminal, a pipe,
 /// `/dev/null`) is written directly.
 #[derive(Debug)]
 pub struct AtomicFile(AtomicTarget);
@@ -87,7 +87,7 @@ impl AtomicFile {
     /// Closes the file until the next write: a process may have more files under way than descriptors.
     ///
     /// # Errors
-    /// Those of the operating system: what was buffered could not be written.
+    /// Those of the operating system: buffered bytes could not be written.
     pub fn park(&mut self) -> io::Result<()> {
         match &mut self.0 {
             AtomicTarget::Beside(beside) => beside.close().map(drop),
@@ -95,15 +95,15 @@ impl AtomicFile {
         }
     }
 
-    /// Writes what is left to the disk, and gives the file its name.
+    /// Writes the rest to the disk, and gives the file its name.
     ///
     /// # Errors
-    /// Those of the operating system; what was there before is left as it was.
+    /// Those of the operating system; an earlier file is left as it was.
     pub fn commit(self) -> io::Result<()> {
         self.seal()?.publish()
     }
 
-    /// Writes what is left to the disk, and closes the file without giving it its name.
+    /// Writes the rest to the disk, and closes the file without giving it its name.
     ///
     /// # Errors
     /// Those of the operating system.
@@ -143,7 +143,7 @@ impl SealedFile {
     /// Gives the file its name.
     ///
     /// # Errors
-    /// Those of the operating system; what was there before is left as it was.
+    /// Those of the operating system; an earlier file is left as it was.
     pub fn publish(self) -> io::Result<()> {
         let Some(FileBeside { temporary, place, mark, .. }) = self.0 else { return Ok(()) };
         temporary.persist(&place).map_err(|refused| refused.error)?;
@@ -173,7 +173,7 @@ impl Write for AtomicFile {
 /// Writes a whole file, as [`AtomicFile`] does.
 ///
 /// # Errors
-/// Those of the operating system; what was there before is left as it was.
+/// Those of the operating system; an earlier file is left as it was.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = AtomicFile::create(path)?;
     file.write_all(bytes)?;

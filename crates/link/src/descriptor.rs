@@ -70,8 +70,8 @@ impl Descriptor {
         self.receive_with(until, || self.read(buffer))
     }
 
-    /// Waits as [`Link::receive`](crate::Link::receive) does. `read` takes what is there, `None`
-    /// when that is nothing, or nothing of interest.
+    /// Waits as [`Link::receive`](crate::Link::receive) does. `read` takes the available data, `None`
+    /// if there is none, or none of interest.
     pub(crate) fn receive_with(
         &self,
         until: Instant,
@@ -176,13 +176,13 @@ impl Descriptor {
     }
 }
 
-/// Reads what there is, without waiting.
+/// Reads the available bytes, without waiting.
 #[cfg(unix)]
 pub(crate) fn read_bytes(fd: &OwnedFd, buffer: &mut [u8]) -> Result<usize, Errno> {
     rustix::io::read(fd, buffer)
 }
 
-/// Writes what there is room for, without waiting.
+/// Writes the bytes for which there is room, without waiting.
 #[cfg(unix)]
 pub(crate) fn write_bytes(fd: &OwnedFd, bytes: &[u8]) -> Result<usize, Errno> {
     rustix::io::write(fd, bytes)

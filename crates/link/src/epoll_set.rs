@@ -58,7 +58,7 @@ impl EpollSet {
         self.drained.store(drained && !self.unusable.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
-    /// Waits until `until`, or for less. What is ready on the link, and whether the waker is; `None`
+    /// Waits until `until`, or for less. Returns the link's ready events, and whether the waker rang; `None`
     /// when the caller must poll.
     pub(crate) fn wait(&self, until: Instant) -> Option<Result<(PollFlags, bool), Errno>> {
         let list = self.set.as_ref().filter(|_| self.drained.load(Ordering::Relaxed));

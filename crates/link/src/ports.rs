@@ -104,7 +104,7 @@ impl UsbInfo {
 }
 
 /// Drivers of ports behind which no UART may be: USB CDC, as drives with a USB connector have it.
-/// What is sent there takes no time, whatever baud rate is set.
+/// Bytes sent there take no time, whatever baud rate is set.
 const WITHOUT_BAUD_RATE: [&str; 2] = ["cdc_acm", "usbser"];
 /// The name of this program. It stops its motors when it is ended.
 #[cfg(unix)]

@@ -124,7 +124,7 @@ impl OverlappedRead {
         Ok(())
     }
 
-    /// Waits for the end of the read, and takes what it gave; 0 if the device gave nothing.
+    /// Waits for the end of the read, and takes its bytes; 0 if the device gave none.
     pub(crate) fn collect_bytes(
         &mut self,
         device: &impl AsRawHandle,
@@ -165,7 +165,7 @@ impl OverlappedRead {
         }
     }
 
-    /// Ends the read, and forgets what it gave.
+    /// Ends the read, and forgets its bytes.
     pub(crate) fn cancel(&mut self, device: &impl AsRawHandle) {
         self.unread = 0..0;
         if self.is_pending {

@@ -88,7 +88,7 @@ fn not_a_group(text: &str) -> LinkError {
 pub struct UdpLink {
     /// Bound to the group: what arrives.
     descriptor: Descriptor,
-    /// Sends from a port of its own, by which what comes back is known as ours.
+    /// Sends from a port of its own, by which echoes are recognised.
     sender: UdpSocket,
     own: SocketAddr,
     group: MulticastGroup,

@@ -55,8 +55,8 @@ pub struct LinkView {
     /// Since when it is not, in milliseconds since 1970; `null` while it is open.
     #[schema(required)]
     pub since_ms: Option<f64>,
-    /// Axes that its connection string names and that did not answer, or are not what they should be,
-    /// when it was opened: they are no axes of the bench, and nothing stops them from here.
+    /// Axes of its connection string that did not answer when it was opened, or are other drives than stated:
+    /// they are no axes of the bench, and nothing stops them from here.
     #[serde(default)]
     pub absent: Vec<AbsentAxis>,
     /// Numbers of missing drives with a pending stop of the previous server: they may turn, and are stopped

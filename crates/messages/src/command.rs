@@ -124,7 +124,7 @@ pub enum OutcomeKind {
     Done,
     /// The drive did not execute it, and will not.
     NotDone,
-    /// The drive may have executed it, or executed a part: the error states what is known, such as the end of a motion.
+    /// The drive may have executed it, or executed a part: the error has the known facts, such as the end of a motion.
     Unknown,
 }
 

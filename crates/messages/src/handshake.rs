@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 #[cfg(feature = "tls")]
 use rustls::crypto::ring::cipher_suite::TLS13_AES_128_GCM_SHA256;
 
-/// Bytes of a challenge, of a token, and of what answers a challenge.
+/// Bytes of a challenge, of a token, and of the reply to a challenge.
 pub const PROOF_BYTES: usize = 32;
 
 /// Default port of a server.

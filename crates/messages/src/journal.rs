@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// One record of the journal: what was about to be done, written before it was done.
+/// One record of the journal: an act, written before it is done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JournalRecord {
     /// From 0, without gaps.

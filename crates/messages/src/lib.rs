@@ -4,7 +4,7 @@
 //! **Binding** for the server, the page and other clients, because the OpenAPI description and the
 //! page's types are made from it:
 //!
-//! - Names of fields and tags, all in `snake_case`; what is `Option` may be `null`, and a client may
+//! - Names of fields and tags, all in `snake_case`; an `Option` may be `null`, and a client may
 //!   leave it out.
 //! - Quantities are SI, with the unit's word beside them. A value that is not known (a scale that was
 //!   never read) is `null`, never `NaN`.

@@ -26,8 +26,8 @@ pub struct Sample {
     pub value: f64,
 }
 
-/// The message for samples in order of time; what is more than [`SAMPLES_MAX`] or too long after the
-/// first for a `u32` is left for another message. Returns it, and how many samples it holds.
+/// The message for samples in order of time; those beyond [`SAMPLES_MAX`] or too long after the
+/// first for a `u32` are left for another message. Returns it, and how many samples it holds.
 #[must_use]
 pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, usize) {
     let t0_us = samples.first().map_or(0, |sample| sample.t_us);

@@ -156,7 +156,7 @@ impl Amount {
         }
     }
 
-    /// The SI value of what is shown in `unit`, if anything is: a number is SI, text has a unit. Zero
+    /// The SI value of an amount for a value that is shown in `unit`: a number is SI, text has a unit. Zero
     /// needs none.
     pub(crate) fn in_si(&self, unit: Option<Unit>) -> Result<f64, Error> {
         let text = match self {

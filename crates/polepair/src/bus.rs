@@ -19,7 +19,7 @@ pub fn frame_bits(frame: &Frame) -> u32 {
     bits::wire_bits(frame)
 }
 
-/// An address on a bus, and what is spoken with it.
+/// An address on a bus, and its protocol.
 #[derive(Clone, Debug)]
 pub(crate) struct BusAddress {
     pub(crate) protocol: ProtocolInfo,

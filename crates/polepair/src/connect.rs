@@ -73,7 +73,7 @@ pub struct Connector {
 
 impl Connector {
     /// With the configuration that is found from the working folder upward: see
-    /// [`Config::broken`] for what is wrong with it.
+    /// [`Config::broken`] for its faults.
     #[must_use]
     pub fn discover() -> Self {
         Self { config: Config::discover(), ..Self::default() }

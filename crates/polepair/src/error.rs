@@ -111,7 +111,7 @@ pub enum Error {
     Unsupported {
         /// Request, with the reason.
         what: String,
-        /// Statement of what is not supported.
+        /// Function that is not supported.
         why: Unsupported,
         /// Remedy to try; may be empty.
         hint: String,

@@ -111,8 +111,8 @@ pub struct Events {
 }
 
 impl LocalLink {
-    /// Listens to what happens on every wire and axis from now on. Drives of which it is not known
-    /// yet how what they send is laid out are asked that first.
+    /// Listens to all events on every wire and axis from now on. Drives whose messages have an unknown
+    /// layout are read for it first.
     ///
     /// # Errors
     /// Errors of the reads that it needs; drives that refuse them are listened to nevertheless.
@@ -152,7 +152,7 @@ impl LocalAxis {
 
     /// Reads how what the drive sends by itself is laid out, and what the scales of its signals depend
     /// on, as far as that is not known: the values in it are events from then on. A drive that restarts
-    /// may have it otherwise, so that what it sends is not understood until this is done again.
+    /// may have another layout, so that its messages are not understood until this is done again.
     ///
     /// # Errors
     /// A drive without a reply. A refusal is no error.

@@ -28,7 +28,7 @@ pub(crate) const STORE_ENDED: &str =
 /// Products that are asked for at one address at most.
 const CANDIDATES_MAX: usize = 64;
 
-/// Asks drives on one line what they are.
+/// Identifies drives on one line.
 pub(crate) struct Prober<'a> {
     line: &'a ProtocolLine,
     config: &'a Config,
@@ -105,7 +105,7 @@ impl<'a> Prober<'a> {
         self
     }
 
-    /// Asks each address, at most for this time, with all questions. What is not known by then stays unknown.
+    /// Queries each address, at most for this time, with all queries. Facts that are not known by then stay unknown.
     pub(crate) fn with_time_limit(mut self, limit: Duration) -> Self {
         self.time_limit = Some(limit);
         self
@@ -197,7 +197,7 @@ impl<'a> Prober<'a> {
         &self.profiles
     }
 
-    /// The error for an address where nothing that comes fits what was asked.
+    /// The error for an address whose replies fit no query.
     pub(crate) fn confused_error(&self, number: u32) -> Error {
         let what = format!(
             "axis {number} cannot be identified on {}: the replies were corrupt or belonged to \

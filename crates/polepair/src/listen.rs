@@ -61,7 +61,7 @@ impl Connector {
         Ok(self.open_wires(text)?.links())
     }
 
-    /// Opens the wires for programs that also want to [stop](crate::stop::stop_on) what they set in motion.
+    /// Opens the wires for programs that also want to [stop](crate::stop::stop_on) their motions.
     ///
     /// # Errors
     /// As [`listen`](Self::listen).

@@ -4,8 +4,8 @@
 //! [[link.drive]]
 //! name = "x"
 //! profile = "tmcm-171"
-//! gear = 4                        # turns of the motor for one of what it drives
-//! lead = "5 mm"                   # what one such turn moves: the axis then goes along a line
+//! gear = 4                        # turns of the motor for one turn of its load
+//! lead = "5 mm"                   # travel of one such turn: the axis then moves along a line
 //! counts = 4096                   # counts a turn of the motor, where the profile knows no unit
 //! direction = "inverted"          # the motor's forward is the machine's backward
 //! limits = { position = ["0 mm", "300 mm"], velocity = "50 mm/s", torque = "2 A" }
@@ -342,7 +342,7 @@ pub(crate) const ARGUMENTS: [Argument; 5] = [
     Argument::Torque,
 ];
 
-/// A mounting with what it means for the parameters of one profile.
+/// A mounting with its meaning for the parameters of one profile.
 #[derive(Debug)]
 pub(crate) struct ResolvedMounting {
     pub(crate) mounting: Arc<Mounting>,
@@ -360,7 +360,7 @@ impl ResolvedMounting {
         self.roles.iter().find(|(other, _)| *other == id).map(|(_, role)| *role)
     }
 
-    /// Returns whether a value of that unit is scaled here: what is a share of the whole is not.
+    /// Returns whether a value of that unit is scaled here: a share of the whole is not.
     fn scales(&self, role: MotionRole, unit: Unit) -> bool {
         let Some((linear, _)) = role.units() else { return false };
         match unit {

@@ -19,7 +19,7 @@ pub struct NoReplyDetails {
     pub late: u16,
     /// Times that the drive acknowledged.
     pub acknowledged: u16,
-    /// Times that another drive acknowledged in its place, which passes on what is for it.
+    /// Acknowledgements by another drive in its place, a relay that passes messages on.
     pub relayed: u16,
     /// Answers as lines of text.
     pub texts: u16,

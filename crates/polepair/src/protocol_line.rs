@@ -22,7 +22,7 @@ use crate::registry::{self, ProtocolInfo};
 use crate::toml_file::FileLocation;
 use crate::wire::{OpenWire, SharedLink};
 
-/// One protocol on an opened wire, and what is to be found there.
+/// One protocol on an opened wire, and the drives to be found there.
 #[derive(Clone)]
 pub(crate) struct ProtocolLine {
     /// Index of the wire, which its lines share.
@@ -159,7 +159,7 @@ impl ProtocolLine {
             .collect())
     }
 
-    /// The host's settings for one session: what it asked may still be answered in the next, whose probes
+    /// The host's settings for one session: its requests may still be answered in the next, whose probes
     /// are drawn anew.
     fn session_options(&self) -> HostOptions {
         HostOptions { probe_seed: self.options.probe_seed.map(|_| random_seed()), ..self.options }

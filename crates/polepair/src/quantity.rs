@@ -12,11 +12,11 @@ pub struct Measure {
     pub si: f64,
     /// Measured quantity; `None` without a unit.
     pub quantity: Option<Quantity>,
-    /// True for what is measured along a line, in m; false for what turns, in rad, and all else.
+    /// True for linear values, in m; false for rotation, in rad, and all else.
     pub linear: bool,
 }
 
-/// Units besides those of [`Unit`], with what they measure and their SI value.
+/// Units besides those of [`Unit`], with their quantity and SI value.
 const MORE_UNITS: [(&str, Quantity, f64); 30] = {
     use core::f64::consts::PI;
     [
@@ -53,7 +53,7 @@ const MORE_UNITS: [(&str, Quantity, f64); 30] = {
     ]
 };
 
-/// The units of what goes along a line.
+/// The units of linear motion.
 const LINEAR_UNITS: [&str; 9] = ["mm", "m", "cm", "um", "µm", "m/s", "mm/s", "m/s2", "mm/s2"];
 
 /// A number with at most six digits that matter, without trailing zeros.

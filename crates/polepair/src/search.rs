@@ -1,7 +1,7 @@
 //! Finds drives on ports of which neither protocol nor rate is known, by reads only.
 //!
 //! Each port is tried with one protocol and rate after the other, the usual ones first, and a few addresses each;
-//! then with more addresses. A port whose drive replied is scanned with what it replied to.
+//! then with more addresses. A port whose drive replied is scanned with that protocol and rate.
 
 use std::ops::{ControlFlow, Range};
 use std::time::Duration;

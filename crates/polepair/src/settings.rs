@@ -119,7 +119,7 @@ impl Settings {
         })
     }
 
-    /// The values that a DCF gives its node. Store and restore, and what is no number are left out.
+    /// The values that a DCF gives its node. Store and restore, and values that are no numbers, are left out.
     fn from_dcf(file: &Path, eds: &Eds) -> Result<Self, FileError> {
         let location = FileLocation::built_in(&file.display().to_string());
         let node = eds.node_id();
@@ -471,7 +471,7 @@ impl Setting {
         axis.find(&self.name.value).map_err(|error| self.locate_error(error))
     }
 
-    /// The raw value, once what is pending was written.
+    /// The raw value, after the pending writes.
     fn raw_value(
         &self,
         axis: &LocalAxis,

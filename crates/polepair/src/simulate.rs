@@ -168,8 +168,8 @@ impl WireDescription {
 
 impl RackDescription {
     /// Makes the drives of a link what a data sheet (EDS or DCF) lists: a motor by CiA 402 where the
-    /// objects are there, else a node that keeps what is written. Returns what the sheet has
-    /// otherwise than the standard.
+    /// objects are there, else a node that keeps written values. Returns the differences of the sheet
+    /// from the standard.
     ///
     /// # Errors
     /// [`Error::File`] with line and reason; [`Error::Usage`] `E213` for drives that have no sheet.

@@ -288,7 +288,7 @@ struct LineSearch<'a> {
     unknown: Vec<UnknownDrive>,
 }
 
-/// A drive of which it is not known what it is.
+/// A drive that was not identified.
 struct UnknownDrive {
     number: u32,
     /// The stop that it got, if its protocol has a common one.
@@ -353,7 +353,7 @@ impl<'a> LineSearch<'a> {
         Ok(self.found)
     }
 
-    /// Stops the drive at an address, by what is known of it.
+    /// Stops the drive at an address, as far as it was identified.
     fn stop_probed(
         &mut self,
         number: u32,
@@ -441,7 +441,7 @@ impl<'a> LineSearch<'a> {
         Ok(())
     }
 
-    /// Asks the others for a while what they are.
+    /// Identifies the other drives for a while.
     fn finish_unknown(
         &mut self,
         stopped: &mut LinkStopReport,
@@ -603,7 +603,7 @@ impl LinkStopReport {
         }
     }
 
-    /// Waits for the first stop of an axis, and notes what it found.
+    /// Waits for the first stop of an axis, and records its findings.
     fn wait_first_stop(&mut self, axis: &LocalAxis, stop: &mut StopSupervisor, at_most: Duration) {
         let end = axis.connection().now() + at_most;
         let mut airtime = WireAirtime::default();

@@ -275,7 +275,7 @@ impl PyAxis {
         self.0.remote().is_none_or(|remote| remote.has_parameters())
     }
 
-    /// Starts `stop` or `disable` of what this program armed; `None` if it armed nothing.
+    /// Starts `stop` or `disable` of axes that this program armed; `None` if there are none.
     fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<PyRequest>> {
         if self.0.remote().is_none() {
             return self.start(py, verb, None, None, None, None, None, None).map(Some);
@@ -428,7 +428,7 @@ impl PyAxis {
         [target, velocity, acceleration, torque][at].ok_or_else(no_such)
     }
 
-    /// Lets motion commands through, or no longer. What is armed on a wire of this program is stopped when the
+    /// Allows motion commands, or no longer. An axis that is armed on a wire of this program is stopped when the
     /// process ends. `Unsupported` E220 for an axis that is armed already.
     fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
         let axis = self.inner(py)?;
@@ -615,7 +615,7 @@ impl PyAxis {
         started.or_else(|request| PyRequest::new(request).finish(py))
     }
 
-    /// A verb with what was given for it: target, velocity, acceleration, torque, jerk time,
+    /// A verb with its arguments: target, velocity, acceleration, torque, jerk time,
     /// deceleration.
     fn parse_command(
         &self,

@@ -103,7 +103,7 @@ impl PyFrame {
 
 #[pymethods]
 impl Decoder {
-    /// Opens a capture. Without rules it is read ahead until it is certain what is spoken.
+    /// Opens a capture. Without rules it is read ahead until the protocols are certain.
     #[new]
     #[pyo3(signature = (path, rules=None, profile=None, format=None))]
     fn open(
@@ -188,7 +188,7 @@ impl Decoder {
 }
 
 impl DecodeOptions {
-    /// A decoder by the rules; without any it detects what is spoken.
+    /// A decoder by the rules; without any it detects the protocols.
     fn build_decoder(&self) -> std::io::Result<Inner> {
         let decoder = match &self.rules {
             Some(rules) => Inner::new(rules.clone()).with_read_options(self.format.into()),

@@ -16,7 +16,7 @@ pub fn is_capture_name(name: &str) -> bool {
     dataset::is_capture_name(name)
 }
 
-/// The content of a capture as a line: BLAKE3, bytes, BLAKE3 of what stays while it grows, and `place`, where it was.
+/// The content of a capture as a line: BLAKE3, bytes, BLAKE3 of the part that stays while it grows, and `place`.
 #[pyfunction]
 pub fn capture_content(py: Python<'_>, path: PathBuf, place: String) -> PyResult<String> {
     let capture = py.detach(|| CaptureFile::read_copy(&path, "", place));
@@ -82,8 +82,8 @@ pub fn decode_inputs(py: Python<'_>, options: Vec<String>) -> PyResult<String> {
     dataset::decode_inputs(&options).map_err(|error| to_py_error(py, &error))
 }
 
-/// Decodes a capture into a data set. Gives whether it was not there before, and what was left out or is
-/// doubtful.
+/// Decodes a capture into a data set. Returns whether it was new there, and its omissions and
+/// doubts.
 #[pyfunction]
 pub fn decode_to_dataset(
     py: Python<'_>,

@@ -9,7 +9,7 @@ use pyo3::types::PyType;
 static CLASSES: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
 
 /// The exception for an error: its class by blame, its code, its hint, and whether the drive did
-/// what was asked.
+/// executed it.
 pub fn to_py_error(py: Python<'_>, error: &Error) -> PyErr {
     let made = exception_class(py, error.exception().name()).and_then(|class| {
         class.call1((error.to_string(), error.code(), error.executed(), error.hint()))
@@ -31,7 +31,7 @@ pub fn usage_error(py: Python<'_>, code: &str, what: &str, hint: &str) -> PyErr 
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
-/// The exception for bytes that are not what they should be.
+/// The exception for corrupt bytes.
 pub fn corrupt_error(py: Python<'_>, what: &str) -> PyErr {
     let made = exception_class(py, "ProtocolError");
     let made = made.and_then(|class| class.call1((what, "E501", Some(false), "")));

@@ -15,7 +15,7 @@ use crate::fault::{FaultTuple, fault_tuple};
 /// First byte, byte after the last, name, value, meaning.
 type PartTuple<'py> = (u16, u16, &'static str, Bound<'py, PyAny>, &'static str);
 
-/// Bytes, kind, axis, text, what it breaks, its parts.
+/// Bytes, kind, axis, text, violated rule, parts.
 type ExplanationTuple<'py> =
     (Bound<'py, PyBytes>, String, Option<u32>, String, Option<String>, Vec<PartTuple<'py>>);
 

@@ -44,7 +44,7 @@ pub fn unregister_armed(axis: &LocalAxis) {
     drop(left);
 }
 
-/// Forgets in a fork's child what is armed by its parent (PY-5).
+/// Forgets in a fork's child the axes that its parent has armed (PY-5).
 pub fn forked() {
     // The thread that held the lock does not exist in the child.
     if let Ok(mut armed) = ARMED.try_lock() {
@@ -63,7 +63,7 @@ pub fn stop_armed(py: Python<'_>) {
     });
 }
 
-/// Stops, disables and disarms what is armed of a link that is about to be closed.
+/// Stops, disables and disarms the armed axes of a link that is about to be closed.
 ///
 /// # Errors
 /// The first, after every axis was tried.
@@ -169,7 +169,7 @@ mod system {
         SIGABRT, SIGIO, SIGSYS, SIGTRAP, SIGTSTP,
     ];
 
-    /// Nothing is armed: signals do what they always do.
+    /// Nothing is armed: signals have their usual effect.
     static IDLE: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| Arc::new(AtomicBool::new(true)));
     /// Process whose thread receives signals.
     static HANDLER_PROCESS: AtomicU32 = AtomicU32::new(0);
@@ -241,7 +241,7 @@ mod system {
     use polepair_link::console::{ConsoleEvent, handle_console_events};
     use pyo3::prelude::*;
 
-    /// Nothing is armed: events do what they always do.
+    /// Nothing is armed: events have their usual effect.
     static IDLE: AtomicBool = AtomicBool::new(true);
     /// The program has a handler of its own for Ctrl-Break.
     static BREAK_IS_HANDLED: AtomicBool = AtomicBool::new(false);
@@ -252,7 +252,7 @@ mod system {
 
     pub fn forked() {}
 
-    /// Stops what is armed when the console ends the process: by Ctrl-Break, a closed window, log-off or
+    /// Stops the armed axes when the console ends the process: by Ctrl-Break, a closed window, log-off or
     /// shutdown. Ctrl-C is the interpreter's: `KeyboardInterrupt` ends the blocks, which stop their axes.
     pub fn install_handlers(py: Python<'_>) {
         set_idle(false);

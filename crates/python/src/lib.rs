@@ -36,8 +36,8 @@ mod wiretrace;
 use mimalloc::MiMalloc;
 use pyo3::prelude::*;
 
-/// Columns of a capture take and give back much memory in short order. This allocator keeps what it
-/// was given back for a while; the system's own returns it, and fetches it anew page by page (PY-4).
+/// Columns of a capture take and give back much memory in short order. This allocator keeps returned memory
+/// for a while; the system's own gives it back, and fetches it anew page by page (PY-4).
 #[global_allocator]
 static MEMORY: MiMalloc = MiMalloc;
 

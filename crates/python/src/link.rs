@@ -77,7 +77,7 @@ pub fn connect(
     Ok(PyLink { inner: opened.into(), trace })
 }
 
-/// Finds out what is on an adapter that Python opened: a bus if `can`, else a serial port.
+/// Identifies the drives on an adapter that Python opened: a bus if `can`, else a serial port.
 #[pyfunction]
 #[pyo3(signature = (adapter, name, can, protocol, axes, query, profile=None))]
 #[expect(clippy::too_many_arguments, reason = "they are a connection string's parts")]

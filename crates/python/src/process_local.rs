@@ -14,7 +14,7 @@ static FORKS: AtomicU64 = AtomicU64::new(0);
 /// A value whose end may wait for a thread that itself waits for the interpreter: the last handle of
 /// a connection ends its background thread, and that thread may just be telling an event loop something.
 ///
-/// A fork's child has none of its parent's threads, and what they held locked stays locked. There the
+/// A fork's child has none of its parent's threads, and their locks stay locked. There the
 /// value is neither used nor dropped.
 #[derive(Debug)]
 pub struct ProcessLocal<T: Send> {

@@ -217,7 +217,7 @@ impl std::fmt::Debug for Bench {
 }
 
 impl Bench {
-    /// Opens every link, and finds out what is on it. Without any, a simulated rack: one drive of each
+    /// Opens every link, and identifies its drives. Without any, a simulated rack: one drive of each
     /// family, each on a link of its own.
     ///
     /// Links in virtual time (`time=virtual`) have no threads: [`advance_time`](Self::advance_time) does it all.
@@ -628,7 +628,7 @@ impl Bench {
 }
 
 impl NonBlockingWorkers {
-    /// Does what is due.
+    /// Processes the requests that are due.
     fn run_once(&mut self) {
         // Journal entries are written before the workers run, and their outcomes after.
         self.journal_writer.iter_mut().for_each(JournalWriter::write_queued);
@@ -640,7 +640,7 @@ impl NonBlockingWorkers {
 }
 
 impl BlockingWorkers {
-    /// Asks what is due.
+    /// Sends the queries that are due.
     fn run_once(&mut self) {
         for axis_poller in &mut self.pollers {
             axis_poller.poll_subscribed();

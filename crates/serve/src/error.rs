@@ -28,7 +28,7 @@ impl SetupError {
         Self::new(Exit::Usage, code, what)
     }
 
-    /// The machine does not give what is needed.
+    /// The machine lacks a needed resource.
     pub fn adapter(code: &'static str, what: impl Into<String>) -> Self {
         Self::new(Exit::Adapter, code, what)
     }

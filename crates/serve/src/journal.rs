@@ -30,7 +30,7 @@ pub use verify::{BrokenRecord, VerifiedJournal, verify};
 const STRIDE: u64 = 256;
 /// Records of an answer.
 pub const RECORDS_MAX: usize = 1000;
-/// Bytes of a record; what is longer is refused.
+/// Bytes of a record; longer ones are refused.
 pub const RECORD_MAX: usize = 64 * 1024;
 
 /// A journal that is written.
@@ -114,7 +114,7 @@ impl JournalFile {
     /// Writes a record. It is in the system's hands when this returns.
     ///
     /// # Errors
-    /// `gateway.journal` when it cannot be written: what it announces must then not be done.
+    /// `gateway.journal` when it cannot be written: the announced act must then not be done.
     pub fn write(
         &self,
         who: &str,

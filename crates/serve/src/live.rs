@@ -48,7 +48,7 @@ use subscriptions::{SubscriptionRequest, SubscriptionRound, Subscriptions};
 pub const MESSAGE_MAX: usize = 64 * 1024;
 /// Answers that wait for one viewer.
 const REPLIES_MAX: usize = 256;
-/// Changes of what it watches that wait.
+/// Changes of a viewer's subscriptions that wait.
 const SUBSCRIPTION_REQUESTS_MAX: usize = 64;
 /// Commands of one viewer that are under way; as many orders about leases have places of their own,
 /// so that long motions keep no lease from being renewed.
@@ -107,7 +107,7 @@ fn offers_protocol(headers: &HeaderMap) -> bool {
     words.any(|word| word.trim_ascii() == WEBSOCKET_PROTOCOL.as_bytes())
 }
 
-/// A message's turn, with the place that what comes of it has.
+/// A message's turn, with room for its replies.
 enum QueuePermit<'a> {
     NotNeeded,
     Reply(Permit<'a, Message>),
@@ -231,7 +231,7 @@ impl Viewer {
         }
     }
 
-    /// Waits until one more message may be done, and what comes of it has a place.
+    /// Waits until one more message may be processed, and its replies have room.
     async fn reserve_permit(
         &self,
         pace: &mut RateLimiter,
@@ -247,7 +247,7 @@ impl Viewer {
         })
     }
 
-    /// Does what is next.
+    /// Processes the next message.
     fn process_next(&self, turn: QueuePermit<'_>, waiting: &mut IncomingQueue) {
         let Some((queued, bytes)) = waiting.pop() else { return };
         let (answer, permit) = match turn {
@@ -542,7 +542,7 @@ impl ViewerWriter {
     }
 }
 
-/// A message's `type`, and what it needs besides being let in.
+/// A message's `type`, and its access rule.
 fn type_and_access(message: &ClientMessage) -> (&'static str, AccessRule) {
     match message {
         ClientMessage::Command { .. } => ("command", any_of(&[Scope::Move])),

@@ -85,7 +85,7 @@ pub(crate) fn to_hex(bytes: &[u8; TOKEN_BYTES]) -> String {
     })
 }
 
-/// A token, and what it grants to whom.
+/// A token, its client, and its scopes.
 #[derive(Debug, Clone)]
 pub struct Grant {
     /// The secret.

@@ -31,7 +31,7 @@ const ERROR_WEIGHT: u16 = 8;
 const ERRORS_MAX: u16 = 255;
 /// Recessive bits that a controller waits before it leaves bus-off.
 const RECOVERY_BITS: u64 = 128 * 11;
-/// Frames that a host's controller holds, and a drive's: what is in line there cannot be called back.
+/// Frames that a host's controller holds, and a drive's: a frame there cannot be called back.
 const HOST_FRAMES_MAX: usize = 1;
 const DRIVE_FRAMES_MAX: usize = 3;
 /// Frames that an adapter holds back at most; beyond them they are lost.
@@ -43,7 +43,7 @@ pub(crate) enum PlugRole {
     /// The commanding end.
     #[default]
     Host,
-    /// A drive: what it sends while it takes a frame answers that frame.
+    /// A drive: frames that it sends while it takes a frame answer that frame.
     Drive,
     /// A sender that belongs to no host and no drive.
     Intruder,
@@ -63,7 +63,7 @@ pub struct CanFrameLabel {
     /// Number and content of the frame that it answers; `None` for unsolicited frames, and where the world cannot
     /// determine it.
     pub answers: Option<(u32, u64)>,
-    /// An intruder sent it, or what it answers.
+    /// An intruder sent it, or it answers an intruder.
     pub from_intruder: bool,
     /// True if it is received a second time, or answers a copy.
     pub is_copy: bool,
@@ -224,7 +224,7 @@ impl CanBus {
     }
 
     /// Puts a frame into a plug's controller. Returns whether to [`start_frame`](Self::start_frame) is now to
-    /// be arranged for, at the end of this instant: what is ready by then arbitrates.
+    /// be arranged for, at the end of this instant: frames that are ready by then arbitrate.
     pub(crate) fn enqueue(&mut self, plug: usize, now: Instant, tag: u32, frame: Frame) -> bool {
         let mark = self.label_frame(plug, tag, &frame);
         let plug = &mut self.plugs[plug];

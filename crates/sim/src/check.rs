@@ -1,7 +1,7 @@
 //! Invariants that are checked after every event.
 //!
 //! The checker is out of band: labels of the bytes state which request a reply answers, and whether the
-//! wire changed it. The drive states what it executed. A host with another belief breaks an invariant,
+//! wire changed it. The drive states its executed requests. A host with another belief breaks an invariant,
 //! except if changed bytes still passed all checks of their protocol. That is a *wire collision*, and only
 //! counted.
 
@@ -204,7 +204,7 @@ fn valid_frames(
     })
 }
 
-/// The values that a drive's parameter may have, by what was reported of writing it.
+/// The values that a drive's parameter may have, by the reported results of its writes.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct PossibleValues(Option<Vec<i64>>);
 

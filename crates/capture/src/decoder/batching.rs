@@ -10,7 +10,7 @@ use crate::batch::{ContentRef, FrameBatch};
 use crate::read::LineScan;
 use crate::record::{Record, RecordData};
 
-/// Takes a batch that is full; what comes then goes into it anew.
+/// Takes a full batch; the decoder then reuses it for the next frames.
 type BatchCallback<'a> = &'a mut dyn FnMut(&mut FrameBatch);
 
 impl CaptureDecoder {

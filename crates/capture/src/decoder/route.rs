@@ -144,7 +144,7 @@ pub(super) struct RuleExplainer {
 }
 
 impl RuleExplainer {
-    /// Lets the first rule that holds for the frame explain it, as what it asks or answers.
+    /// Explains the frame by the first rule that applies to it, as a request or a reply.
     pub fn explain(
         &mut self,
         rules: &[Rule],

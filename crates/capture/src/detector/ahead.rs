@@ -1,4 +1,4 @@
-//! Reads ahead of a decoder to detect what is spoken.
+//! Reads ahead of a decoder to detect the protocols.
 
 use core::fmt;
 use std::io::{self, Read};
@@ -66,7 +66,7 @@ impl ProtocolSource for LookAhead {
 
 impl CaptureDecoder {
     /// A decoder that detects the protocols itself. `source` is the capture from its beginning: it is
-    /// read ahead of what is fed, until the result is certain for the links and identifiers that have
+    /// read ahead of the decoded part, until the result is certain for the links and identifiers that have
     /// come, and further when a new one comes.
     ///
     /// # Errors

@@ -151,7 +151,7 @@ fn count_broken(scored: &[CandidateScores], name: &str, link: &str) -> u64 {
     candidate.and_then(|each| each.score_of(link)).map_or(0, |score| score.broken_frames)
 }
 
-/// A protocol, and what it made of a link.
+/// A protocol, and its score on a link.
 type ScoredCandidate<'a> = (&'static dyn Dissector, &'a LinkScore);
 
 /// An axis that answers on shared identifiers is its protocol's, and so no other's.

@@ -148,7 +148,7 @@ impl BlfReader {
         Some(size)
     }
 
-    /// Takes one object of the file, or what is lost; `None` when more bytes are needed.
+    /// Takes one object of the file, or a damaged part; `None` when more bytes are needed.
     fn read_object(
         &mut self,
         bytes: &[u8],
@@ -172,7 +172,7 @@ impl BlfReader {
         Some(head.size)
     }
 
-    /// Passes over padding, or over what is no object, to where the next may begin.
+    /// Skips padding, or bytes that are no object, to where the next may begin.
     fn skip_damage(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) -> usize {
         let next = memchr::memmem::find(&bytes[1..], SIGNATURE).map(|at| at + 1);
         // Objects are padded to four bytes, which some writers count in the size and others do not.
@@ -443,7 +443,7 @@ fn checked_size(packed: &[u8], size: u32) -> Option<usize> {
     (size <= CONTAINER_MAX && size <= packed.len() * RATIO_MAX).then_some(size)
 }
 
-/// Unpacks what is `size` bytes long. False when it is not, or the bytes are damaged.
+/// Unpacks an object of `size` bytes. False if it has another size, or the bytes are damaged.
 fn inflate(packed: &[u8], size: u32, plain: &mut Vec<u8>) -> bool {
     let Some(size) = checked_size(packed, size) else { return false };
     let mut inflater = Decompress::new(true);

@@ -97,7 +97,7 @@ impl Decompressor {
         Self { engine, error: None }
     }
 
-    /// Takes packed bytes and gives what they hold.
+    /// Unpacks bytes.
     pub(super) fn feed(&mut self, piece: &[u8], out: &mut dyn FnMut(&[u8])) {
         let size = match self.engine {
             DecompressionEngine::Gzip(_) => PIECE_GZIP,

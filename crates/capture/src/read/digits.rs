@@ -50,7 +50,7 @@ const fn hex_bytes(text: u64) -> (u64, u64) {
     ((words | words >> 16) & 0xFFFF_FFFF, (!(decimal | letter) | text) & HIGH)
 }
 
-/// The first eight digits of a time stamp, and what they are in microseconds: the same for 100 s.
+/// The first eight digits of a time stamp, and their value in microseconds: the same for 100 s.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StampPrefix([u8; 8], u64);
 

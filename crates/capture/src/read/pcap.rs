@@ -77,7 +77,7 @@ impl PcapReader {
         }
     }
 
-    /// Takes one packet, or what is lost; `None` when more bytes are needed.
+    /// Takes one packet, or a damaged part; `None` when more bytes are needed.
     fn read_packet(
         &mut self,
         bytes: &[u8],

@@ -168,7 +168,7 @@ impl TcpStreams {
 }
 
 impl SegmentQueue {
-    /// Takes a segment, and emits what is complete now. True when bytes before it were given up.
+    /// Takes a segment, and emits the bytes that are complete now. True when bytes before it were given up.
     fn push(
         &mut self,
         sequence: u32,

@@ -152,7 +152,7 @@ enum LogLine<'a> {
 /// a serial line are put into `scratch`.
 ///
 /// # Errors
-/// What is wrong with the line, in words.
+/// The fault of the line, in words.
 pub fn parse_log_line<'a>(
     line: &'a [u8],
     scratch: &'a mut Vec<u8>,

@@ -254,7 +254,7 @@ fn parse_decoded(text: &str, scratch: &mut Vec<u8>) -> Option<Option<Direction>>
     (rest.is_empty() && before.contains("  ")).then_some(Some(direction))
 }
 
-/// libmodbus: `[01][03]` for what it sent, `<01><03>` for what it received.
+/// libmodbus: `[01][03]` for sent bytes, `<01><03>` for received ones.
 fn parse_brackets(text: &str, scratch: &mut Vec<u8>) -> Option<Option<Direction>> {
     let (open, close, direction) = match text.chars().next()? {
         '[' => ('[', ']', Direction::ToDrive),
@@ -339,7 +339,7 @@ mod tests {
     use super::{ToolLine, parse_tool_line};
     use crate::record::RecordData;
 
-    /// The line in the words of a log, or what it is otherwise.
+    /// The line in the words of a log, or a description of its other kind.
     fn read(line: &str) -> String {
         let mut scratch = Vec::new();
         match parse_tool_line(line.as_bytes(), &mut scratch) {

@@ -30,7 +30,7 @@ pub(crate) const fn parse_hex_digit(digit: u8) -> Result<u8, ReadError> {
     }
 }
 
-/// Values of hexadecimal digits by their character; 16 for what is none.
+/// Values of hexadecimal digits by their character; 16 for all other characters.
 pub(crate) const HEX: [u8; 256] = {
     let mut table = [16; 256];
     let mut c = 0;

@@ -4,7 +4,7 @@
 //! ```text
 //!   services   whose an identifier is: by default, or as the capture moved it
 //!    ├ sdo     transfers, one at a time on each channel
-//!    ├ pdo     what PDOs carry; mapping, where each value lies; meaning, what it is; wording;
+//!    ├ pdo     contents of PDOs; mapping, the place of each value; meaning, its object; wording;
 //!    │         process, all of these put together
 //!    ├ node    NMT state and presence, by beat (heartbeat) and guard; who shares a number
 //!    ├ emcy    faults
@@ -251,7 +251,7 @@ impl CanopenTracker {
         self.next_due = due.map_or(self.next_due, |due| self.next_due.min(due));
     }
 
-    /// Looks who did not do what was due.
+    /// Reports deadlines that have passed.
     fn check_deadlines(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         for at in 0..self.channels.len() {
             let before = notices.len();

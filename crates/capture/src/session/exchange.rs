@@ -1,10 +1,10 @@
-//! Requests and their results, for any protocol. The dissector states for each frame what it is, which
+//! Requests and their results, for any protocol. The dissector states for each frame its role, which
 //! replies it expects and which requests it answers. This module pairs them, and reports missing ones.
 //!
 //! ```text
-//!   exchange    the tracker: what is wrong with single frames, whose turn it was
+//!   exchange    the tracker: faults of single frames, turns on the line
 //!    ├ pairing  requests under way, and the answers that settle them
-//!    ├ values   what was read and written, faults, states
+//!    ├ values   values read and written, faults, states
 //!    └ presence who spoke regularly and fell silent
 //! ```
 //!

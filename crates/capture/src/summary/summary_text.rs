@@ -19,7 +19,7 @@ use crate::timestamp::Timestamp;
 
 /// Moments that are shown.
 pub const BURSTS_SHOWN: usize = 10;
-/// Rows of a table that are shown; what is left out is counted.
+/// Rows of a table that are shown; further ones are counted.
 const ROWS_MAX: usize = 12;
 /// Changes of a state that are shown one by one.
 const CHANGES_SHOWN: usize = 6;

@@ -177,7 +177,7 @@ impl Decode {
         [&self.source, Path::new(self.stated.profile_word())]
     }
 
-    /// Refuses for a folder what is asked of one capture.
+    /// Refuses options for a folder that are for one capture.
     fn refuse_single_file_options(&self) -> Result<()> {
         let requests = [
             (self.expect.is_some(), "--expect"),

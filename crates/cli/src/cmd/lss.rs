@@ -112,7 +112,7 @@ impl LssCommand {
         Ok(devices)
     }
 
-    /// Sets what is asked for on one device, which then leaves LSS configuration.
+    /// Sets the requested properties on one device, which then leaves LSS configuration.
     fn configure(&self, lss: &LssMaster, selected_node: Option<u8>) -> Result<LssDevice> {
         if let Some(NodeChoice(Some(node))) = self.node
             && selected_node != Some(node)

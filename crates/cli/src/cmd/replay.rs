@@ -149,7 +149,7 @@ impl ReplayOptions {
         self.play_capture(stage, source, rules, choice, &survey, trace)
     }
 
-    /// Each wire with the link that is played there, and what is spoken on it.
+    /// Each wire with the link on which it is played, and its protocols.
     fn routes(&self, connector: &Connector, urls: &[&str]) -> Result<(Vec<ReplayRoute>, Rules)> {
         let mut wires: Vec<(MediumKind, Vec<&str>)> = Vec::new();
         for url in urls {

@@ -187,7 +187,7 @@ fn read_signal_value(wanted: Signal, axis: &Axis) -> Option<f64> {
     }
 }
 
-/// Returns whether the motor turns, by what was read of it last.
+/// Returns whether the motor turns, by its last readings.
 fn is_turning(axis: &Axis) -> bool {
     match axis.local() {
         Some(axis) => axis.is_turning() == Some(true),

@@ -147,7 +147,7 @@ impl SocketTask {
             .for_each(|tell| drop(tell.send(Err(error.clone()))));
     }
 
-    /// Keeps what is ours, and looks whether the server is there.
+    /// Renews leases, and checks that the server replies.
     async fn renew_leases(&mut self) -> Result<(), GatewayError> {
         // A connection whose cable was pulled reports no error for minutes.
         if clock::now().since(self.last_received) >= clock::scale_timeout(SILENT_MAX) {

@@ -1,4 +1,4 @@
-//! The log, and what is done with it.
+//! The log, and the work done with it.
 
 use std::fmt::Write as _;
 
@@ -108,7 +108,7 @@ pub fn parse(log: &str) -> u64 {
     bytes
 }
 
-/// Decodes a log as the command line and Python do with a file, and hands on what was made.
+/// Decodes a log as the command line and Python do with a file, and hands on the result.
 fn decode_log<M: BatchConsumer>(
     log: &str,
     mut decoder: CaptureDecoder,

@@ -116,7 +116,7 @@ pub enum SequencePosition {
     Number(u32, u32),
 }
 
-/// A short text on the stack, for the name of what has none.
+/// A short text on the stack, for subjects without a name.
 #[derive(Clone, Copy, Debug)]
 pub struct ShortText {
     bytes: [u8; Self::MAX],

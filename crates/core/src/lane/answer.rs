@@ -1,4 +1,4 @@
-//! The reply to a request of a plan: what it completes, and what it proves where it did not come.
+//! The reply to a request of a plan: the step that it completes, and the proof of a missing reply.
 
 use super::execute::{
     JobState, complete_step, fail_step, missing_factor, next_state, skip_missing_step, skip_step,

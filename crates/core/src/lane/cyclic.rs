@@ -285,7 +285,7 @@ impl CyclicMotion {
         self.axes.iter_mut().for_each(|member| member.reported = false);
     }
 
-    /// A beat begins: is everybody there, and what comes next?
+    /// Begins a beat: checks that all axes take part, and selects the next set-points.
     fn begin_cycle<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,

@@ -582,7 +582,7 @@ pub fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
     next_state(run)
 }
 
-/// Takes the end of a job into what is known of its axis.
+/// Records the end of a job in the state of its axis.
 #[inline]
 pub fn note_end<R: Request, A: Copy + 'static>(
     now: Instant,

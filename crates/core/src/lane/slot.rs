@@ -26,7 +26,7 @@ pub type BoxedDriver<R, A> = Box<dyn Driver<Request = R, Answer = A> + Send>;
 /// Makes the driver of a product at an address.
 pub type DriverFactory<R, A> = fn(&'static Profile, u32) -> BoxedDriver<R, A>;
 
-/// A parameter that some scale depends on, and what is known of it.
+/// A parameter that some scale depends on, and its last value.
 #[derive(Clone, Copy, Debug)]
 struct ScaleFactor {
     parameter: ParameterId,
@@ -40,7 +40,7 @@ struct ScaleFactor {
 
 /// Parameters that are added to those of an axis' profile at most.
 const ADDED_PARAMETERS_MAX: usize = 4096;
-/// Times a factor is asked at most while what comes is not believed.
+/// Greatest number of reads of a factor whose replies are implausible.
 // Two equal readings decide; the third is for one that was damaged.
 const ATTEMPTS_MAX: u8 = 3;
 
@@ -103,7 +103,7 @@ pub struct AxisSlot<R, A> {
     pub implausible_reply: bool,
     /// The test of the last wait step that timed out.
     pub unmet_wait: Option<UnmetWait>,
-    /// The last motion, and what was measured of it.
+    /// The last motion, and its measurements.
     pub motion: MotionWatch,
     factors: Vec<ScaleFactor>,
     /// Cached properties of parameters, by [`ParameterId`].
@@ -117,7 +117,7 @@ struct ParameterEntry<R> {
     /// The request that reads it.
     read_request: Result<R, Unsupported>,
     scale: ScaleState,
-    /// The places among the factors of what its scale depends on.
+    /// Positions, among the factors, of those that its scale depends on.
     inputs: Box<[usize]>,
     /// Index among the factors.
     factor_index: Option<usize>,

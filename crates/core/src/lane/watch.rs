@@ -112,7 +112,7 @@ impl MotionWatch {
         (self.epoch, self.first, self.before) = (self.motions, first, None);
     }
 
-    /// Keeps what is known of the motion until something of the next one is sent.
+    /// Keeps the result of the motion until a part of the next one is sent.
     fn keep_motion(&mut self) {
         core::mem::swap(&mut self.members, &mut self.members_before);
         self.before = Some((self.epoch, self.first, self.last_target));
@@ -163,7 +163,7 @@ impl MotionWatch {
 }
 
 impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
-    /// Begins to judge a motion: what was known of the last one is forgotten.
+    /// Begins to judge a motion: results of the last one are forgotten.
     fn begin_watch(&mut self, goal: MotionGoal, command: Option<&Command>) {
         let mut judge = MotionJudge::new(goal, self.tolerance(command));
         if self.readable_signal(Signal::Position).is_none() {
@@ -554,7 +554,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         judge.observe(now, &seen);
     }
 
-    /// Takes out what was read, or cannot be read now.
+    /// Marks a parameter as read, or as not readable now.
     pub fn mark_read(&self, run: &mut PlanRun, id: ParameterId) {
         let flag = run.current_step().and_then(wait_of).and_then(|(flag, _)| flag);
         for item in Item::ALL {

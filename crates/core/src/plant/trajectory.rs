@@ -261,7 +261,7 @@ const POSITION_TOLERANCE: f64 = 1e-9;
 /// Slots of the moving average.
 const SLOTS: usize = 32;
 
-/// A moving average over what was moved each tick. A window of more ticks than slots gathers
+/// A moving average over the movement of each tick. A window of more ticks than slots gathers
 /// several in a slot and lets each slot in and out evenly, so that no way is ever lost or gained.
 #[derive(Clone, Debug)]
 struct Smoother {

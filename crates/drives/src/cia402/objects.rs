@@ -390,7 +390,7 @@ const FACTORY_VALUES: [i32; stored::COUNT] = {
     values
 };
 
-/// The values that can be written, and what they mean.
+/// Writable values, and their meaning.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Objects {

@@ -1,4 +1,4 @@
-//! Two objects of any length for transfer tests: one stores what is written, one only counts it.
+//! Two objects of any length for transfer tests: one stores written bytes, one only counts them.
 
 use super::objects::{SCRATCH_MAX, STREAM_MAX, computed};
 use polepair_core::proto::canopen::sdo::{AbortCode, crc};

@@ -233,7 +233,7 @@ const MISSING_OBJECTS: [u16; 7] = [0x1003, 0x100C, 0x100D, 0x1010, 0x1011, 0x101
 const MISSING_ENTRIES: usize = 5 + 1 + 1 + 4 + 4 + 1 + 3;
 
 /// The maker has no number that is known `[I]`. Nor are the factory's mappings `[I]`: nothing is
-/// received, as every recipe maps what it needs; statusword, by change and every 100 ms, position and
+/// received, as every recipe maps its own objects; statusword, by change and every 100 ms, position and
 /// speed are sent.
 const DEFAULTS: [(u16, u8, DefaultValue); 12] = [
     default_number(0x1018, 3, 2),

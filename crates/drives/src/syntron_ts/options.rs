@@ -22,7 +22,7 @@ pub enum Variant {
 }
 
 /// The CAN end as the manual has it: short requests, mapping while operational, times of which 400 are
-/// 50 ms (§3.5.4), emergencies of two bytes (§3.5.2), answers that repeat what was written (§3.5.3);
+/// 50 ms (§3.5.4), emergencies of two bytes (§3.5.2), answers that repeat the written value (§3.5.3);
 /// nothing that it does not name.
 const CAN_QUIRKS: can::Quirks = can::Quirks {
     lenient: true,

@@ -284,8 +284,8 @@ impl Drive {
         }
     }
 
-    /// Writes to program memory. The EEPROM takes its time for each write \[I\]: what comes meanwhile
-    /// is done, and answered when it is ready (TML_LIB_light polls until then).
+    /// Writes to program memory. The EEPROM takes its time for each write \[I\]: later messages are
+    /// executed, and answered when it is ready (TML_LIB_light polls until then).
     fn write_program_memory(&mut self, space: Space, address: u16, words: &[u16]) -> ExecuteResult {
         let before = self.memory.writes;
         let mut at = (address..=u16::MAX).zip(words);

@@ -17,7 +17,7 @@ const STACK_MAX: usize = 12;
 const INSTRUCTIONS_MAX: usize = 20;
 /// Messages that are kept while a WAIT! that came as a message holds.
 const HELD_MAX: usize = 16;
-/// Ticks that a drive waits for what it asked of another. \[I\]
+/// Ticks that a drive waits for the answer of another. \[I\]
 const ANSWER_TICKS: u64 = 100;
 /// Address of a program that runs at power-up.
 const AUTORUN: u16 = 0x4000;

@@ -2,7 +2,7 @@
 //! module, microsteps, reference search, stallGuard2.
 //!
 //! Sources: TMCM-6110 and TMCM-1140 TMCL firmware manuals, TMC429 velocity and acceleration formulas of
-//! the hardware manuals (chapter "operational description"). What is concluded is marked \[I\].
+//! the hardware manuals (chapter "operational description"). Conclusions are marked \[I\].
 
 mod channel;
 mod device;

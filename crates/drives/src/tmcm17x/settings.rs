@@ -161,7 +161,7 @@ impl Module {
         })
     }
 
-    /// Flags as they stand: what is latched and what is so right now.
+    /// Present flags: latched ones, and those that hold right now.
     pub(super) fn current_flags(&self) -> u32 {
         let mut shown = self.flags;
         shown.set(flags::HALTED, !self.servo.is_enabled());
@@ -177,7 +177,7 @@ impl Module {
         status as i32
     }
 
-    /// RSAP: what is stored takes effect at once.
+    /// RSAP: the stored value takes effect at once.
     pub(super) fn restore_axis(&mut self, number: u8) -> Result<i32, Status> {
         let value = self.state.memory.stored_axis(0, number)?;
         self.state.memory.axis[0][usize::from(number)] = value;

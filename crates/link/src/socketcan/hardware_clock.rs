@@ -18,7 +18,7 @@ pub(super) struct HardwareClock {
 }
 
 impl HardwareClock {
-    /// The kernel's time at which the hardware saw what it stamped with `hardware_ns`, and the
+    /// The kernel's time at which the hardware saw the frame that it stamped with `hardware_ns`, and the
     /// kernel later with `kernel_ns`.
     pub(super) fn kernel_time(&mut self, hardware_ns: u64, kernel_ns: u64) -> u64 {
         let lag = kernel_ns.wrapping_sub(hardware_ns);

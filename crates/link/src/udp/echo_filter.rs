@@ -17,7 +17,7 @@ const NETWORK: u32 = -0x10_0000_i32 as u32;
 const SOURCE_IPV4: u32 = 12;
 const SOURCE_IPV6: u32 = 8;
 
-/// Asks the kernel to drop what comes from `own`. False when it does not (a sandbox): every echo
+/// Asks the kernel to drop datagrams from `own`. False if it does not (a sandbox): every echo
 /// is then read and thrown away.
 pub(super) fn drop_own_datagrams(fd: &OwnedFd, own: SocketAddr) -> bool {
     crate::sys::attach_filter(fd, &mut filter_program(own)).is_ok()

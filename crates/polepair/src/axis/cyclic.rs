@@ -25,8 +25,8 @@ const FEED_INTERVAL: Duration = Duration::from_millis(20);
 const FULL_SPEED_S: f64 = 0.010;
 
 /// Axes that were made ready to follow set-points on one beat: powered where they stand, and watching
-/// this host. Dropping it stops and disables them and takes back what it set; errors are then lost,
-/// so that who needs to know calls [`release`](Self::release).
+/// this host. Dropping it stops and disables them and restores their settings; errors are then lost,
+/// so call [`release`](Self::release) to get them.
 ///
 /// The beat is this computer's: it is as regular as its scheduler permits. [`CycleStatistics`] measures the regularity.
 ///
@@ -60,7 +60,7 @@ impl CyclicAxes {
     /// # Errors
     /// [`Error::Usage`] `E217` for a period that a drive cannot count; [`Error::Unsupported`] for
     /// drives without such a mode, and when a cycle would take more than 80 % of the bus. Others by
-    /// blame. What was made ready is then taken back.
+    /// blame. Prepared axes are then restored.
     pub fn begin(
         axes: &[LocalAxis],
         setpoint: SetpointKind,
@@ -124,7 +124,7 @@ impl CyclicAxes {
         }
     }
 
-    /// Takes back what was set. An axis that had power before keeps it: nothing has moved it.
+    /// Restores the settings. An axis that had power before keeps it: nothing has moved it.
     fn undo_preparation(&mut self, enabled: &[bool]) {
         self.released = true;
         let powered = self.axes.iter().zip(enabled).filter(|(_, enabled)| !**enabled);
@@ -291,7 +291,7 @@ impl CyclicAxes {
         self.axes[0].connection.with_axes(|axes, _| axes.cycle_statistics(index).cloned())
     }
 
-    /// Stops, disables and disarms, and takes back what was set in the drives.
+    /// Stops, disables and disarms, and restores the settings of the drives.
     ///
     /// # Errors
     /// [`Error`] by blame; everything was tried though something failed.

@@ -192,7 +192,7 @@ impl LocalAxis {
         }
     }
 
-    /// Returns whether what was refused of a verb is its mode of operation.
+    /// Returns whether a verb was refused because of its mode of operation.
     fn refused_mode(&self, verb: Verb, extent: Extent) -> bool {
         let (Some((id, mode)), Some(plan)) = (self.mode_for(verb), self.profile.plan(verb)) else {
             return false;

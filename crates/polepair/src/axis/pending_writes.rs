@@ -33,7 +33,7 @@ impl LocalAxis {
         scales.any(|scale| scale.inputs(self.profile).any(|input| input == id))
     }
 
-    /// The raw value that an amount means for a parameter once what is pending was written.
+    /// The raw value that an amount means for a parameter after the pending writes.
     ///
     /// # Errors
     /// As [`raw_of`](Self::raw_of).
@@ -56,7 +56,7 @@ impl LocalAxis {
         )
     }
 
-    /// A raw value of a parameter in its unit, as it is once what is pending was written.
+    /// A raw value of a parameter in its unit, after the pending writes.
     ///
     /// # Errors
     /// As [`value`](Self::value).
@@ -74,7 +74,7 @@ impl LocalAxis {
         Ok(Value { value: number * step, step: step.abs(), ..value })
     }
 
-    /// The parameter, if what is pending changes its scale.
+    /// The parameter, if the pending writes change its scale.
     fn rescaled(&self, id: ParameterId, pending: &PendingWrites) -> Option<&'static Parameter> {
         let parameter = self.parameter(id)?;
         let mut factors = parameter.scale.inputs(self.profile);
@@ -82,7 +82,7 @@ impl LocalAxis {
         touched.then_some(parameter)
     }
 
-    /// The drive's SI value of one raw unit, once what is pending was written.
+    /// The drive's SI value of one raw unit, after the pending writes.
     fn raw_step_after(&self, parameter: &Parameter, pending: &PendingWrites) -> Result<f64, Error> {
         let mut inputs = Vec::new();
         for id in parameter.scale.inputs(self.profile) {

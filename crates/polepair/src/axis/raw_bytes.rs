@@ -71,7 +71,7 @@ impl LocalAxis {
     }
 }
 
-/// Takes whose a frame is, and what is wrong with it.
+/// Reads the axis of a frame, and its faults.
 #[derive(Default)]
 struct FrameInspector {
     axis: Option<u32>,

@@ -22,8 +22,8 @@ use polepair_core::axis::{Command, Verb};
 ///
 /// # Errors
 /// [`Error::Unsupported`] for a drive that cannot wait for a signal, or a command that is no move to
-/// or by: nothing was sent. Others by blame; nothing moves before the signal, and what was made
-/// ready is then taken back by a stop.
+/// or by: nothing was sent. Others by blame; nothing moves before the signal, and prepared moves
+/// are then taken back by a stop.
 pub fn start_together(moves: &[(LocalAxis, Command)]) -> Result<(), Error> {
     let prepared = prepare_commands(moves)?;
     let Some((first, _)) = prepared.first() else { return Ok(()) };

@@ -1,4 +1,4 @@
-//! The stop of an axis: the one place that decides what is sent, how often, and when it is over.
+//! The stop of an axis: the one place that decides its requests, how often they are sent, and when it is over.
 //!
 //! Every stop of a motor uses a [`StopSupervisor`]: the command line, the gateway, the bindings, and the end of an
 //! armed motion. It is polled, has neither a thread nor a clock, and follows six rules:
@@ -370,7 +370,7 @@ impl StopSupervisor {
         self.result.as_ref()
     }
 
-    /// Checks how far it has come, and sends what is due. Waits for nothing.
+    /// Checks its progress, and sends the requests that are due. Waits for nothing.
     pub fn poll(&mut self, airtime: &mut WireAirtime) -> Option<StopNotice> {
         if self.result.is_some() {
             return None;
@@ -476,7 +476,7 @@ impl StopSupervisor {
         None
     }
 
-    /// Returns whether the drive refused it for another reason than that it does not have what is written.
+    /// Returns whether the drive refused it for another reason than a missing object.
     fn is_refused_for_now(&self, error: &Error) -> bool {
         let Some(Failure::Refused { code }) = failure_of(error) else { return false };
         let index = self.axis.index;

@@ -62,7 +62,7 @@ impl LocalAxis {
     ///
     /// # Errors
     /// [`Error`] by source; `E106` where the axis is elsewhere at the end. When it is interrupted the drive uses
-    /// up what it has and stops.
+    /// up its buffered points and stops.
     pub fn stream(
         &self,
         kind: PathKind,

@@ -76,8 +76,8 @@ impl LocalAxis {
         Ok(plan)
     }
 
-    /// Checks a value for a parameter that the caller wrote as `name`, once what is pending was written, and adds it to
-    /// what is pending.
+    /// Checks a value for a parameter that the caller wrote as `name`, after the pending writes, and adds it to
+    /// them.
     ///
     /// # Errors
     /// `E213` for an id that the drive does not have, `E214` for a parameter that can only be read, `E216` outside the

@@ -10,8 +10,8 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::{drive_address, sub_axis};
 
 impl Connector {
-    /// Opens a link as [`connect`](Self::connect), and leaves out the axes that do not answer, or are not
-    /// what they should be: their addresses come beside it, each with its error.
+    /// Opens a link as [`connect`](Self::connect), and leaves out the axes that do not answer, or are other
+    /// drives than stated: their addresses come beside it, each with its error.
     ///
     /// # Errors
     /// As [`connect`](Self::connect); the first axis' error when there is none left.

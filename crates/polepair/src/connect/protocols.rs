@@ -23,7 +23,7 @@ impl Connector {
         Ok(words)
     }
 
-    /// The wires that would be opened: what each carries, and the words of what is spoken there.
+    /// The wires that would be opened: the medium of each, and the words of its protocols.
     ///
     /// # Errors
     /// As [`protocols`](Self::protocols).

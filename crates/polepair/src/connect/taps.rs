@@ -50,8 +50,8 @@ impl Connector {
 
     /// With each link that is opened from now on replaced by what `instead` makes of it and of the
     /// number that its wire has among those of its connection string: a link that counts, delays or
-    /// loses what passes. The simulation is that of a simulated wire. Taps see what goes to the new
-    /// link and comes from it.
+    /// loses frames. The simulation is that of a simulated wire. Taps see the frames to and from the new
+    /// link.
     #[must_use]
     pub fn with_link_wrapper(
         mut self,

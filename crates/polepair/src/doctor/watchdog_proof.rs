@@ -36,7 +36,7 @@ pub const fn proving_speed(kind: AxisKind) -> &'static str {
 
 /// Observer of a proof. A closure that takes checks is one that never ends it.
 pub trait ProofObserver {
-    /// Takes what was found, as soon as it is.
+    /// Takes each finding as soon as it is made.
     fn report_check(&mut self, check: CheckResult);
 
     /// Returns whether it is to end now: the motor is then stopped at once. It is asked all the time.
@@ -124,7 +124,7 @@ pub fn prove_watchdog(
     proven
 }
 
-/// Sets the watchdog to what it was, where that is known.
+/// Restores the watchdog's setting, if it is known.
 fn restore_watchdog(axis: &LocalAxis, before: Option<Vec<(ParameterId, i64)>>) -> CheckResult {
     let about = axis.label();
     let Some(before) = before else {

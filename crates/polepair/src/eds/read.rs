@@ -136,7 +136,7 @@ fn comment_lines(section: &IniSection) -> Vec<String> {
         .collect()
 }
 
-/// Sections by what they are about, and what is odd about them.
+/// Sections by their subject, and their faults.
 #[derive(Default)]
 struct EdsReader {
     listed: HashMap<u16, FileLocation>,

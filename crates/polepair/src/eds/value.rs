@@ -91,7 +91,7 @@ pub(super) fn parse_integer(text: &str) -> Option<ParsedInteger> {
 /// A value of that type; what else deserves a word goes to `warn`.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The fault of the text.
 pub(super) fn parse_literal(
     text: &str,
     kind: DataType,

@@ -116,7 +116,7 @@ impl MotionMonitor {
         self.judge(now, state)
     }
 
-    /// Checks at the end of the motion what was measured of it. Returns what is worth a note: a set-point that
+    /// Checks the measurements at the end of the motion. Returns a note on a set-point that
     /// was not reached.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! Blocks and fragments in the steps of a plan: what they are in numbered skips.
+//! Blocks and fragments in the steps of a plan: their form in numbered skips.
 //!
 //! ```text
 //! if TEST … end           these steps, if the test passes

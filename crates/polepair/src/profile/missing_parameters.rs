@@ -15,7 +15,7 @@ use polepair_core::profile::{Access, Encoding};
 use polepair_core::units::Unit;
 use std::collections::{HashMap, HashSet};
 
-/// Shows raw what is scaled by what this drive does not have, and drops readings, steps and plans
+/// Shows values raw if their scale depends on a parameter that this drive lacks, and drops readings, steps and plans
 /// that cannot be without it.
 pub(crate) fn remove_missing(draft: &mut Draft) {
     unscale_missing(draft);
@@ -198,7 +198,7 @@ fn is_sending(step: &DraftStep) -> bool {
     )
 }
 
-/// Parameters that a step names, and what it does with them.
+/// Parameters that a step names, each with its use.
 fn step_parameters(step: &DraftStep) -> Vec<(&ParameterName, ParameterUse)> {
     match step {
         DraftStep::Write(name, ..) | DraftStep::Keep(name) => vec![(name, ParameterUse::Write)],

@@ -37,7 +37,7 @@ fn has_plan(draft: &Draft, verb: Verb) -> bool {
 }
 
 /// The family's plan for a verb, by this draft's names for what lies at the same places. Of several
-/// products it is that which can do most of what this one can.
+/// products it is the one with the most functions that this one has.
 fn family_plan(draft: &Draft, verb: Verb) -> Option<(DraftPlan, Vec<DraftSignal>)> {
     let generic = crate::registry::protocols().into_iter().map(|protocol| protocol.generic);
     let generic = generic.filter(|profile| profile.protocol == draft.protocol);

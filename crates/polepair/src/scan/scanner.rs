@@ -405,7 +405,7 @@ impl DriveScanner {
         }
     }
 
-    /// Ends it here: what was found is kept.
+    /// Ends the scan: the drives found so far are kept.
     pub fn cancel(&mut self) {
         // What was not asked is reported as such, and never as free.
         self.report.not_queried = self.queue.len();

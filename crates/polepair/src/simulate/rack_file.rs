@@ -8,7 +8,7 @@
 //! connect = "serial:///dev/ttyUSB0"   # where the real link is; `sim:` does not look at it
 //! baud = 9600                     # optional: the factory's; 0 for a wire without byte timing
 //! duplex = "half"                 # half (RS-485) or full (RS-232)
-//! timing = "uart"                 # or cdc, ftdi-16ms, tcp: what is between host and wire
+//! timing = "uart"                 # or cdc, ftdi-16ms, tcp: the adapter between host and wire
 //! echo = false                    # the host's adapter returns its own bytes
 //! faults = { seed = 7 }           # drawn by a seed; or chances from 0 to 1, such as
 //! # faults = { flip = 1e-5, lose = 1e-5, insert = 0, late = 0.01, latest_ms = 300 }
@@ -103,7 +103,7 @@ const AXIS_KEYS: [&str; 13] = [
     "direction",
     "limits",
 ];
-/// Keys of what is done to a simulated drive at a certain time.
+/// Keys of acts on a simulated drive at a certain time.
 const ACT_KEYS: [&str; 2] = ["at", "do"];
 /// Keys that are places of switches, in the order of [`Act::Switch`].
 const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];

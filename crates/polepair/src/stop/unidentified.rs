@@ -83,7 +83,7 @@ pub(super) enum SharedStop {
     Sent(Result<(), Error>),
 }
 
-/// The error for a drive that was asked again and again what it is, and how its stop, if one was sent,
+/// The error for a drive that was queried repeatedly and not identified, and how its stop, if one was sent,
 /// ended.
 pub(super) fn unidentified_error(
     prober: &Prober<'_>,

@@ -89,7 +89,7 @@ fn cookies(cookie: String) -> [(HeaderName, String); 1] {
     [(header::SET_COOKIE, cookie)]
 }
 
-/// Notes who came in or failed to. What was tried is noted nowhere.
+/// Records who came in or failed to. The tried token is recorded nowhere.
 async fn record_login(
     state: &SharedAppState,
     tried: Result<(Caller, String), GatewayError>,

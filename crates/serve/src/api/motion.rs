@@ -17,7 +17,7 @@ use crate::message::{
 
 /// Take an axis
 ///
-/// The lease ends after 1.5 s unless it is renewed, and its end stops what was set in motion under it.
+/// The lease ends after 1.5 s unless it is renewed, and its end stops the motions under it.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/lease", operation_id = "take", tag = "motion",
     params(("id" = u16, Path)), request_body = AcquireLease, responses(
     (status = 200, body = LeaseGrant),
@@ -119,7 +119,7 @@ pub(super) async fn raw(
     await_outcome(&state, since, state.bench.raw(id, &session, request)).await
 }
 
-/// Waits for what comes of it. What the gateway itself refused is an error of HTTP as well.
+/// Waits for the outcome. A refusal by the gateway itself is an error of HTTP as well.
 async fn await_outcome(
     state: &SharedAppState,
     since: Instant,

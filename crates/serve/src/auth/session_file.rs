@@ -61,10 +61,10 @@ impl SessionFile {
         })
     }
 
-    /// Writes what there is by then. Who comes later writes later, so the file has the newest.
+    /// Writes the sessions of that moment. A later caller writes later, so the file has the newest.
     ///
     /// # Errors
-    /// It cannot be written; what was there stays.
+    /// It cannot be written; the earlier file stays.
     pub fn write(&self, lines: impl FnOnce() -> Vec<SessionRecord>) -> Result<(), SetupError> {
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let text: String = lines().iter().map(SessionRecord::file_line).collect();

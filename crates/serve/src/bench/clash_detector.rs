@@ -10,7 +10,7 @@ use polepair_core::time::Instant;
 
 /// A request counts as unanswered a moment after its answer came late: its link is in recovery until then.
 const UNEXPLAINED_FOR: Duration = Duration::from_secs(3);
-/// Between two looks at what was counted.
+/// Interval between two looks at the counters.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// Time for which a request without a reply explains a late one: a drive or a gateway in between that stalled sends its
 /// stored replies.
@@ -57,7 +57,7 @@ impl ClashDetector {
         self.seen.take_if(|seen| now.since(*seen) > SHOWN_FOR).map(|_| None)
     }
 
-    /// Takes what was counted so far for explained.
+    /// Marks the present counts as explained.
     pub fn skip_counted(&mut self, counters: Counters, now: Instant) {
         self.count_unsolicited(counters, now);
     }

@@ -41,7 +41,7 @@ use crate::message::{
 
 /// Advance of a command's time before the server's clock beyond which it counts as too old, ms.
 const CLOCK_AHEAD_MAX_MS: f64 = 1000.0;
-/// Between two looks at what is under way: while it is fresh, and later.
+/// Interval between two looks at open requests: while they are fresh, and later.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
 const SLOW_POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Time for which a request counts as fresh.
@@ -74,7 +74,7 @@ pub(super) struct CommandWorker {
     closed: Option<Instant>,
     /// Time at which a request was last begun.
     last_start: Instant,
-    /// The last stops went out at once: the far end takes what is written.
+    /// The last stops went out at once: the far end takes the bytes.
     fast_send: bool,
 }
 
@@ -248,7 +248,7 @@ impl CommandWorker {
         ends.map(|until| until.since(now)).min().map_or(scan, |left| left.min(scan))
     }
 
-    /// A lease ended: what it set in motion stops, and nothing moves before it is armed anew.
+    /// A lease ended: its motions stop, and nothing moves before it is armed anew.
     fn end_lease(&mut self, axis: usize, lost: EndedLease, why: &str) {
         let moved = self.has_moved(axis, &lost);
         self.axes[axis].axis.arm(false);
@@ -647,7 +647,7 @@ fn unavailable_error(lost: bool) -> GatewayError {
     }
 }
 
-/// The outcome that an error means. What was executed and ended in an error has not done what was asked: a
+/// The outcome that an error means. A command that was executed and ended in an error has not reached its goal: a
 /// motion that stopped elsewhere.
 pub(super) fn command_outcome(id: String, error: Option<GatewayError>) -> CommandOutcome {
     let ended = match error.as_ref().map(|error| error.executed) {

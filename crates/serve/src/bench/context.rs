@@ -162,7 +162,7 @@ impl BenchContext {
         let _ = self.events.send(event);
     }
 
-    /// Has the journal keep what was done already and cannot be refused any more.
+    /// Records an act that was done already and cannot be refused any more.
     pub fn record(
         &self,
         who: &SessionName,

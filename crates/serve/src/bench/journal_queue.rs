@@ -23,8 +23,8 @@ use super::lock::lock_unpoisoned;
 use super::reply::Continuation;
 use crate::message::{GatewayError, JournalAction};
 
-/// Notes that wait, and about how many bytes of them. What is announced may take half of either, so that
-/// what was done finds room.
+/// Records that wait, and about how many bytes of them. Announcements may take half of either, so that
+/// acts that were done find room.
 const ENTRIES_MAX: usize = 4096;
 const BYTES_MAX: usize = 4 << 20;
 /// Time without progress after which a disk counts as stalled: nothing more is announced.
@@ -133,7 +133,7 @@ impl JournalQueue {
         self.push(QueuedEntry::new(subject, detail, now, true, Some(then)));
     }
 
-    /// Notes what was done. `then` is done once it is written, or cannot be.
+    /// Records an act. `then` is called once it is written, or cannot be.
     pub fn record(
         &self,
         subject: ActionSubject<'_>,

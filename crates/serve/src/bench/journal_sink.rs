@@ -7,7 +7,7 @@ use crate::message::{GatewayError, JournalAction};
 /// Session name for actions that no client requested.
 pub(super) const SERVER: &str = "server";
 
-/// Keeps what is done: see [`BenchOptions::journal`](super::BenchOptions::journal).
+/// Keeps records of acts: see [`BenchOptions::journal`](super::BenchOptions::journal).
 ///
 /// Called before anything is sent, stops excepted: those go first. One thread calls it that has no other work, so it
 /// may wait for a disk.
@@ -15,8 +15,8 @@ pub trait JournalSink: Send + Sync {
     /// Takes a note, and returns once it is kept.
     ///
     /// # Errors
-    /// When it cannot be kept: what it announces is then not done, and a [`JournalAction::Missing`] counts what
-    /// was done.
+    /// When it cannot be kept: the announced act is not done, and a [`JournalAction::Missing`] counts the acts that
+    /// were.
     fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError>;
 }
 

@@ -107,7 +107,7 @@ impl LeaseSlot {
         Ok(self.end())
     }
 
-    /// Ends the lease. The caller stops what it set in motion.
+    /// Ends the lease. The caller stops its motions.
     pub fn end(&mut self) -> Option<EndedLease> {
         // The next holder has moved nothing yet.
         let moved = std::mem::take(&mut self.moved);

@@ -1,4 +1,4 @@
-//! The scan of one wire: who asked for it, how far it is, and what it found.
+//! The scan of one wire: its client, its progress, and its results.
 
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 

@@ -58,7 +58,7 @@ pub(super) struct OpenedBench {
     pub failed: Vec<(u16, GatewayError)>,
 }
 
-/// Opens what the connection strings name, or the rack that there is without any. What is wrong with a
+/// Opens the links of the connection strings, or the default rack without any. A fault in a
 /// string ends it before anything is opened. A link that cannot be opened is kept in its place, unless
 /// none can and none will by itself.
 pub(super) fn open_links(
@@ -123,7 +123,7 @@ fn is_virtual_link(link: &BenchLink) -> bool {
 /// A link with those of its axes that are there, and the others.
 type PresentLink = (polepair::LocalLink, Vec<(u32, Error)>);
 
-/// Opens simulations one after the other, for they are what they are; and then all else at once, so that
+/// Opens simulations one after the other, because their names depend on the order; and then all else at once, so that
 /// a host that does not answer keeps no motor of another from being stopped.
 fn open_parts(
     parts: &[LinkPart],

@@ -174,7 +174,7 @@ impl PendingStop {
         }
     }
 
-    /// Checks how far it came, and sends what is due.
+    /// Checks its progress, and sends the requests that are due.
     pub fn poll(&mut self, id: u16, now: Instant, airtime: &mut WireAirtime) -> StopPoll {
         let notice = self.stop.poll(airtime);
         let ended = self.stop.result().map(|StopResult { standstill, .. }| match standstill {

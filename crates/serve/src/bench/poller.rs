@@ -49,7 +49,7 @@ pub(super) struct AxisPoller {
     scanner: LinkScanner,
 }
 
-/// An axis, and what is still to be asked of it.
+/// An axis, and its open queries.
 struct PolledAxis {
     id: u16,
     axis: LocalAxis,

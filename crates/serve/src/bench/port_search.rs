@@ -56,7 +56,7 @@ impl Bench {
     /// Searches ports by reads only. [`BenchEvent::Search`] reports its progress and its end.
     ///
     /// # Errors
-    /// `gateway.look` while a search is under way, or for a port that a link uses; `gateway.missing` for what is
+    /// `gateway.look` while a search is under way, or for a port that a link uses; `gateway.missing` for a name that is
     /// no port of this machine, and where there is none that is free.
     pub fn start_search(
         &self,
@@ -106,7 +106,7 @@ impl Bench {
             .ok_or_else(|| GatewayError::new("gateway.missing", "no port was searched"))
     }
 
-    /// Breaks a search off: nothing is asked after what is being asked.
+    /// Cancels a search: no query is sent after the present one.
     ///
     /// # Errors
     /// `gateway.missing` without a search.

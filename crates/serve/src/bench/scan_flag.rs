@@ -26,7 +26,7 @@ impl ScanFlag {
         self.active.load(Ordering::SeqCst)
     }
 
-    /// Ends it as soon as what was asked last is answered, or is not.
+    /// Ends it as soon as the last query is answered, or its time is over.
     pub fn cancel(&self) {
         self.cancelled.store(true, Ordering::SeqCst);
     }

@@ -115,7 +115,7 @@ impl Bench {
     /// Watches a signal of an axis, by its word, or a parameter, by its name.
     ///
     /// # Errors
-    /// `E212` and `E213` for what is not there, `gateway.request` for a rate that is none,
+    /// `E212` and `E213` for an unknown axis or signal, `gateway.request` for an invalid rate,
     /// `gateway.limit` when too much is watched.
     pub fn subscribe(
         &self,
@@ -279,7 +279,7 @@ impl TelemetrySource {
         (!sent).then(|| lock_unpoisoned(&self.schedule).next)
     }
 
-    /// Notes that it is asked for now. What was too slow is not caught up with.
+    /// Records that it is polled now. Missed polls are not caught up with.
     pub fn mark_polled(&self, now: Instant) {
         let mut wanted = lock_unpoisoned(&self.schedule);
         let period = Duration::from_secs_f64(1.0 / wanted.hz().max(1e-3));

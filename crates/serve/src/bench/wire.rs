@@ -413,7 +413,7 @@ impl BenchWire {
         }
     }
 
-    /// Notes that the drive of an axis has just started: what was set in its memory is gone.
+    /// Records that the drive of an axis has just started: values in its memory are gone.
     pub fn record_restart(&self, id: u16) {
         lock_unpoisoned(&self.restarted).push(id);
     }

@@ -43,7 +43,7 @@ impl fmt::Display for BrokenRecord {
 /// Reads a journal through.
 ///
 /// # Errors
-/// The file cannot be read. What is wrong in it is the inner error.
+/// The file cannot be read. The inner error is a fault in its content.
 pub fn verify(path: &Path) -> Result<Result<VerifiedJournal, BrokenRecord>, SetupError> {
     let file = File::open(path).map_err(|error| SetupError::file(path, "read", &error))?;
     read(BufReader::new(file), &mut |_, _| {})
@@ -82,7 +82,7 @@ pub(super) fn read(
     }
 }
 
-/// The hash of the record that comes next, if it is what was written.
+/// The hash of the next record, if it is the one that was written.
 fn verify_record(so_far: &VerifiedJournal, text: &[u8]) -> Result<[u8; 32], &'static str> {
     let text = std::str::from_utf8(text).map_err(|_| "is no text")?;
     let record: JournalRecord = serde_json::from_str(text).map_err(|_| "is no record")?;

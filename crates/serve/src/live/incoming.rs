@@ -13,14 +13,14 @@ use super::MESSAGE_MAX;
 use crate::bench::overtaken_error;
 use crate::message::{ClientMessage, GatewayError, LeaseAction, ServerMessage};
 
-/// Messages of a viewer in each [`WINDOW`]; what is more waits.
+/// Messages of a viewer in each [`WINDOW`]; further ones wait.
 const MESSAGES_MAX: u32 = 200;
 /// A tenth of a second.
 const WINDOW: Duration = Duration::from_millis(100);
 /// Stops among them that go first; more are a flood like any other.
 // More than a person can press, and fewer than a flood needs (STOP-16).
 const STOPS_MAX: u32 = 20;
-/// Messages that wait; what is more waits in the viewer's socket.
+/// Messages that wait; further ones wait in the viewer's socket.
 // A client that does not read its replies waits; it does not fill the server's memory.
 const WAITING_MAX: usize = 256;
 

@@ -80,7 +80,7 @@ impl Subscriptions {
         done.err().map(|refused| error_message(refused, Some(about), subject))
     }
 
-    /// Sends a channel from now on, instead of what had its number.
+    /// Sends a channel from now on, instead of the one with its number.
     fn subscribe(
         &mut self,
         bench: &Bench,
@@ -112,7 +112,7 @@ impl Subscriptions {
     }
 }
 
-/// Goes round what is watched. Each message can be preceded by whatever is more urgent.
+/// Goes round the subscriptions. Each message can be preceded by more urgent ones.
 pub(super) struct SubscriptionRound {
     interval: Interval,
     ready: VecDeque<Message>,

@@ -65,7 +65,7 @@ impl InjectedCanFaults {
 }
 
 impl CanFaults {
-    /// A set drawn from `random`; what is late comes within `late_max_ms`. Each kind is on or off by
+    /// A set drawn from `random`; late frames come within `late_max_ms`. Each kind is on or off by
     /// the toss of a coin, so that no kind hides behind another.
     pub fn random(random: &mut Random, late_max_ms: u32) -> Self {
         Self {

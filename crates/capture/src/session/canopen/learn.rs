@@ -218,7 +218,7 @@ fn is_scale(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
 
 /// A table that does not grow without end.
 trait BoundedInsert {
-    /// Puts a value in if there is room, and gives what was there.
+    /// Puts a value in if there is room, and returns the previous one.
     fn insert_bounded(&mut self, object: ObjectIndex, raw: i64) -> Option<i64>;
 }
 

@@ -48,7 +48,7 @@ impl NumberBits {
     }
 }
 
-/// One value: where it lies, and what it is.
+/// One value: its place, and its meaning.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct MappedValue {
     pub(super) bits: NumberBits,

@@ -32,7 +32,7 @@ pub(super) struct Pdo {
     cob: Option<CobId>,
     count: Option<u8>,
     entries: Vec<Option<MappingEntry>>,
-    /// The node started again since: what was written may be lost.
+    /// The node started again since: written values may be lost.
     stale: bool,
     /// `None` while it has to be worked out.
     resolved: Option<ResolvedMapping>,

@@ -21,7 +21,7 @@ pub(super) const FLASH_TIMEOUT_NS: u64 = 10_000_000_000;
 const LATE_FACTOR: u64 = 3;
 /// Time in which a write takes effect, ns.
 const RECENT_NS: u64 = 100_000_000;
-/// Bytes of a value that are kept: the head of what may be megabytes.
+/// Bytes of a value that are kept: the head of perhaps megabytes.
 pub(super) const HEAD_MAX: usize = 1024;
 /// Number of requests in a row that are answered twice, which proves two nodes with the number.
 const DOUBLE_ANSWERS_MAX: u8 = 3;
@@ -319,7 +319,7 @@ impl SdoChannel {
         }
     }
 
-    /// The node starts again: what is under way ends without an answer. What was asked a moment ago
+    /// The node starts again: open transfers end without an answer. A request of a moment ago
     /// may have met the boot-up on its way, or was written down before it: its answer may yet come.
     pub fn reset(&mut self, now: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
         if self.state == ChannelState::Open {

@@ -96,7 +96,7 @@ impl ServiceTable {
         }
     }
 
-    /// A PDO has another identifier. Where one node sends what others receive, it is the sender's.
+    /// A PDO has another identifier. If one node sends it to others, it is the sender's.
     pub fn move_pdo(&mut self, moved: &PdoMove, pdos: &mut PdoTable) {
         let Ok(at) = u16::try_from(moved.index) else { return };
         let service = Service::Pdo(at);

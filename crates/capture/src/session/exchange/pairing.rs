@@ -388,7 +388,7 @@ impl Pairing {
         AnswerMatch { requested: known.is_some(), quality }
     }
 
-    /// An axis answers in order: what it was asked before, and could be answered so too, is lost.
+    /// An axis answers in order: earlier requests that the same answer could settle are lost.
     fn expire_earlier(
         &mut self,
         at: usize,
@@ -476,7 +476,7 @@ impl Pairing {
         if late { Quality::Stale } else { Quality::Good }
     }
 
-    /// Another answer to what was settled or given up.
+    /// Another answer to a request that was settled or given up.
     fn handle_repeated_answer(
         &mut self,
         at: usize,

@@ -27,7 +27,7 @@ pub(super) struct ValueTracker {
     factors: Vec<ParameterId>,
     /// Raw values of parameters that others are scaled by, of each motor of each axis.
     factor_values: Vec<((u32, u8, ObjectKey), i64)>,
-    /// States of axes, by what they are.
+    /// States of axes, by their subject.
     states: Vec<((u32, InternedName), InternedName)>,
     /// Faults that are there.
     faults: Vec<(u32, u32)>,
@@ -288,8 +288,7 @@ impl ObservedValue<'_> {
     }
 }
 
-/// The contract's name of what is simply a number.
-/// What a parameter is whatever the profile's order: drives of a link may have several profiles.
+/// Key of a parameter that does not depend on the order in a profile: drives of a link may have several.
 fn object_key(profile: &'static Profile, id: ParameterId) -> ObjectKey {
     profile.parameter(id).map_or((0, 0), |parameter| (parameter.index, parameter.space))
 }

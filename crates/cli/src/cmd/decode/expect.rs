@@ -59,7 +59,7 @@ fn no_json_object(why: String, number: usize, path: &Path) -> Problem {
         .hint("`polepair decode GOOD --format jsonl -o EXPECTED.jsonl` writes one to begin with")
 }
 
-/// Compares a capture with what is expected of it.
+/// Compares a capture with the expected lines.
 pub fn run_test(
     source: CaptureSource,
     path: &Path,

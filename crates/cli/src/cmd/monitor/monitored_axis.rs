@@ -31,7 +31,7 @@ const IN_FLIGHT_MAX: usize = 4;
 /// Pause after an axis did not reply.
 const SILENT_PAUSE: Duration = Duration::from_secs(1);
 
-/// An axis, and what is being asked of it.
+/// An axis, and its open query.
 pub struct MonitoredAxis {
     /// The axis.
     pub axis: LocalAxis,
@@ -60,8 +60,8 @@ impl MonitoredAxis {
         }
     }
 
-    /// Asks what is to be asked now, and takes what was answered. Waits for nothing. True when a
-    /// round of questions begins.
+    /// Sends the next query, and takes replies. Waits for nothing. True when a
+    /// round of queries begins.
     pub fn poll(&mut self, period: Duration, chosen: bool) -> bool {
         let now = self.axis.connection().now();
         if let Some(stopping) = &mut self.stopping {
@@ -95,7 +95,7 @@ impl MonitoredAxis {
         }
     }
 
-    /// Stops the axis. What was asked of it is forgotten: the stop goes first.
+    /// Stops the axis. Its open query is forgotten: the stop goes first.
     pub fn stop(&mut self) {
         self.queue.clear();
         self.in_flight.clear();
@@ -237,7 +237,7 @@ impl MonitoredAxis {
     }
 
     /// Stops that are not confirmed, and a motor that turns, for a user who leaves. Waits for a running stop, at most
-    /// so long.
+    /// for this time.
     pub fn exit_note(&mut self, url: &str, within: Duration) -> Option<String> {
         let label = self.axis.label();
         if let Some(stopping) = &mut self.stopping {

@@ -186,7 +186,7 @@ fn wait_routine(axis: &LocalAxis, end: Instant) -> Result<()> {
     Ok(())
 }
 
-/// Starts a program, waits, and ends what it does: also when waiting went wrong.
+/// Starts a program, waits, and ends its motion: also after an error.
 fn run_program(
     session: &LocalSession,
     axis: &LocalAxis,

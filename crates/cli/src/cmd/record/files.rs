@@ -30,7 +30,7 @@ impl Rotation {
     /// Reads `100MB`, `2GB`, `500kB`, or a span of time.
     ///
     /// # Errors
-    /// What is wrong with it, in words.
+    /// The fault of the text, in words.
     pub fn parse(text: &str) -> std::result::Result<Self, String> {
         const UNITS: [(&str, f64); 3] = [("kB", 1e3), ("MB", 1e6), ("GB", 1e9)];
         let size = UNITS.iter().find_map(|(unit, bytes)| {

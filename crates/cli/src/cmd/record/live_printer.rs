@@ -10,7 +10,7 @@ use crate::data_output::DataOutput;
 use crate::problem::Result;
 use crate::terminal;
 
-/// Lines that wait for stdout, in bytes; what comes when there are more is not shown.
+/// Lines that wait for stdout, in bytes; further ones are not shown.
 const WAITING_MAX: usize = 1 << 20;
 /// Batches on their way to the thread.
 const BATCHES: usize = 4;
@@ -30,7 +30,7 @@ struct PrinterThread {
 }
 
 impl LivePrinter {
-    /// Shows what is spoken by these rules.
+    /// Shows frames by these rules.
     pub fn new(rules: Rules) -> Self {
         let style =
             text::TextStyle { colour: terminal::colour_out(), ..text::TextStyle::default() };
@@ -55,7 +55,7 @@ impl LivePrinter {
         self.decoder.decode_record(record, &mut |event| lines.write(event, waiting));
     }
 
-    /// Hands over what was explained, if the thread can take it.
+    /// Hands over the explained frames, if the thread can take them.
     ///
     /// # Errors
     /// What ended the thread: stdout was closed.

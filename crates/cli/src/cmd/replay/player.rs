@@ -277,7 +277,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
         }
     }
 
-    /// Sends, however long that takes the wire; what it has no form for is counted.
+    /// Sends, however long that takes the wire; a unit that the link cannot carry is counted.
     fn send(&mut self, unit: &M::Unit) -> Result<(), PlayEnd> {
         let give_up = self.link.now() + clock::scale_timeout(STALL_MAX);
         self.link.wait_writable(give_up)?;

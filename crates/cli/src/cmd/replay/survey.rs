@@ -14,7 +14,7 @@ use crate::value::plural;
 /// Frames to send, and skipped ones.
 #[derive(Debug, Default)]
 pub struct Survey {
-    /// Frames by what they may do.
+    /// Frames by their possible effect.
     counts: BTreeMap<&'static str, u64>,
     pub frames: u64,
     /// The time of the last one since the first, ns.
@@ -100,7 +100,7 @@ impl Survey {
         self.counts.get(word).map(|count| format!("{count} {what}")).into_iter()
     }
 
-    /// Prints what is not sent, for a dry run.
+    /// Prints the frames that are not sent, for a dry run.
     pub fn print_left_out(&self) {
         for (reason, what) in [
             (SkipReason::OtherDirection, "from drives, or echoes"),
@@ -115,7 +115,7 @@ impl Survey {
         }
     }
 
-    /// Refuses what was not let through.
+    /// Refuses frames that need an option which is not given.
     pub fn check_allowed(&self, routes: &[ReplayRoute], arm: bool, store: bool) -> Result<()> {
         if self.frames == 0 {
             return Err(self.nothing_problem(routes));

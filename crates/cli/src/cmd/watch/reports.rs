@@ -14,8 +14,8 @@ use crate::problem::{Exit, Problem, Result};
 use crate::session::LocalSession;
 
 impl WatchCommand {
-    /// Has the drives send the signals every `interval` seconds, where one is given, shows what they
-    /// send, and has them send nothing more.
+    /// Makes the drives send the signals every `interval` seconds, if one is given, shows them, and
+    /// ends the sending.
     pub(super) fn print_reports(&self, session: &LocalSession, interval: Option<f64>) -> Result {
         let signals = self.reported_signals(session.axes())?;
         let interval = interval.map(Duration::from_secs_f64);

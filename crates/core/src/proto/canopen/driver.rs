@@ -31,7 +31,7 @@ use crate::proto::{HostOptions, Protocol, drive_address, sub_axis, with_sub_axis
 use crate::station::RequestClass;
 use crate::stream::cyclic::{self, SetpointKind};
 
-/// Object 1010h:1, and what is written there: store everything.
+/// Object 1010h:1, and the value that stores everything.
 const STORE_ALL: (ObjectIndex, u64) = (ObjectIndex::new(0x1010, 1), 0x6576_6173);
 /// Number of SYNC in [`Driver::function_request`].
 const SEND_SYNC: u8 = 5;

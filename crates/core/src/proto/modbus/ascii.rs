@@ -21,7 +21,7 @@ pub fn lrc(bytes: &[u8]) -> u8 {
 
 /// Writes the frame around a PDU that `pdu` emits, and returns its length in characters.
 ///
-/// `out` must hold [`FRAME_MAX`] bytes, or what is emitted.
+/// `out` must hold [`FRAME_MAX`] bytes, or the emitted frame.
 pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> usize {
     let mut bytes = [0; ADU_MAX];
     bytes[0] = unit;

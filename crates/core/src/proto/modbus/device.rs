@@ -16,7 +16,7 @@ use crate::medium::SerialLine;
 use crate::station::LineEvent;
 use crate::time::Instant;
 
-/// Bytes kept of what arrived and was not carried out yet. What does not fit is lost and counted.
+/// Received bytes that are kept until they are processed. Further ones are lost and counted.
 const BUFFER_MAX: usize = 2 * ADU_MAX;
 /// An unfinished frame is discarded after this time without a byte: longer than any adapter pauses,
 /// shorter than any host waits for a reply.

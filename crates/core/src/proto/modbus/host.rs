@@ -85,7 +85,7 @@ pub struct SerialHost {
 
     current: Option<CurrentExchange>,
     sending: Option<PendingSend>,
-    /// Deadline of what was sent last, and whether the line is in quarantine until then.
+    /// Deadline of the last request, and whether the line is in quarantine until then.
     deadline: Option<Instant>,
     quarantine: bool,
     outstanding: [AwaitedReply; OUTSTANDING_MAX],
@@ -99,7 +99,7 @@ pub struct SerialHost {
     sent_ns: u64,
     /// Since the last frame was sent: its echo came; bytes came, or were thrown away.
     echo_seen: bool,
-    /// A reply to what was sent last came sooner than its bytes can travel, and was left alone.
+    /// A reply to the last request came sooner than its bytes can travel, and was ignored.
     early_reply_seen: bool,
     received_any: bool,
     received_noise: bool,
@@ -170,8 +170,8 @@ enum ReplyRole {
     Abandoned,
 }
 
-/// The exchange before, if it was a read: what was asked, and when the answer came. What was read
-/// still lies where the payload begins.
+/// The exchange before, if it was a read: its request, and the time of its answer. The values that it read
+/// still lie where the payload begins.
 #[derive(Clone, Copy, Debug)]
 struct LastRead {
     at: Instant,

@@ -42,7 +42,7 @@ pub fn crc16(bytes: &[u8]) -> u16 {
 
 /// Writes address, PDU and CRC around a PDU that `pdu` emits, and returns the length.
 ///
-/// `out` must hold [`ADU_MAX`] bytes, or what is emitted.
+/// `out` must hold [`ADU_MAX`] bytes, or the emitted frame.
 #[inline(always)]
 pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> usize {
     out[0] = unit;

@@ -89,7 +89,7 @@ struct RegisterTarget {
 /// Reads a text.
 ///
 /// # Errors
-/// [`TextError`] with the place and what was expected there.
+/// [`TextError`] with the place and the expected words.
 pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<ParsedRequest, TextError> {
     let mut store = [Token::default(); TOKENS_MAX];
     let tokens = tokenize(text, &mut store)?;

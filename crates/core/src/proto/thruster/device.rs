@@ -153,7 +153,7 @@ impl CanEndpoint {
         self.queue_frame(Reply { command, sub, data }.frame(firmware.id()));
     }
 
-    /// Handles what is due by time.
+    /// Handles timers that are due.
     pub fn handle_timeout(&mut self, now: Instant, firmware: &impl Firmware) {
         if let Some((ms, at)) = self.value_stream
             && now >= at

@@ -24,7 +24,7 @@ pub enum Statement {
     FromDrive(DriveMessage),
     /// Bytes, and whether they are from the drive.
     Raw {
-        /// True for what comes from the drive.
+        /// True for frames of the drive.
         reply: bool,
         /// The bytes.
         bytes: [u8; 8],
@@ -353,7 +353,7 @@ fn write_headerless(bare: &HeaderlessReport, out: &mut PieceFormatter<'_>) -> fm
 /// Reads a text.
 ///
 /// # Errors
-/// [`EncodeError::Text`] with the place and what was expected there; [`EncodeError::Forbidden`] for
+/// [`EncodeError::Text`] with the place and the expected words; [`EncodeError::Forbidden`] for
 /// a request that [the rules](super::rules) keep a host from sending.
 pub fn parse(text: &str, readings: Interpretation) -> Result<Statement, EncodeError> {
     let mut words = Tokenizer { text, at: 0 };

@@ -10,9 +10,9 @@
 use crate::error::WireError;
 use crate::medium::Frame;
 
-/// Identifier of what goes to the drive of id 0; the id is added.
+/// Identifier of frames to the drive of id 0; the id is added.
 pub const TO_DRIVE: u16 = 0x300;
-/// Identifier of what comes from the drive of id 0.
+/// Identifier of frames from the drive of id 0; the id is added.
 pub const TO_HOST: u16 = 0x280;
 /// The highest id of a drive; the lowest is 1.
 pub const ID_MAX: u8 = 127;

@@ -70,8 +70,8 @@ pub enum AsciiEcho {
 pub trait Firmware {
     /// Module address on serial lines (global parameter 66).
     fn address(&self) -> u8;
-    /// A second address that is obeyed too (global parameter 87). \[I\] What comes to it is
-    /// carried out and not answered: it is meant for groups.
+    /// A second address that is obeyed too (global parameter 87). \[I\] Requests to it are
+    /// executed and not answered: it is meant for groups.
     fn secondary_address(&self) -> Option<u8> {
         None
     }
@@ -214,7 +214,7 @@ impl SerialEndpoint {
         self.last_byte = now;
     }
 
-    /// Bytes were lost or garbled on the wire: what there is of a datagram is dropped.
+    /// Bytes were lost or garbled on the wire: the begun datagram is dropped.
     pub fn handle_break(&mut self) {
         self.received = 0;
         self.ascii_line = ascii::AsciiLine::EMPTY;

@@ -26,7 +26,7 @@ pub const REPLY_TIMEOUT_MS: u32 = 100;
 const QUIET_CHARACTERS: u32 = 2;
 /// The byte that is sent alone, to make a module that lost count of bytes count on.
 const FILLER_BYTE: u8 = 0;
-/// Silence after a filler byte, so long that a module with a time limit between bytes drops it.
+/// Silence after a filler byte, long enough for a module with a time limit between bytes to drop it.
 // A module that drops parts after a pause must not keep the byte as the first of nine.
 const FILLER_PAUSE_MS: u32 = 35;
 /// Bytes of a request that goes out at each place of a module's count, without those before and after.

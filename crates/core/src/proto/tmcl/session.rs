@@ -232,7 +232,7 @@ impl Session {
         Ok(())
     }
 
-    /// Takes back what was not sent yet, for a stop.
+    /// Takes back a request that was not sent yet, for a stop.
     pub(super) fn recall(&mut self) -> Option<Ticket> {
         if let Some(waiting) = self
             .unproven_request

@@ -141,7 +141,7 @@ impl CommandFields {
 /// Reads a line. The request is for module `address`.
 ///
 /// # Errors
-/// [`TextError`] with the place and what was expected there.
+/// [`TextError`] with the place and the expected words.
 pub fn parse(text: &str, address: u8) -> Result<Request, TextError> {
     let mut words = Tokenizer { text, at: 0 };
     let (start, name) = words.read_mnemonic();

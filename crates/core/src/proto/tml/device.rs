@@ -53,7 +53,7 @@ pub trait Firmware {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Quirks {
     /// Standard of the serial port: RS-232 (also for Ethernet) or RS-485. `None` if nothing is connected:
-    /// what is sent there is lost.
+    /// bytes that are sent there are lost.
     pub wire: Option<TmlWire>,
     /// Protocol of the CAN port: TMLCAN or TechnoCAN. `None` as for the serial port.
     pub can: Option<TmlWire>,
@@ -146,7 +146,7 @@ impl SerialEndpoint {
         self.quirks.wire.is_none() || self.out.push(message)
     }
 
-    /// Bytes were lost or garbled on the wire: what there is of a frame is dropped.
+    /// Bytes were lost or garbled on the wire: the begun frame is dropped.
     pub fn handle_break(&mut self) {
         self.deframer.clear();
     }

@@ -126,7 +126,7 @@ const fn is_reference(address: u16) -> bool {
     )
 }
 
-/// Address, value and width of what an instruction assigns to a variable at once.
+/// Address, value and width of the variable that an instruction assigns at once.
 #[must_use]
 pub(super) const fn assigned_variable(instruction: &Instruction) -> Option<(u16, u32, bool)> {
     let opcode = instruction.opcode;
@@ -143,7 +143,7 @@ pub(super) const fn assigned_variable(instruction: &Instruction) -> Option<(u16,
     }
 }
 
-/// Address, AND mask and OR mask of what an instruction does to a variable's bits (`SRB`, `SRBL`).
+/// Address, AND mask and OR mask of an instruction that changes a variable's bits (`SRB`, `SRBL`).
 #[must_use]
 pub(super) const fn masked_variable(instruction: &Instruction) -> Option<(u16, u16, u16)> {
     let opcode = instruction.opcode;

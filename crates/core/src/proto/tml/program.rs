@@ -246,7 +246,7 @@ fn declare_label<'t>(
     Ok(())
 }
 
-/// The instruction of a transfer's step, and what it is held to.
+/// The instruction of a transfer's step, and the class of its request.
 ///
 /// Source: TML_LIB_light: a variable points, `(POINTER+),spi = w` writes and moves on, the variable is
 /// read until it has, for a drive answers when its EEPROM is ready. Program memory is written by

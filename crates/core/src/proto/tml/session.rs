@@ -45,7 +45,7 @@ const EVENT_ROOM_MIN: usize = 8;
 const FICTION_MIN: u8 = 2;
 /// The register of an axis' own ID and groups.
 const AAR: u16 = 0x030C;
-/// Silence after which several drives on RS-485 are taken to have dropped what they had of a frame.
+/// Silence after which several drives on RS-485 are taken to have dropped a begun frame.
 /// SYNC bytes would reach them all. From the field, in no manual.
 // Longer than the longest reply at 9,600 baud, so that no drive is sending when the next message
 // leaves [I].

@@ -1,4 +1,4 @@
-//! Failures of a stop's request, and what they leave to do.
+//! Failures of a stop's request, and their consequences.
 
 use crate::error::Error;
 use polepair_core::error::{Failure, Unsupported};

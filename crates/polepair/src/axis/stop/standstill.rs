@@ -223,7 +223,7 @@ impl StandstillMonitor {
         }
     }
 
-    /// The drive replied, but not with a value. What it does not have is not asked for again.
+    /// The drive replied, but not with a value. An object that it does not have is not read again.
     fn handle_unreadable(
         &mut self,
         axis: &LocalAxis,

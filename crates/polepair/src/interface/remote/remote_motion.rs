@@ -33,7 +33,7 @@ const STANDSTILL_MAX: Duration = Duration::from_secs(3);
 pub type StartedStop = Option<Result<PendingOperation, GatewayError>>;
 
 impl RemoteAxis {
-    /// The state that the gateway has read since now, or what it knows after a second.
+    /// The state that the gateway has read since now, or its last one after a second.
     ///
     /// # Errors
     /// [`Error::Gateway`] if the gateway does not answer.
@@ -170,7 +170,7 @@ impl RemoteAxis {
         })
     }
 
-    /// Waits until an axis whose lease has ended is at standstill by what was read since, or another client has
+    /// Waits until an axis whose lease has ended is at standstill by later readings, or another client has
     /// it. False if neither was seen.
     fn wait_standstill(&self, lease: &Lease) -> bool {
         let started = clock::now();

@@ -1,4 +1,4 @@
-//! The gateway as all axes of a link share it: what it has, the leases, and addresses that are parameters.
+//! The gateway as all axes of a link share it: its links, the leases, and addresses that are parameters.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;

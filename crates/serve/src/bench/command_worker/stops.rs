@@ -18,7 +18,7 @@ use crate::message::{
 };
 
 impl CommandWorker {
-    /// Sends what stops; what there is to write about it comes when all of them are on the wire.
+    /// Sends the stops; their records are written when all of them are on the wire.
     pub(in crate::bench) fn process_stops(&mut self) {
         while let Some(StopBatch { axes, session, reason, requested_at, collector }) =
             self.wire.next_stop()

@@ -160,7 +160,7 @@ impl ColumnSink {
         }
     }
 
-    /// Sends what was built.
+    /// Sends the built batches.
     fn send_built(&mut self, built: BuiltBatches) -> Result<()> {
         let refused = |error: ArrowError| write_problem(&self.out, error.into());
         let Some(batches) = &self.batches else { return Ok(()) };

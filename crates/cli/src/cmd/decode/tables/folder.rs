@@ -101,7 +101,7 @@ impl FolderJob<'_> {
         })
     }
 
-    /// Captures in a folder and those in it, but for what is hidden and the data set itself.
+    /// Captures in a folder and in its folders, without hidden ones and the data set itself.
     fn collect_captures(&self, folder: &Path, captures: &mut Vec<PathBuf>) -> Result<()> {
         let failed = |error| problem::file_problem(folder, "read", &error);
         for entry in std::fs::read_dir(folder).map_err(failed)? {

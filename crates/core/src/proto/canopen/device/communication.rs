@@ -189,7 +189,7 @@ struct StoredSettings<const N: usize> {
 }
 
 impl<const N: usize> SettingsStore<N> {
-    /// Begins to write; what is being written then ends unwritten. Returns when it is done.
+    /// Begins to write; a write under way then ends unwritten. Returns when it is done.
     pub(super) fn begin_write(
         &mut self,
         now: Instant,

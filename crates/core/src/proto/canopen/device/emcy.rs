@@ -16,7 +16,7 @@ const WAITING_MAX: usize = 8;
 pub(super) const SYNC_LENGTH: u16 = 0x8240;
 /// A PDO too short to be used.
 pub(super) const PDO_SHORT: u16 = 0x8210;
-/// A PDO longer than what is mapped.
+/// A PDO longer than its mapping.
 pub(super) const PDO_LONG: u16 = 0x8220;
 /// A PDO did not come in time.
 pub(super) const PDO_MISSING: u16 = 0x8250;

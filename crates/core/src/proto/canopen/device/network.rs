@@ -72,7 +72,7 @@ impl<const N: usize> CanEndpoint<N> {
         self.tpdos.ready = 0;
     }
 
-    /// Takes what is neither SYNC nor a PDO.
+    /// Takes frames that are neither SYNC nor a PDO.
     pub(super) fn handle_service(
         &mut self,
         now: Instant,

@@ -44,7 +44,7 @@ pub(super) struct SdoServer {
     /// A value of fixed length.
     value: [u8; 8],
     toggle: bool,
-    /// True if a check is made, and what it is so far.
+    /// True if a check is made; its value so far is kept.
     uses_crc: bool,
     crc: u16,
     /// Segments of this block: as agreed, and sent or taken in order.

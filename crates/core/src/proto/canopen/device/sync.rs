@@ -75,7 +75,7 @@ impl<const N: usize> CanEndpoint<N> {
         self.sync.window_until = Instant::FAR_FUTURE;
     }
 
-    /// A SYNC: what waits for it is taken, then what goes with it is sampled.
+    /// A SYNC: received values that wait for it are applied, then values that are sent with it are sampled.
     #[inline]
     pub(super) fn handle_sync(&mut self, now: Instant, data: &[u8], firmware: &mut impl Firmware) {
         if data.len() != usize::from(self.sync.frame_len) {

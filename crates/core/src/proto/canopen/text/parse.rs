@@ -25,7 +25,7 @@ type Result<T> = core::result::Result<T, TextError>;
 /// Reads a text.
 ///
 /// # Errors
-/// [`TextError`] with the place and what was expected there.
+/// [`TextError`] with the place and the expected words.
 pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<Statement> {
     let mut words = Tokenizer { text, at: 0, profile };
     let statement = parse_statement(&mut words)?;

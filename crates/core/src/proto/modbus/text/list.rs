@@ -8,7 +8,7 @@ use crate::proto::modbus::wire::{Function, READ_WORDS_MAX, WRITE_WORDS_MAX};
 /// Reads such a list; `None` when the text is none.
 ///
 /// # Errors
-/// [`TextError`] with the place and what was expected there.
+/// [`TextError`] with the place and the expected words.
 pub fn parse_list(text: &str, tokens: &[Token<'_>]) -> Result<Option<ParsedRequest>, TextError> {
     let [first, rest @ ..] = tokens else { return Ok(None) };
     if !first.is("write") {

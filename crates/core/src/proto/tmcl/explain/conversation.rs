@@ -61,7 +61,7 @@ pub(super) fn is_answer_to(frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool
     })
 }
 
-/// RSAP, RSGP and FACTORY DEFAULT bring back what is kept; instructions go into permanent memory
+/// RSAP, RSGP and FACTORY DEFAULT restore stored values; instructions go into permanent memory
 /// while a program is loaded.
 pub(super) fn effect_of(frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
     use Opcode as O;

@@ -396,7 +396,7 @@ impl Interpreter {
         }
     }
 
-    /// WAIT: time in units of 10 ms; for what comes by itself 0 is without limit.
+    /// WAIT: time in units of 10 ms; for events, 0 is without limit.
     fn wait_for(&mut self, kind: u8, motor: u8, value: i32) {
         self.timed_out = false;
         let ms = value.max(0).cast_unsigned().saturating_mul(10);
@@ -415,7 +415,7 @@ fn execute_command(opcode: Opcode, i: &Instruction, value: i32) -> InterpreterSt
     InterpreterStep::Command(Request { address: 0, opcode, kind: i.kind, motor: i.motor, value })
 }
 
-/// Commands that do in a program what they do from a host.
+/// Commands with the same effect in a program as from a host.
 #[must_use]
 pub const fn is_direct(opcode: Opcode) -> bool {
     matches!(

@@ -115,7 +115,7 @@ fn is_late(limit: i32, received_at: Option<Instant>, now: Instant) -> bool {
     limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
 }
 
-/// Stand-alone programs of a module, and what they wait for.
+/// Stand-alone programs of a module, and their waits.
 pub trait ModulePrograms {
     /// Returns whether it runs stand-alone programs.
     fn has_programs(&self) -> bool;

@@ -45,7 +45,7 @@ pub(super) struct SilentModule {
     attempt: u8,
     /// Byte position of the last attempt, during silence.
     last_offset: u8,
-    /// True if it replied to a burst for every position: it exists, and receives what is sent.
+    /// True if it replied to a burst for every position: it exists, and receives the host's bytes.
     answered_burst: bool,
     /// True if that was just now.
     just_answered_burst: bool,

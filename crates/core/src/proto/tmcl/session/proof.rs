@@ -72,7 +72,7 @@ pub(super) struct UnprovenRequest {
 }
 
 impl UnprovenRequest {
-    /// Nothing proven yet. Of a module that is `proven` one answer more shows what is past.
+    /// Nothing proven yet. For a module that is `proven`, one more answer shows that earlier ones are past.
     pub(super) const fn new(ticket: Ticket, host_request: HostRequest, proven: bool) -> Self {
         Self {
             ticket,

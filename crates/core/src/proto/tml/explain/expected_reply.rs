@@ -24,7 +24,7 @@ pub(super) fn reply_len(message: &Message, wire: TmlWire) -> Option<usize> {
     }
 }
 
-/// Explains what comes back.
+/// Explains a reply.
 pub(super) fn explain_reply(
     parsed: &ParsedFrame,
     wire: TmlWire,

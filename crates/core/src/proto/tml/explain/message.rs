@@ -11,7 +11,7 @@ use crate::proto::tml::online::{Cell, MemorySpace, OnlineMessage, PvtPoint};
 use crate::proto::tml::rules::WireRule;
 use crate::proto::tml::wire::IdCode;
 
-/// Explains a message, and what it answers.
+/// Explains a message, and the request that it answers.
 pub(super) fn explain_message(
     parsed: &ParsedFrame,
     request: Option<&ParsedFrame>,
@@ -38,7 +38,7 @@ pub(super) fn explain_message(
     }
 }
 
-/// Explains an ack, and of what.
+/// Explains an ack, and the acknowledged message.
 pub(super) fn explain_ack(
     request: Option<&ParsedFrame>,
     profile: Option<&'static Profile>,
@@ -72,7 +72,7 @@ pub(super) fn explain_sync(byte: u8, direction: Option<Direction>, sink: &mut dy
     });
 }
 
-/// The manual's word for what is exchanged.
+/// The manual's word for an exchanged message.
 pub(super) const fn message_name(online: &OnlineMessage) -> &'static str {
     match online {
         OnlineMessage::GiveMeData { .. } => "GiveMeData",

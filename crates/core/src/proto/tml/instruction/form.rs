@@ -36,7 +36,7 @@ pub enum Category {
     Arithmetic,
     /// Memory by address or pointer.
     Memory,
-    /// Motion modes and what goes with them.
+    /// Motion modes and their settings.
     Mode,
     /// Event that `UPD!`, `STOP!` and `WAIT!` wait for.
     Event,

@@ -46,7 +46,7 @@ impl Session {
         Ok(())
     }
 
-    /// Takes back what was not sent yet, for a stop.
+    /// Takes back a request that was not sent yet, for a stop.
     pub(in crate::proto::tml) fn recall(&mut self) -> Option<Ticket> {
         let pending = self
             .pending

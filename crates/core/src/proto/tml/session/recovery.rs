@@ -14,7 +14,7 @@ use crate::station::RequestClass;
 use crate::time::Instant;
 
 impl Session {
-    /// The time of what was waited for is over.
+    /// Handles the end of the present wait.
     pub(super) fn expire_phase(&mut self, now: Instant) {
         let Some(pending) = self.pending else { return };
         match pending.phase {
