@@ -41,13 +41,13 @@ impl DataOutput {
 
     /// stdout, or the file if there is one; `-` is stdout, as for other programs.
     pub fn to_path(path: Option<&Path>) -> Result<Self> {
-        path.filter(|path| *path != "-")
+        path.filter(|path| path.as_os_str() != "-")
             .map_or_else(|| Ok(Self::stdout().with_text(false)), Self::file)
     }
 
     /// [`to_path`](Self::to_path) for an input that may never end: a new file can be read while it grows.
     pub fn follow_to_path(path: Option<&Path>) -> Result<Self> {
-        match path.filter(|path| *path != "-") {
+        match path.filter(|path| path.as_os_str() != "-") {
             None => Self::to_path(None),
             Some(path) => {
                 Ok(Self::new(OutputFile::create_followed(path)?, &path.display().to_string()))

@@ -130,7 +130,7 @@ impl ConfigSave {
         let mut out = DataOutput::to_path(self.file.as_deref())?;
         out.buffer().extend_from_slice(settings.to_string().as_bytes());
         out.finish()?;
-        if let Some(file) = self.file.as_deref().filter(|file| *file != "-") {
+        if let Some(file) = self.file.as_deref().filter(|file| file.as_os_str() != "-") {
             let count: usize = settings.axes.iter().map(AxisSettings::len).sum();
             print_note(&format!("{} saved in {}", plural(count as u64, "setting"), file.display()));
         }
