@@ -31,8 +31,12 @@ const FILES: [(&str, &str, &str); 12] = [
         "polepair-{}-*-apple-darwin.tar.gz, *-windows-msvc.tar.gz",
         "files of the release",
     ),
-    ("make dist", "polepair-{}-windows-x86_64.zip", "files of the release"),
-    ("make dist", "polepair-{}.cdx.json, SHA256SUMS", "files of the release"),
+    ("make dist", "polepair-{}-x86_64-pc-windows-gnu.zip", "files of the release"),
+    (
+        "make dist",
+        "polepair-{}.cdx.json, .scoop.json, .winget.yaml, SHA256SUMS",
+        "files of the release",
+    ),
     ("make site", "target/site", "documentation"),
 ];
 
