@@ -207,12 +207,13 @@ $(VENV)/packaging: $(VENV)/ready packaging/requirements.txt packaging/tools.txt
 wheel: $(PAGE) $(VENV)/packaging
 	packaging/build wheel
 
-## deb: the Debian package: command, man pages, completions, udev rules, systemd unit
+## deb: the Debian packages: command, man pages, completions, udev rules, systemd unit; C library and headers
 deb: $(PAGE) $(VENV)/packaging
 	packaging/build program
 	packaging/build deb
+	packaging/build library
 
-## dist: wheel, Debian package, archives for glibc, musl and Windows, list of parts (SBOM) and check sums, in dist/
+## dist: wheel, Debian packages, archives for glibc, musl and Windows, lists of parts (SBOM) and check sums, in dist/
 dist: wheel deb
 	packaging/build archive
 	interop/install-debian-packages interop/windows/debian-packages.txt

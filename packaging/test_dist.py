@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 import json
 import os
@@ -21,7 +22,8 @@ from pathlib import Path
 
 import pytest
 
-DIST = Path(__file__).parents[1] / "dist"
+ROOT = Path(__file__).parents[1]
+DIST = ROOT / "dist"
 WHEEL_MAX = 15 << 20
 """Bytes of a wheel."""
 CLEAN = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8",
@@ -118,14 +120,25 @@ def test_sums_and_parts_are_those_of_the_files() -> None:
     for line in only("SHA256SUMS").read_text().splitlines():
         expected, name = line.split()
         assert hashlib.sha256((DIST / name).read_bytes()).hexdigest() == expected, name
-    parts = json.loads(only("*.cdx.json").read_text())
-    names = {part["name"] for part in parts["components"]}
-    assert {"tokio", "clap", "polepair-core"} <= names, names
+    for file, some in (("polepair-[0-9]*", {"tokio", "clap", "polepair-core"}), ("libpolepair-*", {"polepair-core"}),
+                       ("polepair-python-*", {"pyo3", "polepair-core"})):
+        parts = json.loads(only(f"{file}.cdx.json").read_text())
+        names = {part["name"] for part in parts["components"]}
+        assert some <= names, (file, names)
+
+
+def test_the_guide_lists_every_file() -> None:
+    guide = (ROOT / "docs" / "guides" / "releasing.md").read_text()
+    listed = [line.split("`")[1].replace("VERSION", "[0-9]*") for line in guide.splitlines() if line.startswith("| `")]
+    files = sorted(file.name for file in DIST.iterdir())
+    if not files:
+        pytest.skip("dist/ is empty: make dist")
+    assert [name for name in files if not any(fnmatch.fnmatchcase(name, pattern) for pattern in listed)] == []
 
 
 @pytest.mark.parametrize("libc", ["gnu", "musl"])
 def test_an_archive_has_a_program_that_runs(libc: str, tmp_path: Path) -> None:
-    archive = only(f"*-linux-{libc}.tar.gz")
+    archive = only(f"polepair-*-linux-{libc}.tar.gz")
     with tarfile.open(archive) as files:
         files.extractall(tmp_path, filter="data")
     (folder,) = tmp_path.iterdir()
@@ -140,6 +153,69 @@ def test_an_archive_has_a_program_that_runs(libc: str, tmp_path: Path) -> None:
         for _, *more in FIRST_STEPS:
             ran(folder / "polepair", *more, cwd=tmp_path)
         page(tmp_path, [folder / "polepair", "serve"])
+
+
+SPIN = "fault_and_recover"
+"""An example in C that ends by itself, and prints what `expected.txt` has for it."""
+
+
+def printed_as_expected(shown: str) -> None:
+    lines = (ROOT / "examples" / "expected.txt").read_text().splitlines()
+    (expected,) = (line.partition(": ")[2] for line in lines if line.startswith(f"{SPIN}: "))
+    position = 0
+    for part in expected.split(" | "):
+        position = shown.index(part, position) + len(part)
+
+
+CMAKE = """cmake_minimum_required(VERSION 3.16)
+project(try C)
+find_package(polepair 0.1 REQUIRED)
+add_executable(try "${SOURCE}")
+target_link_libraries(try polepair::polepair)
+"""
+
+
+@pytest.mark.parametrize("kind", ["shared", "static"])
+def test_an_archive_has_a_c_library(kind: str, tmp_path: Path) -> None:
+    root_or_skip("gcc", "pkg-config", "cmake")
+    with tarfile.open(only("libpolepair-*-linux-gnu.tar.gz")) as files:
+        files.extractall(tmp_path, filter="data")
+    (folder,) = (path for path in tmp_path.iterdir())
+    source = folder / "examples" / f"{SPIN}.c"
+    if kind == "static":
+        for library in folder.glob("lib/*.so*"):
+            library.unlink()
+    # By pkg-config, from wherever it was unpacked.
+    found = subprocess.run(["pkg-config", "--cflags", "--libs", *(["--static"] if kind == "static" else []), "polepair"],
+                           env=CLEAN | {"PKG_CONFIG_PATH": str(folder / "lib" / "pkgconfig")}, text=True,
+                           capture_output=True, check=True)
+    ran("gcc", "-Wall", "-Werror", source, *found.stdout.split(), f"-Wl,-rpath,{folder / 'lib'}", "-o", tmp_path / "try")
+    printed_as_expected(ran(tmp_path / "try"))
+    # By CMake.
+    (tmp_path / "CMakeLists.txt").write_text(CMAKE)
+    ran("cmake", "-S", tmp_path, "-B", tmp_path / "built", f"-DCMAKE_PREFIX_PATH={folder}", f"-DSOURCE={source}")
+    ran("cmake", "--build", tmp_path / "built")
+    printed_as_expected(ran(tmp_path / "built" / "try"))
+    # A later series than the one that is installed is refused.
+    (tmp_path / "CMakeLists.txt").write_text(CMAKE.replace("0.1", "9.0"))
+    refused = subprocess.run(["cmake", "-S", tmp_path, "-B", tmp_path / "later", f"-DCMAKE_PREFIX_PATH={folder}"],
+                             capture_output=True, text=True, env=CLEAN)
+    assert refused.returncode != 0 and "9.0" in refused.stderr, refused.stderr
+
+
+def test_the_zip_has_a_c_library_for_windows(tmp_path: Path) -> None:
+    compiler = "x86_64-w64-mingw32-gcc"
+    root_or_skip(compiler, "wine")
+    with zipfile.ZipFile(only("libpolepair-*-windows-gnu.zip")) as files:
+        files.extractall(tmp_path)
+    (folder,) = tmp_path.iterdir()
+    program = folder / "bin" / "try.exe"
+    ran(compiler, "-Wall", "-Werror", folder / "examples" / f"{SPIN}.c", f"-I{folder / 'include'}",
+        f"-L{folder / 'lib'}", "-lpolepair", "-o", program)
+    shown = subprocess.run(["wine", program], capture_output=True, text=True, timeout=300,
+                           env=CLEAN | {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all"})
+    assert shown.returncode == 0, shown
+    printed_as_expected(shown.stdout)
 
 
 class Root:
@@ -162,7 +238,7 @@ class Root:
 def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Root]:
     root_or_skip("mmdebstrap", "unshare", "chroot")
     folder = tmp_path_factory.mktemp("root")
-    made = subprocess.run(["mmdebstrap", "--quiet", "--variant=minbase", "--include=adduser,systemd,udev",
+    made = subprocess.run(["mmdebstrap", "--quiet", "--variant=minbase", "--include=adduser,systemd,udev,gcc,libc6-dev,pkgconf,cmake,make",
                            "bookworm", folder], capture_output=True, text=True)
     if made.returncode != 0:
         pytest.skip(f"no root can be made here: {made.stderr[-300:]}")
@@ -170,16 +246,17 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Root]:
     shutil.rmtree(folder)
 
 
-def test_a_debian_package_has_no_errors() -> None:
+@pytest.mark.parametrize("name", ["polepair", "libpolepair0", "libpolepair-dev"])
+def test_a_debian_package_has_no_errors(name: str) -> None:
     root_or_skip("lintian")
-    package = only("*.deb")
+    package = only(f"{name}_*.deb")
     shown = subprocess.run(["lintian", "--allow-root", "--fail-on", "error", package], capture_output=True, text=True)
     print(shown.stdout)
     assert shown.returncode == 0, shown.stdout
 
 
 def test_a_debian_package_is_installed_used_and_removed(root: Root) -> None:
-    package = only("*.deb")
+    package = only("polepair_*.deb")
     (root.folder / "tmp" / "polepair.deb").write_bytes(package.read_bytes())
     began = time.monotonic()
     root.run("dpkg", "--install", "/tmp/polepair.deb")
@@ -202,4 +279,28 @@ def test_a_debian_package_is_installed_used_and_removed(root: Root) -> None:
                      user="polepair")
     assert shown.startswith("ready http://127.0.0.1:")
     root.run("dpkg", "--purge", "polepair")
+    assert root.files() == set()
+
+
+def test_the_c_library_of_debian_is_installed_used_and_removed(root: Root) -> None:
+    packages = [only(f"{name}_*.deb") for name in ("libpolepair0", "libpolepair-dev")]
+    for package in packages:
+        (root.folder / "tmp" / package.name).write_bytes(package.read_bytes())
+    for file in ("check.h", f"{SPIN}.c"):
+        shutil.copy(ROOT / "examples" / "c" / file, root.folder / "tmp")
+    (root.folder / "tmp" / "CMakeLists.txt").write_text(CMAKE)
+    root.run("dpkg", "--install", *(f"/tmp/{package.name}" for package in packages))
+    # The names that a user types, with no path.
+    for program, library in (("try", "$(pkg-config --libs polepair)"), ("alone", "-l:libpolepair.a -lm")):
+        options = f"-Wall -Werror $(pkg-config --cflags polepair) {SPIN}.c {library} -o {program}"
+        root.run("sh", "-ec", f"cd /tmp; gcc {options}")
+        printed_as_expected(root.run(f"/tmp/{program}"))
+    root.run("cmake", "-S", "/tmp", "-B", "/tmp/built", f"-DSOURCE=/tmp/{SPIN}.c")
+    root.run("cmake", "--build", "/tmp/built")
+    printed_as_expected(root.run("/tmp/built/try"))
+    # Programs run with the library alone.
+    root.run("dpkg", "--purge", "libpolepair-dev")
+    printed_as_expected(root.run("/tmp/try"))
+    root.run("dpkg", "--purge", "libpolepair0")
+    printed_as_expected(root.run("/tmp/alone"))
     assert root.files() == set()

@@ -16,29 +16,8 @@ const CHANGELOG: &str = "CHANGELOG.md";
 const UNRELEASED: &str = "## Unreleased\n";
 const FRAGMENTS: &str = "changes";
 
-/// Files of a release: what builds them, their name with `{}` for the version, and where they are uploaded.
-const FILES: [(&str, &str, &str); 12] = [
-    ("make wheel", "polepair-{}-cp310-abi3-manylinux_2_28_x86_64.whl", "package index"),
-    ("release.yml", "polepair-{}-cp310-abi3-manylinux_2_28_aarch64.whl", "package index"),
-    ("release.yml", "polepair-{}-cp310-abi3-macosx_*.whl (2)", "package index"),
-    ("make dist", "polepair-{}-cp310-abi3-win_amd64.whl", "package index"),
-    ("make wheel", "polepair-{}.tar.gz (source distribution)", "package index"),
-    ("cargo package", "polepair*-{}.crate", "crate registry"),
-    ("make deb", "polepair_{}-1_amd64.deb, _arm64.deb", "files of the release"),
-    ("make dist", "polepair-{}-x86_64-unknown-linux-{gnu,musl}.tar.gz", "files of the release"),
-    (
-        "release.yml",
-        "polepair-{}-*-apple-darwin.tar.gz, *-windows-msvc.tar.gz",
-        "files of the release",
-    ),
-    ("make dist", "polepair-{}-x86_64-pc-windows-gnu.zip", "files of the release"),
-    (
-        "make dist",
-        "polepair-{}.cdx.json, .scoop.json, .winget.yaml, SHA256SUMS",
-        "files of the release",
-    ),
-    ("make site", "target/site", "documentation"),
-];
+/// The guide whose first table lists the released files: name, what makes it, where it goes, how it was tested.
+const GUIDE: &str = "docs/guides/releasing.md";
 
 /// Texts of a release, by their file.
 type NewTexts = BTreeMap<PathBuf, String>;
@@ -208,8 +187,8 @@ fn plan(
     let head = git(root, &["log", "-1", "--format=%h %s"])?;
     let _ = writeln!(text, "\nCommit: Release {version}, on {head}\nTag: v{version}\n");
     text += "Uploaded by hand after the hosted workflow has built it (docs/guides/releasing.md):\n";
-    for (builder, name, place) in FILES {
-        let name = name.replacen("{}", version, 1);
+    for [name, builder, place] in released_files(&read(root, GUIDE)?) {
+        let name = name.replace("VERSION", version);
         let _ = writeln!(text, "  {name:<66} {place} ({builder})");
     }
     let lines = section.lines().filter(|line| line.starts_with("- ")).count();
@@ -217,6 +196,15 @@ fn plan(
     text.extend(section.lines().take(12).map(|line| format!("  {line}\n")));
     text += "  …\n";
     Ok(text)
+}
+
+/// Name, maker and destination of each released file, from the guide's first table.
+fn released_files(guide: &str) -> impl Iterator<Item = [String; 3]> {
+    let rows = guide.lines().skip_while(|line| !line.starts_with("|---"));
+    rows.skip(1).take_while(|line| line.starts_with('|')).map(|row| {
+        let mut cells = row.split('|').skip(1).map(|cell| cell.trim().replace('`', ""));
+        std::array::from_fn(|_| cells.next().unwrap_or_default())
+    })
 }
 
 fn current_version(cargo: &str) -> Result<&str, String> {
@@ -283,6 +271,10 @@ serde = { version = "0.1.0" }
                 "polepair (0.1.0-1) unstable\n\n  * A change.\n\n -- X  date\n",
             ),
             ("CITATION.cff", "title: Polepair\nversion: 0.1.0\n"),
+            (
+                GUIDE,
+                "| file | by | to |\n|---|---|---|\n| `a-VERSION.whl` | `make wheel` | index | x |\n\n1.\n",
+            ),
             ("changes/README.md", "How.\n"),
             ("changes/groups.added.md", "Groups move.\n"),
             ("changes/speed.fixed.md", "- Speeds are\nright.\n"),
@@ -338,11 +330,7 @@ serde = { version = "0.1.0" }
         let section = "## 0.1.0\n\n- One.\n";
         let texts = new_texts(&root, "0.1.0", "2026-12-01", section).expect("texts");
         let plan = plan(&root, "0.1.0", section, &texts, &[]).expect("a plan");
-        for expected in [
-            "Tag: v0.1.0",
-            "polepair-0.1.0-cp310-abi3-manylinux_2_28_x86_64.whl",
-            "Cargo.toml, as it is",
-        ] {
+        for expected in ["Tag: v0.1.0", "a-0.1.0.whl", "Cargo.toml, as it is"] {
             assert!(plan.contains(expected), "{expected}: {plan}");
         }
         fs::remove_dir_all(root).expect("removed");
@@ -371,5 +359,10 @@ serde = { version = "0.1.0" }
         let cargo = &texts[Path::new("Cargo.toml")];
         assert_eq!(current_version(cargo), Ok("9.9.9"));
         assert_eq!(cargo.matches("version = \"0.1.0\"").count(), 0);
+        let files: Vec<_> = released_files(&read(&root, GUIDE).expect("a guide")).collect();
+        assert!(
+            files.len() > 15 && files.iter().flatten().all(|cell| !cell.is_empty()),
+            "{files:?}"
+        );
     }
 }
