@@ -1,7 +1,15 @@
 //! Programs of TMCL modules, from their text to what the simulated module does.
 
 use polepair::instruction_program::language_of;
-use polepair::{InstructionProgram, LocalAxis, connect_local};
+use polepair::{Connector, InstructionProgram, LocalAxis, connect_local};
+use polepair_core::medium::{Can, Frame, Stream};
+use polepair_core::profile::Signal;
+use polepair_core::program::InstructionBytes;
+use polepair_core::proto::tmcl::Opcode;
+use polepair_core::proto::tmcl::module::program::{is_direct, is_program_only};
+use polepair_core::time::Instant;
+use polepair_link::{Tap, TapDirection};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 const STEP: Duration = Duration::from_millis(5);
@@ -152,4 +160,90 @@ fn a_module_that_stores_instructions_is_not_reported_to_have_executed_any() {
     );
     armed.raw("QUIT DOWNLOAD 0, 0, 0").unwrap();
     assert_eq!(armed.get_raw("target position").unwrap(), 0);
+}
+
+/// Bytes to the drives: what a serial host sent, or the frames of a CAN host.
+#[derive(Clone, Default)]
+struct Sent(Arc<Mutex<Vec<Vec<u8>>>>);
+
+impl Sent {
+    /// The requests, as opcode, type, motor and value.
+    fn requests(&self, serial: bool) -> Vec<Vec<u8>> {
+        let sent = self.0.lock().unwrap();
+        if !serial {
+            return sent.clone();
+        }
+        sent.concat().chunks(9).map(|request| request[1..8].to_vec()).collect()
+    }
+}
+
+impl Tap<Stream> for Sent {
+    fn record_unit(&mut self, _: Instant, direction: TapDirection, bytes: &[u8]) {
+        if direction == TapDirection::ToDrive {
+            self.0.lock().unwrap().push(bytes.to_vec());
+        }
+    }
+}
+
+impl Tap<Can> for Sent {
+    fn record_unit(&mut self, _: Instant, direction: TapDirection, frame: &Frame) {
+        if direction == TapDirection::ToDrive {
+            self.0.lock().unwrap().push(frame.bytes()[..7].to_vec());
+        }
+    }
+}
+
+/// Each instruction that a module has, twice in a row and for several motors, also those that a session treats
+/// specially as requests: MST, ROR with speed 0, GAP.
+fn every_instruction() -> Vec<InstructionBytes> {
+    let known = |opcode: &&Opcode| is_direct(**opcode) || is_program_only(**opcode);
+    let opcodes = Opcode::NAMED.iter().filter(known).map(|opcode| opcode.number());
+    let mut all: Vec<_> = opcodes
+        .flat_map(|opcode| [[opcode, 0, 0, 0, 0, 0, 0], [opcode, 2, 1, 0xFF, 0xFE, 3, 4]])
+        .flat_map(|instruction| [instruction; 2])
+        .collect();
+    let mst = |motor| [Opcode::Mst.number(), 0, motor, 0, 0, 0, 0];
+    all.extend([0, 1, 2, 3, 4, 5, 0, 0, 5].map(mst));
+    all
+}
+
+#[test]
+fn nothing_but_the_program_is_sent_in_download_mode_and_it_is_stored_byte_for_byte() {
+    for (url, serial) in [
+        ("sim:tmcm-6110?time=virtual", true),
+        ("sim:tmcm-6110+can?time=virtual", false),
+        ("sim:tmcm-171?time=virtual", true),
+        ("sim:tmcm-171+can?time=virtual", false),
+    ] {
+        let sent = Sent::default();
+        let link = Connector::default().with_tap(sent.clone()).connect_local(url).unwrap();
+        let axis = link.axis(1).unwrap();
+        let program = InstructionProgram::from_instructions(
+            axis.instruction_language().unwrap(),
+            every_instruction(),
+        );
+        let armed = axis.armed().unwrap();
+        // What another part of the host asks for meanwhile is not sent.
+        let mut refusals = Vec::new();
+        armed
+            .download_instructions(&program, |progress| {
+                if progress.done == 40 {
+                    refusals.extend(axis.signals(&[Signal::Position]).err());
+                    refusals.extend(axis.set_raw("max current", 1).err());
+                }
+            })
+            .unwrap();
+        assert_eq!(refusals.len(), 2, "{url}: {refusals:?}");
+        assert!(
+            refusals.iter().all(|error| error.to_string().contains("loaded into")),
+            "{refusals:?}"
+        );
+        axis.signals(&[Signal::Position]).unwrap();
+        let stored = armed.upload_instructions(Some(program.instructions().len()), |_| ()).unwrap();
+        assert_eq!(stored.instructions(), program.instructions(), "{url}");
+        let sent = sent.requests(serial);
+        let at = |opcode| sent.iter().position(|request| request[0] == opcode).unwrap();
+        let between = &sent[at(132) + 1..at(133)];
+        assert_eq!(between, program.instructions(), "{url}");
+    }
 }

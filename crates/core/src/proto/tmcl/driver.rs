@@ -9,7 +9,7 @@ use super::generic::GENERIC;
 use super::host::{CanHost, SerialHost, reply_sender};
 use super::instructions::TmclInstructions;
 use super::opcode::{Opcode, Status};
-use super::session::{Answer, HostRequest};
+use super::session::{Answer, HostRequest, Storing};
 use super::text;
 use super::wire::Request;
 use crate::axis::{
@@ -71,7 +71,7 @@ impl TmclDriver {
 
     /// A request, and where it goes.
     const fn host_request(&self, request: Request) -> HostRequest {
-        HostRequest::of(request).to_can_id(self.can_id)
+        HostRequest { can_id: self.can_id, storing: Storing::Never, ..HostRequest::of(request) }
     }
 
     /// A request on a parameter, by the opcodes for axis parameters, global ones, inputs and outputs.
@@ -151,7 +151,7 @@ impl RequestEncoder for TmclDriver {
 
     fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
         let request = text::parse(text, self.module).map_err(|_| Unsupported::BadText)?;
-        Ok(self.host_request(request))
+        Ok(HostRequest { storing: Storing::Allowed, ..self.host_request(request) })
     }
 
     /// Nine bytes on a serial line; on CAN seven, or eight, under the module's address.
@@ -167,7 +167,7 @@ impl RequestEncoder for TmclDriver {
             .ok()
             .filter(|request| request.address == self.module)
             .ok_or(Unsupported::BadBytes)?;
-        Ok(self.host_request(request))
+        Ok(HostRequest { storing: Storing::Allowed, ..self.host_request(request) })
     }
 }
 
@@ -259,9 +259,13 @@ impl ProgramDriver for TmclDriver {
             }
             ProgramCommand::Call(_) | ProgramCommand::QueryCall => return None,
         };
+        let storing = match command {
+            ProgramCommand::Store(_) => Storing::Required,
+            _ => Storing::Never,
+        };
         let opcode = Opcode::from(opcode);
         let request = Request { address: self.module, opcode, kind, motor, value };
-        Some(HostRequest { class, ..self.host_request(request) })
+        Some(HostRequest { class, storing, ..self.host_request(request) })
     }
 
     fn is_program_running(&self, raw: i64) -> bool {

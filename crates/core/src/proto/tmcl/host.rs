@@ -213,7 +213,8 @@ impl SerialHost {
     }
 
     fn expects_opcode(&self, opcode: Opcode) -> bool {
-        self.session.expected_request().is_some_and(|request| request.opcode == opcode)
+        let request = self.session.expected_request();
+        request.is_some_and(|request| request.opcode == opcode) && !self.session.expects_stored()
     }
 
     fn expects_version_text(&self) -> bool {
@@ -432,7 +433,8 @@ impl Station<Can> for CanHost {
         }
         let host = self.reply_id as u8;
         let expected = self.session.expected_request();
-        let text = expected.is_some_and(|r| r.opcode == Opcode::Version && r.kind == 0);
+        let text = expected.is_some_and(|r| r.opcode == Opcode::Version && r.kind == 0)
+            && !self.session.expects_stored();
         let memory = expected.is_some_and(|r| r.opcode == Opcode::ReadMemory);
         if text && let Ok(text) = VersionText::parse_can(frame.bytes(), host) {
             return self.session.handle_version_text(now, text);

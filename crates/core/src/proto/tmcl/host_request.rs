@@ -19,6 +19,19 @@ pub struct HostRequest {
     pub class: RequestClass,
     /// The CAN identifier that it is sent to; its low byte is the address, as replies have it. \[I\]
     pub can_id: u16,
+    /// Permission to become part of a program.
+    pub storing: Storing,
+}
+
+/// Permission to send a request to a module in download mode, which stores what it receives.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Storing {
+    /// No: a reading or a write of its own accord does not belong to the program.
+    Never,
+    /// Yes, and it is executed at other times: what a user sends as it is.
+    Allowed,
+    /// Sent in download mode only: at other times the module would execute it.
+    Required,
 }
 
 impl HostRequest {
@@ -35,7 +48,7 @@ impl HostRequest {
             opcode if opcode.only_reads() => RequestClass::Idempotent,
             _ => RequestClass::NoRetry,
         };
-        Self { request, class, can_id: request.address as u16 }
+        Self { request, class, can_id: request.address as u16, storing: Storing::Allowed }
     }
 
     /// Sends the request to another CAN identifier.

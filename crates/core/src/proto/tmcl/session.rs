@@ -12,13 +12,15 @@
 //! value needs as many pending replies as there are probes, with these opcodes in this order.
 
 mod alignment;
+mod download;
 mod matching;
 mod module_set;
 mod motor_stops;
+mod overtake;
 mod proof;
 mod suspects;
 
-pub use super::host_request::HostRequest;
+pub use super::host_request::{HostRequest, Storing};
 use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::{Failure, Unsupported};
@@ -81,6 +83,8 @@ struct PendingExchange {
     earliest_reply: Instant,
     deadline: Instant,
     flags: PendingFlags,
+    /// The module adds it to its program instead of executing it.
+    is_stored: bool,
 }
 
 /// Reasons for doubt about the next reply.
@@ -128,6 +132,7 @@ impl PendingExchange {
             earliest_reply: now,
             deadline: now,
             flags: PendingFlags { stale_replies: ambiguous, ..PendingFlags::NONE },
+            is_stored: false,
         }
     }
 }
@@ -141,9 +146,11 @@ pub struct Session {
     pending_stop: Option<(Ticket, HostRequest)>,
     /// Modules with replies that may still come; by opcode.
     suspects: ReplyLedger<Opcode, SUSPECTS_MAX, OUTSTANDING_MAX>,
-    /// True if anything is in doubt: a suspect, a silent module, or the owner of a stop's reply.
+    /// True if anything needs care: a suspect, a silent module, a download, or the owner of a stop's reply.
     suspicious: bool,
     silent_modules: [Option<SilentModule>; SUSPECTS_MAX],
+    /// Modules that this host has put into download mode.
+    storing_modules: ModuleSet,
     /// Motors whose stops may still be answered.
     motor_stops: MotorStops,
     /// Modules of which no older reply can come but those that are known of.
@@ -196,6 +203,7 @@ impl Session {
             suspects: ReplyLedger::new(),
             suspicious: false,
             silent_modules: [None; SUSPECTS_MAX],
+            storing_modules: ModuleSet::NONE,
             motor_stops: MotorStops::NONE,
             events: EventRing::new(),
             answered_modules: ModuleSet::NONE,
@@ -224,37 +232,13 @@ impl Session {
             || !self.proven_addresses.contains(request.request.address)
             || !self.link_up
             || own
+            || request.storing == Storing::Required
             || self.events.room() < EVENT_ROOM_MIN
         {
             return self.submit_slow_path(now, ticket, request);
         }
         self.pending = Some(PendingExchange::new(now, Some(ticket), request, 0));
         Ok(())
-    }
-
-    /// Takes back a request that was not sent yet, for a stop.
-    pub(super) fn recall(&mut self) -> Option<Ticket> {
-        if let Some(waiting) = self
-            .unproven_request
-            // Only its probes have left: the request itself has not, so to give it back is no repetition (STOP-3).
-            .take_if(|waiting| waiting.host_request.class != RequestClass::Stop)
-        {
-            return Some(waiting.ticket);
-        }
-        let ticket = self
-            .pending
-            .as_ref()
-            .filter(|p| !p.sent && p.attempts == 0 && p.host_request.class != RequestClass::Stop)?
-            .ticket?;
-        self.pending = None;
-        Some(ticket)
-    }
-
-    /// The request of that ticket, of which nothing is on the wire yet, gets one attempt.
-    pub(super) fn disable_retries(&mut self, ticket: Ticket) {
-        if let Some(pending) = self.pending.as_mut().filter(|p| p.ticket == Some(ticket)) {
-            pending.flags.no_retry = true;
-        }
     }
 
     /// Submits a request that has to wait.
@@ -272,6 +256,10 @@ impl Session {
             self.events.push(EventSubject::Request(ticket), Err(failure));
             return Ok(());
         }
+        if let Some(failure) = self.download_refusal(&request) {
+            self.events.push(EventSubject::Request(ticket), Err(failure));
+            return Ok(());
+        }
         let stop = request.class == RequestClass::Stop;
         if self.pending.is_some() {
             return if stop { self.overtake_pending(now, ticket, request) } else { Err(request) };
@@ -281,7 +269,11 @@ impl Session {
         if waits && !stop {
             return Err(request);
         }
-        if stop || self.proven_addresses.contains(request.request.address) {
+        // A module in download mode would store the probes of a proof.
+        let module = request.request.address;
+        let is_ready =
+            self.proven_addresses.contains(module) || self.storing_modules.contains(module);
+        if stop || is_ready {
             self.start_request(now, Some(ticket), request);
         } else {
             self.unproven_request = Some(UnprovenRequest::new(ticket, request, false));
@@ -316,7 +308,7 @@ impl Session {
         pending.sent = true;
         // Replies to stops of several motors differ in nothing, so from here on another stop's may be taken
         // for it.
-        if request.opcode == Opcode::Mst {
+        if request.opcode == Opcode::Mst && !pending.is_stored {
             if pending.attempts == 0 {
                 pending.flags.other_motors_reply = self.motor_stops.is_reply_ambiguous(&request)
                     || !self.proven_addresses.contains(request.address);
@@ -336,8 +328,12 @@ impl Session {
             self.counters.resent += 1;
         }
         pending.attempts += 1;
+        if request.opcode == Opcode::DownloadStart && !pending.is_stored {
+            self.storing_modules.insert(request.address);
+            self.suspicious = true;
+        }
         // A module that restarts into its boot loader does not answer (TMCL firmware manual, "Boot").
-        if matches!(request.opcode, Opcode::Boot | Opcode::BootStart) {
+        if matches!(request.opcode, Opcode::Boot | Opcode::BootStart) && !pending.is_stored {
             let ticket = pending.ticket;
             self.pending = None;
             self.finish_ticket(ticket, Ok(Answer::NoReply));
@@ -357,6 +353,11 @@ impl Session {
             .as_ref()
             .filter(|pending| pending.sent)
             .map(|pending| &pending.host_request.request)
+    }
+
+    /// Returns whether that request is added to a program, so that its reply is a plain one with status 101.
+    pub(super) fn expects_stored(&self) -> bool {
+        self.pending.as_ref().is_some_and(|pending| pending.is_stored)
     }
 
     /// Puts the sending off, but no stop, and nothing for longer than the reply timeout.
@@ -496,44 +497,6 @@ impl Session {
         is_own.then_some(Failure::Impossible(Unsupported::Forbidden(RULE)))
     }
 
-    /// A stop, while something is outstanding: a probe is given up at once; a request keeps its
-    /// present chance, because its reply may be on the wire, but gets no further one.
-    fn overtake_pending(
-        &mut self,
-        now: Instant,
-        ticket: Ticket,
-        request: HostRequest,
-    ) -> Result<(), HostRequest> {
-        let Some(pending) = &mut self.pending else { return Err(request) };
-        if self.pending_stop.is_some() || pending.host_request.class == RequestClass::Stop {
-            return Err(request);
-        }
-        match (pending.ticket, pending.sent) {
-            // It is recalled, not overtaken.
-            (Some(_), false) if pending.attempts == 0 => return Err(request),
-            // Between two attempts of a repeated request: the first may still be answered.
-            (Some(waiting), false) => {
-                let pending = *pending;
-                self.pending = None;
-                self.mark_suspect(now, &pending, true);
-                self.finish_ticket(Some(waiting), Err(Failure::Silent));
-                self.start_request(now, Some(ticket), request);
-            }
-            (Some(_), true) => {
-                pending.flags.no_retry = true;
-                self.pending_stop = Some((ticket, request));
-            }
-            // A probe has no caller; the stop takes its place.
-            (None, _) => {
-                let probe = *pending;
-                self.pending = None;
-                self.mark_suspect(now, &probe, true);
-                self.start_request(now, Some(ticket), request);
-            }
-        }
-        Ok(())
-    }
-
     fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, request: HostRequest) {
         let Request { address, opcode, .. } = request.request;
         // A module answers in order, so replies to earlier requests of the same opcode come first and are
@@ -543,7 +506,11 @@ impl Session {
         } else {
             0
         };
-        self.pending = Some(PendingExchange::new(now, ticket, request, ambiguous));
+        let mut pending = PendingExchange::new(now, ticket, request, ambiguous);
+        pending.is_stored = self.is_stored(&request);
+        // A second copy would be a second instruction.
+        pending.flags.no_retry |= pending.is_stored;
+        self.pending = Some(pending);
     }
 
     /// Any other answer than the usual reply.
@@ -557,6 +524,7 @@ impl Session {
     /// Completes the pending request, and selects the next one.
     fn finish_pending(&mut self, now: Instant) {
         let Some(pending) = self.pending.take() else { return };
+        self.note_download_end(&pending.host_request);
         let (probe, module) = (pending.ticket.is_none(), pending.host_request.request.address);
         let doubtful =
             pending.attempts > 1 || pending.flags.checksum_error || pending.burst.is_some();
@@ -618,6 +586,7 @@ impl Session {
         // make a scan slower.
         let worth = self.has_answered(pending.host_request.request.address)
             || self.answered_modules.is_empty();
+        self.note_download_end(&pending.host_request);
         self.mark_suspect(now, &pending, worth);
         if user {
             let damaged = pending.flags.checksum_error && pending.flags.checksum_error_by_module;

@@ -3,6 +3,7 @@
 extern crate std;
 
 mod doubt;
+mod download;
 mod garbage;
 mod heard;
 mod motors;

@@ -345,6 +345,7 @@ fn free_slot(slots: &[Option<SilentModule>]) -> Option<usize> {
 fn is_stop(pending: &PendingExchange) -> bool {
     pending.host_request.class == RequestClass::Stop
         && pending.host_request.request.opcode == Opcode::Mst
+        && !pending.is_stored
 }
 
 /// Returns whether a read may be sent at every byte position: no other piece of these bytes may be a request.
@@ -354,6 +355,7 @@ fn is_safe_to_burst(pending: &PendingExchange) -> bool {
     if !known
         || (opcode, kind) == (Opcode::Version, 0)
         || pending.host_request.class != RequestClass::Idempotent
+        || pending.is_stored
     {
         return false;
     }

@@ -50,8 +50,8 @@ impl Session {
         let refusal = ours && reply.status.ends_request();
         let refused = refusal && !reply.status.is_good();
         // Its reply is an instruction: any byte may be in the place of the status.
-        let stored = request.opcode == Opcode::ReadMemory && !refused;
-        if !refusal && !stored {
+        let reads_memory = request.opcode == Opcode::ReadMemory && !pending.is_stored && !refused;
+        if !refusal && !reads_memory {
             let misaddressed = reply.opcode == request.opcode && reply.module != request.address;
             if misaddressed {
                 self.counters.misaddressed += 1;
@@ -99,15 +99,19 @@ impl Session {
             self.counters.late += 1;
             return;
         }
-        if stored {
+        if reads_memory {
             return self
                 .finish_with_answer(now, Ok(Answer::Instruction(Instruction::of_reply(&reply))));
+        }
+        let executed = pending.is_stored && reply.status == Status::Ok;
+        if executed || refused && opcode == Opcode::DownloadStart.number() {
+            self.note_not_storing(module);
         }
         if refused {
             let code = reply.status.number().into();
             return self.finish_with_answer(now, Err(Failure::Refused { code }));
         }
-        if let Some(ticket) = pending.ticket {
+        if let Some(ticket) = self.pending.as_ref().and_then(|pending| pending.ticket) {
             self.events.push(EventSubject::Request(ticket), Ok(Answer::Reply(reply)));
         }
         self.finish_pending(now);

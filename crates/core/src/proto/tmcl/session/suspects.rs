@@ -38,7 +38,7 @@ impl Session {
             // A module that replies "wrong checksum" exists and is quick.
             self.suspects.allow_probe(address);
         }
-        self.suspects.set_probe_due(address, probe);
+        self.suspects.set_probe_due(address, probe && !self.storing_modules.contains(address));
         self.suspicious = true;
     }
 
@@ -59,6 +59,7 @@ impl Session {
     pub(super) fn update_suspicious(&mut self) {
         self.suspicious = !self.suspects.is_empty()
             || !self.unanswered_modules.is_empty()
+            || !self.storing_modules.is_empty()
             || !self.motor_stops.is_empty();
     }
 

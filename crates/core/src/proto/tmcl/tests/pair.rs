@@ -38,13 +38,16 @@ pub struct TestFirmware {
     /// A motor whose stop it does not answer.
     pub silent: Option<u8>,
     pub event: Option<i32>,
+    /// Instructions stored since 132, in download mode.
+    pub program: Option<Vec<Request>>,
 }
 
 impl Default for TestFirmware {
     fn default() -> Self {
         let done = Vec::new();
         let (address, motors, baud) = (MODULE, u8::MAX, 9600);
-        Self { address, pause: 0, baud, ascii: None, done, motors, silent: None, event: None }
+        let (ascii, silent, event, program) = (None, None, None, None);
+        Self { address, pause: 0, baud, ascii, done, motors, silent, event, program }
     }
 }
 
@@ -78,6 +81,21 @@ impl Firmware for TestFirmware {
     }
     fn execute(&mut self, _: Instant, request: &Request) -> Response {
         let unknown = Response::refused(Status::InvalidCommand, request);
+        match (&mut self.program, request.opcode) {
+            (None, Opcode::DownloadStart) => {
+                self.program = Some(Vec::new());
+                return Response::ok(request.value);
+            }
+            (Some(_), Opcode::DownloadEnd) => {
+                self.program = None;
+                return Response::ok(request.value);
+            }
+            (Some(program), _) => {
+                program.push(*request);
+                return Response::Reply { status: Status::Loaded, value: request.value };
+            }
+            (None, _) => {}
+        }
         if !request.opcode.only_reads() {
             self.done.push(*request);
         }
