@@ -1,7 +1,7 @@
 //! Settings of drives as a text file: sorted, with units, one line each.
 //!
 //! ```toml
-//! version = 1
+//! version = 2
 //!
 //! [axis.1]
 //! count = 2
@@ -25,7 +25,7 @@ use crate::eds::Eds;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::profile::read_text;
-use crate::toml_file::{FILE_VERSION, FileError, FileLocation, Located, SourceText, TomlTable};
+use crate::toml_file::{FileError, FileLocation, Located, SourceText, TomlTable};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{
     Access, Certainty, Parameter, ParameterId, Persistence, Profile, encoding_word,
@@ -33,6 +33,13 @@ use polepair_core::profile::{
 pub use process_data::SettingWrite;
 use std::fmt::{self, Write};
 use std::path::Path;
+
+/// Version of settings files: their key `version`. Version 1, and files without a version that a program wrote, number
+/// the user variables of TMCL modules in hexadecimal.
+const SETTINGS_VERSION: i64 = 2;
+
+/// Names of the TMCL user variables begin so; their number follows.
+const USER_VARIABLE: &str = "user variable ";
 
 /// Returns whether a parameter is a setting: written once and kept, without starting motion.
 #[must_use]
@@ -110,11 +117,11 @@ impl Settings {
     /// # Errors
     /// [`FileError`].
     pub fn parse(file: &str, text: &str) -> Result<Self, FileError> {
-        SourceText::new(file, text).parse(&["axis"], |node| {
+        SourceText::new(file, text).parse_versions(&["axis"], SETTINGS_VERSION, |node, version| {
             let Some(table) = node.table("axis", &[])? else {
                 return Err(FileError::for_file(file, "no [axis.1] in it"));
             };
-            let axes = table.keys().into_iter().map(|key| read_axis(&table, &key));
+            let axes = table.keys().into_iter().map(|key| read_axis(&table, &key, version));
             Ok(Self { axes: axes.collect::<Result<_, _>>()? })
         })
     }
@@ -203,7 +210,7 @@ impl fmt::Display for Settings {
     /// Formats the settings as a file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("# `polepair config diff URL FILE` compares, `polepair config apply URL FILE` writes.\n")?;
-        writeln!(f, "version = {FILE_VERSION}")?;
+        writeln!(f, "version = {SETTINGS_VERSION}")?;
         self.axes.iter().try_for_each(|axis| write!(f, "\n{axis}"))
     }
 }
@@ -251,7 +258,11 @@ impl Setting {
     }
 }
 
-fn read_axis(axes: &TomlTable<'_, '_>, key: &Located<&str>) -> Result<AxisSettings, FileError> {
+fn read_axis(
+    axes: &TomlTable<'_, '_>,
+    key: &Located<&str>,
+    version: Option<i64>,
+) -> Result<AxisSettings, FileError> {
     let number = key.value.parse::<u32>();
     let number = number.map_err(|_| key.location.error("an axis has a number: [axis.1]"))?;
     let keys = ["count", "profile", "firmware", "settings"];
@@ -262,7 +273,12 @@ fn read_axis(axes: &TomlTable<'_, '_>, key: &Located<&str>) -> Result<AxisSettin
         Some(table) => table.keys().into_iter().map(|key| read_setting(&table, key)).collect(),
         None => Ok(Vec::new()),
     };
-    let settings = settings?;
+    let mut settings = settings?;
+    // `count` shows that a program wrote a file without a version.
+    let is_of_program = table.integer("count")?.is_some();
+    if version.map_or(is_of_program, |version| version < 2) {
+        settings.iter_mut().for_each(|setting| renumber_user_variable(&mut setting.name.value));
+    }
     if let Some(count) = table.integer("count")?
         && usize::try_from(count.value) != Ok(settings.len())
     {
@@ -282,6 +298,14 @@ fn read_axis(axes: &TomlTable<'_, '_>, key: &Located<&str>) -> Result<AxisSettin
         is_sheet: false,
         location: table.location(),
     })
+}
+
+/// `user variable A` of a file of version 1 is `user variable 10`.
+fn renumber_user_variable(name: &mut String) {
+    let number = name.strip_prefix(USER_VARIABLE).map(|number| u8::from_str_radix(number, 16));
+    if let Some(Ok(number)) = number {
+        *name = format!("{USER_VARIABLE}{number}");
+    }
 }
 
 fn read_setting(table: &TomlTable<'_, '_>, key: Located<&str>) -> Result<Setting, FileError> {

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
-/// Version of settings files, racks, profiles and configuration files: their key `version`.
+/// Version of racks, profiles and configuration files: their key `version`.
 pub(crate) const FILE_VERSION: i64 = 1;
 
 /// Error in a file, with its place.
@@ -129,6 +129,16 @@ impl<'a> SourceText<'a> {
         known: &[&str],
         read: impl FnOnce(TomlTable<'_, 'a>) -> Result<T, FileError>,
     ) -> Result<T, FileError> {
+        self.parse_versions(known, FILE_VERSION, |table, _| read(table))
+    }
+
+    /// Parses the text as TOML and gives its outermost table and its version, up to `newest`, to `read`.
+    pub(crate) fn parse_versions<T>(
+        &self,
+        known: &[&str],
+        newest: i64,
+        read: impl FnOnce(TomlTable<'_, 'a>, Option<i64>) -> Result<T, FileError>,
+    ) -> Result<T, FileError> {
         let parsed = DeTable::parse(self.text).map_err(|error| {
             let location = self.location_at(error.span().map_or(0, |span| span.start));
             location.error(error.message().lines().collect::<Vec<_>>().join("; "))
@@ -136,14 +146,16 @@ impl<'a> SourceText<'a> {
         let table = parsed.get_ref();
         // Before the keys: a newer file may have keys that this program does not know.
         let version = TomlTable { text: self, table, start: 0 }.integer("version")?;
-        if let Some(version) = version.filter(|found| found.value != FILE_VERSION) {
+        if let Some(version) = version.as_ref().filter(|found| !(1..=newest).contains(&found.value))
+        {
             let reason = format!(
-                "the file has version {}; this program reads version {FILE_VERSION}: use a newer polepair",
+                "the file has version {}; this program reads version {newest}: use a newer polepair",
                 version.value
             );
             return Err(version.location.error(reason));
         }
-        read(TomlTable::new(self, table, 0, &[known, &["version"]].concat())?)
+        let version = version.map(|found| found.value);
+        read(TomlTable::new(self, table, 0, &[known, &["version"]].concat())?, version)
     }
 
     fn location_at(&self, offset: usize) -> FileLocation {

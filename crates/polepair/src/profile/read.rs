@@ -580,7 +580,7 @@ fn read_raw_limit(
     table.integer_between(key, min, max)
 }
 
-/// The `n`th of a repeated parameter, `{n}` and `{index}` filled in.
+/// The `n`th of a repeated parameter, `{n}`, `{index}` and `{number}` filled in.
 fn fill_repeated(one: &DraftParameter, n: i64, index: u16) -> DraftParameter {
     let fill_name = |name: &Option<Located<String>>| {
         name.as_ref().map(|name| Located {
@@ -600,7 +600,9 @@ fn fill_repeated(one: &DraftParameter, n: i64, index: u16) -> DraftParameter {
 }
 
 fn filled_template(text: &str, n: i64, index: u16) -> String {
-    text.replace("{n}", &n.to_string()).replace("{index}", &format!("{index:X}"))
+    text.replace("{n}", &n.to_string())
+        .replace("{index}", &format!("{index:X}"))
+        .replace("{number}", &index.to_string())
 }
 
 fn check_name(name: String) -> Result<String, String> {

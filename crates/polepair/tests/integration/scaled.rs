@@ -85,19 +85,44 @@ fn a_motor_that_turns_at_a_speed_is_shown_as_moving() {
 #[test]
 fn a_file_of_a_later_version_is_refused() {
     let parse = |text: &str| Settings::parse("file.toml", text).map_err(|error| error.to_string());
-    for head in ["", "version = 1\n"] {
+    for head in ["", "version = 1\n", "version = 2\n"] {
         assert!(
             parse(&format!("{head}[axis.1]\nprofile = \"tmcm-171\"\n[axis.1.settings]\n")).is_ok(),
             "{head}"
         );
     }
-    let later = parse("# saved\nversion = 2\nnew_key = 1\n[axis.1]\n").unwrap_err();
-    let reason = "the file has version 2; this program reads version 1: use a newer polepair";
+    let later = parse("# saved\nversion = 3\nnew_key = 1\n[axis.1]\n").unwrap_err();
+    let reason = "the file has version 3; this program reads version 2: use a newer polepair";
     assert_eq!(later, format!("file.toml:2:11: {reason}"));
     assert!(parse("version = \"1\"\n").unwrap_err().contains("`version` is a string"));
     let link = polepair::connect_local("sim:tmcl?time=virtual").unwrap();
     let axes = vec![AxisSettings::read(&link.axes()[0], &mut |_, _| {}).unwrap()];
     let saved = Settings { axes }.to_string();
-    assert!(saved.contains("\nversion = 1\n"), "{saved}");
+    assert!(saved.contains("\nversion = 2\n"), "{saved}");
     assert!(parse(&saved).is_ok());
+}
+
+/// User variables have decimal numbers, as in the manual, in instructions and in addresses. Files of version 1 number
+/// them in hexadecimal, as do older ones of the program, which have `count`.
+#[test]
+fn user_variables_are_numbered_in_decimal_and_older_files_are_read() {
+    let link = polepair::connect_local("sim:tmcm-6110?time=virtual").unwrap();
+    let axis = &link.axes()[0];
+    axis.set_raw("user variable 10", 77).unwrap();
+    assert_eq!(axis.get_raw("GP 10.2").unwrap(), 77);
+    assert_eq!(axis.get_raw("GP 16.2").unwrap(), 0);
+    assert!(axis.get_raw("user variable 1F").is_err());
+    for (head, count, written, number) in [
+        ("version = 2\n", "count = 1\n", "10", 10),
+        ("version = 1\n", "count = 1\n", "10", 16),
+        ("version = 1\n", "", "FF", 255),
+        ("", "count = 1\n", "A", 10),
+        ("", "", "10", 10),
+    ] {
+        let text = format!(
+            "{head}[axis.1]\n{count}profile = \"tmcm-6110\"\n[axis.1.settings]\n\"user variable {written}\" = 5\n"
+        );
+        let read = Settings::parse("old.toml", &text).unwrap().to_string();
+        assert!(read.contains(&format!("\"user variable {number}\" = ")), "{text}{read}");
+    }
 }
