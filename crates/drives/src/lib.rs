@@ -8,6 +8,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod bldc;
 pub mod cia402;
 pub mod surroundings;
 pub mod syntron_ts;

@@ -62,20 +62,22 @@ impl crate::SimulatedDevice for Device {
 impl SurroundingsControl for Device {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.module.advance(now);
-        let (module, motor) = (&self.module, &self.module.motor);
+        let module = &self.module;
+        let channel = &module.channel;
+        let motor = &channel.motor;
         GroundTruth {
             position: motor.position(),
             velocity: motor.velocity(),
             current: motor.current(),
             torque: motor.torque(),
-            winding: module.winding.temperature(),
-            enabled: module.servo.is_enabled(),
+            winding: channel.winding.temperature(),
+            enabled: channel.servo.is_enabled(),
             fault: module.current_flags() & flags::TRIPS,
             flash_writes: module.state.memory.writes,
             unrepeatable: module.state.unrepeatable,
             starts: module.state.starts,
-            bounds: module.bounds(),
-            setpoint: module.servo.regulated_setpoint(),
+            bounds: channel.bounds(&module.settings()),
+            setpoint: channel.servo.regulated_setpoint(),
         }
     }
 
@@ -87,15 +89,15 @@ impl SurroundingsControl for Device {
         let is_171 = module.has_programs();
         let around = &mut module.surroundings;
         match act {
-            Act::Load(torque) => around.load = torque,
-            Act::Jam(jammed) => module.motor.set_jammed(jammed),
+            Act::Load(torque) => module.channel.load = torque,
+            Act::Jam(jammed) => module.channel.motor.set_jammed(jammed),
             Act::Supply(volts) => module.set_supply(now, volts),
             Act::Ambient(celsius) => {
-                (module.stage.ambient, module.winding.ambient) = (celsius, celsius);
+                (module.stage.ambient, module.channel.winding.ambient) = (celsius, celsius);
             }
             Act::Temperature(celsius) => {
                 module.stage.set_temperature(celsius);
-                module.winding.set_temperature(celsius);
+                module.channel.winding.set_temperature(celsius);
             }
             Act::Input(n @ 1..=4, high) => {
                 let full = if n == 2 { 10.0 } else { 5.0 };
@@ -107,8 +109,7 @@ impl SurroundingsControl for Device {
             Act::Analog(n @ 0..=3, volts) => module.analog[usize::from(n)] = volts,
             Act::Switch { which: 0, at } => around.switch_at = Some(at).filter(|at| !at.is_nan()),
             Act::EncoderBroken(broken) => {
-                around.encoder_broke_at = module.motor.position();
-                module.encoder.set_broken(module.motor.position(), broken);
+                module.channel.break_encoder(broken);
             }
             Act::HallBroken(broken) => around.hall_broken = broken,
             Act::Fault(code) => {

@@ -1,7 +1,7 @@
 //! Executes the requests of the motor and the ports.
 
-use super::flags;
-use super::module::{ControlMode, Module};
+use super::module::Module;
+use crate::bldc::ControlMode;
 use polepair_core::plant::TICK_NS;
 use polepair_core::proto::tmcl::module::program::WaitCondition;
 use polepair_core::proto::tmcl::module::{ModulePrograms, ModuleState, TmclModule};
@@ -19,14 +19,14 @@ impl ModulePrograms for Module {
 
     fn is_met(&self, what: WaitCondition) -> bool {
         match what {
-            WaitCondition::Position(_) => self.flags.any(flags::POS_END),
+            WaitCondition::Position(_) => self.channel.arrived,
             WaitCondition::Switch(_) => self.switch_active(),
             WaitCondition::Ticks | WaitCondition::ReferenceSearch(_) => false,
         }
     }
 
     fn arrived_motors(&self) -> i32 {
-        self.flags.any(flags::POS_END).into()
+        self.channel.arrived.into()
     }
 }
 
@@ -48,7 +48,7 @@ impl TmclModule for Module {
     }
 
     fn switch_off(&mut self) {
-        self.servo.disable();
+        self.channel.servo.disable();
     }
 
     fn execute_axis(&mut self, request: &Request) -> Result<i32, Status> {
@@ -110,8 +110,8 @@ impl TmclModule for Module {
 
     fn next_due(&self) -> Option<Instant> {
         let waits = self.state.armed_events & 1 != 0
-            && self.mode == ControlMode::Position
-            && self.servo.is_enabled();
+            && self.channel.mode == ControlMode::Position
+            && self.channel.servo.is_enabled();
         waits.then(|| self.ticked_to().plus_ns(TICK_NS))
     }
 }
@@ -122,7 +122,7 @@ impl Module {
     fn execute_move(&mut self, kind: u8, value: i32) -> Result<i32, Status> {
         let target = match kind {
             0 => value,
-            1 => self.counter().checked_add(value).ok_or(Status::InvalidValue)?,
+            1 => self.channel.counter().checked_add(value).ok_or(Status::InvalidValue)?,
             _ => return Err(Status::WrongType),
         };
         self.move_to(target)?;

@@ -1,45 +1,21 @@
 //! The module independent of its wires: power stage, motor, switches, time.
 
 use super::flags::{self, Flags};
-use polepair_core::plant::{
-    Conditions, Encoder, Goal, Motor, MotorParameters, Servo, StallDetector, TICK_NS, TICK_S,
-    ThermalModel, Ticks,
-};
+use crate::bldc::{BldcChannel, ControlMode};
+use polepair_core::plant::{TICK_NS, TICK_S, ThermalModel, Ticks};
 use polepair_core::profile::Profile;
 use polepair_core::proto::tmcl::module::{ModulePrograms, ModuleState, TmclModule as _};
 use polepair_core::time::Instant;
 
-/// Ticks at the current limit without turning after which the motor is switched off. \[I\]
-// A second at the limit: a motor that starts against a load may need several tenths of it.
-const STALL_TICKS: u32 = 1000;
-
 /// Heat of the power stage per A², Ω.
 const STAGE_OHM: f64 = 0.02;
-
-/// Regulated quantity.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum ControlMode {
-    /// A speed.
-    Velocity,
-    /// A position.
-    Position,
-    /// A current.
-    Torque,
-}
 
 /// A TMCM-170 or 171 with its motor.
 #[derive(Clone, Debug)]
 pub struct Module {
     pub(super) state: ModuleState,
-    pub(super) motor: Motor,
-    pub(super) servo: Servo,
-    pub(super) encoder: Encoder,
+    pub(super) channel: BldcChannel,
     pub(super) flags: Flags,
-    pub(super) mode: ControlMode,
-    /// Target of the last move, counts.
-    pub(super) target: i32,
-    /// Speed last asked for, rpm.
-    pub(super) target_rpm: i32,
     pub(super) outputs: u8,
     pub(super) analog: [f64; 4],
     /// Current as the module shows it, filtered (parameter 134), A.
@@ -47,9 +23,7 @@ pub struct Module {
     pub(super) stopped: bool,
     pub(super) surroundings: ModuleSurroundings,
     pub(super) stage: ThermalModel,
-    pub(super) winding: ThermalModel,
     pub(super) hallerr_at_power_on: bool,
-    stall: StallDetector,
     ticks: Ticks,
     switch_was_active: bool,
 }
@@ -58,14 +32,11 @@ pub struct Module {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ModuleSurroundings {
     pub supply: f64,
-    pub load: f64,
     /// Level of the /STOP input.
     pub stop_high: bool,
     /// Shaft position from which on a switch pulls /STOP low, rad.
     pub switch_at: Option<f64>,
     pub hall_broken: bool,
-    /// Shaft position at which the encoder broke, rad.
-    pub encoder_broke_at: f64,
     pub step_high: bool,
     pub backward: bool,
 }
@@ -78,35 +49,25 @@ impl Module {
     /// A module as from the factory, powered with 24 V.
     #[must_use]
     pub fn new(profile: &'static Profile) -> Self {
-        let motor = Motor::new(MotorParameters::BLDC_24V);
         let around = ModuleSurroundings {
             supply: 24.0,
-            load: 0.0,
             stop_high: true,
             switch_at: Some(SWITCH_AT),
             hall_broken: false,
-            encoder_broke_at: 0.0,
             step_high: false,
             backward: false,
         };
         let mut new = Self {
             state: ModuleState::new(profile),
-            servo: Servo::new(motor.parameters()),
-            motor,
-            encoder: Encoder::new(4096),
+            channel: BldcChannel::new(4096),
             flags: Flags(0),
-            mode: ControlMode::Velocity,
-            target: 0,
-            target_rpm: 0,
             outputs: 0,
             analog: [0.0; 4],
             filtered_current: 0.0,
             stopped: false,
             surroundings: around,
             stage: ThermalModel::new(4.0, 20.0, 25.0),
-            winding: ThermalModel::new(1.5, 60.0, 25.0),
             hallerr_at_power_on: false,
-            stall: StallDetector::after(STALL_TICKS),
             ticks: Ticks::new(Instant::ZERO),
             switch_was_active: false,
         };
@@ -118,14 +79,10 @@ impl Module {
     pub fn power_up(&mut self, now: Instant) {
         let has_programs = self.has_programs();
         self.state.power_up(now, has_programs);
-        self.servo.disable();
         self.flags = Flags(if self.hallerr_at_power_on { flags::HALLERR } else { 0 });
-        self.mode = ControlMode::Velocity;
         self.outputs = 0;
         self.stopped = false;
-        // The counter is in RAM, so that a power-up makes any place zero.
-        self.encoder.preset(self.motor.position(), 0);
-        (self.target, self.target_rpm) = (0, 0);
+        self.channel.power_up();
         self.apply_settings();
         if self.axis(128) == 2 {
             self.flags.update(
@@ -156,16 +113,11 @@ impl Module {
         self.state.memory.axis[0][number as usize]
     }
 
-    /// Encoder counter as the module shows it.
-    #[must_use]
-    pub fn counter(&self) -> i32 {
-        self.encoder.count(self.motor.position()) as i32
-    }
-
     /// Returns whether the stop switch is active and watched (parameters 164 and 166).
     #[must_use]
     pub fn switch_active(&self) -> bool {
-        let closed = self.surroundings.switch_at.is_some_and(|at| self.motor.position() >= at);
+        let closed =
+            self.surroundings.switch_at.is_some_and(|at| self.channel.motor.position() >= at);
         let low = closed || !self.surroundings.stop_high;
         let active_high = self.axis(166) & 1 != 0;
         self.axis(164) & 1 != 0 && low != active_high
@@ -175,7 +127,7 @@ impl Module {
     pub fn set_supply(&mut self, now: Instant, volts: f64) {
         self.surroundings.supply = volts;
         if volts < flags::LOGIC_V {
-            self.servo.disable();
+            self.channel.servo.disable();
             self.state.is_unpowered = true;
         } else if self.state.is_unpowered {
             self.power_up(now);
@@ -184,17 +136,14 @@ impl Module {
 
     /// Switches the motor off and reports why.
     pub fn trip(&mut self, why: &'static str) {
-        if self.servo.is_enabled() {
-            self.servo.disable();
+        if self.channel.servo.is_enabled() {
+            self.channel.servo.disable();
             self.state.notice = Some(why);
         }
     }
 
     fn is_idle(&self) -> bool {
-        let p = self.motor.parameters();
-        !self.servo.is_enabled()
-            && self.motor.velocity() == 0.0
-            && self.surroundings.load.abs() <= p.stiction
+        self.channel.is_idle()
             && !self.state.program.is_active()
             && self.axis(128) != 1
             && self.switch_was_active == self.switch_active()
@@ -203,7 +152,7 @@ impl Module {
     /// Time passes over a module that does nothing.
     fn pass_time(&mut self, seconds: f64) {
         self.stage.step(0.0, seconds);
-        self.winding.step(0.0, seconds);
+        self.channel.winding.step(0.0, seconds);
         self.filtered_current = 0.0;
         if !self.state.is_unpowered {
             self.check_protections();
@@ -219,11 +168,11 @@ impl Module {
             self.run_program(now);
         }
         // Protections, switches and programs act on the state before the tick, the motor moves in it.
-        let before = self.motor.position();
+        let before = self.channel.motor.position();
         self.tick_motor();
         self.clear_at_index(before);
         self.update_temperatures();
-        self.check_arrival();
+        self.channel.check_arrival(&self.settings());
     }
 
     fn check_protections(&mut self) {
@@ -239,9 +188,9 @@ impl Module {
             self.trip("hall sensor error: motor off");
         }
         // Modes 3 and 4 compare the counter with the index pulse, so a turn must pass.
-        let turned = (self.motor.position() - self.surroundings.encoder_broke_at).abs();
+        let turned = (self.channel.motor.position() - self.channel.encoder_broke_at).abs();
         let compares = matches!(self.axis(249), 3 | 4);
-        if self.encoder.is_broken() && compares && turned > core::f64::consts::TAU {
+        if self.channel.encoder.is_broken() && compares && turned > core::f64::consts::TAU {
             self.flags.set(flags::ENCERR, true);
             self.trip("encoder error: motor off");
         }
@@ -258,7 +207,7 @@ impl Module {
         }
         self.halt();
         if self.axis(162) != 0 {
-            self.set_counter(0);
+            self.channel.set_counter(0);
             if self.axis(163) != 0 {
                 self.state.memory.axis[0][162] = 0;
             }
@@ -266,9 +215,9 @@ impl Module {
     }
 
     fn clear_at_index(&mut self, before: f64) {
-        let crossed = self.encoder.index_between(before, self.motor.position());
+        let crossed = self.channel.encoder.index_between(before, self.channel.motor.position());
         if self.axis(161) != 0 && crossed {
-            self.set_counter(0);
+            self.channel.set_counter(0);
             if self.axis(163) != 0 {
                 self.state.memory.axis[0][161] = 0;
             }
@@ -278,7 +227,7 @@ impl Module {
     /// The heartbeat of a wire is missing.
     fn check_heartbeats(&mut self, now: Instant) {
         if let Some(why) = self.state.check_heartbeats(now)
-            && self.servo.is_enabled()
+            && self.channel.servo.is_enabled()
         {
             self.halt();
             self.state.notice = Some(why);
@@ -290,7 +239,7 @@ impl Module {
         if self.axis(128) == 1 {
             let share = (self.analog[1] / 10.0).clamp(0.0, 1.0);
             let rpm = libm::round(f64::from(self.axis(157)) * share) as i32;
-            if rpm != self.target_rpm || !self.servo.is_enabled() {
+            if rpm != self.channel.target_rpm || !self.channel.servo.is_enabled() {
                 let _ = self.rotate(rpm);
             }
         }
@@ -304,93 +253,32 @@ impl Module {
             let by = self.axis(157);
             let by = if self.surroundings.backward { by.wrapping_neg() } else { by };
             // While it positions, pulses add up on the target and not on where the motor happens to be.
-            let from =
-                if self.mode == ControlMode::Position { self.target } else { self.counter() };
+            let positions = self.channel.mode == ControlMode::Position;
+            let from = if positions { self.channel.target } else { self.channel.counter() };
             let _ = self.move_to(from.wrapping_add(by));
         }
     }
 
     fn tick_motor(&mut self) {
-        let (mut position, mut velocity) = (self.motor.position(), self.motor.velocity());
-        // The loops see what the encoder reports, and the motor runs away from it, as a real one does.
-        if self.encoder.is_broken() {
-            (position, velocity) = (self.surroundings.encoder_broke_at, 0.0);
+        // Parameter 9: the ramp waits for a motor that is too far behind.
+        let distance = self.axis(9);
+        if distance != 0 {
+            self.channel.wait_for_motor(f64::from(distance) * 256.0);
         }
-        self.wait_for_motor();
-        let conditions = Conditions { bus: self.surroundings.supply, load: self.surroundings.load };
-        self.servo.step_measured(&mut self.motor, conditions, position, velocity);
-        let limit = self.servo.max_current;
-        let regulated = self.servo.is_enabled() && self.mode != ControlMode::Torque;
-        // A motor that drives a torque against a stop does what it was asked for.
-        let limit = if regulated { limit } else { 0.0 };
-        if self.stall.step(velocity, self.motor.current(), limit) {
-            self.stall.reset();
+        if self.channel.tick(self.surroundings.supply) {
             self.trip("stalled: motor off");
         }
     }
 
-    /// Parameter 9: the ramp starts again from the motor when it is too far ahead.
-    fn wait_for_motor(&mut self) {
-        let distance = self.axis(9);
-        if distance == 0 || self.mode == ControlMode::Torque || !self.servo.is_enabled() {
-            return;
-        }
-        let ahead = (self.servo.setpoint().position - self.motor.position()).abs();
-        if ahead * self.encoder.counts_per_rad().abs() > f64::from(distance) * 256.0 {
-            // The target stays; only the ramp towards it starts again.
-            let goal = self.servo.goal();
-            self.servo.set_goal_from(&self.motor, goal);
-        }
-    }
-
     fn update_temperatures(&mut self) {
-        let current = self.motor.current();
+        let current = self.channel.motor.current();
         self.stage.step(STAGE_OHM * current * current, TICK_S);
-        self.winding.step(self.motor.copper_w(), TICK_S);
         let share = 1.0 / (1.0 + f64::from(self.axis(134)));
         self.filtered_current += share * (current - self.filtered_current);
-    }
-
-    /// POS_END: near enough and slow enough (parameters 10 and 7).
-    fn check_arrival(&mut self) {
-        if self.mode != ControlMode::Position || !self.servo.is_enabled() {
-            return;
-        }
-        let left = self.target.wrapping_sub(self.counter()).unsigned_abs();
-        let ramp = rpm(self.servo.setpoint().velocity).abs();
-        let speed = rpm(self.motor.velocity()).abs();
-        let near = left <= self.axis(10).unsigned_abs();
-        if near && ramp + speed <= f64::from(self.axis(7)) {
-            self.flags.set(flags::POS_END, true);
-        }
     }
 
     /// Instant of the last tick.
     pub(super) const fn ticked_to(&self) -> Instant {
         self.ticks.at()
     }
-
-    /// The watch over stalls starts again.
-    pub(super) fn reset_stall(&mut self) {
-        self.stall.reset();
-    }
-
-    /// Goal of the servo for an encoder count.
-    pub(super) fn goal_of(&self, count: i32) -> Goal {
-        let now = self.encoder.count(self.motor.position());
-        let way = i64::from(count.wrapping_sub(now as i32));
-        // The middle of the count: at its edge the reading would flicker between two counts.
-        let half = 0.5 / self.encoder.counts_per_rad();
-        Goal::Position(self.encoder.position_of(now.wrapping_add(way)) + half)
-    }
-}
-
-/// rad/s as rpm.
-pub(super) fn rpm(velocity: f64) -> f64 {
-    velocity * 60.0 / core::f64::consts::TAU
-}
-
-/// rpm as rad/s.
-pub(super) fn rad_per_s(rpm: i32) -> f64 {
-    f64::from(rpm) * core::f64::consts::TAU / 60.0
 }
