@@ -4,6 +4,8 @@
 //! `crates/polepair/profiles/trinamic/*.toml`. It is run once for a release of the library; the files are
 //! kept. Modules that have a hand-written profile (`profiles/*.toml`) are left out.
 
+mod brushless;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -52,7 +54,7 @@ pub fn run(root: &Path, package: &Path) -> Result<(), String> {
     let source = format!("PyTrinamic {version}");
     for module in modules.iter().filter(|module| !is_written_by_hand(&module.name, root)) {
         let text = if !module.has("MicrostepResolution") {
-            brushless(module, &source)
+            brushless::profile(module, load_profile(brushless::BASE, root)?, &source)
         } else if module.has("PulseDivisor") {
             let base = if module.has("EncoderPosition") { single } else { many };
             stepper(module, base, None, &source)
@@ -116,12 +118,21 @@ fn read_modules(folder: &Path) -> Result<Vec<Module>, String> {
             .filter_map(|(at, _)| motor_of(&text[..at], &text[at..]))
             .collect();
         let name = format!("tmcm-{number}");
-        modules.push(Module {
-            number,
-            name,
-            motors: motors.len().max(1),
-            parameters: read_class(&text),
-        });
+        let mut parameters = read_class(&text);
+        // The classes of closed-loop steppers name the values of that parameter, and their examples write it.
+        if parameters.values().any(|known| known == "FullstepResolution") {
+            parameters.entry(SCALING[0]).or_insert_with(|| "MicrostepResolution".to_owned());
+        }
+        let mut parameters = read_class(&text);
+        // The classes of closed-loop steppers name the values of that parameter, and their examples write it.
+        if parameters.values().any(|known| known == "FullstepResolution") {
+            parameters.entry(SCALING[0]).or_insert_with(|| "MicrostepResolution".to_owned());
+        }
+        // Its class lacks what its example reads (TMCM2611/print_settings.py).
+        if number == 2611 {
+            parameters.entry(6).or_insert_with(|| "PWMFrequency".to_owned());
+        }
+        modules.push(Module { number, name, motors: motors.len().max(1), parameters });
     }
     modules.sort_by_key(|module| module.number);
     if modules.is_empty() {
@@ -316,35 +327,6 @@ fn alike(at: u16, name: &str) -> bool {
     )
 }
 
-/// A brushless module, and any other without microsteps: names and numbers alone.
-fn brushless(module: &Module, source: &str) -> String {
-    let unit = "names and numbers of parameters are known, their units are not";
-    let mut text = head(module, "tmcl", "trinamic-brushless", source, unit);
-    text.push_str("replace = [\"signals\"]\n");
-    text.push_str(
-        "remove = [\"target position\", \"actual position\", \"target velocity\", \"actual velocity\"]\n",
-    );
-    let mut taken = BTreeSet::new();
-    let mut names = BTreeMap::new();
-    for (at, name) in &module.parameters {
-        let words = words_of(name);
-        let words =
-            if GENERIC_NAMES.contains(&words.as_str()) { format!("motor {words}") } else { words };
-        let words = if taken.insert(words.clone()) { words } else { format!("{words} {at}") };
-        plain_row(&mut text, *at, &words, name);
-        names.insert(words, *at);
-    }
-    let signals = ["position", "velocity"].map(|what| {
-        [("", format!("actual {what}")), ("target-", format!("target {what}"))]
-            .into_iter()
-            .filter(|(_, name)| names.contains_key(name))
-            .map(|(prefix, name)| format!("{prefix}{what} = \"{name}\"\n"))
-            .collect::<String>()
-    });
-    let _ = write!(text, "\n[signals]\n{}", signals.concat());
-    text
-}
-
 /// Names that the profile of all TMCL modules has for global parameters.
 const GENERIC_NAMES: [&str; 4] =
     ["host address", "module address", "application status", "tick timer"];
@@ -354,7 +336,8 @@ fn head(module: &Module, extends: &str, family: &str, source: &str, unit: &str) 
     let danger = match family {
         "tmcm" => STEPPER_CAUTION,
         _ => {
-            "Parameters are read and written in the module's own units, and the motor is stopped (MST)."
+            "The motor continues to turn if the line is lost unless a heartbeat is set (GP 68 serial, GP 82 CAN). \
+             Motion commands switch the power stage on by themselves."
         }
     };
     let (title, equals) = (format!("Trinamic TMCM-{number}"), number << 16);

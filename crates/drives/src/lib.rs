@@ -16,6 +16,7 @@ pub mod technosoft;
 pub mod thruster;
 pub mod tmcm;
 pub mod tmcm17x;
+pub mod tmcm_bldc;
 
 use polepair_core::explain::Dissector;
 use polepair_core::medium::{Can, Stream};
@@ -81,6 +82,7 @@ pub trait FamilyVisitor {
 pub fn visit_families(visitor: &mut impl FamilyVisitor) {
     visitor.visit_family::<tmcm17x::Tmcm17x>();
     visitor.visit_family::<tmcm::Tmcm>();
+    visitor.visit_family::<tmcm_bldc::BrushlessFamily>();
     visitor.visit_family::<syntron_ts::SyntronTs>();
     visitor.visit_family::<technosoft::Technosoft>();
     visitor.visit_family::<thruster::ThrusterFamily>();
@@ -110,7 +112,7 @@ pub fn profiles() -> &'static [&'static Profile] {
 
 /// Every rule by which a scale is computed from several parameters.
 #[must_use]
-pub const fn scale_rules() -> [&'static ScaleRule; 8] {
+pub const fn scale_rules() -> [&'static ScaleRule; 9] {
     [
         &cia402::units::POSITION,
         &cia402::units::VELOCITY,
@@ -120,6 +122,7 @@ pub const fn scale_rules() -> [&'static ScaleRule; 8] {
         &tmcm::units::ACCELERATION,
         &tmcm::units::VELOCITY_PPS,
         &tmcm::units::ACCELERATION_PPS,
+        &tmcm_bldc::units::POSITION,
     ]
 }
 

@@ -55,12 +55,6 @@ impl Listed {
         parse(&format!("{}.toml", self.name), self.text).expect("a profile that was compiled in")
     }
 
-    /// Returns whether a drive of its kind can be simulated.
-    #[must_use]
-    pub fn is_simulated(&self) -> bool {
-        self.text.contains("\nfamily = \"tmcm\"\n")
-    }
-
     pub(crate) fn text(&self) -> &'static str {
         self.text
     }

@@ -14,7 +14,7 @@ pub fn is_drive(word: &str) -> bool {
 /// The words that mean a drive: protocols, which mean their first drive, then products.
 #[must_use]
 pub fn words() -> Vec<String> {
-    let listed = profile::catalogue().iter().filter(|module| module.is_simulated());
+    let listed = profile::catalogue().iter();
     usual_words().into_iter().chain(listed.map(|module| module.name.to_owned())).collect()
 }
 

@@ -3,6 +3,7 @@
 mod acts;
 mod addresses;
 mod arming;
+mod brushless;
 mod can;
 mod can_ids;
 mod early_ends;

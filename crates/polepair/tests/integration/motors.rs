@@ -226,9 +226,9 @@ fn coordinates_are_of_the_motor_that_is_meant() {
 /// Each stepper module of the catalogue: known by its version, moved and stopped in turns.
 #[test]
 fn every_stepper_of_the_catalogue_is_known_and_moves_in_turns() {
-    let modules = polepair::profile::catalogue().iter().filter(|module| module.is_simulated());
+    let modules = polepair::profile::catalogue().iter();
     let mut count = 0;
-    for module in modules {
+    for module in modules.filter(|module| module.profile().family == "tmcm") {
         let link = connect_local(&format!("sim:{}?time=virtual", module.name)).unwrap();
         let profile = module.profile();
         assert_eq!(link.axes().len(), usize::from(profile.motors), "{}", module.name);

@@ -26,6 +26,8 @@ struct Eeprom {
 pub struct Memory {
     profile: &'static Profile,
     axis_index: [u16; 256],
+    /// Axis parameters as from the factory.
+    factory_axis: [i32; 256],
     global_index: [u16; 256],
     /// Axis parameters of each motor, by number.
     pub axis: [[i32; 256]; MOTORS_MAX],
@@ -49,7 +51,12 @@ impl Memory {
     #[must_use]
     pub fn new(profile: &'static Profile) -> Self {
         let (mut axis_at, mut global_at) = ([NONE; 256], [NONE; 256]);
+        let mut factory_axis = [0; 256];
         for (at, parameter) in profile.parameters.iter().enumerate() {
+            let factory = factory_axis.get_mut(usize::from(parameter.index));
+            if let (0, Some(factory)) = (parameter.space, factory) {
+                *factory = parameter.default.unwrap_or(0) as i32;
+            }
             let table = match parameter.space {
                 0 => &mut axis_at,
                 1 => &mut global_at,
@@ -64,6 +71,7 @@ impl Memory {
         let mut new = Self {
             profile,
             axis_index: axis_at,
+            factory_axis,
             global_index: global_at,
             axis,
             global: [0; 256],
@@ -104,16 +112,10 @@ impl Memory {
 
     /// Writes the factory settings to the EEPROM. RAM does not change.
     pub fn write_factory_settings(&mut self) {
-        for parameter in self.profile.parameters {
+        self.eeprom.axis = [self.factory_axis; MOTORS_MAX];
+        for parameter in self.profile.parameters.iter().filter(|parameter| parameter.space == 1) {
             let value = parameter.default.unwrap_or(0) as i32;
-            let index = usize::from(parameter.index);
-            match parameter.space {
-                0 if index < 256 => {
-                    self.eeprom.axis.iter_mut().for_each(|axis| axis[index] = value)
-                }
-                1 => self.eeprom.global[index % 256] = value,
-                _ => {}
-            }
+            self.eeprom.global[usize::from(parameter.index) % 256] = value;
         }
         self.eeprom.variables = [0; VARIABLES];
         self.eeprom.locked = false;
@@ -169,6 +171,16 @@ impl Memory {
     pub const fn preset_global(&mut self, number: u8, value: i32) {
         self.global[number as usize] = value;
         self.eeprom.global[number as usize] = value;
+    }
+
+    /// Sets an axis parameter of all motors as it is from the factory: no write is counted.
+    pub fn preset_axis(&mut self, number: u8, value: i32) {
+        let number = usize::from(number);
+        self.factory_axis[number] = value;
+        for motor in 0..MOTORS_MAX {
+            self.axis[motor][number] = value;
+            self.eeprom.axis[motor][number] = value;
+        }
     }
 
     /// The kept value of a global parameter of bank 0.
