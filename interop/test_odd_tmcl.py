@@ -193,3 +193,19 @@ def test_a_known_module_without_its_scales_is_read_raw(wires):
     assert "TMCM-1260 V1.48" in polepair("scan", f"{wire.url}", "--ids", "1-1").stdout
     got = polepair("get", f"{wire.url}#1", "actual position").stdout
     assert got.strip() == "actual position = 100"
+
+
+@pytest.mark.parametrize("number, nearest", [(1239, "tmcm-1240"), (1655, "tmcm-1640"), (3229, "tmcm-3216"), (930, None)])
+def test_a_module_that_nobody_knows_has_a_way_out(wires, number, nearest):
+    module = Module(version=number << 16 | 0x0105)
+    wire = wires(SerialLine, module)
+    for verb, value, example in (
+        ("spin", "60rpm", "ROR 0, 500"), ("move", "1turn", "MVP ABS, 0, 1000"), ("home", None, "RFS START, 0")
+    ):
+        refused = polepair(verb, f"{wire.url}#1", *([value] if value else []), check=False)
+        assert refused.returncode == 2 and "E218" in refused.stderr, refused
+        assert f'polepair send URL "{example}" --arm' in refused.stderr, refused.stderr
+        assert (f"?profile={nearest}" if nearest else "select the drive by `?profile=`") in refused.stderr, refused.stderr
+    # Both ways work.
+    polepair("send", f"{wire.url}#1", "ROR 0, 500; GAP 3, 0", "--arm")
+    assert module.requests[-1][1] == 6 and any(opcode == 1 for opcode in opcodes(module))

@@ -35,12 +35,15 @@ ranges, what is stored) is concluded from those two and from public manuals of r
 `polepair scan` recognizes each by its version (`TMCM-1160 V1.20`), and `move`, `spin`, `home` and `stop` work \
 with turns and rpm. Each can be simulated: `polepair scan sim:tmcm-1160`.
 
-Speeds are counted in one of three ways:
+The TMCM-343, 351, 1180 and 3212 are not in that library: their parameters are taken from the module whose profile \
+theirs extends.
+
+Speeds are counted in one of two ways:
 
 - *divided*: 0 to 2047, as the chip TMC429 counts; pulse divisor (AP 154) and ramp divisor (AP 153) scale them.
 - *pps*: microsteps per second. Where a module has the parameter unit mode (AP 255), it has to be 1; otherwise \
-polepair refuses speeds with a unit and takes raw numbers (`--raw`).
-- *unknown*: no source tells the unit. Speeds are raw numbers (`--raw`); positions are in turns.
+polepair refuses speeds with a unit and takes raw numbers (`--raw`). Firmware 1.01 and older of the TMCM-1290 turns \
+at 0.78 of the speed that is set (the maker's support article KB-20053).
 ";
 
 const BRUSHLESS: &str = "\
@@ -130,7 +133,7 @@ fn source_of_units(profile: &'static Profile) -> &'static str {
     match (speeds(profile), positions(profile)) {
         ("rpm", "unknown") => "examples of the maker's library; positions raw",
         ("rpm", _) => "examples of the maker's library",
-        ("unknown", _) => "manuals of related modules; speeds raw",
+        _ if !profile.source.contains("PyTrinamic") => profile.source,
         _ => "manuals of related modules",
     }
 }

@@ -33,12 +33,22 @@ const CURRENTS: [u16; 4] = [6, 7, 183, 200];
 /// Axis parameters that mean the same in all stepper modules that have them, however they are spelled.
 const COMMON: [std::ops::RangeInclusive<u16>; 8] =
     [0..=13, 140..=140, 160..=162, 165..=174, 180..=182, 193..=195, 197..=197, 206..=208];
-/// Modules whose units no source documents.
-const UNITS_UNKNOWN: [u32; 1] = [1021];
+
+/// Files whose class is that of several modules, by what follows `TMCM` in their names.
+const SHARED_FILES: [(&str, &[u32]); 1] = [("123x_0_1", &[1230, 1231])];
+/// Modules that the library lacks: number, motors, the profile that theirs extends, and the source for that.
+const ALIKE: [(u32, usize, &str, &str); 4] = [
+    (343, 3, "tmcm-6110", "TMCL reference for modules with a TMC428"),
+    (351, 3, "tmcm-6110", "TMCL reference for modules with a TMC428"),
+    (1180, 1, "tmcm-1140", "TMCM-1180 hardware manual, velocity and acceleration"),
+    (3212, 3, "tmcm-3216", "TMCM-3212 TMCL firmware manual V1.07, chapter 6.5"),
+];
 
 /// A class of the library.
 struct Module {
     number: u32,
+    /// File of the library.
+    file: String,
     name: String,
     motors: usize,
     parameters: BTreeMap<u16, String>,
@@ -62,9 +72,23 @@ pub fn run(root: &Path, package: &Path) -> Result<(), String> {
             stepper(module, many, Some(first), &source)
         };
         let file = root.join(FOLDER).join(&module.name).with_extension("toml");
-        std::fs::write(&file, text).map_err(|error| format!("{}: {error}", file.display()))?;
-        println!("wrote {}", file.display());
+        write_profile(&file, &text)?;
     }
+    for (number, motors, base, source) in ALIKE {
+        let name = format!("tmcm-{number}");
+        let parameters = BTreeMap::new();
+        let module = Module { number, file: String::new(), name, motors, parameters };
+        let unit =
+            format!("units by {source}, and parameters those of the {}", base.to_uppercase());
+        let text = head(&module, base, "tmcm", source, &unit);
+        write_profile(&root.join(FOLDER).join(&module.name).with_extension("toml"), &text)?;
+    }
+    Ok(())
+}
+
+fn write_profile(file: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(file, text).map_err(|error| format!("{}: {error}", file.display()))?;
+    println!("wrote {}", file.display());
     Ok(())
 }
 
@@ -109,15 +133,18 @@ fn read_modules(folder: &Path) -> Result<Vec<Module>, String> {
     let mut modules = Vec::new();
     for path in entries.flatten().map(|entry| entry.path()) {
         let Some(stem) = path.file_stem().and_then(|stem| stem.to_str()) else { continue };
-        // Others are chips, boards, and modules that were not sold.
-        let Some(number) = stem.strip_prefix("TMCM").and_then(|n| n.parse().ok()) else { continue };
+        let Some(digits) = stem.strip_prefix("TMCM") else { continue };
+        let numbers: Vec<u32> = match SHARED_FILES.iter().find(|(shared, _)| *shared == digits) {
+            Some((_, numbers)) => numbers.to_vec(),
+            // Others are chips, boards, and modules that were not sold.
+            None => digits.parse().into_iter().collect(),
+        };
         let text = std::fs::read_to_string(&path);
         let text = text.map_err(|error| format!("{}: {error}", path.display()))?;
         let motors: BTreeSet<&str> = text
             .match_indices("(self, ")
             .filter_map(|(at, _)| motor_of(&text[..at], &text[at..]))
             .collect();
-        let name = format!("tmcm-{number}");
         let mut parameters = read_class(&text);
         // The classes of closed-loop steppers name the values of that parameter, and their examples write it.
         if parameters.values().any(|known| known == "FullstepResolution") {
@@ -128,11 +155,15 @@ fn read_modules(folder: &Path) -> Result<Vec<Module>, String> {
         if parameters.values().any(|known| known == "FullstepResolution") {
             parameters.entry(SCALING[0]).or_insert_with(|| "MicrostepResolution".to_owned());
         }
-        // Its class lacks what its example reads (TMCM2611/print_settings.py).
-        if number == 2611 {
-            parameters.entry(6).or_insert_with(|| "PWMFrequency".to_owned());
+        for number in numbers {
+            let mut parameters = parameters.clone();
+            // Its class lacks what its example reads (TMCM2611/print_settings.py).
+            if number == 2611 {
+                parameters.entry(6).or_insert_with(|| "PWMFrequency".to_owned());
+            }
+            let (name, file) = (format!("tmcm-{number}"), format!("{stem}.py"));
+            modules.push(Module { number, file, name, motors: motors.len().max(1), parameters });
         }
-        modules.push(Module { number, name, motors: motors.len().max(1), parameters });
     }
     modules.sort_by_key(|module| module.number);
     if modules.is_empty() {
@@ -176,6 +207,10 @@ fn indent_width(line: &str) -> usize {
 
 /// `SmartEnergyHysteresis` in words.
 fn words_of(name: &str) -> String {
+    // `CLgammaVmin`, `CLInitFlag` and `CLinitflag`: closed loop, which has no word break behind it.
+    if let Some(rest) = name.strip_prefix("CL").filter(|rest| rest.len() > 1) {
+        return format!("closed loop {}", words_of(rest.trim_start_matches('_')));
+    }
     let letters: Vec<char> = name.replace('_', "").chars().collect();
     let mut text = String::new();
     for (n, letter) in letters.iter().enumerate() {
@@ -201,7 +236,11 @@ fn words_of(name: &str) -> String {
         ("maximim", "maximum"),
         ("diable", "disable"),
         ("standtstill", "standstill"),
-        ("cl ", "closed loop "),
+        ("i it", "iit "),
+        ("iit  ", "iit "),
+        ("initflag", "init flag"),
+        ("vmin", "v min"),
+        ("vmax", "v max"),
         ("enc ", "encoder "),
         ("intpol", "step interpolation"),
     ];
@@ -231,9 +270,11 @@ fn stepper(module: &Module, base: &Profile, pps: Option<&Module>, source: &str) 
         .map(|(_, name)| name.as_str())
         .collect();
     let extends = if pps.is_some() && !is_first { PPS_BASE } else { base.name };
-    let units_unknown = UNITS_UNKNOWN.contains(&module.number);
-    let unit = match (pps.is_some(), units_unknown) {
-        (_, true) => "speeds in the module's own unit, which no source tells",
+    let unit = match (pps.is_some(), module.number) {
+        // Support article KB-20053 of the maker: it counts with a clock of 16 MHz and has one of 12.5 MHz.
+        (_, 1290) => {
+            "speeds in microsteps per second; firmware up to 1.01 turns at 0.78 of the speed that is set"
+        }
         (true, _) => "speeds in microsteps per second",
         (false, _) => "speeds of the TMC429, from 0 to 2047",
     };
@@ -256,15 +297,14 @@ fn stepper(module: &Module, base: &Profile, pps: Option<&Module>, source: &str) 
         };
         let about = of_base.get(at).filter(|p| p.name == name).map(|p| p.about);
         match pps_unit {
-            Some((unit, rule)) if is_first || units_unknown => {
+            Some((unit, rule)) if is_first => {
                 let scale =
                     format!("unit = \"{unit}\"\nscale = {{ rule = \"tmcm-{rule}-pps\" }}\n");
-                let scale = if units_unknown { "" } else { &scale };
                 let about = about
                     .unwrap_or_default()
                     .trim_end_matches(", 0 to 2047.")
                     .trim_end_matches('.');
-                speed_row(&mut text, *at, name, about, scale);
+                speed_row(&mut text, *at, name, about, &scale);
             }
             _ if CURRENTS.contains(at) && (is_first || pps.is_none() || !inherited) => {
                 current_row(&mut text, *at, name);
@@ -332,7 +372,16 @@ const GENERIC_NAMES: [&str; 4] =
     ["host address", "module address", "application status", "tick timer"];
 
 fn head(module: &Module, extends: &str, family: &str, source: &str, unit: &str) -> String {
-    let Module { number, name, motors, .. } = module;
+    let Module { number, name, motors, file, .. } = module;
+    let (source, known) = if file.is_empty() {
+        (
+            source.to_owned(),
+            "The module is not in the maker's library and was not compared with its manual",
+        )
+    } else {
+        let known = "The parameters are those of the maker's library and were not compared with this module's manual";
+        (format!("{source}, {file}"), known)
+    };
     let danger = match family {
         "tmcm" => STEPPER_CAUTION,
         _ => {
@@ -349,12 +398,11 @@ fn head(module: &Module, extends: &str, family: &str, source: &str, unit: &str) 
          family = \"{family}\"\n\
          protocol = \"tmcl\"\n\
          title = \"{title}\"\n\
-         source = \"{source}, TMCM{number}.py\"\n\
+         source = \"{source}\"\n\
          motors = {motors}\n\
          identify = {{ ask = \"GET VERSION 1, 0, 0\", mask = 0xFFFF0000, equals = {equals:#010x}, \
          firmware = 0xFFFF }}\n\
-         caution = \"The parameters are those of the maker's library and were not compared with this \
-         module's manual: {unit}. Ranges are not known; the module refuses what it cannot do. {danger}\"\n"
+         caution = \"{known}: {unit}. Ranges are not known; the module refuses what it cannot do. {danger}\"\n"
     )
 }
 
@@ -509,6 +557,10 @@ mod tests {
             ("MaxPositioningSpeed", "max positioning speed"),
             ("SG2Threshold", "sg2 threshold"),
             ("CLGammaVMin", "closed loop gamma v min"),
+            ("CLgammaVmin", "closed loop gamma v min"),
+            ("CLinitflag", "closed loop init flag"),
+            ("IItSum1", "iit sum 1"),
+            ("ClearIItExceededFlag", "clear iit exceeded flag"),
             ("DcStepStallGuard", "dcstep stallguard"),
             ("RightLimitSwitchDiable", "right limit switch disable"),
             ("max_EncoderDeviation", "max encoder deviation"),

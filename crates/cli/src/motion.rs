@@ -137,7 +137,12 @@ fn unknown_argument(axis: &Axis, verb: Verb, which: Argument) -> Problem {
         None => "Its profile has no steps for it.".to_owned(),
         Some(missing) => format!("The drive has no {missing}."),
     };
-    Problem::usage("E218", what).why(format!("{reason} {}", outcome::sent_so_far()))
+    let way_out = axis.local().filter(|_| !has_verb).map(|axis| axis.way_out(verb));
+    let problem = Problem::usage("E218", what).why(format!("{reason} {}", outcome::sent_so_far()));
+    match way_out.filter(|way_out| !way_out.is_empty()) {
+        Some(way_out) => problem.hint(way_out),
+        None => problem,
+    }
 }
 
 /// Command line word of a verb of motion.

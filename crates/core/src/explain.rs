@@ -480,6 +480,13 @@ pub trait Dissector: Sync + FrameFormat + AddressNotation + FrameConversation + 
         self.encodes_by_name()
     }
 
+    /// A request in the protocol's own text that begins the motion of a verb, in the drive's own units, for drives
+    /// whose profile has no steps for it. `None` where there is none.
+    fn verb_example(&self, verb: crate::verb::Verb) -> Option<&'static str> {
+        let _ = verb;
+        None
+    }
+
     /// The language of the programs that its drives keep and run; `None` where there are none.
     fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
         None

@@ -90,6 +90,10 @@ const fn unsupported_code(why: Unsupported) -> &'static str {
     }
 }
 
+/// Remedy of `E219`.
+pub(crate) const ARMING_HINT: &str = "what may move a motor needs an armed axis: `--arm` on the \
+     command line, `axis.armed()` in a program";
+
 /// Whatever goes wrong, by blame.
 #[derive(Clone, PartialEq, Debug)]
 #[non_exhaustive]

@@ -5,7 +5,7 @@ use crate::duplicate_address::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
-use crate::profile::{Listed, find_answered};
+use crate::profile::{Listed, find_answered, find_nearest};
 use crate::protocol_line::ProtocolLine;
 use crate::url::AxisNumber;
 use polepair_core::axis::Refusal;
@@ -180,6 +180,16 @@ impl<'a> Prober<'a> {
         let (module, raw) = known.next()?;
         let firmware = module.profile().identity.map_or(0, |identity| identity.firmware);
         Some((module, format_firmware(raw, firmware)))
+    }
+
+    /// Profile of the module with the nearest number among those of the same hundred.
+    fn find_nearest(&self, requests: &[(Identity, Option<Outcome>)]) -> Option<&'static str> {
+        requests.iter().filter(|_| self.with_catalogue).find_map(|request| match request {
+            (Identity { query: IdentityQuery::Text(_), .. }, Some(Outcome::Done(raw))) => {
+                find_nearest(self.line.protocol.profile, *raw)
+            }
+            _ => None,
+        })
     }
 
     /// The error with a hint for stops: naming the drive makes a reply unnecessary.
@@ -380,11 +390,14 @@ impl<'a> Prober<'a> {
         };
         let (profile, identified) = match queried {
             Some((profile, firmware)) => (profile, Identification::Queried { firmware }),
-            None if received => (generic, Identification::Generic),
+            None if received => {
+                let nearest = self.find_nearest(&requests);
+                (generic, Identification::Generic { nearest })
+            }
             None => return Ok(ProbeResult::Silent(NoReplyDetails::from_counters(&counters))),
         };
         // An identity that was read is certain, whatever else came.
-        let doubtful = doubtful && identified == Identification::Generic;
+        let doubtful = doubtful && identified.is_generic();
         Ok(ProbeResult::Found { profile, identified, stray, corrupt, doubtful, lacks_identity })
     }
 

@@ -194,7 +194,7 @@ fn no_such_wire(dissector: &dyn Dissector, word: &str) -> Problem {
 }
 
 /// Instructions, and where in the text they begin; comments behind `//` are none.
-fn instructions(text: &str) -> impl Iterator<Item = (usize, &str)> {
+pub fn instructions(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.lines().map(|line| line.find("//").map_or(line, |end| &line[..end]));
     let pieces = lines.flat_map(|line| line.split(';')).filter(|piece| !piece.trim().is_empty());
     // A text without any is refused by the protocol, which knows what it expects.

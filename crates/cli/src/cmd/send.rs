@@ -7,6 +7,7 @@ use polepair_capture::{CaptureDecoder, Rules, jsonl};
 use polepair_core::proto::drive_address;
 use polepair_link::tap::TapDirection;
 
+use crate::cmd::encode::instructions;
 use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
@@ -30,7 +31,8 @@ The language is that of `encode`. All requests are checked before the first one 
 pub struct Send {
     #[command(flatten)]
     target: DriveArgs,
-    /// Requests, such as "GAP 1, 0", "KPP=0x1234", "write Fn_33 200", "read 0x6041", "QV"
+    /// Requests, such as "GAP 1, 0", "KPP=0x1234", "write Fn_33 200", "read 0x6041", "QV"; several in one text are
+    /// separated by semicolons
     #[arg(required = true, value_name = "TEXT")]
     texts: Vec<String>,
     /// Allow requests that may start or change motion
@@ -54,7 +56,12 @@ enum SendFormat {
 }
 
 impl Send {
-    pub fn run(self, server: ServerArgs) -> Result {
+    pub fn run(mut self, server: ServerArgs) -> Result {
+        // As `encode` reads them: several in one text are separated by semicolons.
+        let split = |text: &String| {
+            instructions(text).map(|(_, piece)| piece.trim().to_owned()).collect::<Vec<_>>()
+        };
+        self.texts = self.texts.iter().flat_map(split).collect();
         if server.is_given() && (self.dry_run || self.arm) {
             let why = "A server sends only requests that move no motor.";
             return Err(remote::unsupported_problem("--dry-run or --arm", why));

@@ -2,7 +2,7 @@
 
 use super::LocalAxis;
 use crate::duplicate_address::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
-use crate::error::Error;
+use crate::error::{ARMING_HINT, Error};
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use crate::url::AxisNumber;
@@ -493,10 +493,41 @@ impl LocalAxis {
         let verb = Verb::ALL.into_iter().find(|verb| verb.name() == what);
         let missing = verb.filter(|_| why == Unsupported::NoPlan);
         let missing = missing.map_or_else(String::new, |verb| self.missing_for(verb, None));
+        let way_out = verb.filter(|_| why == Unsupported::NoPlan).map(|verb| self.way_out(verb));
+        let hint = way_out.filter(|way_out| !way_out.is_empty()).unwrap_or(hint);
         if !missing.is_empty() {
             reason = format!("the drive has no {missing}");
         }
         Error::Unsupported { what: format!("{}: {what}: {reason}", self.label()), why, hint }
+    }
+
+    /// Remedy for a verb without steps on a drive that is not known: another profile, or the protocol's own words.
+    #[must_use]
+    pub fn way_out(&self, verb: Verb) -> String {
+        if !self.identified.is_generic() {
+            return String::new();
+        }
+        let dissector = polepair_core::proto::find_dissector(self.protocol);
+        let example = dissector.and_then(|dissector| dissector.verb_example(verb));
+        let example = example.map_or_else(String::new, |example| {
+            format!(
+                "; `polepair send URL \"{example}\" --arm` sends the drive's own command, in its \
+                 own units"
+            )
+        });
+        self.unknown_drive_hint() + &example
+    }
+
+    fn unknown_drive_hint(&self) -> String {
+        match &self.identified {
+            Identification::Generic { nearest: Some(name) } => {
+                format!(
+                    "no known drive replies like this; the nearest is {name}: `?profile={name}`, \
+                     on a motor that may turn"
+                )
+            }
+            _ => "no known drive replies like this; select the drive by `?profile=`".to_owned(),
+        }
     }
 
     fn unsupported_reason(&self, why: Unsupported) -> (String, String) {
@@ -507,11 +538,7 @@ impl LocalAxis {
             Unsupported::NoPlan => {
                 let verbs: Vec<&str> = self.profile.verbs().map(Verb::name).collect();
                 let hint = match (&self.identified, verbs.is_empty()) {
-                    (Identification::Generic, _) => {
-                        "no known drive replies like this; select the drive by \
-                         `?profile=`"
-                            .to_owned()
-                    }
+                    (Identification::Generic { .. }, _) => self.unknown_drive_hint(),
                     (_, true) => "the drive does not support this".to_owned(),
                     (_, false) => format!("it can {}", verbs.join(", ")),
                 };
@@ -538,9 +565,7 @@ impl LocalAxis {
             Unsupported::BadArgument => {
                 ("a value is missing, or is no finite number".into(), String::new())
             }
-            Unsupported::NotArmed => {
-                ("the axis is not armed".into(), "arm it first: motion needs an armed axis".into())
-            }
+            Unsupported::NotArmed => ("the axis is not armed".into(), ARMING_HINT.into()),
             Unsupported::Busy => (
                 "the axis is busy with another command".into(),
                 "wait for it, or stop the axis".into(),

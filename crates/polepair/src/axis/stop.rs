@@ -30,7 +30,6 @@ pub use airtime::WireAirtime;
 
 use super::{LocalAxis, RunningRequest};
 use crate::error::Error;
-use crate::identification::Identification;
 use crate::url::AxisNumber;
 use attempt::StopAttempt;
 pub use attempt::StopProgress;
@@ -485,7 +484,7 @@ impl StopSupervisor {
     }
 
     fn is_identified(&self) -> bool {
-        self.axis.identified != Identification::Generic || AxisNumber(self.axis.number).is_group()
+        !self.axis.identified.is_generic() || AxisNumber(self.axis.number).is_group()
     }
 
     /// A device that was not identified took the stop of its protocol: nothing confirms it.

@@ -30,8 +30,8 @@ macro_rules! modules {
 }
 
 static MODULES: &[Listed] = modules![
-    1021 1110 1111 1141 1160 1161 1210 1211 1240 1241 1260 1270 1276 1278 1290 1311 1316 1321 1370 1378
-    1617 1630 1633 1636 1637 1638 1640 1670 1690 2611 3110 3216 3312 3351 6212 6214
+    343 351 1021 1110 1111 1141 1160 1161 1180 1210 1211 1230 1231 1240 1241 1260 1270 1276 1278 1290 1311
+    1316 1321 1370 1378 1617 1630 1633 1636 1637 1638 1640 1670 1690 2611 3110 3212 3216 3312 3351 6212 6214
 ];
 
 /// Modules that have a profile beside those of [`polepair_drives::profiles`].
@@ -85,6 +85,20 @@ pub(crate) fn find_listed(name: &str) -> Option<&'static Listed> {
 pub(crate) fn find_answered(protocol: &str, raw: i64) -> Option<&'static Listed> {
     let product = u32::try_from(raw).ok()? >> 16;
     MODULES.iter().find(|module| protocol == PROTOCOL && module.product == product)
+}
+
+/// Name of the profile of the module whose number is nearest to that of such a reply, among those of the same hundred:
+/// modules of a series have most parameters in common.
+pub(crate) fn find_nearest(protocol: &str, raw: i64) -> Option<&'static str> {
+    let product = u32::try_from(raw).ok()? >> 16;
+    let written = polepair_drives::profiles().iter().filter_map(|profile| {
+        let number = profile.name.strip_prefix("tmcm-")?.parse().ok()?;
+        Some((number, profile.name))
+    });
+    let listed = MODULES.iter().map(|module| (module.product, module.name));
+    let alike = written.chain(listed).filter(|(number, _)| number / 100 == product / 100);
+    let nearest = alike.min_by_key(|(number, _)| number.abs_diff(product));
+    nearest.filter(|_| protocol == PROTOCOL).map(|(_, name)| name)
 }
 
 /// The modules that speak a protocol.

@@ -40,7 +40,7 @@ mod tests;
 pub use catalogue::{Listed, catalogue, find_shipped, shipped_profiles};
 pub use setup::write_setup;
 
-pub(crate) use catalogue::{find_answered, find_listed, listed_for};
+pub(crate) use catalogue::{find_answered, find_listed, find_nearest, listed_for};
 pub(crate) use missing_parameters::remove_missing;
 pub(crate) use setup::name_from_path;
 pub(crate) use step::argument_word;

@@ -319,7 +319,7 @@ impl DriveScanner {
             }
             ProbeResult::AnsweredTwice => {
                 let text = duplicate_address_text(line.protocol.name, number);
-                let generic = (line.protocol.generic, Identification::Generic);
+                let generic = (line.protocol.generic, Identification::Generic { nearest: None });
                 self.record_found(&line, number, generic, Some(text));
             }
             ProbeResult::Found { profile, identified, stray, .. } => {

@@ -5,7 +5,6 @@
 
 use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
-use crate::identification::Identification;
 use crate::identify::{ProbeResult, Prober};
 use crate::protocol_line::ProtocolLine;
 use polepair_core::axis::Verb;
@@ -56,7 +55,7 @@ pub(super) fn reidentify(
 ) -> Result<Option<DetectedDrive>, Error> {
     Ok(match prober.probe(number)? {
         ProbeResult::Found { profile, identified, doubtful: false, .. } => {
-            let known = identified != Identification::Generic;
+            let known = !identified.is_generic();
             known.then(|| DetectedDrive {
                 identified,
                 ..DetectedDrive::with_known_profile(line, number, profile)

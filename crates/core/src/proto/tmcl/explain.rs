@@ -17,6 +17,7 @@ use crate::explain::{
 };
 use crate::profile::{Parameter, Profile};
 use crate::program::InstructionLanguage;
+use crate::verb::Verb;
 
 /// TMCL in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -184,6 +185,16 @@ impl Dissector for TmclDissector {
             remote_len: None,
             answer_len: (!silent).then_some(part.len()),
             warning: "",
+        })
+    }
+
+    fn verb_example(&self, verb: Verb) -> Option<&'static str> {
+        Some(match verb {
+            Verb::Velocity => "ROR 0, 500",
+            Verb::MoveTo => "MVP ABS, 0, 1000",
+            Verb::MoveBy => "MVP REL, 0, 1000",
+            Verb::Home => "RFS START, 0",
+            _ => return None,
         })
     }
 

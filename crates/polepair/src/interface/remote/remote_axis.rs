@@ -25,7 +25,7 @@ use super::server::{LeaseGuard, REPLY_MAX, STOP_MAX, Server};
 use super::{RemoteRequest, SampleRows, stop_axes};
 use crate::amount::Amount;
 use crate::axis::{DeviceDetail, NamedValue, WriteChange};
-use crate::error::Error;
+use crate::error::{ARMING_HINT, Error};
 use crate::interface::{
     AxisControl, AxisFacts, AxisInterface, AxisMotion, AxisParameters, AxisReadings, AxisRequest,
     AxisSnapshot, FaultReport, LatestValue, MotionState, ParameterDescription, ReadValue, Reply,
@@ -166,8 +166,7 @@ impl RemoteAxis {
         let moves = self.info.verbs.iter().any(|info| info.verb == verb.name() && info.moves);
         if moves || verb == Verb::Reached {
             let what = format!("{}: {}: the axis is not armed", self.info.label, verb.name());
-            let hint = "arm it first: motion needs an armed axis";
-            return Err(GatewayError::new("E219", what).hint(hint));
+            return Err(GatewayError::new("E219", what).hint(ARMING_HINT));
         }
         let server = Arc::clone(&self.server);
         Ok(self.server.gateway().spawn(move |_| {

@@ -13,7 +13,7 @@ use polepair_link::clock;
 use super::RemoteAxis;
 use super::convert::command_arguments;
 use super::server::STOP_MAX;
-use crate::error::Error;
+use crate::error::{ARMING_HINT, Error};
 use crate::interface::{FaultReport, MotionState};
 use crate::url::{AxisNumber, shell_word};
 
@@ -72,7 +72,7 @@ impl RemoteAxis {
     pub(super) fn check_lease(&self) -> Result<(), Error> {
         let Some(lease) = self.armed_lease() else {
             let what = format!("{}: the axis is not armed", self.info().label);
-            return Err(GatewayError::new("E219", what).hint("arm it first").into());
+            return Err(GatewayError::new("E219", what).hint(ARMING_HINT).into());
         };
         if let Some(lost) = self.lost_link(&lease) {
             return Err(lost);
