@@ -28,6 +28,8 @@ const SWITCH_SPEED: u16 = 195;
 const ACCELERATION: u16 = 5;
 /// Microstep resolution, full steps of the motor, unit mode.
 const SCALING: [u16; 3] = [140, 202, 255];
+/// Position of the reference in the old count, after a search.
+const LAST_REFERENCE: u16 = 197;
 /// Currents, whose full scale differs between modules.
 const CURRENTS: [u16; 4] = [6, 7, 183, 200];
 /// Axis parameters that mean the same in all stepper modules that have them, however they are spelled.
@@ -154,6 +156,10 @@ fn read_modules(folder: &Path) -> Result<Vec<Module>, String> {
         // The classes of closed-loop steppers name the values of that parameter, and their examples write it.
         if parameters.values().any(|known| known == "FullstepResolution") {
             parameters.entry(SCALING[0]).or_insert_with(|| "MicrostepResolution".to_owned());
+        }
+        // Every class of a stepper lacks some of what a reference search leaves; pylablib reads it from a TMCM-1110.
+        if parameters.values().any(|known| known == "MicrostepResolution") {
+            parameters.entry(LAST_REFERENCE).or_insert_with(|| "LastReferencePosition".to_owned());
         }
         for number in numbers {
             let mut parameters = parameters.clone();

@@ -59,6 +59,9 @@ pub struct Sim {
     /// Object dictionary of the CANopen drives (EDS or DCF); the last file is used for all further links
     #[arg(long, value_name = "FILE")]
     eds: Vec<PathBuf>,
+    /// End switches of all stepper motors, in degrees, such as --ends=-3600..3600; without it there are none
+    #[arg(long, value_name = "DEG..DEG", allow_hyphen_values = true)]
+    ends: Option<String>,
     /// Path of the control socket for `polepair act` [default: a path that `act` derives from the URL]
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
@@ -69,6 +72,9 @@ pub struct Sim {
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     speed: f64,
 }
+
+/// Modules with a USB interface (manuals of the TMCM-1140 and 1640; public drivers of the 1110, 3110 and 6110).
+const ON_USB: [&str; 5] = ["tmcm-1110", "tmcm-1140", "tmcm-1640", "tmcm-3110", "tmcm-6110"];
 
 impl Sim {
     pub fn run(self) -> Result {
@@ -96,6 +102,13 @@ impl Sim {
                     "{name}: its drives take {load} of the bus at {} bit/s",
                     bus.bit_rate
                 ));
+            }
+            for drive in &description.rack.links[link].drives {
+                if let Some((_, ends)) = drive.extra.iter().find(|(key, _)| key == "ends")
+                    && ends != "none"
+                {
+                    print_note(&format!("{}: end switches at {ends} degrees", drive.profile.name));
+                }
             }
             for url in description.urls(link, &location) {
                 out.write_line(&format!("ready {url}"));
@@ -147,12 +160,31 @@ impl Sim {
                     .map(|word| if can { can_word(word) } else { word.clone() })
                     .collect();
                 let words: Vec<&str> = words.iter().map(String::as_str).collect();
-                simulate::rack_of_words(&words, self.seed)
+                simulate::rack_of_words(&words, self.seed).map(|mut description| {
+                    self.add_module_options(&mut description);
+                    description
+                })
             }
         };
         let mut description = described.map_err(outcome::to_problem)?;
         self.apply_sheets(&mut description)?;
         Ok(description)
+    }
+
+    /// Foreign programs meet modules as they come: without end switches, and alone on their USB.
+    fn add_module_options(&self, description: &mut RackDescription) {
+        for link in &mut description.rack.links {
+            let is_alone = link.drives.len() == 1 && link.wire.medium() == MediumKind::Serial;
+            for drive in &mut link.drives {
+                if drive.profile.family == "tmcm" {
+                    let ends = self.ends.as_deref().unwrap_or("none");
+                    drive.extra.push(("ends".to_owned(), ends.to_owned()));
+                }
+                if is_alone && ON_USB.contains(&drive.profile.name) {
+                    drive.extra.push(("usb".to_owned(), "true".to_owned()));
+                }
+            }
+        }
     }
 
     /// A data sheet for each link, in order; the last one for those that are left.

@@ -260,13 +260,38 @@ impl Channel {
     #[must_use]
     pub fn actual_speed(&self, settings: &Settings) -> i32 {
         debug_assert!(self.speed_unit(settings) > 0.0, "a unit of the ramp generator is a speed");
-        libm::round(self.ramp.setpoint().velocity / self.speed_unit(settings)) as i32
+        // A module that was just started has begun its ramp: a reading of 0 would be that of a motor at its target.
+        match self.starting_direction() {
+            0 => libm::round(self.ramp.setpoint().velocity / self.speed_unit(settings)) as i32,
+            direction => direction,
+        }
+    }
+
+    /// 1 or -1 between the request that starts the motor and the first tick of its ramp, otherwise 0.
+    fn starting_direction(&self) -> i32 {
+        let setpoint = self.ramp.setpoint();
+        if setpoint.velocity != 0.0 || self.ramp.arrived() || self.search.is_some() {
+            return 0;
+        }
+        let ahead = match self.mode {
+            RampMode::Velocity => f64::from(self.target_speed),
+            RampMode::Position => {
+                self.zero + f64::from(self.target) * self.microstep - setpoint.position
+            }
+        };
+        if ahead > 0.0 { 1 } else { -1 }
     }
 
     /// Acceleration of the field, in the module's unit.
     #[must_use]
     pub fn actual_acceleration(&self, settings: &Settings) -> i32 {
-        libm::round(self.ramp.setpoint().acceleration / self.acceleration_unit(settings)) as i32
+        match self.starting_direction() {
+            0 => {
+                let acceleration = self.ramp.setpoint().acceleration;
+                libm::round(acceleration / self.acceleration_unit(settings)) as i32
+            }
+            direction => direction * settings[number::MAX_ACCELERATION].max(1),
+        }
     }
 
     /// Reading of stallGuard2 (parameter 206): less is more load, 0 a stall.

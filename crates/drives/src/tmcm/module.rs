@@ -29,6 +29,8 @@ pub(super) const DRIVER_FAULTS: i32 = 0x1A;
 /// Off above, warning above, °C (TMC262).
 const OVERTEMPERATURE_C: f64 = 150.0;
 const TEMPERATURE_WARNING_C: f64 = 100.0;
+/// Axis parameter that is 1 once the loop is closed (PyTrinamic, TMCM1311/TMCL/closed_loop_demo.py).
+const CLOSED_LOOP_READY: u8 = 133;
 /// Prefix of the module's number in its name.
 const NAME_PREFIX: &str = "tmcm-";
 /// Firmware version in the reply to 136.
@@ -53,6 +55,8 @@ pub struct Module {
     pub(super) raised_faults: i32,
     /// Stored positions of each motor (SCO); lost with the power. \[I\]
     coordinates: [[i32; COORDINATES]; MOTORS_MAX],
+    /// Axis parameter that closes the loop of a module with an encoder (TMCM-1311, 3351).
+    closes_loop: Option<u8>,
     ticks: Ticks,
 }
 
@@ -74,6 +78,10 @@ impl Module {
             outputs: 0,
             raised_faults: 0,
             coordinates: [[0; COORDINATES]; MOTORS_MAX],
+            closes_loop: profile
+                .find_parameter("closed loop mode")
+                .and_then(|id| profile.parameter(id))
+                .and_then(|mode| u8::try_from(mode.index).ok()),
             ticks: Ticks::new(Instant::ZERO),
         };
         // From the factory's EEPROM, as the first power-up of a real module.
@@ -237,6 +245,10 @@ impl Module {
             2 => return self.rotate(motor, value),
             _ => {
                 settings[usize::from(number)] = value;
+                if self.closes_loop == Some(number) {
+                    // The initialisation of the sensor has ended. [I] It takes a real module a moment.
+                    settings[usize::from(CLOSED_LOOP_READY)] = (value != 0).into();
+                }
                 if u16::from(number) == units::MICROSTEPS.0 {
                     channel.apply_resolution(settings);
                 }
@@ -406,6 +418,8 @@ impl TmclModule for Module {
                 self.outputs = self.outputs & !(1 << port) | (value as u8) << port;
                 Ok(value)
             }
+            // Pull-ups of the reference switches (firmware manuals of the TMCM-1110 and 6110, SIO); not simulated.
+            (Opcode::Sio, 0, 0) if (0..=1).contains(&value) => Ok(value),
             (Opcode::Gio, 0, 0..=7) => Ok(self.inputs[usize::from(port)].into()),
             (Opcode::Gio, 1, 0..=7) => Ok(if self.inputs[usize::from(port)] { 4095 } else { 0 }),
             (Opcode::Gio, 1, 8) => Ok(libm::round(self.supply * 10.0) as i32),

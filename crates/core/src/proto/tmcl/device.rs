@@ -131,6 +131,8 @@ pub struct Quirks {
     /// Time for which requests are ignored after a datagram for another module, ms: the RS-485 fault
     /// of TMCM-171 firmware before 1.03 (hardware manual, firmware history).
     pub ignore_after_foreign_ms: u32,
+    /// Requests to any address are its own: modules on USB are alone there (seen with TMCM-3110 and 6110).
+    pub any_address: bool,
 }
 
 impl Default for Quirks {
@@ -141,6 +143,7 @@ impl Default for Quirks {
             settings_before_reply: false,
             eight_bytes: false,
             ignore_after_foreign_ms: 0,
+            any_address: false,
         }
     }
 }
@@ -262,7 +265,7 @@ impl SerialEndpoint {
 
     fn handle_datagram(&mut self, now: Instant, firmware: &mut impl Firmware) {
         let addressed = self.datagram[0];
-        let mine = addressed == firmware.address();
+        let mine = self.quirks.any_address || addressed == firmware.address();
         let group = firmware.secondary_address() == Some(addressed);
         match Request::parse(&self.datagram) {
             Ok(request) if (mine || group) && now >= self.ignore_until => {

@@ -88,11 +88,23 @@ pub(super) fn refusal_reason(answer: &RawFrame<'_>) -> Option<&'static str> {
     (refused && status.is_named()).then(|| status.text())
 }
 
-/// Distinguishes requests on CAN from replies to a host that is not at its usual address, by shape alone: a reply has a
-/// good status where a request has its type, and an opcode for a motor.
+/// Distinguishes requests on CAN from replies by shape alone: a reply has a status where a request has its type, and an
+/// opcode for a motor. At the identifier of hosts a frame is a reply unless it cannot be one: a module may have that
+/// identifier too. At others it has to have a good status.
 pub(super) fn is_can_reply(data: &[u8], id: u32) -> bool {
-    id == u32::from(HOST)
-        || (data.len() >= CAN_DATAGRAM && is_reply_shaped(data) && u32::from(data[0]) != id)
+    if data.len() < CAN_DATAGRAM {
+        return id == u32::from(HOST);
+    }
+    if id == u32::from(HOST) {
+        let is_version = data.len() == 8 && data.contains(&b'V') && data.is_ascii();
+        // There is no checksum on CAN that could be wrong.
+        let status = Status::from(data[1]);
+        let has_status = status.is_named() && status != Status::WrongChecksum;
+        return is_version
+            || has_status && Opcode::from(data[2]).is_named()
+            || !Opcode::from(data[0]).is_named();
+    }
+    is_reply_shaped(data) && u32::from(data[0]) != id
 }
 
 fn is_reply_shaped(data: &[u8]) -> bool {
@@ -267,5 +279,39 @@ impl PartialFrameSink<'_> {
         if self.enough_for_text {
             self.sink.frame_value(reading);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_can_reply;
+
+    /// Module 2 has the identifier that hosts have: shape decides.
+    #[test]
+    fn requests_to_module_2_are_no_replies_to_host_2() {
+        for request in [
+            [6, 1, 0, 0, 0, 0, 0],   // GAP 1, 0
+            [5, 4, 0, 0, 0, 0, 100], // SAP 4, 0, 100
+            [1, 0, 0, 0, 0, 1, 44],  // ROR 0, 300
+            [4, 1, 2, 0, 0, 0, 9],   // MVP REL, 2, 9
+            [136, 1, 0, 0, 0, 0, 0], // GET VERSION 1
+            [9, 77, 0, 0, 0, 0, 1],  // SGP 77
+        ] {
+            assert!(!is_can_reply(&request, 2), "{request:?}");
+        }
+        for reply in [
+            [1, 100, 6, 0, 0, 0, 7],
+            [3, 100, 136, 4, 0xEC, 1, 9],
+            [1, 3, 6, 0, 0, 0, 0],
+            [5, 4, 5, 0, 0, 0, 100],
+            [200, 128, 138, 0, 0, 0, 1],
+        ] {
+            assert!(is_can_reply(&reply, 2), "{reply:?}");
+        }
+        assert!(is_can_reply(b"1140V148", 2));
+        // Elsewhere a good status is needed.
+        assert!(
+            is_can_reply(&[1, 100, 6, 0, 0, 0, 7], 3) && !is_can_reply(&[1, 3, 6, 0, 0, 0, 0], 3)
+        );
     }
 }

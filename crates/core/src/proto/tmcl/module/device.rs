@@ -51,6 +51,8 @@ impl WireOptions {
             ("bad-sum", "mine") => quirks.checksum_error_reply = ChecksumErrorReply::IfAddressed,
             ("bad-sum", "always") => quirks.checksum_error_reply = ChecksumErrorReply::Always,
             ("bad-sum", "ignore") => quirks.checksum_error_reply = ChecksumErrorReply::Never,
+            ("usb", "true") => quirks.any_address = true,
+            ("usb", "false") => quirks.any_address = false,
             ("settings", "before-reply") => quirks.settings_before_reply = true,
             ("settings", "after-reply") => quirks.settings_before_reply = false,
             ("host", host) => {
@@ -62,7 +64,7 @@ impl WireOptions {
                 memory.preset_global(70, i32::from(host));
             }
             ("deaf-ms", ms) => quirks.ignore_after_foreign_ms = ms.parse().map_err(|_| ms)?,
-            ("dlc" | "bad-sum" | "settings", value) => return Err(value),
+            ("dlc" | "bad-sum" | "settings" | "usb", value) => return Err(value),
             _ => return Ok(false),
         }
         Ok(true)

@@ -1,9 +1,12 @@
 //! Executes requests that do not concern a motor.
 
 use super::super::device::{AsciiEcho, DeferredEvent, Firmware, Response};
-use super::super::{Opcode, Request, Status};
+use super::super::{Instruction, Opcode, Request, Status};
 use super::memory::{check_readable, check_writable};
-use super::program::{Interpreter, ProgramMemory, ProgramState, is_direct, is_program_only};
+use super::program::{
+    Interpreter, InterpreterStep, ProgramMemory, ProgramState, is_direct, is_direct_calculation,
+    is_program_only,
+};
 use super::state::TmclModule;
 use crate::time::Instant;
 
@@ -230,11 +233,30 @@ fn execute_control<M: TmclModule + ?Sized>(
         Opcode::EnterAscii => Ok(value),
         Opcode::SoftwareReset | Opcode::Boot => Err(Status::InvalidValue),
         opcode if module.has_programs() => match opcode {
+            opcode if is_direct_calculation(opcode) => execute_calculation(module, now, request),
             opcode if is_program_only(opcode) => Err(Status::NotAvailable),
             _ => execute_program(module, request),
         },
         _ => Err(Status::InvalidCommand),
     }
+}
+
+/// An instruction of programs that a host sends by itself.
+fn execute_calculation<M: TmclModule + ?Sized>(
+    module: &mut M,
+    now: Instant,
+    request: &Request,
+) -> Result<i32, Status> {
+    let Request { kind, motor, value, .. } = *request;
+    let instruction = Instruction { opcode: request.opcode.number(), kind, motor, value };
+    // Taken out, because its command is executed by the module that holds it.
+    let mut program = core::mem::replace(&mut module.state_mut().program, Interpreter::NEW);
+    let step = program.execute_direct(&instruction, &mut module.state_mut().memory.variables);
+    module.state_mut().program = program;
+    let InterpreterStep::Command(command) = step else { return Ok(value) };
+    let outcome = execute_request(module, now, &command);
+    module.state_mut().program.accept_outcome(outcome, command.opcode.only_reads());
+    outcome
 }
 
 fn restore_factory<M: TmclModule + ?Sized>(

@@ -192,6 +192,17 @@ impl Interpreter {
         self.execute_instruction(&instruction, variables)
     }
 
+    /// Executes an instruction that a host sends by itself, with the registers of the program. Those that lead through
+    /// a program cannot be sent so ([`is_direct_calculation`]).
+    pub fn execute_direct(
+        &mut self,
+        instruction: &Instruction,
+        variables: &mut [i32; VARIABLES],
+    ) -> InterpreterStep {
+        debug_assert!(is_direct_calculation(Opcode::from(instruction.opcode)), "no jump");
+        self.execute_instruction(instruction, variables)
+    }
+
     fn is_wait_over(&mut self, met: impl Fn(WaitCondition) -> bool) -> bool {
         let Some((what, left)) = self.wait else { return true };
         if what != WaitCondition::Ticks && met(what) {
@@ -439,6 +450,26 @@ pub const fn is_direct(opcode: Opcode) -> bool {
             | Opcode::Gco
             | Opcode::Cco
     )
+}
+
+/// Returns whether an instruction of programs is executed in direct mode too: it changes registers, interrupts and
+/// variables, and leads nowhere. \[I\] Public clients send COMP, CALC, AAP, EI and VECT to real modules.
+#[must_use]
+pub const fn is_direct_calculation(opcode: Opcode) -> bool {
+    is_program_only(opcode)
+        && !matches!(
+            opcode,
+            Opcode::Jc
+                | Opcode::Ja
+                | Opcode::Csub
+                | Opcode::Rsub
+                | Opcode::Wait
+                | Opcode::Stop
+                | Opcode::Reti
+                | Opcode::Rst
+                | Opcode::Call
+                | Opcode::Djnz
+        )
 }
 
 /// Returns whether an opcode is valid in programs only.
