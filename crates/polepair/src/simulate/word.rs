@@ -39,7 +39,7 @@ pub(crate) fn find_drive(word: &str) -> Result<(&'static Profile, registry::Prot
         let near = spelling::suggestion(word, known.iter().map(String::as_str));
         let what = format!("nothing called `{word}` can be simulated{near}");
         let usual = usual_words().join(", ");
-        Error::usage("E203", what, format!("it can be {usual}, or a TMCM stepper module"))
+        Error::usage("E203", what, format!("it can be {usual}, or another TMCM module"))
     })
 }
 
