@@ -30,7 +30,8 @@ const PORTS: [(&str, &str, &str); 6] = [
 ];
 
 /// Pages whose motor is another one.
-const OTHER_MOTORS: [(&str, &str); 1] = [("tmcl-programs", "tmcm-1140:1")];
+const OTHER_MOTORS: [(&str, &str); 2] =
+    [("tmcl-programs", "tmcm-1140:1"), ("first-bldc-module", "tmcm-1640:1")];
 
 /// Commands that are not run, by what they contain.
 const NOT_RUN: [(&str, &str); 16] = [
