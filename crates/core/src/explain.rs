@@ -416,6 +416,13 @@ pub trait DriveFacts {
         &[]
     }
 
+    /// A request in the protocol's own text that begins the motion of a verb, in the drive's own units, for drives
+    /// whose profile has no steps for it. `None` where there is none.
+    fn verb_example(&self, verb: crate::verb::Verb) -> Option<&'static str> {
+        let _ = verb;
+        None
+    }
+
     /// Writes the reply to a [`FactQuery::Text`] as text; nothing where it has no meaning.
     fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
         let _ = (name, raw, out);
@@ -478,13 +485,6 @@ pub trait Dissector: Sync + FrameFormat + AddressNotation + FrameConversation + 
     /// Returns whether a usual drive's names help to explain frames of an unknown drive.
     fn explains_by_name(&self) -> bool {
         self.encodes_by_name()
-    }
-
-    /// A request in the protocol's own text that begins the motion of a verb, in the drive's own units, for drives
-    /// whose profile has no steps for it. `None` where there is none.
-    fn verb_example(&self, verb: crate::verb::Verb) -> Option<&'static str> {
-        let _ = verb;
-        None
     }
 
     /// The language of the programs that its drives keep and run; `None` where there are none.

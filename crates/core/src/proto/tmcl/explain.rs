@@ -87,6 +87,16 @@ impl FrameConversation for TmclDissector {
 }
 
 impl DriveFacts for TmclDissector {
+    fn verb_example(&self, verb: Verb) -> Option<&'static str> {
+        Some(match verb {
+            Verb::Velocity => "ROR 0, 500",
+            Verb::MoveTo => "MVP ABS, 0, 1000",
+            Verb::MoveBy => "MVP REL, 0, 1000",
+            Verb::Home => "RFS START, 0",
+            _ => return None,
+        })
+    }
+
     fn device_facts(&self) -> &'static [DeviceFact] {
         const VERSION: FactQuery = FactQuery::Text("GET VERSION 1, 0, 0");
         const MOTORS: FactQuery = FactQuery::Count(
@@ -185,16 +195,6 @@ impl Dissector for TmclDissector {
             remote_len: None,
             answer_len: (!silent).then_some(part.len()),
             warning: "",
-        })
-    }
-
-    fn verb_example(&self, verb: Verb) -> Option<&'static str> {
-        Some(match verb {
-            Verb::Velocity => "ROR 0, 500",
-            Verb::MoveTo => "MVP ABS, 0, 1000",
-            Verb::MoveBy => "MVP REL, 0, 1000",
-            Verb::Home => "RFS START, 0",
-            _ => return None,
         })
     }
 
