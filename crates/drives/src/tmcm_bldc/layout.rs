@@ -126,8 +126,13 @@ impl Layout {
 
     /// The commutation mode of a new module: by the encoder.
     pub const fn encoder_commutation(&self) -> i32 {
-        // Modules with a position scaler count their modes from 0 (disabled), the others are FOC by encoder at 7.
-        if self.number(Role::Poles).is_some() { 7 } else { 3 }
+        // The maker's library has three lists of modes. Only servo modules without a scaler have block
+        // commutation by hall sensors at 3, and the encoder behind it.
+        match (self.number(Role::Poles), self.number(Role::Scaler)) {
+            (Some(_), _) => 7,
+            (None, Some(_)) => 3,
+            (None, None) => 4,
+        }
     }
 
     /// Counts of a turn by the settings of a motor.
