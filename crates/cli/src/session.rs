@@ -1,8 +1,8 @@
 //! An open link for the verbs: interruptible, with errors as texts.
 
 use polepair::remote::RemoteLink;
-use polepair::url::AxisNumber;
 use polepair::url::shell_word;
+use polepair::url::{AxisNumber, Url};
 use polepair::{Axis, Link, LocalAxis, LocalLink, Value};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::{ParameterId, Signal};
@@ -39,6 +39,11 @@ impl Session {
     /// The link of this program; `None` for a server.
     pub fn into_local(self) -> Option<LocalSession> {
         self.local
+    }
+
+    /// The connection string of a link of this program.
+    pub fn local_url(&self) -> Option<&Url> {
+        self.local.as_ref().map(|session| session.link.url())
     }
 
     /// Makes Ctrl-C end what waits.

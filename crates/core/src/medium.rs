@@ -16,6 +16,8 @@ pub trait Medium: 'static {
     type Buffer: BorrowMut<Self::Out> + Send;
     /// Settings of the wire: baud and parity, or bit rate.
     type Line: Copy + PartialEq + core::fmt::Debug + Send;
+    /// Baud or bit rate of the wire; 0 where it has none, or the link does not know it.
+    fn rate(line: &Self::Line) -> u32;
     /// An empty buffer.
     fn buffer() -> Self::Buffer;
     /// The unit in `out` after something of that length was written there.
@@ -51,6 +53,9 @@ impl Medium for Stream {
     type Out = [u8];
     type Buffer = [u8; STREAM_UNIT_MAX];
     type Line = SerialLine;
+    fn rate(line: &SerialLine) -> u32 {
+        line.baud
+    }
     fn buffer() -> Self::Buffer {
         [0; STREAM_UNIT_MAX]
     }
@@ -73,6 +78,9 @@ impl Medium for Can {
     type Out = Frame;
     type Buffer = Frame;
     type Line = CanLine;
+    fn rate(line: &CanLine) -> u32 {
+        line.bit_rate
+    }
     fn buffer() -> Frame {
         Frame::default()
     }

@@ -27,6 +27,8 @@ pub enum LineEvent {
     Break,
     /// The CAN controller went bus-off. As with [`Down`](Self::Down), a host ends every request.
     BusOff,
+    /// The client of a pseudo-terminal has set it to this baud rate; 0 if it never did.
+    Rate(u32),
 }
 
 /// One end of one wire. It owns no socket, thread or clock.
@@ -82,6 +84,17 @@ pub enum RequestClass {
     Stop,
 }
 
+/// Change of a drive's place on its wire, by a request.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum LineChange {
+    /// From now on this baud rate; `None` if that depends on what the drive contains.
+    Baud(Option<u32>),
+    /// From now on another bit rate.
+    BitRate,
+    /// Another address, or other groups.
+    Address,
+}
+
 /// A protocol's request, as a small value.
 pub trait Request: Copy + Send + 'static {
     /// Class of the request. A driver gives a write the class of the lane; other requests have a fixed class.
@@ -90,6 +103,11 @@ pub trait Request: Copy + Send + 'static {
     /// The effect that it may have on a drive with this profile.
     fn effect(&self, _profile: &'static Profile) -> Effect {
         Effect::from_class(self.class())
+    }
+
+    /// Change of the drive's place on its wire.
+    fn line_change(&self) -> Option<LineChange> {
+        None
     }
 
     /// Returns whether the caller has to read or feed bytes while it runs, with [`HostData::poll_bytes`] and

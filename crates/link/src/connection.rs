@@ -185,6 +185,12 @@ impl Connection {
         self.0.0.losses()
     }
 
+    /// Baud or bit rate that the line is set to now; `None` where it has none, or another program sets it.
+    #[must_use]
+    pub fn line_rate(&self) -> Option<u32> {
+        Some(self.0.0.line_rate()).filter(|rate| *rate > 0)
+    }
+
     #[cfg(test)]
     pub(crate) fn slot_count(&self) -> usize {
         self.0.0.slot_count()

@@ -2,8 +2,10 @@
 
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 use rustix::fs::OFlags;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -19,11 +21,23 @@ use crate::waker::LinkWaker;
 #[derive(Debug)]
 pub struct Pty {
     descriptor: Descriptor,
+    client: Mutex<ClientRate>,
     /// Kept open: without any near end the far end reads errors while no client is there.
     _near_end: OwnedFd,
     name: String,
     alias: Option<PathBuf>,
 }
+
+/// Baud rate that the client has set.
+#[derive(Debug)]
+struct ClientRate {
+    reported: u32,
+    /// Bytes that came at a rate that was not reported yet.
+    held: Vec<u8>,
+}
+
+/// Baud rate of a new pair, which no client sets: it shows that none was set.
+const UNSET_RATE: u32 = 134;
 
 impl Pty {
     /// Makes a pair in raw mode. With `alias`, a symbolic link of that name points to the near
@@ -36,12 +50,20 @@ impl Pty {
             open_pair().map_err(|errno| LinkError::from_io("pty", &errno.into()))?;
         let descriptor = Descriptor::new(far, &name)?;
         let alias = alias.map(|alias| create_alias(&name, alias)).transpose()?;
-        Ok(Self { descriptor, _near_end: near, name, alias })
+        let client = Mutex::new(ClientRate { reported: 0, held: Vec::new() });
+        Ok(Self { descriptor, client, _near_end: near, name, alias })
     }
 
     /// Another descriptor of the far end.
     pub(crate) fn clone_far_end(&self) -> std::io::Result<OwnedFd> {
         self.descriptor.fd.try_clone()
+    }
+
+    /// Baud rate that the client has set; 0 if it never did.
+    fn client_rate(&self) -> u32 {
+        // The settings are those of the pair, whichever end is asked.
+        let rate = tcgetattr(&self.descriptor.fd).map_or(0, |termios| termios.output_speed());
+        if rate == UNSET_RATE { 0 } else { rate }
     }
 
     /// Path that a client opens: the alias if there is one.
@@ -72,7 +94,23 @@ impl LinkIo<Stream> for Pty {
     }
 
     fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
-        self.descriptor.receive(buffer, until)
+        let mut client = self.client.lock().unwrap_or_else(PoisonError::into_inner);
+        if !client.held.is_empty() {
+            let len = client.held.len().min(buffer.len());
+            buffer[..len].copy_from_slice(&client.held[..len]);
+            client.held.drain(..len);
+            return Ok(Received::Bytes { len, at: clock::now() });
+        }
+        let received = self.descriptor.receive(buffer, until)?;
+        let Received::Bytes { len, at } = received else { return Ok(received) };
+        let rate = self.client_rate();
+        if rate == client.reported {
+            return Ok(received);
+        }
+        // First the rate, then the bytes that were sent at it.
+        client.reported = rate;
+        client.held.extend_from_slice(&buffer[..len]);
+        Ok(Received::Line { event: LineEvent::Rate(rate), at })
     }
 
     fn set_line(&self, _line: SerialLine) -> Result<(), LinkError> {
@@ -98,6 +136,7 @@ fn open_pair() -> Result<(OwnedFd, OwnedFd, String), rustix::io::Errno> {
     let near = rustix::fs::open(&name, flags, rustix::fs::Mode::empty())?;
     let mut termios = tcgetattr(&near)?;
     termios.make_raw();
+    termios.set_speed(UNSET_RATE)?;
     tcsetattr(&near, OptionalActions::Now, &termios)?;
     rustix::io::ioctl_fionbio(&far, true)?;
     Ok((far, near, name.to_string_lossy().into_owned()))

@@ -328,6 +328,7 @@ fn build_simulation(url: &Url, mut description: RackDescription) -> Result<Simul
     if let Some(word) = url.key("timing") {
         description.set_timing(word)?;
     }
+    description.let_drives_set_rates();
     if let Some(standard) = url.stated_options()?.standard {
         description.set_standard(standard);
     }

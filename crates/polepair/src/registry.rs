@@ -44,6 +44,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) keys: &'static [OptionKey],
     /// The baud or bit rate from the factory.
     pub(crate) baud: u32,
+    /// The rates that its drives can have; empty if the protocol defines none.
+    pub(crate) rates: &'static [u32],
     /// Profile of an unidentified axis.
     pub(crate) generic: &'static Profile,
     /// On CAN, whether what has that address has this identifier, of 29 bits or not.
@@ -59,6 +61,28 @@ pub(crate) fn sub_axes(protocol: &str) -> RangeInclusive<u8> {
 }
 
 impl ProtocolInfo {
+    /// Returns whether its drives can have that baud or bit rate.
+    pub(crate) fn has_rate(&self, rate: u32) -> bool {
+        self.rates.is_empty() || self.rates.contains(&rate)
+    }
+
+    /// The rate as a port is set to it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E210` if its drives cannot have it.
+    pub(crate) fn checked_rate(&self, rate: u32, unit: &str) -> Result<u32, Error> {
+        match rate {
+            _ if self.has_rate(rate) => Ok(rate),
+            // The TML communication manual prints 56600 for the rate that ports call 57600 (chapter 3).
+            56_600 if self.has_rate(57_600) => Ok(57_600),
+            _ => {
+                let rates: Vec<_> = self.rates.iter().map(u32::to_string).collect();
+                let what = format!("{} drives cannot be at {rate} {unit}", self.name);
+                Err(Error::usage("E210", what, format!("they can be at {}", rates.join(", "))))
+            }
+        }
+    }
+
     /// Addresses of one byte. A drive has a larger one only by its settings, and a host never selects one,
     /// because captures are not searched for it.
     pub(crate) fn byte_addresses(&self) -> RangeInclusive<u32> {
@@ -215,6 +239,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             is_ascii: P::IS_ASCII,
             keys: P::KEYS,
             baud: P::DEFAULT_RATE,
+            rates: P::RATES,
             generic: P::generic_profile(),
             uses_identifier: P::uses_can_id,
             forbidden_reason: P::forbidden_reason,

@@ -220,7 +220,8 @@ impl PortSearch {
             with_parity().for_each(|protocol| add(protocol, rate, true));
         }
         for rate in BAUD_RATES {
-            serial().filter(|it| it.baud != rate).for_each(|protocol| add(protocol, rate, false));
+            let is_new = |it: &&ProtocolInfo| it.baud != rate && it.has_rate(rate);
+            serial().filter(is_new).for_each(|protocol| add(protocol, rate, false));
         }
         Self::with_attempts(path, attempts)
     }

@@ -433,6 +433,20 @@ impl RackDescription {
         }
     }
 
+    /// Lets drives whose protocol sets rates have the rate of their line themselves, so that they can change it.
+    pub(crate) fn let_drives_set_rates(&mut self) {
+        for (link, wire) in self.rack.links.iter_mut().zip(&self.wires) {
+            let known = registry::find_protocol(wire.protocol, link.wire.medium());
+            let RackWire::Serial(serial) = &mut link.wire else { continue };
+            let Some(rate) = serial.baud.filter(|_| serial.timing != Timing::Tcp) else { continue };
+            if known.is_some_and(|known| known.rates.contains(&rate)) {
+                serial.baud = None;
+                let option = ("baud".to_owned(), rate.to_string());
+                link.drives.iter_mut().for_each(|drive| drive.extra.insert(0, option.clone()));
+            }
+        }
+    }
+
     /// Sets these adapters before every serial line: a `timing` of racks, or `off` for a line without timing.
     pub(crate) fn set_timing(&mut self, word: &str) -> Result<(), Error> {
         let timing = if word == "off" { Ok(Timing::Cdc) } else { rack_file::parse_timing(word) };

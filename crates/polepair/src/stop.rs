@@ -17,6 +17,7 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod other_rates;
 mod unidentified;
 
 pub use crate::axis::StopOptions;
@@ -33,6 +34,7 @@ use crate::protocol_line::ProtocolLine;
 use crate::scan::{self, DetectedDrive, ScanProgress};
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::{CountedLink, SharedLink};
+use other_rates::{stated_rate, stop_at_other_rates};
 use polepair_core::axis::{Command, ProgramEnd, RehearsalAction, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::{Can, Frame, Medium, Stream};
@@ -84,6 +86,8 @@ pub struct LinkStopReport {
     pub programs: Vec<(String, DrivePrograms)>,
     /// Drives with more motors than the one that their axis is, in the same order.
     pub motors: Vec<DriveMotors>,
+    /// Baud rate at which drives answered that were silent at the rate of the connection string.
+    pub other_rate: Option<u32>,
     /// Addresses that were asked.
     pub queried: usize,
     /// Time that each had to reply; `None` for the host's own time-outs.
@@ -139,6 +143,8 @@ pub struct DriveMotors {
 pub enum StopEvent<'a> {
     /// An address is asked.
     Querying(ScanProgress),
+    /// Nothing answered at the rate of the connection string, so this one is tried.
+    TryingRate(u32),
     /// A stop was sent to a drive that replied, or was named.
     StopSent(&'a LocalAxis),
     /// Every stop was sent, and standstill is awaited. Reported some 50 times a second.
@@ -173,6 +179,12 @@ pub fn stop(
     }
     let (lines, _) = connector.open_lines(&parsed)?;
     stop_on_lines(connector, &parsed, &lines, how, &mut stopped, on_event)?;
+    let rate = lines.first().and_then(|line| stated_rate(&parsed, line.options.port_baud));
+    // Each rate opens the port again.
+    drop(lines);
+    if let Some(rate) = rate {
+        stop_at_other_rates(connector, &parsed, rate, how, &mut stopped, on_event)?;
+    }
     Ok(stopped)
 }
 
@@ -282,6 +294,8 @@ struct LineSearch<'a> {
     /// The profile that the string names.
     chosen: Option<&'static Profile>,
     reply_timeout: Option<Duration>,
+    /// Time limit for addresses that are not named.
+    time_limit: Duration,
     found: Vec<DetectedDrive>,
     /// Drives with a stop of their own or of their protocol, from which no usable reply came.
     deaf: Vec<(DetectedDrive, Error)>,
@@ -322,6 +336,7 @@ impl<'a> LineSearch<'a> {
             wanted: if named { url.axes.clone() } else { scan::default_addresses(line)? },
             chosen: connector.chosen_profile(url, &line.protocol)?,
             reply_timeout: (!named).then_some(query_timeout),
+            time_limit: SEARCH_MAX,
             found: Vec::new(),
             deaf: Vec::new(),
             unknown: Vec::new(),
@@ -335,7 +350,7 @@ impl<'a> LineSearch<'a> {
         on_event: StopObserver<'_>,
     ) -> Result<Vec<DetectedDrive>, Error> {
         stopped.reply_timeout = self.reply_timeout;
-        let end = clock::now() + SEARCH_MAX * clock::timeout_scale();
+        let end = clock::now() + clock::scale_timeout(self.time_limit);
         let wanted = std::mem::take(&mut self.wanted);
         for (done, &number) in wanted.iter().enumerate() {
             debug_assert!(done < wanted.len());

@@ -18,6 +18,7 @@ use crate::error::Error;
 use crate::registry;
 use crate::spelling;
 pub use keys::{link_keys, protocol_keys, rack_keys, simulation_keys};
+use polepair_core::convert::saturating;
 use polepair_core::medium::MediumKind;
 pub use polepair_core::proto::AxisNumber;
 use polepair_core::proto::{GROUP, SUB_AXIS, with_sub_axis};
@@ -283,8 +284,15 @@ fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result
             return Err(url_error(what, &format!("it can be {}", LINK_KINDS.join(", "))));
         }
     };
-    let url = Url { protocol: protocol.to_owned(), target, keys, axes, names: Vec::new() };
-    url.protocol_info().map(|_| url)
+    let mut url = Url { protocol: protocol.to_owned(), target, keys, axes, names: Vec::new() };
+    let known = url.protocol_info()?;
+    if let LinkTarget::Serial { baud: Some(baud), .. } = &mut url.target {
+        *baud = known.checked_rate(*baud, "baud")?;
+    }
+    if let Some(rate) = url.number("bitrate")? {
+        known.checked_rate(saturating(rate), "bit/s")?;
+    }
+    Ok(url)
 }
 
 /// Kind of link of a string without one: a path is a port, an end in a number is a host, and a protocol on CAN alone is
@@ -458,6 +466,19 @@ impl Url {
 
     fn protocol_on(&self, medium: MediumKind) -> Option<registry::ProtocolInfo> {
         registry::find_protocol(&self.protocol, medium)
+    }
+}
+
+impl Url {
+    /// This string with another baud rate; `None` where it has no port.
+    #[must_use]
+    pub fn with_baud(&self, rate: u32) -> Option<Self> {
+        let mut other = self.clone();
+        match &mut other.target {
+            LinkTarget::Serial { baud, .. } => *baud = Some(rate),
+            _ => return None,
+        }
+        Some(other)
     }
 }
 

@@ -38,8 +38,10 @@ pub enum Timing {
     Uart,
     /// An adapter that hands bytes on to the host every 16 ms.
     Ftdi,
-    /// USB CDC, an emulator of serial ports, a pty: bytes take no time, and the baud rate is fiction.
+    /// USB CDC, an emulator of serial ports: bytes take no time, and the baud rate is fiction.
     Cdc,
+    /// A pseudo-terminal: bytes take no time, but each end is set to a rate, at which it has to be received.
+    Pty,
     /// A serial server: bytes take their time on the wire, and packets of them that of a network, up to
     /// 20 ms each way, drawn for each.
     Tcp,
@@ -52,7 +54,7 @@ impl Timing {
     /// Returns whether the baud rate decides the time of bytes.
     #[must_use]
     pub const fn has_byte_timing(self) -> bool {
-        !matches!(self, Self::Cdc)
+        !matches!(self, Self::Cdc | Self::Pty)
     }
 }
 
@@ -416,15 +418,14 @@ impl SerialWire {
         } else {
             0..0
         };
-        // Without byte timing there is no rate that could be wrong: a virtual port carries whole bytes.
-        let broken =
-            if !self.config.timing.has_byte_timing() || uart::is_compatible(chunk.line, line) {
-                received.extend_from_slice(&chunk.bytes[..deaf.start]);
-                received.extend_from_slice(&chunk.bytes[deaf.end..]);
-                !deaf.is_empty()
-            } else {
-                uart::resample(&chunk.bytes, chunk.line, line, received)
-            };
+        let is_fiction = self.config.timing == Timing::Cdc;
+        let broken = if is_fiction || uart::is_compatible(chunk.line, line) {
+            received.extend_from_slice(&chunk.bytes[..deaf.start]);
+            received.extend_from_slice(&chunk.bytes[deaf.end..]);
+            !deaf.is_empty()
+        } else {
+            uart::resample(&chunk.bytes, chunk.line, line, received)
+        };
         let changed = *received != chunk.bytes;
         let plug = &mut self.plugs[to];
         let before = plug.last_received;

@@ -5,6 +5,7 @@ use polepair::url::AxisNumber;
 use polepair::{Axis, LocalAxis};
 use polepair_capture::{CaptureDecoder, Rules, jsonl};
 use polepair_core::proto::drive_address;
+use polepair_core::station::LineChange;
 use polepair_link::tap::TapDirection;
 
 use crate::cmd::encode::instructions;
@@ -86,11 +87,15 @@ impl Send {
             axis.local().inspect(|axis| axis.arm(self.arm));
             for text in &self.texts {
                 drop(replies.drain());
+                let rate = axis.local().and_then(|axis| axis.connection().line_rate());
                 let value = axis.raw(text);
                 let reply = axis.local().map(|axis| explain_replies(axis, &replies));
                 let value = value.map_err(outcome::to_problem)?;
                 self.print(&session, axis, text, value, reply.as_deref(), &mut out);
                 out.flush()?;
+                if let Some(axis) = axis.local() {
+                    note_line(&session, axis, text, rate);
+                }
             }
             if let Some(axis) = axis.local() {
                 axis.arm(false);
@@ -112,7 +117,8 @@ impl Send {
                     out.write_line(&format!("{who}{}", describe_step(local, frame)));
                 }
             } else if rehearsed.needs_arming && !self.arm {
-                let what = format!("{}: `{text}` may start the motor.", axis.label());
+                let effect = describe_effect(rehearsed.line_change);
+                let what = format!("{}: `{text}` {effect}.", axis.label());
                 return Err(Problem::usage("E219", what)
                     .why("Nothing was sent.")
                     .hint("--arm allows it; --dry-run prints its bytes"));
@@ -147,8 +153,10 @@ impl Send {
 
     /// Notes that a started motion continues after the end of this program.
     fn note_motion(&self, session: &Session, axis: &LocalAxis) {
-        let may_move =
-            |text: &String| axis.rehearse_raw(text).is_ok_and(|rehearsed| rehearsed.needs_arming);
+        let may_move = |text: &String| {
+            let rehearsed = axis.rehearse_raw(text);
+            rehearsed.is_ok_and(|it| it.needs_arming && it.line_change.is_none())
+        };
         if self.texts.iter().any(may_move) {
             print_warning(&format!(
                 "{} may turn now: `polepair stop {}` stops it",
@@ -156,6 +164,46 @@ impl Send {
                 session.arguments
             ));
         }
+    }
+}
+
+/// Notes the rate at which the drive is reached from now on. `before` is that of the line before the request.
+fn note_line(session: &Session, axis: &LocalAxis, text: &str, before: Option<u32>) {
+    let rehearsed = axis.rehearse_raw(text).ok();
+    let Some(change) = rehearsed.and_then(|it| it.line_change) else { return };
+    let url_at = |rate| session.local_url()?.with_baud(rate);
+    let now = axis.connection().line_rate();
+    let label = axis.label();
+    match (change, now) {
+        (LineChange::Baud(_), Some(rate)) if now != before => {
+            let url = url_at(rate).map(|url| format!(": use {url}")).unwrap_or_default();
+            print_note(&format!("the line is at {rate} baud now{url}"));
+        }
+        (LineChange::Baud(Some(rate)), _) if now != Some(rate) => {
+            let line = now.map_or_else(
+                || "the rate of this line is set elsewhere".to_owned(),
+                |now| format!("this line stays at {now}, as its other axes need it"),
+            );
+            let url = url_at(rate).map(|url| format!(": only {url} reaches it"));
+            let url = url.unwrap_or_default();
+            print_warning(&format!("{label} is at {rate} baud now, and {line}{url}"));
+        }
+        (LineChange::BitRate, _) => print_warning(&format!(
+            "{label} may be at another bit rate now: the rates of its numbers are not published; \
+             a power cycle restores 500 kbit/s"
+        )),
+        _ => {}
+    }
+}
+
+/// Reason why a request needs to be allowed.
+fn describe_effect(change: Option<LineChange>) -> String {
+    match change {
+        None => "may start the motor".to_owned(),
+        Some(LineChange::Baud(Some(rate))) => format!("changes the line's rate to {rate} baud"),
+        Some(LineChange::Baud(None)) => "changes the line's rate".to_owned(),
+        Some(LineChange::BitRate) => "changes the bit rate of the drive".to_owned(),
+        Some(LineChange::Address) => "changes the address or the groups of the drive".to_owned(),
     }
 }
 

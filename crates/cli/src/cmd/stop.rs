@@ -1,6 +1,6 @@
 //! `polepair stop URL`
 
-use polepair::url::without_axes;
+use polepair::url::{Url, shell_word, without_axes};
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
@@ -9,7 +9,6 @@ use polepair::Error;
 use polepair::axis::Standstill;
 use polepair::no_reply::NoReplyDetails;
 use polepair::stop::{self as stopping, DrivePrograms, StopEvent, StopOptions};
-use polepair::url::shell_word;
 use polepair_client::message::{
     AxisInfo, AxisStopReport, StopClass, StopReport, StopRequest, UnreachedTarget,
 };
@@ -70,7 +69,7 @@ impl StopCommand {
         let connector = target.connector()?;
         // From here on Ctrl-C waits for the stop: it must not be cut off between two frames.
         let interrupts = StopInterrupts::listen(&target.url);
-        let mut is_sent = false;
+        let (mut is_sent, mut tries_rates) = (false, false);
         let mut on_event = |event: StopEvent<'_>| {
             match event {
                 StopEvent::Querying(at) if live => {
@@ -82,6 +81,14 @@ impl StopCommand {
                     ));
                 }
                 StopEvent::Querying(_) | StopEvent::Waiting => {}
+                StopEvent::TryingRate(rate) if live => {
+                    terminal::draw(&format!("{clear}no reply: trying {rate} baud"));
+                }
+                StopEvent::TryingRate(_) if !tries_rates => {
+                    tries_rates = true;
+                    print_note("no reply: trying the other baud rates");
+                }
+                StopEvent::TryingRate(_) => {}
                 StopEvent::StopSent(axis) => {
                     is_sent = true;
                     terminal::draw(clear);
@@ -342,6 +349,11 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
             print_warning(&format!("{label} may still turn: cut its supply"));
         }
         tally.record(&label, ended.map_err(outcome::to_problem));
+    }
+    if let Some(rate) = stopped.other_rate {
+        let at_rate = url.parse::<Url>().ok().and_then(|url| url.with_baud(rate));
+        let hint = at_rate.map(|url| format!(": use {url}")).unwrap_or_default();
+        print_warning(&format!("the drive is at {rate} baud{hint}"));
     }
     for label in stopped.quick_stops {
         print_warning(&motion::quick_stop_text(&label));

@@ -21,6 +21,7 @@ mod foreign_text;
 mod fuzz;
 mod gateway;
 mod joined;
+mod line_rate;
 mod monitor;
 mod motions;
 mod pinned_json;

@@ -3,6 +3,7 @@
 use crate::explain::Effect;
 use crate::medium::Frame;
 use crate::profile::ParameterId;
+use crate::station::LineChange;
 
 /// Effects of a request in the protocol's own text, determined before it is sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -13,6 +14,8 @@ pub struct TextRehearsal {
     pub is_stop: bool,
     /// True if it [moves bytes](crate::station::Request::moves_bytes).
     pub moves_bytes: bool,
+    /// Change of the drive's place on its wire.
+    pub line_change: Option<LineChange>,
 }
 
 /// Something a rehearsal would do.

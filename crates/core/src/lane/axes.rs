@@ -273,6 +273,7 @@ impl<M: Medium, H: Host<M>> AxisText for Lane<M, H> {
             effect: request.effect(slot.profile),
             is_stop: request.is_stop(),
             moves_bytes: request.moves_bytes(),
+            line_change: request.line_change(),
         })
     }
 

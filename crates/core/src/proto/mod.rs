@@ -77,6 +77,8 @@ pub trait Protocol {
     const IS_ASCII: bool = false;
     /// The baud or bit rate from the factory.
     const DEFAULT_RATE: u32;
+    /// The baud or bit rates that its drives can have; empty if the protocol defines none.
+    const RATES: &'static [u32] = &[];
     /// The host of these axes. Where one of them is a relay to the others, it is the first.
     fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host;
     /// The driver of one axis, or of those that an address with [`GROUP`] names.

@@ -17,6 +17,8 @@ pub enum SerialStandard {
 pub struct HostOptions {
     /// Baud rate of a serial line; 0 on a wire without timing.
     pub baud: u32,
+    /// Baud rate that the port is set to, also where bytes take no time (pseudo-terminals); 0 where there is no port.
+    pub port_baud: u32,
     /// The port is set to `baud`, but bytes may travel sooner than it allows (USB CDC, emulators of
     /// serial ports): no answer comes too soon.
     pub untimed: bool,
@@ -98,6 +100,7 @@ impl HostOptions {
     pub const fn new(rate: u32) -> Self {
         Self {
             baud: rate,
+            port_baud: rate,
             untimed: false,
             bit_rate: rate,
             standard: None,

@@ -30,6 +30,8 @@ pub(super) trait ConnectionInfo {
 
     fn losses(&self) -> Losses;
 
+    fn line_rate(&self) -> u32;
+
     #[cfg(test)]
     fn slot_count(&self) -> usize;
 }
@@ -87,6 +89,10 @@ impl<M: Medium> ConnectionInfo for ConnectionInner<M> {
 
     fn losses(&self) -> Losses {
         self.lock().link.losses()
+    }
+
+    fn line_rate(&self) -> u32 {
+        self.lock().line_rate()
     }
 
     #[cfg(test)]

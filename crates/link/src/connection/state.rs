@@ -287,6 +287,11 @@ impl<M: Medium> ConnectionState<M> {
         waker.wake();
     }
 
+    /// Baud or bit rate that the lane has set the line to.
+    pub(super) fn line_rate(&self) -> u32 {
+        M::rate(&self.line)
+    }
+
     /// Sets the line as the lane needs it, after another user changed it.
     pub(super) fn restore_line(&mut self) {
         if let Err(error) = self.link.set_line(self.line) {

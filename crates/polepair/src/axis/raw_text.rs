@@ -8,6 +8,7 @@ use polepair_core::convert::text_from;
 use polepair_core::error::Unsupported;
 use polepair_core::explain::{EncodeError, EncodeOptions, Impact};
 use polepair_core::medium::STREAM_UNIT_MAX;
+use polepair_core::station::LineChange;
 use polepair_core::time::Instant;
 
 /// Rehearsal of a request in the protocol's own text: see [`LocalAxis::rehearse_raw`].
@@ -19,6 +20,8 @@ pub struct RawRehearsal {
     pub needs_arming: bool,
     /// True if it stops the motor.
     pub is_stop: bool,
+    /// Change of the drive's place on its wire.
+    pub line_change: Option<LineChange>,
 }
 
 impl LocalAxis {
@@ -72,6 +75,7 @@ impl LocalAxis {
             frames,
             needs_arming: rehearsal.effect.impact >= Impact::Motion,
             is_stop: rehearsal.is_stop,
+            line_change: rehearsal.line_change,
         })
     }
 

@@ -48,7 +48,11 @@ pub(super) fn wire_options(url: &Url, protocol: &ProtocolInfo) -> Result<HostOpt
         LinkTarget::Tcp { .. } => host_options_on_network(url, protocol)?,
         _ => host_options(url, protocol, baud)?,
     };
-    Ok(HostOptions { bit_rate, probe_seed: IN_DOUBT, ..options })
+    let port_baud = match url.target {
+        LinkTarget::Serial { baud, .. } => baud.unwrap_or(protocol.baud),
+        _ => 0,
+    };
+    Ok(HostOptions { bit_rate, port_baud, probe_seed: IN_DOUBT, ..options })
 }
 
 /// The host's settings behind a serial server, real or simulated.

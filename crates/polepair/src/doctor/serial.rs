@@ -243,7 +243,9 @@ pub(super) fn check_other_rates(
         ));
     }
     let mut tried = Vec::new();
-    for &rate in BAUD_RATES.iter().filter(|rate| Some(**rate) != *baud) {
+    let protocol = url.protocol_info()?;
+    let is_other = |rate: &&u32| Some(**rate) != *baud && protocol.has_rate(**rate);
+    for &rate in BAUD_RATES.iter().filter(is_other) {
         let mut other = url.clone();
         other.target = LinkTarget::Serial { path: path.clone(), baud: Some(rate) };
         // An adapter that cannot do a rate refuses here.

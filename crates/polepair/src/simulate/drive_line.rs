@@ -19,12 +19,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// # Errors
 /// [`Error::Usage`] `E231` if a drive cannot be built as described.
 pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<DriveLine>, Error> {
-    let mut rack = description.rack.clone();
-    for (link, wire) in rack.links.iter_mut().zip(&description.wires) {
+    let mut description = description.clone();
+    let mut rates = Vec::new();
+    for (link, wire) in description.rack.links.iter_mut().zip(&description.wires) {
+        rates.push(if wire.timed { wire.baud } else { 0 });
         match &mut link.wire {
             RackWire::Serial(serial) if wire.timed => serial.baud = Some(wire.baud),
             RackWire::Serial(serial) => {
-                serial.timing = Timing::Cdc;
+                if serial.timing != Timing::Cdc {
+                    serial.timing = Timing::Pty;
+                }
                 // Without timing a drive cannot distinguish a neighbour's reply from a request.
                 if wire.faults == SerialFaults::NONE && !serial.echo && !wire.shared {
                     serial.duplex = Duplex::Full;
@@ -33,18 +37,27 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
             RackWire::Can(line) => line.bit_rate = 0,
         }
     }
+    description.let_drives_set_rates();
     let mut world = World::new(seed);
-    let built = rack.build(&mut world);
+    let built = description.rack.build(&mut world);
     let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;
     description.set_faults(&mut world, &built);
     let ends: Vec<EndId> = built.links.iter().map(|(wire, _)| world.open_end(*wire)).collect();
+    for (end, rate) in ends.iter().zip(&rates) {
+        world.set_line(*end, SerialLine::new_8n1(*rate));
+    }
     let doors = ends.iter().map(|end| LinePort { end: *end, waker: None }).collect();
     let shared = Arc::new(Mutex::new(LineWorld { world, ports: doors }));
     Ok(built
         .links
         .into_iter()
-        .zip(ends)
-        .map(|((_, nodes), end)| DriveLine { shared: Arc::clone(&shared), end, nodes })
+        .zip(ends.into_iter().zip(rates))
+        .map(|((_, nodes), (end, baud))| DriveLine {
+            shared: Arc::clone(&shared),
+            end,
+            baud,
+            nodes,
+        })
         .collect())
 }
 
@@ -53,6 +66,8 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
 pub struct DriveLine {
     shared: Arc<Mutex<LineWorld>>,
     end: EndId,
+    /// Rate of a client that sets none; 0 for that of the drives.
+    baud: u32,
     nodes: Vec<NodeId>,
 }
 
@@ -153,7 +168,12 @@ impl Station<Stream> for DriveLine {
         shared.advance(now, self.end);
     }
 
-    fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
+    fn handle_line(&mut self, _now: Instant, event: LineEvent) {
+        if let LineEvent::Rate(baud) = event {
+            let baud = if baud == 0 { self.baud } else { baud };
+            self.lock().world.set_line(self.end, SerialLine::new_8n1(baud));
+        }
+    }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         let mut shared = self.lock();

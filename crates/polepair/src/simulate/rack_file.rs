@@ -419,7 +419,7 @@ pub(super) const fn set_timing(serial: &mut SerialWireConfig, timing: Timing, ba
         Timing::Cdc => serial.baud = None,
         // The port of a serial server is set there, not by the host.
         Timing::Tcp => serial.baud = Some(baud),
-        Timing::Uart | Timing::Ftdi => {}
+        Timing::Uart | Timing::Ftdi | Timing::Pty => {}
     }
 }
 

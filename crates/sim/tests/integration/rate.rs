@@ -9,10 +9,12 @@ use polepair_core::time::Instant;
 use polepair_drives::surroundings::Act;
 use polepair_drives::technosoft::{Device, Technosoft};
 use polepair_drives::{DeviceOptions, Family};
+use polepair_sim::fault::SerialFaults;
 use polepair_sim::host;
 use polepair_sim::node::{DriveNode, SERIAL_PORT};
+use polepair_sim::random::Ppm;
 use polepair_sim::serial_line::SerialWireConfig;
-use polepair_sim::world::{NodeId, World};
+use polepair_sim::world::{NodeId, WireId, World};
 
 const AXIS: AxisIndex = AxisIndex(0);
 
@@ -20,6 +22,7 @@ struct Bench {
     world: World,
     host: NodeId,
     drives: Vec<NodeId>,
+    wire: WireId,
     tickets: u32,
 }
 
@@ -50,7 +53,7 @@ impl Bench {
             drives.push(drive);
         }
         world.run_until(Instant::ZERO.plus_ms(50));
-        Self { world, host, drives, tickets: 0 }
+        Self { world, host, drives, wire, tickets: 0 }
     }
 
     fn run(
@@ -84,6 +87,10 @@ impl Bench {
 
     fn raw(&mut self, text: &str) -> Outcome {
         self.run(|axes, now, ticket| axes.send_text(now, ticket, AXIS, text))
+    }
+
+    fn port_baud(&mut self) -> u32 {
+        self.world.inspect(self.host, |node, _| node.stream(0).unwrap().line().baud)
     }
 
     fn power_cycle(&mut self) {
@@ -130,4 +137,46 @@ fn where_several_drives_share_a_line_none_is_set_to_another_rate() {
     let mut bench = Bench::new(SerialWireConfig::RS485, options, &[1, 2]);
     assert_eq!(bench.gain(), Outcome::NotDone(Failure::Silent));
     assert_eq!((bench.baud(0), bench.baud(1)), (9600, 9600));
+}
+
+#[test]
+fn the_host_follows_a_rate_that_it_sets_and_a_reset() {
+    for opened in [9600, 38_400] {
+        let mut bench = Bench::new(SerialWireConfig::RS232, HostOptions::new(opened), &[1]);
+        assert_eq!(bench.gain(), Outcome::Done(288));
+        for (code, rate) in [(4, 115_200), (1, 19_200), (0, 9600), (3, 57_600)] {
+            assert!(matches!(bench.raw(&format!("SCIBR {code}")), Outcome::Done(_)), "{rate}");
+            assert_eq!(bench.gain(), Outcome::Done(288), "{opened}, then {rate}");
+            assert_eq!((bench.baud(0), bench.port_baud()), (rate, rate));
+        }
+        assert!(matches!(bench.raw("RESET"), Outcome::Done(_)));
+        assert_eq!(bench.gain(), Outcome::Done(288), "{opened}: as the line was opened");
+        assert_eq!((bench.baud(0), bench.port_baud()), (opened, opened));
+        assert!(matches!(bench.raw("SCIBR 2"), Outcome::Done(_)));
+        bench.power_cycle();
+        assert_eq!(bench.gain(), Outcome::Done(288), "after a power cut");
+        assert_eq!((bench.baud(0), bench.port_baud()), (38_400, 38_400));
+    }
+}
+
+#[test]
+fn a_drive_is_found_again_whose_new_rate_was_not_acknowledged() {
+    let every = Ppm(1_000_000);
+    let no_reply = SerialFaults { lose_reply: every, ..SerialFaults::NONE };
+    let no_request = SerialFaults { lose_request: every, ..SerialFaults::NONE };
+    let cases = [
+        (9600, no_reply, 19_200),
+        (9600, no_request, 9600),
+        (57_600, no_reply, 19_200),
+        (57_600, no_request, 57_600),
+    ];
+    for (opened, faults, rate) in cases {
+        let mut bench = Bench::new(SerialWireConfig::RS232, HostOptions::new(opened), &[1]);
+        assert_eq!(bench.gain(), Outcome::Done(288));
+        *bench.world.serial_faults(bench.wire).unwrap() = faults;
+        assert_eq!(bench.raw("SCIBR 1"), Outcome::Unknown(Failure::Silent), "{opened}");
+        *bench.world.serial_faults(bench.wire).unwrap() = SerialFaults::NONE;
+        assert_eq!(bench.gain(), Outcome::Done(288), "{opened}, then {rate}");
+        assert_eq!((bench.baud(0), bench.port_baud()), (rate, rate), "{opened}");
+    }
 }

@@ -520,7 +520,7 @@ impl Station<Can> for CanHost {
             LineEvent::Down | LineEvent::BusOff => self.fail_all(Failure::LinkDown),
             // Whatever was plugged in since: states are learnt anew.
             LineEvent::Up => self.network.reset(),
-            LineEvent::Break => {}
+            LineEvent::Break | LineEvent::Rate(_) => {}
         }
     }
 

@@ -300,7 +300,7 @@ impl Session {
         self.link_up = match event {
             LineEvent::Down | LineEvent::BusOff => false,
             LineEvent::Up => true,
-            LineEvent::Break => self.link_up,
+            LineEvent::Break | LineEvent::Rate(_) => self.link_up,
         };
         if self.link_up {
             return;

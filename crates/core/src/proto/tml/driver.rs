@@ -4,6 +4,7 @@
 //! The address of a name depends on the firmware, so the profile has it.
 
 use super::generic::GENERIC;
+use super::host::BAUDS;
 use super::host::{CanHost, Encapsulation, ExtendedIds, HOST_ID, SerialHost, StandardIds};
 use super::host_request::{
     Answer, Confirmation, HostRequest, assign_instruction, assigned_variable, masked_variable,
@@ -493,6 +494,9 @@ macro_rules! driver {
 #[derive(Debug)]
 pub enum Tml {}
 
+/// Bit rates of the CAN port (TML communication manual, chapters 4 and 5).
+const BIT_RATES: [u32; 5] = [125_000, 250_000, 500_000, 800_000, 1_000_000];
+
 impl Protocol for Tml {
     type Medium = Stream;
     type Host = SerialHost;
@@ -501,6 +505,7 @@ impl Protocol for Tml {
     const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
     const GROUPS: u8 = 8;
     const DEFAULT_RATE: u32 = 9600;
+    const RATES: &'static [u32] = &BAUDS;
     const KEYS: &[OptionKey] = keys::SERIAL;
 
     fn create_host(options: &HostOptions, axes: &[u32]) -> SerialHost {
@@ -522,6 +527,7 @@ impl Protocol for TmlCan {
     const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     const GROUPS: u8 = 8;
     const DEFAULT_RATE: u32 = 500_000;
+    const RATES: &'static [u32] = &BIT_RATES;
     const KEYS: &[OptionKey] = keys::CAN;
 
     fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host {
@@ -555,6 +561,7 @@ impl Protocol for TechnoCan {
     const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     const GROUPS: u8 = 5;
     const DEFAULT_RATE: u32 = 500_000;
+    const RATES: &'static [u32] = &BIT_RATES;
     const KEYS: &[OptionKey] = keys::CAN;
 
     fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host {

@@ -22,6 +22,7 @@ use crate::station::{
 };
 use crate::time::Instant;
 use baud_recovery::BaudRecovery;
+pub(super) use baud_recovery::{BAUDS, SCIBR_OPCODE, baud_of_code};
 
 /// Default time-out of a reply, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
@@ -48,7 +49,10 @@ pub const HOST_ID: u8 = 254;
 #[derive(Debug)]
 pub struct SerialHost {
     session: Session,
+    /// The line as it times bytes; on a pseudo-terminal they take no time.
     line: SerialLine,
+    /// Baud rate that the port is set to; 0 for none.
+    port_baud: u32,
     early_bytes: EarlyBytes,
     untimed: bool,
     deframer: Deframer,
@@ -76,7 +80,7 @@ impl SerialHost {
         // Only one drive is ever set to another rate: the others of a line would receive garbage (TML-8).
         let alone = (wire == TmlWire::Rs232 || topology.single_drive) && !topology.scanning;
         let baud_recovery = BaudRecovery::new(
-            options.baud,
+            options.port_baud,
             topology.relay_axis.or(topology.first_axis).filter(|_| alone),
         );
         let mut session = Session::new(topology, waits);
@@ -86,6 +90,7 @@ impl SerialHost {
         Self {
             session,
             line,
+            port_baud: options.port_baud,
             early_bytes: early_bytes_of(options.untimed, &line),
             untimed: options.untimed,
             deframer: Deframer::new(RecoveryPolicy::Search),
@@ -133,7 +138,11 @@ impl SerialHost {
             }
             SerialPiece::Ack if self.baud_recovery.handle_ack(now) => {}
             SerialPiece::Ack => {
+                let before = self.session.counters.acknowledged;
                 self.session.handle_ack(now, early);
+                if self.session.counters.acknowledged > before {
+                    self.baud_recovery.note_accepted(now);
+                }
                 self.rearm_fallback();
             }
             SerialPiece::Sync => self.session.handle_sync(now),
@@ -146,7 +155,7 @@ impl SerialHost {
         }
     }
 
-    /// The drive is there, so that silence from now on may again be another rate's.
+    /// The drive was there, so that silence from now on may be another rate's.
     fn rearm_fallback(&mut self) {
         if self.baud_recovery.can_restore() && self.session.fallback == BaudFallback::Exhausted {
             self.session.fallback = BaudFallback::Armed;
@@ -165,9 +174,12 @@ impl SerialHost {
             self.session.finish_fallback(now);
         }
         let baud = self.baud_recovery.baud();
-        if self.line.baud != baud {
-            self.line.baud = baud;
-            self.early_bytes = early_bytes_of(self.untimed, &self.line);
+        if self.port_baud != baud {
+            self.port_baud = baud;
+            if self.line.baud != 0 {
+                self.line.baud = baud;
+                self.early_bytes = early_bytes_of(self.untimed, &self.line);
+            }
             self.deframer.clear();
         }
     }
@@ -329,6 +341,9 @@ impl Station<Stream> for SerialHost {
                     .note_sent(now, with_clock_tolerance(self.line.characters_ns(len as u32)));
                 self.sent = Some(message);
                 self.baud_recovery.note_sent(&message);
+                if message.instruction.opcode == SCIBR_OPCODE {
+                    self.rearm_fallback();
+                }
                 out.get_mut(..len)?.copy_from_slice(&frame[..len]);
                 Some(len)
             }
@@ -341,7 +356,7 @@ impl Station<Stream> for SerialHost {
     }
 
     fn line(&self) -> SerialLine {
-        self.line
+        SerialLine { baud: self.port_baud, ..self.line }
     }
 }
 
@@ -366,7 +381,7 @@ impl HostWire for SerialHost {
         self.session.add_drive();
         // A drive that is not alone is not set to another rate, or the others would not understand any more.
         if self.session.wire() != TmlWire::Rs232 {
-            self.baud_recovery = BaudRecovery::new(self.line.baud, None);
+            self.baud_recovery = BaudRecovery::new(self.port_baud, None);
             self.session.fallback = BaudFallback::Exhausted;
         }
     }

@@ -3,12 +3,13 @@
 //! Sources: TML communication manual, chapter 3 (messages of type A, B and C); the vendor's help pages for
 //! the shorter requests.
 
+use super::host::{SCIBR_OPCODE, baud_of_code};
 use super::online::OnlineMessage;
 use super::rules::is_request;
 use super::wire::{IdCode, Instruction, Message};
 use crate::explain::Effect;
 use crate::profile::Profile;
-use crate::station::RequestClass;
+use crate::station::{LineChange, RequestClass};
 
 /// Address of the ID code to which a drive sends by itself (both firmware families).
 pub const MASTERID: u16 = 0x0927;
@@ -100,6 +101,18 @@ impl crate::station::Request for HostRequest {
 
     fn class(&self) -> RequestClass {
         self.class
+    }
+
+    fn line_change(&self) -> Option<LineChange> {
+        let instruction = &self.message.instruction;
+        Some(match instruction.opcode {
+            SCIBR_OPCODE => LineChange::Baud(baud_of_code(instruction.word(0))),
+            // SCIBR and CANBR of a variable, and AXISID, ADDGRID and REMGRID in both forms.
+            0x0920 => LineChange::Baud(None),
+            0x0804 | 0x0904 => LineChange::BitRate,
+            0x0801 | 0x0901 | 0x0840 | 0x0940 | 0x0880 | 0x0980 => LineChange::Address,
+            _ => return None,
+        })
     }
 }
 

@@ -318,8 +318,8 @@ impl Session {
     pub(super) fn finish_fallback(&mut self, now: Instant) {
         if self.fallback == BaudFallback::Requested {
             self.resume_after_recovery(now);
+            self.fallback = BaudFallback::Exhausted;
         }
-        self.fallback = BaudFallback::Exhausted;
     }
 
     /// True while a message waits to be sent.
@@ -390,7 +390,7 @@ impl Session {
         self.link_up = match event {
             LineEvent::Down | LineEvent::BusOff => false,
             LineEvent::Up => true,
-            LineEvent::Break => self.link_up,
+            LineEvent::Break | LineEvent::Rate(_) => self.link_up,
         };
         if self.link_up {
             return;
