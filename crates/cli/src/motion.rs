@@ -224,7 +224,9 @@ fn execute_motion(
                 if held.is_ok() {
                     measured.read_others(session, commands);
                 }
-                held
+                held.and_then(|()| {
+                    commands.iter().try_for_each(|(axis, _)| check_confirmed(axis, "the motion"))
+                })
             }
             MotionMode::Arrive(_) => wait_arrival(commands, deadline),
             MotionMode::Detach => Ok(()),
@@ -235,6 +237,7 @@ fn execute_motion(
             Some(_) => "left running; the simulation ends with this program".to_owned(),
             None => format!("left running; to stop it: polepair stop {}", session.arguments),
         });
+        commands.iter().try_for_each(|(axis, _)| check_confirmed(axis, "the motion"))?;
         return Ok(Exit::Ok);
     }
     let arrived = matches!(then, MotionMode::Arrive(_)) && ended.is_ok();
@@ -504,6 +507,14 @@ pub fn unconfirmed_problem(label: &str, what: &str) -> Problem {
     let what = format!("{label}: {what} was sent; nothing confirms it on this wire.");
     Problem::new(Exit::Unconfirmed, "E901", what)
         .hint("name the axes instead of the group, so that each is asked, or look at the motors")
+}
+
+/// Ends with `E901` if the last command of a group was sent without a reading.
+pub fn check_confirmed(axis: &Axis, what: &str) -> Result<()> {
+    match axis.local() {
+        Some(local) if local.state().unconfirmed => Err(unconfirmed_problem(axis.label(), what)),
+        _ => Ok(()),
+    }
 }
 
 /// Waits until the arrival of each axis was measured.

@@ -157,7 +157,10 @@ pub fn run_verb(axis: &LocalAxis, verb: Verb) -> Result<i64> {
 /// Returns whether the motor has power, as far as the drive reports it.
 pub fn is_enabled(axis: &Axis) -> Result<bool> {
     match axis.local() {
-        Some(axis) => Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0)),
+        Some(axis) => {
+            let read = axis.unless_mute(axis.signal_value(Signal::Enabled));
+            Ok(read.map_err(outcome::to_problem)?.flatten().is_some_and(|read| read.raw != 0))
+        }
         None if !axis.has_signal(Signal::Enabled) => Ok(false),
         None => {
             let read = axis.signals(&[Signal::Enabled]).map_err(outcome::to_problem)?;

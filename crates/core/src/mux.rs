@@ -281,6 +281,12 @@ impl AxisScales for Mux {
     fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
         self.lane_of(axis).and_then(|(lane, axis)| lane.scale_error(axis, parameter))
     }
+
+    fn adopt_scales(&mut self, axis: AxisIndex) {
+        if let Ok((lane, axis)) = self.lane_of_mut(axis) {
+            lane.adopt_scales(axis);
+        }
+    }
 }
 
 impl AxisCommands for Mux {

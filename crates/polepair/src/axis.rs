@@ -335,7 +335,15 @@ impl LocalAxis {
         // A value that may belong to another request counts once it is read twice.
         for _ in 0..FACTOR_READS_MAX {
             let mut inputs = parameter.scale.inputs(self.profile);
-            inputs.try_for_each(|id| self.read_optional(id).map(drop))?;
+            let read = inputs.try_for_each(|id| self.read_optional(id).map(drop));
+            if read.is_err() && AxisNumber(self.number).is_group() {
+                // On RS-485 the drives of a group cannot be asked; those that are named besides can.
+                self.connection.with_axes(|axes, _| axes.adopt_scales(self.index));
+                if self.knows_factors(parameter) {
+                    break;
+                }
+            }
+            read?;
             if self.knows_factors(parameter) {
                 break;
             }
@@ -642,6 +650,20 @@ impl LocalAxis {
         }
         let state = self.state();
         Ok(signals.iter().map(|signal| state.reading(*signal)).collect())
+    }
+
+    /// The value of a reading; `None` for a group whose drives may not be asked: on RS-485 the answers would collide.
+    ///
+    /// # Errors
+    /// That of the reading.
+    pub fn unless_mute<T>(&self, read: Result<T, Error>) -> Result<Option<T>, Error> {
+        let is_forbidden = |error: &Error| {
+            matches!(error, Error::Unsupported { why: Unsupported::Forbidden(_), .. })
+        };
+        match read {
+            Err(error) if AxisNumber(self.number).is_group() && is_forbidden(&error) => Ok(None),
+            read => read.map(Some),
+        }
     }
 
     pub(crate) fn read_unread_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {

@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 use polepair::url::AxisNumber;
 use polepair::{Axis, LocalAxis};
-use polepair_capture::{CaptureDecoder, Rules, jsonl};
+use polepair_capture::{CaptureDecoder, ExplanationValue, Rules, jsonl};
 use polepair_core::proto::drive_address;
 use polepair_core::station::LineChange;
 use polepair_link::tap::TapDirection;
@@ -91,7 +91,15 @@ impl Send {
                 let value = axis.raw(text);
                 let reply = axis.local().map(|axis| explain_replies(axis, &replies));
                 let value = value.map_err(outcome::to_problem)?;
-                self.print(&session, axis, text, value, reply.as_deref(), &mut out);
+                match (axis.local(), reply) {
+                    (Some(local), Some(replies)) if AxisNumber(local.number()).is_group() => {
+                        self.print_each(&session, axis, text, &replies, &mut out);
+                    }
+                    (_, reply) => {
+                        let reply = reply.map(|replies| join_texts(&replies));
+                        self.print(&session, axis, text, value, reply.as_deref(), &mut out);
+                    }
+                }
                 out.flush()?;
                 if let Some(axis) = axis.local() {
                     note_line(&session, axis, text, rate);
@@ -146,7 +154,36 @@ impl Send {
             (SendFormat::Text, Some(reply)) => out.write_line(&format!("{who}{reply}")),
             (SendFormat::Jsonl, reply) => {
                 let link = axis.remote().map(|axis| axis.info().link);
-                write_json(axis.number(), link, text, value, reply.unwrap_or(""), out);
+                write_json(axis.number(), link, text, Some(value), reply.unwrap_or(""), out);
+            }
+        }
+    }
+
+    /// Prints a line for each reply of a group's drives.
+    fn print_each(
+        &self,
+        session: &Session,
+        axis: &Axis,
+        text: &str,
+        replies: &[DriveReply],
+        out: &mut DataOutput,
+    ) {
+        let who = session.axis_prefix(axis);
+        match self.format {
+            SendFormat::Text if replies.is_empty() => {
+                out.write_line(&format!("{who}{text}: sent; no reply"));
+            }
+            SendFormat::Text => {
+                replies.iter().for_each(|reply| out.write_line(&format!("{who}{}", reply.text)));
+            }
+            SendFormat::Jsonl if replies.is_empty() => {
+                write_json(axis.number(), None, text, None, "", out);
+            }
+            SendFormat::Jsonl => {
+                for DriveReply { axis: sender, value, text: reply } in replies {
+                    let number = sender.unwrap_or(axis.number());
+                    write_json(number, None, text, *value, reply, out);
+                }
             }
         }
     }
@@ -207,11 +244,23 @@ fn describe_effect(change: Option<LineChange>) -> String {
     }
 }
 
-/// Meaning of the drive's frames, from the last answered request on: the host may send another one before.
-fn explain_replies(axis: &LocalAxis, replies: &TapQueue) -> String {
+/// A frame that a drive sent.
+struct DriveReply {
+    /// The axis that sent it; `None` where the frame does not name it.
+    axis: Option<u32>,
+    /// Value in the frame, if it has one.
+    value: Option<i64>,
+    /// Meaning of the frame.
+    text: String,
+}
+
+/// The drive's frames, from the last answered request on: the host may send another one before. For a group, those of
+/// each drive.
+fn explain_replies(axis: &LocalAxis, replies: &TapQueue) -> Vec<DriveReply> {
     let rules = Rules::for_protocols([axis.protocol()]);
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
-    let (mut texts, mut asked) = (Vec::<String>::new(), false);
+    let (mut found, mut asked) = (Vec::<DriveReply>::new(), false);
+    let is_group = AxisNumber(axis.number()).is_group();
     let (units, _) = replies.drain();
     for queued in &units {
         let unit = match &queued.unit {
@@ -220,29 +269,40 @@ fn explain_replies(axis: &LocalAxis, replies: &TapQueue) -> String {
         };
         let from_drive = queued.direction == TapDirection::ToHost;
         unit.decode(&mut decoder, queued.at, "link", queued.direction, &mut |event| {
-            let text = &event.explanation.text;
-            let own =
-                event.explanation.axis.is_none_or(|other| other == drive_address(axis.number()));
-            if from_drive && own && !text.is_empty() {
+            let explanation = &event.explanation;
+            let is_own = |other: u32| is_group || other == drive_address(axis.number());
+            if from_drive && explanation.axis.is_none_or(is_own) && !explanation.text.is_empty() {
                 if std::mem::take(&mut asked) {
-                    texts.clear();
+                    found.clear();
                 }
-                texts.push(text.to_owned());
+                let mut fields = explanation.fields();
+                let value = fields.find(|field| field.name == "value");
+                let value = value.and_then(|field| match field.value {
+                    ExplanationValue::Int(value) => Some(value),
+                    _ => None,
+                });
+                let text = explanation.text.clone();
+                found.push(DriveReply { axis: explanation.axis, value, text });
             }
             asked |= !from_drive;
         });
     }
-    texts.join("; ")
+    found
+}
+
+fn join_texts(replies: &[DriveReply]) -> String {
+    replies.iter().map(|reply| reply.text.as_str()).collect::<Vec<_>>().join("; ")
 }
 
 fn write_json(
     number: u32,
     link: Option<u16>,
     text: &str,
-    value: i64,
+    value: Option<i64>,
     reply: &str,
     out: &mut DataOutput,
 ) {
+    let value = value.map_or_else(|| "null".to_owned(), |value| value.to_string());
     let out = out.buffer();
     out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(number).json()).as_bytes());
     if let Some(link) = link {

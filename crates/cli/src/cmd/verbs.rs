@@ -86,16 +86,21 @@ impl Enable {
         session.listen_for_interrupts();
         let stops = format!("it stays powered until polepair disable {}", session.arguments);
         motion::print_start_note(session.axes().iter().cloned(), &session.arguments, &stops);
+        let mut confirmed = Ok(());
         for axis in session.axes() {
             axis.arm().map_err(outcome::to_problem)?;
             switch_power(axis, enable)?;
+            if let Err(problem) = motion::check_confirmed(axis, "the command") {
+                confirmed = confirmed.and(Err(problem));
+                continue;
+            }
             // The drive keeps its power.
             if axis.local().is_none() {
                 axis.disarm().map_err(outcome::to_problem)?;
             }
             print_note(&format!("{} {POWERED}", axis.label()));
         }
-        Ok(Exit::Ok)
+        confirmed.map(|()| Exit::Ok)
     }
 }
 
@@ -132,7 +137,9 @@ fn run_simple(
     let mut ended = Ok(());
     // Every axis gets its command, also after an error of another one.
     for axis in session.axes() {
-        let one = switch_power(axis, Command::new(wanted)).and_then(|()| done(axis));
+        let one = switch_power(axis, Command::new(wanted))
+            .and_then(|()| motion::check_confirmed(axis, "the command"))
+            .and_then(|()| done(axis));
         if let Ok(done) = &one {
             print_note(&format!("{} {done}", axis.label()));
         }

@@ -20,6 +20,7 @@ mod field;
 mod foreign_text;
 mod fuzz;
 mod gateway;
+mod groups;
 mod joined;
 mod line_rate;
 mod monitor;

@@ -157,6 +157,12 @@ pub trait AxisScales {
     /// Why a parameter has no unit, as far as is known: what scales it is missing, zero, or contradicts
     /// itself. Its SI value is then the raw one.
     fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale>;
+
+    /// Gives an axis that no request may read, the drives of a group on RS-485, the scales of the other axes of the
+    /// line with its profile, where these agree.
+    fn adopt_scales(&mut self, axis: AxisIndex) {
+        let _ = axis;
+    }
 }
 
 /// Verbs, stops, and what became of them.

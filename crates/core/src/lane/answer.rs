@@ -19,6 +19,9 @@ use crate::time::Instant;
 pub const BUSY_MAX_MS: u32 = 1000;
 /// Pause before a request to a busy drive is repeated.
 pub const BUSY_PAUSE_MS: u32 = 20;
+/// Pause in place of a wait for a state that no drive of a group may be asked for.
+// A power stage is switched on within half a second.
+const UNREAD_WAIT_MS: u32 = 500;
 
 /// Processes the reply to a request of a plan, or its absence.
 pub fn handle_run_answer<R: Request, A: Copy + 'static>(
@@ -101,11 +104,11 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
             }
             fail_step(run, raw.err().unwrap_or(Failure::Silent))
         }
-        // No drive of a group may be asked: a stop that was sent is all that can be done.
-        (InFlight::Read(_), Err(Failure::NotReady { .. } | Failure::Impossible(_)))
-            if run.is_stop() && group =>
+        // No drive of a group may be asked: what was sent is all that can be done.
+        (InFlight::Read(_), Err(failure @ (Failure::NotReady { .. } | Failure::Impossible(_))))
+            if group =>
         {
-            skip_step(run)
+            skip_unread(now, run, slot, failure)
         }
         (InFlight::Read(_), Err(Failure::Refused { .. } | Failure::WrongSize { .. }))
             if matches!(run.current_step(), Some(Step::SkipIfMissing { .. })) =>
@@ -181,6 +184,29 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
             }
             complete_step(now, run, raw)
         }
+    }
+}
+
+/// Goes on without a reading that no drive of a group may give.
+fn skip_unread<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    failure: Failure,
+) -> JobState {
+    let step = run.current_step();
+    if run.is_stop() {
+        return skip_step(run);
+    }
+    // A value that is copied or compared has to be known.
+    if matches!(step, Some(Step::Copy { .. } | Step::Ensure(..))) {
+        return fail_step(run, failure);
+    }
+    slot.state.unconfirmed = true;
+    let next = skip_step(run);
+    match step {
+        Some(Step::Until { .. }) => JobState::Sleeping(now.plus_ms(UNREAD_WAIT_MS)),
+        _ => next,
     }
 }
 

@@ -163,6 +163,22 @@ impl<M: Medium, H: Host<M>> AxisScales for Lane<M, H> {
     fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
         self.slot(axis).ok()?.scale_error(parameter)
     }
+
+    fn adopt_scales(&mut self, axis: AxisIndex) {
+        let Ok(own) = self.slot(axis) else { return };
+        let same = |slot: &&AxisSlot<_, _>| core::ptr::eq(slot.profile, own.profile);
+        let others: Vec<_> =
+            self.slots.iter().filter(same).filter(|slot| !slot.driver.is_group()).collect();
+        let agreed = |id: ParameterId| {
+            let mut values = others.iter().map(|slot| slot.scale_input(id));
+            let first = values.next().flatten()?;
+            values.all(|value| value == Some(first)).then_some((id, first))
+        };
+        let adopted: Vec<_> = own.scale_inputs().filter_map(agreed).collect();
+        if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
+            slot.adopt_scale_inputs(&adopted);
+        }
+    }
 }
 
 impl<M: Medium, H: Host<M>> AxisCommands for Lane<M, H> {

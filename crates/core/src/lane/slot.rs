@@ -448,6 +448,20 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             .next()
     }
 
+    /// Parameters that scales depend on.
+    pub fn scale_inputs(&self) -> impl Iterator<Item = ParameterId> {
+        self.factors.iter().map(|factor| factor.parameter)
+    }
+
+    /// Takes values of parameters that scales depend on, where none was read.
+    pub fn adopt_scale_inputs(&mut self, values: &[(ParameterId, i64)]) {
+        for factor in self.factors.iter_mut().filter(|factor| factor.raw.is_none()) {
+            let value = values.iter().find(|(id, _)| *id == factor.parameter);
+            factor.raw = value.map(|(_, raw)| *raw);
+        }
+        self.update_scales();
+    }
+
     pub fn count_attempt(&mut self, id: ParameterId) {
         if let Some(factor) = self.factors.iter_mut().find(|f| f.parameter == id) {
             factor.attempts = factor.attempts.saturating_add(1);

@@ -155,8 +155,10 @@ impl AxisMotion for LocalAxis {
             }
             Ok(self.signals(&[signal])?.into_iter().next())
         };
-        let fault = AxisReadings::faults(self)?.into_iter().find(|fault| !fault.is_warning);
-        let enabled = read(Signal::Enabled)?.map(|reading| reading.raw != 0);
+        let faults = self.unless_mute(AxisReadings::faults(self))?.unwrap_or_default();
+        let fault = faults.into_iter().find(|fault| !fault.is_warning);
+        let enabled = self.unless_mute(read(Signal::Enabled))?.flatten();
+        let enabled = enabled.map(|reading| reading.raw != 0);
         // The drives of a group rarely have the same speed and position.
         if AxisNumber(self.number()).is_group() {
             return Ok(MotionState { fault, enabled, ..MotionState::default() });

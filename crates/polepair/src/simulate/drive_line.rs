@@ -2,6 +2,7 @@
 
 use super::RackDescription;
 use crate::error::Error;
+use crate::registry;
 use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
@@ -22,9 +23,10 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
     let mut description = description.clone();
     let mut rates = Vec::new();
     for (link, wire) in description.rack.links.iter_mut().zip(&description.wires) {
-        rates.push(if wire.timed { wire.baud } else { 0 });
+        let is_timed = wire.timed || replies_collide(&link.wire, wire.protocol);
+        rates.push(if is_timed { wire.baud } else { 0 });
         match &mut link.wire {
-            RackWire::Serial(serial) if wire.timed => serial.baud = Some(wire.baud),
+            RackWire::Serial(serial) if is_timed => serial.baud = Some(wire.baud),
             RackWire::Serial(serial) => {
                 if serial.timing != Timing::Cdc {
                     serial.timing = Timing::Pty;
@@ -59,6 +61,16 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
             nodes,
         })
         .collect())
+}
+
+/// Returns whether several drives of a line may reply at once. Their bytes then take the time of the baud rate, because
+/// they collide as long as they take.
+fn replies_collide(wire: &RackWire, protocol: &str) -> bool {
+    let RackWire::Serial(serial) = wire else { return false };
+    let known = registry::find_protocol(protocol, wire.medium());
+    serial.duplex == Duplex::Half
+        && serial.timing != Timing::Cdc
+        && known.is_some_and(|known| known.has_standards)
 }
 
 /// The drives of one link of a rack, behind a wire with the rack's faults. Clones are the same drives.

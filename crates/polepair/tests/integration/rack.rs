@@ -10,7 +10,10 @@ use polepair::scan::{ScanAddresses, ScanReport, scan};
 use polepair::simulate::{Simulation, SimulationPace, drive_lines, rack_of_file, rack_of_text};
 use polepair::stop::StopOptions;
 use polepair::{Connector, Error, LocalAxis};
+use polepair_core::medium::Stream;
 use polepair_core::profile::Signal;
+use polepair_core::station::{Station, Timed as _};
+use polepair_core::time::Instant;
 use polepair_link::{ServeThread, socketcand};
 use polepair_test_support::wait_until;
 
@@ -224,4 +227,36 @@ fn a_rack_does_things_to_its_drives_at_given_times() {
         assert!(error.contains(reason), "{act}: {error}");
     }
     std::fs::remove_file(&file).expect("a file");
+}
+
+/// Bytes that drives on a line send within 300 ms after these.
+fn replies(rack: &str, request: &[u8]) -> Vec<u8> {
+    let rack = rack_of_text("rack.toml", rack, 1).expect("a rack");
+    let mut line = drive_lines(&rack, 1).expect("drives").remove(0);
+    let (mut now, mut sent, mut out) = (Instant::ZERO.plus_ms(100), Vec::new(), [0; 520]);
+    Station::<Stream>::handle_input(&mut line, now, request);
+    let end = now.plus_ms(300);
+    while now < end {
+        while let Some(len) = Station::<Stream>::poll_transmit(&mut line, now, &mut out) {
+            sent.extend_from_slice(&out[..len]);
+        }
+        now = line.poll_timeout().unwrap_or(end).max(now.plus_ns(1000)).min(end);
+        line.handle_timeout(now);
+    }
+    sent
+}
+
+/// On a half-duplex line the drives of a group reply at once, so no reply survives.
+#[test]
+fn replies_of_a_group_collide_on_a_served_line() {
+    let drive = |axis| format!("[[link.drive]]\nprofile = 'technosoft-f514l'\naddress = {axis}\n");
+    let line = |drives: &str| format!("[[link]]\nname = 'l'\nduplex = 'half'\n{drives}");
+    // GiveMeData2 APOS to group 1, from 254 (TML communication manual, chapter 3).
+    let request = [0x08, 0x10, 0x10, 0xB2, 0x05, 0x0F, 0xE0, 0x02, 0x28, 0xF8];
+    let alone = replies(&line(&drive(1)), &request);
+    // TakeData2 from axis 1: its opcode is D5h and the axis.
+    assert!(alone.windows(2).any(|pair| pair == [0xD5, 0x01]), "{alone:02X?}");
+    let both = replies(&line(&(drive(1) + &drive(2))), &request);
+    assert!(!both.windows(alone.len()).any(|part| part == alone), "{both:02X?}");
+    assert!(!both.is_empty(), "their noise arrives");
 }
