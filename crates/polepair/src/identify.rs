@@ -18,6 +18,10 @@ use polepair_link::{Connection, LinkError};
 use std::cell::Cell;
 use std::time::Duration;
 
+/// Greatest axis ID on TechnoCAN.
+const TECHNOCAN_AXIS_MAX: u32 = 31;
+const ALIAS_HINT: &str = "another axis replies: the relay's CAN bus is TechnoCAN, which has axes 1 to 31; add \
+                          `relay=technocan`";
 /// Time limit of one question with all its repeats.
 const QUERY_MAX: Duration = Duration::from_secs(5);
 /// Time for which a stop repeats the identification of drives.
@@ -269,7 +273,32 @@ impl<'a> Prober<'a> {
             // What else came was late, or for others.
             *stray = *corrupt;
         }
+        if matches!(result, ProbeResult::Found { .. })
+            && self.may_be_alias(number)
+            && !self.answers_by_own_number(number)?
+        {
+            return Ok(ProbeResult::Forbidden(ALIAS_HINT));
+        }
         Ok(result)
+    }
+
+    /// Returns whether a relay may have passed a request to another axis: on TechnoCAN, which has axes 1 to 31, it
+    /// sends only the last five bits of a number.
+    fn may_be_alias(&self, number: u32) -> bool {
+        let options = &self.line.options;
+        options.relay_axis.is_some_and(|relay| relay != number)
+            && options.relay_axis_max.is_none()
+            && number > TECHNOCAN_AXIS_MAX
+    }
+
+    /// Returns whether a drive replies with this number as the sender's. The reply to a question for the firmware
+    /// does not name the sender, that to a question for a value does.
+    fn answers_by_own_number(&self, number: u32) -> Result<bool, Error> {
+        let generic = self.line.protocol.generic;
+        let connection =
+            self.line.probe_connection(&[(generic, number)], self.single_attempt, true)?;
+        let question = IdentityQuery::Parameter(ParameterId(0));
+        Ok(self.query(&connection, 0, question, Instant::FAR_FUTURE).is_none_or(is_answer))
     }
 
     /// Returns whether two modules answer at the address. Only a session that proves its addresses sees that, which a

@@ -378,11 +378,19 @@ impl RackDescription {
         let rate = self.wires[link].baud;
         let reported = location.starts_with("slcan") && rate != protocol.baud;
         let bit_rate = reported.then(|| format!("bitrate={rate}"));
+        // Drives that keep to a rate are reached at it only.
+        let is_set = protocol.rates.contains(&rate) && rate != protocol.baud;
+        let port_rate = if is_set && location.starts_with("serial") {
+            format!(":{rate}")
+        } else {
+            String::new()
+        };
         let keys: Vec<String> = wire.into_iter().chain(bit_rate).chain(host).collect();
         let mark = if keys.is_empty() { "" } else { "?" };
         let addresses: Vec<String> =
             drives.map(|drive| drive.address.unwrap_or(first).to_string()).collect();
-        format!("{}+{location}{mark}{}#{}", protocol.name, keys.join("&"), addresses.join(","))
+        let (name, keys, addresses) = (protocol.name, keys.join("&"), addresses.join(","));
+        format!("{name}+{location}{port_rate}{mark}{keys}#{addresses}")
     }
 
     /// Has the drives of a link answer to a host that none of them can be mistaken for.

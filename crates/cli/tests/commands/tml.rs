@@ -253,3 +253,29 @@ fn one_axis_behind_a_relay_is_commanded_alone() {
     served.end();
     std::fs::remove_dir_all(folder).expect("removed");
 }
+
+/// On TechnoCAN a relay sends only five bits of a number, so axis 1 replies to requests for 33, 65 and so on.
+#[test]
+fn axes_behind_a_technocan_relay_are_found_once() {
+    let folder = std::env::temp_dir().join(format!("polepair-alias-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let rack = folder.join("relay.toml");
+    std::fs::write(&rack, RELAY.replace("tmlcan", "technocan").replace("255", "5"))
+        .expect("written");
+    let rack = rack.to_str().expect("text");
+    let pty = folder.join("host").display().to_string();
+    let served = Served::with(&[rack, "--pty", &pty, "--udp", "239.74.163.36:43136"]);
+    let (line, _) = served.url.split_once('#').expect("axes");
+    let through = |axes: &str| format!("{line}?through=5{axes}");
+    let found = ok(&["scan", &through(""), "--ids", "1-34"]);
+    let axes: Vec<&str> =
+        found.lines().skip(1).filter_map(|row| row.split_whitespace().next()).collect();
+    assert_eq!(axes, ["1", "2", "5"], "{found}");
+    run::expect_silence();
+    let stopped = polepair(&["stop", &through("")]);
+    assert!(!stopped.err.contains("axis 33"), "{}", stopped.err);
+    let alias = polepair(&["info", &through("#33")]);
+    assert!(alias.code == 2 && alias.err.contains("`relay=technocan`"), "{}", alias.err);
+    served.end();
+    std::fs::remove_dir_all(folder).expect("removed");
+}

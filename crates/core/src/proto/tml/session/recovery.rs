@@ -91,7 +91,8 @@ impl Session {
                 self.has_answered(axis),
             );
         }
-        self.finish_silent(now);
+        // The acknowledgement came, so the line's rate is right.
+        self.end_silent(now);
     }
 
     /// Only questions and stops are ever sent again.
@@ -125,6 +126,10 @@ impl Session {
             self.enter_stage(now, pending.stage);
             return self.set_phase(RequestPhase::Drain(Instant::FAR_FUTURE));
         }
+        self.end_silent(now);
+    }
+
+    fn end_silent(&mut self, now: Instant) {
         self.counters.silent += 1;
         self.finish_pending(now, Err(Failure::Silent));
     }
