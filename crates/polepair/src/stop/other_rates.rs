@@ -24,7 +24,7 @@ const RATE_MAX: Duration = Duration::from_millis(700);
 /// Repeats a stop at the other rates, for named axes that were silent, or if no drive was found.
 ///
 /// # Errors
-/// [`Error::Link`] if the port is lost.
+/// [`Error::Usage`] if the string's protocol is unknown.
 pub(super) fn stop_at_other_rates(
     connector: &Connector,
     url: &Url,
@@ -45,7 +45,8 @@ pub(super) fn stop_at_other_rates(
         if clock::now() > end || on_event(StopEvent::TryingRate(rate)).is_break() {
             break;
         }
-        let mut found = stop_at_rate(connector, &url, how, on_event)?;
+        // An adapter that cannot do a rate refuses it. What is known of the stated rate stays.
+        let Ok(mut found) = stop_at_rate(connector, &url, how, on_event) else { continue };
         if !found.axes.is_empty() {
             stopped.other_rate = Some(rate);
             let again = |label: &String| found.axes.iter().any(|(other, _)| other == label);
