@@ -3,7 +3,7 @@
 use super::RackDescription;
 use crate::error::Error;
 use crate::registry;
-use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
+use polepair_core::medium::{Can, CanLine, Frame, Medium, MediumKind, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
 use polepair_drives::surroundings::{Act, SurroundingsControl};
@@ -28,9 +28,9 @@ pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<Drive
         match &mut link.wire {
             RackWire::Serial(serial) if is_timed => serial.baud = Some(wire.baud),
             RackWire::Serial(serial) => {
-                if serial.timing != Timing::Cdc {
-                    serial.timing = Timing::Pty;
-                }
+                // Where the protocol defines rates, its drives have no USB, on which any rate is understood.
+                let keeps_rate = serial.timing != Timing::Cdc && defines_rates(wire.protocol);
+                serial.timing = if keeps_rate { Timing::Pty } else { Timing::Cdc };
                 // Without timing a drive cannot distinguish a neighbour's reply from a request.
                 if wire.faults == SerialFaults::NONE && !serial.echo && !wire.shared {
                     serial.duplex = Duplex::Full;
@@ -71,6 +71,11 @@ fn replies_collide(wire: &RackWire, protocol: &str) -> bool {
     serial.duplex == Duplex::Half
         && serial.timing != Timing::Cdc
         && known.is_some_and(|known| known.has_standards)
+}
+
+fn defines_rates(protocol: &str) -> bool {
+    let known = registry::find_protocol(protocol, MediumKind::Serial);
+    known.is_some_and(|known| !known.rates.is_empty())
 }
 
 /// The drives of one link of a rack, behind a wire with the rack's faults. Clones are the same drives.
