@@ -20,7 +20,7 @@ pub const BUSY_MAX_MS: u32 = 1000;
 /// Pause before a request to a busy drive is repeated.
 pub const BUSY_PAUSE_MS: u32 = 20;
 /// Pause in place of a wait for a state that no drive of a group may be asked for.
-// A power stage is switched on within half a second.
+// \[I\] No manual states how long a power stage takes. If it takes longer, the start is lost, and was not claimed.
 const UNREAD_WAIT_MS: u32 = 500;
 
 /// Processes the reply to a request of a plan, or its absence.
