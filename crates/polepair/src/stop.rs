@@ -50,7 +50,7 @@ use unidentified::SharedStop;
 const QUERY_TIMEOUT: Duration = Duration::from_millis(30);
 /// Bits of the longest question and reply of an identification, on a serial line.
 const QUERY_BITS: u64 = 400;
-/// Time limit for trying addresses; the rest is reported as not tried.
+/// Limit of the time waited for addresses that are not named; the rest is reported as not tried.
 // Long enough for all addresses of a quick protocol; a person who stops cannot wait for all 247 of a slow
 // one.
 const SEARCH_MAX: Duration = Duration::from_secs(6);
@@ -294,7 +294,7 @@ struct LineSearch<'a> {
     /// The profile that the string names.
     chosen: Option<&'static Profile>,
     reply_timeout: Option<Duration>,
-    /// Time limit for addresses that are not named.
+    /// Limit of the time waited for addresses that are not named.
     time_limit: Duration,
     found: Vec<DetectedDrive>,
     /// Drives with a stop of their own or of their protocol, from which no usable reply came.
@@ -350,17 +350,24 @@ impl<'a> LineSearch<'a> {
         on_event: StopObserver<'_>,
     ) -> Result<Vec<DetectedDrive>, Error> {
         stopped.reply_timeout = self.reply_timeout;
-        let end = clock::now() + clock::scale_timeout(self.time_limit);
+        let mut waited = Duration::ZERO;
         let wanted = std::mem::take(&mut self.wanted);
         for (done, &number) in wanted.iter().enumerate() {
             debug_assert!(done < wanted.len());
-            if !self.named && clock::now() > end {
+            if waited >= self.time_limit {
                 stopped.not_queried = wanted.last().map(|last| (number, *last));
                 break;
             }
             let _ = on_event(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
             stopped.queried += 1;
+            let began = clock::now();
             let probe = self.prober.probe(number)?;
+            waited += match (self.reply_timeout, &probe) {
+                (None, _) => Duration::ZERO,
+                // Not the measured time: a busy computer must not ask fewer addresses than an idle one.
+                (Some(timeout), ProbeResult::Silent(_)) => timeout,
+                (Some(_), _) => clock::now().since(began),
+            };
             self.stop_probed(number, probe, stopped, on_event)?;
         }
         self.finish_deaf(stopped)?;

@@ -88,6 +88,7 @@ fn stop_at_rate(
         let mut search = LineSearch::new(connector, url, line, how)?;
         let timeout = query_timeout(url, line).unwrap_or(QUERY_TIMEOUT);
         search.named = false;
+        search.reply_timeout = Some(timeout);
         search.prober = search.prober.with_timeout(Some(timeout));
         search.time_limit = if url.axes.is_empty() { RATE_MAX } else { OTHER_RATES_MAX };
         let drives = search.run(&mut found, on_event)?;
