@@ -92,7 +92,7 @@ pub fn visit_families(visitor: &mut impl FamilyVisitor) {
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 13] = [
+    static ALL: [&Profile; 14] = [
         &tmcm17x::profile::TMCM_171,
         &tmcm17x::profile::TMCM_170,
         &tmcm::profile::TMCM_1140,
@@ -103,6 +103,7 @@ pub fn profiles() -> &'static [&'static Profile] {
         &syntron_ts::profile::SYNTRON_TS_CANOPEN,
         &technosoft::profile::TECHNOSOFT_F514L,
         &technosoft::profile::TECHNOSOFT_FA00G,
+        &technosoft::profile::TECHNOSOFT_F2XX,
         &thruster::profile::THRUSTER,
         &thruster::profile::THRUSTER_SERVO,
         &thruster::profile::THRUSTER_ACTUATOR,

@@ -22,6 +22,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) medium: MediumKind,
     /// The word in profiles.
     pub(crate) profile: &'static str,
+    /// The product that is usual on this wire, if it is not the first of these profiles.
+    pub(crate) usual_profile: Option<&'static str>,
     /// Addresses that a scan tries.
     pub(crate) addresses: RangeInclusive<u32>,
     /// Every address that a drive can have.
@@ -228,6 +230,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             name: P::NAME,
             medium: P::Medium::KIND,
             profile: P::PROFILE_PROTOCOL,
+            usual_profile: P::USUAL_PROFILE,
             addresses: P::SCAN_ADDRESSES,
             all_addresses: P::VALID_ADDRESSES,
             switch_address: P::SWITCH_ADDRESS,

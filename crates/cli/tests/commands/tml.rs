@@ -279,3 +279,37 @@ fn axes_behind_a_technocan_relay_are_found_once() {
     served.end();
     std::fs::remove_dir_all(folder).expect("removed");
 }
+
+/// TML communication manual, chapter 5: drives with TechnoCAN have firmware F2xxY.
+#[test]
+fn a_technocan_drive_reports_its_own_firmware() {
+    let info = ok(&["info", "sim:technocan:5"]);
+    assert!(info.contains("technosoft-f2xx (technocan)"), "{info}");
+    assert!(info.contains("firmware 214A"), "{info}");
+    let moved = ok(&["move", "sim:technocan:5?time=virtual", "1turn"]);
+    assert!(moved.starts_with("position = 1 turn"), "{moved}");
+    let language = ok(&["get", "sim:technosoft-fa00g+can:3", "POSERR"]);
+    assert_eq!(language.trim(), "position error = 0 turn");
+}
+
+#[test]
+fn unknown_firmware_names_profile_and_setup() {
+    let folder = std::env::temp_dir().join(format!("polepair-firmware-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    for protocol in ["technocan", "tmlcan", "tml"] {
+        let path = folder.join(format!("{protocol}.toml"));
+        let text = format!(
+            "[[link]]\nname = \"a\"\nprotocol = \"{protocol}\"\n[[link.drive]]\n\
+             profile = \"technosoft-f514l\"\naddress = 5\noptions = {{ firmware = \"F314A\" }}\n"
+        );
+        std::fs::write(&path, text).expect("written");
+        let url = format!("sim:{}#5", path.display());
+        for verb in [&["enable", &url][..], &["move", &url, "1turn", "--rel"]] {
+            let refused = polepair(verb);
+            assert_eq!(refused.code, 2, "{refused:?}");
+            assert!(refused.err.contains("`?profile=`") && refused.err.contains("`?setup=`"));
+        }
+        ok(&["enable", &url.replace("#5", "?profile=technosoft-f2xx#5")]);
+    }
+    std::fs::remove_dir_all(folder).expect("removed");
+}

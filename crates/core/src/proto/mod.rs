@@ -52,6 +52,8 @@ pub trait Protocol {
     const NAME: &'static str;
     /// The word in profiles: `tmcl`, `modbus`.
     const PROFILE_PROTOCOL: &'static str;
+    /// The product that is usual on this wire; `None` for the first profile of the protocol.
+    const USUAL_PROFILE: Option<&'static str> = None;
     /// The profile of an axis of which nothing else is known.
     fn generic_profile() -> &'static Profile;
     /// Addresses that a scan tries.

@@ -79,7 +79,11 @@ impl Options {
             axison_ms: 0,
             clock_ppm: 0,
             eeprom_ms: 5,
-            version: if late { *b"A00G" } else { *b"514L" },
+            version: match profile.name {
+                "technosoft-f2xx" => *b"214A",
+                _ if late => *b"A00G",
+                _ => *b"514L",
+            },
             srl_mask: if late {
                 super::addresses::SRL_MASK_FA00G
             } else {
@@ -103,6 +107,10 @@ impl Options {
             ("slow-loop-us", _) => self.slow_ns = 1000 * parse_number::<u64>(value, 100, 10_000)?,
             ("baud", "9600" | "19200" | "38400" | "57600" | "115200") => {
                 self.baud = parse_number(value, 9600, 115_200)?;
+            }
+            ("firmware", _) => {
+                let named = value.strip_prefix('F').unwrap_or(value).as_bytes().try_into();
+                self.version = named.map_err(|_| value)?;
             }
             ("axison-ms", _) => self.axison_ms = parse_number(value, 0, 10_000)?,
             ("clock-ppm", _) => self.clock_ppm = parse_number(value, -1000, 1000)?,

@@ -5,6 +5,7 @@ use crate::duplicate_address::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::{ARMING_HINT, Error};
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
+use crate::registry;
 use crate::url::AxisNumber;
 use polepair_core::axis::{MotionReport, Refusal, UnmetWait, Verb};
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
@@ -526,7 +527,14 @@ impl LocalAxis {
                      on a motor that may turn"
                 )
             }
-            _ => "no known drive replies like this; select the drive by `?profile=`".to_owned(),
+            _ => {
+                let known = registry::protocols().into_iter().find(|it| it.name == self.protocol);
+                let has_setup =
+                    known.is_some_and(|it| it.keys.iter().any(|key| key.name == "setup"));
+                let setup =
+                    if has_setup { ", or give its set-up archive by `?setup=`" } else { "" };
+                format!("no known drive replies like this; select the drive by `?profile=`{setup}")
+            }
         }
     }
 

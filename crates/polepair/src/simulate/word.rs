@@ -52,8 +52,11 @@ fn find_product(
     let mut names = registry::protocols();
     names.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
     let of_protocol = names.iter().find(|protocol| protocol.name == name).and_then(|protocol| {
-        let profile = profiles.iter().find(|p| p.protocol == protocol.profile)?;
-        Some((*profile, protocol.clone()))
+        let profile = match protocol.usual_profile {
+            Some(name) => shipped_profile(name)?,
+            None => profiles.iter().find(|p| p.protocol == protocol.profile)?,
+        };
+        Some((profile, protocol.clone()))
     });
     of_protocol.or_else(|| {
         let profile = shipped_profile(name)

@@ -557,6 +557,8 @@ impl Protocol for TechnoCan {
     type Medium = Can;
     type Host = CanHost<StandardIds>;
     const NAME: &'static str = "technocan";
+    /// Every drive with TechnoCAN has firmware F2xxY (TML communication manual, chapter 5).
+    const USUAL_PROFILE: Option<&'static str> = Some("technosoft-f2xx");
     const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=31;
     const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     const GROUPS: u8 = 5;
