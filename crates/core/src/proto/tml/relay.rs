@@ -106,7 +106,9 @@ impl Relay {
             let Some(message) = firmware.poll_message(now) else { return };
             let for_host = message.to.host && message.to.id == firmware.axis();
             match self.quirks.wire {
-                Some(TmlWire::Rs485) => self.send_serial(&message, firmware),
+                Some(TmlWire::Rs485) if !is_synchronisation(&message) => {
+                    self.send_serial(&message, firmware);
+                }
                 _ if for_host => self.send_serial(&message, firmware),
                 _ => self.send_can(&message, firmware),
             }
@@ -173,6 +175,13 @@ impl Relay {
 
 fn is_for_others(to: IdCode, axis: u8) -> bool {
     to.group || to.id == 0 || to.id != axis
+}
+
+/// Returns whether a message keeps the drives' times together. It goes to the drives on the CAN bus (manual,
+/// chapter 5, example 4): on RS-485 only the host begins (chapter 3).
+fn is_synchronisation(message: &Message) -> bool {
+    let online = OnlineMessage::parse(&message.instruction);
+    matches!(online, Some(OnlineMessage::Synchronisation | OnlineMessage::MasterTime(_)))
 }
 
 /// Returns whether a message replies to a drive's request to another drive on RS-485: a reply is not acknowledged

@@ -38,3 +38,25 @@ fn ten_drives_keep_within_a_period_of_their_master() {
         }
     }
 }
+
+/// TML communication manual, chapter 3: on RS-485 only the host begins.
+#[test]
+fn a_master_of_time_is_silent_on_rs485() {
+    for wire in ["rs485", "rs232"] {
+        let mut master = DriveFixture::at(Some(1), &[("wire", wire), ("can", "tmlcan")]);
+        master.send_instruction(0x1404, &[20, 0]);
+        let (mut serial, mut frames) = (0, 0);
+        let mut frame = Frame::default();
+        for _ in 0..200 {
+            master.wait(1);
+            serial += master.sent().len();
+            let now = master.now;
+            while Station::<Can>::poll_transmit(&mut master.device, now, &mut frame).is_some() {
+                frames += 1;
+            }
+        }
+        assert_eq!(serial, 0, "{wire}");
+        // A synchronisation and the time, every 20 ms.
+        assert!((18..=20).contains(&frames), "{wire}: {frames}");
+    }
+}
