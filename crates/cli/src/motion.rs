@@ -183,7 +183,7 @@ pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: Motio
         commands,
         then,
         |_: &[_]| check_together(&local).map_err(to_problem),
-        |_: &[_], _| polepair::start_together(&local).map_err(to_problem),
+        |_: &[_], _, _| polepair::start_together(&local).map_err(to_problem),
     )
 }
 
@@ -192,7 +192,7 @@ fn execute_motion(
     commands: &[(Axis, Command)],
     then: MotionMode,
     check: impl FnOnce(&[(Axis, Command)]) -> Result<()>,
-    start: impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
+    start: impl FnOnce(&[(Axis, Command)], Instant, &mut Option<Problem>) -> Result<()>,
 ) -> Result {
     if then == MotionMode::Detach {
         check_detach(session, commands)?;
@@ -208,13 +208,14 @@ fn execute_motion(
     // One span for all of it: homing is part of the command, the way to a target is not.
     let deadline = session.now() + within;
     let mut measured = report::MeasuredMotion::default();
+    let mut unconfirmed = None;
     // Refusals come before anything has power.
     debug_assert!(!commands.is_empty());
     let ended = check(commands)
-        .and_then(|()| started_motion.power_all(commands))
+        .and_then(|()| started_motion.power_all(commands, &mut unconfirmed))
         .and_then(|()| {
             started_motion.mark_moved();
-            start(commands, deadline)
+            start(commands, deadline, &mut unconfirmed)
         })
         .and_then(|()| match then {
             MotionMode::Hold(seconds) => {
@@ -224,9 +225,7 @@ fn execute_motion(
                 if held.is_ok() {
                     measured.read_others(session, commands);
                 }
-                held.and_then(|()| {
-                    commands.iter().try_for_each(|(axis, _)| check_confirmed(axis, "the motion"))
-                })
+                held.and_then(|()| unconfirmed.take().map_or(Ok(()), Err))
             }
             MotionMode::Arrive(_) => wait_arrival(commands, deadline),
             MotionMode::Detach => Ok(()),
@@ -237,8 +236,7 @@ fn execute_motion(
             Some(_) => "left running; the simulation ends with this program".to_owned(),
             None => format!("left running; to stop it: polepair stop {}", session.arguments),
         });
-        commands.iter().try_for_each(|(axis, _)| check_confirmed(axis, "the motion"))?;
-        return Ok(Exit::Ok);
+        return unconfirmed.map_or(Ok(Exit::Ok), Err);
     }
     let arrived = matches!(then, MotionMode::Arrive(_)) && ended.is_ok();
     let quiet = started_motion.stopped_text();
@@ -341,14 +339,18 @@ impl StartedMotion {
     }
 
     /// Arms all axes, and powers each in the mode of its command, before any of them moves.
-    fn power_all(&mut self, commands: &[(Axis, Command)]) -> Result<()> {
+    fn power_all(
+        &mut self,
+        commands: &[(Axis, Command)],
+        unconfirmed: &mut Option<Problem>,
+    ) -> Result<()> {
         commands.iter().try_for_each(|(axis, _)| self.arm(axis))?;
         for (one, (axis, command)) in self.started.iter_mut().zip(commands) {
             if !session::is_enabled(axis)? {
                 // Noted before the request: whether or not it is answered, the power is this program's to take away.
                 one.enabled_here = true;
                 axis.interface().prepare_mode(command.verb).map_err(to_problem)?;
-                run_optional_verb(axis, Verb::Enable)?;
+                keep_unconfirmed(run_optional_verb(axis, Verb::Enable), unconfirmed)?;
             }
         }
         Ok(())
@@ -388,13 +390,29 @@ impl Drop for StartedMotion {
 }
 
 /// Starts all of them back to back, and waits until each verb has ended.
-fn start_commands(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
+fn start_commands(
+    commands: &[(Axis, Command)],
+    deadline: Instant,
+    unconfirmed: &mut Option<Problem>,
+) -> Result<()> {
     // All are started before the first is waited for.
     let started = start_each(commands).map_err(to_problem)?;
     let mut started = started.into_iter().zip(commands);
     started.try_for_each(|(mut request, (axis, command))| {
-        wait_request(axis, command.verb, &mut request, deadline)
+        let started = wait_request(axis, command.verb, &mut request, deadline);
+        keep_unconfirmed(started, unconfirmed)
     })
+}
+
+/// Goes on after a command that was sent and that nothing confirms. The last such problem is the result of the verb.
+pub fn keep_unconfirmed(result: Result<()>, kept: &mut Option<Problem>) -> Result<()> {
+    match result {
+        Err(problem) if problem.exit == Exit::Unconfirmed => {
+            *kept = Some(problem);
+            Ok(())
+        }
+        result => result,
+    }
 }
 
 /// Waits for the end of a request, Ctrl-C or the deadline.
@@ -507,14 +525,6 @@ pub fn unconfirmed_problem(label: &str, what: &str) -> Problem {
     let what = format!("{label}: {what} was sent; nothing confirms it on this wire.");
     Problem::new(Exit::Unconfirmed, "E901", what)
         .hint("name the axes instead of the group, so that each is asked, or look at the motors")
-}
-
-/// Ends with `E901` if the last command of a group was sent without a reading.
-pub fn check_confirmed(axis: &Axis, what: &str) -> Result<()> {
-    match axis.local() {
-        Some(local) if local.state().unconfirmed => Err(unconfirmed_problem(axis.label(), what)),
-        _ => Ok(()),
-    }
 }
 
 /// Waits until the arrival of each axis was measured.

@@ -158,7 +158,7 @@ pub fn run_verb(axis: &LocalAxis, verb: Verb) -> Result<i64> {
 pub fn is_enabled(axis: &Axis) -> Result<bool> {
     match axis.local() {
         Some(axis) => {
-            let read = axis.unless_mute(axis.signal_value(Signal::Enabled));
+            let read = axis.unless_forbidden(axis.signal_value(Signal::Enabled));
             Ok(read.map_err(outcome::to_problem)?.flatten().is_some_and(|read| read.raw != 0))
         }
         None if !axis.has_signal(Signal::Enabled) => Ok(false),

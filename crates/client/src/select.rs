@@ -101,7 +101,11 @@ fn find_axis(
         .filter(|axis| link.is_none_or(|link| axis.link == link.id))
         .filter(|axis| {
             let number = AxisNumber::parse(word).map(|number| number.0);
-            (!axis.name.is_empty() && axis.name == word) || number == Some(axis.number)
+            // A group's number is written otherwise than an axis': g1.
+            let is_group = || AxisNumber(axis.number).to_string() == word;
+            (!axis.name.is_empty() && axis.name == word)
+                || number == Some(axis.number)
+                || is_group()
         })
         .collect();
     match found[..] {

@@ -390,7 +390,6 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         // A program that goes on would set the motor going again after the stop, so it is ended between two
         // stops (STOP-19).
         let program_end = halt_steps.filter(|_| ends_program).and_then(|at| u8::try_from(at).ok());
-        self.slot_mut(axis)?.state.unconfirmed = false;
         if program_end.is_some() {
             let state = &mut self.slot_mut(axis)?.state;
             (state.program_end, state.store_ended) = (None, false);

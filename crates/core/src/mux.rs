@@ -282,6 +282,16 @@ impl AxisScales for Mux {
         self.lane_of(axis).and_then(|(lane, axis)| lane.scale_error(axis, parameter))
     }
 
+    fn visit_axes_alike(&self, axis: AxisIndex, visit: &mut dyn FnMut(AxisIndex)) {
+        let Some((n, local)) = self.locate(axis) else { return };
+        self.lanes[n].visit_axes_alike(local, &mut |alike| {
+            let place = self.locations.iter().position(|location| *location == (n, alike));
+            if let Some(index) = place.and_then(|at| u8::try_from(at).ok()) {
+                visit(AxisIndex(index));
+            }
+        });
+    }
+
     fn adopt_scales(&mut self, axis: AxisIndex) {
         if let Ok((lane, axis)) = self.lane_of_mut(axis) {
             lane.adopt_scales(axis);

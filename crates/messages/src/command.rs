@@ -234,7 +234,7 @@ pub enum StopClass {
     /// The time limit is over, or the link is lost: standstill is not confirmed. The stop is pending and
     /// repeated, see [`AxisState::pending_stop`](super::AxisState::pending_stop).
     Pending,
-    /// The stop was sent.
+    /// The stop was sent. As an answer: to a group, whose drives confirm nothing on this wire.
     Sent,
     /// The drive answered all of it. As an answer: and it has nothing by which it could be seen
     /// standing.

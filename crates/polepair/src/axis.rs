@@ -73,8 +73,6 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Reads of a parameter that scales others until two agree.
-const FACTOR_READS_MAX: usize = 3;
 /// Hint for an axis that is armed already.
 pub(crate) const ALREADY_ARMED_HINT: &str =
     "move it in the block that armed it: the end of a second block would stop it";
@@ -329,26 +327,6 @@ impl LocalAxis {
         let unit = self.unit(id);
         let raw = self.raw_of(id, &Amount::Number(si / unit.si_factor()))?;
         Ok(Value { value: si / unit.si_factor(), word: None, ..self.value(id, raw)? })
-    }
-
-    fn read_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
-        // A value that may belong to another request counts once it is read twice.
-        for _ in 0..FACTOR_READS_MAX {
-            let mut inputs = parameter.scale.inputs(self.profile);
-            let read = inputs.try_for_each(|id| self.read_optional(id).map(drop));
-            if read.is_err() && AxisNumber(self.number).is_group() {
-                // On RS-485 the drives of a group cannot be asked; those that are named besides can.
-                self.connection.with_axes(|axes, _| axes.adopt_scales(self.index));
-                if self.knows_factors(parameter) {
-                    break;
-                }
-            }
-            read?;
-            if self.knows_factors(parameter) {
-                break;
-            }
-        }
-        Ok(())
     }
 
     /// Waits on the link's own clock: in virtual time it is over at once.
@@ -650,32 +628,6 @@ impl LocalAxis {
         }
         let state = self.state();
         Ok(signals.iter().map(|signal| state.reading(*signal)).collect())
-    }
-
-    /// The value of a reading; `None` for a group whose drives may not be asked: on RS-485 the answers would collide.
-    ///
-    /// # Errors
-    /// That of the reading.
-    pub fn unless_mute<T>(&self, read: Result<T, Error>) -> Result<Option<T>, Error> {
-        let is_forbidden = |error: &Error| {
-            matches!(error, Error::Unsupported { why: Unsupported::Forbidden(_), .. })
-        };
-        match read {
-            Err(error) if AxisNumber(self.number).is_group() && is_forbidden(&error) => Ok(None),
-            read => read.map(Some),
-        }
-    }
-
-    pub(crate) fn read_unread_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
-        if self.knows_factors(parameter) { Ok(()) } else { self.read_factors(parameter) }
-    }
-
-    pub(crate) fn knows_factors(&self, parameter: &'static Parameter) -> bool {
-        let id = self.profile.parameters.iter().position(|p| std::ptr::eq(p, parameter));
-        let id = id.and_then(|n| u16::try_from(n).ok()).map(ParameterId);
-        let known =
-            id.and_then(|id| self.connection.with_axes(|axes, _| axes.to_si(self.index, id, 0)));
-        known.is_some()
     }
 
     /// Reads signals again and again, every `period` on the link's clock, until `show` breaks.

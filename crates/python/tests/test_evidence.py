@@ -25,6 +25,23 @@ EARLY = [
 ]
 
 
+def test_a_group_that_confirms_nothing_raises() -> None:
+    """On RS-485 no drive of a group may be asked: what was sent is all that is known."""
+    with polepair.connect("sim:tml:1,2?time=virtual#1,g1") as link:
+        one, group = link.axes
+        one.clear()
+        with pytest.warns(RuntimeWarning, match="axes g1: enable: nothing on this wire"):
+            with group.armed():
+                for verb, words in (("clear", ()), ("spin", ((60, "rpm"),))):
+                    with pytest.raises(PolepairError) as unconfirmed:
+                        getattr(group, verb)(*words)
+                    assert unconfirmed.value.code == "E901"
+                    assert "axes g1" in str(unconfirmed.value)
+                wait_until(
+                    "axis 1 turns", lambda: one.read("velocity")["velocity"], lambda speed: speed > 6
+                )
+
+
 @pytest.mark.parametrize(("drive", "before", "event", "code", "words"), EARLY)
 def test_a_move_that_ends_early_raises(
     drive: str, before: dict[str, object], event: str, code: str, words: str

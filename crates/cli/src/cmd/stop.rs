@@ -249,6 +249,7 @@ fn report_remote(reports: Vec<(String, Option<AxisStopReport>)>, failed: Vec<Pro
         let ended = match how.map(|how| (how.class, how.error)) {
             Some((StopClass::Standing, _)) => Ok(Standstill::Observed),
             Some((StopClass::Acknowledged, _)) => Ok(Standstill::Unobservable),
+            Some((StopClass::Sent, None)) => Ok(Standstill::Unconfirmed),
             Some((StopClass::Pending, error)) => Err(pending_problem(&label, error)),
             Some((_, Some(error))) => Err(remote::refusal_problem(error)),
             _ => Err(unconfirmed_problem(&label)),

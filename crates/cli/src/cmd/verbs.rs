@@ -86,12 +86,13 @@ impl Enable {
         session.listen_for_interrupts();
         let stops = format!("it stays powered until polepair disable {}", session.arguments);
         motion::print_start_note(session.axes().iter().cloned(), &session.arguments, &stops);
-        let mut confirmed = Ok(());
+        let mut unconfirmed = None;
         for axis in session.axes() {
             axis.arm().map_err(outcome::to_problem)?;
-            switch_power(axis, enable)?;
-            if let Err(problem) = motion::check_confirmed(axis, "the command") {
-                confirmed = confirmed.and(Err(problem));
+            let mut unknown = None;
+            motion::keep_unconfirmed(switch_power(axis, enable), &mut unknown)?;
+            if unknown.is_some() {
+                unconfirmed = unconfirmed.or(unknown);
                 continue;
             }
             // The drive keeps its power.
@@ -100,7 +101,7 @@ impl Enable {
             }
             print_note(&format!("{} {POWERED}", axis.label()));
         }
-        confirmed.map(|()| Exit::Ok)
+        unconfirmed.map_or(Ok(Exit::Ok), Err)
     }
 }
 
@@ -137,9 +138,7 @@ fn run_simple(
     let mut ended = Ok(());
     // Every axis gets its command, also after an error of another one.
     for axis in session.axes() {
-        let one = switch_power(axis, Command::new(wanted))
-            .and_then(|()| motion::check_confirmed(axis, "the command"))
-            .and_then(|()| done(axis));
+        let one = switch_power(axis, Command::new(wanted)).and_then(|()| done(axis));
         if let Ok(done) = &one {
             print_note(&format!("{} {done}", axis.label()));
         }
@@ -170,7 +169,7 @@ fn power_off_text(axis: &Axis) -> Result<String> {
     if powered.is_some_and(|powered| powered != 0.0) {
         return Err(still_powered_problem(axis.label()));
     }
-    if powered.is_none() && axis.local().is_some_and(|axis| AxisNumber(axis.number()).is_group()) {
+    if powered.is_none() && AxisNumber(axis.number()).is_group() {
         return Err(motion::unconfirmed_problem(axis.label(), "the command"));
     }
     let velocity = session::signal_text(axis, Signal::Velocity).ok().flatten();

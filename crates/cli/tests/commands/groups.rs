@@ -4,6 +4,7 @@
 use crate::run;
 
 use polepair_test_support::wait_for;
+use run::Server;
 use run::{Served, ok, polepair};
 use serde_json::Value;
 
@@ -34,13 +35,17 @@ fn a_group_on_rs485_is_commanded_without_a_claim() {
     let ran = polepair(&["enable", &group]);
     assert_eq!(ran.code, 9, "{}", ran.err);
     assert!(ran.err.contains("axis 1 is powered\n"), "{}", ran.err);
-    let sent = "error[E901]: axes g1: the command was sent; nothing confirms it on this wire.";
+    let sent = "error[E901]: axes g1: enable: nothing on this wire confirms it; it may have been executed.";
     assert!(ran.err.contains(sent), "{}", ran.err);
     assert!(!ran.err.contains("axes g1 is powered"), "{}", ran.err);
     // The scale of axis 1 is that of its group; axis 2 is in it too.
     let ran = polepair(&["spin", &group, "120rpm", "--detach"]);
     assert_eq!(ran.code, 9, "{}", ran.err);
-    assert!(ran.err.contains("error[E901]: axes g1: the motion was sent"), "{}", ran.err);
+    assert!(
+        ran.err.contains("error[E901]: axes g1: velocity: nothing on this wire confirms it"),
+        "{}",
+        ran.err
+    );
     let second = sim.url.replace("#1,2", "#2");
     wait_for("axis 2 to turn", || {
         let speed = ok(&["get", &second, "actual speed"]);
@@ -56,5 +61,20 @@ fn a_group_on_rs485_is_commanded_without_a_claim() {
         "10rpm",
     ]);
     assert_eq!((ran.code, ran.err.contains("Nothing was sent.")), (2, true), "{}", ran.err);
+    sim.end();
+}
+
+#[test]
+fn a_group_on_a_server_is_commanded_without_a_claim() {
+    let sim = Served::new("tml:1,2");
+    let server = Server::new(&[&sim.url.replace("#1,2", "#1,g1")]);
+    for (verb, name) in [("enable", "enable:"), ("clear", "clear:"), ("disable", "the command")] {
+        let ran = server.run(&[verb, "g1"]);
+        assert_eq!(ran.code, 9, "{verb}: {}", ran.err);
+        assert!(ran.err.contains(&format!("error[E901]: axes g1: {name}")), "{}", ran.err);
+    }
+    let ran = server.run(&["stop", "g1"]);
+    assert_eq!(ran.code, 9, "{}", ran.err);
+    assert!(ran.err.contains("axes g1: the stop was sent; nothing confirms it"), "{}", ran.err);
     sim.end();
 }

@@ -158,8 +158,13 @@ pub trait AxisScales {
     /// itself. Its SI value is then the raw one.
     fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale>;
 
-    /// Gives an axis that no request may read, the drives of a group on RS-485, the scales of the other axes of the
-    /// line with its profile, where these agree.
+    /// Visits the other axes of the line with the profile of this one, without groups.
+    fn visit_axes_alike(&self, axis: AxisIndex, visit: &mut dyn FnMut(AxisIndex)) {
+        let _ = (axis, visit);
+    }
+
+    /// Gives an axis that no request may read, the drives of a group on RS-485, the scales of the
+    /// [axes alike](Self::visit_axes_alike), where these agree.
     fn adopt_scales(&mut self, axis: AxisIndex) {
         let _ = axis;
     }

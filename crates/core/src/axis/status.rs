@@ -57,8 +57,6 @@ pub struct AxisStatus {
     /// The last stop found that the drive stored requests as instructions of a program, and ended that: the program
     /// is incomplete.
     pub store_ended: bool,
-    /// True if the last command of a group was sent without a reading, because no drive of it may be asked.
-    pub unconfirmed: bool,
     /// A motion was sent, and since then it was not acknowledged that the axis arrived, was stopped or
     /// was switched off. It stays when the link is lost: then the motor may turn.
     pub motion_active: bool,
@@ -72,7 +70,6 @@ impl AxisStatus {
         flash_writes: 0,
         program_end: None,
         store_ended: false,
-        unconfirmed: false,
         motion_active: false,
     };
 

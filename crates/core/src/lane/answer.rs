@@ -108,7 +108,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
         (InFlight::Read(_), Err(failure @ (Failure::NotReady { .. } | Failure::Impossible(_))))
             if group =>
         {
-            skip_unread(now, run, slot, failure)
+            skip_unread(now, run, failure)
         }
         (InFlight::Read(_), Err(Failure::Refused { .. } | Failure::WrongSize { .. }))
             if matches!(run.current_step(), Some(Step::SkipIfMissing { .. })) =>
@@ -188,12 +188,7 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
 }
 
 /// Goes on without a reading that no drive of a group may give.
-fn skip_unread<R: Request, A: Copy + 'static>(
-    now: Instant,
-    run: &mut PlanRun,
-    slot: &mut AxisSlot<R, A>,
-    failure: Failure,
-) -> JobState {
+fn skip_unread(now: Instant, run: &mut PlanRun, failure: Failure) -> JobState {
     let step = run.current_step();
     if run.is_stop() {
         return skip_step(run);
@@ -202,7 +197,7 @@ fn skip_unread<R: Request, A: Copy + 'static>(
     if matches!(step, Some(Step::Copy { .. } | Step::Ensure(..))) {
         return fail_step(run, failure);
     }
-    slot.state.unconfirmed = true;
+    run.unconfirmed = true;
     let next = skip_step(run);
     match step {
         Some(Step::Until { .. }) => JobState::Sleeping(now.plus_ms(UNREAD_WAIT_MS)),

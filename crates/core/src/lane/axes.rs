@@ -164,11 +164,20 @@ impl<M: Medium, H: Host<M>> AxisScales for Lane<M, H> {
         self.slot(axis).ok()?.scale_error(parameter)
     }
 
-    fn adopt_scales(&mut self, axis: AxisIndex) {
+    fn visit_axes_alike(&self, axis: AxisIndex, visit: &mut dyn FnMut(AxisIndex)) {
         let Ok(own) = self.slot(axis) else { return };
-        let same = |slot: &&AxisSlot<_, _>| core::ptr::eq(slot.profile, own.profile);
-        let others: Vec<_> =
-            self.slots.iter().filter(same).filter(|slot| !slot.driver.is_group()).collect();
+        for (index, slot) in (0..).map(AxisIndex).zip(&self.slots) {
+            let is_alike = core::ptr::eq(slot.profile, own.profile) && !slot.driver.is_group();
+            if is_alike && index != axis {
+                visit(index);
+            }
+        }
+    }
+
+    fn adopt_scales(&mut self, axis: AxisIndex) {
+        let mut others = Vec::new();
+        self.visit_axes_alike(axis, &mut |index| others.extend(self.slot(index).ok()));
+        let Ok(own) = self.slot(axis) else { return };
         let agreed = |id: ParameterId| {
             let mut values = others.iter().map(|slot| slot.scale_input(id));
             let first = values.next().flatten()?;

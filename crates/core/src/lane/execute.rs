@@ -604,6 +604,7 @@ pub fn note_end<R: Request, A: Copy + 'static>(
 
 pub fn finished_outcome(run: &PlanRun) -> Outcome {
     match run.undo_reason {
+        None if run.unconfirmed && !run.is_stop() => Outcome::Unknown(Failure::Unconfirmed),
         None => Outcome::Done(run.last_value),
         Some(failure) => {
             let undone = !run.is_stop() && !run.undo_failed;

@@ -191,6 +191,8 @@ pub struct PlanRun {
     pub resends: u8,
     /// Values that wait steps check beside their condition.
     pub guard: WaitGuard,
+    /// A reading was left out, because no drive of a group may be asked.
+    pub unconfirmed: bool,
     /// Readings for the judge of a motion.
     pub watch: WatchReads,
     /// The drive accepted the write of the current step and was not done with it.
@@ -310,6 +312,7 @@ impl PlanRun {
             last_value: 0,
             resends: 0,
             guard: WaitGuard::default(),
+            unconfirmed: false,
             watch: WatchReads::default(),
             accepted: false,
             ended_store: false,

@@ -74,6 +74,11 @@ impl LocalAxis {
                 };
                 (reason, details.hint().into_owned())
             }
+            Failure::Unconfirmed if matches!(outcome, Outcome::Unknown(_)) => (
+                "nothing on this wire confirms it".to_owned(),
+                "name the axes instead of the group, so that each is asked, or look at the motors"
+                    .to_owned(),
+            ),
             failure => self.failure_reason(failure),
         };
         if let (RequestKind::Verb(verb), Outcome::Partly(Failure::Refused { .. }, extent)) =

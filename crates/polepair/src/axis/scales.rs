@@ -2,8 +2,13 @@
 
 use super::LocalAxis;
 use crate::error::Error;
-use polepair_core::profile::{NoScale, ParameterId, Scale, Signal};
+use crate::url::AxisNumber;
+use polepair_core::error::Unsupported;
+use polepair_core::profile::{NoScale, Parameter, ParameterId, Scale, Signal};
 use polepair_core::units::{Quantity, Unit};
+
+/// Reads of a parameter that scales others until two agree.
+const FACTOR_READS_MAX: usize = 3;
 
 impl LocalAxis {
     /// Returns whether a parameter is known to have no unit: it is then shown raw.
@@ -114,6 +119,65 @@ impl LocalAxis {
             lines.push((kind, text));
         }
         Ok(lines)
+    }
+
+    /// Scales of a group that may not be asked, on RS-485, from the axes that are named besides.
+    fn adopt_scales(&self, parameter: &'static Parameter) {
+        let mut named = Vec::new();
+        self.connection
+            .with_axes(|axes, _| axes.visit_axes_alike(self.index, &mut |index| named.push(index)));
+        for index in named {
+            let named = Self { index, ..self.clone() };
+            let mut inputs = parameter.scale.inputs(self.profile);
+            // An axis that does not reply has no scale, and then none is adopted.
+            let _ = inputs.try_for_each(|id| named.read_optional(id).map(drop));
+        }
+        self.connection.with_axes(|axes, _| axes.adopt_scales(self.index));
+    }
+
+    pub(super) fn read_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
+        // A value that may belong to another request counts once it is read twice.
+        for _ in 0..FACTOR_READS_MAX {
+            let mut inputs = parameter.scale.inputs(self.profile);
+            let read = inputs.try_for_each(|id| self.read_optional(id).map(drop));
+            if read.is_err() && AxisNumber(self.number).is_group() {
+                self.adopt_scales(parameter);
+                if self.knows_factors(parameter) {
+                    break;
+                }
+            }
+            read?;
+            if self.knows_factors(parameter) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The value of a reading; `None` for a group whose drives may not be asked: on RS-485 the answers would collide.
+    ///
+    /// # Errors
+    /// That of the reading.
+    pub fn unless_forbidden<T>(&self, read: Result<T, Error>) -> Result<Option<T>, Error> {
+        let is_forbidden = |error: &Error| {
+            matches!(error, Error::Unsupported { why: Unsupported::Forbidden(_), .. })
+        };
+        match read {
+            Err(error) if AxisNumber(self.number).is_group() && is_forbidden(&error) => Ok(None),
+            read => read.map(Some),
+        }
+    }
+
+    pub(crate) fn read_unread_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
+        if self.knows_factors(parameter) { Ok(()) } else { self.read_factors(parameter) }
+    }
+
+    pub(crate) fn knows_factors(&self, parameter: &'static Parameter) -> bool {
+        let id = self.profile.parameters.iter().position(|p| std::ptr::eq(p, parameter));
+        let id = id.and_then(|n| u16::try_from(n).ok()).map(ParameterId);
+        let known =
+            id.and_then(|id| self.connection.with_axes(|axes, _| axes.to_si(self.index, id, 0)));
+        known.is_some()
     }
 
     fn signal_parameter_id(&self, signal: Signal) -> Option<ParameterId> {

@@ -155,9 +155,9 @@ impl AxisMotion for LocalAxis {
             }
             Ok(self.signals(&[signal])?.into_iter().next())
         };
-        let faults = self.unless_mute(AxisReadings::faults(self))?.unwrap_or_default();
+        let faults = self.unless_forbidden(AxisReadings::faults(self))?.unwrap_or_default();
         let fault = faults.into_iter().find(|fault| !fault.is_warning);
-        let enabled = self.unless_mute(read(Signal::Enabled))?.flatten();
+        let enabled = self.unless_forbidden(read(Signal::Enabled))?.flatten();
         let enabled = enabled.map(|reading| reading.raw != 0);
         // The drives of a group rarely have the same speed and position.
         if AxisNumber(self.number()).is_group() {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -474,14 +475,23 @@ class AxisSteps:
         """Enables the axis. Removes the power again if this is interrupted, such as by a cancelled task."""
         try:
             yield from self._enable()
+        except PolepairError as error:
+            # A group that no drive may answer for would otherwise never be armed.
+            if error.code != "E901":
+                yield from self._power_off()
+                raise
+            warnings.warn(str(error), RuntimeWarning, stacklevel=2)
         except BaseException:
-            if "disable" in self.verbs:
-                # The earlier error is the one that the caller needs.
-                with suppress(PolepairError):
-                    begun = yield from self._begin_own("disable")
-                    if begun is not None:
-                        yield Wait(begun)
+            yield from self._power_off()
             raise
+
+    def _power_off(self) -> Steps[None]:
+        if "disable" in self.verbs:
+            # The earlier error is the one that the caller needs.
+            with suppress(PolepairError):
+                begun = yield from self._begin_own("disable")
+                if begun is not None:
+                    yield Wait(begun)
 
     def _disarm(self) -> Steps[None]:
         # The earlier error is the one that the caller needs.
@@ -563,7 +573,9 @@ class AxisSteps:
         try:
             for name, raw in before:
                 yield from self._set_raw(name, raw)
-            yield from self._read(*told)
+            # The drives of a group may not be asked.
+            with suppress(Unsupported):
+                yield from self._read(*told)
         except PolepairError as error:
             return error
         return None

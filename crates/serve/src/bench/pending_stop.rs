@@ -161,6 +161,8 @@ impl PendingStop {
         match self.stop.progress() {
             StopProgress::Sent if self.stop.is_unsent() => (StopClass::Failed, None),
             StopProgress::Sent => (StopClass::Sent, None),
+            // Drives of a group acknowledge nothing.
+            StopProgress::Unobservable if self.is_unconfirmed() => (StopClass::Sent, trouble),
             StopProgress::Acknowledged | StopProgress::Unobservable => {
                 (StopClass::Acknowledged, trouble)
             }
@@ -172,6 +174,11 @@ impl PendingStop {
                 (StopClass::Sent, Some(GatewayError::from(error.clone())))
             }
         }
+    }
+
+    fn is_unconfirmed(&self) -> bool {
+        let ended = self.stop.result().map(|ended| &ended.standstill);
+        matches!(ended, Some(Ok(Standstill::Unconfirmed)))
     }
 
     /// Checks its progress, and sends the requests that are due.
