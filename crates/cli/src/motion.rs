@@ -1,6 +1,7 @@
 //! Common parts of the motion verbs: arming, enabling, waiting, stopping.
 
 mod report;
+mod started;
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -22,6 +23,8 @@ use crate::remote;
 use crate::session::{self, Session};
 use crate::terminal::{self, print_note, print_warning};
 use crate::value;
+use started::{StartedAxis, StartedMotion};
+
 pub use report::{print_program_note, print_start_note, signal_lines};
 
 /// Interval of checking a held motion for Ctrl-C and its end, ms.
@@ -156,18 +159,32 @@ pub const fn command_word(verb: Verb) -> &'static str {
 
 /// Runs a motion on each axis, and stops all of them if it ends early.
 pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
+    execute_motion(session, commands, then, check_commands, start_commands)
+}
+
+/// Runs moves that `record` starts at its moment: after the start it goes on, and the arrival is waited for
+/// afterwards.
+pub fn run_recorded(
+    session: &Session,
+    commands: &[(Axis, Command)],
+    record: impl FnOnce(&mut dyn FnMut() -> Result<()>) -> Result<()>,
+) -> Result {
     execute_motion(
         session,
         commands,
-        then,
-        |commands: &[(Axis, Command)]| {
-            commands
-                .iter()
-                .try_for_each(|(axis, command)| axis.interface().check_command(*command))
-                .map_err(to_problem)
+        MotionMode::Arrive(None),
+        check_commands,
+        |commands: &[_], deadline, unconfirmed: &mut _| {
+            record(&mut || start_commands(commands, deadline, unconfirmed))
         },
-        start_commands,
     )
+}
+
+fn check_commands(commands: &[(Axis, Command)]) -> Result<()> {
+    commands
+        .iter()
+        .try_for_each(|(axis, command)| axis.interface().check_command(*command))
+        .map_err(to_problem)
 }
 
 /// Runs moves that begin at one signal.
@@ -310,83 +327,6 @@ pub fn run_powered(arguments: &str, axis: &Axis, motion: impl FnOnce() -> Result
         });
     let quiet = started_motion.stopped_text();
     conclude(ended, started_motion.finish(false), quiet)
-}
-
-/// Axes that this verb powers and sets in motion. Whatever ends it stops them, a panic too.
-struct StartedMotion {
-    started: Vec<StartedAxis>,
-    _holding: interrupt::HoldGuard,
-}
-
-/// An axis that this verb set in motion.
-struct StartedAxis {
-    axis: Axis,
-    /// True if it was not powered before.
-    enabled_here: bool,
-    /// True if a motion was requested, whether it was received or not.
-    moved: bool,
-}
-
-impl StartedMotion {
-    fn new(url: &str) -> Self {
-        Self { started: Vec::new(), _holding: interrupt::hold_motion(url) }
-    }
-
-    fn arm(&mut self, axis: &Axis) -> Result<()> {
-        axis.arm().map_err(to_problem)?;
-        self.started.push(StartedAxis { axis: axis.clone(), enabled_here: false, moved: false });
-        Ok(())
-    }
-
-    /// Arms all axes, and powers each in the mode of its command, before any of them moves.
-    fn power_all(
-        &mut self,
-        commands: &[(Axis, Command)],
-        unconfirmed: &mut Option<Problem>,
-    ) -> Result<()> {
-        commands.iter().try_for_each(|(axis, _)| self.arm(axis))?;
-        for (one, (axis, command)) in self.started.iter_mut().zip(commands) {
-            if !session::is_enabled(axis)? {
-                // Noted before the request: whether or not it is answered, the power is this program's to take away.
-                one.enabled_here = true;
-                axis.interface().prepare_mode(command.verb).map_err(to_problem)?;
-                keep_unconfirmed(run_optional_verb(axis, Verb::Enable), unconfirmed)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// A motion is asked for.
-    fn mark_moved(&mut self) {
-        self.started.iter_mut().for_each(|one| one.moved = true);
-    }
-
-    /// Text once all of it was stopped.
-    fn stopped_text(&self) -> &'static str {
-        if self.started.iter().any(|one| one.moved) {
-            "the motion was stopped"
-        } else {
-            "no motion was started"
-        }
-    }
-
-    /// The motion goes on without this process.
-    fn detach(mut self) {
-        self.started.clear();
-    }
-
-    /// Stops the started axes, all at once, and takes the power off that this program put on.
-    fn finish(mut self, arrived: bool) -> Result<()> {
-        stop_started(&std::mem::take(&mut self.started), arrived)
-    }
-}
-
-impl Drop for StartedMotion {
-    fn drop(&mut self) {
-        if !self.started.is_empty() {
-            let _ = stop_started(&std::mem::take(&mut self.started), false);
-        }
-    }
 }
 
 /// Starts all of them back to back, and waits until each verb has ended.
@@ -591,13 +531,6 @@ fn join_problems(mut first: Problem, second: Problem) -> Problem {
         }
     }
     first
-}
-
-impl StartedAxis {
-    /// Possible state of a motor whose stop was not confirmed.
-    const fn risk_text(&self) -> &'static str {
-        if self.moved { "still turn" } else { "still be powered" }
-    }
 }
 
 /// Stops axes, and takes the power off that was put on.

@@ -497,6 +497,11 @@ pub trait Dissector: Sync + FrameFormat + AddressNotation + FrameConversation + 
         None
     }
 
+    /// The recorder in its drives; `None` where there is none.
+    fn data_logger(&self) -> Option<&'static crate::data_logger::DataLogger> {
+        None
+    }
+
     /// Returns whether axes have groups that a message can address.
     fn has_groups(&self) -> bool {
         false

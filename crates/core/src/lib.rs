@@ -21,6 +21,7 @@ extern crate alloc;
 
 pub mod axis;
 pub mod convert;
+pub mod data_logger;
 pub mod error;
 pub mod escape;
 pub mod explain;

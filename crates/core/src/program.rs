@@ -154,6 +154,8 @@ pub struct MemoryRules {
     pub autorun: (u16, u16),
     /// Conditions that must not be true while memory is written.
     pub idle_checks: &'static [IdleCheck],
+    /// Conditions that must not be true while data is written to volatile memory. The motor may have power.
+    pub data_checks: &'static [IdleCheck],
     /// Address and bits that show that a called routine is running.
     pub call_flag: (u16, u16),
 }

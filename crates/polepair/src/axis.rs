@@ -21,6 +21,7 @@ mod argument;
 mod cyclic;
 mod data;
 mod device_details;
+pub mod drive_log;
 mod failure;
 mod instructions;
 mod mode;

@@ -53,6 +53,10 @@ pub mod url;
 pub mod wire;
 
 pub use amount::{Amount, Value, format_raw};
+pub use axis::drive_log::{
+    DriveLog, DriveLogCondition, DriveLogPlan, DriveLogProgress, DriveLogRequest, DriveLogStage,
+    LoggedVariable,
+};
 pub use axis::{CyclicAxes, LocalAxis, RunningRequest, start_together};
 pub use bus::{BusLoadRange, frame_bits};
 pub use connect::{Connector, LocalLink, connect_local};

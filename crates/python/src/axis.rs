@@ -12,6 +12,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
 use crate::blocking::{Blocking, WAIT_SLICE, wait_sliced};
+use crate::drive_log::{self, DriveLogTuple, PyLogRequest};
 use crate::errors::{to_py_error, usage_error};
 use crate::events::PyEvents;
 use crate::fault::{FaultTuple, fault_tuple};
@@ -394,6 +395,16 @@ impl PyAxis {
         self.detach(py, |axis| axis.interface().write_data(ParameterId(id), &data))
     }
 
+    /// Records in the drive's memory: interval in seconds, and name, SI unit and values of each variable.
+    fn record_in_drive(
+        &self,
+        py: Python<'_>,
+        request: PyLogRequest,
+        start: Option<Py<PyAny>>,
+    ) -> PyResult<DriveLogTuple> {
+        drive_log::record(py, self, &request, start.as_ref())
+    }
+
     /// Starts a verb. Arguments are SI numbers or text with a unit.
     #[pyo3(signature = (
         verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None,
@@ -577,7 +588,7 @@ pub fn begin_together(py: Python<'_>, moves: Vec<SyncedMove<'_>>) -> PyResult<()
 
 impl PyAxis {
     /// Runs what ends soon, while other threads continue.
-    fn detach<T: Send>(
+    pub fn detach<T: Send>(
         &self,
         py: Python<'_>,
         call: impl Send + FnOnce(&Inner) -> Result<T, Error>,

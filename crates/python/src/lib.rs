@@ -18,6 +18,7 @@ mod codec;
 mod columns;
 mod command;
 mod dataset;
+mod drive_log;
 mod errors;
 mod events;
 mod explain;

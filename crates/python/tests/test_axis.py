@@ -311,3 +311,28 @@ def test_each_motor_of_a_module_is_an_axis() -> None:
         simulation.act("jam", motor=3)
         with pytest.raises(polepair.PolepairError, match="no motor 6"):
             simulation.truth(motor=6)
+
+
+def test_a_drive_records_in_its_own_loop() -> None:
+    with polepair.connect("sim:tmlcan?time=virtual") as link, link.axes[0].armed() as axis:
+        trace = axis.record_in_drive(
+            ["actual position", "POSERR", "@0x0230:i16"],
+            seconds=0.2,
+            inferred=True,
+            start=lambda: axis.move(0.1, "turn"),
+        )
+        names = ["actual position", "position error", "motor current"]
+        assert len(trace) == 200 and list(trace.columns)[:2] == names[:2]
+        assert trace.units["actual position"] == "rad"
+        assert trace["actual position"][-1] == pytest.approx(0.1 * 2 * math.pi, abs=0.02)
+        assert trace.times[1] == pytest.approx(0.001)
+        with pytest.raises(ZeroDivisionError):
+            axis.record_in_drive(["APOS"], inferred=True, start=lambda: 1 / 0)
+        late = axis.record_in_drive(["APOS"], seconds=0.01, on="APOS > 0.05turn", inferred=True)
+        assert len(late) == 10
+        for wrong in ({"rate": 0}, {"seconds": 60.0}, {"buffer": (0x8271, 0x8300)}):
+            with pytest.raises(polepair.Unsupported) as refused:
+                axis.record_in_drive(["APOS"], inferred=True, **wrong)  # type: ignore[arg-type]
+            assert refused.value.code == "E216"
+        with pytest.raises(polepair.Unsupported, match="inferred"):
+            axis.record_in_drive(["APOS"])

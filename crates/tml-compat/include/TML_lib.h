@@ -288,6 +288,8 @@ BOOL TML_EXPORT TS_SetLongVariable(LPCSTR name, long value);
 BOOL TML_EXPORT TS_GetLongVariable(LPCSTR name, TML_OUT(long) value);
 BOOL TML_EXPORT TS_SetFixedVariable(LPCSTR name, double value);
 BOOL TML_EXPORT TS_GetFixedVariable(LPCSTR name, TML_OUT(double) value);
+/* Internal units of position in one turn of the motor. */
+BOOL TML_EXPORT TS_GetMotorPositionScalingFactor(TML_OUT(double) factor);
 /* Words of program memory and EEPROM, from address 0x4000 on. Writing needs a motor without power. */
 BOOL TML_EXPORT TS_SetBuffer(WORD address, const WORD *words, WORD count);
 BOOL TML_EXPORT TS_GetBuffer(WORD address, WORD *words, WORD count);
@@ -368,6 +370,8 @@ BOOL TML_EXPORT TS_GetInput(BYTE line, TML_OUT(BYTE) value);
 BOOL TML_EXPORT TS_SetupOutput(BYTE line);
 BOOL TML_EXPORT TS_SetOutput(BYTE line, BYTE value);
 BOOL TML_EXPORT TS_GetMultipleInputs(LPCSTR name, TML_OUT(short) values);
+/* Outputs 0 to 15. `name` is not needed. */
+BOOL TML_EXPORT TS_SetMultipleOutputs(LPCSTR name, short values);
 BOOL TML_EXPORT TS_SetMultipleOutputs2(short lines, short values);
 
 /* --- Programs and instructions ---------------------------------------------------------------------------------- */
@@ -384,6 +388,22 @@ BOOL TML_EXPORT TS_GOTO(WORD address);
 BOOL TML_EXPORT TS_CALL(WORD address);
 BOOL TML_EXPORT TS_CancelableCALL(WORD address);
 BOOL TML_EXPORT TS_ABORT(void);
+/* Labels of the program in TML's text that TS_DownloadProgram has downloaded to the selected axis. */
+BOOL TML_EXPORT TS_GOTO_Label(LPCSTR label);
+BOOL TML_EXPORT TS_CALL_Label(LPCSTR label);
+BOOL TML_EXPORT TS_CancelableCALL_Label(LPCSTR label);
+
+/* --- The drive's data logger ---------------------------------------------------------------------------------------
+ * The buffer is RAM of the drive that nothing else uses: 0x8270 to 0x87FF has no variables. The layout of its head is
+ * inferred: try it first with a motor that nothing depends on. */
+
+/* `addresses` are those of 16-bit words; a variable of 32 bits has two, the low one first. */
+BOOL TML_EXPORT TS_SetupLogger(WORD buffer, WORD length, const WORD *addresses, WORD count, WORD period);
+BOOL TML_EXPORT TS_StartLogger(WORD buffer, BYTE kind);
+/* 0 when the log is complete. */
+BOOL TML_EXPORT TS_CheckLoggerStatus(WORD buffer, TML_OUT(WORD) left);
+/* `count` is the room in `values`, and becomes the number of words. */
+BOOL TML_EXPORT TS_UploadLoggerResults(WORD buffer, WORD *values, TML_OUT(WORD) count);
 
 /* --- Messages that drives send without being asked --------------------------------------------------------------- */
 
@@ -397,18 +417,9 @@ BOOL TML_EXPORT TS_CheckForUnrequestedDriveMessages(void);
 BOOL TML_EXPORT TS_CamDownload(LPCSTR file, WORD load, WORD run, TML_OUT(WORD) next_load, TML_OUT(WORD) next_run);
 BOOL TML_EXPORT TS_GetHomeInput(TML_OUT(BYTE) value);
 BOOL TML_EXPORT TS_SetEventOnHomeInput(short state, BOOL wait, BOOL stop);
-BOOL TML_EXPORT TS_SetMultipleOutputs(LPCSTR name, short values);
-BOOL TML_EXPORT TS_GOTO_Label(LPCSTR label);
-BOOL TML_EXPORT TS_CALL_Label(LPCSTR label);
-BOOL TML_EXPORT TS_CancelableCALL_Label(LPCSTR label);
-BOOL TML_EXPORT TS_SetupLogger(WORD buffer, WORD length, const WORD *addresses, WORD count, WORD period);
-BOOL TML_EXPORT TS_StartLogger(WORD buffer, BYTE kind);
-BOOL TML_EXPORT TS_CheckLoggerStatus(WORD buffer, TML_OUT(WORD) left);
 BOOL TML_EXPORT TS_GetFirmwareVersion(TML_OUT(int) version);
-BOOL TML_EXPORT TS_GetMotorPositionScalingFactor(TML_OUT(double) factor);
 BOOL TML_EXPORT TS_GetLoadPositionScalingFactor(TML_OUT(double) factor);
 BOOL TML_EXPORT TS_GetTimeScalingFactor(TML_OUT(double) factor);
-BOOL TML_EXPORT TS_UploadLoggerResults(WORD buffer, WORD *values, TML_OUT(WORD) count);
 
 #ifdef __cplusplus
 }

@@ -48,6 +48,10 @@ pub struct Channel {
     protocol: &'static str,
     /// The set-up of each axis, group and broadcast that was set up.
     setups: BTreeMap<u32, &'static Profile>,
+    /// Labels of the program that was last downloaded to each address.
+    labels: BTreeMap<u32, Vec<(String, u16)>>,
+    /// Points, and words of each, of the log that was set up in a buffer of an address.
+    logs: BTreeMap<(u32, u16), (u16, u16)>,
     messages: MessageQueue,
     listener: Option<MessageListener>,
     /// Connector and connection string to reopen the channel for its first axis, if the program did not name the drive
@@ -303,6 +307,51 @@ pub fn target() -> CallResult<Target> {
     Ok(Target { axis: channel.axis(address)?, setup, may_send_unasked })
 }
 
+/// Runs `work` with the selected channel and the selected address.
+fn with_selected<T>(work: impl FnOnce(&mut Channel, u32) -> T) -> CallResult<T> {
+    let channel = find(-1)?;
+    let address = selection()
+        .address
+        .ok_or_else(|| TmlError::new("no axis is selected: call TS_SelectAxis first"))?;
+    Ok(work(&mut lock(&channel), address))
+}
+
+/// Keeps the labels of a program that was downloaded to the selected axis.
+pub fn keep_labels(labels: Vec<(String, u16)>) -> CallResult<()> {
+    with_selected(|channel, address| drop(channel.labels.insert(address, labels)))
+}
+
+/// The address of a label of the program that was last downloaded to the selected axis.
+pub fn label(name: &str) -> CallResult<u16> {
+    let found = with_selected(|channel, address| {
+        let labels = channel.labels.get(&address)?;
+        let found = labels.iter().find(|(known, _)| known.eq_ignore_ascii_case(name.trim()));
+        found.map(|(_, address)| *address)
+    })?;
+    found.ok_or_else(|| {
+        TmlError::new(format!(
+            "there is no label {name:?}: labels are those of the program in TML's text that \
+             TS_DownloadProgram has downloaded to this axis; for another program use the function \
+             with an address"
+        ))
+    })
+}
+
+/// Keeps the number of points, and of words of each, of a log that was set up in the selected axis.
+pub fn keep_log(buffer: u16, points: u16, width: u16) -> CallResult<()> {
+    with_selected(|channel, address| {
+        channel.logs.insert((address, buffer), (points, width));
+    })
+}
+
+/// Number of points, and of words of each, of the log that was set up in that buffer of the selected axis.
+pub fn log(buffer: u16) -> CallResult<(u16, u16)> {
+    let found = with_selected(|channel, address| channel.logs.get(&(address, buffer)).copied())?;
+    found.ok_or_else(|| {
+        TmlError::new(format!("no log was set up at 0x{buffer:04X}: call TS_SetupLogger first"))
+    })
+}
+
 /// Messages of the selected channel that no request asked for. Begins to listen.
 pub fn messages() -> CallResult<MessageQueue> {
     let channel = find(-1)?;
@@ -326,8 +375,17 @@ impl Channel {
             return Err(TmlError::new(format!("{device} does not speak TML")));
         }
         let reopen = text.ends_with(UNKNOWN_DRIVE).then(|| (connector, text.clone()));
-        let setups = BTreeMap::new();
-        Ok(Self { text, link, protocol, setups, messages, listener: None, reopen })
+        Ok(Self {
+            text,
+            link,
+            protocol,
+            setups: BTreeMap::new(),
+            labels: BTreeMap::new(),
+            logs: BTreeMap::new(),
+            messages,
+            listener: None,
+            reopen,
+        })
     }
 
     fn axis(&self, address: u32) -> CallResult<LocalAxis> {

@@ -69,12 +69,16 @@ impl Target {
         for word in instruction.data() {
             words += &format!(", 0x{word:04X}");
         }
-        // The call is the program's order; a drive that restarted is not armed any more.
+        self.arm();
+        let answer = self.axis.raw(&words);
+        answer.map_err(|error| TmlError::of_instruction(&error, &words, statement))
+    }
+
+    /// Arms the axis: the call is the program's order. A drive that restarted is not armed any more.
+    pub fn arm(&self) {
         if !self.axis.state().armed {
             self.axis.arm(true);
         }
-        let answer = self.axis.raw(&words);
-        answer.map_err(|error| TmlError::of_instruction(&error, &words, statement))
     }
 
     /// A variable of the set-up.

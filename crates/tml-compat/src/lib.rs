@@ -22,6 +22,7 @@ mod execute;
 pub mod coupling;
 pub mod event;
 pub mod line;
+mod logger;
 pub mod memory;
 pub mod message;
 mod message_queue;

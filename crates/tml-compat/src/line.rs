@@ -79,16 +79,24 @@ pub unsafe extern "system" fn TS_GetMultipleInputs(_name: Text, values: *mut c_s
     })
 }
 
+/// Sets all outputs, 0 to 15, to the bits of `values`. `name` was the variable that the original used in between; it is
+/// not needed.
+#[unsafe(no_mangle)]
+pub extern "system" fn TS_SetMultipleOutputs(_name: Text, values: c_short) -> Bool {
+    run_bool("TS_SetMultipleOutputs", || set_outputs(!0, values as u16))
+}
+
 /// Sets the outputs whose bits are in `lines` to the bits of `values`.
 #[unsafe(no_mangle)]
 pub extern "system" fn TS_SetMultipleOutputs2(lines: c_short, values: c_short) -> Bool {
-    run_bool("TS_SetMultipleOutputs2", || {
-        let (lines, values) = (lines as u16, values as u16);
-        let numbers = (0..LINES).filter(|line| lines >> line & 1 != 0);
-        let numbers: Vec<String> = numbers.map(|line| line.to_string()).collect();
-        if numbers.is_empty() {
-            return Ok(());
-        }
-        target()?.execute(&format!("OUT({}) = {}", numbers.join(", "), values & lines))
-    })
+    run_bool("TS_SetMultipleOutputs2", || set_outputs(lines as u16, values as u16))
+}
+
+fn set_outputs(lines: u16, values: u16) -> CallResult<()> {
+    let numbers = (0..LINES).filter(|line| lines >> line & 1 != 0);
+    let numbers: Vec<String> = numbers.map(|line| line.to_string()).collect();
+    if numbers.is_empty() {
+        return Ok(());
+    }
+    target()?.execute(&format!("OUT({}) = {}", numbers.join(", "), values & lines))
 }

@@ -8,7 +8,7 @@ use polepair::Program;
 use polepair::program::AssemblyContext;
 
 use crate::call::{CallResult, TmlError, read_text, run_bool, sent_text, write_text, write_value};
-use crate::channel::target;
+use crate::channel::{keep_labels, label, target};
 use crate::power::command;
 use crate::{Bool, Text};
 
@@ -74,6 +74,7 @@ fn download(path: &str) -> CallResult<u16> {
     let program = read.map_err(|error| TmlError::from(&polepair::Error::from(error)))?;
     // The program asked for it: blocks in permanent memory are written.
     target.axis.download(&program, true, |_| ())?;
+    keep_labels(program.labels().map(|(name, at)| (name.to_owned(), at)).collect())?;
     let first = program.pieces().first();
     first.map(|piece| piece.start).ok_or_else(|| TmlError::new(format!("{path} is empty")))
 }
@@ -128,6 +129,49 @@ pub extern "system" fn TS_CALL(address: u16) -> Bool {
 #[unsafe(no_mangle)]
 pub extern "system" fn TS_CancelableCALL(address: u16) -> Bool {
     command("TS_CancelableCALL", &format!("CALLS 0x{address:04X}"))
+}
+
+/// Runs an instruction with the address of a label.
+///
+/// # Safety
+/// `name` ends with a zero byte.
+unsafe fn run_at_label(function: &str, word: &str, name: Text) -> Bool {
+    run_bool(function, || {
+        // SAFETY: as promised by the caller.
+        let name = unsafe { read_text(name) }?;
+        let address = label(&name)?;
+        target()?.execute(&format!("{word} 0x{address:04X}"))
+    })
+}
+
+/// Goes on with the program at a label of the program in TML's text that [`TS_DownloadProgram`] has downloaded.
+///
+/// # Safety
+/// `name` ends with a zero byte.
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn TS_GOTO_Label(name: Text) -> Bool {
+    // SAFETY: as promised by the caller.
+    unsafe { run_at_label("TS_GOTO_Label", "GOTO", name) }
+}
+
+/// Calls a routine at a label, as [`TS_GOTO_Label`] does.
+///
+/// # Safety
+/// `name` ends with a zero byte.
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn TS_CALL_Label(name: Text) -> Bool {
+    // SAFETY: as promised by the caller.
+    unsafe { run_at_label("TS_CALL_Label", "CALL", name) }
+}
+
+/// Calls a routine at a label that [`TS_ABORT`] can end.
+///
+/// # Safety
+/// `name` ends with a zero byte.
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn TS_CancelableCALL_Label(name: Text) -> Bool {
+    // SAFETY: as promised by the caller.
+    unsafe { run_at_label("TS_CancelableCALL_Label", "CALLS", name) }
 }
 
 /// Ends the routine that [`TS_CancelableCALL`] has called (`ABORT`).

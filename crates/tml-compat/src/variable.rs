@@ -97,6 +97,24 @@ pub unsafe extern "system" fn TS_GetLongVariable(name: Text, value: *mut c_long)
     })
 }
 
+/// Reads the internal units of position in one turn of the motor, from the drive (ENCRESLONG).
+///
+/// # Safety
+/// `value` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn TS_GetMotorPositionScalingFactor(value: *mut f64) -> Bool {
+    run_bool("TS_GetMotorPositionScalingFactor", || {
+        let counts = target()?.read_variable("ENCRESLONG", &LONGS)?;
+        if counts <= 0 {
+            return Err(TmlError::new(format!(
+                "the drive has {counts} counts in a turn (ENCRESLONG): its set-up is not loaded"
+            )));
+        }
+        // SAFETY: as promised by the caller.
+        unsafe { write_value(value, counts as f64) }
+    })
+}
+
 /// Writes a fixed-point variable: 16 bits before the point and 16 behind it.
 ///
 /// # Safety

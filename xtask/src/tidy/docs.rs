@@ -150,7 +150,19 @@ fn command_verbs(root: &Path) -> Vec<String> {
         _ => None,
     });
     let names = verbs.into_iter().flat_map(|verbs| &verbs.variants);
-    names.map(|variant| variant.ident.to_string().to_lowercase()).collect()
+    names.map(|variant| kebab_case(&variant.ident.to_string())).collect()
+}
+
+/// A variant as it is typed: `RecordInDrive` is `record-in-drive`.
+fn kebab_case(name: &str) -> String {
+    let mut typed = String::new();
+    for letter in name.chars() {
+        if letter.is_uppercase() && !typed.is_empty() {
+            typed.push('-');
+        }
+        typed.extend(letter.to_lowercase());
+    }
+    typed
 }
 
 fn make_targets(root: &Path) -> Vec<String> {

@@ -19,7 +19,18 @@ pub struct VerbGroup {
 pub const VERB_GROUPS: [VerbGroup; 6] = [
     VerbGroup {
         heading: "Find and look",
-        verbs: &["ports", "scan", "info", "get", "watch", "monitor", "params", "doctor", "explain"],
+        verbs: &[
+            "ports",
+            "scan",
+            "info",
+            "get",
+            "watch",
+            "record-in-drive",
+            "monitor",
+            "params",
+            "doctor",
+            "explain",
+        ],
     },
     VerbGroup {
         heading: "Configure",
@@ -53,7 +64,7 @@ pub fn with_grouped_verbs(command: Command) -> Command {
         for verb in group.verbs {
             let about = command.find_subcommand(verb).and_then(Command::get_about);
             let about = about.map(ToString::to_string).unwrap_or_default();
-            let _ = writeln!(template, "  {literal}{verb:<11}{literal:#}  {about}");
+            let _ = writeln!(template, "  {literal}{verb:<15}{literal:#}  {about}");
         }
     }
     let _ = write!(template, "\n{header}Options:{header:#}\n{{options}}{{after-help}}");

@@ -23,6 +23,7 @@ mod params;
 mod ports;
 mod program;
 mod record;
+mod record_in_drive;
 mod release;
 mod replay;
 mod scan;
@@ -165,6 +166,8 @@ pub enum CommandVerb {
     Fleet(fleet::Fleet),
     /// Record the frames of a link to a capture; sends nothing
     Record(record::RecordOptions),
+    /// Record variables in the drive's own memory, at the rate of its control loop
+    RecordInDrive(record_in_drive::RecordInDrive),
     /// Send the recorded frames of a capture to a link or to simulated drives
     Replay(replay::ReplayOptions),
     /// List serial and CAN adapters, with the reason if one is unusable
@@ -230,6 +233,7 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Program(verb) => verb.run(),
         CommandVerb::Sync(verb) => verb.run(),
         CommandVerb::Record(verb) => verb.run(),
+        CommandVerb::RecordInDrive(verb) => verb.run(),
         CommandVerb::Replay(verb) => verb.run(),
         CommandVerb::Ports(verb) => verb.run(),
         CommandVerb::Params(verb) => verb.run(),

@@ -31,6 +31,7 @@ mod program;
 mod rack;
 mod readdress;
 mod record;
+mod record_in_drive;
 mod recording;
 mod replay;
 mod run;

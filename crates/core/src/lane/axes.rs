@@ -462,7 +462,8 @@ impl<M: Medium, H: Host<M>> AxisPrograms for Lane<M, H> {
         pieces: &[MemoryBlock],
     ) -> Result<(), Unsupported> {
         let rules = self.slot(axis)?.driver.memory().ok_or(Unsupported::NoPlan)?.memory_rules();
-        if self.is_moving(axis) || self.jobs.has_transfer(axis) {
+        let disturbs = kind == TransferKind::Write && self.is_moving(axis);
+        if disturbs || self.jobs.has_transfer(axis) {
             return Err(Unsupported::Busy);
         }
         let transfer = MemoryTransfer::new(kind, rules, pieces.to_vec())?;

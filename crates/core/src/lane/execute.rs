@@ -349,7 +349,9 @@ pub fn abort_outcome<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
             run.outcome_for(failure)
         }
         // Points and blocks that went out stay in the drive, and nothing here knows how many of them it took.
-        JobTask::Path | JobTask::Transfer(TransferKind::Write) => Outcome::Unknown(failure),
+        JobTask::Path | JobTask::Transfer(TransferKind::Write | TransferKind::WriteData) => {
+            Outcome::Unknown(failure)
+        }
         _ if job.in_flight.may_have_changed() => Outcome::Unknown(failure),
         _ => Outcome::NotDone(failure),
     }

@@ -9,7 +9,9 @@
 
 use alloc::vec::Vec;
 
-use super::{MemoryKind, MemoryRules, TransferProgress, TransferStep, WORDS_MAX, checksum};
+use super::{
+    IdleCheck, MemoryKind, MemoryRules, TransferProgress, TransferStep, WORDS_MAX, checksum,
+};
 use crate::error::{Failure, Outcome, Unsupported};
 
 /// Writes that go out before the drive's pointer is looked at. Permanent memory is written singly:
@@ -25,10 +27,20 @@ const REPEATS_MAX: usize = 64;
 pub enum TransferKind {
     /// Written, and proven by its sum.
     Write,
+    /// Data in volatile memory, written and proven as a program is. The motor may have power.
+    WriteData,
     /// Compared by its sum, which changes nothing.
     Verify,
     /// Read.
     Read,
+}
+
+impl TransferKind {
+    /// Returns whether it changes the memory.
+    #[must_use]
+    pub const fn writes(self) -> bool {
+        matches!(self, Self::Write | Self::WriteData)
+    }
 }
 
 /// Words that belong at addresses, one after the other.
@@ -52,6 +64,8 @@ impl MemoryBlock {
 pub struct MemoryTransfer {
     kind: TransferKind,
     rules: &'static MemoryRules,
+    /// Conditions that must not be true before the first write.
+    checks: &'static [IdleCheck],
     blocks: Vec<MemoryBlock>,
     stage: TransferStage,
     /// The piece at work, and how many of its words are proven or read.
@@ -94,8 +108,19 @@ impl MemoryTransfer {
         if !pieces.iter().all(|piece| rules.memory_at(piece.start, piece.words.len()).is_some()) {
             return Err(Unsupported::Forbidden(NO_MEMORY));
         }
+        let is_permanent = |piece: &MemoryBlock| {
+            rules.memory_at(piece.start, piece.words.len()) == Some(MemoryKind::Permanent)
+        };
+        if kind == TransferKind::WriteData && pieces.iter().any(is_permanent) {
+            return Err(Unsupported::Forbidden(NO_DATA_MEMORY));
+        }
+        let checks = match kind {
+            TransferKind::WriteData => rules.data_checks,
+            _ => rules.idle_checks,
+        };
         let (pieces, stage) = match kind {
             TransferKind::Write => (guard_autorun(pieces, rules), TransferStage::CheckIdle(0)),
+            TransferKind::WriteData => (pieces, TransferStage::CheckIdle(0)),
             TransferKind::Verify => (pieces, TransferStage::Checksum),
             TransferKind::Read => (pieces, TransferStage::Read),
         };
@@ -104,6 +129,7 @@ impl MemoryTransfer {
         Ok(Self {
             kind,
             rules,
+            checks,
             blocks: pieces,
             stage,
             block: 0,
@@ -142,9 +168,7 @@ impl MemoryTransfer {
     pub fn current_step(&self) -> TransferStep {
         let (piece, memory) = self.current_block();
         match self.stage {
-            TransferStage::CheckIdle(n) => {
-                TransferStep::ReadStatus(self.rules.idle_checks[n].address)
-            }
+            TransferStage::CheckIdle(n) => TransferStep::ReadStatus(self.checks[n].address),
             TransferStage::SetPointer => TransferStep::SetPointer(self.address()),
             TransferStage::ConfirmPointer | TransferStage::Verify => TransferStep::ReadPointer,
             TransferStage::Write => {
@@ -160,9 +184,8 @@ impl MemoryTransfer {
     /// The outcome if the transfer is ended now.
     #[must_use]
     pub fn abort_outcome(&self, failure: Failure) -> Outcome {
-        let written =
-            self.kind == TransferKind::Write && !matches!(self.stage, TransferStage::CheckIdle(_));
-        // From the first write on the memory holds half a program.
+        let written = self.kind.writes() && !matches!(self.stage, TransferStage::CheckIdle(_));
+        // From the first write on the memory holds half of it.
         if written { Outcome::Unknown(failure) } else { Outcome::NotDone(failure) }
     }
 
@@ -208,11 +231,11 @@ impl MemoryTransfer {
     }
 
     fn handle_status(&mut self, n: usize, raw: i64) -> Option<Outcome> {
-        let check = self.rules.idle_checks[n];
+        let check = self.checks[n];
         if raw as u16 & check.mask != 0 {
             return Some(Outcome::NotDone(Failure::NotReady { hint: check.hint }));
         }
-        self.stage = if n + 1 < self.rules.idle_checks.len() {
+        self.stage = if n + 1 < self.checks.len() {
             TransferStage::CheckIdle(n + 1)
         } else {
             TransferStage::SetPointer
@@ -300,7 +323,7 @@ impl MemoryTransfer {
         if self.block == self.blocks.len() {
             return Some(Outcome::Done(self.progress.done as i64));
         }
-        if self.kind == TransferKind::Write {
+        if self.kind.writes() {
             self.stage = TransferStage::SetPointer;
         }
         None
@@ -309,6 +332,8 @@ impl MemoryTransfer {
 
 const NO_MEMORY: &str = "no memory for programs is there: the EEPROM is 0x4000 to 0x7FFF, RAM begins at \
                        0x8270";
+
+const NO_DATA_MEMORY: &str = "data goes to RAM, from 0x8270 on: the EEPROM keeps it, and wears";
 
 /// While permanent memory is written, the program that starts by itself is one that ends at once: its
 /// true beginning is written last, when all else is proven. A transfer that is cut short leaves

@@ -12,6 +12,8 @@ pub(super) struct DriveClock {
     ppm: i32,
     slow_ns: u64,
     ticks: Ticks,
+    /// Ticks that were taken and are still to be run.
+    pub unfinished: u64,
     /// Own time at which absolute time was zero, ns; may lie before the start.
     absolute_zero: i64,
     /// Tick at which relative time was zero.
@@ -25,6 +27,7 @@ impl DriveClock {
             ppm: options.clock_ppm,
             slow_ns: options.slow_ns,
             ticks: Ticks::new(Instant::ZERO),
+            unfinished: 0,
             absolute_zero: 0,
             relative_zero: 0,
         };
@@ -67,7 +70,8 @@ impl DriveClock {
 
     /// The instant `count` ticks from now.
     pub fn after_ticks(&self, count: u64) -> Instant {
-        let own = self.ticks.at().plus_ns(count * TICK_NS);
+        let own = self.ticks.at().0.saturating_sub(self.unfinished * TICK_NS);
+        let own = Instant(own).plus_ns(count * TICK_NS);
         if self.ppm == 0 {
             return own;
         }

@@ -7,6 +7,7 @@ use super::clock::DriveClock;
 use super::contour::Contour;
 use super::events::EventMonitor;
 use super::inputs::Surroundings;
+use super::logger::DataLogger;
 use super::memory::Memory;
 use super::motion::{Motion, MotionMode};
 use super::options::Options;
@@ -45,6 +46,7 @@ pub(super) struct Drive {
     pub surroundings: Surroundings,
     pub change_reports: ChangeReports,
     pub sync: TimeSync,
+    pub logger: DataLogger,
     pub outbox: Outbox,
     pub limits_watched: bool,
     /// POSTRIGG1 to 4, those that were written.
@@ -94,6 +96,7 @@ impl Drive {
             surroundings: Surroundings::NEW,
             change_reports: ChangeReports::NONE,
             sync: TimeSync::SLAVE,
+            logger: DataLogger::OFF,
             outbox: Outbox::EMPTY,
             limits_watched: false,
             triggers: [None; TRIGGERS],
@@ -172,7 +175,9 @@ impl Drive {
             return;
         }
         for n in 0..count {
+            self.clock.unfinished = count - n - 1;
             if self.is_idle() {
+                self.clock.unfinished = 0;
                 self.published = false;
                 return self.shaft.pass_time((count - n) as f64 * TICK_S);
             }
@@ -189,6 +194,7 @@ impl Drive {
             && !self.protections.limits_stale
             && !self.program.is_active()
             && !self.events.is_pending()
+            && !self.is_logging()
     }
 
     fn tick(&mut self) {
@@ -206,6 +212,7 @@ impl Drive {
         self.check_triggers();
         self.check_event();
         self.tick_sync();
+        self.tick_logger();
         self.report_changes();
     }
 

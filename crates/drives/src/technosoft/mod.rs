@@ -16,6 +16,7 @@ mod events;
 mod execute;
 mod firmware;
 mod inputs;
+mod logger;
 mod memory;
 mod motion;
 mod online;

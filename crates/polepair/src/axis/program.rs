@@ -178,7 +178,7 @@ impl LocalAxis {
         self.running(what, RequestKind::Command, submitted)?.finish()
     }
 
-    fn run_transfer(
+    pub(super) fn run_transfer(
         &self,
         what: &str,
         kind: TransferKind,
@@ -188,8 +188,7 @@ impl LocalAxis {
         let submitted = self
             .connection
             .submit(|axes, now, ticket| axes.start_transfer(now, ticket, self.index, kind, pieces));
-        let request_kind =
-            if kind == TransferKind::Write { RequestKind::Command } else { RequestKind::Query };
+        let request_kind = if kind.writes() { RequestKind::Command } else { RequestKind::Query };
         let mut running = self.running(what, request_kind, submitted)?;
         loop {
             let ended = running.wait(PROGRESS_INTERVAL)?;

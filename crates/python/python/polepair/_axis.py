@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -322,6 +322,43 @@ class AxisSteps:
         `axis.capture(["position", "velocity"], rate=200, seconds=2).plot()`
         """
         return self._sampled(signals, rate, self._native.now, seconds)
+
+    def _record_in_drive(
+        self,
+        variables: Sequence[Signal | str],
+        *,
+        rate: float = 1000.0,
+        seconds: float = 0.2,
+        on: str | None = None,
+        buffer: tuple[int, int] | None = None,
+        inferred: bool = False,
+        start: Callable[[], object] | None = None,
+    ) -> Steps[Trace]:
+        """Records variables in the drive's own control loop, all at one instant, and returns the trace in SI.
+
+        TML drives have such a recorder; their memory limits the points. `on` is a condition of the start, such
+        as "APOS > 1turn". `start` is a plain function, called when the recording runs or waits for `on`: it may start
+        a motion. `buffer` is memory of the drive that nothing else uses, first and last address. The layout of the
+        buffer is inferred, and `inferred=True` accepts that. Errors: `Unsupported` for another drive; E216 for what
+        does not fit.
+
+        `axis.record_in_drive(["APOS", "IQ"], rate=1000, seconds=0.3, inferred=True).plot()`
+        """
+        request = {
+            "variables": list(variables),
+            "rate": rate,
+            "seconds": seconds,
+            "on": on,
+            "buffer": buffer,
+            "inferred": inferred,
+        }
+        interval, recorded = yield Whole(self._native.record_in_drive, request, start)
+        from .trace import Trace
+
+        count = len(recorded[0][2]) if recorded else 0
+        times = [point * interval for point in range(count)]
+        columns = {name: values for name, _, values in recorded}
+        return Trace(self.label, times, columns, {name: unit for name, unit, _ in recorded if unit})
 
     def _sampled(
         self, signals: Sequence[str], rate: float, began: float, seconds: float

@@ -65,6 +65,7 @@ class Axis(AxisSteps):
     read_bytes = blocking(AxisSteps._read_bytes)
     write_bytes = blocking(AxisSteps._write_bytes)
     capture = blocking(AxisSteps._capture)
+    record_in_drive = blocking(AxisSteps._record_in_drive)
     state = blocking(AxisSteps._state)
     step = blocking(AxisSteps._step)
 

@@ -199,6 +199,7 @@ class Axis(AxisSteps):
     home = awaitable(AxisSteps._home)
     reached = awaitable(AxisSteps._reached)
     capture = awaitable(AxisSteps._capture)
+    record_in_drive = awaitable(AxisSteps._record_in_drive)
     state = awaitable(AxisSteps._state)
     step = awaitable(AxisSteps._step)
 

@@ -181,6 +181,7 @@ static void test_variables(void)
     EXPECT(TS_SetIntVariable("VAR_I1", -123) && TS_GetIntVariable("VAR_I1", &word) && word == -123);
     EXPECT(TS_SetLongVariable("VAR_LF", -70000));
     READS("VAR_LF", -70000);
+    EXPECT(TS_GetMotorPositionScalingFactor(&fixed) && fixed == 2000);
     EXPECT(TS_SetFixedVariable("CSPD", -12.25) && TS_GetFixedVariable("CSPD", &fixed) && fixed == -12.25);
     EXPECT(TS_GetVariableAddress("APOS", &address) && address == 0x0228);
     REFUSED(TS_GetIntVariable("APOS", &word), "TS_GetLongVariable");
@@ -227,6 +228,7 @@ static void test_events_and_lines(void)
     EXPECT(TS_GetMultipleInputs("VAR_I1", &inputs) && (inputs & 1) == input);
     SENDS(TS_SetOutput(2, 1), "OUT(2) = 4;\n");
     SENDS(TS_SetMultipleOutputs2(5, 4), "OUT(0, 2) = 4;\n");
+    SENDS(TS_SetMultipleOutputs("VAR_I1", 3), "OUT(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15) = 3;\n");
     SENDS(TS_SetupOutput(2), "SetAsOutput(2);\n");
     SENDS(TS_SetupInput(2), "SetAsInput(2);\n");
     REFUSED(TS_SetOutput(2, 2), "not 0 or 1");
@@ -317,13 +319,22 @@ static void test_programs(void)
 
     snprintf(path, sizeof path, "%s/routine.tml", folder);
     EXPECT((file = fopen(path, "w")) != NULL);
-    fputs("VAR_I1 = 321;\nRET;\n", file);
+    fputs("VAR_I1 = 321;\nRET;\nother: VAR_I1 = 654;\nRET;\n", file);
     fclose(file);
     EXPECT(TS_DownloadProgram(path, &entry) && entry == 0x4000);
     EXPECT(TS_SetIntVariable("VAR_I1", 0) && TS_CancelableCALL(entry));
     while (word != 321)
         EXPECT(TS_GetIntVariable("VAR_I1", &word));
-    EXPECT(TS_ABORT());
+    EXPECT(TS_ABORT() && TS_CALL_Label("other"));
+    while (word != 654)
+        EXPECT(TS_GetIntVariable("VAR_I1", &word));
+    EXPECT(TS_SetIntVariable("VAR_I1", 0) && TS_CancelableCALL_Label("Other"));
+    for (word = 0; word != 654;)
+        EXPECT(TS_GetIntVariable("VAR_I1", &word));
+    EXPECT(TS_ABORT() && TS_SetIntVariable("VAR_I1", 0) && TS_GOTO_Label("other"));
+    for (word = 0; word != 654;)
+        EXPECT(TS_GetIntVariable("VAR_I1", &word));
+    REFUSED(TS_CALL_Label("nowhere"), "no label");
     snprintf(path, sizeof path, "%s/script.txt", folder);
     EXPECT((file = fopen(path, "w")) != NULL);
     fputs("VAR_I1 = 1;\nVAR_I2 = 2;\n", file);
@@ -331,6 +342,39 @@ static void test_programs(void)
     EXPECT(TS_ExecuteScript(path) && TS_GetIntVariable("VAR_I2", &word) && word == 2);
     REFUSED(TS_ExecuteScript("not-there.txt"), "not-there.txt");
     REFUSED(TS_DownloadProgram("program.out", &entry), ".sw");
+    TS_CloseChannel(-1);
+}
+
+static void test_logger(void)
+{
+    /* Position, the low word first, and the position error. */
+    const WORD addresses[] = { 0x0228, 0x0229, 0x022A };
+    WORD values[300], left = 0, count = 300, buffer = 0x8270;
+
+    open_axes();
+    EXPECT(TS_SelectAxis(2));
+    REFUSED(TS_UploadLoggerResults(buffer, values, &count), "TS_SetupLogger first");
+    REFUSED(TS_SetupLogger(buffer + 1, 400, addresses, 3, 1), "multiple of 8");
+    REFUSED(TS_SetupLogger(buffer, 8, addresses, 3, 1), "too short");
+    REFUSED(TS_SetupLogger(buffer, 400, addresses, 0, 1), "countAddr");
+    /* Three words, three addresses, fifty points: this log would take half an hour. */
+    EXPECT(TS_SetupLogger(buffer, 156, addresses, 3, 0x7FFF));
+    EXPECT(TS_CheckLoggerStatus(buffer, &left) && left == 50);
+    REFUSED(TS_StartLogger(buffer, 3), "LOGGER_SLOW");
+    EXPECT(TS_StartLogger(buffer, LOGGER_SLOW));
+    REFUSED(TS_SetupLogger(buffer, 156, addresses, 3, 1), "is running");
+    EXPECT(TS_UploadLoggerResults(buffer, values, &count) && count == 0);
+    EXPECT(TS_SetupLogger(buffer, 156, addresses, 3, 2) && TS_StartLogger(buffer, LOGGER_SLOW));
+    while (left != 0)
+        EXPECT(TS_CheckLoggerStatus(buffer, &left));
+    count = 300;
+    EXPECT(TS_UploadLoggerResults(buffer, values, &count) && count == 150);
+    EXPECT((long)values[147] + 65536L * (short)values[148] == read_long("APOS"));
+    count = 4;
+    EXPECT(TS_UploadLoggerResults(buffer, values, &count) && count == 4);
+    EXPECT(TS_SetupLogger(buffer, 156, addresses, 3, 1) && TS_StartLogger(buffer, LOGGER_FAST));
+    for (left = 50; left != 0;)
+        EXPECT(TS_CheckLoggerStatus(buffer, &left));
     TS_CloseChannel(-1);
 }
 
@@ -415,11 +459,7 @@ static void test_unsupported(void)
     REFUSED(TS_CamDownload("a.cam", 1, 1, &word, &word), "not supported");
     REFUSED(TS_GetHomeInput(&byte), "not supported");
     REFUSED(TS_SetEventOnHomeInput(1, 0, 0), "not supported");
-    REFUSED(TS_SetMultipleOutputs("VAR_I1", 0), "not supported");
-    REFUSED(TS_GOTO_Label("a") || TS_CALL_Label("a") || TS_CancelableCALL_Label("a"), "not supported");
-    REFUSED(TS_SetupLogger(1, 1, &word, 1, 1) || TS_StartLogger(1, LOGGER_SLOW), "not supported");
-    REFUSED(TS_CheckLoggerStatus(1, &word) || TS_UploadLoggerResults(1, &word, &word), "not supported");
-    REFUSED(TS_GetMotorPositionScalingFactor(&factor) || TS_GetLoadPositionScalingFactor(&factor), "not supported");
+    REFUSED(TS_GetLoadPositionScalingFactor(&factor), "not supported");
     REFUSED(TS_GetTimeScalingFactor(&factor) || TS_GetFirmwareVersion(&version), "not supported");
 }
 
@@ -439,6 +479,7 @@ int main(int count, char **arguments)
     test_programs();
     test_messages();
     test_threads();
+    test_logger();
     test_unsupported();
     puts("functions work");
     return 0;

@@ -158,6 +158,10 @@ impl Dissector for TmlDissector {
         Some(&super::program::TmlLanguage)
     }
 
+    fn data_logger(&self) -> Option<&'static crate::data_logger::DataLogger> {
+        Some(&super::logger::LOGGER)
+    }
+
     fn has_groups(&self) -> bool {
         true
     }

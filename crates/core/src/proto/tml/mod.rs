@@ -14,6 +14,7 @@ pub mod host;
 pub mod host_request;
 pub mod instruction;
 mod keys;
+pub mod logger;
 pub mod online;
 pub mod program;
 pub mod relay;

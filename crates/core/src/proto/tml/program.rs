@@ -52,6 +52,25 @@ pub static RULES: MemoryRules = MemoryRules {
                    first",
         },
     ],
+    data_checks: &[
+        IdleCheck {
+            address: SRL,
+            mask: 0x0100,
+            hint: "a routine of its program runs, and may lie where the data would: `polepair program \
+                   stop` first",
+        },
+        IdleCheck {
+            address: SRH,
+            mask: 0x0020,
+            hint: "the program that it starts by itself runs, and may lie where the data would: \
+                   `polepair program stop` first",
+        },
+        IdleCheck {
+            address: SRH,
+            mask: 0x4000,
+            hint: "it follows a cam, whose table may lie where the data would: stop it first",
+        },
+    ],
     call_flag: (SRL, 0x0100),
 };
 
