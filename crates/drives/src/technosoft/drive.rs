@@ -8,6 +8,7 @@ use super::contour::Contour;
 use super::events::EventMonitor;
 use super::inputs::Surroundings;
 use super::logger::DataLogger;
+use super::master::GearMaster;
 use super::memory::Memory;
 use super::motion::{Motion, MotionMode};
 use super::options::Options;
@@ -47,6 +48,7 @@ pub(super) struct Drive {
     pub change_reports: ChangeReports,
     pub sync: TimeSync,
     pub logger: DataLogger,
+    pub master: GearMaster,
     pub outbox: Outbox,
     pub limits_watched: bool,
     /// POSTRIGG1 to 4, those that were written.
@@ -97,6 +99,7 @@ impl Drive {
             change_reports: ChangeReports::NONE,
             sync: TimeSync::SLAVE,
             logger: DataLogger::OFF,
+            master: GearMaster::OFF,
             outbox: Outbox::EMPTY,
             limits_watched: false,
             triggers: [None; TRIGGERS],
@@ -136,7 +139,8 @@ impl Drive {
         (self.contour, self.cam) = (Contour::EMPTY, Cam::NONE);
         (self.change_reports, self.sync, self.outbox) =
             (ChangeReports::NONE, TimeSync::SLAVE, Outbox::EMPTY);
-        self.events = EventMonitor::NONE;
+        (self.events, self.logger, self.master) =
+            (EventMonitor::NONE, DataLogger::OFF, GearMaster::OFF);
         (self.triggers, self.axis_on_ticks) = ([None; TRIGGERS], 0);
         self.memory.set(addresses::MASTERID, IdCode::host_at(self.axis).word());
         self.memory.set(addresses::CSR, self.hardware_status());
@@ -195,6 +199,7 @@ impl Drive {
             && !self.program.is_active()
             && !self.events.is_pending()
             && !self.is_logging()
+            && !self.master.is_active()
     }
 
     fn tick(&mut self) {
@@ -213,6 +218,7 @@ impl Drive {
         self.check_event();
         self.tick_sync();
         self.tick_logger();
+        self.tick_master();
         self.report_changes();
     }
 

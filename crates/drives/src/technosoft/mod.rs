@@ -17,6 +17,7 @@ mod execute;
 mod firmware;
 mod inputs;
 mod logger;
+mod master;
 mod memory;
 mod motion;
 mod online;

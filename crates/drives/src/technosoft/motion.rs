@@ -131,6 +131,7 @@ impl Drive {
         if is_on {
             self.check_mode(mode, word)?;
         }
+        self.update_master();
         // The bit is used up, so that a second UPD without MODE goes on in the same mode.
         self.memory.set(addresses::MCR, word & !mcr::NEW_MODE);
         self.mark_stale();
