@@ -107,5 +107,13 @@ fn a_running_logger_is_left_alone() {
     assert!(ran.err.contains("error[E602]: axis 1: the drive's logger is running"), "{}", ran.err);
     ok(&["send", &sim.url, "STOPLOG"]);
     ok(&["record-in-drive", &sim.url, "APOS", "--for", "10ms", "--inferred"]);
+    // A routine that calls itself for ever, where the buffer would be.
+    let program = ["VAR_U1 = 0x8270", "(VAR_U1+),pm = 29696", "(VAR_U1),pm = 33392"];
+    ok(&[&["send", &sim.url], &program[..], &["CALLS 0x8270", "--arm"]].concat());
+    let ran = polepair(&["record-in-drive", &sim.url, "APOS", "--for", "10ms", "--inferred"]);
+    assert_eq!(ran.code, 6, "{}", ran.err);
+    assert!(ran.err.contains("a routine of its program runs"), "{}", ran.err);
+    ok(&["program", "stop", &sim.url]);
+    ok(&["record-in-drive", &sim.url, "APOS", "--for", "10ms", "--inferred"]);
     sim.end();
 }
