@@ -20,7 +20,9 @@ impl Family for Technosoft {
     type Device = Device;
 
     fn profiles() -> &'static [&'static Profile] {
-        &profile::PROFILES
+        static PRODUCTS: [&Profile; profile::PROFILES.len()] =
+            [&profile::TECHNOSOFT_F514L, &profile::TECHNOSOFT_FA00G, &profile::TECHNOSOFT_F2XX];
+        &PRODUCTS
     }
 
     fn create_device<'a>(
