@@ -5,8 +5,8 @@
 
 use polepair_core::plan::{Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, Certainty, Fault, IdentityQuery, MotionRules, Parameter, ParameterId, Persistence,
-    Profile, Scale, ScaleRule, SignalSource, Watchdog,
+    Access, Certainty, CouplingParameters, Fault, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Persistence, Profile, Scale, ScaleRule, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 use std::collections::BTreeMap;
@@ -202,6 +202,7 @@ fn import_lines(body: &str, core: &str) -> String {
                 "Fault",
                 "Identity",
                 "IdentityQuery",
+                "CouplingParameters",
                 "MotionRules",
                 "Parameter",
                 "ParameterId",
@@ -560,11 +561,26 @@ fn motion_expr(rules: &MotionRules) -> String {
     }
     let window = rules.window.map_or("None".to_owned(), |id| format!("Some({})", parameter_id(id)));
     format!(
-        "MotionRules {{ window: {window}, relative_from: RelativeBase::{:?}, halted: {}, stalled: {}, unpowered: {} }}",
+        "MotionRules {{ window: {window}, relative_from: RelativeBase::{:?}, halted: {}, stalled: {}, \
+         unpowered: {}, coupling: {} }}",
         rules.relative_from,
         condition_expr(rules.halted),
         condition_expr(rules.stalled),
-        condition_expr(rules.unpowered)
+        condition_expr(rules.unpowered),
+        rules.coupling.map_or_else(|| "None".to_owned(), coupling_expr)
+    )
+}
+
+fn coupling_expr(coupling: CouplingParameters) -> String {
+    format!(
+        "Some(CouplingParameters {{ follower: {}, master_position: {}, ratio: {}, numerator: {}, \
+         denominator: {}, cam: {} }})",
+        parameter_id(coupling.follower),
+        parameter_id(coupling.master_position),
+        parameter_id(coupling.ratio),
+        parameter_id(coupling.numerator),
+        parameter_id(coupling.denominator),
+        parameter_id(coupling.cam)
     )
 }
 

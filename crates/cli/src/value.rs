@@ -1,5 +1,7 @@
 //! Parses the values of options, and prints numbers with units.
 
+use std::ops::RangeInclusive;
+
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use polepair_capture::CaptureFormat;
 use polepair_core::profile::Parameter;
@@ -56,9 +58,24 @@ pub fn capture_format() -> impl TypedValueParser<Value = CaptureFormat> {
         .map(|word| CaptureFormat::from_name(&word).unwrap_or(CaptureFormat::Text))
 }
 
+/// A range of a drive's memory: FIRST-LAST.
+pub fn parse_memory(text: &str) -> std::result::Result<RangeInclusive<u16>, String> {
+    let address = |text: &str| parse_whole(text).and_then(|number| u16::try_from(number).ok());
+    let range =
+        text.split_once('-').and_then(|(first, last)| Some(address(first)?..=address(last)?));
+    let range = range.filter(|range| !range.is_empty());
+    range.ok_or_else(|| "the memory is FIRST-LAST: 0x8270-0x87FF".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
-    use super::parse_span;
+    use super::{parse_memory, parse_span};
+
+    #[test]
+    fn ranges_of_memory() {
+        assert_eq!(parse_memory("0x8270-0x87FF"), Ok(0x8270..=0x87FF));
+        assert!(parse_memory("0x87FF-0x8270").is_err() && parse_memory("70000-70001").is_err());
+    }
 
     #[test]
     fn spans() {

@@ -20,6 +20,7 @@
 extern crate alloc;
 
 pub mod axis;
+pub mod cam_table;
 pub mod convert;
 pub mod data_logger;
 pub mod error;

@@ -256,6 +256,25 @@ pub struct MotionRules {
     /// Passed while the drive will not power its motor: a fault, an inhibit. The parameter is that of the signal
     /// `enabled`.
     pub unpowered: Option<(ParameterId, ParameterTest)>,
+    /// Parameters for following another axis.
+    pub coupling: Option<CouplingParameters>,
+}
+
+/// Parameters by which axes of a bus follow each other. The first is the master's, the others are the follower's.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct CouplingParameters {
+    /// Number of the axis that the master sends its position to.
+    pub follower: ParameterId,
+    /// Position of the master as it was received last.
+    pub master_position: ParameterId,
+    /// Counts of the follower for a count of the master.
+    pub ratio: ParameterId,
+    /// Numerator of the ratio.
+    pub numerator: ParameterId,
+    /// Denominator of the ratio.
+    pub denominator: ParameterId,
+    /// Address of the table of a cam.
+    pub cam: ParameterId,
 }
 
 impl MotionRules {
@@ -266,6 +285,7 @@ impl MotionRules {
         halted: None,
         stalled: None,
         unpowered: None,
+        coupling: None,
     };
 }
 

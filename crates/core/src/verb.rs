@@ -55,6 +55,14 @@ pub enum Verb {
     GiveTime,
     /// Give its time no more.
     WithholdTime,
+    /// Sends its position to the axis that will follow it, again and again.
+    SendPosition,
+    /// Ends the sending of its position.
+    WithholdPosition,
+    /// Follows the position that another axis sends, by a ratio.
+    FollowGear,
+    /// Follows the position that another axis sends, by a table.
+    FollowCam,
     /// Put the settings into permanent memory.
     Store,
     /// Powers the motor at the present position, ready to follow positions cycle by cycle.
@@ -77,7 +85,7 @@ pub enum Verb {
 
 impl Verb {
     /// Every verb.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 29] = [
         Self::Enable,
         Self::Disable,
         Self::Stop,
@@ -94,6 +102,10 @@ impl Verb {
         Self::Reached,
         Self::GiveTime,
         Self::WithholdTime,
+        Self::SendPosition,
+        Self::WithholdPosition,
+        Self::FollowGear,
+        Self::FollowCam,
         Self::Store,
         Self::FollowPosition,
         Self::FollowVelocity,
@@ -125,6 +137,10 @@ impl Verb {
             Self::Reached => "reached",
             Self::GiveTime => "give-time",
             Self::WithholdTime => "withhold-time",
+            Self::SendPosition => "send-position",
+            Self::WithholdPosition => "withhold-position",
+            Self::FollowGear => "follow-gear",
+            Self::FollowCam => "follow-cam",
             Self::Store => "store",
             Self::FollowPosition => "follow-position",
             Self::FollowVelocity => "follow-velocity",
@@ -144,6 +160,7 @@ impl Verb {
         matches!(self, Enable | Velocity | Torque | Home | PrepareTo | PrepareBy | Begin)
             || self.is_move()
             || self.is_cyclic()
+            || self.is_coupled()
     }
 
     /// True for what sets a motor going, or makes it ready to go at a signal.
@@ -162,6 +179,12 @@ impl Verb {
     #[must_use]
     pub const fn is_cyclic(self) -> bool {
         matches!(self, Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque)
+    }
+
+    /// True for what makes an axis follow another one.
+    #[must_use]
+    pub const fn is_coupled(self) -> bool {
+        matches!(self, Self::FollowGear | Self::FollowCam)
     }
 
     /// True for verbs that go to a position or by a distance, and end at the target.

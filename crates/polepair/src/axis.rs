@@ -18,6 +18,7 @@
 
 mod address;
 mod argument;
+pub mod coupling;
 mod cyclic;
 mod data;
 mod device_details;

@@ -53,6 +53,7 @@ pub mod url;
 pub mod wire;
 
 pub use amount::{Amount, Value, format_raw};
+pub use axis::coupling::{Cam, CamPlan, CamPoint, GearRatio};
 pub use axis::drive_log::{
     DriveLog, DriveLogCondition, DriveLogPlan, DriveLogProgress, DriveLogRequest, DriveLogStage,
     LoggedVariable,

@@ -17,6 +17,7 @@ mod capture;
 mod codec;
 mod columns;
 mod command;
+mod coupling;
 mod dataset;
 mod drive_log;
 mod errors;
@@ -71,6 +72,9 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulation::rack_of_word, module)?)?;
     module.add_function(wrap_pyfunction!(axis::begin_together, module)?)?;
     module.add_function(wrap_pyfunction!(axis::is_signal, module)?)?;
+    module.add_function(wrap_pyfunction!(coupling::follow_gear, module)?)?;
+    module.add_function(wrap_pyfunction!(coupling::follow_cam, module)?)?;
+    module.add_function(wrap_pyfunction!(coupling::uncouple, module)?)?;
     module.add_function(wrap_pyfunction!(process_local::forked, module)?)?;
     module.add_function(wrap_pyfunction!(guard::stop_each, module)?)?;
     module.add_function(wrap_pyfunction!(guard::stop_armed, module)?)?;

@@ -336,3 +336,26 @@ def test_a_drive_records_in_its_own_loop() -> None:
             assert refused.value.code == "E216"
         with pytest.raises(polepair.Unsupported, match="inferred"):
             axis.record_in_drive(["APOS"])
+
+
+def test_an_axis_follows_another_one() -> None:
+    with polepair.connect("sim:tmlcan:1,2?time=virtual") as link:
+        master, follower = link.axes
+        with master.armed(), follower.armed():
+            follower.couple(master, (-1, 2))
+            master.move(1, "turn").wait()
+            link.sleep(0.3)
+            assert follower.params["actual position"] == pytest.approx(-0.5, abs=0.01)
+            follower.uncouple(master)
+            table = [(0.0, 0.0), (2 * math.pi, 0.0), (4 * math.pi, math.pi)]
+            with pytest.raises(polepair.Unsupported, match="inferred"):
+                follower.couple(master, cam=table)
+            follower.couple(master, cam=table, inferred=True)
+            master.move(2, "turn").wait()
+            link.sleep(0.3)
+            assert follower.params["actual position"] == pytest.approx(0.0, abs=0.01)
+            with pytest.raises(polepair.Unsupported, match="follow itself"):
+                master.couple(master, (1, 1))
+            with pytest.raises(TypeError):
+                follower.couple(master)
+            follower.uncouple(master)

@@ -40,7 +40,7 @@ pub const VERB_GROUPS: [VerbGroup; 6] = [
         heading: "Move",
         verbs: &[
             "stop", "enable", "disable", "clear", "spin", "jog", "move", "home", "torque",
-            "stream", "sync",
+            "stream", "sync", "couple", "uncouple",
         ],
     },
     VerbGroup {

@@ -4,6 +4,7 @@ mod act;
 pub mod completions;
 mod config;
 mod convert;
+mod couple;
 pub mod decode;
 mod demo;
 mod diff;
@@ -156,6 +157,10 @@ pub enum CommandVerb {
     Program(program::ProgramArgs),
     /// Synchronise the clocks of several drives
     Sync(sync::Sync),
+    /// Let an axis follow another one by a gear's ratio or a cam's table
+    Couple(couple::Couple),
+    /// End the coupling of an axis
+    Uncouple(couple::Uncouple),
     /// Print signals or parameters periodically
     Watch(watch::WatchCommand),
     /// Show or set the reaction of drives to a silent host
@@ -232,6 +237,8 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Stream(verb) => verb.run(),
         CommandVerb::Program(verb) => verb.run(),
         CommandVerb::Sync(verb) => verb.run(),
+        CommandVerb::Couple(verb) => verb.run(),
+        CommandVerb::Uncouple(verb) => verb.run(),
         CommandVerb::Record(verb) => verb.run(),
         CommandVerb::RecordInDrive(verb) => verb.run(),
         CommandVerb::Replay(verb) => verb.run(),

@@ -11,6 +11,7 @@ mod captures;
 mod completions;
 mod config;
 mod conversations;
+mod couple;
 mod decode;
 mod docs;
 mod doctor;

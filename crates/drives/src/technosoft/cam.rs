@@ -1,21 +1,18 @@
 //! Electronic camming: the position follows a table over the master's position.
 //!
-//! Source: the vendor's help pages on cam tables (points of 32 bits at equal distances of a power of two,
-//! at most 8192) and on `INITCAM`, which copies a table from the EEPROM to RAM. \[I\] The table's first
-//! word has the distance's power in bits 15 to 13 and the number of points less one in bits 12 to 0; the
-//! first master position and a reserved long follow, then the points, then the sum of all words. The
-//! slave moves by the difference of two points (relative camming) and holds the end points outside.
+//! Source: the vendor's help pages on cam tables and on `INITCAM`, which copies a table from the EEPROM to
+//! RAM. The layout of a table is [`polepair_core::cam_table`]'s. \[I\] The slave moves by the difference of two
+//! points (relative camming) and holds the end points outside. The table is read at (master − CAMOFF) × CAMX,
+//! and its positions count times CAMY.
 
 use super::addresses;
 use super::drive::Drive;
 use super::execute::ExecuteError;
 use super::status::srh;
+use polepair_core::cam_table::HEAD_WORDS;
 use polepair_core::plant::{Setpoint, TICK_S};
 use polepair_core::proto::tml::online::MemorySpace as Space;
 use polepair_core::proto::tml::wire::Instruction;
-
-/// Words before the first point.
-const HEAD_WORDS: u16 = 5;
 
 /// A cam table in memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -82,15 +79,16 @@ impl Drive {
     /// The slave's position for the master's, counts.
     fn cam_output(&self) -> f64 {
         let Some(table) = self.cam.table else { return 0.0 };
-        let master = self.memory.long(addresses::MREF).saturating_sub(table.first_master);
-        let place = f64::from(master.max(0)) / f64::from(1_u32 << table.step_power);
+        let master = self.memory.long(addresses::MREF);
+        let input = f64::from(master.saturating_sub(self.memory.long(addresses::CAMOFF)))
+            * self.memory.fixed(addresses::CAMX);
+        let place =
+            (input - f64::from(table.first_master)).max(0.0) / f64::from(1_u32 << table.step_power);
         let last = table.points - 1;
         let index = (libm::floor(place) as u32).min(last.into()) as u16;
         let share = if index == last { 0.0 } else { place - f64::from(index) };
-        self.cam_value(index, &table, last)
-            + share
-                * (self.cam_value(index.saturating_add(1), &table, last)
-                    - self.cam_value(index, &table, last))
+        let [from, to] = [index, index.saturating_add(1)].map(|n| self.cam_value(n, &table, last));
+        (from + share * (to - from)) * self.memory.fixed(addresses::CAMY)
     }
 
     fn cam_value(&self, n: u16, table: &CamTable, last: u16) -> f64 {

@@ -77,10 +77,11 @@ impl Drive {
         };
         let points = if self.change_reports.points { self.ticks_to_next_point() } else { None };
         let held = (!self.outbox.is_empty()).then_some(self.busy_until);
-        earliest(
-            earliest(self.report_at(ticks), self.report_at(points)),
-            earliest(self.report_at(self.sync.ticks_left()), held),
-        )
+        let sent = earliest(
+            self.report_at(self.sync.ticks_left()),
+            self.report_at(self.master.ticks_left(self.options.slow_ns)),
+        );
+        earliest(earliest(self.report_at(ticks), self.report_at(points)), earliest(sent, held))
     }
 
     fn report_at(&self, ticks: Option<u64>) -> Option<Instant> {

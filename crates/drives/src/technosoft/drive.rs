@@ -354,7 +354,7 @@ impl Drive {
         self.axis_on_ticks = 0;
         self.motion.mode = MotionMode::Hold;
         set_bits(&mut self.status.srl, srl::AXIS_ON, false);
-        set_bits(&mut self.status.srh, srh::IN_GEAR | srh::IN_CAM, false);
+        self.end_following();
         self.complete_motion();
         self.status.srh &= !srh::TARGET_REACHED;
     }

@@ -9,6 +9,7 @@ use super::addresses;
 use super::drive::Drive;
 use polepair_core::plant::TICK_NS;
 use polepair_core::proto::tml::host_request::assign_instruction;
+use polepair_core::proto::tml::rules::TmlWire;
 use polepair_core::proto::tml::wire::IdCode;
 
 /// MCR.11: master of gear and cam.
@@ -34,12 +35,19 @@ impl GearMaster {
     pub const fn is_active(&self) -> bool {
         self.is_active
     }
+
+    /// Ticks until it sends again.
+    pub fn ticks_left(&self, period_ns: u64) -> Option<u64> {
+        let left = period_ns.saturating_sub(self.since_sent_ns).div_ceil(TICK_NS).max(1);
+        self.is_active.then_some(left)
+    }
 }
 
 impl Drive {
-    /// UPD: SGM or RGM take effect.
+    /// UPD: SGM or RGM take effect. On RS-485 no drive sends by itself (TML communication manual, chapter 3).
     pub fn update_master(&mut self) {
-        self.master.is_active = self.memory.word(addresses::MCR) & MASTER != 0;
+        let is_silent = self.options.quirks.wire == Some(TmlWire::Rs485);
+        self.master.is_active = !is_silent && self.memory.word(addresses::MCR) & MASTER != 0;
     }
 
     /// Sends its position when a slow loop has passed.

@@ -16,6 +16,7 @@ mod mcr {
     pub const ABSOLUTE: u16 = 1 << 13;
     pub const SOURCE: u16 = 3 << 6;
     pub const ANALOG: u16 = 1 << 6;
+    pub const DIGITAL: u16 = 1 << 7;
 }
 
 /// ACR.11: relative positioning adds to the last target.
@@ -206,6 +207,11 @@ impl Drive {
         set_bits(&mut self.status.srh, srh::TARGET_REACHED, false);
     }
 
+    /// Another motion, or none, takes the place of a gear or cam.
+    pub fn end_following(&mut self) {
+        set_bits(&mut self.status.srh, srh::IN_GEAR | srh::IN_CAM, false);
+    }
+
     /// A ramp to rest at `rate` rad/s², then the place is held.
     fn brake(&mut self, rate: f64) {
         let servo = &mut self.shaft.servo;
@@ -223,6 +229,7 @@ impl Drive {
         servo.set_limits(Limits { velocity: speed, deceleration: rate, ..limits });
         debug_assert!(self.shaft.servo.is_enabled(), "only a powered motor brakes on a ramp");
         self.motion.mode = MotionMode::Stopping;
+        self.end_following();
         self.note_motion_begun();
     }
 
@@ -258,6 +265,7 @@ impl Drive {
     fn begin_mode(&mut self, mode: MotionMode, word: u16) {
         self.motion.mode = mode;
         self.motion.settled_ticks = 0;
+        self.end_following();
         match mode {
             MotionMode::Position => self.begin_position(word),
             MotionMode::Speed => self.begin_speed(),
@@ -377,11 +385,31 @@ impl Drive {
         }
     }
 
-    /// The master's steps times GEAR.
+    /// Pulses on the second encoder's input move the master's position where a gear or cam follows them (EXTREF 2).
+    /// False where nothing does.
+    pub fn count_master_pulses(&mut self, count: i32) -> bool {
+        let is_follower = matches!(self.motion.mode, MotionMode::Gear | MotionMode::Cam);
+        let is_digital = self.memory.word(addresses::MCR) & mcr::SOURCE == mcr::DIGITAL;
+        if is_follower && is_digital {
+            let position = self.memory.long(addresses::MREF).wrapping_add(count);
+            self.memory.set_long(addresses::MREF, position);
+        }
+        is_follower && is_digital
+    }
+
+    /// Counts for a count of the master. GEARSLAVE over GEARMASTER is the exact value of what GEAR rounds to 16 bits
+    /// \[I\]; where they differ by more, GEAR counts.
+    fn gear_ratio(&self) -> f64 {
+        let rounded = self.memory.fixed(addresses::GEAR);
+        let numerator = f64::from(self.memory.int(addresses::GEARSLAVE));
+        let exact = numerator / f64::from(self.memory.word(addresses::GEARMASTER));
+        if (exact - rounded).abs() < 1.0 / 65_536.0 { exact } else { rounded }
+    }
+
+    /// The master's steps times the ratio.
     fn tick_gear(&mut self) {
         let master = self.memory.long(addresses::MREF);
-        let by = f64::from(master.wrapping_sub(self.motion.master_position))
-            * self.memory.fixed(addresses::GEAR);
+        let by = f64::from(master.wrapping_sub(self.motion.master_position)) * self.gear_ratio();
         // Only steps since the last tick count: a master that was moved before gives no jump.
         self.motion.master_position = master;
         let way = by / self.shaft.scale.per_rad;

@@ -5,9 +5,9 @@
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
-    ParameterId, Persistence, Profile, RelativeBase, Scale, Severity, Signal, SignalSource,
-    Watchdog,
+    Access, AxisKind, Certainty, CouplingParameters, Encoding, Fault, Identity, IdentityQuery,
+    MotionRules, Parameter, ParameterId, Persistence, Profile, RelativeBase, Scale, Severity,
+    Signal, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -95,9 +95,9 @@ static TECHNOSOFT_F2XX_PARAMETERS: [Parameter; 459] = [
     mapped("PWMPER", 0x0252, Encoding::U16),
     mapped("DBT", 0x0253, Encoding::U16),
     mapped("SATPWM", 0x0254, Encoding::I16),
-    mapped("GEARMASTER", 0x0255, Encoding::U16),
+    Parameter { name: "gear denominator", symbol: "GEARMASTER", about: "That number of counts of the master.", section: "captures", index: 0x0255, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("NI2T", 0x0255, Encoding::I32),
-    mapped("GEARSLAVE", 0x0256, Encoding::I16),
+    Parameter { name: "gear numerator", symbol: "GEARSLAVE", about: "Counts of the follower for a number of counts of the master.", section: "captures", index: 0x0256, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("PHASEADV", 0x0257, Encoding::I16),
     mapped("HALLCOFF", 0x0258, Encoding::U16),
     mapped("SFTCWEAK", 0x0258, Encoding::U16),
@@ -212,7 +212,7 @@ static TECHNOSOFT_F2XX_PARAMETERS: [Parameter; 459] = [
     mapped("REF0_long", 0x02a8, Encoding::I32),
     Parameter { name: "external torque reference", symbol: "EREFT", about: "The external reference as torque, in parts of the drive's peak current. Its amperes depend on the drive's size, which it does not tell: for amperes, give a profile whose `external torque reference` has the unit A and a factor of the peak current over 32760.", section: "captures", index: 0x02a9, encoding: Encoding::I16, unit: Unit::Percent, min: -32760, max: 32760, scale: Scale { factor: 0.003052503052503, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("EREFV", 0x02a9, Encoding::I16),
-    mapped("MREF", 0x02aa, Encoding::I32),
+    Parameter { name: "master position", symbol: "MREF", about: "Position of the master as a follower received it last.", section: "captures", index: 0x02aa, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     Parameter { name: "gear ratio", symbol: "GEAR", about: "Slave over master turns in electronic gearing.", section: "captures", index: 0x02ac, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("TREF", 0x02ae, Encoding::I32),
     scaled(mapped("TREF_fixed", 0x02ae, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
@@ -257,7 +257,7 @@ static TECHNOSOFT_F2XX_PARAMETERS: [Parameter; 459] = [
     Parameter { name: "CAN bit rate", symbol: "CBR", about: "Timing registers of the CAN controller.", section: "captures", index: 0x030d, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     Parameter { name: "product", symbol: "PROD", about: "Result of the last multiplication, 48 bits of which these are the low 32.", section: "captures", index: 0x030e, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("PRODH", 0x030f, Encoding::I32),
-    mapped("SLAVEID", 0x0311, Encoding::I16),
+    Parameter { name: "follower axis", symbol: "SLAVEID", about: "Axis that a master of gear or cam sends its position to; bit 8: a group.", section: "captures", index: 0x0311, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("MOTORON", 0x0312, Encoding::I16),
     Parameter { name: "log pointer", symbol: "LOG_PTR", about: "Start of the data logger's buffer in bits 15 to 3; bits 1 and 0 are 1 while it samples in the slow loop, 2 in the fast one.", section: "labelled frames of STARTLOG", index: 0x0365, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     Parameter { name: "user variable i1", symbol: "VAR_I1", about: "A 16-bit variable for programs.", section: "captures", index: 0x0366, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
@@ -276,7 +276,7 @@ static TECHNOSOFT_F2XX_PARAMETERS: [Parameter; 459] = [
     scaled(mapped("HOME_HSPD_6099_01", 0x03a4, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
     scaled(mapped("HOME_ACC_609A", 0x03a6, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
     Parameter { name: "detailed error", symbol: "DER", about: "What is behind the command error of the motion error register.", section: "captures", index: 0x03ad, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
-    mapped("CAMSTART", 0x03ae, Encoding::I16),
+    Parameter { name: "cam table", symbol: "CAMSTART", about: "Address of a follower's cam table.", section: "captures", index: 0x03ae, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("QUAL_ACT", 0x07f0, Encoding::U32),
     mapped("QUAL_AQ1", 0x07f2, Encoding::U32),
     mapped("QUAL_AQ2", 0x07f4, Encoding::U32),
@@ -376,10 +376,10 @@ static TECHNOSOFT_F2XX_PARAMETERS: [Parameter; 459] = [
     mapped("DEBUG", 0x08d0, Encoding::U16),
     Parameter { name: "jerk time", symbol: "TJERK", about: "Time that an S-curve takes to reach its acceleration.", section: "vendor library TML_LIB_light", index: 0x08d2, encoding: Encoding::I32, unit: Unit::Second, min: 1, max: 2147483647, scale: Scale { factor: 0.001, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     scaled(mapped("JERK", 0x08d2, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
-    mapped("CAMOFF", 0x08d8, Encoding::I32),
+    Parameter { name: "cam offset", symbol: "CAMOFF", about: "Taken from the master's position before the cam's table.", section: "captures", index: 0x08d8, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     Parameter { name: "motion error", symbol: "MER", about: "Errors, one bit each; what stops the motor is set here.", section: "2.4", index: 0x08fc, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
-    scaled(mapped("CAMX", 0x0904, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
-    scaled(mapped("CAMY", 0x0906, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
+    Parameter { name: "cam input factor", symbol: "CAMX", about: "Multiplies the master's position before the cam's table.", section: "captures", index: 0x0904, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
+    Parameter { name: "cam output factor", symbol: "CAMY", about: "Multiplies the positions of the cam's table.", section: "captures", index: 0x0906, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     Parameter { name: "inputs", symbol: "INSTATUS", about: "Digital inputs, one bit each.", section: "vendor library TML_LIB_light", index: 0x0908, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     mapped("DIGIN_STATUS", 0x0908, Encoding::U16),
     mapped("DIGIN_INVERSION_MASK", 0x090a, Encoding::U16),
@@ -532,14 +532,14 @@ static TECHNOSOFT_F2XX_SIGNALS: [SignalSource; 13] = [
     SignalSource { signal: Signal::Enabled, parameter: ParameterId(346), mask: 0x8000, equals: Some(32768), values: &[] },
     SignalSource { signal: Signal::Moving, parameter: ParameterId(346), mask: 0x400, equals: Some(0), values: &[] },
     SignalSource { signal: Signal::Reached, parameter: ParameterId(346), mask: 0x400, equals: Some(1024), values: &[] },
-    SignalSource { signal: Signal::Mode, parameter: ParameterId(210), mask: 0x873f, equals: None, values: &[(0, "none yet"), (32768, "voltage external"), (32771, "voltage contouring"), (32776, "voltage test"), (33024, "torque external, slow loop"), (33027, "torque contouring"), (33032, "torque test"), (33056, "torque external, fast loop"), (33536, "speed external"), (33537, "speed profile"), (33538, "speed contouring"), (34560, "position external"), (34561, "position profile"), (34562, "position contouring"), (34565, "gear slave"), (34566, "cam slave"), (34567, "S-curve"), (34569, "PVT"), (34570, "PT")] },
+    SignalSource { signal: Signal::Mode, parameter: ParameterId(210), mask: 0x73f, equals: None, values: &[(0, "none yet, or voltage external"), (3, "voltage contouring"), (8, "voltage test"), (256, "torque external, slow loop"), (259, "torque contouring"), (264, "torque test"), (288, "torque external, fast loop"), (768, "speed external"), (769, "speed profile"), (770, "speed contouring"), (1792, "position external"), (1793, "position profile"), (1794, "position contouring"), (1797, "gear slave"), (1798, "cam slave"), (1799, "S-curve"), (1801, "PVT"), (1802, "PT")] },
     SignalSource { signal: Signal::Time, parameter: ParameterId(184), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(337), mask: 0x40, equals: Some(64), values: &[(64, "positive limit switch")] },
     SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(337), mask: 0x80, equals: Some(128), values: &[(128, "negative limit switch")] },
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_F2XX_PLANS: [Plan; 16] = [
+static TECHNOSOFT_F2XX_PLANS: [Plan; 20] = [
     Plan { verb: Verb::Enable, source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there", steps: &[
         Step::Require { read: ParameterId(337), test: ParameterTest { mask: 0x4, compare: Compare::Equal, value: 0 }, hint: "the drive has no valid set-up table: download one with the vendor's set-up tool" },
         Step::Send { function: 0x0, index: 0x20, operand: Operand::Constant(0), like: None },
@@ -688,6 +688,57 @@ static TECHNOSOFT_F2XX_PLANS: [Plan; 16] = [
     Plan { verb: Verb::WithholdTime, source: "manual chapter 5, example 4: SETSYNC 0", steps: &[
         Step::Send { function: 0x2, index: 0x1404, operand: Operand::Constant(0), like: None },
     ], undo: &[] },
+    Plan { verb: Verb::SendPosition, source: "labelled frames of SGM and RGM; header of TML_LIB (SLAVEID; OSR bit 15 clear: the measured position)", steps: &[
+        Step::Standstill { within_ms: 2000 },
+        Step::Skip { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::NotEqual, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(177), to: ParameterId(157) },
+        Step::Skip { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(11), to: ParameterId(157) },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3217131265), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x4, index: 0x302, operand: Operand::Constant(2147418112), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294903808), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+    ], undo: &[] },
+    Plan { verb: Verb::WithholdPosition, source: "labelled frames of RGM, which takes effect at UPD", steps: &[
+        Step::Standstill { within_ms: 2000 },
+        Step::Skip { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::NotEqual, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(177), to: ParameterId(157) },
+        Step::Skip { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(11), to: ParameterId(157) },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3217131265), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4160684032), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+    ], undo: &[] },
+    Plan { verb: Verb::FollowGear, source: "labelled frames and the header of TML_LIB: GEAR, EXTREF 0, MODE GS, TUM1, UPD; SRH bit 12", steps: &[
+        Step::Require { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor is off: enable the axis first" },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3083175685), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
+        Step::Until { read: ParameterId(347), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 4096 }, within_ms: 1000, required: true },
+    ], undo: &[
+        Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
+    ] },
+    Plan { verb: Verb::FollowCam, source: "labelled frames and the header of TML_LIB: CAMSTART, ACR bit 12 clear (relative), EXTREF 0, MODE CS, TUM1, UPD; SRH bit 14", steps: &[
+        Step::Require { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor is off: enable the axis first" },
+        Step::Write(ParameterId(338), Operand::Constant(65536)),
+        Step::Write(ParameterId(339), Operand::Constant(65536)),
+        Step::Write(ParameterId(336), Operand::Constant(0)),
+        Step::Send { function: 0x4, index: 0x912, operand: Operand::Constant(4026466304), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3083241222), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(346), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
+        Step::Until { read: ParameterId(347), test: ParameterTest { mask: 0x4000, compare: Compare::Equal, value: 16384 }, within_ms: 1000, required: true },
+    ], undo: &[
+        Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
+    ] },
     Plan { verb: Verb::Store, source: "TML_LIB_light: SAVE", steps: &[
         Step::Send { function: 0x0, index: 0x1c08, operand: Operand::Constant(0), like: None },
     ], undo: &[] },
@@ -695,7 +746,7 @@ static TECHNOSOFT_F2XX_PLANS: [Plan; 16] = [
 
 /// Technosoft drive, firmware F2xx (TechnoCAN).
 #[rustfmt::skip]
-pub static TECHNOSOFT_F2XX: Profile = Profile { name: "technosoft-f2xx", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F2xx (TechnoCAN)", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F2XX_PARAMETERS, faults: &TECHNOSOFT_F2XX_FAULTS, signals: &TECHNOSOFT_F2XX_SIGNALS, plans: &TECHNOSOFT_F2XX_PLANS, motion: MotionRules { window: Some(ParameterId(227)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xff000000, equals: 0x32000000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "Most addresses of this firmware are inferred from two others. Compare position and speed with the motor before you rely on them, or give the drive's set-up archive with setup=FILE. The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
+pub static TECHNOSOFT_F2XX: Profile = Profile { name: "technosoft-f2xx", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F2xx (TechnoCAN)", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F2XX_PARAMETERS, faults: &TECHNOSOFT_F2XX_FAULTS, signals: &TECHNOSOFT_F2XX_SIGNALS, plans: &TECHNOSOFT_F2XX_PLANS, motion: MotionRules { window: Some(ParameterId(227)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None, coupling: Some(CouplingParameters { follower: ParameterId(217), master_position: ParameterId(172), ratio: ParameterId(173), numerator: ParameterId(57), denominator: ParameterId(55), cam: ParameterId(236) }) }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xff000000, equals: 0x32000000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "Most addresses of this firmware are inferred from two others. Compare position and speed with the motor before you rely on them, or give the drive's set-up archive with setup=FILE. The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
 
 #[rustfmt::skip]
 static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
@@ -766,9 +817,9 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
     mapped("PWMPER", 0x0252, Encoding::U16),
     mapped("DBT", 0x0253, Encoding::U16),
     mapped("SATPWM", 0x0254, Encoding::I16),
-    mapped("GEARMASTER", 0x0255, Encoding::U16),
+    Parameter { name: "gear denominator", symbol: "GEARMASTER", about: "That number of counts of the master.", section: "captures", index: 0x0255, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("NI2T", 0x0255, Encoding::I32),
-    mapped("GEARSLAVE", 0x0256, Encoding::I16),
+    Parameter { name: "gear numerator", symbol: "GEARSLAVE", about: "Counts of the follower for a number of counts of the master.", section: "captures", index: 0x0256, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("HALLC", 0x0257, Encoding::I16),
     mapped("PHASEADV", 0x0257, Encoding::I16),
     mapped("HALLCOFF", 0x0258, Encoding::U16),
@@ -885,7 +936,7 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
     mapped("REF0_long", 0x02a8, Encoding::I32),
     Parameter { name: "external torque reference", symbol: "EREFT", about: "The external reference as torque, in parts of the drive's peak current. Its amperes depend on the drive's size, which it does not tell: for amperes, give a profile whose `external torque reference` has the unit A and a factor of the peak current over 32760.", section: "captures", index: 0x02a9, encoding: Encoding::I16, unit: Unit::Percent, min: -32760, max: 32760, scale: Scale { factor: 0.003052503052503, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("EREFV", 0x02a9, Encoding::I16),
-    mapped("MREF", 0x02aa, Encoding::I32),
+    Parameter { name: "master position", symbol: "MREF", about: "Position of the master as a follower received it last.", section: "captures", index: 0x02aa, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     Parameter { name: "gear ratio", symbol: "GEAR", about: "Slave over master turns in electronic gearing.", section: "captures", index: 0x02ac, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("TREF", 0x02ae, Encoding::I32),
     scaled(mapped("TREF_fixed", 0x02ae, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
@@ -932,7 +983,7 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
     Parameter { name: "CAN bit rate", symbol: "CBR", about: "Timing registers of the CAN controller.", section: "captures", index: 0x030d, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     Parameter { name: "product", symbol: "PROD", about: "Result of the last multiplication, 48 bits of which these are the low 32.", section: "captures", index: 0x030e, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("PRODH", 0x030f, Encoding::I32),
-    mapped("SLAVEID", 0x0311, Encoding::I16),
+    Parameter { name: "follower axis", symbol: "SLAVEID", about: "Axis that a master of gear or cam sends its position to; bit 8: a group.", section: "captures", index: 0x0311, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("MOTORON", 0x0312, Encoding::I16),
     Parameter { name: "log pointer", symbol: "LOG_PTR", about: "Start of the data logger's buffer in bits 15 to 3; bits 1 and 0 are 1 while it samples in the slow loop, 2 in the fast one.", section: "labelled frames of STARTLOG", index: 0x0365, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     Parameter { name: "user variable i1", symbol: "VAR_I1", about: "A 16-bit variable for programs.", section: "captures", index: 0x0366, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
@@ -961,7 +1012,7 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
     scaled(mapped("x609A", 0x03a6, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
     Parameter { name: "detailed error", symbol: "DER", about: "What is behind the command error of the motion error register.", section: "captures", index: 0x03ad, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("x2002", 0x03ad, Encoding::U16),
-    mapped("CAMSTART", 0x03ae, Encoding::I16),
+    Parameter { name: "cam table", symbol: "CAMSTART", about: "Address of a follower's cam table.", section: "captures", index: 0x03ae, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("QUAL_ACT", 0x07f0, Encoding::U32),
     mapped("QUAL_AQ1", 0x07f2, Encoding::U32),
     mapped("QUAL_AQ2", 0x07f4, Encoding::U32),
@@ -1070,11 +1121,11 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
     mapped("DEBUG", 0x08d0, Encoding::U16),
     Parameter { name: "jerk time", symbol: "TJERK", about: "Time that an S-curve takes to reach its acceleration.", section: "vendor library TML_LIB_light", index: 0x08d2, encoding: Encoding::I32, unit: Unit::Second, min: 1, max: 2147483647, scale: Scale { factor: 0.001, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     scaled(mapped("JERK", 0x08d2, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
-    mapped("CAMOFF", 0x08d8, Encoding::I32),
+    Parameter { name: "cam offset", symbol: "CAMOFF", about: "Taken from the master's position before the cam's table.", section: "captures", index: 0x08d8, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     Parameter { name: "motion error", symbol: "MER", about: "Errors, one bit each; what stops the motor is set here.", section: "2.4", index: 0x08fc, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     mapped("x2000", 0x08fc, Encoding::U16),
-    scaled(mapped("CAMX", 0x0904, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
-    scaled(mapped("CAMY", 0x0906, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
+    Parameter { name: "cam input factor", symbol: "CAMX", about: "Multiplies the master's position before the cam's table.", section: "captures", index: 0x0904, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
+    Parameter { name: "cam output factor", symbol: "CAMY", about: "Multiplies the positions of the cam's table.", section: "captures", index: 0x0906, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     Parameter { name: "inputs", symbol: "INSTATUS", about: "Digital inputs, one bit each.", section: "vendor library TML_LIB_light", index: 0x0908, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     mapped("DIGIN_STATUS", 0x0908, Encoding::U16),
     mapped("DIGIN_INVERSION_MASK", 0x090a, Encoding::U16),
@@ -1508,14 +1559,14 @@ static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 13] = [
     SignalSource { signal: Signal::Enabled, parameter: ParameterId(382), mask: 0x8000, equals: Some(32768), values: &[] },
     SignalSource { signal: Signal::Moving, parameter: ParameterId(382), mask: 0x400, equals: Some(0), values: &[] },
     SignalSource { signal: Signal::Reached, parameter: ParameterId(382), mask: 0x400, equals: Some(1024), values: &[] },
-    SignalSource { signal: Signal::Mode, parameter: ParameterId(226), mask: 0x873f, equals: None, values: &[(0, "none yet"), (32768, "voltage external"), (32771, "voltage contouring"), (32776, "voltage test"), (33024, "torque external, slow loop"), (33027, "torque contouring"), (33032, "torque test"), (33056, "torque external, fast loop"), (33536, "speed external"), (33537, "speed profile"), (33538, "speed contouring"), (34560, "position external"), (34561, "position profile"), (34562, "position contouring"), (34565, "gear slave"), (34566, "cam slave"), (34567, "S-curve"), (34569, "PVT"), (34570, "PT")] },
+    SignalSource { signal: Signal::Mode, parameter: ParameterId(226), mask: 0x73f, equals: None, values: &[(0, "none yet, or voltage external"), (3, "voltage contouring"), (8, "voltage test"), (256, "torque external, slow loop"), (259, "torque contouring"), (264, "torque test"), (288, "torque external, fast loop"), (768, "speed external"), (769, "speed profile"), (770, "speed contouring"), (1792, "position external"), (1793, "position profile"), (1794, "position contouring"), (1797, "gear slave"), (1798, "cam slave"), (1799, "S-curve"), (1801, "PVT"), (1802, "PT")] },
     SignalSource { signal: Signal::Time, parameter: ParameterId(198), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(372), mask: 0x40, equals: Some(64), values: &[(64, "positive limit switch")] },
     SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(372), mask: 0x80, equals: Some(128), values: &[(128, "negative limit switch")] },
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
+static TECHNOSOFT_F514L_PLANS: [Plan; 20] = [
     Plan { verb: Verb::Enable, source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there", steps: &[
         Step::Require { read: ParameterId(372), test: ParameterTest { mask: 0x4, compare: Compare::Equal, value: 0 }, hint: "the drive has no valid set-up table: download one with the vendor's set-up tool" },
         Step::Send { function: 0x0, index: 0x20, operand: Operand::Constant(0), like: None },
@@ -1664,6 +1715,57 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
     Plan { verb: Verb::WithholdTime, source: "manual chapter 5, example 4: SETSYNC 0", steps: &[
         Step::Send { function: 0x2, index: 0x1404, operand: Operand::Constant(0), like: None },
     ], undo: &[] },
+    Plan { verb: Verb::SendPosition, source: "labelled frames of SGM and RGM; header of TML_LIB (SLAVEID; OSR bit 15 clear: the measured position)", steps: &[
+        Step::Standstill { within_ms: 2000 },
+        Step::Skip { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::NotEqual, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(191), to: ParameterId(171) },
+        Step::Skip { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(16), to: ParameterId(171) },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3217131265), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x4, index: 0x302, operand: Operand::Constant(2147418112), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294903808), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+    ], undo: &[] },
+    Plan { verb: Verb::WithholdPosition, source: "labelled frames of RGM, which takes effect at UPD", steps: &[
+        Step::Standstill { within_ms: 2000 },
+        Step::Skip { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::NotEqual, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(191), to: ParameterId(171) },
+        Step::Skip { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(16), to: ParameterId(171) },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3217131265), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4160684032), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+    ], undo: &[] },
+    Plan { verb: Verb::FollowGear, source: "labelled frames and the header of TML_LIB: GEAR, EXTREF 0, MODE GS, TUM1, UPD; SRH bit 12", steps: &[
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor is off: enable the axis first" },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3083175685), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
+        Step::Until { read: ParameterId(384), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 4096 }, within_ms: 1000, required: true },
+    ], undo: &[
+        Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
+    ] },
+    Plan { verb: Verb::FollowCam, source: "labelled frames and the header of TML_LIB: CAMSTART, ACR bit 12 clear (relative), EXTREF 0, MODE CS, TUM1, UPD; SRH bit 14", steps: &[
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor is off: enable the axis first" },
+        Step::Write(ParameterId(374), Operand::Constant(65536)),
+        Step::Write(ParameterId(375), Operand::Constant(65536)),
+        Step::Write(ParameterId(371), Operand::Constant(0)),
+        Step::Send { function: 0x4, index: 0x912, operand: Operand::Constant(4026466304), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3083241222), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(382), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
+        Step::Until { read: ParameterId(384), test: ParameterTest { mask: 0x4000, compare: Compare::Equal, value: 16384 }, within_ms: 1000, required: true },
+    ], undo: &[
+        Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
+    ] },
     Plan { verb: Verb::Store, source: "TML_LIB_light: SAVE", steps: &[
         Step::Send { function: 0x0, index: 0x1c08, operand: Operand::Constant(0), like: None },
     ], undo: &[] },
@@ -1671,7 +1773,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 16] = [
 
 /// Technosoft drive, firmware F514L.
 #[rustfmt::skip]
-pub static TECHNOSOFT_F514L: Profile = Profile { name: "technosoft-f514l", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F514L", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F514L_PARAMETERS, faults: &TECHNOSOFT_F2XX_FAULTS, signals: &TECHNOSOFT_F514L_SIGNALS, plans: &TECHNOSOFT_F514L_PLANS, motion: MotionRules { window: Some(ParameterId(243)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x35313400, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
+pub static TECHNOSOFT_F514L: Profile = Profile { name: "technosoft-f514l", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware F514L", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_F514L_PARAMETERS, faults: &TECHNOSOFT_F2XX_FAULTS, signals: &TECHNOSOFT_F514L_SIGNALS, plans: &TECHNOSOFT_F514L_PLANS, motion: MotionRules { window: Some(ParameterId(243)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None, coupling: Some(CouplingParameters { follower: ParameterId(233), master_position: ParameterId(186), ratio: ParameterId(187), numerator: ParameterId(69), denominator: ParameterId(67), cam: ParameterId(262) }) }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x35313400, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
 
 #[rustfmt::skip]
 static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
@@ -1742,10 +1844,10 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     mapped("PWMPER", 0x0252, Encoding::U16),
     mapped("DBT", 0x0253, Encoding::U16),
     mapped("SATPWM", 0x0254, Encoding::I16),
-    mapped("GEARMASTER", 0x0255, Encoding::U16),
+    Parameter { name: "gear denominator", symbol: "GEARMASTER", about: "That number of counts of the master.", section: "captures", index: 0x0255, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("NI2T", 0x0255, Encoding::I32),
     mapped("x2013_02", 0x0255, Encoding::U16),
-    mapped("GEARSLAVE", 0x0256, Encoding::I16),
+    Parameter { name: "gear numerator", symbol: "GEARSLAVE", about: "Counts of the follower for a number of counts of the master.", section: "captures", index: 0x0256, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("x2013_01", 0x0256, Encoding::I16),
     mapped("CWEAK", 0x0257, Encoding::I16),
     mapped("PHASEADV", 0x0257, Encoding::I16),
@@ -1869,7 +1971,7 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     mapped("x201C", 0x02a8, Encoding::I32),
     Parameter { name: "external torque reference", symbol: "EREFT", about: "The external reference as torque, in parts of the drive's peak current. Its amperes depend on the drive's size, which it does not tell: for amperes, give a profile whose `external torque reference` has the unit A and a factor of the peak current over 32760.", section: "captures", index: 0x02a9, encoding: Encoding::I16, unit: Unit::Percent, min: -32760, max: 32760, scale: Scale { factor: 0.003052503052503, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("EREFV", 0x02a9, Encoding::I16),
-    mapped("MREF", 0x02aa, Encoding::I32),
+    Parameter { name: "master position", symbol: "MREF", about: "Position of the master as a follower received it last.", section: "captures", index: 0x02aa, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("x2017", 0x02aa, Encoding::I32),
     Parameter { name: "gear ratio", symbol: "GEAR", about: "Slave over master turns in electronic gearing.", section: "captures", index: 0x02ac, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("TREF", 0x02ae, Encoding::I32),
@@ -1921,7 +2023,7 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     Parameter { name: "CAN bit rate", symbol: "CBR", about: "Timing registers of the CAN controller.", section: "captures", index: 0x030d, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     Parameter { name: "product", symbol: "PROD", about: "Result of the last multiplication, 48 bits of which these are the low 32.", section: "captures", index: 0x030e, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("PRODH", 0x030f, Encoding::I32),
-    mapped("SLAVEID", 0x0311, Encoding::I16),
+    Parameter { name: "follower axis", symbol: "SLAVEID", about: "Axis that a master of gear or cam sends its position to; bit 8: a group.", section: "captures", index: 0x0311, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("MOTORON", 0x0312, Encoding::I16),
     mapped("MAXCORRERR", 0x031c, Encoding::I16),
     mapped("DEFAULT_IO_FCN", 0x0354, Encoding::U32),
@@ -1968,7 +2070,7 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     scaled(mapped("x609A", 0x03a6, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
     Parameter { name: "detailed error", symbol: "DER", about: "What is behind the command error of the motion error register.", section: "captures", index: 0x03ad, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Inferred, ..P },
     mapped("x2002", 0x03ad, Encoding::U16),
-    mapped("CAMSTART", 0x03ae, Encoding::I16),
+    Parameter { name: "cam table", symbol: "CAMSTART", about: "Address of a follower's cam table.", section: "captures", index: 0x03ae, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("x201A", 0x03ae, Encoding::U16),
     mapped("QUAL_ACT", 0x07f0, Encoding::U32),
     mapped("QUAL_AQ1", 0x07f2, Encoding::U32),
@@ -2091,7 +2193,7 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     mapped("DEBUG", 0x08d0, Encoding::U16),
     Parameter { name: "jerk time", symbol: "TJERK", about: "Time that an S-curve takes to reach its acceleration.", section: "vendor library TML_LIB_light", index: 0x08d2, encoding: Encoding::I32, unit: Unit::Second, min: 1, max: 2147483647, scale: Scale { factor: 0.001, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     scaled(mapped("JERK", 0x08d2, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
-    mapped("CAMOFF", 0x08d8, Encoding::I32),
+    Parameter { name: "cam offset", symbol: "CAMOFF", about: "Taken from the master's position before the cam's table.", section: "captures", index: 0x08d8, encoding: Encoding::I32, unit: Unit::None, min: -2147483648, max: 2147483647, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("SINCOS_OVRS", 0x08f1, Encoding::U16),
     mapped("LINHALL_OVRS", 0x08f2, Encoding::U16),
     mapped("CURRENT_OVRS", 0x08f3, Encoding::U16),
@@ -2103,9 +2205,9 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     mapped("CMPD", 0x08fb, Encoding::U16),
     Parameter { name: "motion error", symbol: "MER", about: "Errors, one bit each; what stops the motor is set here.", section: "2.4", index: 0x08fc, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     mapped("x2000", 0x08fc, Encoding::U16),
-    scaled(mapped("CAMX", 0x0904, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
+    Parameter { name: "cam input factor", symbol: "CAMX", about: "Multiplies the master's position before the cam's table.", section: "captures", index: 0x0904, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("x206B", 0x0904, Encoding::U32),
-    scaled(mapped("CAMY", 0x0906, Encoding::Fixed), Unit::None, Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }),
+    Parameter { name: "cam output factor", symbol: "CAMY", about: "Multiplies the positions of the cam's table.", section: "captures", index: 0x0906, encoding: Encoding::Fixed, unit: Unit::None, min: -2147483648, max: 2147483647, scale: Scale { factor: 1.52587890625e-5, times: None, over: None, rule: None }, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Inferred, moves: true, ..P },
     mapped("x206C", 0x0906, Encoding::U32),
     Parameter { name: "inputs", symbol: "INSTATUS", about: "Digital inputs, one bit each.", section: "vendor library TML_LIB_light", index: 0x0908, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     mapped("DIGIN_STATUS", 0x0908, Encoding::U16),
@@ -2790,14 +2892,14 @@ static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 13] = [
     SignalSource { signal: Signal::Enabled, parameter: ParameterId(438), mask: 0x8000, equals: Some(32768), values: &[] },
     SignalSource { signal: Signal::Moving, parameter: ParameterId(438), mask: 0x400, equals: Some(0), values: &[] },
     SignalSource { signal: Signal::Reached, parameter: ParameterId(438), mask: 0x400, equals: Some(1024), values: &[] },
-    SignalSource { signal: Signal::Mode, parameter: ParameterId(239), mask: 0x873f, equals: None, values: &[(0, "none yet"), (32768, "voltage external"), (32771, "voltage contouring"), (32776, "voltage test"), (33024, "torque external, slow loop"), (33027, "torque contouring"), (33032, "torque test"), (33056, "torque external, fast loop"), (33536, "speed external"), (33537, "speed profile"), (33538, "speed contouring"), (34560, "position external"), (34561, "position profile"), (34562, "position contouring"), (34565, "gear slave"), (34566, "cam slave"), (34567, "S-curve"), (34569, "PVT"), (34570, "PT")] },
+    SignalSource { signal: Signal::Mode, parameter: ParameterId(239), mask: 0x73f, equals: None, values: &[(0, "none yet, or voltage external"), (3, "voltage contouring"), (8, "voltage test"), (256, "torque external, slow loop"), (259, "torque contouring"), (264, "torque test"), (288, "torque external, fast loop"), (768, "speed external"), (769, "speed profile"), (770, "speed contouring"), (1792, "position external"), (1793, "position profile"), (1794, "position contouring"), (1797, "gear slave"), (1798, "cam slave"), (1799, "S-curve"), (1801, "PVT"), (1802, "PT")] },
     SignalSource { signal: Signal::Time, parameter: ParameterId(207), mask: -1, equals: None, values: &[] },
     SignalSource { signal: Signal::PositiveLimit, parameter: ParameterId(426), mask: 0x40, equals: Some(64), values: &[(64, "positive limit switch")] },
     SignalSource { signal: Signal::NegativeLimit, parameter: ParameterId(426), mask: 0x80, equals: Some(128), values: &[(128, "negative limit switch")] },
 ];
 
 #[rustfmt::skip]
-static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
+static TECHNOSOFT_FA00G_PLANS: [Plan; 20] = [
     Plan { verb: Verb::Enable, source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there", steps: &[
         Step::Require { read: ParameterId(426), test: ParameterTest { mask: 0x4, compare: Compare::Equal, value: 0 }, hint: "the drive has no valid set-up table: download one with the vendor's set-up tool" },
         Step::Send { function: 0x0, index: 0x20, operand: Operand::Constant(0), like: None },
@@ -2946,6 +3048,57 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
     Plan { verb: Verb::WithholdTime, source: "manual chapter 5, example 4: SETSYNC 0", steps: &[
         Step::Send { function: 0x2, index: 0x1404, operand: Operand::Constant(0), like: None },
     ], undo: &[] },
+    Plan { verb: Verb::SendPosition, source: "labelled frames of SGM and RGM; header of TML_LIB (SLAVEID; OSR bit 15 clear: the measured position)", steps: &[
+        Step::Standstill { within_ms: 2000 },
+        Step::Skip { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::NotEqual, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(200), to: ParameterId(178) },
+        Step::Skip { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(12), to: ParameterId(178) },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3217131265), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x4, index: 0x302, operand: Operand::Constant(2147418112), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294903808), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+    ], undo: &[] },
+    Plan { verb: Verb::WithholdPosition, source: "labelled frames of RGM, which takes effect at UPD", steps: &[
+        Step::Standstill { within_ms: 2000 },
+        Step::Skip { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::NotEqual, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(200), to: ParameterId(178) },
+        Step::Skip { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, count: 1 },
+        Step::Copy { from: ParameterId(12), to: ParameterId(178) },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3217131265), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294909952), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4160684032), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+    ], undo: &[] },
+    Plan { verb: Verb::FollowGear, source: "labelled frames and the header of TML_LIB: GEAR, EXTREF 0, MODE GS, TUM1, UPD; SRH bit 12", steps: &[
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor is off: enable the axis first" },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3083175685), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
+        Step::Until { read: ParameterId(440), test: ParameterTest { mask: 0x1000, compare: Compare::Equal, value: 4096 }, within_ms: 1000, required: true },
+    ], undo: &[
+        Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
+    ] },
+    Plan { verb: Verb::FollowCam, source: "labelled frames and the header of TML_LIB: CAMSTART, ACR bit 12 clear (relative), EXTREF 0, MODE CS, TUM1, UPD; SRH bit 14", steps: &[
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor is off: enable the axis first" },
+        Step::Write(ParameterId(428), Operand::Constant(65536)),
+        Step::Write(ParameterId(430), Operand::Constant(65536)),
+        Step::Write(ParameterId(416), Operand::Constant(0)),
+        Step::Send { function: 0x4, index: 0x912, operand: Operand::Constant(4026466304), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4282318848), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(3083241222), like: None },
+        Step::Send { function: 0x3, index: 0x5909, operand: Operand::Constant(4294918144), like: None },
+        Step::Send { function: 0x0, index: 0x108, operand: Operand::Constant(0), like: None },
+        Step::Require { read: ParameterId(438), test: ParameterTest { mask: 0x8000, compare: Compare::Equal, value: 32768 }, hint: "the motor went off while it was commanded, and does not move: see the faults and the supply, enable the axis, and command it again" },
+        Step::Until { read: ParameterId(440), test: ParameterTest { mask: 0x4000, compare: Compare::Equal, value: 16384 }, within_ms: 1000, required: true },
+    ], undo: &[
+        Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Constant(0), like: None },
+    ] },
     Plan { verb: Verb::Store, source: "TML_LIB_light: SAVE", steps: &[
         Step::Send { function: 0x0, index: 0x1c08, operand: Operand::Constant(0), like: None },
     ], undo: &[] },
@@ -2953,7 +3106,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 16] = [
 
 /// Technosoft drive, firmware FA00G.
 #[rustfmt::skip]
-pub static TECHNOSOFT_FA00G: Profile = Profile { name: "technosoft-fa00g", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware FA00G", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_FA00G_PARAMETERS, faults: &TECHNOSOFT_F2XX_FAULTS, signals: &TECHNOSOFT_FA00G_SIGNALS, plans: &TECHNOSOFT_FA00G_PLANS, motion: MotionRules { window: Some(ParameterId(259)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x41303000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
+pub static TECHNOSOFT_FA00G: Profile = Profile { name: "technosoft-fa00g", family: "technosoft", protocol: "tml", title: "Technosoft drive, firmware FA00G", source: "TML communication manual; TML_LIB_light; EasyMotion Studio help; captures of such drives", axis: AxisKind::Rotary, motors: 1, parameters: &TECHNOSOFT_FA00G_PARAMETERS, faults: &TECHNOSOFT_F2XX_FAULTS, signals: &TECHNOSOFT_FA00G_SIGNALS, plans: &TECHNOSOFT_FA00G_PLANS, motion: MotionRules { window: Some(ParameterId(259)), relative_from: RelativeBase::Actual, halted: None, stalled: None, unpowered: None, coupling: Some(CouplingParameters { follower: ParameterId(246), master_position: ParameterId(194), ratio: ParameterId(196), numerator: ParameterId(70), denominator: ParameterId(67), cam: ParameterId(293) }) }, identity: Some(Identity { query: IdentityQuery::Text("GETVERSION"), mask: 0xffffff00, equals: 0x41303000, firmware: 0xffffffff }), ram: None, link_settings: &[], optional: &[], watchdog: Watchdog::None, reply_timeout_ms: 500, multiple_writes: false, caution: "The drive continues its last motion if the line is lost; it has no watchdog on TML. Keep its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; another set-up changes all speeds by that factor." };
 
 /// Every profile of this file, by name.
 pub static PROFILES: [&Profile; 3] = [&TECHNOSOFT_F2XX, &TECHNOSOFT_F514L, &TECHNOSOFT_FA00G];

@@ -19,6 +19,8 @@ pub(super) fn load_factory_setup(memory: &mut Memory, options: &Options) {
     memory.set_long(addresses::TJERK, 50);
     memory.set_long(addresses::I2TINTLIM_M, units::I2T_LIMIT);
     memory.set_fixed(addresses::GEAR, 1.0);
+    memory.set_fixed(addresses::CAMX, 1.0);
+    memory.set_fixed(addresses::CAMY, 1.0);
     memory.set(addresses::AAR_TABLE, options.axis.into());
     memory.set(addresses::SLPER, (options.slow_ns / 1000) as u16);
     memory.set_long(addresses::ENCRESLONG, options.counts.cast_signed());

@@ -52,6 +52,7 @@ impl Drive {
             Act::Switch { which: which @ 0..=2, at } => {
                 self.surroundings.switches[usize::from(which)] = at;
             }
+            Act::Pulses(count) => return self.count_master_pulses(count),
             Act::HallBroken(broken) => self.surroundings.hall_broken = broken,
             Act::Fault(bits) => {
                 let known = mer::FAULTS & bits as u16;

@@ -365,7 +365,7 @@ impl LocalAxis {
     }
 
     /// The recorder of this axis' drives, and the parameter that starts it.
-    fn data_logger(&self) -> Result<(&'static DataLogger, ParameterId), Error> {
+    pub(super) fn data_logger(&self) -> Result<(&'static DataLogger, ParameterId), Error> {
         let dissector = proto::find_dissector(self.protocol);
         let logger = dissector.and_then(|dissector| dissector.data_logger());
         let found = logger.and_then(|it| {

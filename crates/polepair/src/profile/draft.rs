@@ -51,6 +51,18 @@ pub(crate) struct DraftMotion {
     pub(crate) halted: Option<(ParameterName, ParameterTest)>,
     pub(crate) stalled: Option<(ParameterName, ParameterTest)>,
     pub(crate) unpowered: Option<(ParameterName, ParameterTest)>,
+    pub(crate) coupling: Option<DraftCoupling>,
+}
+
+/// [`CouplingParameters`](polepair_core::profile::CouplingParameters) by name.
+#[derive(Clone, Debug)]
+pub(crate) struct DraftCoupling {
+    pub(crate) follower: ParameterName,
+    pub(crate) master_position: ParameterName,
+    pub(crate) ratio: ParameterName,
+    pub(crate) numerator: ParameterName,
+    pub(crate) denominator: ParameterName,
+    pub(crate) cam: ParameterName,
 }
 
 impl DraftMotion {
@@ -62,6 +74,7 @@ impl DraftMotion {
             halted: None,
             stalled: None,
             unpowered: None,
+            coupling: None,
         }
     }
 }
@@ -249,6 +262,14 @@ impl Draft {
                 halted: profile.motion.halted.map(|(id, test)| (names.name_of(id), test)),
                 stalled: profile.motion.stalled.map(|(id, test)| (names.name_of(id), test)),
                 unpowered: profile.motion.unpowered.map(|(id, test)| (names.name_of(id), test)),
+                coupling: profile.motion.coupling.map(|it| DraftCoupling {
+                    follower: names.name_of(it.follower),
+                    master_position: names.name_of(it.master_position),
+                    ratio: names.name_of(it.ratio),
+                    numerator: names.name_of(it.numerator),
+                    denominator: names.name_of(it.denominator),
+                    cam: names.name_of(it.cam),
+                }),
             },
             location,
         }

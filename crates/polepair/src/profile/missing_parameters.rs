@@ -32,6 +32,12 @@ pub(crate) fn remove_missing(draft: &mut Draft) {
     for rule in [&mut motion.halted, &mut motion.stalled, &mut motion.unpowered] {
         *rule = rule.take().filter(|(name, _)| reads(name));
     }
+    motion.coupling = motion.coupling.take().filter(|coupling| {
+        let written =
+            [&coupling.follower, &coupling.ratio, &coupling.numerator, &coupling.denominator];
+        supports_both(&coupling.master_position, &there)
+            && written.into_iter().chain([&coupling.cam]).all(|name| supports_both(name, &there))
+    });
     let watchdog = match &draft.watchdog {
         DraftWatchdog::None | DraftWatchdog::Fixed(_) => true,
         DraftWatchdog::Configurable { parameter, on_can } => {

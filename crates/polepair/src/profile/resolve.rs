@@ -1,8 +1,8 @@
 //! Converts a draft to a profile: replaces names by ids, and checks everything.
 
 use super::draft::{
-    Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
-    DraftSignal, DraftStep, DraftWatchdog, ParameterName,
+    Draft, DraftCoupling, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan,
+    DraftRam, DraftSignal, DraftStep, DraftWatchdog, ParameterName,
 };
 use super::read::MEMORY_PROTOCOL;
 use super::step;
@@ -12,8 +12,8 @@ use crate::toml_file::{FileError, FileLocation};
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Compare, Operand, ParameterTest, Plan, STEPS_MAX, Step};
 use polepair_core::profile::{
-    Access, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter, ParameterId, Profile,
-    RamMode, Scale, Signal, SignalSource, Watchdog,
+    Access, CouplingParameters, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
+    ParameterId, Profile, RamMode, Scale, Signal, SignalSource, Watchdog,
 };
 use std::collections::HashMap;
 
@@ -398,6 +398,19 @@ impl<'a> NameResolver<'a> {
             halted: self.condition(&motion.halted)?,
             stalled: self.condition(&motion.stalled)?,
             unpowered: self.condition(&motion.unpowered)?,
+            coupling: motion.coupling.as_ref().map(|it| self.coupling(it)).transpose()?,
+        })
+    }
+
+    fn coupling(&self, coupling: &DraftCoupling) -> Result<CouplingParameters, FileError> {
+        let (read, write) = ([RequiredAccess::Read], [RequiredAccess::Write]);
+        Ok(CouplingParameters {
+            follower: self.resolve_use(&coupling.follower, &write)?,
+            master_position: self.resolve_use(&coupling.master_position, &read)?,
+            ratio: self.resolve_use(&coupling.ratio, &write)?,
+            numerator: self.resolve_use(&coupling.numerator, &write)?,
+            denominator: self.resolve_use(&coupling.denominator, &write)?,
+            cam: self.resolve_use(&coupling.cam, &write)?,
         })
     }
 

@@ -1,6 +1,6 @@
 //! Reads which parameters are the signals of a drive, and by what the end of its motions is judged.
 
-use super::draft::{Draft, DraftSignal};
+use super::draft::{Draft, DraftCoupling, DraftSignal};
 use super::read::{optional_choice, read_values};
 use super::step;
 use crate::toml_file::{FileError, TomlTable};
@@ -60,7 +60,7 @@ const RELATIVE_BASES: [(&str, RelativeBase); 3] = [
 
 /// Reads the rules for judging the end of a motion.
 pub(super) fn read_motion(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
-    let keys = ["window", "relative-from", "halted", "stalled", "unpowered"];
+    let keys = ["window", "relative-from", "halted", "stalled", "unpowered", "coupling"];
     let Some(table) = node.table("motion", &keys)? else { return Ok(()) };
     let motion = &mut draft.motion;
     if let Some(window) = table.text("window")? {
@@ -77,6 +77,17 @@ pub(super) fn read_motion(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result
     }
     if let Some(test) = table.text("unpowered")? {
         motion.unpowered = Some(step::parse_test(&test)?);
+    }
+    let parts = ["follower", "master-position", "ratio", "numerator", "denominator", "cam"];
+    if let Some(coupling) = table.table("coupling", &parts)? {
+        motion.coupling = Some(DraftCoupling {
+            follower: coupling.required_text("follower")?,
+            master_position: coupling.required_text("master-position")?,
+            ratio: coupling.required_text("ratio")?,
+            numerator: coupling.required_text("numerator")?,
+            denominator: coupling.required_text("denominator")?,
+            cam: coupling.required_text("cam")?,
+        });
     }
     Ok(())
 }

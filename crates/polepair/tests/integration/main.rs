@@ -6,6 +6,7 @@ mod arming;
 mod brushless;
 mod can;
 mod can_ids;
+mod coupling;
 mod early_ends;
 mod events;
 mod examples;

@@ -360,6 +360,40 @@ class AxisSteps:
         columns = {name: values for name, _, values in recorded}
         return Trace(self.label, times, columns, {name: unit for name, unit, _ in recorded if unit})
 
+    def _couple(
+        self,
+        master: AxisSteps,
+        ratio: tuple[int, int] | None = None,
+        *,
+        cam: Sequence[tuple[float, float]] | None = None,
+        buffer: tuple[int, int] | None = None,
+        inferred: bool = False,
+    ) -> Steps[None]:
+        """Lets the axis follow another one of its bus, in the drives, until it is stopped or uncoupled.
+
+        `ratio` is turns of this axis to turns of the master; `(-1, 3)` turns the other way. `cam` is a table of
+        positions in rad, `(master, follower)`, ascending; its layout in the drive is inferred, and `inferred=True`
+        accepts that. `buffer` is memory of the drive that nothing else uses. The axis must be armed and powered, the
+        master at rest. Errors: `Unsupported` for drives that cannot; E217 and E245 for what does not fit; E101 if
+        the drive does not receive the master's position.
+
+        `axis.couple(master, (1, 3))`
+        """
+        if (ratio is None) == (cam is None):
+            raise TypeError("a coupling has either a ratio or a cam")
+        if ratio is not None:
+            yield Whole(native.follow_gear, self._native, master._native, *ratio)
+        else:
+            table = {"points": list(cam or ()), "buffer": buffer, "inferred": inferred}
+            yield Whole(native.follow_cam, self._native, master._native, table)
+
+    def _uncouple(self, master: AxisSteps) -> Steps[None]:
+        """Ends a coupling: stops this axis, and the messages of the master, which must be at rest.
+
+        `axis.uncouple(master)`
+        """
+        yield Whole(native.uncouple, self._native, master._native)
+
     def _sampled(
         self, signals: Sequence[str], rate: float, began: float, seconds: float
     ) -> Steps[Trace]:

@@ -66,6 +66,8 @@ class Axis(AxisSteps):
     write_bytes = blocking(AxisSteps._write_bytes)
     capture = blocking(AxisSteps._capture)
     record_in_drive = blocking(AxisSteps._record_in_drive)
+    couple = blocking(AxisSteps._couple)
+    uncouple = blocking(AxisSteps._uncouple)
     state = blocking(AxisSteps._state)
     step = blocking(AxisSteps._step)
 

@@ -200,6 +200,8 @@ class Axis(AxisSteps):
     reached = awaitable(AxisSteps._reached)
     capture = awaitable(AxisSteps._capture)
     record_in_drive = awaitable(AxisSteps._record_in_drive)
+    couple = awaitable(AxisSteps._couple)
+    uncouple = awaitable(AxisSteps._uncouple)
     state = awaitable(AxisSteps._state)
     step = awaitable(AxisSteps._step)
 

@@ -76,12 +76,13 @@ pub(super) fn axis_info(
     }
 }
 
-/// Returns whether a verb is one that a client may give by itself: what needs a beat or a signal to go on, or permanent
-/// memory, is not.
+/// Returns whether a verb is one that a client may give by itself: what needs a beat, a signal or another axis to go
+/// on, or permanent memory, is not.
 pub(super) fn is_offered(verb: Verb) -> bool {
     use Verb::{Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime};
     let others = [Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime];
-    !verb.is_cyclic() && !others.contains(&verb)
+    let coupling = [Verb::SendPosition, Verb::WithholdPosition];
+    !verb.is_cyclic() && !verb.is_coupled() && !others.contains(&verb) && !coupling.contains(&verb)
 }
 
 fn verbs(axis: &LocalAxis) -> Vec<VerbInfo> {
