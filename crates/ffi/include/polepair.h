@@ -182,6 +182,53 @@ typedef struct pp_fault {
 } pp_fault;
 
 /**
+ * Function that a recording calls once.
+ */
+typedef void (*pp_started)(void *context);
+
+/**
+ * A recording in a drive's own memory. Set all fields by `pp_drive_log_init`.
+ */
+typedef struct pp_drive_log {
+    /**
+     * Size of this struct, set by the caller.
+     */
+    uint32_t size;
+    /**
+     * 1 to accept a layout of the drive's buffer that no public source states.
+     */
+    int32_t inferred;
+    /**
+     * Points a second: 1000 and its parts, up to 10000, on a TML drive.
+     */
+    double rate;
+    /**
+     * Length of the recording: s.
+     */
+    double seconds;
+    /**
+     * Condition of the start, such as "APOS > 1turn", with a zero byte behind it. NULL starts at once.
+     */
+    const char *on;
+    /**
+     * Called when the recording runs, or while `on` is waited for: it may start a motion of this axis. May be NULL.
+     */
+    pp_started started;
+    /**
+     * Argument of `started`.
+     */
+    void *context;
+    /**
+     * First address of the drive's memory that nothing else uses; 0 for the memory that every such drive has.
+     */
+    uint32_t first_address;
+    /**
+     * Last address of that memory.
+     */
+    uint32_t last_address;
+} pp_drive_log;
+
+/**
  * Kind of an event.
  */
 typedef int32_t pp_event_kind;
@@ -844,6 +891,83 @@ pp_status pp_axis_watchdog(const struct pp_axis *axis, double *seconds);
  * Pointers: `axis` is NULL or valid.
  */
 pp_status pp_axis_set_watchdog(const struct pp_axis *axis, double seconds);
+
+/**
+ * Lets an axis follow another one of its bus by a ratio, in the drives: `turns` of its motor to `master_turns` of the
+ * master's. A negative number turns the other way.
+ *
+ * The axis must be armed and powered, and the master at rest. Nothing moves until the master does. PP_NEGATIVE with
+ * E101 if the drive does not receive the master's position: it was not coupled. PP_USAGE with E217 or E245 for what
+ * cannot be coupled. The axis follows until `pp_axis_uncouple`, a stop, or another motion of it. Thread-safe.
+ *
+ * Example:
+ *     pp_axis_follow_gear(follower, master, 1, 3);
+ *     pp_axis_run(master, PP_MOVE_TO, 6.2832, NULL);
+ *
+ * Pointers: `axis` and `master` are NULL or valid.
+ */
+pp_status pp_axis_follow_gear(const struct pp_axis *axis,
+                              const struct pp_axis *master,
+                              int32_t turns,
+                              int32_t master_turns);
+
+/**
+ * Lets an axis follow another one of its bus by a cam's table, in the drives. As `pp_axis_follow_gear`.
+ *
+ * `points` has `count` pairs in rad, the master's positions ascending: master, follower. The table lies in the
+ * drive's memory from `first_address` to `last_address`, which nothing else uses; both 0 for the memory that every
+ * such drive has. Its layout is inferred: PP_USAGE with E222 unless `inferred` is 1.
+ *
+ * Pointers: `axis` and `master` are NULL or valid; `points` has twice `count` elements.
+ */
+pp_status pp_axis_follow_cam(const struct pp_axis *axis,
+                             const struct pp_axis *master,
+                             const double *points,
+                             size_t count,
+                             uint32_t first_address,
+                             uint32_t last_address,
+                             int32_t inferred);
+
+/**
+ * Ends the coupling of an axis: stops it, and the messages of the master, which must be at rest.
+ *
+ * Pointers: `axis` and `master` are NULL or valid.
+ */
+pp_status pp_axis_uncouple(const struct pp_axis *axis, const struct pp_axis *master);
+
+/**
+ * Sets a recording to 0.2 s with 1000 points a second, at once, in the memory that every such drive has. `size`
+ * must be set before.
+ *
+ * Pointers: `log` is NULL or valid.
+ */
+void pp_drive_log_init(struct pp_drive_log *log);
+
+/**
+ * Records variables in the drive's own control loop, all of a point at one instant, and reads them. Blocks until
+ * the points are read. TML drives have such a recorder; nothing moves, except by `started`.
+ *
+ * `variables` are names with commas in between. `*trace` gets the rows for `pp_trace_read`, a value for each
+ * variable in SI, until PP_NOTHING. PP_USAGE with E222 if the drive's layout is inferred and `inferred` is 0, with
+ * E216 for what does not fit: nothing was sent. `log` may be NULL. Close the trace by `pp_trace_close`.
+ *
+ * Example:
+ *     pp_drive_log log = { sizeof log };
+ *     pp_drive_log_init(&log);
+ *     log.inferred = 1;
+ *     pp_trace *trace;
+ *     double time, row[2];
+ *     if (pp_axis_record_in_drive(axis, "POSERR,APOS", PP_NTS, &log, &trace) == PP_OK)
+ *         while (pp_trace_read(trace, 0, &time, row) == PP_OK)
+ *             printf("%g %g %g\n", time, row[0], row[1]);
+ *
+ * Pointers: `axis` is NULL or valid; `variables` has `length` bytes; `log` is NULL or valid; `trace` is valid.
+ */
+pp_status pp_axis_record_in_drive(const struct pp_axis *axis,
+                                  const char *variables,
+                                  size_t length,
+                                  const struct pp_drive_log *log,
+                                  struct pp_trace **trace);
 
 /**
  * Begins to listen: events from now on wait for `pp_link_next_event`, at most 8192; then the oldest go. PP_USAGE

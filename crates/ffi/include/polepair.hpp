@@ -12,6 +12,7 @@
 
 #include <polepair.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -100,6 +101,14 @@ inline pp_motion motion()
     auto limits = detail::sized<pp_motion>();
     pp_motion_init(&limits);
     return limits;
+}
+
+// A recording in a drive's own memory, as it is usual.
+inline pp_drive_log drive_log()
+{
+    auto log = detail::sized<pp_drive_log>();
+    pp_drive_log_init(&log);
+    return log;
 }
 
 // A request that was begun. Dropping it does not end it.
@@ -283,6 +292,14 @@ public:
         check(pp_axis_trace(get(), signals.data(), signals.size(), period, &trace));
         return Trace(trace, signals.size());
     }
+    // Records variables, with commas in between, in the drive's own memory.
+    Trace record_in_drive(std::string_view variables, const pp_drive_log &log) const
+    {
+        pp_trace *trace;
+        check(pp_axis_record_in_drive(get(), variables.data(), variables.size(), &log, &trace));
+        auto commas = std::count(variables.begin(), variables.end(), ',');
+        return Trace(trace, static_cast<std::size_t>(commas) + 1);
+    }
 
     void arm() { check(pp_axis_arm(get())); }
     void disarm() { check(pp_axis_disarm(get())); }
@@ -314,6 +331,12 @@ public:
     {
         check(pp_axis_move_by_text(get(), distance.data(), distance.size()));
     }
+    // Lets this axis follow another one of its bus: turns of its motor to turns of the master's.
+    void follow_gear(const Axis &master, int turns, int master_turns)
+    {
+        check(pp_axis_follow_gear(get(), master.get(), turns, master_turns));
+    }
+    void uncouple(const Axis &master) { check(pp_axis_uncouple(get(), master.get())); }
     void run(pp_verb verb, double target = NAN, const pp_motion &limits = motion())
     {
         check(pp_axis_run(get(), verb, target, &limits));

@@ -15,6 +15,8 @@
 #![allow(non_camel_case_types, reason = "names are those of the C header")]
 
 pub mod axis;
+pub mod coupling;
+pub mod drive_log;
 pub mod error;
 pub mod event;
 mod fixed_text;

@@ -33,6 +33,20 @@ enum TraceSource {
     Polled { axis: Axis, signals: Vec<Signal>, period: Duration, began: Instant, next: Instant },
     /// A server sends rows.
     Pushed { axis: Axis, rows: SampleRows },
+    /// The drive has recorded them.
+    Recorded { rows: std::vec::IntoIter<(f64, Vec<f64>)> },
+}
+
+impl pp_trace {
+    /// A trace of rows that are there already: time in seconds and a value for each column.
+    pub(crate) fn of_rows(
+        rows: Vec<(f64, Vec<f64>)>,
+        columns: usize,
+        closed: Arc<AtomicBool>,
+    ) -> Self {
+        let source = Mutex::new(TraceSource::Recorded { rows: rows.into_iter() });
+        Self { source, columns, closed, errors: ErrorSlot::default() }
+    }
 }
 
 impl Handle for pp_trace {
@@ -137,6 +151,7 @@ fn next_row(
     at_most: Duration,
 ) -> Result<Option<(f64, Vec<f64>)>, CallError> {
     match source {
+        TraceSource::Recorded { rows } => Ok(rows.next()),
         TraceSource::Pushed { axis, rows } => {
             // A sample of one signal alone ends a wait without a row.
             let (interface, mut left) = (axis.interface(), at_most);

@@ -40,7 +40,7 @@ pub fn record(
     });
     match raised {
         Some(error) => Err(error),
-        None => recorded.map(log_tuple),
+        None => recorded.map(|log| log_tuple(&log)),
     }
 }
 
@@ -99,15 +99,9 @@ impl PyLogRequest {
 }
 
 /// The recording in SI.
-fn log_tuple(log: DriveLog) -> DriveLogTuple {
-    let variables = log.variables.into_iter().map(|variable| {
-        let (unit, factor) = if variable.is_raw {
-            ("", 1.0)
-        } else {
-            (variable.unit.si_symbol(), variable.unit.si_factor())
-        };
-        let values = variable.values.into_iter().map(|value| value * factor).collect();
-        (variable.name.to_owned(), unit, values)
+fn log_tuple(log: &DriveLog) -> DriveLogTuple {
+    let variables = log.variables.iter().map(|variable| {
+        (variable.name.to_owned(), variable.si_symbol(), variable.si_values().collect())
     });
     (log.interval.as_secs_f64(), variables.collect())
 }

@@ -279,6 +279,84 @@ static void test_traces(void)
     pp_link_close(link, NULL);
 }
 
+static void start_move(void *axis)
+{
+    EXPECT(pp_axis_run_text(axis, PP_MOVE_BY, "0.1 turn", PP_NTS, NULL) == PP_OK);
+}
+
+static void test_recordings_in_the_drive(void)
+{
+    pp_drive_log log = { .size = sizeof log };
+    pp_link *link = open_link("sim:tmlcan?time=virtual");
+    pp_axis *axis = open_axis(link);
+    double time, row[2] = { 0, 0 };
+    pp_trace *trace;
+    int rows = 0;
+
+    pp_drive_log_init(&log);
+    EXPECT(log.size == sizeof log && log.rate == 1000 && log.inferred == 0);
+    EXPECT(pp_axis_record_in_drive(axis, "APOS", PP_NTS, NULL, &trace) == PP_USAGE && trace == NULL);
+    log.inferred = 1;
+    EXPECT(pp_axis_record_in_drive(axis, "no such", PP_NTS, &log, &trace) == PP_USAGE);
+    log.rate = 0;
+    EXPECT(pp_axis_record_in_drive(axis, "APOS", PP_NTS, &log, &trace) == PP_USAGE);
+    log.rate = 1000;
+    log.first_address = 0x10000;
+    EXPECT(pp_axis_record_in_drive(axis, "APOS", PP_NTS, &log, &trace) == PP_USAGE);
+    log.first_address = 0;
+    log.started = start_move;
+    log.context = axis;
+    EXPECT(pp_axis_arm(axis) == PP_OK && pp_axis_enable(axis) == PP_OK);
+    EXPECT(pp_axis_record_in_drive(axis, "absolute time, APOS", PP_NTS, &log, &trace) == PP_OK);
+    while (pp_trace_read(trace, 0, &time, row) == PP_OK) {
+        EXPECT(time > rows * 0.001 - 1e-6 && time < rows * 0.001 + 1e-6);
+        rows++;
+    }
+    /* A tenth of a turn, in rad. */
+    EXPECT(rows == 200 && row[1] > 0.6 && row[1] < 0.65);
+    EXPECT(pp_trace_read(trace, 0, &time, row) == PP_NOTHING);
+    pp_trace_close(trace);
+    /* The condition is true at once. */
+    log.started = NULL;
+    log.on = "APOS > 0.05turn";
+    log.seconds = 0.01;
+    EXPECT(pp_axis_record_in_drive(axis, "APOS", PP_NTS, &log, &trace) == PP_OK);
+    pp_trace_close(trace);
+    pp_axis_close(axis);
+    pp_link_close(link, NULL);
+}
+
+static void test_coupling(void)
+{
+    const double points[] = { 0, 0, 6.2832, 3.1416 };
+    pp_link *link = open_link("sim:tmlcan:1,2?time=virtual");
+    pp_axis *master, *axis;
+    double position;
+
+    EXPECT(pp_link_axis_at(link, 0, &master) == PP_OK && pp_link_axis_at(link, 1, &axis) == PP_OK);
+    EXPECT(pp_axis_follow_gear(axis, NULL, 1, 2) == PP_USAGE);
+    EXPECT(pp_axis_follow_gear(axis, axis, 1, 2) == PP_USAGE);
+    EXPECT(pp_axis_follow_gear(axis, master, 1, 0) == PP_USAGE);
+    EXPECT(pp_axis_arm(axis) == PP_OK && pp_axis_enable(axis) == PP_OK);
+    EXPECT(pp_axis_arm(master) == PP_OK && pp_axis_enable(master) == PP_OK);
+    EXPECT(pp_axis_follow_gear(axis, master, 1, 2) == PP_OK);
+    EXPECT(pp_axis_move_to(master, 6.2832) == PP_OK && pp_axis_wait(master, 60) == PP_OK);
+    EXPECT(pp_axis_read(axis, PP_SIGNAL_POSITION, &position) == PP_OK);
+    EXPECT(position > 3.0 && position < 3.2);
+    EXPECT(pp_axis_uncouple(axis, master) == PP_OK);
+    EXPECT(pp_axis_follow_cam(axis, master, points, 2, 0, 0, 0) == PP_USAGE);
+    EXPECT(pp_axis_follow_cam(axis, master, points, 1, 0, 0, 1) == PP_USAGE);
+    EXPECT(pp_axis_follow_cam(axis, master, NULL, 2, 0, 0, 1) == PP_USAGE);
+    EXPECT(pp_axis_follow_cam(axis, master, points, 2, 0, 0, 1) == PP_OK);
+    EXPECT(pp_axis_move_to(master, 0) == PP_OK && pp_axis_wait(master, 60) == PP_OK);
+    EXPECT(pp_axis_read(axis, PP_SIGNAL_POSITION, &position) == PP_OK);
+    EXPECT(position > -0.1 && position < 0.1);
+    EXPECT(pp_axis_uncouple(axis, master) == PP_OK);
+    pp_axis_close(master);
+    pp_axis_close(axis);
+    pp_link_close(link, NULL);
+}
+
 static void count_event(const pp_event *event, void *user)
 {
     if (event->kind == PP_EVENT_ARMED || event->kind == PP_EVENT_DISARMED)
@@ -384,6 +462,8 @@ int main(int argc, char **argv)
     test_closing_stops();
     test_requests();
     test_traces();
+    test_recordings_in_the_drive();
+    test_coupling();
     test_events();
     test_threads(rounds > 0 ? rounds : 500);
     if (rounds == 0)

@@ -134,6 +134,20 @@ pub struct DriveLog {
     pub variables: Vec<LoggedVariable>,
 }
 
+impl LoggedVariable {
+    /// The symbol of the SI unit of [`si_values`](Self::si_values); empty for the drive's own numbers.
+    #[must_use]
+    pub fn si_symbol(&self) -> &'static str {
+        if self.is_raw { "" } else { self.unit.si_symbol() }
+    }
+
+    /// The values in SI, or the drive's own numbers where they have no unit.
+    pub fn si_values(&self) -> impl Iterator<Item = f64> {
+        let factor = if self.is_raw { 1.0 } else { self.unit.si_factor() };
+        self.values.iter().map(move |value| value * factor)
+    }
+}
+
 impl DriveLogPlan {
     /// Time from one point to the next.
     #[must_use]
