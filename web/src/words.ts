@@ -396,6 +396,18 @@ export const WORDS = {
   height: ["Height", "幅度"],
   duration: ["Record", "记录时长"],
   note: ["Note", "备注"],
+  over_line: ["over the line", "通过线路"],
+  in_drive: ["in the drive", "在驱动器内"],
+  at_most_s: ["{rate} Hz, at most {seconds} s", "{rate} Hz，最长 {seconds} s"],
+  accept_inferred: ["accept an inferred layout", "接受推断的布局"],
+  inferred_layout: [
+    "The layout of this drive's log memory is inferred: first with a motor that nothing depends on",
+    "该驱动器记录存储器的布局为推断所得：请先用不影响他物的电机试验",
+  ],
+  no_target_change: [
+    "The drive's target did not change within the recording",
+    "记录期间驱动器的目标值没有变化",
+  ],
   run_step: ["Step", "阶跃"],
   recording: ["Recording…", "记录中…"],
   run: ["Run", "记录"],

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{GatewayError, StopClass};
+use super::{CommandOutcome, CommandRequest, GatewayError, StopClass};
 
 /// The last known state of an axis, with the ages of its values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -302,6 +302,52 @@ pub struct SetWatchdog {
     /// Epoch of the caller's lease.
     #[serde(default)]
     pub epoch: u64,
+}
+
+/// `POST /api/v1/axes/{id}/drive-log`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RecordDriveLog {
+    /// Variables: signals by their words, or parameters by name.
+    pub variables: Vec<String>,
+    /// Points a second.
+    pub rate: f64,
+    /// Length of the recording.
+    pub seconds: f64,
+    /// Accept a layout of the drive's memory that no public source states.
+    #[serde(default)]
+    pub inferred: bool,
+    /// Command that is given when the recording runs.
+    #[serde(default)]
+    pub command: Option<CommandRequest>,
+    /// Command that is given when the points are taken, before they are read, which takes seconds on a slow line.
+    #[serde(default)]
+    pub afterwards: Option<CommandRequest>,
+    /// Epoch of the caller's lease.
+    pub epoch: u64,
+}
+
+/// A recording that a drive has made in its own control loop.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DriveLogView {
+    /// Time from one point to the next, s.
+    pub interval_s: f64,
+    /// The variables, each with as many values.
+    pub variables: Vec<DriveLogVariable>,
+    /// Outcome of the command; `null` without one, and if it was not there when the recording had been read.
+    #[schema(required)]
+    pub outcome: Option<CommandOutcome>,
+}
+
+/// Values of a variable in a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DriveLogVariable {
+    /// Name of the parameter.
+    pub name: String,
+    /// Unit of the values: SI, or empty for the drive's own numbers.
+    pub unit: String,
+    /// A value for each point; `null` where its scale is not known.
+    pub values: Vec<Option<f64>>,
 }
 
 /// A value of a write request.

@@ -143,8 +143,22 @@ pub struct AxisInfo {
     pub address_example: String,
     /// The module keeps a program, whose instructions `/api/v1/axes/{id}/program` lists.
     pub has_program: bool,
+    /// Recorder in the drive's own control loop; `null` without one.
+    #[schema(required)]
+    pub drive_log: Option<DriveLogInfo>,
     /// Acts on the axis, where it is simulated.
     pub acts: Vec<SimulationActionInfo>,
+}
+
+/// Recorder in a drive, which `/api/v1/axes/{id}/drive-log` uses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DriveLogInfo {
+    /// Points a second that it can take, the most first. Others that divide its loops are possible.
+    pub rates: Vec<f64>,
+    /// Points of a recording of a signal and its target at most.
+    pub points: u32,
+    /// No public source states the layout of its memory.
+    pub inferred: bool,
 }
 
 /// A verb of an axis.

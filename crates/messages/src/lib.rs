@@ -34,13 +34,14 @@ pub mod telemetry;
 mod tests;
 
 pub use axis::{
-    ActiveFault, AxisState, DeviceDetailView, LeaseView, PanelView, ParameterChange, ParameterInfo,
-    ParameterInput, ParameterReading, PendingStopView, ProgramLine, ProgramState, ProgramView,
-    SetWatchdog, SignalValue, StopCause, WatchdogMode, WatchdogView, WriteParameters,
+    ActiveFault, AxisState, DeviceDetailView, DriveLogVariable, DriveLogView, LeaseView, PanelView,
+    ParameterChange, ParameterInfo, ParameterInput, ParameterReading, PendingStopView, ProgramLine,
+    ProgramState, ProgramView, RecordDriveLog, SetWatchdog, SignalValue, StopCause, WatchdogMode,
+    WatchdogView, WriteParameters,
 };
 pub use bench::{
-    AbsentAxis, ArgumentInfo, AxisInfo, BenchView, Clash, LimitInfo, LinkCounter, LinkState,
-    LinkView, MotionLock, SignalInfo, SimulationActionInfo, VerbInfo,
+    AbsentAxis, ArgumentInfo, AxisInfo, BenchView, Clash, DriveLogInfo, LimitInfo, LinkCounter,
+    LinkState, LinkView, MotionLock, SignalInfo, SimulationActionInfo, VerbInfo,
 };
 pub use capture::{CapturePage, ExplainedField, FrameDirection, FrameItem, OpenedCapture};
 pub use command::{

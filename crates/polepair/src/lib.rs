@@ -55,8 +55,8 @@ pub mod wire;
 pub use amount::{Amount, Value, format_raw};
 pub use axis::coupling::{Cam, CamPlan, CamPoint, GearRatio};
 pub use axis::drive_log::{
-    DriveLog, DriveLogCondition, DriveLogPlan, DriveLogProgress, DriveLogRequest, DriveLogStage,
-    LoggedVariable,
+    DriveLog, DriveLogCondition, DriveLogFacts, DriveLogPlan, DriveLogProgress, DriveLogRequest,
+    DriveLogStage, LoggedVariable,
 };
 pub use axis::{CyclicAxes, LocalAxis, RunningRequest, start_together};
 pub use bus::{BusLoadRange, frame_bits};

@@ -681,7 +681,7 @@ pub fn is_signal(name: &str) -> bool {
 
 fn find_signal(name: &str) -> Option<Signal> {
     let plain = name.replace('_', " ");
-    Signal::ALL.into_iter().find(|signal| signal.name() == plain)
+    Signal::from_name(&plain)
 }
 
 /// The signal of that name.

@@ -118,6 +118,7 @@ pub const ROUTES: &[ApiRoute] = &[
     route("POST", "/api/v1/axes/{id}/lease/renew", LEASE_SCOPES, || post(motion::renew_lease)),
     route("DELETE", "/api/v1/axes/{id}/lease", LEASE_SCOPES, || delete(motion::release_lease)),
     route("POST", "/api/v1/axes/{id}/commands", MOVE, || post(motion::command)),
+    route("POST", "/api/v1/axes/{id}/drive-log", MOVE, || post(motion::record_in_drive)),
     route("POST", "/api/v1/axes/{id}/raw", RAW, || post(motion::raw)),
     route("POST", "/api/v1/axes/{id}/dismiss", MOVE, || post(motion::dismiss)),
     route("POST", "/api/v1/dismiss", MOVE, || post(motion::dismiss_absent)),

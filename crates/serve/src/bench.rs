@@ -22,6 +22,7 @@
 mod absent_axes;
 mod append_only_vec;
 mod captures;
+mod changes;
 mod clash_detector;
 mod clock;
 mod command_history;
@@ -29,6 +30,7 @@ mod command_worker;
 mod commands;
 mod context;
 mod describe;
+mod drive_log;
 mod event_listener;
 mod frame_view;
 mod frames;
@@ -317,7 +319,7 @@ impl Bench {
     fn with_pushed_signals(&self, info: &AxisInfo) -> AxisInfo {
         let mut info = info.clone();
         for signal_info in &mut info.signals {
-            let signal = Signal::ALL.into_iter().find(|signal| signal.name() == signal_info.signal);
+            let signal = Signal::from_name(&signal_info.signal);
             signal_info.pushed =
                 signal.is_some_and(|signal| self.0.telemetry.is_pushed(info.id, signal));
         }

@@ -4,11 +4,13 @@ import { axisNumber } from "../axes/number";
 import { Channels } from "./channels";
 import type {
   CommandArguments,
+  CommandRequest,
   AxisInfo,
   AxisState,
   AxisStopReport,
   BenchView,
   DismissReason,
+  DriveLogView,
   ExplainedField,
   FoundDrive,
   FrameItem,
@@ -30,6 +32,8 @@ import { type RequestedStop, Stops } from "./stops.svelte";
 import type { Block } from "./telemetry";
 
 const TTL_MS = 500;
+/** A command that is given when a recording in the drive runs, which takes some requests to set up. */
+const RECORDED_TTL_MS = 10_000;
 /** Time the page waits for a command's outcome: homing and moves answer when they have begun. */
 const OUTCOME_MS = 15_000;
 const RENEW_MS = 500;
@@ -187,24 +191,53 @@ export class Bench {
   command(axis: number, verb: string, args: CommandArguments = {}): Promise<CommandOutcome> {
     const id = crypto.randomUUID();
     const note = this.note(axis, this.described(axis, verb, args), "pending");
-    const message = {
-      type: "command" as const,
-      axis,
-      id,
-      issued_ms: this.socket.now(),
-      ttl_ms: TTL_MS,
-      epoch: this.leases[axis] ?? 0,
-      verb,
-      arguments: args,
-    };
+    const request = this.request(id, axis, verb, args, TTL_MS);
     return new Promise((settle) => {
-      if (!this.socket.send(message)) {
+      if (!this.socket.send({ type: "command" as const, axis, ...request })) {
         this.ended(note, settle, lost(id, "not_done"));
         return;
       }
       this.pending.set(id, { note, settle });
       window.setTimeout(() => this.outcome(lost(id, "unknown")), OUTCOME_MS);
     });
+  }
+
+  /**
+   * Records signals in the drive's own control loop, and commands it as soon as the recording runs. `stops`: it is
+   * stopped when the points are taken, not only when they have been read.
+   */
+  async recordInDrive(
+    axis: number,
+    wanted: { variables: string[]; rate: number; seconds: number; inferred: boolean },
+    verb: string,
+    args: CommandArguments,
+    stops: boolean,
+  ): Promise<DriveLogView> {
+    const id = crypto.randomUUID();
+    const note = this.note(axis, this.described(axis, verb, args), "pending");
+    const command = this.request(id, axis, verb, args, RECORDED_TTL_MS);
+    const stop = this.request(crypto.randomUUID(), axis, "stop", {}, RECORDED_TTL_MS);
+    const afterwards = stops ? stop : null;
+    const body = { ...wanted, command, afterwards, epoch: command.epoch };
+    try {
+      const view = await send<DriveLogView>("POST", `/axes/${axis}/drive-log`, body);
+      this.ended(note, () => {}, view.outcome ?? lost(id, "unknown"));
+      return view;
+    } catch (problem) {
+      this.ended(note, () => {}, lost(id, "unknown"));
+      throw problem;
+    }
+  }
+
+  private request(
+    id: string,
+    axis: number,
+    verb: string,
+    args: CommandArguments,
+    ttl_ms: number,
+  ): CommandRequest {
+    const epoch = this.leases[axis] ?? 0;
+    return { id, issued_ms: this.socket.now(), ttl_ms, epoch, verb, arguments: args };
   }
 
   /** A command in words, in the units that are shown. */

@@ -112,7 +112,7 @@ impl WatchCommand {
         let mut columns = Vec::new();
         for axis in session.axes() {
             for name in self.signal_names() {
-                let signal = Signal::ALL.into_iter().find(|signal| signal.name() == name);
+                let signal = Signal::from_name(name);
                 // A signal that this drive lacks was not requested by name.
                 let is_provided = match (signal.filter(|_| self.signals.is_empty()), axis.local()) {
                     (Some(signal), Some(axis)) => {

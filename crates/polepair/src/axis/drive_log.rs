@@ -6,7 +6,7 @@ use crate::amount::Amount;
 use crate::error::{Error, Exit};
 use crate::url::AxisNumber;
 use polepair_core::data_logger::{DataLogger, LogHead, LoggerLoop};
-use polepair_core::error::Unsupported;
+use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Encoding, ParameterId};
 use polepair_core::program::{MemoryBlock, TransferKind};
 use polepair_core::proto;
@@ -125,6 +125,26 @@ pub struct LoggedVariable {
     pub values: Vec<f64>,
 }
 
+/// Facts about the recorder of an axis' drive.
+#[derive(Clone, PartialEq, Debug)]
+pub struct DriveLogFacts {
+    /// Points a second, the most first: of each loop, and of a half, a fifth and a tenth of it.
+    pub rates: Vec<f64>,
+    /// Words of memory that the drives of the protocol have at least.
+    pub words: usize,
+    /// True if no public source has the layout of that memory.
+    pub is_layout_inferred: bool,
+}
+
+impl DriveLogFacts {
+    /// Points of `words` words each that fit.
+    #[must_use]
+    pub fn points(&self, words: usize) -> u32 {
+        let head = usize::from(LogHead::len_for(words as u16));
+        (self.words.saturating_sub(head) / words.max(1)) as u32
+    }
+}
+
 /// Variables that a drive has recorded.
 #[derive(Clone, PartialEq, Debug)]
 pub struct DriveLog {
@@ -197,6 +217,21 @@ impl DriveLogCondition {
 }
 
 impl LocalAxis {
+    /// Facts about the recorder of this axis' drive. Nothing is sent.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] for a drive without a data logger and for a group.
+    pub fn drive_log_facts(&self) -> Result<DriveLogFacts, Error> {
+        let (logger, _) = self.data_logger()?;
+        let loops = logger.loops.iter().map(|it| 1e6 / f64::from(it.period_us));
+        let mut rates: Vec<f64> =
+            loops.flat_map(|rate| [1.0, 2.0, 5.0, 10.0].map(|part| rate / part)).collect();
+        rates.sort_by(|a, b| b.total_cmp(a));
+        rates.dedup();
+        let words = logger.memory.len();
+        Ok(DriveLogFacts { rates, words, is_layout_inferred: logger.is_layout_inferred })
+    }
+
     /// Checks a recording against the drive's loops and memory. Nothing is sent.
     ///
     /// ```
@@ -499,10 +534,16 @@ impl LocalAxis {
         let width = plan.addresses.len();
         let count = usize::from(points) * width;
         let data = plan.buffer + LogHead::len_for(width as u16);
-        let words = self.read_words(data, count, |done| {
-            // The points are taken: an interrupt ends the program, and here loses nothing.
-            let _ = show(DriveLogProgress { done, total: count, stage: DriveLogStage::Reading });
-        })?;
+        let mut read = || {
+            self.read_words(data, count, |done| {
+                // The points are taken: an interrupt ends the program, and here loses nothing.
+                let _ =
+                    show(DriveLogProgress { done, total: count, stage: DriveLogStage::Reading });
+            })
+        };
+        // A stop goes before everything, and ends a transfer. The points are still there.
+        let words =
+            read().or_else(|error| if is_cancelled(&error) { read() } else { Err(error) })?;
         let mut variables = Vec::new();
         let mut first = 0;
         for id in &plan.variables {
@@ -537,6 +578,11 @@ impl LocalAxis {
         let piece = read.pieces().first().filter(|piece| piece.words.len() == count);
         piece.map(|piece| piece.words.clone()).ok_or_else(|| self.foreign_log_error(0))
     }
+}
+
+/// Returns whether a stop or another command of this axis ended a request.
+fn is_cancelled(error: &Error) -> bool {
+    matches!(error, Error::Failed { outcome: Outcome::NotDone(Failure::Cancelled), .. })
 }
 
 fn logger_error(code: &'static str, exit: Exit, what: String, why: &str, hint: &str) -> Error {

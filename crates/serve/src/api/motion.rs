@@ -11,8 +11,9 @@ use crate::app_state::{SharedAppState, lease_session, rest_session};
 use crate::auth::Caller;
 use crate::bench::PendingReply;
 use crate::message::{
-    AcquireLease, CommandOutcome, CommandRequest, DismissAbsent, DismissStop, ErrorBody,
-    GatewayError, LeaseAction, LeaseEpoch, LeaseGrant, RawRequest, StopReport, StopRequest,
+    AcquireLease, CommandOutcome, CommandRequest, DismissAbsent, DismissStop, DriveLogView,
+    ErrorBody, GatewayError, LeaseAction, LeaseEpoch, LeaseGrant, RawRequest, RecordDriveLog,
+    StopReport, StopRequest,
 };
 
 /// Take an axis
@@ -96,6 +97,26 @@ pub(super) async fn command(
     let since = clock::now();
     let reply = state.bench.command(parse_index(&id)?, &rest_session(&caller), request);
     await_outcome(&state, since, reply).await
+}
+
+/// Record in the drive's own control loop, and have it do something meanwhile
+///
+/// All variables of a point are of one instant. The command is given as soon as the recording runs; without one,
+/// nothing moves. The answer comes when the points have been read.
+#[utoipa::path(post, path = "/api/v1/axes/{id}/drive-log", tag = "motion",
+    params(("id" = u16, Path)), request_body = RecordDriveLog, responses(
+    (status = 200, body = DriveLogView),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn record_in_drive(
+    State(state): State<SharedAppState>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+    JsonBody(wanted): JsonBody<RecordDriveLog>,
+) -> ApiResult<DriveLogView> {
+    let id = parse_index(&id)?;
+    let session = lease_session(&state, &caller, id, wanted.epoch);
+    state.bench.record_in_drive(id, &session, wanted).await.map(Json)
 }
 
 /// Send a request in the protocol's own text, at most once

@@ -40,6 +40,7 @@ use crate::message::{ClientMessage, ServerMessage};
         motion::renew_lease,
         motion::release_lease,
         motion::command,
+        motion::record_in_drive,
         motion::raw,
         motion::stop,
         motion::dismiss,

@@ -8,6 +8,7 @@ use polepair_core::profile::{
 };
 use polepair_core::units::Quantity;
 
+use super::drive_log::drive_log_info;
 use super::simulated_drive::SimulatedDrive;
 use crate::message::{ArgumentInfo, AxisInfo, LimitInfo, ParameterInfo, SignalInfo, VerbInfo};
 
@@ -72,6 +73,7 @@ pub(super) fn axis_info(
         signals: profile.signals.iter().map(|source| signal(axis, source)).collect(),
         address_example: axis.address_example().to_owned(),
         has_program: axis.instruction_language().is_ok(),
+        drive_log: drive_log_info(axis),
         acts: drive.map_or_else(Vec::new, SimulatedDrive::acts),
     }
 }

@@ -27,7 +27,7 @@ impl Bench {
 }
 
 fn parse_signal(word: &str) -> Result<Signal, GatewayError> {
-    let found = Signal::ALL.into_iter().find(|signal| signal.name() == word);
+    let found = Signal::from_name(word);
     found.ok_or_else(|| {
         let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();
         GatewayError::new("E213", format!("there is no signal `{word}`"))

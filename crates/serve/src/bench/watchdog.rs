@@ -1,7 +1,6 @@
 //! The watchdog of a drive: read, and written like a parameter. It moves nothing, but it stops a turning
 //! motor when the host is silent.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use polepair::LocalAxis;
@@ -11,13 +10,9 @@ use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::Bench;
-use super::journal_queue::ActionSubject;
 use super::lease::SessionName;
-use super::parameters::check_lease_held;
-use super::reply::Continuation;
 use super::reply::PendingReply;
-use super::wire::WireRequest;
-use crate::message::{GatewayError, JournalAction, SetWatchdog, WatchdogMode, WatchdogView};
+use crate::message::{GatewayError, SetWatchdog, WatchdogMode, WatchdogView};
 
 impl Bench {
     /// Reads how an axis' own watchdog is set now.
@@ -39,39 +34,20 @@ impl Bench {
         session: &SessionName,
         wanted: SetWatchdog,
     ) -> PendingReply<WatchdogView> {
-        let (reply_sender, reply) = oneshot::channel();
-        let result = self.find_axis(axis).and_then(|(link, index)| {
-            let SetWatchdog { after_ms, epoch } = wanted;
-            let after = after_ms.map(parse_duration).transpose()?.filter(|after| !after.is_zero());
-            let (id, wire) = (axis, Arc::clone(&link.wire));
-            let (worker, shared) = (Arc::clone(&link.request_worker), Arc::clone(&self.0.context));
-            let (its, who) = (wire.axes[index].1.clone(), session.clone());
-            let go: Continuation = Box::new(move |may| {
-                // The receiver may have been dropped, here and below.
-                if let Err(refused) = may {
-                    return drop(reply_sender.send(Err(refused)));
-                }
-                let name = its.watchdog_parameter().and_then(|id| its.parameter(id));
-                let detail = json!({ "watchdog": name.map(|its| its.name), "after_ms": after_ms });
-                let (by, notes) = (who.clone(), Arc::clone(&shared));
-                let then: Continuation = Box::new(move |recorded| match recorded {
-                    Err(refused) => drop(reply_sender.send(Err(refused))),
-                    Ok(()) => worker.submit_query(reply_sender, move || {
-                        check_lease_held(&wire, index, epoch, &who)?;
-                        let set = its.set_watchdog(after).map_err(GatewayError::from);
-                        wire.set_host_watched(index, false);
-                        let detail = json!({ "error": set.as_ref().err() });
-                        shared.record(&who, JournalAction::Outcome, Some(id), detail);
-                        Ok(watchdog_view(&its, set?))
-                    }),
-                });
-                let what = ActionSubject::new(&by, JournalAction::Parameters, Some(id));
-                notes.journal.write_ahead(what, detail, notes.now(), then);
-            });
-            let session = session.clone();
-            link.wire.submit(WireRequest::Write { axis: index, session, epoch, then: go })
-        });
-        PendingReply::from_receiver(reply, result)
+        let SetWatchdog { after_ms, epoch } = wanted;
+        let after = match after_ms.map(parse_duration).transpose() {
+            Ok(after) => after.filter(|after| !after.is_zero()),
+            Err(refused) => return PendingReply::ready(Err(refused)),
+        };
+        let detail = |its: &LocalAxis| {
+            let name = its.watchdog_parameter().and_then(|id| its.parameter(id));
+            json!({ "watchdog": name.map(|its| its.name), "after_ms": after_ms })
+        };
+        self.change_axis(axis, session, epoch, detail, move |changed| {
+            let set = changed.axis.set_watchdog(after);
+            changed.wire.set_host_watched(changed.index, false);
+            Ok(watchdog_view(&changed.axis, set?))
+        })
     }
 }
 

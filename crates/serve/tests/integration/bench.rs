@@ -12,7 +12,8 @@ use polepair_serve::bench::{
 };
 use polepair_serve::message::{
     CommandOutcome, CommandRequest, GatewayError, JournalAction, LeaseAction, OutcomeKind,
-    ParameterInput, SetWatchdog, StopClass, StopRequest, WatchdogMode, WriteParameters,
+    ParameterInput, RecordDriveLog, SetWatchdog, StopClass, StopRequest, WatchdogMode,
+    WriteParameters,
 };
 use polepair_test_support::WAIT_MAX;
 
@@ -293,6 +294,46 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
     let half = SetWatchdog { after_ms: Some(500.0), epoch };
     let refused = fixture.hear(fixture.bench.set_watchdog(0, &ann, half)).unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("E218", Some(false)));
+}
+
+#[test]
+fn a_drive_records_in_its_own_loop_under_a_lease() {
+    let ann: SessionName = "ann".into();
+    let fixture = TestBench::new("sim:tmlcan?time=virtual");
+    let axes = &fixture.bench.snapshot().axes;
+    let recorder = axes[0].drive_log.clone().expect("a recorder");
+    assert_eq!(recorder.rates, [10_000.0, 5000.0, 2000.0, 1000.0, 500.0, 200.0, 100.0]);
+    assert!(recorder.inferred && recorder.points > 300, "{recorder:?}");
+    let wanted = |epoch| RecordDriveLog {
+        variables: ["position", "target position", "POSERR"].map(str::to_owned).into(),
+        rate: 1000.0,
+        seconds: 0.05,
+        inferred: true,
+        command: None,
+        afterwards: None,
+        epoch,
+    };
+    let record = |wanted| {
+        fixture
+            .hear(fixture.bench.record_in_drive(0, &ann, wanted))
+            .map_err(|e| e.code.into_owned())
+    };
+    assert_eq!(record(wanted(0)), Err("gateway.lease".to_owned()));
+    let epoch = fixture.acquire_lease(&ann, 0);
+    for (wrong, code) in [
+        (RecordDriveLog { inferred: false, ..wanted(epoch) }, "E222"),
+        (RecordDriveLog { rate: 0.0, ..wanted(epoch) }, "E216"),
+        (RecordDriveLog { seconds: 60.0, ..wanted(epoch) }, "E216"),
+        (RecordDriveLog { variables: vec!["no such".to_owned()], ..wanted(epoch) }, "E213"),
+    ] {
+        assert_eq!(record(wrong), Err(code.to_owned()));
+    }
+    let recorded = record(wanted(epoch)).unwrap();
+    let names: Vec<&str> = recorded.variables.iter().map(|it| &*it.name).collect();
+    assert_eq!(names, ["actual position", "target position", "position error"]);
+    assert!(recorded.variables.iter().all(|it| it.values.len() == 50 && it.unit == "rad"));
+    assert!((recorded.interval_s - 1e-3).abs() < 1e-9 && recorded.outcome.is_none());
+    assert_eq!(TestBench::new("sim:tmcl?time=virtual").bench.snapshot().axes[0].drive_log, None);
 }
 
 /// A journal that keeps its records, or refuses them.

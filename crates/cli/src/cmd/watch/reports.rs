@@ -54,7 +54,7 @@ impl WatchCommand {
         let mut signals = Vec::new();
         for name in self.signal_names() {
             let wanted = normalize_name(name);
-            let signal = Signal::ALL.into_iter().find(|signal| signal.name() == wanted);
+            let signal = Signal::from_name(&wanted);
             let has_signal =
                 |axis: &LocalAxis| signal.is_some_and(|s| axis.profile().signal(s).is_some());
             match (signal, axes.iter().find(|axis| !has_signal(axis))) {

@@ -217,7 +217,7 @@ pub(super) fn parameter_reading(read: ReadingMessage) -> ReadValue {
 
 /// A signal that the gateway read; `None` for one that this version does not know.
 pub(super) fn signal_reading(read: &SignalValue) -> Option<SignalReading> {
-    let signal = Signal::ALL.into_iter().find(|signal| signal.name() == read.signal)?;
+    let signal = Signal::from_name(&read.signal)?;
     let age = Duration::try_from_secs_f64(read.age_ms / 1e3).unwrap_or(Duration::ZERO);
     Some(SignalReading { signal, value: read.value.unwrap_or(f64::NAN), age })
 }
