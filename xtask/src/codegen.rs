@@ -268,7 +268,7 @@ impl Emitter {
                 format!("Watchdog::Configurable {{ parameter: {parameter}, on_can: {on_can} }}")
             }
             Watchdog::Heartbeat { consumer, reaction } => {
-                let (consumer, reaction) = (parameter_id(consumer), parameter_id(reaction));
+                let (consumer, reaction) = (parameter_id(consumer), optional_id(reaction));
                 format!("Watchdog::Heartbeat {{ consumer: {consumer}, reaction: {reaction} }}")
             }
         };

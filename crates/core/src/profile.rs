@@ -277,7 +277,8 @@ pub enum Watchdog {
         /// 15; 0 in either is never (CiA 301, 1016h).
         consumer: ParameterId,
         /// Parameter with the reaction: 0 is nothing, 1 fault, 2 power off, 3 quick stop (CiA 402-2, 6007h).
-        reaction: ParameterId,
+        /// `None` for a drive that always stops.
+        reaction: Option<ParameterId>,
     },
 }
 

@@ -159,9 +159,9 @@ pub struct Home {
     target: DriveArgs,
     /// Search speed with its unit: 10rpm, 0.5rad/s [default: the drive's setting]
     ///
-    /// The speed is written to a parameter of the drive, which keeps it until power-off: `homing speed` (TML; the sign
-    /// selects the limit switch: --vel=-10rpm) or `homing speed switch` (CANopen). TMCL modules (100 rpm) and SYNTRON
-    /// drives on Modbus have no such parameter.
+    /// The speed is written to a parameter of the drive, which keeps it until power-off: `homing speed` (TML, where the
+    /// sign selects the limit switch: --vel=-10rpm; SYNTRON drives on Modbus) or `homing speed switch` (CANopen). TMCL
+    /// modules (100 rpm) have no such parameter.
     #[arg(long, value_name = "VALUE")]
     vel: Option<String>,
     #[command(flatten)]

@@ -430,12 +430,16 @@ impl DriveCore {
 
     fn with_motion(&mut self, now: Instant, act: impl FnOnce(&mut Motion, &mut TickContext<'_>)) {
         let position = self.shaft.motor().position();
+        let seeks = self.motion.seeks_home_switch();
+        let is_end = |toward| seeks && self.lines.is_search_end(toward, position);
         let mut scene = TickContext {
             now,
             home: self.is_input_closed(InputPurpose::Home, position),
             home_at: self.lines.home_at,
-            forward_limit: self.is_input_closed(InputPurpose::ForwardLimit, position),
-            reverse_limit: self.is_input_closed(InputPurpose::ReverseLimit, position),
+            forward_limit: self.is_input_closed(InputPurpose::ForwardLimit, position)
+                || is_end(1.0),
+            reverse_limit: self.is_input_closed(InputPurpose::ReverseLimit, position)
+                || is_end(-1.0),
             shaft: &mut self.shaft,
             registers: &self.registers,
         };

@@ -65,6 +65,10 @@ pub const PURPOSES: [InputPurpose; INPUTS] = [
     InputPurpose::Spare,
 ];
 
+/// Way beyond the home switch after which a search turns round, as it does at a limit switch: three turns `[I]`.
+/// Without an end, an axis beyond its switch would be searched for ever.
+const SEARCH_RAD: f64 = 3.0 * core::f64::consts::TAU;
+
 /// True when two inputs have the same purpose: ERR_Id.
 #[must_use]
 pub fn has_duplicates(purposes: &[InputPurpose; INPUTS]) -> bool {
@@ -129,6 +133,13 @@ impl InputLines {
         let index = usize::from(self.inputs_by_purpose[purpose as usize]);
         let driven = self.forced_closed.get(index.wrapping_sub(1));
         driven.is_some_and(|driven| *driven || self.is_closed_by_shaft(purpose, position))
+    }
+
+    /// Returns whether a search of the home switch that goes `toward` (1 or -1) is at the end of its way at
+    /// `position` (rad): the switch lies behind it.
+    #[must_use]
+    pub fn is_search_end(&self, toward: f64, position: f64) -> bool {
+        self.home_at.is_some_and(|edge| (position - edge) * toward > SEARCH_RAD)
     }
 
     /// All inputs, the first in bit 0.

@@ -115,6 +115,12 @@ impl Motion {
         matches!(self.task, MotionTask::Search { way, .. } if way.mark == HomingMark::Torque)
     }
 
+    /// True while homing searches the home switch.
+    #[must_use]
+    pub fn seeks_home_switch(&self) -> bool {
+        matches!(self.task, MotionTask::Search { way, .. } if way.mark == HomingMark::HomeSwitch)
+    }
+
     /// True once homing has found the zero.
     #[must_use]
     pub const fn is_homed(&self) -> bool {

@@ -450,6 +450,12 @@ pub const fn is_method(method: i8) -> bool {
     matches!(method, -18 | -17 | -2 | -1 | 1..=4 | 17..=20 | 35)
 }
 
+/// The methods that search the home switch.
+#[must_use]
+pub const fn seeks_home_switch(method: i8) -> bool {
+    matches!(method, 3 | 4 | 19 | 20)
+}
+
 /// The modes of operation (§3.6), and none.
 #[must_use]
 pub const fn is_mode(mode: i8) -> bool {

@@ -30,7 +30,7 @@ const CAN_QUIRKS: can::Quirks = can::Quirks {
     segmented_sdo: false,
     lss: false,
     time: false,
-    guarding: false,
+    guarding: true,
     short_emcy: true,
     inhibit_unit_us: 125,
     event_unit_us: 125,

@@ -109,7 +109,11 @@ impl LocalAxis {
                      drive stops after that time without requests"
                 )
             }
-            Watchdog::Heartbeat { consumer, reaction } => format!(
+            Watchdog::Heartbeat { consumer, reaction: None } => format!(
+                "the drive stops when the heartbeat in `{}` stays out; with 0 it goes on",
+                name(consumer)
+            ),
+            Watchdog::Heartbeat { consumer, reaction: Some(reaction) } => format!(
                 "the drive does what `{}` says when the heartbeat in `{}` stays out; with 0 in \
                  either it goes on",
                 name(reaction),
@@ -183,10 +187,13 @@ impl LocalAxis {
                 Ok(after.map_or(WatchdogState::Unknown, WatchdogState::On))
             }
             Watchdog::Heartbeat { consumer, reaction } => {
-                let watched = self.read_optional(consumer)?;
-                let reaction = self.read_optional(reaction)?;
-                let (Some(watched), Some(reaction)) = (watched, reaction) else {
+                let Some(watched) = self.read_optional(consumer)? else {
                     return Ok(WatchdogState::None);
+                };
+                let is_ignored = match reaction.map(|id| self.read_optional(id)).transpose()? {
+                    None => false,
+                    Some(None) => return Ok(WatchdogState::None),
+                    Some(Some(reaction)) => reaction == 0,
                 };
                 let ms = watched & ((1 << TIME_BITS) - 1);
                 let node = (watched >> TIME_BITS & 0x7F) as u8;
@@ -196,7 +203,7 @@ impl LocalAxis {
                     (node, _) if self.host != Some(node.into()) => {
                         WatchdogState::OtherNode { node }
                     }
-                    (_, ms) if reaction == 0 => {
+                    (_, ms) if is_ignored => {
                         WatchdogState::NoReaction(Duration::from_millis(ms.unsigned_abs()))
                     }
                     (_, ms) => on_after(ms),
@@ -257,7 +264,9 @@ impl LocalAxis {
                 // Before the first write: a drive that watches for less than a period stops at once.
                 self.check_longer_than_heartbeat(ms)?;
                 // The reaction goes first: a watch without one is none.
-                if ms > 0 && self.read(reaction)? == 0 {
+                if let Some(reaction) = reaction.filter(|_| ms > 0)
+                    && self.read(reaction)? == 0
+                {
                     self.write(reaction, QUICK_STOP, false)?;
                 }
                 let raw = if ms == 0 { 0 } else { i64::from(host << TIME_BITS | ms) };
@@ -327,8 +336,10 @@ impl LocalAxis {
     /// # Errors
     /// [`Error`] by blame.
     pub fn watchdog_setting(&self) -> Result<Option<Vec<(ParameterId, i64)>>, Error> {
-        let ids = match self.profile.watchdog {
-            Watchdog::Heartbeat { consumer, reaction } => vec![consumer, reaction],
+        let ids: Vec<ParameterId> = match self.profile.watchdog {
+            Watchdog::Heartbeat { consumer, reaction } => {
+                [Some(consumer), reaction].into_iter().flatten().collect()
+            }
             _ => self.watchdog_parameter().into_iter().collect(),
         };
         // Half a setting cannot be put back.

@@ -84,7 +84,7 @@ pub(crate) enum DraftWatchdog {
     None,
     Fixed(u32),
     Configurable { parameter: ParameterName, on_can: Option<ParameterName> },
-    Heartbeat { consumer: ParameterName, reaction: ParameterName },
+    Heartbeat { consumer: ParameterName, reaction: Option<ParameterName> },
 }
 
 /// Identification of the product: a parameter, or a text request.
@@ -242,7 +242,7 @@ impl Draft {
                 },
                 Watchdog::Heartbeat { consumer, reaction } => DraftWatchdog::Heartbeat {
                     consumer: names.name_of(consumer),
-                    reaction: names.name_of(reaction),
+                    reaction: reaction.map(|id| names.name_of(id)),
                 },
             },
             identity: profile.identity.map(|identity| names.identity(&identity)),

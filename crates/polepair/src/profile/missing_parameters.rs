@@ -45,7 +45,8 @@ pub(crate) fn remove_missing(draft: &mut Draft) {
             names.all(|name| there.supports(name, ParameterUse::Write))
         }
         DraftWatchdog::Heartbeat { consumer, reaction } => {
-            supports_both(consumer, &there) && supports_both(reaction, &there)
+            supports_both(consumer, &there)
+                && reaction.as_ref().is_none_or(|name| supports_both(name, &there))
         }
     };
     if !watchdog {

@@ -347,7 +347,7 @@ fn read_watchdog(node: &TomlTable<'_, '_>) -> Result<Option<DraftWatchdog>, File
         },
         "heartbeat" => DraftWatchdog::Heartbeat {
             consumer: table.required_text("parameter")?,
-            reaction: table.required_text("reaction")?,
+            reaction: table.text("reaction")?,
         },
         other => {
             let known = ["none", "fixed", "configurable", "heartbeat"];

@@ -282,8 +282,12 @@ impl<'a> NameResolver<'a> {
             DraftWatchdog::Heartbeat { consumer, reaction } => Watchdog::Heartbeat {
                 consumer: self
                     .resolve_use(consumer, &[RequiredAccess::Read, RequiredAccess::Write])?,
-                reaction: self
-                    .resolve_use(reaction, &[RequiredAccess::Read, RequiredAccess::Write])?,
+                reaction: reaction
+                    .as_ref()
+                    .map(|name| {
+                        self.resolve_use(name, &[RequiredAccess::Read, RequiredAccess::Write])
+                    })
+                    .transpose()?,
             },
         })
     }

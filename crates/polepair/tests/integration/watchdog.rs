@@ -46,7 +46,13 @@ fn a_module_has_one_for_each_medium() {
 
 #[test]
 fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
-    for url in ["sim:tmcl?", "sim:tmcl+can:3?", "sim:thruster?", "sim:cia402:5?heartbeat=100&"] {
+    for url in [
+        "sim:tmcl?",
+        "sim:tmcl+can:3?",
+        "sim:thruster?",
+        "sim:cia402:5?heartbeat=100&",
+        "sim:syntron-ts-canopen:5?heartbeat=100&fn00=20&",
+    ] {
         let link = open(url);
         let axis = &link.axes()[0];
         let before = axis.watchdog().unwrap();
@@ -75,6 +81,7 @@ fn nothing_moves_where_there_is_nothing_to_prove() {
         ("sim:thruster?", "does not report"),
         ("sim:modbus-rtu?fn00=1&", "none"),
         ("sim:cia402:5?heartbeat=100&", "off"),
+        ("sim:syntron-ts-canopen:5?heartbeat=100&fn00=20&", "off"),
     ] {
         let link = open(url);
         let (check, _) = proven(&link.axes()[0], None);

@@ -3,7 +3,7 @@
 
 use super::super::objects::{
     COMPUTED_TAGS, CommandedObjects, DICTIONARY, DN_TAGS, Objects, STORED_TAGS, computed,
-    is_method, is_mode, stored,
+    is_method, is_mode, seeks_home_switch, stored,
 };
 use super::super::shaft::{self, COUNTS_PER_TURN};
 use super::*;
@@ -75,6 +75,9 @@ impl DriveCore {
         ) -> R,
     ) -> R {
         let position = self.shaft.motor().position();
+        let method = self.canopen.objects.value(stored::HOMING_METHOD) as i8;
+        let seeks = self.canopen.axis.is_homing() && seeks_home_switch(method);
+        let is_end = |toward| seeks && self.lines.is_search_end(toward, position);
         let settings = CommandedObjects {
             objects: &self.canopen.objects,
             registers: &self.registers,
@@ -83,8 +86,8 @@ impl DriveCore {
         let mut scene = motion::MotionContext {
             home: self.is_input_closed(InputPurpose::Home, position),
             home_at: self.lines.home_at,
-            positive: self.is_input_closed(InputPurpose::ForwardLimit, position),
-            negative: self.is_input_closed(InputPurpose::ReverseLimit, position),
+            positive: self.is_input_closed(InputPurpose::ForwardLimit, position) || is_end(1.0),
+            negative: self.is_input_closed(InputPurpose::ReverseLimit, position) || is_end(-1.0),
             shaft: &mut self.shaft,
             settings: &settings,
         };

@@ -394,6 +394,22 @@ fn timed_pdos_go_by_the_manuals_50_ms() {
     assert_eq!(bus.received.iter().filter(|f| f.id == 0x282 && f.len == 8).count(), 10);
 }
 
+/// §3.5.1: a remote request is answered with the state, whose bit 7 alternates.
+#[test]
+fn node_guarding_works_from_the_factory() {
+    let mut bus = CanopenFixture::new();
+    let guard = Frame { id: 0x702, remote: true, ..Frame::default() };
+    bus.received.clear();
+    for _ in 0..3 {
+        bus.receive(guard);
+    }
+    assert_eq!(bus.received, [frame("702 7F"), frame("702 FF"), frame("702 7F")]);
+    let mut silent = CanopenFixture::with(&[("guarding", "0")]);
+    silent.received.clear();
+    silent.receive(guard);
+    assert_eq!(silent.received, []);
+}
+
 #[test]
 fn heartbeat_node_id_and_bit_rate_are_set_as_printed() {
     let mut bus = CanopenFixture::new();
@@ -443,6 +459,28 @@ fn homing_begins_in_the_direction_of_the_manual() {
         bus.advance(100);
         let velocity = bus.truth().velocity;
         assert!(velocity * direction > 1.0, "{method} {extra:?}: {velocity}");
+    }
+}
+
+/// Each method finds its zero again, from either side of the switch.
+#[test]
+fn homing_over_canopen_finds_the_same_zero_any_number_of_times() {
+    for method in [3, 4, 19, 20] {
+        let mut bus = CanopenFixture::with(&[("fn00", "20")]);
+        bus.send_lines(&["000 01 02", "602 2F 60 60 00 06 00 00 00"]);
+        bus.write(0x6098, method).unwrap();
+        bus.send_lines(&["602 23 99 60 01 D0 07 00 00", "602 23 99 60 02 C8 00 00 00"]);
+        bus.send_lines(&ENABLE);
+        let mut zeros = [0.0; 3];
+        for zero in &mut zeros {
+            bus.send_lines(&["602 2B 40 60 00 0F 00 00 00", "602 2B 40 60 00 1F 00 00 00"]);
+            bus.advance(20_000);
+            assert_eq!(bus.read(0x6041, 0) & 0x3000, 0x1000, "{method}: attained");
+            let truth = bus.truth();
+            assert!(truth.velocity.abs() < 0.1, "{method}: {truth:?}");
+            *zero = truth.position;
+        }
+        assert!(zeros.iter().all(|zero| (zero - zeros[0]).abs() < 0.02), "{method}: {zeros:?}");
     }
 }
 

@@ -71,6 +71,28 @@ fn every_way_finds_its_zero() {
     }
 }
 
+/// A search finds its switch whatever side of it the axis is on: beyond it, it turns round after some turns.
+#[test]
+fn homing_finds_the_same_zero_any_number_of_times() {
+    for (way, at) in [(20_000, -PI), (21_000, -PI), (20_000, 5.0), (21_000, 5.0), (20_100, -PI)] {
+        let mut fixture = DriveFixture::positioning(&[]);
+        fixture.act(Act::Switch { which: 0, at });
+        let mut zeros = [0.0; 4];
+        for (n, zero) in zeros.iter_mut().enumerate() {
+            home(&mut fixture, way);
+            assert_eq!(fixture.alarm(), 0, "way {way}, time {n}");
+            *zero = fixture.truth().position;
+            // Away from it, in the one and the other direction.
+            let by = [90_000, 0, 400_000, 0][n];
+            fixture.fill(1, 1002, by, 300, [50, 50, 0, 0]);
+            fixture.trigger(1);
+            fixture.settle(5000);
+        }
+        let first = zeros[0];
+        assert!(zeros.iter().all(|zero| (zero - first).abs() < 0.01), "way {way}: {zeros:?}");
+    }
+}
+
 #[test]
 fn a_mechanical_stop_is_a_zero() {
     for (c, direction) in [(6, -1.0), (7, 1.0)] {

@@ -182,6 +182,12 @@ impl<const N: usize> MotionAxis<N> {
         self.homing.seeks_hard_stop()
     }
 
+    /// A search for the home position runs.
+    #[must_use]
+    pub fn is_homing(&self) -> bool {
+        self.homing.is_running()
+    }
+
     /// The statusword. `voltage`: the motor's supply is there.
     #[must_use]
     pub const fn status(&self, voltage: bool) -> u16 {
