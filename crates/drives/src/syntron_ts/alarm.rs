@@ -1,5 +1,8 @@
 //! Alarm codes: two characters of the panel in one number (TS manual V2 §4).
 
+use super::profile::SYNTRON_TS;
+use polepair_core::profile::{Fault, Severity};
+
 /// Content of `Dn_12`: the last but one character in the high byte, the last in the low byte; zero for no
 /// alarm.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -9,6 +12,16 @@ pub struct Alarm(pub u16);
 const GLYPHS: &[u8; 29] = b"0123456789AbcdEFGHIJLnoPqrStU";
 
 impl Alarm {
+    /// The alarm of a code. `None` for 0, for more than 16 bits, and for what the drive only notes: a limit switch.
+    #[must_use]
+    pub fn of_code(code: u32) -> Option<Self> {
+        let is_note = |it: &Fault| it.code == code && it.severity == Severity::Note;
+        if SYNTRON_TS.faults.iter().any(is_note) {
+            return None;
+        }
+        u16::try_from(code).ok().filter(|code| *code != 0).map(Self)
+    }
+
     /// No alarm.
     pub const NONE: Self = Self(0);
     /// Over-current.

@@ -277,9 +277,9 @@ impl SurroundingsControl for Device {
             Act::Switch { which, at } => return set_switch(drive, which, at),
             Act::EncoderBroken(broken) => drive.shaft_mut().break_encoder(broken),
             Act::HallBroken(broken) => drive.shaft_mut().hall_broken = broken,
-            Act::Fault(code) => match u16::try_from(code) {
-                Ok(code) => drive.raise_alarm(Alarm(code)),
-                Err(_) => return false,
+            Act::Fault(code) => match Alarm::of_code(code) {
+                Some(alarm) => drive.raise_alarm(alarm),
+                None => return false,
             },
             Act::PowerCycle => {
                 drive.power_cycle();

@@ -112,11 +112,9 @@ impl SurroundingsControl for Device {
                 module.channel.break_encoder(broken);
             }
             Act::HallBroken(broken) => around.hall_broken = broken,
-            Act::Fault(code) => {
-                module.flags.set(code & flags::TRIPS, true);
-                if code & flags::TRIPS != 0 {
-                    module.trip("fault injected: motor off");
-                }
+            Act::Fault(code) if code != 0 && code & !flags::TRIPS == 0 => {
+                module.flags.set(code, true);
+                module.trip("fault injected: motor off");
             }
             Act::PowerCycle => module.power_up(now),
             _ => return false,

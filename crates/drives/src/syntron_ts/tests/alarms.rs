@@ -56,6 +56,16 @@ fn every_code_is_its_characters_and_stops_the_motor() {
     assert_eq!(count, 23);
 }
 
+#[test]
+fn what_is_no_alarm_is_not_raised() {
+    let mut fixture = turning(300);
+    for code in [0, 0x8681, 0x8682, 0x8683, 0x1_1614] {
+        assert!(!fixture.device.act(fixture.now, Act::Fault(code)), "{code:X}");
+    }
+    assert_eq!(fixture.alarm(), 0);
+    assert!(fixture.truth().enabled);
+}
+
 /// The panel blinks, so a name is there or nothing is.
 fn shown(name: &str, fixture: &DriveFixture) -> std::string::String {
     let lit = (fixture.now.0 / 250_000_000).is_multiple_of(2);
