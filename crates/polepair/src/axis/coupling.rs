@@ -25,6 +25,8 @@ const RECEIVED_POLL: Duration = Duration::from_millis(5);
 /// The follower has received the master's position if it differs by no more, turns and counts.
 const SAME_TURNS: f64 = 0.5 / 360.0;
 const SAME_COUNTS: f64 = 4.0;
+/// Time in which a master sends, whatever its slow loop is: some of its periods.
+const LISTEN: Duration = Duration::from_millis(50);
 /// Distance from the master's position of what is written over an older one, counts.
 const ELSEWHERE: i32 = 1 << 30;
 /// Numerator and denominator of a ratio at most (16 bits with a sign).
@@ -162,8 +164,8 @@ impl LocalAxis {
     ///
     /// # Errors
     /// [`Error::Usage`] `E245` for axes that cannot be coupled, `E217` for a ratio that the drive cannot have: nothing
-    /// was sent. [`Error::Unsupported`]; `E101` if the follower does not receive the master's position: it was not
-    /// coupled. Others by source.
+    /// was sent. [`Error::Unsupported`]; `E602` if another axis sends to this one already, `E101` if the follower does
+    /// not receive the master's position: it was not coupled. Others by source.
     pub fn follow_gear(&self, master: &Self, ratio: GearRatio) -> Result<(), Error> {
         let parameters = self.check_coupling(master, Verb::FollowGear)?;
         let [numerator, denominator] = self.ratio_in_counts(master, ratio)?;
@@ -256,8 +258,15 @@ impl LocalAxis {
         set_up: impl FnOnce() -> Result<(), Error>,
     ) -> Result<(), Error> {
         let parameters = master.coupling_parameters(Verb::SendPosition)?;
-        // A follower of an earlier coupling would obey what the check below writes.
+        // A follower of an earlier coupling would obey what the checks below write.
         self.run(Command::new(Verb::Stop))?;
+        if self.receives_position()? {
+            // This master sends from an earlier coupling, or another one does.
+            master.run(Command::new(Verb::WithholdPosition))?;
+            if self.receives_position()? {
+                return Err(self.other_master_error());
+            }
+        }
         master.write(parameters.follower, self.number.into(), false)?;
         master.run(Command::new(Verb::SendPosition))?;
         let coupled = self
@@ -278,8 +287,8 @@ impl LocalAxis {
         let tolerance = (SAME_TURNS * master.counts_per_turn()?).max(SAME_COUNTS);
         let end = self.connection.now() + clock::scale_timeout(RECEIVED_WITHIN);
         // A place where the master is not: the position that this axis then has was received, and is not an older one.
-        let elsewhere = (master.read(position)? as i32).wrapping_add(ELSEWHERE);
-        self.write(received_in, elsewhere.into(), false)?;
+        let elsewhere = i64::from((master.read(position)? as i32).wrapping_add(ELSEWHERE));
+        self.write(received_in, elsewhere, false)?;
         loop {
             let (sent, received) = (master.read(position)?, self.read(received_in)?);
             debug_assert!(tolerance > 0.0);
@@ -287,8 +296,11 @@ impl LocalAxis {
                 return Ok(());
             }
             if self.connection.now() > end {
-                let is_none = received == i64::from(elsewhere);
-                let has = if is_none { "nothing".to_owned() } else { format!("{received} counts") };
+                let has = if received == elsewhere {
+                    "nothing".to_owned()
+                } else {
+                    format!("{received} counts")
+                };
                 let (own, other) = (self.label(), master.label());
                 return Err(Error::MotionEnded {
                     code: "E101",
@@ -304,6 +316,26 @@ impl LocalAxis {
                 });
             }
             self.sleep(RECEIVED_POLL);
+        }
+    }
+
+    /// Returns whether some axis sends its position to this one.
+    fn receives_position(&self) -> Result<bool, Error> {
+        let received_in = self.coupling_parameters(Verb::FollowGear)?.master_position;
+        let marker = i64::from((self.read(received_in)? as i32).wrapping_add(ELSEWHERE));
+        self.write(received_in, marker, false)?;
+        self.sleep(LISTEN);
+        Ok(self.read(received_in)? != marker)
+    }
+
+    fn other_master_error(&self) -> Error {
+        Error::MotionEnded {
+            code: "E602",
+            what: format!("{}: another axis sends its position to it", self.label()),
+            why: "Two masters disturb each other, and the bus. The axes were not coupled."
+                .to_owned(),
+            hint: "end the other coupling first: `polepair uncouple`".to_owned(),
+            exit: Exit::Refused,
         }
     }
 

@@ -148,6 +148,23 @@ fn a_follower_that_receives_nothing_is_not_coupled() {
 }
 
 #[test]
+fn a_follower_of_two_masters_is_not_coupled() {
+    let link = open("sim:tmlcan:1,2,3?time=virtual");
+    let [first, second, follower] = link.axes() else { panic!("three axes") };
+    let _armed = [first.armed().unwrap(), second.armed().unwrap(), follower.armed().unwrap()];
+    let ratio = GearRatio { follower: 1, master: 1 };
+    move_to(first, 1.0);
+    follower.follow_gear(first, ratio).unwrap();
+    // The first one sends still, with the same identifier: on a real bus both would disturb each other.
+    let refused = follower.follow_gear(second, ratio).unwrap_err();
+    assert_eq!(refused.code(), "E602", "{refused}");
+    assert!(refused.hint().contains("uncouple"), "{}", refused.hint());
+    follower.uncouple(first).unwrap();
+    follower.follow_gear(second, ratio).unwrap();
+    assert!(turns(follower).abs() < 0.01, "{}", turns(follower));
+}
+
+#[test]
 fn a_master_that_moved_by_a_distance_does_not_move_again() {
     let link = open("sim:tmlcan:1,2?time=virtual");
     let [master, follower] = link.axes() else { panic!("two axes") };
