@@ -416,6 +416,11 @@ pub trait DriveFacts {
         &[]
     }
 
+    /// The recorder in its drives; `None` where there is none.
+    fn data_logger(&self) -> Option<&'static crate::data_logger::DataLogger> {
+        None
+    }
+
     /// A request in the protocol's own text that begins the motion of a verb, in the drive's own units, for drives
     /// whose profile has no steps for it. `None` where there is none.
     fn verb_example(&self, verb: crate::verb::Verb) -> Option<&'static str> {
@@ -494,11 +499,6 @@ pub trait Dissector: Sync + FrameFormat + AddressNotation + FrameConversation + 
 
     /// The language of programs that are instructions; `None` where there are none.
     fn instruction_language(&self) -> Option<&'static dyn crate::program::InstructionLanguage> {
-        None
-    }
-
-    /// The recorder in its drives; `None` where there is none.
-    fn data_logger(&self) -> Option<&'static crate::data_logger::DataLogger> {
         None
     }
 

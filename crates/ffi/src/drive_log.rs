@@ -4,7 +4,6 @@
 use std::ffi::{c_char, c_void};
 use std::ops::ControlFlow;
 use std::ptr;
-use std::time::Duration;
 
 use polepair::{DriveLog, DriveLogRequest, LocalAxis};
 
@@ -131,11 +130,6 @@ unsafe fn read_request(
     names: &str,
     options: &pp_drive_log,
 ) -> Result<DriveLogRequest, CallError> {
-    let is_time = |seconds: f64| Duration::try_from_secs_f64(seconds).is_ok_and(|it| !it.is_zero());
-    if !is_time(1.0 / options.rate) || !is_time(options.seconds) {
-        let what = format!("rate {} and seconds {}: no recording", options.rate, options.seconds);
-        return Err(CallError::usage(what, "both are more than 0"));
-    }
     let variables = names.split(',').map(|name| axis.find(name.trim()));
     let start_when = if options.on.is_null() {
         None
@@ -143,13 +137,12 @@ unsafe fn read_request(
         // SAFETY: as promised by the caller.
         Some(axis.parse_log_condition(unsafe { read_text(options.on, PP_NTS)? })?)
     };
+    let variables = variables.collect::<Result<_, _>>()?;
     Ok(DriveLogRequest {
-        variables: variables.collect::<Result<_, _>>()?,
-        interval: Duration::from_nanos((1e9 / options.rate).round() as u64),
-        span: Duration::from_secs_f64(options.seconds),
         start_when,
         memory: read_memory(options.first_address, options.last_address)?,
         accept_inferred: options.inferred != 0,
+        ..DriveLogRequest::at_rate(variables, options.rate, options.seconds)?
     })
 }
 

@@ -1,13 +1,11 @@
 //! Recordings in a drive's memory.
 
 use std::ops::ControlFlow;
-use std::time::Duration;
 
 use polepair::{DriveLog, DriveLogRequest, DriveLogStage, Error, LocalAxis};
 use pyo3::prelude::*;
 
 use crate::axis::PyAxis;
-use crate::errors::usage_error;
 
 const HINT: &str = "open the drive's link in this program";
 
@@ -33,7 +31,6 @@ pub fn record(
     request: &PyLogRequest,
     start: Option<&Py<PyAny>>,
 ) -> PyResult<DriveLogTuple> {
-    request.check(py)?;
     let mut raised = None;
     let recorded = axis.detach(py, |axis| {
         request.record(axis.require_local("recording in the drive", HINT)?, start, &mut raised)
@@ -45,27 +42,14 @@ pub fn record(
 }
 
 impl PyLogRequest {
-    /// Checks the numbers, which are no times yet.
-    fn check(&self, py: Python<'_>) -> PyResult<()> {
-        let is_time =
-            |seconds: f64| Duration::try_from_secs_f64(seconds).is_ok_and(|it| !it.is_zero());
-        if !is_time(1.0 / self.rate) || !is_time(self.seconds) {
-            let what = format!("rate={} seconds={}: no recording", self.rate, self.seconds);
-            return Err(usage_error(py, "E216", &what, "both are more than 0"));
-        }
-        Ok(())
-    }
-
     fn request(&self, axis: &LocalAxis) -> Result<DriveLogRequest, Error> {
         let variables =
             self.variables.iter().map(|name| axis.find(name)).collect::<Result<_, _>>()?;
         Ok(DriveLogRequest {
-            variables,
-            interval: Duration::from_nanos((1e9 / self.rate).round() as u64),
-            span: Duration::from_secs_f64(self.seconds),
             start_when: self.on.as_ref().map(|text| axis.parse_log_condition(text)).transpose()?,
             memory: self.buffer.map(|(first, last)| first..=last),
             accept_inferred: self.inferred,
+            ..DriveLogRequest::at_rate(variables, self.rate, self.seconds)?
         })
     }
 

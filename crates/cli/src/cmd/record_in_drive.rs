@@ -2,7 +2,6 @@
 
 use std::ops::{ControlFlow, RangeInclusive};
 use std::path::PathBuf;
-use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use polepair::{DriveLog, DriveLogPlan, DriveLogRequest, DriveLogStage, LocalAxis, LoggedVariable};
@@ -138,14 +137,13 @@ impl RecordInDrive {
         let names = self.variables.iter().flat_map(|names| names.split(','));
         let variables = names.map(|name| axis.find(name)).collect::<std::result::Result<_, _>>();
         let on = self.on.as_ref().map(|text| axis.parse_log_condition(text)).transpose();
+        let variables = variables.map_err(outcome::to_problem)?;
+        let request = DriveLogRequest::at_rate(variables, self.rate, self.span);
         let request = DriveLogRequest {
-            variables: variables.map_err(outcome::to_problem)?,
-            // To the nanosecond, so that 3 kHz is no multiple of a loop by rounding.
-            interval: Duration::from_nanos((1e9 / self.rate).round() as u64),
-            span: Duration::from_secs_f64(self.span),
             start_when: on.map_err(outcome::to_problem)?,
             memory: self.buffer.clone(),
             accept_inferred: self.inferred,
+            ..request.map_err(outcome::to_problem)?
         };
         axis.plan_drive_log(&request).map_err(outcome::to_problem)
     }

@@ -41,6 +41,13 @@ pub struct GearRatio {
     pub master: i32,
 }
 
+impl GearRatio {
+    fn error(self, why: &str, hint: &str) -> Error {
+        let what = format!("a ratio of {}:{}: {why}", self.follower, self.master);
+        Error::usage("E217", what, hint)
+    }
+}
+
 /// A cam: positions of the follower over positions of the master.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Cam {
@@ -84,8 +91,7 @@ impl CamPoint {
             return Err(Error::usage("E217", what, "such as `master [deg],follower [deg]`"));
         };
         let points = lines.map(|(number, line)| {
-            let parse = |cell: &str| cell.parse::<f64>().ok().filter(|value| value.is_finite());
-            let [at, position] = parse_columns(line, parse).ok_or_else(|| {
+            let [at, position] = parse_columns(line, parse_number).ok_or_else(|| {
                 let what = format!("line {number}: `{line}` is not a point");
                 Error::usage("E217", what, "positions of the master and of the follower: `90,45`")
             })?;
@@ -99,6 +105,10 @@ impl CamPoint {
 fn parse_columns(line: &str, parse: impl Fn(&str) -> Option<f64>) -> Option<[f64; 2]> {
     let (first, second) = line.split_once([',', ';', '\t'])?;
     Some([parse(first.trim())?, parse(second.trim())?])
+}
+
+fn parse_number(cell: &str) -> Option<f64> {
+    cell.parse::<f64>().ok().filter(|value| value.is_finite())
 }
 
 /// Turns in the unit of a column's head: `master [deg]` or `master deg`.
@@ -394,19 +404,15 @@ impl LocalAxis {
         let (own, other) = (self.counts_per_turn()?, master.counts_per_turn()?);
         let numerator = i64::from(ratio.follower) * own.round() as i64;
         let denominator = i64::from(ratio.master) * other.round() as i64;
-        let wrong = |why: String, hint: &str| {
-            let what = format!("a ratio of {}:{}: {why}", ratio.follower, ratio.master);
-            Error::usage("E217", what, hint)
-        };
         if numerator == 0 || denominator <= 0 {
             let hint = "turns of the follower to turns of the master, such as 1:3 or -2:1";
-            return Err(wrong("it is no gear".to_owned(), hint));
+            return Err(ratio.error("it is no gear", hint));
         }
         let divisor = greatest_common_divisor(numerator.abs(), denominator);
         let [numerator, denominator] = [numerator / divisor, denominator / divisor];
         if numerator.abs() > RATIO_PART_MAX || denominator > RATIO_PART_MAX {
             let why = format!("{numerator}:{denominator} in counts is too fine for the drive");
-            return Err(wrong(why, "choose smaller numbers: each is at most 32767"));
+            return Err(ratio.error(&why, "choose smaller numbers: each is at most 32767"));
         }
         Ok([numerator, denominator])
     }

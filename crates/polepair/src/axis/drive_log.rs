@@ -154,6 +154,27 @@ pub struct DriveLog {
     pub variables: Vec<LoggedVariable>,
 }
 
+impl DriveLogRequest {
+    /// A recording of `rate` points a second, `seconds` long, at once and in the usual memory.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E216` for numbers that are no times.
+    pub fn at_rate(variables: Vec<ParameterId>, rate: f64, seconds: f64) -> Result<Self, Error> {
+        // To the nanosecond, so that 3 kHz is no multiple of a loop by rounding.
+        let interval = positive_time((1e9 / rate).round() / 1e9);
+        let (Some(interval), Some(span)) = (interval, positive_time(seconds)) else {
+            let what = format!("rate {rate} and seconds {seconds}: no recording");
+            return Err(Error::usage("E216", what, "both are more than 0"));
+        };
+        let (start_when, memory, accept_inferred) = (None, None, false);
+        Ok(Self { variables, interval, span, start_when, memory, accept_inferred })
+    }
+}
+
+fn positive_time(seconds: f64) -> Option<Duration> {
+    Duration::try_from_secs_f64(seconds).ok().filter(|time| !time.is_zero())
+}
+
 impl LoggedVariable {
     /// The symbol of the SI unit of [`si_values`](Self::si_values); empty for the drive's own numbers.
     #[must_use]

@@ -1,7 +1,6 @@
 //! Recordings in a drive's own memory, with the command whose course they show.
 
 use std::ops::ControlFlow;
-use std::time::Duration;
 
 use polepair::{DriveLog, DriveLogRequest, DriveLogStage, LocalAxis};
 use polepair_core::profile::{ParameterId, Signal};
@@ -10,7 +9,7 @@ use serde_json::json;
 use super::Bench;
 use super::lease::SessionName;
 use super::reply::PendingReply;
-use crate::message::{DriveLogInfo, DriveLogVariable, DriveLogView, GatewayError, RecordDriveLog};
+use crate::message::{DriveLogInfo, DriveLogVariable, DriveLogView, RecordDriveLog};
 
 /// Variables of the page's recordings: a signal and its target, of 32 bits each.
 const PAGE_WORDS: usize = 4;
@@ -25,30 +24,36 @@ impl Bench {
     ) -> PendingReply<DriveLogView> {
         let (bench, who, epoch) = (self.clone(), session.clone(), wanted.epoch);
         let (variables, rate, seconds) = (wanted.variables.clone(), wanted.rate, wanted.seconds);
-        let detail = move |_: &LocalAxis| json!({ "record_in_drive": variables, "rate": rate, "seconds": seconds });
-        self.change_axis(axis, session, epoch, detail, move |changed| {
-            let its = &changed.axis;
-            let plan = its.plan_drive_log(&read_request(its, &wanted)?)?;
-            let (mut command, mut afterwards, mut reply) =
-                (wanted.command, wanted.afterwards, None);
-            let log = its.record_in_drive(&plan, |progress| {
-                if let Some(command) = command.take() {
-                    reply = Some(bench.command(axis, &who, command));
-                }
-                let is_recorded = progress.stage == DriveLogStage::Reading;
-                if let Some(command) = afterwards.take_if(|_| is_recorded) {
-                    // No one waits for its outcome: a client sees the motor in the axis' state.
-                    drop(bench.command(axis, &who, command));
-                }
-                ControlFlow::Continue(())
-            })?;
-            let outcome = reply.and_then(|mut reply| reply.try_recv()).transpose()?;
-            Ok(DriveLogView {
-                interval_s: log.interval.as_secs_f64(),
-                variables: variables_of(&log),
-                outcome,
-            })
-        })
+        let detail = json!({ "record_in_drive": variables, "rate": rate, "seconds": seconds });
+        self.change_axis(
+            axis,
+            session,
+            epoch,
+            |_| detail,
+            move |changed| {
+                let its = &changed.axis;
+                let plan = its.plan_drive_log(&read_request(its, &wanted)?)?;
+                let (mut command, mut afterwards, mut reply) =
+                    (wanted.command, wanted.afterwards, None);
+                let log = its.record_in_drive(&plan, |progress| {
+                    if let Some(command) = command.take() {
+                        reply = Some(bench.command(axis, &who, command));
+                    }
+                    let is_recorded = progress.stage == DriveLogStage::Reading;
+                    if let Some(command) = afterwards.take_if(|_| is_recorded) {
+                        // No one waits for its outcome: a client sees the motor in the axis' state.
+                        drop(bench.command(axis, &who, command));
+                    }
+                    ControlFlow::Continue(())
+                })?;
+                let outcome = reply.and_then(|mut reply| reply.try_recv()).transpose()?;
+                Ok(DriveLogView {
+                    interval_s: log.interval.as_secs_f64(),
+                    variables: variables_of(&log),
+                    outcome,
+                })
+            },
+        )
     }
 }
 
@@ -65,21 +70,11 @@ pub(super) fn drive_log_info(axis: &LocalAxis) -> Option<DriveLogInfo> {
 fn read_request(
     axis: &LocalAxis,
     wanted: &RecordDriveLog,
-) -> Result<DriveLogRequest, GatewayError> {
-    let is_time = |seconds: f64| Duration::try_from_secs_f64(seconds).is_ok_and(|it| !it.is_zero());
-    if !is_time(1.0 / wanted.rate) || !is_time(wanted.seconds) {
-        let what = format!("rate {} and seconds {}: no recording", wanted.rate, wanted.seconds);
-        return Err(GatewayError::new("E216", what).hint("both are more than 0"));
-    }
+) -> Result<DriveLogRequest, polepair::Error> {
     let variables = wanted.variables.iter().map(|name| find_variable(axis, name));
-    Ok(DriveLogRequest {
-        variables: variables.collect::<Result<_, _>>()?,
-        interval: Duration::from_nanos((1e9 / wanted.rate).round() as u64),
-        span: Duration::from_secs_f64(wanted.seconds),
-        start_when: None,
-        memory: None,
-        accept_inferred: wanted.inferred,
-    })
+    let variables = variables.collect::<Result<_, _>>()?;
+    let request = DriveLogRequest::at_rate(variables, wanted.rate, wanted.seconds)?;
+    Ok(DriveLogRequest { accept_inferred: wanted.inferred, ..request })
 }
 
 /// A signal by its word, or a parameter by name.

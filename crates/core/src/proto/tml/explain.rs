@@ -128,6 +128,10 @@ impl DriveFacts for TmlDissector {
         &[DeviceFact { name: "firmware", query: FactQuery::Text("GETVERSION") }]
     }
 
+    fn data_logger(&self) -> Option<&'static crate::data_logger::DataLogger> {
+        Some(&super::logger::LOGGER)
+    }
+
     /// Four characters (TML communication manual, GETVERSION).
     fn write_fact(&self, _name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
         let [_, _, _, _, text @ ..] = raw.to_be_bytes();
@@ -156,10 +160,6 @@ impl Dissector for TmlDissector {
 
     fn program_language(&self) -> Option<&'static dyn ProgramLanguage> {
         Some(&super::program::TmlLanguage)
-    }
-
-    fn data_logger(&self) -> Option<&'static crate::data_logger::DataLogger> {
-        Some(&super::logger::LOGGER)
     }
 
     fn has_groups(&self) -> bool {
