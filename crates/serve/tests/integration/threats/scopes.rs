@@ -35,7 +35,9 @@ fn may(route: &ApiRoute) -> &'static [&'static str] {
     match (route.method, route.path) {
         ("GET", _) | (_, "/api/v1/captures") => &["read"],
         (_, "/api/v1/stop") => &["stop"],
-        (_, "/api/v1/release" | "/api/v1/axes/{id}/commands") => &["move"],
+        (_, "/api/v1/release" | "/api/v1/axes/{id}/commands" | "/api/v1/axes/{id}/drive-log") => {
+            &["move"]
+        }
         (_, "/api/v1/dismiss" | "/api/v1/axes/{id}/dismiss") => &["move"],
         (_, "/api/v1/axes/{id}/raw") => &["raw"],
         (_, path) if path.starts_with("/api/v1/axes/{id}/lease") => &["move", "configure", "raw"],
