@@ -76,19 +76,22 @@ def test_a_request_outside_the_manual_gets_no_reply(tmp_path):
     with drive(tmp_path) as node:
         assert segmented(node) == REFUSED
         assert not selected(node)
-        assert guarded(node) == []
         assert node.sdo[0x6041].raw == 0x50, "and it goes on"
+
+
+def test_node_guarding_is_on_from_the_factory(tmp_path):
+    with drive(tmp_path) as node:
+        assert guarded(node, MAX_WAIT) == [b"\x7f", b"\xff"], "the toggle bit turns"
+    with drive(tmp_path, 'guarding = "0"') as node:
+        assert guarded(node) == []
 
 
 def test_switches_turn_each_service_on(tmp_path):
     with drive(tmp_path, 'segments = "1"') as node:
         assert segmented(node) is None and node.sdo[0x2033].raw == 200
-        assert not selected(node) and guarded(node) == []
+        assert not selected(node)
     with drive(tmp_path, 'lss = "1"') as node:
         assert selected(node) and node.network.lss.inquire_node_id() == NODE
-        assert segmented(node) == REFUSED
-    with drive(tmp_path, 'guarding = "1"') as node:
-        assert guarded(node, MAX_WAIT) == [b"\x7f", b"\xff"], "the toggle bit turns"
         assert segmented(node) == REFUSED
 
 
