@@ -5,8 +5,8 @@
 
 use polepair_core::plan::{Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, Certainty, CouplingParameters, Fault, IdentityQuery, MotionRules, Parameter,
-    ParameterId, Persistence, Profile, Scale, ScaleRule, SignalSource, Watchdog,
+    Access, Certainty, CouplingParameters, DigitField, Fault, IdentityQuery, MotionRules,
+    Parameter, ParameterId, Persistence, Profile, Scale, ScaleRule, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 use std::collections::BTreeMap;
@@ -159,7 +159,7 @@ const P: Parameter = Parameter {
     name: \"\", symbol: \"\", about: \"\", space: 0, index: 0, encoding: Encoding::I32,
     unit: Unit::None, scale: Scale::ONE, min: 0, max: 0, default: None,
     access: Access::ReadWrite, persistence: Persistence::Volatile,
-    certainty: Certainty::Documented, moves: false, section: \"\", values: &[],
+    certainty: Certainty::Documented, moves: false, section: \"\", values: &[], digits: &[],
 };
 
 ";
@@ -198,6 +198,7 @@ fn import_lines(body: &str, core: &str) -> String {
                 "Access",
                 "AxisKind",
                 "Certainty",
+                "DigitField",
                 "Encoding",
                 "Fault",
                 "Identity",
@@ -408,8 +409,17 @@ fn parameter_row(profile: &Profile, p: &Parameter) -> String {
     if !p.values.is_empty() {
         let _ = write!(row, "values: &{:?}, ", p.values);
     }
+    if !p.digits.is_empty() {
+        let fields: Vec<String> = p.digits.iter().map(digit_field).collect();
+        let _ = write!(row, "digits: &[{}], ", fields.join(", "));
+    }
     row.push_str("..P }");
     row
+}
+
+fn digit_field(field: &DigitField) -> String {
+    let DigitField { name, places, max, values } = field;
+    format!("DigitField {{ name: {name:?}, places: {places}, max: {max}, values: &{values:?} }}")
 }
 
 /// Returns whether a row has no more than a line of a memory map.

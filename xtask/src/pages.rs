@@ -256,6 +256,7 @@ fn argument_word(argument: Argument) -> &'static str {
         Argument::Torque => "torque",
         Argument::JerkTime => "time of the jerk",
         Argument::Period => "period",
+        Argument::Path => "number of the path",
     }
 }
 

@@ -11,6 +11,9 @@ mod svg;
 mod terminal;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use polepair_core::convert::saturating;
 
 use crate::decoder::DecodedFrame;
 use crate::filter::Glob;
@@ -81,6 +84,13 @@ impl Plot {
             let series = self.series.entry(key).or_insert_with(|| Series::new(signal.unit));
             series.add(time.since(first), signal.value);
         }
+    }
+
+    /// Adds a value of an axis that is not from a capture; times count from zero.
+    pub fn add_value(&mut self, axis: u32, name: &str, unit: &str, time: Duration, value: f64) {
+        let key = (self.current_link, axis, intern(name));
+        let series = self.series.entry(key).or_insert_with(|| Series::new(intern(unit)));
+        series.add(saturating(time.as_nanos()), value);
     }
 
     /// A frame whose signals are not wanted: its time counts alone.

@@ -5,6 +5,7 @@
 
 mod capture;
 mod cmd;
+mod consent;
 mod control;
 mod data_output;
 #[cfg(test)]

@@ -125,6 +125,7 @@ fn unknown_argument(axis: &Axis, verb: Verb, which: Argument) -> Problem {
         Argument::Torque => "--torque",
         Argument::JerkTime => "--s-curve",
         Argument::Period => "--period",
+        Argument::Path => "--path",
         Argument::Target => "VALUE",
     };
     let (name, has_verb) = (&axis.facts().profile, axis.has_verb(verb));

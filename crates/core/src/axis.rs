@@ -56,6 +56,8 @@ pub struct Command {
     pub jerk_time: Option<f64>,
     /// Cycle period.
     pub period: Option<f64>,
+    /// Number of a path that is stored in the drive: the one to run, or the one that a move overwrites.
+    pub path: Option<f64>,
     /// Time limit of the motion, ms. Replaces the limit of the plan.
     pub limit_ms: Option<u32>,
     /// Arguments are raw drive values where the drive's scale reads zero; otherwise they are in SI units.
@@ -88,6 +90,7 @@ impl Command {
             Argument::Torque => self.torque,
             Argument::JerkTime => self.jerk_time,
             Argument::Period => self.period,
+            Argument::Path => self.path,
         }
     }
 
@@ -110,6 +113,7 @@ impl Command {
             torque: None,
             jerk_time: None,
             period: None,
+            path: None,
             limit_ms: None,
             raw: false,
             keep_program: false,

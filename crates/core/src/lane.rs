@@ -463,7 +463,10 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let (step, request) = match step {
             Step::Write(id, operand) => match slot.operand_value(operand, command, Some(id))? {
                 None => return Ok(()),
-                Some(raw) => (RehearsalAction::Write(id, raw), write(id, raw)?),
+                Some(raw) => {
+                    let id = slot.chosen_path_parameter(id, command);
+                    (RehearsalAction::Write(id, raw), write(id, raw)?)
+                }
             },
             Step::Ensure(id, raw) => (RehearsalAction::WriteIfDifferent(id, raw), write(id, raw)?),
             Step::Read(id)

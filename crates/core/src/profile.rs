@@ -2,6 +2,7 @@
 //! constants.
 
 mod address;
+mod digits;
 mod encoding;
 mod motion;
 
@@ -12,6 +13,7 @@ use crate::verb::Verb;
 
 pub use crate::parameter_id::ParameterId;
 pub use address::{ParameterAddress, encoding_word, parse_address_number, parse_encoding};
+pub use digits::{DigitDefect, DigitField};
 pub use encoding::Encoding;
 pub use motion::{CouplingParameters, MotionRules, RelativeBase};
 
@@ -337,13 +339,15 @@ pub struct Parameter {
     pub section: &'static str,
     /// Names of raw values.
     pub values: &'static [(i64, &'static str)],
+    /// Decimal digits with meanings of their own, from the right; empty for a number.
+    pub digits: &'static [DigitField],
 }
 
 impl Parameter {
-    /// Returns whether a raw value is within its limits.
+    /// Returns whether a raw value is within its limits, and each of its digits has a meaning.
     #[must_use]
     pub fn allows(&self, raw: i64) -> bool {
-        self.encoding.is_between(raw, self.min, self.max)
+        self.encoding.is_between(raw, self.min, self.max) && self.digit_defect(raw).is_none()
     }
 }
 

@@ -17,6 +17,8 @@ pub enum Argument {
     JerkTime,
     /// Cycle period.
     Period,
+    /// Number of a path that is stored in the drive.
+    Path,
 }
 
 /// Commands of an axis. A profile has a plan for each verb that its drive supports.
@@ -47,6 +49,8 @@ pub enum Verb {
     CurveTo,
     /// Go so far along an S-curve.
     CurveBy,
+    /// Runs a path that is stored in the drive, and those that it leads to.
+    RunPath,
     /// Find the reference position.
     Home,
     /// Wait until the last move or homing is done. Moves nothing.
@@ -85,7 +89,7 @@ pub enum Verb {
 
 impl Verb {
     /// Every verb.
-    pub const ALL: [Self; 29] = [
+    pub const ALL: [Self; 30] = [
         Self::Enable,
         Self::Disable,
         Self::Stop,
@@ -98,6 +102,7 @@ impl Verb {
         Self::MoveOn,
         Self::CurveTo,
         Self::CurveBy,
+        Self::RunPath,
         Self::Home,
         Self::Reached,
         Self::GiveTime,
@@ -133,6 +138,7 @@ impl Verb {
             Self::MoveOn => "move-on",
             Self::CurveTo => "curve-to",
             Self::CurveBy => "curve-by",
+            Self::RunPath => "run-path",
             Self::Home => "home",
             Self::Reached => "reached",
             Self::GiveTime => "give-time",
@@ -156,8 +162,8 @@ impl Verb {
     /// True for what sets an axis in motion or powers it: it needs an armed axis.
     #[must_use]
     pub const fn needs_arming(self) -> bool {
-        use Verb::{Begin, Enable, Home, PrepareBy, PrepareTo, Torque, Velocity};
-        matches!(self, Enable | Velocity | Torque | Home | PrepareTo | PrepareBy | Begin)
+        use Verb::{Begin, Enable, Home, PrepareBy, PrepareTo, RunPath, Torque, Velocity};
+        matches!(self, Enable | Velocity | Torque | RunPath | Home | PrepareTo | PrepareBy | Begin)
             || self.is_move()
             || self.is_cyclic()
             || self.is_coupled()
@@ -197,16 +203,18 @@ impl Verb {
     /// Returns whether the verb takes this argument. Arguments that it does not take are always absent.
     #[must_use]
     pub const fn accepts(self, argument: Argument) -> bool {
-        use Argument::{Acceleration, Deceleration, JerkTime, Period, Target, Torque, Velocity};
+        use Argument::{Acceleration, Deceleration, Path, Period, Target, Torque, Velocity};
         match self {
             Self::Velocity => matches!(argument, Velocity | Acceleration | Deceleration),
             Self::Torque => matches!(argument, Torque),
-            Self::MoveTo | Self::MoveBy | Self::MoveOn | Self::PrepareTo | Self::PrepareBy => {
+            Self::MoveTo | Self::MoveBy => {
+                matches!(argument, Target | Velocity | Acceleration | Deceleration | Path)
+            }
+            Self::MoveOn | Self::PrepareTo | Self::PrepareBy => {
                 matches!(argument, Target | Velocity | Acceleration | Deceleration)
             }
-            Self::CurveTo | Self::CurveBy => {
-                matches!(argument, Target | Velocity | Acceleration | Deceleration | JerkTime)
-            }
+            Self::CurveTo | Self::CurveBy => !matches!(argument, Torque | Period),
+            Self::RunPath => matches!(argument, Path),
             Self::Home => matches!(argument, Velocity),
             Self::GiveTime | Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque => {
                 matches!(argument, Period)

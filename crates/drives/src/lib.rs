@@ -10,6 +10,7 @@
 
 pub mod bldc;
 pub mod cia402;
+pub mod stored_paths;
 pub mod surroundings;
 pub mod syntron_ts;
 pub mod technosoft;
@@ -17,6 +18,8 @@ pub mod thruster;
 pub mod tmcm;
 pub mod tmcm17x;
 pub mod tmcm_bldc;
+
+pub use syntron_ts::path_model::PathModel;
 
 use polepair_core::explain::Dissector;
 use polepair_core::medium::{Can, Stream};

@@ -97,6 +97,8 @@ pub struct CommandArguments {
     pub jerk_time: Option<f64>,
     /// Seconds.
     pub period: Option<f64>,
+    /// Number of a path that is stored in the drive.
+    pub path: Option<f64>,
 }
 
 /// The result of a command.

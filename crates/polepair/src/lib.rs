@@ -35,6 +35,7 @@ pub mod listen;
 pub mod lss;
 mod mounting;
 pub mod no_reply;
+pub mod paths;
 pub mod profile;
 mod profile_file;
 pub mod program;

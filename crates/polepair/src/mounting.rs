@@ -268,7 +268,7 @@ impl MotionRole {
             Argument::Velocity => Self::Speed,
             Argument::Acceleration | Argument::Deceleration => Self::Acceleration,
             Argument::Torque => Self::Torque,
-            Argument::JerkTime | Argument::Period => return None,
+            Argument::JerkTime | Argument::Period | Argument::Path => return None,
         })
     }
 

@@ -664,7 +664,7 @@ impl Drop for BenchInner {
 fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError> {
     let a = &request.arguments;
     let given = [a.target, a.velocity, a.acceleration, a.deceleration, a.torque, a.jerk_time];
-    let all = given.into_iter().chain([a.period]);
+    let all = given.into_iter().chain([a.period, a.path]);
     if all.flatten().any(|value| !value.is_finite()) {
         return Err(GatewayError::new("gateway.request", "arguments are finite numbers"));
     }
@@ -687,6 +687,7 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
         torque: a.torque,
         jerk_time: a.jerk_time,
         period: a.period,
+        path: a.path,
         limit_ms: None,
         raw: false,
         keep_program: false,

@@ -1,6 +1,5 @@
 //! `polepair config save|diff|apply URL [FILE]`
 
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -11,6 +10,7 @@ use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
 use polepair_core::profile::Signal;
 
+use crate::consent;
 use crate::data_output::DataOutput;
 use crate::outcome;
 use crate::output_file;
@@ -18,7 +18,7 @@ use crate::problem::{self, Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::session::{LocalSession, read_signal};
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{self, TextTable, colour_out, print_note, print_warning};
+use crate::terminal::{TextTable, colour_out, print_note, print_warning};
 use crate::value::plural;
 
 /// Saves, compares and restores a drive's settings. The file has one sorted line for each setting, with its
@@ -219,7 +219,7 @@ impl ConfigApply {
         }
         self.check_power(&plan)?;
         self.check_arming(&plan)?;
-        self.ask_consent(count)?;
+        consent::ask(self.yes, &plural(count as u64, "setting"), self.store)?;
         self.write_changes(&session, &file, &plan)
     }
 
@@ -251,27 +251,6 @@ impl ConfigApply {
             }
         }
         Ok(())
-    }
-
-    fn ask_consent(&self, count: usize) -> Result<()> {
-        if self.yes {
-            return Ok(());
-        }
-        if !std::io::stdin().is_terminal() {
-            return Err(nothing_written(
-                "stdin is not a terminal, so the question cannot be \
-             answered.",
-            )
-            .hint("--yes writes without asking"));
-        }
-        let stored = if self.store { " and store them in permanent memory" } else { "" };
-        terminal::draw(&format!("write {}{stored}? [y/N] ", plural(count as u64, "setting")));
-        let mut answer = String::new();
-        let read = std::io::stdin().read_line(&mut answer).is_ok();
-        if read && matches!(answer.trim(), "y" | "Y" | "yes") {
-            return Ok(());
-        }
-        Err(nothing_written("not agreed."))
     }
 
     fn write_changes(
@@ -340,10 +319,6 @@ impl ConfigApply {
         Err(Problem::new(Exit::Negative, "E111", what)
             .why("It was written and accepted, but another value was read back."))
     }
-}
-
-fn nothing_written(what: &str) -> Problem {
-    Problem::usage("E247", what).why("Nothing was written.")
 }
 
 fn load_settings(file: &Path) -> Result<Settings> {

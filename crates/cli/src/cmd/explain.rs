@@ -24,6 +24,7 @@ Examples:
   polepair explain tml MER 0x0008                     bits of a register
   polepair explain canopen 0x06020000                 an abort code
   polepair explain canopen statusword 0x0237          bits of a word
+  polepair explain syntron-ts Fn_100 1053             digits of a register
   polepair explain tmcl 01 01 00 00 00 00 01 5E 61    a frame, byte by byte
   polepair explain tmcl 001#0100000000015E            a CAN frame")]
 pub struct Explain {
@@ -172,6 +173,9 @@ impl ExplainSubject {
     fn register_value(&self, words: &[String]) -> Result<Option<String>> {
         let [name, value] = words else { return Ok(None) };
         let Some(value) = parse_code(value) else { return Ok(None) };
+        if let Some(digits) = self.digit_word(name, value.into()) {
+            return Ok(Some(digits));
+        }
         let mut explained = Explanation::default();
         let found = self.dissector()?.explain_named_value(
             name,
@@ -180,6 +184,27 @@ impl ExplainSubject {
             &mut explained,
         );
         Ok(found.then(|| register_text(&explained)))
+    }
+
+    /// A value whose decimal digits have meanings of their own: `Fn_100 1053`.
+    fn digit_word(&self, name: &str, value: i64) -> Option<String> {
+        let parameters = self
+            .profiles()
+            .into_iter()
+            .filter_map(|profile| profile.parameter(profile.find_parameter(name)?));
+        let parameter = parameters.into_iter().find(|it| !it.digits.is_empty())?;
+        let mut table = TextTable::with_heads(&["digits", "value", "meaning"]);
+        for (field, digits) in parameter.split_digits(value) {
+            let number = format!("{digits:0places$}", places = field.places as usize);
+            let unnamed = if digits > field.max { "no meaning" } else { "" };
+            let meaning = field.word(digits).unwrap_or(unnamed);
+            table.add_row([field.name.to_owned(), number, meaning.to_owned()]);
+        }
+        let defect = parameter.digit_defect(value);
+        let defect = defect.map_or_else(String::new, |defect| format!("! {defect}\n"));
+        let (name, symbol, about) = (parameter.name, parameter.symbol, parameter.about);
+        let rows = table.render(colour_out());
+        Some(format!("{symbol} ({name}) = {value}: {about}\n{defect}\n{rows}"))
     }
 
     fn fault_by_name(&self, name: &str) -> Option<String> {

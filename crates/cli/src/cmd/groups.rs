@@ -39,7 +39,7 @@ pub const VERB_GROUPS: [VerbGroup; 6] = [
     VerbGroup {
         heading: "Move",
         verbs: &[
-            "stop", "enable", "disable", "clear", "spin", "jog", "move", "home", "torque",
+            "stop", "enable", "disable", "clear", "spin", "jog", "move", "home", "torque", "paths",
             "stream", "sync", "couple", "uncouple",
         ],
     },

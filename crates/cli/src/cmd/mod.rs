@@ -21,6 +21,7 @@ mod lss;
 mod monitor;
 mod moves;
 mod params;
+mod paths;
 mod ports;
 mod program;
 mod record;
@@ -151,6 +152,9 @@ pub enum CommandVerb {
     Home(moves::Home),
     /// Turn a motor slowly until Ctrl-C
     Jog(moves::Jog),
+    /// Save, load, check, plot and run the stored paths of a SYNTRON TS
+    #[command(subcommand)]
+    Paths(paths::PathsCommand),
     /// Move axes along the points of a file
     Stream(stream::StreamCommand),
     /// Assemble, load and run programs in the memory of a drive
@@ -212,6 +216,7 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Home(verb) => verb.run(join),
         CommandVerb::Jog(verb) => verb.run(join),
         CommandVerb::Watchdog(verb) => verb.run(join),
+        CommandVerb::Paths(verb) => verb.run(join),
         CommandVerb::Get(verb) => verb.run(join),
         CommandVerb::Send(verb) => verb.run(join),
         CommandVerb::Monitor(verb) => verb.run(join),

@@ -14,8 +14,11 @@ use crate::problem::Result;
 use crate::remote::ServerArgs;
 use crate::session::Session;
 use crate::target::DriveArgs;
+use crate::terminal::print_note;
 use crate::value;
 
+/// Path that moves overwrite where no other one is chosen (profile of the SYNTRON TS).
+const MOVE_PATH: u8 = 32;
 /// Speed of a jog without a given one.
 const JOG_SPEED: &str = "60 rpm";
 
@@ -142,6 +145,10 @@ pub struct Move {
     /// Deceleration, if the drive has a separate one
     #[arg(long, value_name = "VALUE")]
     dec: Option<String>,
+    /// Overwrite this stored path instead of path 32; drives that move by stored paths need one
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
+    #[arg(conflicts_with_all = ["additive", "sync"])]
+    path: Option<u8>,
     /// Prepare all drives first, then start them together by one SYNC
     #[arg(long, conflicts_with_all = ["additive", "s_curve", "dry_run"])]
     sync: bool,
@@ -212,7 +219,10 @@ impl Move {
         let run = if self.sync { motion::run_together } else { motion::run_motion };
         run_arriving(&self.target, server, &self.arriving, run, |axis| {
             let argument = Arguments { axis, verb, raw };
+            let path = self.path.map(|path| path.to_string());
+            self.note_path(axis, verb);
             Ok(Command {
+                path: argument.parse_if(Argument::Path, &path)?,
                 target: Some(argument.parse(Argument::Target, &self.position)?),
                 velocity: argument.parse_if(Argument::Velocity, &self.vel)?,
                 acceleration: argument.parse_if(Argument::Acceleration, &self.acc)?,
@@ -222,6 +232,17 @@ impl Move {
                 ..Command::new(verb)
             })
         })
+    }
+
+    /// Notes which stored path a move overwrites, on a drive that moves by such paths alone.
+    fn note_path(&self, axis: &Axis, verb: Verb) {
+        if axis.unit_of(verb, Argument::Path).is_some() {
+            let (label, path) = (axis.label(), self.path.unwrap_or(MOVE_PATH));
+            print_note(&format!(
+                "{label}: overwrites the stored path {path}, until the next power-on; --path \
+                 chooses another"
+            ));
+        }
     }
 
     const fn verb(&self) -> Verb {

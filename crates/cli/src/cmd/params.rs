@@ -177,6 +177,12 @@ fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
         fact(item.name, value + &note);
     }
     fact("source", source_text(profile, parameter));
+    for field in parameter.digits {
+        let words = field.values.iter().map(|(value, word)| format!("{value} {word}"));
+        let words: Vec<String> = words.collect();
+        let places = if field.places == 1 { "1 digit" } else { "2 digits" };
+        fact(field.name, format!("0 to {}, {places}: {}", field.max, words.join(", ")));
+    }
     for (raw, name) in parameter.values {
         fact(&format!("{raw}"), (*name).to_owned());
     }

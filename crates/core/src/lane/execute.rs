@@ -284,7 +284,7 @@ fn step_request<R: Request, A: Copy + 'static>(
     match (step, run.stage) {
         (Step::Write(id, operand), _) => {
             match slot.operand_value(operand, &run.command, Some(id))? {
-                Some(raw) => write(run, id, raw),
+                Some(raw) => write(run, slot.chosen_path_parameter(id, &run.command), raw),
                 None => {
                     run.advance(run.last_value);
                     Ok(None)

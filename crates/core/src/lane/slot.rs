@@ -421,6 +421,20 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         self.entry(id).map_or(&[], |entry| &entry.signal_sources)
     }
 
+    /// The parameter that a step of this command writes. A plan names those of the path that moves overwrite; a caller
+    /// may choose another path.
+    pub fn chosen_path_parameter(&self, id: ParameterId, command: &Command) -> ParameterId {
+        let of_path = |id: ParameterId| path_number(self.parameter(id)?.name);
+        let Some((chosen, own)) = command.path.zip(of_path(id)) else { return id };
+        // Parameters of paths are numbered in the order of the paths.
+        let offset = chosen as i64 - i64::from(own);
+        let other = u16::try_from(i64::from(id.0) + offset).map(ParameterId);
+        match other {
+            Ok(other) if of_path(other).is_some_and(|n| f64::from(n) == chosen) => other,
+            _ => id,
+        }
+    }
+
     /// Discards the values that a restart may have changed.
     pub fn forget_learned(&mut self) {
         for factor in &mut self.factors {
@@ -576,6 +590,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         if let (Some(which), Some(id)) = (operand.argument(), like) {
             match command.argument(which) {
                 Some(si) if !si.is_finite() => return Err(Unsupported::BadArgument),
+                // Drives count from one: zero is none, and a fraction would be rounded to another path.
+                Some(si) if which == Argument::Path && (si < 1.0 || si % 1.0 != 0.0) => {
+                    let (value, max) = (si as i64, self.parameter(id).map_or(i64::MAX, |p| p.max));
+                    return Err(Unsupported::OutOfRange { parameter: id, value, min: 1, max });
+                }
                 // A speed or a limit that the caller named must not be dropped silently (PROFILE-2).
                 Some(_) if self.lacks_parameter(id) => {
                     return Err(Unsupported::Forbidden(NO_OBJECT));
@@ -648,6 +667,11 @@ const NO_RAMP: &str = "an acceleration or deceleration is more than zero: this d
 const NO_SCALE: &str = "the drive's own setting on which this unit depends (counts of a turn, for \
                         instance) reads zero or cannot be read: set it, or give a profile whose \
                         scale does not need it";
+
+/// The number in the name of a path's parameter: `path 32 speed`.
+fn path_number(name: &str) -> Option<u8> {
+    name.strip_prefix("path ")?.split_once(' ')?.0.parse().ok()
+}
 
 fn constant_si(parameter: &Parameter) -> Option<f64> {
     let scale = parameter.scale;

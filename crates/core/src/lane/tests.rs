@@ -49,6 +49,7 @@ const fn parameter(name: &'static str, index: u16, unit: Unit, scale: Scale) -> 
         moves: false,
         section: "",
         values: &[],
+        digits: &[],
     }
 }
 

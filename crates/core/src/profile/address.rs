@@ -54,6 +54,7 @@ impl ParameterAddress {
             moves: true,
             section: "",
             values: &[],
+            digits: &[],
         }
     }
 }

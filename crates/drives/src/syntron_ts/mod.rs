@@ -1,6 +1,6 @@
 //! The SYNTRON TS servo drive and the similar DS102, on Modbus and CANopen.
 //!
-//! [`registers`] are Fn_00 to Fn_2FF with flash and its wear; [`paths`] and [`homing`] the registers of
+//! [`registers`] are Fn_00 to Fn_2FF with flash and its wear; [`homing`] has the homing way of
 //! internal position mode; [`motion`] executes them; [`external`] other set-points; `shaft` motor, loops
 //! and protections; [`drive`] modes, power and alarms; [`panel`] keys and display; [`objects`] registers
 //! and drive profile in CANopen; [`device`] both wires and the environment.
@@ -17,7 +17,7 @@ pub mod motion;
 pub mod objects;
 pub mod options;
 pub mod panel;
-pub mod paths;
+pub mod path_model;
 pub mod profile;
 pub mod registers;
 mod shaft;

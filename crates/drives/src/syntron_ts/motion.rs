@@ -7,9 +7,9 @@ use core::f64::consts::TAU;
 
 use super::alarm::Alarm;
 use super::homing::{AfterHoming, HomingMark, HomingMethod, HomingStart};
-use super::paths::{DecodedPath, PATH_MAX, PathEnd, PathType};
 use super::registers::{Registers, fn_registers};
 use super::shaft;
+use crate::stored_paths::{PATH_MAX, PathDefinition, PathEnd, PathType};
 use polepair_core::plant::{Limits, ServoShaft};
 use polepair_core::time::Instant;
 
@@ -62,7 +62,7 @@ enum MotionTask {
     /// Holding.
     Idle,
     /// On a path. A SPEED path with a delay ends at `until`.
-    Path { path: DecodedPath, until: Option<Instant> },
+    Path { path: PathDefinition, until: Option<Instant> },
     /// Waiting to go on with a path, or for nothing.
     Pause { until: Instant, next: Option<u8> },
     /// Looking for the mark of a way of homing.
@@ -272,7 +272,7 @@ impl Motion {
 
     fn tick_path(
         &mut self,
-        path: DecodedPath,
+        path: PathDefinition,
         until: Option<Instant>,
         scene: &mut TickContext<'_>,
     ) {
@@ -432,9 +432,9 @@ fn set_homing_speed(scene: &mut TickContext<'_>, register: u16, toward: f64) {
 }
 
 /// The path of that number as its registers now are.
-fn read_path(registers: &Registers, number: u8) -> DecodedPath {
+fn read_path(registers: &Registers, number: u8) -> PathDefinition {
     let nth = u16::from(number) - 1;
-    DecodedPath::decode(
+    PathDefinition::decode(
         [0, 1, 2, 3, 4, 5, 6, 7]
             .map(|offset| registers.value(fn_registers::PATHS + 8 * nth + offset)),
         registers.value(fn_registers::S_TIMES + nth),
@@ -443,7 +443,7 @@ fn read_path(registers: &Registers, number: u8) -> DecodedPath {
 
 /// Times of a path as slopes. Rounding both ends of a ramp of Ta by Ts, within Ta, takes a steeper
 /// middle: speed ÷ (Ta - Ts).
-fn path_limits(path: &DecodedPath) -> Limits {
+fn path_limits(path: &PathDefinition) -> Limits {
     let speed = rad_per_s(path.rpm);
     Limits {
         velocity: speed,

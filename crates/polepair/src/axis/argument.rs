@@ -53,7 +53,7 @@ impl LocalAxis {
     pub fn check_unit(&self, verb: Verb, which: Argument, text: &str) -> Result<(), Error> {
         let Some(parameter) = self.destination(verb, which).flatten() else { return Ok(()) };
         let known = self.mounted_unit(verb, which, parameter.unit) != Unit::None;
-        if known || matches!(which, Argument::JerkTime | Argument::Period) {
+        if known || matches!(which, Argument::JerkTime | Argument::Period | Argument::Path) {
             return Ok(());
         }
         let (name, profile) = (parameter.name, self.profile.name);

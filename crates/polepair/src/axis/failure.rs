@@ -599,7 +599,13 @@ impl LocalAxis {
     }
 
     fn range_reason(&self, id: ParameterId, value: i64, min: i64, max: i64) -> (String, String) {
-        let name = self.parameter(id).map_or("it", |p| p.name);
+        let name = self.parameter_label(id);
+        if let Some((parameter, defect)) =
+            self.parameter(id).and_then(|it| Some((it, it.digit_defect(value)?)))
+        {
+            let about = parameter.about.to_owned();
+            return (format!("`{name}` cannot be {value}: {defect}"), about);
+        }
         let (unit, factor) = (self.unit(id), self.factor(id));
         // Without asking the drive: an unknown scale is shown raw.
         let shown = |raw: i64| {

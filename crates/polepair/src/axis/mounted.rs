@@ -224,7 +224,7 @@ impl LocalAxis {
                 Argument::Acceleration => command.acceleration = value,
                 Argument::Deceleration => command.deceleration = value,
                 Argument::Torque => command.torque = value,
-                Argument::JerkTime | Argument::Period => {}
+                Argument::JerkTime | Argument::Period | Argument::Path => {}
             }
         }
         Ok(command)
@@ -232,6 +232,9 @@ impl LocalAxis {
 
     /// Refuses what would end, or goes on, outside the position's limits.
     fn check_position_limits(&self, command: &Command) -> Result<(), Error> {
+        if command.verb == Verb::RunPath {
+            return self.check_unlimited_path();
+        }
         let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(()) };
         // NaN lies within no limits, so a missing target is refused and never passes as zero.
@@ -266,6 +269,25 @@ impl LocalAxis {
             }
             // Its position means nothing before.
             _ => Ok(()),
+        }
+    }
+
+    /// Refuses a stored path where the machine has limits: the drive follows its own table.
+    fn check_unlimited_path(&self) -> Result<(), Error> {
+        let Some(mounting) = self.own_mounting().map(|mounted| &mounted.mounting) else {
+            return Ok(());
+        };
+        let position = mounting.position.as_ref().map(|limit| &limit.location);
+        match position.or(mounting.velocity.as_ref().map(|limit| &limit.location)) {
+            None => Ok(()),
+            Some(location) => {
+                let what = "the drive follows its stored paths, so its limits cannot be checked";
+                Err(self.limit_error(
+                    what,
+                    location,
+                    "remove the limits of that axis, or use `move`",
+                ))
+            }
         }
     }
 

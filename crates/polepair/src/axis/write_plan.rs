@@ -104,6 +104,10 @@ impl LocalAxis {
                 self.raw_of_after(id, &amount, pending)?
             }
         };
+        if let Some(defect) = parameter.digit_defect(raw) {
+            let what = format!("`{}` cannot be {raw}: {defect}", parameter.name);
+            return Err(Error::usage("E216", what, parameter.about));
+        }
         if !parameter.allows(raw) {
             let limit =
                 |raw| self.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());

@@ -148,6 +148,7 @@ fn sheet_parameter(
         moves: process,
         section: String::new(),
         values: Vec::new(),
+        digits: Vec::new(),
     }
 }
 

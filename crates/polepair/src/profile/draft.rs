@@ -3,6 +3,7 @@
 //! This makes `extends` simple: a base profile becomes a draft, the file's entries replace those with the
 //! same name, and everything is checked once at the end.
 
+use super::digits;
 use crate::toml_file::{FileLocation, Located};
 use polepair_core::axis::Verb;
 use polepair_core::plan::ParameterTest;
@@ -127,6 +128,16 @@ pub(crate) struct DraftParameter {
     pub(crate) certainty: Certainty,
     pub(crate) moves: bool,
     pub(crate) section: String,
+    pub(crate) values: Vec<(i64, String)>,
+    pub(crate) digits: Vec<DraftDigits>,
+}
+
+/// Digits of a value with a meaning of their own.
+#[derive(Clone, Debug)]
+pub(crate) struct DraftDigits {
+    pub(crate) name: String,
+    pub(crate) places: u32,
+    pub(crate) max: i64,
     pub(crate) values: Vec<(i64, String)>,
 }
 
@@ -320,7 +331,8 @@ impl NameLookup<'_> {
             certainty: p.certainty,
             moves: p.moves,
             section: p.section.into(),
-            values: p.values.iter().map(|&(raw, name)| (raw, name.into())).collect(),
+            values: own_words(p.values),
+            digits: p.digits.iter().map(digits::copy).collect(),
         }
     }
 
@@ -338,7 +350,7 @@ impl NameLookup<'_> {
 
     fn signal(&self, s: &polepair_core::profile::SignalSource) -> DraftSignal {
         let parameter = self.name_of(s.parameter);
-        let values = s.values.iter().map(|&(raw, name)| (raw, name.into())).collect();
+        let values = own_words(s.values);
         DraftSignal { signal: s.signal, parameter, mask: s.mask, equals: s.equals, values }
     }
 
@@ -394,4 +406,8 @@ impl NameLookup<'_> {
             }
         }
     }
+}
+
+pub(super) fn own_words(values: &[(i64, &str)]) -> Vec<(i64, String)> {
+    values.iter().map(|&(raw, name)| (raw, name.into())).collect()
 }

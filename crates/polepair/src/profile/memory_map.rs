@@ -181,6 +181,7 @@ fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter 
         moves: true,
         section: String::new(),
         values: Vec::new(),
+        digits: Vec::new(),
     }
 }
 

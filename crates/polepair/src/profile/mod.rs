@@ -25,6 +25,7 @@
 
 mod blocks;
 mod catalogue;
+mod digits;
 pub(crate) mod draft;
 mod memory_map;
 mod missing_parameters;

@@ -4,7 +4,7 @@ use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
     DraftWatchdog, ENTRIES_MAX,
 };
-use super::{blocks, memory_map, signals};
+use super::{blocks, digits, memory_map, signals};
 use crate::spelling;
 use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
 use polepair_core::axis::Verb;
@@ -45,7 +45,7 @@ const KEYS: [&str; 26] = [
     "plans",
 ];
 
-const PARAMETER_KEYS: [&str; 19] = [
+const PARAMETER_KEYS: [&str; 20] = [
     "name",
     "symbol",
     "about",
@@ -64,6 +64,7 @@ const PARAMETER_KEYS: [&str; 19] = [
     "moves",
     "section",
     "values",
+    "digits",
     "repeat",
 ];
 
@@ -508,9 +509,9 @@ impl ProfileReader {
             times,
             over,
             rule,
-            min: raw_limit("min", encoding, table)?.unwrap_or(min_value),
-            max: raw_limit("max", encoding, table)?.unwrap_or(max_value),
-            default: raw_limit("default", encoding, table)?,
+            min: read_raw_limit(table, "min", encoding)?.unwrap_or(min_value),
+            max: read_raw_limit(table, "max", encoding)?.unwrap_or(max_value),
+            default: read_raw_limit(table, "default", encoding)?,
             access: optional_choice(table, "access", &ACCESSES)?.unwrap_or(Access::ReadWrite),
             persistence: optional_choice(table, "persistence", &PERSISTENCES)?
                 .unwrap_or(Persistence::Volatile),
@@ -519,6 +520,7 @@ impl ProfileReader {
             moves: table.boolean("moves")?,
             section: optional_text(table, "section")?,
             values: read_values(table)?,
+            digits: digits::read(table)?,
         })
     }
 
@@ -548,14 +550,6 @@ impl ProfileReader {
         }
         Ok(())
     }
-}
-
-fn raw_limit(
-    key: &str,
-    encoding: Encoding,
-    table: &TomlTable<'_, '_>,
-) -> Result<Option<i64>, FileError> {
-    read_raw_limit(table, key, encoding)
 }
 
 /// A raw limit or default; of floating-point numbers it is the number itself.

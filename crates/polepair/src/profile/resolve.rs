@@ -1,5 +1,6 @@
 //! Converts a draft to a profile: replaces names by ids, and checks everything.
 
+use super::digits;
 use super::draft::{
     Draft, DraftCoupling, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan,
     DraftRam, DraftSignal, DraftStep, DraftWatchdog, ParameterName,
@@ -218,6 +219,7 @@ impl<'a> NameResolver<'a> {
             moves: p.moves,
             section: leak_text(&p.section),
             values: leak_words(&p.values),
+            digits: digits::leak(&p.digits),
         })
     }
 
@@ -491,7 +493,7 @@ fn is_speed_parameter(name: &ParameterName, speed: Option<&DraftSignal>) -> bool
     speed.is_some_and(|signal| fold(&signal.parameter.value) == fold(&name.value))
 }
 
-fn leak_words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {
+pub(super) fn leak_words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {
     let words: Vec<_> = values.iter().map(|(raw, word)| (*raw, leak_text(word))).collect();
     words.leak()
 }

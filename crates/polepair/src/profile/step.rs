@@ -51,7 +51,7 @@ const VERBS: [&str; 20] = [
     "use",
 ];
 
-const ARGUMENTS: [(&str, Argument); 7] = [
+const ARGUMENTS: [(&str, Argument); 8] = [
     ("target", Argument::Target),
     ("velocity", Argument::Velocity),
     ("acceleration", Argument::Acceleration),
@@ -59,6 +59,7 @@ const ARGUMENTS: [(&str, Argument); 7] = [
     ("torque", Argument::Torque),
     ("jerk-time", Argument::JerkTime),
     ("period", Argument::Period),
+    ("path", Argument::Path),
 ];
 
 /// Text of an argument in a step.

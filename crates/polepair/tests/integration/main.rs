@@ -18,6 +18,7 @@ mod lss;
 mod motors;
 mod one_bus;
 mod optional;
+mod paths;
 mod rack;
 mod ramps;
 mod safety;

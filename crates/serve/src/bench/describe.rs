@@ -13,7 +13,7 @@ use super::simulated_drive::SimulatedDrive;
 use crate::message::{ArgumentInfo, AxisInfo, LimitInfo, ParameterInfo, SignalInfo, VerbInfo};
 
 /// Every argument, with its field in a command.
-const ARGUMENTS: [(Argument, &str); 7] = [
+const ARGUMENTS: [(Argument, &str); 8] = [
     (Argument::Target, "target"),
     (Argument::Velocity, "velocity"),
     (Argument::Acceleration, "acceleration"),
@@ -21,6 +21,7 @@ const ARGUMENTS: [(Argument, &str); 7] = [
     (Argument::Torque, "torque"),
     (Argument::JerkTime, "jerk_time"),
     (Argument::Period, "period"),
+    (Argument::Path, "path"),
 ];
 /// Limits of an axis: a verb's argument, and the parameter of the drive for it.
 const LIMITS: [(Verb, Argument, &str); 4] = [

@@ -358,4 +358,5 @@ pub(super) const P: Parameter = Parameter {
     moves: false,
     section: "",
     values: &[],
+    digits: &[],
 };

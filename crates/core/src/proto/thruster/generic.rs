@@ -91,5 +91,6 @@ const fn reading(
         moves: false,
         section: "2.1",
         values: &[],
+        digits: &[],
     }
 }

@@ -83,6 +83,7 @@ const fn axis(index: u16, name: &'static str, symbol: &'static str) -> Parameter
         moves: false,
         section: "TMCL reference, axis parameters",
         values: &[],
+        digits: &[],
     }
 }
 

@@ -96,6 +96,7 @@ const fn variable(
         moves: false,
         section: "TML communication manual; vendor library TML_LIB_light",
         values: &[],
+        digits: &[],
     }
 }
 

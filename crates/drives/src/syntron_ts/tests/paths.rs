@@ -1,20 +1,47 @@
-use super::super::paths::{DecodedPath, PathEnd, PathType};
 use super::*;
+use crate::stored_paths::{PathDefinition, PathEnd, PathType};
 
 /// A path that may interrupt and takes 100 ms up and down.
 const QUICK: [u16; 4] = [100, 100, 0, 1];
 
 #[test]
 fn definition_words_are_decimal_digits() {
-    let path = DecodedPath::decode([1323, 5, 678, 1000, 10, 20, 30, 2051], 4);
+    let path = PathDefinition::decode([1323, 5, 678, 1000, 10, 20, 30, 2051], 4);
     assert_eq!((path.kind, path.next, path.end), (PathType::Auto, Some(32), PathEnd::Coordinate));
     assert_eq!((path.thousandths, path.interrupts), (50_678, true));
-    let path = DecodedPath::decode([3, 0xFFFF, 0xFFFF, 0, 0, 0, 0, 2050], 0);
+    let path = PathDefinition::decode([3, 0xFFFF, 0xFFFF, 0, 0, 0, 0, 2050], 0);
     assert_eq!((path.next, path.end, path.interrupts), (Some(5), PathEnd::Feedback, false));
     assert_eq!(path.thousandths, -10_001);
-    assert_eq!(DecodedPath::decode([2, 0, 0, 0, 0, 0, 0, 1000], 0).end, PathEnd::LastCommand);
-    assert_eq!(DecodedPath::decode([2, 0, 0, 0, 0, 0, 0, 0], 0).end, PathEnd::LastCommand);
-    assert_eq!(DecodedPath::decode([9, 0, 0, 0, 0, 0, 0, 0], 0).kind, PathType::Unknown(9));
+    assert_eq!(PathDefinition::decode([2, 0, 0, 0, 0, 0, 0, 1000], 0).end, PathEnd::LastCommand);
+    assert_eq!(PathDefinition::decode([2, 0, 0, 0, 0, 0, 0, 0], 0).end, PathEnd::LastCommand);
+    assert_eq!(PathDefinition::decode([9, 0, 0, 0, 0, 0, 0, 0], 0).kind, PathType::Unknown(9));
+}
+
+#[test]
+fn what_is_encoded_is_decoded() {
+    let ends = [PathEnd::Coordinate, PathEnd::LastCommand, PathEnd::Feedback];
+    let kinds = [PathType::Speed, PathType::Single, PathType::Auto, PathType::Unknown(0)];
+    for (n, thousandths) in
+        [0, 1, -1, 9_999, 10_000, -10_001, 327_679_999, -327_679_999].into_iter().enumerate()
+    {
+        let path = PathDefinition {
+            kind: kinds[n % kinds.len()],
+            next: [None, Some(1), Some(32)][n % 3],
+            end: ends[n % ends.len()],
+            interrupts: n % 2 == 1,
+            thousandths,
+            rpm: 3000,
+            acceleration_ms: 200,
+            deceleration_ms: 100,
+            delay_ms: 65_535,
+            s_ms: 50,
+        };
+        assert_eq!(PathDefinition::decode(path.encode(), path.s_ms), path);
+    }
+    assert_eq!(PathDefinition::decode([0; 8], 0), PathDefinition::EMPTY);
+    let next = PathDefinition { next: Some(5), kind: PathType::Auto, ..PathDefinition::EMPTY };
+    let absolute = PathDefinition { end: PathEnd::Coordinate, ..next };
+    assert_eq!((absolute.encode()[0], next.encode()[7]), (1053, 1050));
 }
 
 /// TS manual V2 §2.6.2, "path execution", step by step.

@@ -94,5 +94,6 @@ const fn register(name: &'static str, index: u16, access: Access) -> Parameter {
         moves: false,
         section: "",
         values: &[],
+        digits: &[],
     }
 }

@@ -90,6 +90,7 @@ const fn argument_name(which: Argument) -> &'static str {
         Argument::Torque => "torque",
         Argument::JerkTime => "jerk_time",
         Argument::Period => "period",
+        Argument::Path => "path",
     }
 }
 
@@ -110,6 +111,7 @@ pub(super) const fn command_arguments(command: &Command) -> CommandArguments {
         torque: command.torque,
         jerk_time: command.jerk_time,
         period: command.period,
+        path: command.path,
     }
 }
 

@@ -36,6 +36,7 @@ const fn parameter(space: u8, index: u16, encoding: Encoding) -> Parameter {
         moves: false,
         section: "",
         values: &[],
+        digits: &[],
     }
 }
 

@@ -1,4 +1,4 @@
-//! Decodes the registers of one of the 32 paths (TS manual V2 §2.6.1).
+//! Paths that a drive stores, and their registers (TS manual V2 §2.6.1).
 //!
 //! The manual's figures of the definition words are missing. Their digits are read as decimal, A at the
 //! right, B with two digits: `C*1000 + B*10 + A` `[I]`. As BCD the homing word would not fit into 16 bits.
@@ -15,8 +15,27 @@ pub enum PathType {
     Single,
     /// Go, wait, and go on with the next path.
     Auto,
-    /// A digit that the manual does not name: the path does nothing.
+    /// A digit that the manual does not name: the path does nothing. Zero is that of an empty path.
     Unknown(u8),
+}
+
+impl PathType {
+    /// Digit A of definition word 1.
+    #[must_use]
+    pub const fn digit(self) -> u8 {
+        match self {
+            Self::Speed => 1,
+            Self::Single => 2,
+            Self::Auto => 3,
+            Self::Unknown(digit) => digit,
+        }
+    }
+
+    /// True for a path that ends at a position.
+    #[must_use]
+    pub const fn is_positioning(self) -> bool {
+        matches!(self, Self::Single | Self::Auto)
+    }
 }
 
 /// End of a path.
@@ -30,9 +49,9 @@ pub enum PathEnd {
     Feedback,
 }
 
-/// A path, decoded.
+/// A path: a motion, and the one that follows it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct DecodedPath {
+pub struct PathDefinition {
     /// Type.
     pub kind: PathType,
     /// AutoLoadIndex: the next path, 1 to 32.
@@ -55,7 +74,24 @@ pub struct DecodedPath {
     pub s_ms: u16,
 }
 
-impl DecodedPath {
+/// Greatest coordinate, thousandths: tens in 16 bits with a sign, and what they leave.
+pub const COORDINATE_MAX: i32 = i16::MAX as i32 * 10_000 + 9_999;
+
+impl PathDefinition {
+    /// A path that was never set.
+    pub const EMPTY: Self = Self {
+        kind: PathType::Unknown(0),
+        next: None,
+        end: PathEnd::LastCommand,
+        interrupts: false,
+        thousandths: 0,
+        rpm: 0,
+        acceleration_ms: 0,
+        deceleration_ms: 0,
+        delay_ms: 0,
+        s_ms: 0,
+    };
+
     /// From its eight registers and its S-time.
     #[must_use]
     pub fn decode(words: [u16; 8], s_ms: u16) -> Self {
@@ -72,6 +108,34 @@ impl DecodedPath {
             delay_ms,
             s_ms,
         }
+    }
+
+    /// The eight registers; the S-time has a place of its own. Both definition words name the next path.
+    #[must_use]
+    pub fn encode(&self) -> [u16; 8] {
+        let (first_end, second_end) = match self.end {
+            PathEnd::Coordinate => (1, 0),
+            PathEnd::LastCommand => (0, 1),
+            PathEnd::Feedback => (0, 2),
+        };
+        let next = u16::from(self.next.unwrap_or(0));
+        let [tens, rest] = encode_thousandths(self.thousandths);
+        [
+            first_end * 1000 + next * 10 + u16::from(self.kind.digit()),
+            tens,
+            rest,
+            self.rpm,
+            self.acceleration_ms,
+            self.deceleration_ms,
+            self.delay_ms,
+            second_end * 1000 + next * 10 + u16::from(self.interrupts),
+        ]
+    }
+
+    /// True for a path without a type: nothing else of it counts.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        matches!(self.kind, PathType::Unknown(0))
     }
 
     /// Turns of the motor that the coordinate means: travel × Fn_205 ÷ Fn_206. `None` when the
@@ -118,4 +182,9 @@ const fn decode_end(first: u16, second: u16) -> PathEnd {
 /// Two signed words, tens and thousandths, added `[I]`.
 fn decode_thousandths(tens: u16, rest: u16) -> i32 {
     i32::from(tens as i16) * 10_000 + i32::from(rest as i16)
+}
+
+/// Two signed words of the same sign: tens, and the thousandths below.
+const fn encode_thousandths(thousandths: i32) -> [u16; 2] {
+    [(thousandths / 10_000) as i16 as u16, (thousandths % 10_000) as i16 as u16]
 }
