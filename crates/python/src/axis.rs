@@ -659,7 +659,7 @@ impl PyAxis {
         value.map_err(|error| to_py_error(py, &error))
     }
 
-    fn start_request(
+    pub fn start_request(
         &self,
         py: Python<'_>,
         start: impl Send + FnOnce(&Inner) -> Result<AxisRequest, Error>,

@@ -40,11 +40,13 @@ if TYPE_CHECKING:
     from . import aio as aio
     from . import events as events
     from . import lss as lss
+    from . import paths as paths
     from ._adapters import SerialPort
     from .captures import Capture, decode
     from .columns import Arrays, Table, Tables
     from .events import Events, Happening, Subscription
     from .explained import Explained, Meaning, Part, explain
+    from .paths import PathFinding, PathTable
     from .trace import StepResponse, Trace
 
 __all__ = [
@@ -72,6 +74,8 @@ __all__ = [
     "Parameter",
     "Parameters",
     "Part",
+    "PathFinding",
+    "PathTable",
     "PolepairError",
     "PositionUnit",
     "ProtocolError",
@@ -100,6 +104,7 @@ __all__ = [
     "events",
     "explain",
     "lss",
+    "paths",
     "profiles",
     "scan",
 ]
@@ -212,6 +217,8 @@ _LATER = {
     "Happening": "events",
     "Meaning": "explained",
     "Part": "explained",
+    "PathFinding": "paths",
+    "PathTable": "paths",
     "StepResponse": "trace",
     "Subscription": "events",
     "Table": "columns",
@@ -222,6 +229,7 @@ _LATER = {
     "events": "events",
     "explain": "explained",
     "lss": "lss",
+    "paths": "paths",
 }
 
 

@@ -18,6 +18,7 @@ from .quantity import Amount, PositionUnit, Quantity, Signal
 
 if TYPE_CHECKING:
     from .events import Events, Happening, Subscription
+    from .paths import Paths
 
 __all__ = [
     "Armed",
@@ -50,6 +51,13 @@ class Axis(AxisSteps):
     def params(self) -> Parameters:
         """Parameters by name: `axis.params["max current"] = 1.2`."""
         return Parameters(self)
+
+    @property
+    def paths(self) -> Paths:
+        """Paths that the drive stores (SYNTRON TS): `axis.paths.run(1)`."""
+        from .paths import Paths
+
+        return Paths(self)
 
     enable = blocking(AxisSteps._enable)
     disable = blocking(AxisSteps._disable)

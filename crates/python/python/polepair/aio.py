@@ -29,6 +29,7 @@ from ._records import Fault
 from ._steps import Call, Steps, Urgent, Wait, Whole, next_row
 from ._sync import Row
 from .errors import PolepairError
+from .paths import PathSteps
 from .quantity import Amount, PositionUnit, Quantity, Signal
 
 if TYPE_CHECKING:
@@ -188,6 +189,11 @@ class Axis(AxisSteps):
     def params(self) -> Parameters:
         """The parameters by name: `await axis.params.set("max current", 1.2)`."""
         return Parameters(self)
+
+    @property
+    def paths(self) -> Paths:
+        """Paths that the drive stores (SYNTRON TS): `await axis.paths.run(1)`."""
+        return Paths(self)
 
     enable = awaitable(AxisSteps._enable)
     disable = awaitable(AxisSteps._disable)
@@ -504,6 +510,17 @@ class Parameters(ParametersOf[Axis]):
     async def set_raw(self, name: str, raw: int, *, keep: bool = False) -> None:
         """Writes a parameter as the raw number of the drive."""
         await self._axis._in_turn(self._axis._set_raw(name, raw, keep=keep))
+
+
+class Paths(PathSteps):
+    """The paths that a drive stores: those of the SYNTRON TS."""
+
+    __slots__ = ()
+
+    read = awaitable(PathSteps._read)
+    write = awaitable(PathSteps._write)
+    run = awaitable(PathSteps._run)
+    start = awaitable(PathSteps._start)
 
 
 class Link(LinkOf[Axis]):
