@@ -123,23 +123,34 @@ impl LocalSession {
     }
 }
 
+impl LocalSession {
+    /// Notes a parameter that spares the permanent memory, and that stays as this program set it.
+    fn note_memory_mode(&self, axis: &LocalAxis) {
+        let mode = axis.profile().ram.zip(axis.state().ram_mode_before);
+        let Some((ram, before)) = mode.filter(|(ram, before)| *before == ram.flash) else { return };
+        let Some(parameter) = axis.parameter(ram.parameter) else { return };
+        let (name, symbol) = (parameter.name, parameter.symbol);
+        print_note(&format!(
+            "{}: {symbol} ({name}) was {before} and stays {}, to spare that memory: later writes \
+             are lost at power-off; polepair set {} \"{symbol}={before}\" puts it back",
+            axis.label(),
+            ram.ram,
+            self.arguments
+        ));
+    }
+}
+
 impl Drop for LocalSession {
     /// Prints a write to a drive's permanent memory in any case.
     fn drop(&mut self) {
         for axis in self.link.axes() {
             // Printed at the end whatever happened: a script in a loop wears the memory out within a day.
             let writes = axis.state().flash_writes;
-            let profile = axis.profile();
-            let ram = profile.ram.and_then(|ram| profile.parameter(ram.parameter));
-            let why = ram.map_or_else(String::new, |p| {
-                format!(" ({}: the drive always stores {})", p.symbol, p.name)
-            });
             if writes > 0 {
                 let label = axis.label();
-                print_note(&format!(
-                    "{label}: writes to the drive's permanent memory: {writes}{why}"
-                ));
+                print_note(&format!("{label}: writes to the drive's permanent memory: {writes}"));
             }
+            self.note_memory_mode(axis);
         }
     }
 }

@@ -51,6 +51,14 @@ pub fn is_setting(parameter: &Parameter) -> bool {
         && parameter.encoding.is_number()
 }
 
+/// Returns whether a parameter is one that a drive keeps, and no source names. A backup has it all the same: among
+/// them may be what the maker tuned.
+#[must_use]
+pub fn is_unnamed_setting(parameter: &Parameter) -> bool {
+    parameter.certainty == Certainty::Undocumented
+        && is_setting(&Parameter { certainty: Certainty::Inferred, ..*parameter })
+}
+
 /// Content of a settings file.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
@@ -69,6 +77,10 @@ pub struct AxisSettings {
     pub firmware: String,
     /// Names and values.
     settings: Vec<Setting>,
+    /// Values of registers that no source names, by the maker's symbol.
+    unnamed: Vec<Setting>,
+    /// Parameters that the drive keeps and that a backup leaves out, because writing them may move the motor.
+    pub left_out_moving: Vec<&'static str>,
     /// Settings that could not be read, and why.
     pub unread: Vec<(String, String)>,
     /// They are of a DCF, which lists more than settings: see [`Self::left_out`].
@@ -95,6 +107,8 @@ pub struct SettingChange {
     pub wanted: Value,
     /// True if it decides how the drive is reached: see [`Profile::link_settings`].
     pub reach: bool,
+    /// No source names it: it is written to a drive of the same kind alone.
+    pub unnamed: bool,
     /// No table describes it, so the effect of a write is unknown: it needs an armed axis.
     pub undescribed: bool,
 }
@@ -182,6 +196,8 @@ impl Settings {
                 profile: String::new(),
                 firmware: String::new(),
                 settings,
+                unnamed: Vec::new(),
+                left_out_moving: Vec::new(),
                 unread: left_out,
                 is_sheet: true,
                 location,
@@ -218,21 +234,39 @@ impl fmt::Display for Settings {
 impl fmt::Display for AxisSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { number, profile, firmware, .. } = self;
-        writeln!(f, "[axis.{number}]\ncount = {}\nprofile = {profile:?}", self.settings.len())?;
+        writeln!(f, "[axis.{number}]\ncount = {}\nprofile = {profile:?}", self.len())?;
         if !firmware.is_empty() {
             writeln!(f, "firmware = {firmware:?}")?;
         }
-        writeln!(f, "\n[axis.{number}.settings]")?;
-        let lines: Vec<String> = self.settings.iter().map(Setting::format_line).collect();
-        let width = lines.iter().map(|line| line.chars().count()).fold(0, usize::max);
-        for (line, setting) in lines.iter().zip(&self.settings) {
-            match setting.symbol {
-                "" => writeln!(f, "{line}")?,
-                symbol => writeln!(f, "{line:width$}  # {symbol}")?,
-            }
+        if !self.left_out_moving.is_empty() {
+            writeln!(
+                f,
+                "# left out, as they may move the motor: {}",
+                self.left_out_moving.join(", ")
+            )?;
         }
-        self.unread.iter().try_for_each(|(name, why)| writeln!(f, "# {name}: {why}"))
+        writeln!(f, "\n[axis.{number}.settings]")?;
+        write_lines(f, &self.settings)?;
+        self.unread.iter().try_for_each(|(name, why)| writeln!(f, "# {name}: {why}"))?;
+        if self.unnamed.is_empty() {
+            return Ok(());
+        }
+        writeln!(f, "\n# No source names these: `config apply --all` writes them.")?;
+        writeln!(f, "[axis.{number}.unnamed]")?;
+        write_lines(f, &self.unnamed)
     }
+}
+
+fn write_lines(f: &mut fmt::Formatter<'_>, settings: &[Setting]) -> fmt::Result {
+    let lines: Vec<String> = settings.iter().map(Setting::format_line).collect();
+    let width = lines.iter().map(|line| line.chars().count()).fold(0, usize::max);
+    for (line, setting) in lines.iter().zip(settings) {
+        match setting.symbol {
+            "" => writeln!(f, "{line}")?,
+            symbol => writeln!(f, "{line:width$}  # {symbol}")?,
+        }
+    }
+    Ok(())
 }
 
 impl Setting {
@@ -265,24 +299,21 @@ fn read_axis(
 ) -> Result<AxisSettings, FileError> {
     let number = key.value.parse::<u32>();
     let number = number.map_err(|_| key.location.error("an axis has a number: [axis.1]"))?;
-    let keys = ["count", "profile", "firmware", "settings"];
+    let keys = ["count", "profile", "firmware", "settings", "unnamed"];
     let Some(table) = axes.table(key.value, &keys)? else {
         return Err(key.location.error("an axis is a table"));
     };
-    let settings: Result<Vec<Setting>, FileError> = match table.table("settings", &[])? {
-        Some(table) => table.keys().into_iter().map(|key| read_setting(&table, key)).collect(),
-        None => Ok(Vec::new()),
-    };
-    let mut settings = settings?;
+    let mut settings = read_settings(&table, "settings")?;
+    let unnamed = read_settings(&table, "unnamed")?;
     // `count` shows that a program wrote a file without a version.
     let is_of_program = table.integer("count")?.is_some();
     if version.map_or(is_of_program, |version| version < 2) {
         settings.iter_mut().for_each(|setting| renumber_user_variable(&mut setting.name.value));
     }
     if let Some(count) = table.integer("count")?
-        && usize::try_from(count.value) != Ok(settings.len())
+        && usize::try_from(count.value) != Ok(settings.len() + unnamed.len())
     {
-        let found = settings.len();
+        let found = settings.len() + unnamed.len();
         return Err(count.location.error(format!(
             "it has {found} settings, not {}: the file was cut off, or lines were added or removed; \
              correct `count`, or remove it",
@@ -294,10 +325,17 @@ fn read_axis(
         profile: table.required_text("profile")?.value,
         firmware: table.text("firmware")?.map_or_else(String::new, |text| text.value),
         settings,
+        unnamed,
+        left_out_moving: Vec::new(),
         unread: Vec::new(),
         is_sheet: false,
         location: table.location(),
     })
+}
+
+fn read_settings(table: &TomlTable<'_, '_>, key: &str) -> Result<Vec<Setting>, FileError> {
+    let Some(table) = table.table(key, &[])? else { return Ok(Vec::new()) };
+    table.keys().into_iter().map(|key| read_setting(&table, key)).collect()
 }
 
 /// `user variable A` of a file of version 1 is `user variable 10`.
@@ -333,28 +371,38 @@ impl AxisSettings {
         if let Identification::Queried { firmware: Some(firmware) } = axis.identified() {
             made.firmware.clone_from(firmware);
         }
-        let wanted = profile_settings(axis.profile());
-        for (n, &(id, parameter)) in wanted.iter().enumerate() {
-            progress(n, wanted.len());
-            match axis.read(id) {
+        let profile = axis.profile();
+        let (named, unnamed) = (profile_settings(profile), unnamed_settings(profile));
+        let total = named.len() + unnamed.len();
+        for (n, &(id, parameter)) in named.iter().enumerate() {
+            progress(n, total);
+            let name =
+                Located { value: parameter.name.to_owned(), location: made.location.clone() };
+            match axis.read(id).map_err(refusal) {
                 Ok(raw) => made.settings.push(Setting {
-                    name: Located {
-                        value: parameter.name.to_owned(),
-                        location: made.location.clone(),
-                    },
+                    name,
                     value: exact_value(axis, id, raw)?,
                     symbol: parameter.symbol,
                 }),
-                Err(Error::Failed {
-                    what,
-                    outcome: Outcome::NotDone(Failure::Refused { .. }),
-                    ..
-                }) => {
-                    made.unread.push((parameter.name.to_owned(), what));
-                }
-                Err(error) => return Err(error),
+                Err(Ok(why)) => made.unread.push((parameter.name.to_owned(), why)),
+                Err(Err(error)) => return Err(error),
             }
         }
+        for (n, &(id, parameter)) in unnamed.iter().enumerate() {
+            progress(named.len() + n, total);
+            let name =
+                Located { value: parameter.symbol.to_owned(), location: made.location.clone() };
+            match axis.read(id).map_err(refusal) {
+                Ok(raw) => {
+                    let value = WriteValue::Amount(Amount::Number(raw as f64));
+                    made.unnamed.push(Setting { name, value, symbol: "" });
+                }
+                // A variant of the drive without it.
+                Err(Ok(_)) => {}
+                Err(Err(error)) => return Err(error),
+            }
+        }
+        made.left_out_moving = moving_settings(profile);
         Ok(made)
     }
 
@@ -379,22 +427,30 @@ impl AxisSettings {
             profile: profile.name.to_owned(),
             firmware: String::new(),
             settings: Vec::new(),
+            unnamed: Vec::new(),
+            left_out_moving: Vec::new(),
             unread: Vec::new(),
             is_sheet: false,
             location: FileLocation::built_in(profile.name),
         }
     }
 
-    /// Number of settings there are.
+    /// Number of settings there are, with those that no source names.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.settings.len()
+        self.settings.len() + self.unnamed.len()
+    }
+
+    /// Number of settings that no source names.
+    #[must_use]
+    pub fn unnamed_len(&self) -> usize {
+        self.unnamed.len()
     }
 
     /// True without settings.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.settings.is_empty()
+        self.len() == 0
     }
 
     /// Entries of a DCF that are not written to this drive, with the reasons.
@@ -428,6 +484,7 @@ impl AxisSettings {
         let mut pending = PendingWrites::default();
         wanted.iter().for_each(|(id, raw)| pending.insert(*id, *raw));
         let mut changes = Vec::new();
+        let is_unnamed = |id| profile.parameter(id).is_some_and(is_unnamed_setting);
         for (n, &(id, raw)) in wanted.iter().enumerate() {
             progress(n, wanted.len());
             let now = match axis.read(id) {
@@ -442,10 +499,17 @@ impl AxisSettings {
                     now,
                     wanted,
                     reach: profile.link_settings.contains(&id),
+                    unnamed: is_unnamed(id),
                     undescribed: is_undescribed(axis, id),
                 });
             }
         }
+        // A drive refuses an S-time of half a ramp or more: what becomes shorter comes before the ramps.
+        let is_shorter = |change: &SettingChange| {
+            let name = profile.parameter(change.id).map_or("", |parameter| parameter.name);
+            name.ends_with(" s-time") && change.wanted.raw < change.now.raw
+        };
+        changes.sort_by_key(|change| !(axis.scales(change.id) || is_shorter(change)));
         Ok(changes)
     }
 }
@@ -456,6 +520,7 @@ impl AxisSettings {
         let named = self
             .settings
             .iter()
+            .chain(&self.unnamed)
             .filter(|setting| !self.is_sheet || setting.unfit_reason(axis).is_none());
         let named = named.map(|setting| Ok((setting.find_parameter(axis)?, setting)));
         let mut named = named.collect::<Result<Vec<_>, Error>>()?;
@@ -525,6 +590,30 @@ fn is_undescribed(axis: &LocalAxis, id: ParameterId) -> bool {
 
 fn is_undescribed_motion(p: &Parameter) -> bool {
     p.certainty == Certainty::Undocumented && p.moves
+}
+
+/// A drive's refusal in words, or another error.
+fn refusal(error: Error) -> Result<String, Error> {
+    match error {
+        Error::Failed { what, outcome: Outcome::NotDone(Failure::Refused { .. }), .. } => Ok(what),
+        error => Err(error),
+    }
+}
+
+/// Parameters that a drive keeps, and that may move its motor when they are written.
+fn moving_settings(profile: &'static Profile) -> Vec<&'static str> {
+    let kept = profile.parameters.iter().filter(|it| {
+        it.moves && it.access == Access::ReadWrite && it.persistence != Persistence::Volatile
+    });
+    kept.map(|parameter| parameter.name).collect()
+}
+
+/// Settings that no source names, by their place.
+fn unnamed_settings(profile: &'static Profile) -> Vec<(ParameterId, &'static Parameter)> {
+    let ids = (0..).map(ParameterId).zip(profile.parameters);
+    let mut settings: Vec<_> = ids.filter(|(_, parameter)| is_unnamed_setting(parameter)).collect();
+    settings.sort_by_key(|(_, parameter)| (parameter.index, parameter.space));
+    settings
 }
 
 /// The settings of a profile by name.

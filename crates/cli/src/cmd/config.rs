@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use polepair::LocalAxis;
 use polepair::eds::is_eds_file;
-use polepair::settings::{AxisSettings, SettingChange, Settings};
+use polepair::settings::{AxisSettings, SettingChange, SettingWrite, Settings};
 use polepair::url::{AxisNumber, shell_word};
+use polepair::{Identification, LocalAxis};
 use polepair_capture::jsonl;
-use polepair_core::profile::Signal;
+use polepair_core::profile::{ParameterId, Signal};
 
 use crate::consent;
 use crate::data_output::DataOutput;
@@ -67,7 +67,7 @@ pub struct ConfigDiff {
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Address, baud rate and locks are not written without --reach.
+Address, baud rate and locks are not written without --reach, registers that no source names not without --all.
 
 Examples:
   polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml
@@ -91,6 +91,9 @@ pub struct ConfigApply {
     /// Also write address, baud rate and locks, after all other settings
     #[arg(long)]
     reach: bool,
+    /// Also write registers that no source names, to a drive of the same kind without power: a clone
+    #[arg(long, conflicts_with = "powered")]
+    all: bool,
     /// Write even while a motor is powered
     #[arg(long)]
     powered: bool,
@@ -125,6 +128,10 @@ impl ConfigSave {
             for (name, why) in &read.unread {
                 print_warning(&format!("{}: {name} is skipped: {why}", axis.label()));
             }
+            if !read.left_out_moving.is_empty() {
+                let names = read.left_out_moving.join(", ");
+                print_note(&format!("left out, as they may move the motor: {names}"));
+            }
             settings.axes.push(read);
         }
         let mut out = DataOutput::to_path(self.file.as_deref())?;
@@ -132,7 +139,13 @@ impl ConfigSave {
         out.finish()?;
         if let Some(file) = self.file.as_deref().filter(|file| file.as_os_str() != "-") {
             let count: usize = settings.axes.iter().map(AxisSettings::len).sum();
-            print_note(&format!("{} saved in {}", plural(count as u64, "setting"), file.display()));
+            let unnamed: usize = settings.axes.iter().map(AxisSettings::unnamed_len).sum();
+            let among = match unnamed {
+                0 => String::new(),
+                unnamed => format!(", {unnamed} of them without a name in any source"),
+            };
+            let count = plural(count as u64, "setting");
+            print_note(&format!("{count} saved in {}{among}", file.display()));
         }
         Ok(Exit::Ok)
     }
@@ -191,6 +204,7 @@ impl ConfigApply {
         let mut out = DataOutput::stdout();
         for axis in session.axes() {
             let mut changes = changes_from(&session, axis, &file)?;
+            self.drop_unnamed(axis, &file, &mut changes)?;
             // A stable order: what scales others stays before them.
             changes.sort_by_key(|change| change.reach);
             let left: Vec<&str> = parameter_names(axis, changes.iter().filter(|it| it.reach));
@@ -223,6 +237,39 @@ impl ConfigApply {
         self.write_changes(&session, &file, &plan)
     }
 
+    /// Leaves out what no source names, unless it is for a drive of the same firmware.
+    fn drop_unnamed(
+        &self,
+        axis: &LocalAxis,
+        file: &Settings,
+        changes: &mut Vec<SettingChange>,
+    ) -> Result<()> {
+        let count = changes.iter().filter(|change| change.unnamed).count();
+        if count == 0 {
+            return Ok(());
+        }
+        if !self.all {
+            changes.retain(|change| !change.unnamed);
+            let registers = plural(count as u64, "register");
+            print_warning(&format!(
+                "not written, because no source names them: {registers}; --all writes them too"
+            ));
+            return Ok(());
+        }
+        let saved = file.axes.iter().find(|it| it.number == axis.number()).or(file.axes.first());
+        let saved = saved.map_or("", |settings| settings.firmware.as_str());
+        let Identification::Queried { firmware: Some(now) } = axis.identified() else {
+            return Ok(());
+        };
+        if saved.is_empty() || saved == now {
+            return Ok(());
+        }
+        let what = format!("the file is of firmware {saved}, and {} has {now}.", axis.label());
+        Err(Problem::usage("E247", what)
+            .why("Registers without a name may mean something else there. Nothing was written.")
+            .hint("leave --all away: the named settings are written"))
+    }
+
     /// A powered motor takes new gains and limits at once.
     fn check_power(&self, plan: &[(&LocalAxis, Vec<SettingChange>)]) -> Result<()> {
         for (axis, _) in plan.iter().filter(|(_, changes)| !changes.is_empty() && !self.powered) {
@@ -253,6 +300,41 @@ impl ConfigApply {
         Ok(())
     }
 
+    /// Writes the settings of an axis; `progress` has the number of writes done, and of all.
+    fn write_axis<'w>(
+        &self,
+        axis: &LocalAxis,
+        writes: impl Iterator<Item = &'w SettingWrite>,
+        progress: (&mut usize, usize),
+    ) -> Result<()> {
+        let (written, count) = progress;
+        for write in writes {
+            if let Err(error) = axis.write(write.id, write.raw, self.store && !write.is_step) {
+                if *written == 0 {
+                    return Err(outcome::to_problem(error));
+                }
+                let what = format!("{written} of {count} writes were done, then one failed.");
+                return Err(Problem::new(Exit::Partial, "E701", what)
+                    .why(error.to_string())
+                    .hint("`polepair config diff URL FILE` shows the remaining differences"));
+            }
+            *written += 1;
+            // The others were converted by it.
+            if axis.scales(write.id) {
+                let stored = axis.read(write.id).map_err(outcome::to_problem)?;
+                if stored != write.raw {
+                    let name = axis.parameter(write.id).map_or("?", |p| p.name);
+                    let what = format!("the drive did not keep {name}.");
+                    return Err(Problem::new(Exit::Negative, "E111", what).why(format!(
+                        "Other settings are scaled by it: {written} of {count} writes were \
+                         executed."
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+
     fn write_changes(
         &self,
         session: &LocalSession,
@@ -269,31 +351,12 @@ impl ConfigApply {
         let mut written = 0;
         for (axis, writes) in &writes {
             axis.arm(self.arm);
-            for write in writes {
-                if let Err(error) = axis.write(write.id, write.raw, self.store && !write.is_step) {
-                    if written == 0 {
-                        return Err(outcome::to_problem(error));
-                    }
-                    let what = format!("{written} of {count} writes were done, then one failed.");
-                    return Err(Problem::new(Exit::Partial, "E701", what)
-                        .why(error.to_string())
-                        .hint("`polepair config diff URL FILE` shows the remaining differences"));
-                }
-                written += 1;
-                // The others were converted by it.
-                if axis.scales(write.id) {
-                    let stored = axis.read(write.id).map_err(outcome::to_problem)?;
-                    if stored != write.raw {
-                        let name = axis.parameter(write.id).map_or("?", |p| p.name);
-                        let what = format!("the drive did not keep {name}.");
-                        return Err(Problem::new(Exit::Negative, "E111", what).why(format!(
-                            "Other settings are scaled by it: {written} of {count} writes were \
-                             executed."
-                        )));
-                    }
-                }
-            }
+            let memory = MemoryMode::begin(axis, self.store)?;
+            let done = self.write_axis(axis, memory.other_writes(writes), (&mut written, count));
+            // Also after an error: others rely on the mode that they left.
+            let ended = memory.end(axis, writes);
             axis.arm(false);
+            done.and(ended)?;
         }
         let (mut differing, mut unread) = (Vec::new(), Vec::new());
         for (axis, changes) in plan {
@@ -318,6 +381,45 @@ impl ConfigApply {
         let what = format!("the drive did not keep {}.", differing.join(", "));
         Err(Problem::new(Exit::Negative, "E111", what)
             .why("It was written and accepted, but another value was read back."))
+    }
+}
+
+/// The parameter of a drive that selects RAM or permanent memory, while settings are written.
+struct MemoryMode {
+    parameter: Option<ParameterId>,
+    /// Value before.
+    before: Option<i64>,
+}
+
+impl MemoryMode {
+    /// Selects permanent memory once for all writes, if they are to be stored: each would select it by itself.
+    fn begin(axis: &LocalAxis, store: bool) -> Result<Self> {
+        let Some(ram) = axis.profile().ram else {
+            return Ok(Self { parameter: None, before: None });
+        };
+        let before = axis.read(ram.parameter).map_err(outcome::to_problem)?;
+        if store && before != ram.flash {
+            axis.write(ram.parameter, ram.flash, false).map_err(outcome::to_problem)?;
+        }
+        Ok(Self { parameter: Some(ram.parameter), before: Some(before) })
+    }
+
+    fn other_writes<'w>(
+        &self,
+        writes: &'w [SettingWrite],
+    ) -> impl Iterator<Item = &'w SettingWrite> {
+        let own = self.parameter;
+        writes.iter().filter(move |write| Some(write.id) != own)
+    }
+
+    /// Writes the value that the settings have, or puts the value back that was found.
+    fn end(&self, axis: &LocalAxis, writes: &[SettingWrite]) -> Result<()> {
+        let (Some(id), Some(before)) = (self.parameter, self.before) else { return Ok(()) };
+        let wanted = writes.iter().find(|write| write.id == id).map_or(before, |write| write.raw);
+        if axis.read(id).map_err(outcome::to_problem)? != wanted {
+            axis.write(id, wanted, false).map_err(outcome::to_problem)?;
+        }
+        Ok(())
     }
 }
 

@@ -127,3 +127,63 @@ fn the_factory_is_something_to_compare_with() {
     assert_eq!((&line["setting"], &line["now_raw"]), (&"motor poles".into(), &4.into()));
     served.end();
 }
+
+#[test]
+fn a_drive_is_cloned_with_the_registers_that_no_source_names() {
+    let (first, second) = (Served::new("syntron-ts:1"), Served::new("syntron-ts:1"));
+    // The drive keeps every write: one for each register, and its mode of memory is as it was.
+    let stored =
+        polepair(&["set", &first.url, "Fn_06=77", "Fn_1A=3", "homing delay=5ms", "--store"]);
+    assert_eq!(stored.code, 0, "{}", stored.err);
+    assert!(stored.err.contains("permanent memory: 3"), "{}", stored.err);
+    assert_eq!(ok(&["get", &first.url, "write target"]), "write target = flash\n");
+    let file = Temporary::new("backup", "");
+    let saved = polepair(&["config", "save", &first.url, file.path()]);
+    assert!(
+        saved.err.contains("left out, as they may move the motor: internal speed"),
+        "{}",
+        saved.err
+    );
+    assert!(saved.err.contains("449 of them without a name"), "{}", saved.err);
+    let text = file.text();
+    assert!(text.contains("\nFn_06 = 77\n") && text.contains("[axis.1.unnamed]"), "{text}");
+
+    let named = polepair(&["config", "apply", &second.url, file.path(), "--yes"]);
+    assert_eq!(named.code, 0, "{}", named.err);
+    assert!(named.err.contains("no source names them: 2 registers"), "{}", named.err);
+    // Its memory's mode was changed for the writes, and put back.
+    assert_eq!(ok(&["get", &second.url, "write target"]), "write target = flash\n");
+    assert!(!named.err.contains("puts it back"), "{}", named.err);
+    let differ = polepair(&["config", "diff", &second.url, file.path()]);
+    assert_eq!((differ.code, differ.err.trim()), (1, "2 settings differ"), "{}", differ.out);
+    for _ in 0..2 {
+        ok(&["config", "apply", &second.url, file.path(), "--all", "--yes", "--store"]);
+        assert_eq!(polepair(&["config", "diff", &second.url, file.path()]).code, 0);
+        assert_eq!(ok(&["config", "save", &second.url, "-"]), text);
+    }
+    // A powered drive gets no register that no source names.
+    ok(&["set", &second.url, "control mode=1", "--arm"]);
+    ok(&["enable", &second.url]);
+    let powered = polepair(&["config", "apply", &second.url, file.path(), "--all", "--yes"]);
+    assert!(powered.code == 2 && powered.err.contains("E246"), "{}", powered.err);
+    let both = polepair(&["config", "apply", &second.url, file.path(), "--all", "--powered"]);
+    assert_eq!(both.code, 2, "{}", both.err);
+    first.end();
+    second.end();
+}
+
+#[test]
+fn a_changed_mode_of_memory_is_told() {
+    let served = Served::new("syntron-ts:1");
+    let set = polepair(&["set", &served.url, "homing delay=5ms"]);
+    assert!(set.err.contains("permanent memory: 1"), "{}", set.err);
+    assert!(set.err.contains("Fn_99 (write target) was 0 and stays 1"), "{}", set.err);
+    let again = polepair(&["set", &served.url, "homing delay=6ms"]);
+    assert!(!again.err.contains("Fn_99") && !again.err.contains("permanent"), "{}", again.err);
+    // Both ways through flash, and the register itself.
+    let stored = polepair(&["set", &served.url, "homing delay=7ms", "--store"]);
+    assert!(stored.err.contains("permanent memory: 3"), "{}", stored.err);
+    let back = polepair(&["set", &served.url, "Fn_99=0"]);
+    assert!(!back.err.contains("puts it back"), "{}", back.err);
+    served.end();
+}

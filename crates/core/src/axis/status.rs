@@ -51,6 +51,9 @@ pub struct AxisStatus {
     pub armed: bool,
     /// Writes to permanent memory that this lane made.
     pub flash_writes: u32,
+    /// Value of the parameter that selects RAM or permanent memory before this lane changed it
+    /// ([`RamMode`](crate::profile::RamMode)); `None` if it is as it was.
+    pub ram_mode_before: Option<i64>,
     /// Result of the last stop for the drive's own program; `None` where the drive runs no programs, was
     /// not asked, or did not reply.
     pub program_end: Option<ProgramEnd>,
@@ -68,6 +71,7 @@ impl AxisStatus {
         readings: [Reading { value: 0.0, raw: 0, at: None }; Signal::COUNT],
         armed: false,
         flash_writes: 0,
+        ram_mode_before: None,
         program_end: None,
         store_ended: false,
         motion_active: false,

@@ -4,7 +4,7 @@ use super::execute::{
     JobState, complete_step, fail_step, missing_factor, next_state, skip_missing_step, skip_step,
 };
 use super::guard::{GuardRead, GuardVerdict};
-use super::job::{InFlight, PlanRun, StepStage};
+use super::job::{InFlight, PlanRun, StepSource, StepStage};
 use super::slot::AxisSlot;
 use super::watch::WatchValue;
 use crate::axis::{ExecutionProof, ProgramEnd, Refusal, UnmetWait};
@@ -165,8 +165,8 @@ pub fn handle_run_answer<R: Request, A: Copy + 'static>(
         }
         (_, Err(failure)) => fail_step(run, failure),
         (_, Ok(raw)) => {
-            if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = in_flight {
-                count_flash_write(slot, id, run);
+            if let InFlight::Write(id, value, _) | InFlight::ReadBack(id, value) = in_flight {
+                count_flash_write(slot, id, value, run);
             }
             if let InFlight::Read(id) = in_flight {
                 // The readings of the plan itself count as well: they cost no further request.
@@ -377,15 +377,29 @@ fn follow_verdict(run: &mut PlanRun, verdict: GuardVerdict) -> Option<JobState> 
     }
 }
 
-/// Counts a write to permanent memory, as far as the profile shows it.
+/// Counts a write to permanent memory, as far as the profile shows it, and notes a change of its RAM mode.
 fn count_flash_write<R: Request, A: Copy + 'static>(
     slot: &mut AxisSlot<R, A>,
     id: ParameterId,
+    value: i64,
     run: &PlanRun,
 ) {
-    let always = slot.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
-    let stored = matches!(run.current_step(), Some(Step::Ensure(..)))
-        && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
-    debug_assert!(run.current_step().is_some());
-    slot.state.flash_writes += u32::from(always || stored);
+    let persistence = slot.parameter(id).map(|parameter| parameter.persistence);
+    let mode = slot.profile.ram.filter(|ram| ram.parameter == id);
+    let is_stored = matches!(run.steps, StepSource::Write(write) if write.stores_past_ram());
+    let permanent = match persistence {
+        Some(Persistence::Always) => true,
+        Some(Persistence::UnlessRam) => is_stored,
+        _ => mode.is_some(),
+    };
+    slot.state.flash_writes += u32::from(permanent);
+    let Some(mode) = mode else { return };
+    let before = match (run.current_step(), slot.state.ram_mode_before) {
+        (Some(Step::Ensure(..)), None) if value == mode.ram => Some(mode.flash),
+        (Some(Step::Ensure(..)), None) => Some(mode.ram),
+        (Some(Step::Ensure(..)), before) => before,
+        // The caller has written it.
+        _ => None,
+    };
+    slot.state.ram_mode_before = before.filter(|before| *before != value);
 }

@@ -554,6 +554,10 @@ pub fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
         (Step::Ensure(_, value), StepStage::First) if raw != value => {
             run.stage = StepStage::Write(raw)
         }
+        (Step::Ensure(..), StepStage::First) => {
+            run.note_ram_mode();
+            run.advance(raw);
+        }
         (Step::Copy { .. }, StepStage::First) => run.stage = StepStage::Write(raw),
         (Step::Require { test, hint, .. }, _) if !test.passes(raw) => {
             return fail_step(run, Failure::NotReady { hint });

@@ -245,6 +245,8 @@ pub struct WriteSteps {
     storable: bool,
     /// True if it is read first.
     reads: bool,
+    /// True if the drive was found to keep every write, so that it is left so.
+    keeps_mode: bool,
 }
 
 impl WriteSteps {
@@ -260,7 +262,7 @@ impl WriteSteps {
         // Drives that keep every write get their RAM mode first, unless the value is to be kept.
         let ram = profile.ram.filter(|ram| spares && ram.parameter != id);
         let storable = parameter.persistence == Persistence::Storable;
-        Self { id, raw, store, ram, storable, reads }
+        Self { id, raw, store, ram, storable, reads, keeps_mode: false }
     }
 
     fn step(&self, at: u8) -> Option<Step> {
@@ -273,10 +275,17 @@ impl WriteSteps {
             (Some(ram), 0) if self.store => Some(Step::Ensure(ram.parameter, ram.flash)),
             (Some(ram), 0) => Some(Step::Ensure(ram.parameter, ram.ram)),
             (Some(_), 1) | (None, 0) => Some(write),
-            (Some(ram), 2) if self.store => Some(Step::Ensure(ram.parameter, ram.ram)),
+            (Some(ram), 2) if self.store && !self.keeps_mode => {
+                Some(Step::Ensure(ram.parameter, ram.ram))
+            }
             (None, 1) if self.store && self.storable => Some(Step::Store(self.id)),
             _ => None,
         }
+    }
+
+    /// Returns whether this writes to the permanent memory of a drive that has a RAM mode.
+    pub fn stores_past_ram(&self) -> bool {
+        self.store && self.ram.is_some()
     }
 }
 
@@ -316,6 +325,13 @@ impl PlanRun {
             watch: WatchReads::default(),
             accepted: false,
             ended_store: false,
+        }
+    }
+
+    /// The drive keeps every write already: a write to permanent memory leaves it so.
+    pub fn note_ram_mode(&mut self) {
+        if let StepSource::Write(write) = &mut self.steps {
+            write.keeps_mode |= write.stores_past_ram();
         }
     }
 

@@ -3,6 +3,7 @@
 mod acts;
 mod addresses;
 mod arming;
+mod backup;
 mod brushless;
 mod can;
 mod can_ids;
