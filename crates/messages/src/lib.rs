@@ -26,6 +26,7 @@ mod error;
 mod handshake;
 mod journal;
 mod live;
+mod paths;
 mod scan;
 pub mod scope;
 mod search;
@@ -56,6 +57,10 @@ pub use handshake::certificate_fingerprint;
 pub use handshake::{PORT, PROOF_BYTES, WEBSOCKET_PROTOCOL, parse_hex, token_proof};
 pub use journal::{JournalAction, JournalRecord};
 pub use live::{ClientMessage, LeaseAction, SampleSource, ServerMessage, Welcome};
+pub use paths::{
+    PathChangeMessage, PathFindingMessage, PathPlan, PathRow, PathTableMessage, PlanPaths,
+    PreviewPointMessage,
+};
 pub use scan::{
     AddDrives, AddedAxes, DriveAddress, FoundDrive, ProbedAxis, ScanRequest, ScanState, ScanView,
 };

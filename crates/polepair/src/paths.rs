@@ -42,6 +42,19 @@ const TRAVEL: &str = "mechanics travel";
 /// Travel of one turn from the factory, degrees.
 const FACTORY_TRAVEL: u16 = 360;
 
+/// Words of types of paths. An empty path has no word in a file.
+const KINDS: [(&str, PathType); 4] = [
+    ("speed", PathType::Speed),
+    ("single", PathType::Single),
+    ("auto", PathType::Auto),
+    ("none", PathType::Unknown(0)),
+];
+const ENDS: [(&str, PathEnd); 3] = [
+    ("absolute", PathEnd::Coordinate),
+    ("from-last-end", PathEnd::LastCommand),
+    ("from-here", PathEnd::Feedback),
+];
+
 /// Unit of the mechanics.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PathUnit {
@@ -196,35 +209,47 @@ impl PathTable {
             let hint = "correct the file: nothing was written";
             return Err(Error::usage("E217", finding.to_string(), hint));
         }
-        // The drive refuses an S-time of half an acceleration time or more, whichever is written first.
-        let (mut before, mut between, mut afterwards) = (Vec::new(), Vec::new(), Vec::new());
+        for step in self.write_steps(drive, names.has_whole_position) {
+            let values: Vec<NamedValue> =
+                step.into_iter().map(|(name, raw)| raw_value(name, raw)).collect();
+            axis.interface().write_all(&values, store, &mut |_| ControlFlow::Continue(()))?;
+        }
+        self.read_back(axis, &names)
+    }
+
+    /// Raw values by name, in steps that are written one after the other, of a drive that has `drive` now. On CANopen a
+    /// coordinate is two objects (`has_whole_position` false).
+    #[must_use]
+    pub fn write_steps(&self, drive: &Self, has_whole_position: bool) -> Vec<Vec<(String, i64)>> {
+        let names = PathNames { has_whole_position };
+        let (mut mechanics, mut steps) = (Vec::new(), Vec::new());
         for (name, now, wanted) in [
             (MOTOR_TURNS, drive.motor_turns, self.motor_turns),
             (TRAVEL, drive.travel, self.travel),
         ] {
             if now != wanted {
-                between.push(raw_value(name.to_owned(), wanted.into()));
+                mechanics.push((name.to_owned(), wanted.into()));
             }
         }
+        steps.push(mechanics);
         for (number, path) in &self.paths {
             let now = drive.path(*number);
             if now == *path {
                 continue;
             }
-            let s_time = raw_value(PathNames::s_time(*number), path.s_ms.into());
-            if path.s_ms < now.s_ms {
-                before.push(s_time);
-            } else if path.s_ms > now.s_ms {
-                afterwards.push(s_time);
+            let s_time = |ms: u16| vec![(PathNames::s_time(*number), ms.into())];
+            // The drive refuses an S-time of half an acceleration time or more, whichever is written first. That of an
+            // empty path was not read.
+            if path.s_ms < now.s_ms || now.is_empty() {
+                steps.push(s_time(if now.is_empty() { 0 } else { path.s_ms }));
             }
-            between.extend(names.values(*number, path));
-        }
-        for values in [before, between, afterwards] {
-            if !values.is_empty() {
-                axis.interface().write_all(&values, store, &mut |_| ControlFlow::Continue(()))?;
+            steps.push(names.values(*number, path));
+            if path.s_ms > now.s_ms {
+                steps.push(s_time(path.s_ms));
             }
         }
-        self.read_back(axis, &names)
+        steps.retain(|step| !step.is_empty());
+        steps
     }
 
     fn read_back(&self, axis: &Axis, names: &PathNames) -> Result<(), Error> {
@@ -262,16 +287,12 @@ impl Default for PathTable {
 /// A path's fields in words, with their names.
 #[must_use]
 pub fn path_words(path: &PathDefinition, unit: PathUnit) -> [(&'static str, String); 10] {
-    let end = match path.end {
-        PathEnd::Coordinate => "absolute",
-        PathEnd::LastCommand => "from last end",
-        PathEnd::Feedback => "from here",
-    };
+    let end = end_word(path.end).replace('-', " ");
     let next = path.next.map_or_else(|| "none".to_owned(), |next| next.to_string());
     let interrupts = if path.interrupts { "yes" } else { "no" };
     [
         ("kind", kind_word(path.kind)),
-        ("end", end.to_owned()),
+        ("end", end),
         ("position", unit.format(path.thousandths)),
         ("speed", format!("{} rpm", path.rpm)),
         ("acceleration", format!("{} ms", path.acceleration_ms)),
@@ -283,14 +304,31 @@ pub fn path_words(path: &PathDefinition, unit: PathUnit) -> [(&'static str, Stri
     ]
 }
 
-fn kind_word(kind: PathType) -> String {
-    match kind {
-        PathType::Speed => "speed".to_owned(),
-        PathType::Single => "single".to_owned(),
-        PathType::Auto => "auto".to_owned(),
-        PathType::Unknown(0) => "none".to_owned(),
-        PathType::Unknown(digit) => format!("type {digit}"),
+/// Word of a type of path: `speed`, `single`, `auto`; `none` of an empty one.
+#[must_use]
+pub fn kind_word(kind: PathType) -> String {
+    match (KINDS.iter().find(|(_, known)| *known == kind), kind) {
+        (Some((word, _)), _) => (*word).to_owned(),
+        (None, other) => format!("type {}", other.digit()),
     }
+}
+
+/// The type of path with that word.
+#[must_use]
+pub fn find_kind(word: &str) -> Option<PathType> {
+    KINDS.iter().find(|(known, _)| *known == word).map(|(_, kind)| *kind)
+}
+
+/// Word of the end of a path: `absolute`, `from-last-end`, `from-here`.
+#[must_use]
+pub fn end_word(end: PathEnd) -> &'static str {
+    ENDS.iter().find(|(_, known)| *known == end).map_or("", |(word, _)| word)
+}
+
+/// The end of a path with that word.
+#[must_use]
+pub fn find_end(word: &str) -> Option<PathEnd> {
+    ENDS.iter().find(|(known, _)| *known == word).map(|(_, end)| *end)
 }
 
 /// Names of the parameters of paths.
@@ -326,6 +364,10 @@ impl PathNames {
         let word = |name: &str| read_word(axis, &format!("path {number} {name}"));
         let mut words = [0; 8];
         words[0] = word("definition 1")?;
+        // Without a type nothing else counts, and most paths of a drive are never set.
+        if words[0] == 0 {
+            return Ok(PathDefinition::EMPTY);
+        }
         for (slot, name) in words[3..].iter_mut().zip(Self::REST) {
             *slot = word(name)?;
         }
@@ -347,9 +389,9 @@ impl PathNames {
     }
 
     /// Values of all parameters but the S-time.
-    fn values(&self, number: u8, path: &PathDefinition) -> Vec<NamedValue> {
+    fn values(&self, number: u8, path: &PathDefinition) -> Vec<(String, i64)> {
         let [first, tens, rest, speed, acceleration, deceleration, delay, second] = path.encode();
-        let named = |name: &str, raw| raw_value(format!("path {number} {name}"), raw);
+        let named = |name: &str, raw| (format!("path {number} {name}"), raw);
         let mut values = vec![named("definition 1", first.into())];
         if self.has_whole_position {
             values.push(named("position", path.thousandths.into()));

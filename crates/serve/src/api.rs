@@ -75,6 +75,9 @@ const RAW: &[Scope] = &[Scope::Raw];
 /// Opening a capture moves nothing and writes nothing, so it needs only the scope to see.
 const CAPTURES_PATH: &str = "/api/v1/captures";
 
+/// A plan for stored paths sends nothing to the drive.
+const PATHS_PATH: &str = "/api/v1/axes/{id}/paths";
+
 const SEARCH_PATH: &str = "/api/v1/search";
 
 const SCAN_PATH: &str = "/api/v1/links/{id}/look";
@@ -109,6 +112,8 @@ pub const ROUTES: &[ApiRoute] = &[
     route("GET", "/api/v1/axes/{id}/parameters", READ, || get(axis::parameters)),
     route("GET", "/api/v1/axes/{id}/parameters/{name}", READ, || get(axis::parameter)),
     route("GET", "/api/v1/axes/{id}/device", READ, || get(axis::device)),
+    route("GET", PATHS_PATH, READ, || get(axis::paths)),
+    route("POST", PATHS_PATH, READ, || post(axis::plan_paths)),
     route("GET", "/api/v1/axes/{id}/program", READ, || get(axis::program)),
     route("GET", "/api/v1/axes/{id}/program/state", READ, || get(axis::program_state)),
     route("POST", "/api/v1/axes/{id}/parameters", CONFIGURE, || post(axis::write)),
@@ -174,7 +179,8 @@ mod tests {
         for route in ROUTES.iter().filter(|route| route.path != PROOF_PATH) {
             let by = |words: &str| route.access.is_met_by(words.parse().unwrap());
             let viewer = by("read,stop");
-            let is_read = route.method == "GET" || route.path == CAPTURES_PATH;
+            let is_read =
+                route.method == "GET" || [CAPTURES_PATH, PATHS_PATH].contains(&route.path);
             assert_eq!(is_read, by("read") && route.access != AccessRule::Public, "{route:?}");
             let for_viewers = is_read || ["/api/v1/stop", "/api/v1/login"].contains(&route.path);
             assert_eq!(viewer, for_viewers, "{route:?}");

@@ -42,6 +42,7 @@ mod link_scan;
 mod lock;
 mod open;
 mod parameters;
+pub(crate) mod paths;
 mod pending_stop;
 mod poller;
 mod port_search;

@@ -639,3 +639,33 @@ fn a_verb_that_a_server_does_not_have_is_refused_and_opens_no_link() {
         assert!(ran.err.contains(&format!("error[{code}]: ")), "{verb:?}: {}", ran.err);
     }
 }
+
+#[test]
+fn stored_paths_are_loaded_and_run() {
+    let server = Server::new(&["sim:syntron-ts?fn00=14"]);
+    let file = std::env::temp_dir().join(format!("polepair-paths-{}.toml", std::process::id()));
+    let path = "kind = \"single\"\nend = \"absolute\"\nposition = \"90 deg\"\nspeed = \"300 rpm\"\n\
+                acceleration = \"200 ms\"\ndeceleration = \"200 ms\"\n";
+    let text = format!("version = 1\ntravel = \"360 deg\"\n[paths.1]\n{path}");
+    std::fs::write(&file, text).expect("written");
+    let name = file.to_str().expect("UTF-8");
+    let differ = server.run(&["paths", "diff", "1", name]);
+    assert!(differ.code == 1 && differ.out.contains("90 deg"), "{}{}", differ.out, differ.err);
+    let unasked = server.run(&["paths", "load", "1", name]);
+    assert!(unasked.code == 2 && unasked.err.contains("error[E247]"), "{}", unasked.err);
+    server.ok(&["paths", "load", "1", name, "--yes"]);
+    assert_eq!(server.run(&["paths", "diff", "1", name]).code, 0);
+    let ran = server.run(&["paths", "run", "1", "1"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let at = ran.out.trim().trim_start_matches("position = ").trim_end_matches(" deg");
+    assert!((at.parse::<f64>().expect("a position") - 90.0).abs() < 1.0, "{}", ran.out);
+    let empty = server.run(&["paths", "run", "1", "2"]);
+    assert!(empty.code == 2 && empty.err.contains("path 2 is empty"), "{}", empty.err);
+    // A chain that turns on is stopped after its time.
+    let turning = std::fs::read_to_string(&file).expect("read").replace("single", "speed");
+    std::fs::write(&file, turning).expect("written");
+    let held = server.run(&["paths", "run", "1", "1", "--load", name, "--for", "1s"]);
+    assert_eq!(held.code, 0, "{}", held.err);
+    wait_until("the motor stands", || server.ok(&["get", "1", "motor speed"]).contains("= 0 rpm"));
+    std::fs::remove_file(&file).expect("removed");
+}

@@ -139,11 +139,11 @@ impl PathTable {
 
     fn check_path(&self, path: &PathDefinition, add: &mut impl FnMut(bool, String)) {
         if let PathType::Unknown(digit) = path.kind {
-            let what = match digit {
-                0 => "it has values and no type, so it does not run".to_owned(),
-                digit => format!("type {digit} means nothing"),
-            };
-            return add(digit != 0, what);
+            // The digits of definition words have their own findings.
+            if digit != 0 {
+                add(true, format!("type {digit} means nothing"));
+            }
+            return;
         }
         if path.kind.is_positioning() && path.rpm == 0 {
             add(true, "at a speed of 0 it never arrives".to_owned());

@@ -7,7 +7,7 @@ use std::path::Path;
 use polepair_core::units::Quantity;
 use polepair_drives::stored_paths::{COORDINATE_MAX, PATH_MAX, PathDefinition, PathEnd, PathType};
 
-use super::{PathTable, PathUnit, path_words};
+use super::{ENDS, KINDS, PathTable, PathUnit, end_word, kind_word, path_words};
 use crate::error::Error;
 use crate::profile::read_text;
 use crate::quantity::{self, Measure};
@@ -25,13 +25,6 @@ const PATH_KEYS: [&str; 10] = [
     "delay",
     "next",
     "interrupts",
-];
-const KINDS: [(&str, PathType); 3] =
-    [("speed", PathType::Speed), ("single", PathType::Single), ("auto", PathType::Auto)];
-const ENDS: [(&str, PathEnd); 3] = [
-    ("absolute", PathEnd::Coordinate),
-    ("from-last-end", PathEnd::LastCommand),
-    ("from-here", PathEnd::Feedback),
 ];
 /// A coordinate is a whole number of thousandths; text of decimal numbers is not more exact than this.
 const ROUNDING: f64 = 1e-3;
@@ -99,7 +92,7 @@ impl PathTable {
     }
 
     fn read_path(&self, row: &TomlTable<'_, '_>) -> Result<PathDefinition, FileError> {
-        let kind = choose(&row.required_text("kind")?, &KINDS)?;
+        let kind = choose(&row.required_text("kind")?, &KINDS[..3])?;
         let end = match row.text("end")? {
             Some(end) => choose(&end, &ENDS)?,
             // The sign of a speed's position is its direction; it has no end.
@@ -124,17 +117,23 @@ impl PathTable {
 
     /// Parses a position in the unit of the mechanics, in thousandths.
     fn coordinate(&self, text: &str) -> Result<i32, String> {
-        let value = in_unit(text, self.unit)? * 1000.0;
+        let value = in_unit(text, self.unit)?;
+        self.thousandths(value).map_err(|what| format!("{text:?}: {what}"))
+    }
+
+    /// Thousandths of a position in the unit of the mechanics, as the drive counts.
+    ///
+    /// # Errors
+    /// The reason why the drive has no such position, in words.
+    pub fn thousandths(&self, position: f64) -> Result<i32, String> {
+        let value = position * 1000.0;
         let whole = value.round();
-        if (value - whole).abs() > ROUNDING {
-            return Err(format!(
-                "{text:?}: the drive counts thousandths of a {}",
-                self.unit.symbol()
-            ));
+        // NaN is in no range.
+        if !(0.0..=f64::from(COORDINATE_MAX)).contains(&whole.abs()) {
+            return Err(format!("the drive counts to {}", self.unit.format(COORDINATE_MAX)));
         }
-        if whole.abs() > f64::from(COORDINATE_MAX) {
-            let most = self.unit.format(COORDINATE_MAX);
-            return Err(format!("{text:?}: the drive counts to {most}"));
+        if (value - whole).abs() > ROUNDING {
+            return Err(format!("the drive counts thousandths of a {}", self.unit.symbol()));
         }
         Ok(whole as i32)
     }
@@ -167,11 +166,11 @@ impl PathTable {
         number: u8,
         path: &PathDefinition,
     ) -> fmt::Result {
-        let Some((kind, _)) = KINDS.iter().find(|(_, kind)| *kind == path.kind) else {
+        if matches!(path.kind, PathType::Unknown(_)) {
             let words = path_words(path, self.unit).map(|(name, word)| format!("{name} {word}"));
             return writeln!(f, "# {number} has no type: {}", words.join(", "));
-        };
-        let end = ENDS.iter().find(|(_, end)| *end == path.end).map_or("", |(word, _)| word);
+        }
+        let (kind, end) = (kind_word(path.kind), end_word(path.end));
         let position = self.unit.format(path.thousandths);
         let mut row = format!(
             "{number} = {{ kind = {kind:?}, end = {end:?}, position = {position:?}, speed = \"{} \

@@ -3,14 +3,15 @@
 use axum::Json;
 use axum::extract::{Extension, Path, State};
 
-use super::ApiResult;
 use super::input::{JsonBody, parse_index};
+use super::{ApiResult, run_blocking};
 use crate::app_state::{SharedAppState, lease_session};
 use crate::auth::Caller;
+use crate::bench;
 use crate::message::{
     AxisState, DeviceDetailView, ErrorBody, GatewayError, ParameterChange, ParameterInfo,
-    ParameterReading, ProgramState, ProgramView, SetWatchdog, SignalValue, WatchdogView,
-    WriteParameters,
+    ParameterReading, PathPlan, PathTableMessage, PlanPaths, ProgramState, ProgramView,
+    SetWatchdog, SignalValue, WatchdogView, WriteParameters,
 };
 
 /// Signals of one question.
@@ -92,6 +93,38 @@ pub(super) async fn device(
     Path(id): Path<String>,
 ) -> ApiResult<Vec<DeviceDetailView>> {
     state.bench.read_device(parse_index(&id)?).await.map(Json)
+}
+
+/// Read the stored paths of a drive
+///
+/// Some hundred requests: on a slow line this takes seconds.
+#[utoipa::path(get, path = "/api/v1/axes/{id}/paths", tag = "axis",
+    params(("id" = u16, Path)), responses(
+    (status = 200, body = PathTableMessage),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn paths(
+    State(state): State<SharedAppState>,
+    Path(id): Path<String>,
+) -> ApiResult<PathTableMessage> {
+    state.bench.read_paths(parse_index(&id)?).await.map(Json)
+}
+
+/// See what loading paths would change, and where they lead
+///
+/// Nothing is sent to the drive. The answer has the writes that load them.
+#[utoipa::path(post, path = "/api/v1/axes/{id}/paths", tag = "axis",
+    params(("id" = u16, Path)), request_body = PlanPaths, responses(
+    (status = 200, body = PathPlan),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn plan_paths(
+    State(state): State<SharedAppState>,
+    Path(id): Path<String>,
+    JsonBody(wanted): JsonBody<PlanPaths>,
+) -> ApiResult<PathPlan> {
+    parse_index(&id)?;
+    run_blocking(&state, move |_| bench::paths::plan_paths(&wanted)).await.map(Json)
 }
 
 /// Read the program in a module's memory

@@ -31,6 +31,8 @@ use crate::message::{ClientMessage, ServerMessage};
         axis::parameters,
         axis::parameter,
         axis::device,
+        axis::paths,
+        axis::plan_paths,
         axis::program,
         axis::program_state,
         axis::write,

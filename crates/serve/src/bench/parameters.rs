@@ -82,7 +82,7 @@ impl Bench {
     }
 
     /// Asks an axis, on the thread that waits for its link.
-    fn query_axis<T: Send + 'static>(
+    pub(super) fn query_axis<T: Send + 'static>(
         &self,
         axis: u16,
         query: impl FnOnce(&LocalAxis) -> Result<T, polepair::Error> + Send + 'static,

@@ -33,7 +33,7 @@ fn site(scopes: &str) -> Site {
 /// Returns the scopes that may use a route.
 fn may(route: &ApiRoute) -> &'static [&'static str] {
     match (route.method, route.path) {
-        ("GET", _) | (_, "/api/v1/captures") => &["read"],
+        ("GET", _) | (_, "/api/v1/captures" | "/api/v1/axes/{id}/paths") => &["read"],
         (_, "/api/v1/stop") => &["stop"],
         (_, "/api/v1/release" | "/api/v1/axes/{id}/commands" | "/api/v1/axes/{id}/drive-log") => {
             &["move"]
