@@ -518,6 +518,7 @@ impl LocalAxis {
     /// [`Error::Usage`] `E223` for what a file's limits do not let through; what reading the position
     /// brings.
     pub fn prepare(&self, command: Command) -> Result<PreparedCommand, Error> {
+        self.check_s_time(&command)?;
         // Limits before scales: a command that a file forbids costs no request.
         let mounted = self.apply_mounting(command)?;
         self.check_scales(&command)?;
@@ -567,6 +568,7 @@ impl LocalAxis {
     pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
         // The bytes depend on the drive's own units; without them the rehearsal would show other bytes than
         // the command sends.
+        self.check_s_time(&command)?;
         self.read_factors_of(command.verb)?;
         let command = self.apply_mounting(command)?;
         let rehearsed = self.collect_rehearsal(command);

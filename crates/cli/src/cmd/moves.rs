@@ -220,8 +220,7 @@ impl Move {
         run_arriving(&self.target, server, &self.arriving, run, |axis| {
             let argument = Arguments { axis, verb, raw };
             let path = self.path.map(|path| path.to_string());
-            self.note_path(axis, verb);
-            Ok(Command {
+            let command = Command {
                 path: argument.parse_if(Argument::Path, &path)?,
                 target: Some(argument.parse(Argument::Target, &self.position)?),
                 velocity: argument.parse_if(Argument::Velocity, &self.vel)?,
@@ -230,7 +229,9 @@ impl Move {
                 jerk_time: argument.parse_if(Argument::JerkTime, &self.s_curve)?,
                 raw,
                 ..Command::new(verb)
-            })
+            };
+            self.note_path(axis, verb);
+            Ok(command)
         })
     }
 

@@ -218,6 +218,13 @@ impl Set {
         if !local.profile().link_settings.contains(&id) {
             return;
         }
+        if parameter.name.contains("password") {
+            let (label, name) = (axis.label(), parameter.name);
+            return print_note(&format!(
+                "{label}: its {name} decides what can be written: {}",
+                parameter.about
+            ));
+        }
         let stored = parameter.persistence == Persistence::Storable && !self.store;
         let lost = if stored { " It is lost at power-off: --store keeps it." } else { "" };
         print_note(&format!(

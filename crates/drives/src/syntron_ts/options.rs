@@ -176,10 +176,11 @@ impl Options {
         Ok(())
     }
 
-    /// Register numbers in hexadecimal, joined by plus signs.
+    /// Register numbers in hexadecimal: `95,9A`, or with plus signs.
     fn lock_registers<'a>(&mut self, list: &'a str) -> Result<(), &'a str> {
-        for (at, number) in list.split('+').enumerate() {
-            let number = u16::from_str_radix(number, 16).map_err(|_| number)?;
+        for (at, number) in list.split([',', '+']).enumerate() {
+            let number = number.trim().trim_start_matches("Fn_");
+            let number = u16::from_str_radix(number, 16).map_err(|_| list)?;
             *self.locked.get_mut(at).ok_or(list)? = Some(number);
         }
         Ok(())

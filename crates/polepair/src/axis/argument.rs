@@ -5,7 +5,7 @@ use crate::amount::Amount;
 use crate::error::Error;
 use crate::profile::argument_word;
 use crate::{mounting, quantity};
-use polepair_core::axis::Verb;
+use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{AxisKind, Parameter};
 use polepair_core::units::Unit;
@@ -77,6 +77,50 @@ impl LocalAxis {
             Ok(si)
         } else {
             Err(self.refused_argument("has a value with an unknown scale", verb))
+        }
+    }
+
+    /// Refuses an S-time of half the acceleration time or more: the drive would refuse it in the middle of the plan.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` with both times.
+    pub(super) fn check_s_time(&self, command: &Command) -> Result<(), Error> {
+        let plan = self.profile.plan(command.verb);
+        let (Some(s_time), Some(plan)) = (command.jerk_time, plan) else { return Ok(()) };
+        let (mut ramp, mut is_limited) = (None, false);
+        for step in plan.steps {
+            let Step::Write(id, operand) = *step else { continue };
+            let Some(parameter) = self.profile.parameter(id) else { continue };
+            match operand {
+                Operand::Constant(raw) if parameter.name.ends_with(" acceleration time") => {
+                    ramp = Some(raw as f64 * parameter.unit.si_factor());
+                }
+                Operand::OptionalRampTime { argument: Argument::Acceleration, speed } => {
+                    let rate = command.acceleration.filter(|rate| *rate > 0.0 && !command.raw);
+                    ramp = rate.map(|rate| speed.of(command.velocity) / rate).or(ramp);
+                }
+                Operand::Argument(Argument::JerkTime) => {
+                    is_limited = parameter.name.ends_with(" s-time");
+                }
+                _ => {}
+            }
+        }
+        match ramp.filter(|ramp| is_limited && s_time >= ramp / 2.0) {
+            None => Ok(()),
+            Some(ramp) => {
+                let (s_ms, ramp_ms) = ((s_time * 1e3).round(), (ramp * 1e3).round());
+                let what = format!(
+                    "{}: an S-time of {s_ms} ms needs a ramp of more than {} ms, and this one takes \
+                     {ramp_ms} ms",
+                    self.label(),
+                    s_ms * 2.0
+                );
+                Err(Error::usage(
+                    "E217",
+                    what,
+                    "a slower acceleration (--acc), or a shorter S-time",
+                ))
+            }
         }
     }
 

@@ -88,6 +88,11 @@ impl LocalAxis {
             // Seen on CiA 402 drives, which change 6060h only in SWITCH ON DISABLED.
             hint = MODE_HINT.to_owned();
         }
+        if let (RequestKind::Write(id, ..), Failure::Refused { .. }, true) =
+            (kind, failure, hint.is_empty())
+        {
+            hint = self.password_hint(id);
+        }
         let reason = match failure {
             Failure::Faulted { .. } | Failure::PowerLost | Failure::NotReached => {
                 match self.motion_text().filter(|_| is_motion(kind)) {
@@ -476,6 +481,15 @@ impl LocalAxis {
             _ => "",
         };
         (reason, hint.to_owned())
+    }
+
+    /// Hint for a write that a drive with a password refuses; empty for others.
+    fn password_hint(&self, id: ParameterId) -> String {
+        let password = self.profile.find_parameter("password").filter(|password| *password != id);
+        match password.and_then(|password| self.profile.parameter(password)) {
+            None => String::new(),
+            Some(it) => format!("it may be locked by `{}` ({}): {}", it.name, it.symbol, it.about),
+        }
     }
 
     fn fault_reason(&self, code: u32) -> (String, String) {

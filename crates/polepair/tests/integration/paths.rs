@@ -5,6 +5,7 @@ use std::time::Duration;
 use polepair::paths::{PathChainEnd, PathTable, PathUnit, PreviewEnd};
 use polepair::{Axis, LocalLink, connect_local};
 use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::Argument;
 
 /// Two paths that lead to each other's neighbour, and one relative to them.
 const FEEDER: &str = r#"
@@ -255,4 +256,44 @@ fn files_say_where_they_are_wrong() {
     let linear =
         FEEDER.replace("360 deg", "10 mm").replace(" deg\"", " mm\"").replace("90 mm", "9 cm");
     assert_eq!(table(&linear).path(1).thousandths, 90_000);
+}
+
+#[test]
+fn an_s_time_that_no_ramp_has_is_refused_before_the_first_write() {
+    let (link, axis) = loaded(FEEDER);
+    axis.arm().expect("armed");
+    axis.run(Command::new(Verb::Enable)).expect("powered");
+    let before = link.simulation().and_then(|world| world.truth(0, 0)).expect("its truth");
+    for (s_time, acceleration) in [("100 ms", None), ("500 ms", Some(300.0))] {
+        let s_time =
+            axis.argument(Verb::CurveTo, Argument::JerkTime, &s_time.into()).expect("a time");
+        let rad_per_s2 =
+            acceleration.map(|rpm_per_s: f64| rpm_per_s / 60.0 * std::f64::consts::TAU);
+        let command = Command {
+            target: Some(1.0),
+            jerk_time: Some(s_time),
+            acceleration: rad_per_s2,
+            ..Command::new(Verb::CurveTo)
+        };
+        let error = axis.run(command).expect_err("half a ramp or more");
+        assert_eq!(error.code(), "E217", "{error}");
+    }
+    let after = link.simulation().and_then(|world| world.truth(0, 0)).expect("its truth");
+    assert_eq!(after.starts, before.starts);
+    let kept = Command { target: Some(1.0), jerk_time: Some(0.09), ..Command::new(Verb::CurveTo) };
+    axis.run(kept).expect("within half of 200 ms");
+    axis.wait(LONG).expect("arrived");
+}
+
+#[test]
+fn a_register_that_a_password_locks_is_named_with_what_opens_it() {
+    let link = connect_local("sim:syntron-ts?locked=95,9A&time=virtual").expect("a link");
+    let axis = Axis::from(link.axes()[0].clone());
+    let error = axis.set_raw("max speed in torque mode", 500).expect_err("locked");
+    let hint = error.hint();
+    assert!(error.code() == "E601" && hint.contains("Fn_3F = 9876 opens"), "{error}: {hint}");
+    axis.set_raw("password", 9876).expect("opened");
+    axis.set_raw("max speed in torque mode", 500).expect("written");
+    let error = connect_local("sim:syntron-ts?locked=95,wrong").expect_err("no register");
+    assert!(error.to_string().contains("95,wrong"), "{error}");
 }
