@@ -259,3 +259,24 @@ def test_only_canopen_devices_have_sheets():
         timeout=120,
     )
     assert done.returncode == 2 and "E213" in done.stderr, done.stderr
+
+
+def test_a_drive_writes_its_own_sheet(tmp_path):
+    """`polepair eds` of a TS: python canopen reads the drive's values by the names of the sheet."""
+    sheet = tmp_path / "ts.eds"
+    command = [POLEPAIR, "eds", "sim:syntron-ts-canopen", "-o", sheet]
+    subprocess.run(command, check=True, timeout=60, capture_output=True)
+    with network("udp", [f"syntron-ts-canopen:{NODE}"], tmp_path) as master:
+        node = canopen.RemoteNode(NODE, str(sheet))
+        master.add_node(node)
+        node.sdo.RESPONSE_TIMEOUT = 10
+        assert node.object_dictionary.device_information.product_name == "SYNTRON TS servo drive on CANopen"
+        assert node.sdo["password"].raw == 9870
+        node.sdo["path 1 speed"].raw = 300
+        assert node.sdo["path 1 speed"].raw == 300
+        assert node.sdo["statusword"].raw & 0x004F in (0x0000, 0x0040)
+        seen = 0
+        for entry in entries(node):
+            if entry.readable and entry.default is not None and entry.subindex == 0:
+                seen += read(node, entry) is not None
+        assert seen > 300

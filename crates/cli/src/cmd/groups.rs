@@ -34,7 +34,7 @@ pub const VERB_GROUPS: [VerbGroup; 6] = [
     },
     VerbGroup {
         heading: "Configure",
-        verbs: &["set", "config", "watchdog", "lss", "send", "encode", "program"],
+        verbs: &["set", "config", "eds", "watchdog", "lss", "send", "encode", "program"],
     },
     VerbGroup {
         heading: "Move",

@@ -10,6 +10,7 @@ mod demo;
 mod diff;
 mod dismiss;
 mod doctor;
+mod eds;
 mod encode;
 mod explain;
 mod fleet;
@@ -130,6 +131,8 @@ pub enum CommandVerb {
     /// Save, compare and restore a drive's settings
     #[command(subcommand)]
     Config(config::ConfigCommand),
+    /// Write the data sheet of a CANopen drive: EDS, or DCF with its values
+    Eds(eds::EdsCommand),
     /// Power the motor; it holds its position
     Enable(verbs::Enable),
     /// Remove power from the motor
@@ -239,6 +242,7 @@ pub fn run(arguments: CommandLine) -> Result {
         CommandVerb::Doctor(verb) => verb.run(),
         CommandVerb::Lss(verb) => verb.run(),
         CommandVerb::Config(verb) => verb.run(),
+        CommandVerb::Eds(verb) => verb.run(),
         CommandVerb::Stream(verb) => verb.run(),
         CommandVerb::Program(verb) => verb.run(),
         CommandVerb::Sync(verb) => verb.run(),

@@ -16,6 +16,7 @@
 //! ```
 
 mod device;
+mod drive;
 mod ini;
 mod object_types;
 mod profile;
@@ -25,6 +26,7 @@ mod tests;
 mod value;
 mod write;
 
+pub use drive::SheetValues;
 pub use object_types::{DataType, ObjectAccess, ObjectType};
 pub use value::Literal;
 

@@ -1,6 +1,8 @@
 //! Simulated devices out of data sheets, against our host, in virtual time.
 
 use polepair::connect_local;
+use polepair::eds::{Eds, SheetValues};
+use polepair::settings::Settings;
 use polepair::simulate::{rack_of_text, rack_of_words};
 use polepair::{FileError, LocalLink};
 use std::path::Path;
@@ -88,4 +90,39 @@ fn a_sheets_slips_are_reported_and_other_drives_have_none() {
     assert_eq!(reports, ["`0100` begins with 0: read as octal, 64"]);
     let mut others = rack_of_words(&["syntron-ts-canopen:2"], 1).unwrap();
     assert_eq!(others.apply_sheet(0, Path::new(&sheet)).unwrap_err().code(), "E213");
+}
+
+#[test]
+fn the_sheet_of_a_drive_describes_it_and_restores_it() {
+    for url in ["sim:syntron-ts-canopen", "sim:cia402", "sim:canopen:5"] {
+        let link = connect_local(&format!(
+            "{url}{}time=virtual",
+            if url.contains('?') { '&' } else { '?' }
+        ));
+        let link = link.expect("a link");
+        let axis = &link.axes()[0];
+        let sheet = Eds::of_drive(axis, SheetValues::None, &mut |_, _| {}).expect("a sheet");
+        let read = polepair::eds::parse("drive.eds", &sheet.to_string()).expect("read back");
+        assert_eq!((&read.objects, &read.warnings), (&sheet.objects, &Vec::new()), "{url}");
+        for parameter in axis.profile().parameters {
+            assert!(
+                read.entry(parameter.index, parameter.space).is_some(),
+                "{url}: {}",
+                parameter.name
+            );
+        }
+        let node = Eds::of_drive(axis, SheetValues::OfDrive, &mut |_, _| {}).expect("a sheet");
+        let read = polepair::eds::parse("node.dcf", &node.to_string()).expect("read back");
+        assert_eq!(read.node_id(), Some(axis.number() as u8), "{url}");
+        // Nothing differs from the drive that it was read from.
+        let file = std::env::temp_dir().join(format!("polepair-sheet-{}.dcf", std::process::id()));
+        std::fs::write(&file, node.to_string()).expect("written");
+        let settings = Settings::load(&file).expect("settings");
+        let changes = settings.axes[0].changes(axis, &mut |_, _| {}).expect("compared");
+        assert!(changes.is_empty(), "{url}: {changes:?}");
+        std::fs::remove_file(&file).expect("removed");
+    }
+    let link = connect_local("sim:tmcl?time=virtual").expect("a link");
+    let error = Eds::of_drive(&link.axes()[0], SheetValues::None, &mut |_, _| {});
+    assert_eq!(error.expect_err("no CANopen").code(), "E248");
 }
