@@ -434,6 +434,7 @@ impl DriveCore {
         let is_end = |toward| seeks && self.lines.is_search_end(toward, position);
         let mut scene = TickContext {
             now,
+            zero_in_turns: self.options.zero_in_turns,
             home: self.is_input_closed(InputPurpose::Home, position),
             home_at: self.lines.home_at,
             forward_limit: self.is_input_closed(InputPurpose::ForwardLimit, position)

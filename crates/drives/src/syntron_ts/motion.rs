@@ -28,6 +28,8 @@ pub struct TickContext<'a> {
     pub shaft: &'a mut ServoShaft,
     /// The registers.
     pub registers: &'a Registers,
+    /// Fn_203 and Fn_204 are turns and pulses.
+    pub zero_in_turns: bool,
     /// The home switch is closed.
     pub home: bool,
     /// Position of the home switch, if it is known more exactly than by the tick.
@@ -379,7 +381,7 @@ impl Motion {
 
     fn finish_homing(&mut self, way: HomingMethod, zero: f64, scene: &mut TickContext<'_>) {
         self.homed = true;
-        self.origin = zero - zero_coordinate(scene.registers);
+        self.origin = zero - zero_coordinate(scene.registers, scene.zero_in_turns);
         self.commanded = scene.shaft.setpoint().position;
         let after = u8::try_from(scene.register(fn_registers::HOMING_PATH)).unwrap_or(0);
         let next = match way.after {
@@ -475,12 +477,16 @@ fn direction_of(turns: f64) -> f64 {
     if turns < 0.0 { -1.0 } else { 1.0 }
 }
 
-/// The coordinate that the zero gets, rad: Fn_203 and Fn_204 as one signed number of thousandths of
-/// the mechanics' unit `[I]`. The manual's table calls them high and low word, its text turns and
-/// pulses.
-fn zero_coordinate(registers: &Registers) -> f64 {
-    let high = i32::from(registers.signed(fn_registers::ZERO_HIGH)) << 16;
-    let units = f64::from(high | i32::from(registers.value(fn_registers::ZERO_LOW))) / 1000.0;
+/// The coordinate that the zero gets, rad. The manual's table calls Fn_203 and Fn_204 high and low word, its text
+/// "number of turns" and "pulses of a turn", both in mm: one signed number of thousandths of the mechanics' unit, or
+/// turns and encoder counts of the motor `[I]`.
+fn zero_coordinate(registers: &Registers, in_turns: bool) -> f64 {
+    let high = i32::from(registers.signed(fn_registers::ZERO_HIGH));
+    let low = registers.value(fn_registers::ZERO_LOW);
+    if in_turns {
+        return (f64::from(high) + f64::from(low) / shaft::COUNTS_PER_TURN) * TAU;
+    }
+    let units = f64::from(high << 16 | i32::from(low)) / 1000.0;
     let ratio = f64::from(registers.value(fn_registers::MOTOR_TURNS));
     // A travel of zero would divide by zero; the drive has no such value from the factory.
     units * ratio / f64::from(registers.value(fn_registers::TRAVEL).max(1)) * TAU

@@ -63,6 +63,9 @@ pub struct Options {
     /// Homing methods 3 and 19 begin forward outside the switch, as CiA 402 has them, and not in reverse as
     /// the TS manual (§3.6.4).
     pub homes_by_cia: bool,
+    /// Fn_203 and Fn_204 are turns and pulses, as the manual's text has them, and not the words of a number of
+    /// thousandths.
+    pub zero_in_turns: bool,
     /// Inputs and switches.
     pub lines: InputLines,
     /// Initial signals of the analog and the pulse input.
@@ -92,6 +95,7 @@ impl Options {
             mode: 2,
             can: CAN_QUIRKS,
             homes_by_cia: false,
+            zero_in_turns: false,
             // Half a turn behind, so that homing finds it `[I]`.
             lines: InputLines::new(PURPOSES, -core::f64::consts::PI),
             external: ExternalSignals::default(),
@@ -137,6 +141,7 @@ impl Options {
             }
             ("can", "true") => self.can = CAN_QUIRKS,
             ("can", "strict") => self.can = can::Quirks::STRICT,
+            ("zero", "thousandths" | "turns") => self.zero_in_turns = value == "turns",
             ("homing", "manual" | "cia") => self.homes_by_cia = value == "cia",
             ("emcy", "2" | "8") => self.can.short_emcy = value == "2",
             ("pdo-timer", _) => self.set_pdo_timer(value)?,

@@ -216,3 +216,15 @@ fn an_input_triggers_homing() {
     fixture.settle(10_000);
     assert!((fixture.truth().position + PI).abs() < 0.005);
 }
+
+/// §2.6.1 has two readings of Fn_203 and Fn_204: 1 and 2500 are a turn and a quarter, or 68.036 degrees.
+#[test]
+fn the_zero_gets_its_coordinate_by_either_reading() {
+    for (option, counts) in [("turns", 12_500), ("thousandths", 1_890)] {
+        let mut fixture = DriveFixture::positioning(&[("zero", option)]);
+        fixture.write(fn_registers::ZERO_HIGH, 1);
+        fixture.write(fn_registers::ZERO_LOW, 2500);
+        home(&mut fixture, 20_000);
+        fixture.is_at(counts);
+    }
+}
