@@ -49,7 +49,8 @@ fn the_s_time_of_a_path_is_refused_where_the_ramp_is_too_short() {
     assert_eq!(read(axis, "path 32 s-time"), 50);
     axis.run(Command::new(Verb::Reached)).unwrap();
     let refused = axis.run(Command { jerk_time: Some(0.1), ..turn(Verb::CurveBy) }).unwrap_err();
-    assert!(refused.to_string().contains("path 32 s-time"), "{refused}");
+    assert!(refused.to_string().contains("needs a ramp of more than 200 ms"), "{refused}");
+    assert_eq!(read(axis, "path 32 s-time"), 50, "nothing was written");
     axis.run(turn(Verb::MoveBy)).unwrap();
     assert_eq!(read(axis, "path 32 s-time"), 0, "a plain move has trapezoidal ramps");
 }
