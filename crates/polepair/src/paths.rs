@@ -253,21 +253,22 @@ impl PathTable {
     }
 
     fn read_back(&self, axis: &Axis, names: &PathNames) -> Result<(), Error> {
+        // A ratio that the drive did not keep would scale every position.
+        for (field, wanted) in [(MOTOR_TURNS, self.motor_turns), (TRAVEL, self.travel)] {
+            let kept = read_word(axis, field)?;
+            if kept != wanted {
+                return Err(not_kept(axis, &format!("{field} {kept}, not {wanted}")));
+            }
+        }
         for (number, path) in &self.paths {
-            let kept = names.read(axis, *number, &mut Vec::new())?;
-            let differs = path_words(&kept, self.unit)
-                .into_iter()
-                .zip(path_words(path, self.unit))
-                .find(|(kept, wanted)| kept != wanted);
+            let kept = path_words(&names.read(axis, *number, &mut Vec::new())?, self.unit);
+            let wanted = path_words(path, self.unit);
+            let differs = kept.into_iter().zip(wanted).find(|(kept, wanted)| kept != wanted);
             if let Some(((field, kept), (_, wanted))) = differs {
-                let what = format!("path {number}: the drive kept {field} {kept}, not {wanted}");
-                return Err(Error::MotionEnded {
-                    code: "E111",
-                    what: format!("{}: {what}", axis.label()),
-                    why: "It was written and accepted, but another value was read back.".to_owned(),
-                    hint: "compare the paths again: polepair paths diff URL FILE".to_owned(),
-                    exit: Exit::Negative,
-                });
+                return Err(not_kept(
+                    axis,
+                    &format!("{field} {kept} of path {number}, not {wanted}"),
+                ));
             }
         }
         Ok(())
@@ -417,6 +418,17 @@ fn read_word(axis: &Axis, name: &str) -> Result<u16, Error> {
 
 fn unexpected_value(name: &str, raw: i64) -> Error {
     Error::usage("E217", format!("`{name}` is {raw}, which no path has"), "read it with `get`")
+}
+
+/// The error for a value that was accepted, and reads otherwise.
+fn not_kept(axis: &Axis, what: &str) -> Error {
+    Error::MotionEnded {
+        code: "E111",
+        what: format!("{}: the drive kept {what}", axis.label()),
+        why: "It was written and accepted, but another value was read back.".to_owned(),
+        hint: "compare the paths again: polepair paths diff URL FILE".to_owned(),
+        exit: Exit::Negative,
+    }
 }
 
 /// The finding for a definition word with a digit that means nothing.
